@@ -1,0 +1,37 @@
+# Two commands do all set-up: `make demo` and `make test`. `make check` is what CI runs beside the tests.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: venv demo test check format serve clean
+
+venv: $(VENV)/.installed  ## the virtual environment .venv, nothing else
+
+$(VENV)/.installed: pyproject.toml
+	@echo "== setting up $(VENV) (first time: a minute or two)"
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "tada-server needs Python 3.11 or newer: make PYTHON=python3.11 ...")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@touch $@
+
+demo: venv  ## one meal, from upload to record, on throwaway data
+	$(BIN)/tada demo
+
+test: venv  ## all tests, slow ones too
+	$(BIN)/pytest -n 2 --dist loadgroup
+
+check: venv  ## lint, format, types, import rule
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: venv
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+serve: venv  ## a server with its worker on ./data
+	$(BIN)/tada serve
+
+clean:
+	rm -rf $(VENV) dist build .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

@@ -1,0 +1,183 @@
+"""The values that pass between the steps: photographs, marker, camera, views, hints, options, estimates.
+
+Frozen dataclasses only, no behaviour beyond what their fields define; frames and signs: CONVENTIONS.md.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import Failure
+
+Float64Array = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+ImageArray = NDArray[np.uint8]
+MaskArray = NDArray[np.bool_]
+
+MarkerKind = Literal["plain", "colour"]
+Method = Literal["paper"]
+SliceForm = Literal["circle", "ellipse"]
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerSpec:
+    """The printed board: squares across and down, their side in mm; written `plain:9x7:11` or `colour:4x5:12`."""
+
+    kind: MarkerKind
+    columns: int
+    rows: int
+    square_mm: float
+
+    def __str__(self) -> str:
+        return f"{self.kind}:{self.columns}x{self.rows}:{self.square_mm:g}"
+
+
+@dataclass(frozen=True, slots=True)
+class Photo:
+    """One decoded photograph, upright, with what its EXIF tells.
+
+    pixels_bgr: (H, W, 3) uint8. focal_35mm: 35 mm equivalent, mm. taken_at: with an offset if EXIF has one, else naive.
+    """
+
+    pixels_bgr: ImageArray
+    focal_35mm: float | None = None
+    taken_at: datetime | None = None
+    make: str | None = None
+    model: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoPair:
+    """The left and the right photograph, as the phone named them."""
+
+    left: Photo
+    right: Photo
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """Pinhole intrinsics in px for an upright image of this size, distortion (k1, k2, p1, p2, k3) as in OpenCV.
+
+    source: "given" (a calibration file or a stored camera), "exif" (focal length from EXIF, refined on the board),
+    "board" (no EXIF either: focal length from the board alone).
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    source: Literal["given", "exif", "board"] = "given"
+
+    @property
+    def matrix(self) -> Float64Array:
+        """(3, 3) intrinsic matrix K (paper, eq. 3 and 10, without skew)."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerObservation:
+    """The marker in one photograph: (n, 2) inner corners, px, row-major in the print's order (CONVENTIONS.md)."""
+
+    spec: MarkerSpec
+    corners_px: Float64Array
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """One photograph with its camera and pose: x_camera = rotation @ x_table + translation_mm.
+
+    rotation: (3, 3); translation_mm: (3,); rms_px: reprojection error of the marker's corners.
+    """
+
+    photo: Photo
+    camera: Camera
+    marker: MarkerObservation
+    rotation: Float64Array
+    translation_mm: Float64Array
+    rms_px: float
+
+    @property
+    def centre_mm(self) -> Float64Array:
+        """(3,) camera centre in the table frame, mm."""
+        return -self.rotation.T @ self.translation_mm
+
+
+@dataclass(frozen=True, slots=True)
+class Hint:
+    """Where a food is in the left photograph, px upright, and what it is.
+
+    point (x, y), box (x, y, width, height) or polygon. form: how its slices are fitted (paper, section V), known from
+    the food; None: decided from the slices themselves.
+    """
+
+    point: tuple[float, float] | None = None
+    box: tuple[float, float, float, float] | None = None
+    polygon: tuple[tuple[float, float], ...] | None = None
+    food: str | None = None
+    form: SliceForm | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateOptions:
+    """What the pipeline is told beside the photographs.
+
+    camera: for upright pixels; None: from EXIF. seed: for its draws.
+    """
+
+    marker: MarkerSpec
+    camera: Camera | None = None
+    method: Method = "paper"
+    hints: tuple[Hint, ...] = ()
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ItemEstimate:
+    """One food: its outline, its volume and the doubt about it.
+
+    rings: (n, 2) outlines in the left photograph, px, outer ring first, then holes (even-odd rule).
+    volume_interval_ml: 90 %. relative_sd: the volume's relative standard deviations by part, which add up in squares:
+    "pair" is shared by all items of the pair (pose, scale), "item" is its own.
+    hint: index into options.hints of the hint that this item answers, or None. flags: stable codes.
+    """
+
+    rings: tuple[Float64Array, ...]
+    volume_ml: float
+    volume_interval_ml: tuple[float, float]
+    relative_sd: Mapping[str, float]
+    hint: int | None = None
+    flags: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Artefact:
+    """A picture or a point cloud of one step: name such as "matches.jpg", media type, bytes."""
+
+    name: str
+    media_type: str
+    content: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class MealEstimate:
+    """What one run of the pipeline found. failure and items exclude each other.
+
+    views: (left, right), or None if it failed before. stages: seconds by step, in order.
+    parameters: what the run depended on beside its inputs and the version (for the record).
+    """
+
+    method: Method
+    pipeline_version: str
+    stages: Mapping[str, float]
+    items: tuple[ItemEstimate, ...] = ()
+    failure: Failure | None = None
+    views: tuple[View, View] | None = None
+    parameters: Mapping[str, float | int | str] = field(default_factory=dict)
+    artefacts: Sequence[Artefact] = ()
