@@ -1,1 +1,1 @@
-"""TBD."""
+"""The database: sessions, models, and all SQL (queries/)."""

@@ -1,0 +1,56 @@
+"""Brings the schema up to date with Alembic: `upgrade(database)`; and tells whether it is: `is_current(database)`.
+
+The migrations lie in migrations/ of the checkout and inside the wheel as app/_migrations.
+"""
+
+from pathlib import Path
+
+import sqlalchemy as sa
+from alembic import command
+from alembic.config import Config
+from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
+
+from app.db.session import Database
+
+LOCK_TIMEOUT_MS = 10_000  # PostgreSQL: a migration gives up rather than queue behind a long reader and block all others
+ADVISORY_LOCK = 7_241_960_311  # one migrator at a time; the number has no meaning
+
+
+def migrations_folder() -> Path:
+    """The folder of migrations: in the wheel, else in the checkout."""
+    package = Path(__file__).resolve().parent.parent
+    installed = package / "_migrations"
+    return installed if installed.is_dir() else package.parent / "migrations"
+
+
+def upgrade(database: Database, revision: str = "head") -> None:
+    """Migrate up to `revision`, one migrator at a time: the others wait and then find nothing to do."""
+    with database.write_engine.connect() as connection:
+        if not database.is_sqlite:
+            connection.execute(sa.text("SELECT pg_advisory_lock(:n)"), {"n": ADVISORY_LOCK})
+            connection.commit()
+        try:
+            with connection.begin():  # on SQLite BEGIN IMMEDIATE is the lock
+                if not database.is_sqlite:
+                    connection.execute(sa.text(f"SET LOCAL lock_timeout = {LOCK_TIMEOUT_MS}"))
+                    connection.execute(sa.text("SET LOCAL statement_timeout = 0"))
+                command.upgrade(_config(connection), revision)
+        finally:
+            if not database.is_sqlite:
+                connection.execute(sa.text("SELECT pg_advisory_unlock(:n)"), {"n": ADVISORY_LOCK})
+                connection.commit()
+
+
+def is_current(database: Database) -> bool:
+    """Whether the schema is the one that this code was written for."""
+    head = ScriptDirectory(str(migrations_folder())).get_current_head()
+    with database.read_engine.connect() as connection:
+        return MigrationContext.configure(connection).get_current_revision() == head
+
+
+def _config(connection: sa.Connection) -> Config:
+    config = Config()
+    config.set_main_option("script_location", str(migrations_folder()))
+    config.attributes["connection"] = connection
+    return config

@@ -1,0 +1,41 @@
+"""Work to be done on meals, and the lives of those who do it."""
+
+import uuid
+from datetime import datetime
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Mapped, mapped_column
+
+from app.db.models.base import Base, one_of
+
+JOB_STATES = ("queued", "processing", "done", "failed")
+
+
+class Job(Base):
+    """One estimate of one meal, to be made or made. Its id is the DBOS workflow's id and becomes the run's id."""
+
+    __tablename__ = "job"
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
+    state: Mapped[str] = mapped_column(sa.String(16))
+    attempts: Mapped[int] = mapped_column(default=0)
+    executor_id: Mapped[str | None] = mapped_column(sa.String(64))  # the worker that has it, or had it last
+    enqueued_at: Mapped[datetime]
+    started_at: Mapped[datetime | None]
+    finished_at: Mapped[datetime | None]
+
+    __table_args__ = (one_of("state", JOB_STATES), sa.Index(None, "state", "enqueued_at"))
+
+
+class WorkerLease(Base):
+    """A worker process's claim to be alive, on the database's clock; expired, its jobs are taken over."""
+
+    __tablename__ = "worker_lease"
+
+    executor_id: Mapped[str] = mapped_column(sa.String(64), primary_key=True)
+    host: Mapped[str] = mapped_column(sa.String(255))
+    pid: Mapped[int]
+    version: Mapped[str] = mapped_column(sa.String(32))
+    started_at: Mapped[datetime]
+    heartbeat_at: Mapped[datetime]

@@ -1,0 +1,70 @@
+"""Meals and their photographs, as they arrived."""
+
+import uuid
+from datetime import date, datetime
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Mapped, mapped_column
+
+from app.db.models.base import Base, one_of
+
+MEAL_STATUSES = ("receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed")
+SLOTS = ("left", "right")
+
+
+class Meal(Base):
+    """One eating occasion. Its status is the truth about where it stands; `version` grows with every change of it.
+
+    client_id is the UUID that the phone made, unique for the participant; id is ours and never leaves the server.
+    captured_at is the instant, local_date the day in time_zone. details: the metadata as accepted.
+    """
+
+    __tablename__ = "meal"
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    client_id: Mapped[uuid.UUID]
+    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
+    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"))
+    device_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("device.id"))
+    captured_at: Mapped[datetime]
+    utc_offset_minutes: Mapped[int]
+    time_zone: Mapped[str] = mapped_column(sa.String(64))
+    local_date: Mapped[date]
+    details: Mapped[dict[str, Any]]
+    status: Mapped[str] = mapped_column(sa.String(16))
+    stage: Mapped[str | None] = mapped_column(sa.String(32))
+    failure_code: Mapped[str | None] = mapped_column(sa.String(64))
+    failure_message: Mapped[str | None] = mapped_column(sa.Text)
+    failure_advice: Mapped[str | None] = mapped_column(sa.Text)
+    version: Mapped[int] = mapped_column(default=1)
+    received_at: Mapped[datetime]
+    submitted_at: Mapped[datetime | None]
+    deleted_at: Mapped[datetime | None]
+
+    __table_args__ = (
+        sa.UniqueConstraint("participant_id", "client_id"),
+        one_of("status", MEAL_STATUSES),
+        sa.Index(None, "study_id", "captured_at", "id"),
+        sa.Index(None, "status", "submitted_at"),
+    )
+
+
+class MealImage(Base):
+    """One photograph: what was received (told to the phone) and what is kept (sealed, perhaps without its location)."""
+
+    __tablename__ = "meal_image"
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"))
+    slot: Mapped[str] = mapped_column(sa.String(16))
+    media_type: Mapped[str] = mapped_column(sa.String(32))
+    width_px: Mapped[int]
+    height_px: Mapped[int]
+    bytes: Mapped[int] = mapped_column(sa.BigInteger)
+    received_sha256: Mapped[str] = mapped_column(sa.String(64))
+    stored_sha256: Mapped[str] = mapped_column(sa.String(64))
+    blob_key: Mapped[str] = mapped_column(sa.String(200), unique=True)
+    received_at: Mapped[datetime]
+
+    __table_args__ = (sa.UniqueConstraint("meal_id", "slot"), one_of("slot", SLOTS))

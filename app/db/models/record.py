@@ -1,0 +1,122 @@
+"""What the pipeline found, append-only, and the effective record of each item, a projection of it."""
+
+import uuid
+from datetime import date, datetime
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Mapped, mapped_column
+
+from app.db.models.base import Base, one_of
+
+RECORD_STATUSES = ("proposed", "needs_review", "confirmed", "corrected", "rejected")
+
+
+class Run(Base):
+    """One execution of the pipeline on a meal. Never updated: a new execution is a new run. id: the job's id."""
+
+    __tablename__ = "run"
+
+    id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("job.id"), primary_key=True)
+    meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
+    method: Mapped[str] = mapped_column(sa.String(32))
+    pipeline_version: Mapped[str] = mapped_column(sa.String(32))
+    marker: Mapped[str] = mapped_column(sa.String(64))
+    camera: Mapped[dict[str, Any] | None]
+    parameters: Mapped[dict[str, Any]]
+    stages: Mapped[dict[str, Any]]
+    seconds: Mapped[float]
+    food_release_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food_release.id"))
+    failure_code: Mapped[str | None] = mapped_column(sa.String(64))
+    failure_message: Mapped[str | None] = mapped_column(sa.Text)
+    created_at: Mapped[datetime]
+
+
+class RunArtefact(Base):
+    """A picture or point cloud of a run's step, in the blob store."""
+
+    __tablename__ = "run_artefact"
+
+    run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), primary_key=True)
+    name: Mapped[str] = mapped_column(sa.String(64), primary_key=True)
+    media_type: Mapped[str] = mapped_column(sa.String(64))
+    bytes: Mapped[int] = mapped_column(sa.BigInteger)
+    sha256: Mapped[str] = mapped_column(sa.String(64))
+    blob_key: Mapped[str] = mapped_column(sa.String(200), unique=True)
+
+
+class Item(Base):
+    """One food that a run found: its outline, its volume and the doubt about it."""
+
+    __tablename__ = "item"
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"))
+    position: Mapped[int]
+    rings: Mapped[list[Any]]
+    volume_ml: Mapped[float]
+    volume_low_ml: Mapped[float]
+    volume_high_ml: Mapped[float]
+    relative_sd: Mapped[dict[str, Any]]
+    flags: Mapped[list[Any]]
+
+    __table_args__ = (sa.UniqueConstraint("run_id", "position"),)
+
+
+class ItemCandidate(Base):
+    """A food that an item may be, best first; source tells who says so (the phone's hint, later the index)."""
+
+    __tablename__ = "item_candidate"
+
+    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
+    position: Mapped[int] = mapped_column(primary_key=True)
+    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"))
+    probability: Mapped[float | None]
+    source: Mapped[str] = mapped_column(sa.String(16))
+
+
+class EffectiveRecord(Base):
+    """What holds for an item now: food, grams, ten headline components. Rebuilt from runs and events at any time.
+
+    Components that the food table does not know are NULL, never 0. The columns of the day's and the page's filters are
+    copied from the meal, which never changes them.
+    """
+
+    __tablename__ = "effective_record"
+
+    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
+    meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
+    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
+    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"))
+    captured_at: Mapped[datetime]
+    local_date: Mapped[date]
+    status: Mapped[str] = mapped_column(sa.String(16))
+    food_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food.id"))
+    volume_ml: Mapped[float]
+    volume_low_ml: Mapped[float]
+    volume_high_ml: Mapped[float]
+    density_g_per_ml: Mapped[float | None]
+    density_source: Mapped[str | None] = mapped_column(sa.String(300))
+    mass_g: Mapped[float | None]
+    mass_low_g: Mapped[float | None]
+    mass_high_g: Mapped[float | None]
+    edible_g: Mapped[float | None]
+    energy_kcal: Mapped[float | None]
+    protein_g: Mapped[float | None]
+    fat_g: Mapped[float | None]
+    carbohydrate_g: Mapped[float | None]
+    fibre_g: Mapped[float | None]
+    sugar_g: Mapped[float | None]
+    saturated_fat_g: Mapped[float | None]
+    sodium_mg: Mapped[float | None]
+    potassium_mg: Mapped[float | None]
+    vitamin_c_mg: Mapped[float | None]
+    change_seq: Mapped[int] = mapped_column(sa.BigInteger)
+
+    __table_args__ = (
+        one_of("status", RECORD_STATUSES),
+        sa.Index(None, "captured_at", "item_id"),
+        sa.Index(None, "study_id", "captured_at", "item_id"),
+        sa.Index(None, "participant_id", "captured_at", "item_id"),
+        sa.Index(None, "study_id", "change_seq"),
+    )

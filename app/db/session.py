@@ -1,0 +1,92 @@
+"""Engines and transactions, on SQLite and PostgreSQL alike: `database.write()` and `database.read()`.
+
+Only services open transactions. SQLite: write-ahead log, full sync, one writer at a time (BEGIN IMMEDIATE, kept short),
+readers on connections that cannot write. PostgreSQL: READ COMMITTED writes, read-only reads.
+"""
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy import event
+from sqlalchemy.orm import Session
+
+BUSY_TIMEOUT_SECONDS = 30.0  # a writer waits this long for another writer on SQLite
+POOL_SIZE = 10  # connections a process, per engine
+STATEMENT_TIMEOUT_MS = 30_000  # PostgreSQL: no request may hold a connection longer
+
+
+class Database:
+    """The engines of one process. Make one in a composition root, pass it on, dispose of it at the end."""
+
+    def __init__(self, url: str) -> None:
+        self.url = normalise_url(url)
+        self.is_sqlite = self.url.startswith("sqlite")
+        if self.is_sqlite:
+            self.write_engine = _sqlite_engine(self.url, begin="BEGIN IMMEDIATE", query_only=False)
+            self.read_engine = _sqlite_engine(self.url, begin="BEGIN DEFERRED", query_only=True)
+        else:
+            self.write_engine = sa.create_engine(
+                self.url,
+                pool_size=POOL_SIZE,
+                pool_pre_ping=True,
+                connect_args={"options": f"-c statement_timeout={STATEMENT_TIMEOUT_MS} -c timezone=UTC"},
+            )
+            self.read_engine = self.write_engine.execution_options(postgresql_readonly=True)
+
+    @contextmanager
+    def write(self) -> Iterator[Session]:
+        """A session in one transaction: committed at the end, rolled back on any exception."""
+        with Session(self.write_engine, expire_on_commit=False) as session, session.begin():
+            yield session
+
+    @contextmanager
+    def read(self) -> Iterator[Session]:
+        """A session in one read-only transaction; a write in it is an error of the database."""
+        with Session(self.read_engine, expire_on_commit=False) as session, session.begin():
+            yield session
+
+    def dispose(self) -> None:
+        """Close all connections."""
+        self.read_engine.dispose()
+        self.write_engine.dispose()
+
+
+def normalise_url(url: str) -> str:
+    """`postgresql://` (and `postgres://`) mean psycopg 3 here."""
+    for prefix in ("postgresql://", "postgres://"):
+        if url.startswith(prefix):
+            return "postgresql+psycopg://" + url.removeprefix(prefix)
+    return url
+
+
+def sqlite_connection_pragmas(connection: sqlite3.Connection) -> None:
+    """What every SQLite connection of ours has, DBOS's own engine included."""
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("PRAGMA synchronous = FULL")  # an acknowledged meal survives a power cut
+    connection.execute("PRAGMA foreign_keys = ON")
+    connection.execute(f"PRAGMA busy_timeout = {int(BUSY_TIMEOUT_SECONDS * 1000)}")
+    connection.execute("PRAGMA secure_delete = ON")  # erased is erased, in the file too
+
+
+def _sqlite_engine(url: str, *, begin: str, query_only: bool) -> sa.Engine:
+    path = sa.make_url(url).database
+    if path:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+    engine = sa.create_engine(url, pool_size=POOL_SIZE, connect_args={"timeout": BUSY_TIMEOUT_SECONDS})
+
+    @event.listens_for(engine, "connect")
+    def prepare(connection: sqlite3.Connection, _record: Any) -> None:
+        connection.isolation_level = None  # the driver begins nothing by itself: `begin` below does
+        sqlite_connection_pragmas(connection)
+        if query_only:
+            connection.execute("PRAGMA query_only = ON")
+
+    @event.listens_for(engine, "begin")
+    def begin_transaction(connection: sa.Connection) -> None:
+        connection.exec_driver_sql(begin)
+
+    return engine

@@ -1,0 +1,55 @@
+"""Settings: typed, frozen, from TADA_* variables; read once by a composition root, never at import time.
+
+There is no secret among them and no default secret: tokens and codes are drawn per user and stored as hashes.
+"""
+
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+MEBIBYTE = 1024 * 1024
+
+
+class Settings(BaseSettings):
+    """What the people who run the server may set. Every field is the variable TADA_<FIELD IN CAPITALS>."""
+
+    model_config = SettingsConfigDict(env_prefix="TADA_", frozen=True, extra="ignore")
+
+    data_dir: Path = Field(default=Path("data"), description="Where the embedded database and blob store live.")
+    database_url: str | None = Field(default=None, description="SQLAlchemy URL; default: SQLite in data_dir.")
+    blob_url: str | None = Field(default=None, description="file:///path; default: a folder in data_dir.")
+
+    host: str = Field(default="127.0.0.1", description="Address that `tada serve` listens on.")
+    port: int = Field(default=8000, ge=0, le=65535, description="Port that `tada serve` listens on; 0: any free one.")
+
+    max_photo_bytes: int = Field(default=30 * MEBIBYTE, ge=1, description="One photograph, at most.")
+    max_photo_pixels: int = Field(default=60_000_000, ge=1, description="Width x height of one photograph, at most.")
+    max_metadata_bytes: int = Field(default=64 * 1024, ge=1, description="The metadata part, at most.")
+    max_uploads: int = Field(default=16, ge=1, description="Uploads written at the same time in one process.")
+    min_free_bytes: int = Field(default=512 * MEBIBYTE, ge=0, description="Below it uploads get storage_full.")
+
+    estimate_seconds: float = Field(default=120.0, gt=0, description="Hard limit of one estimate; then it is killed.")
+    estimate_memory_bytes: int = Field(default=3072 * MEBIBYTE, gt=0, description="Address space of its process.")
+    worker_concurrency: int = Field(default=1, ge=1, description="Estimates at the same time in one worker.")
+
+    enrolment_attempts_per_minute: int = Field(default=20, ge=1, description="Tries a minute and address, enrolment.")
+    log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = "INFO"
+    log_format: Literal["json", "console"] = "json"
+
+    @cached_property
+    def resolved_database_url(self) -> str:
+        """The database that is used: the given one, or SQLite in the data folder."""
+        return self.database_url or f"sqlite:///{self.data_dir.absolute() / 'tada.sqlite3'}"
+
+    @cached_property
+    def resolved_blob_url(self) -> str:
+        """The blob store that is used: the given one, or a folder in the data folder."""
+        return self.blob_url or f"file://{self.data_dir.absolute() / 'blobs'}"
+
+    @property
+    def is_embedded(self) -> bool:
+        """One machine: SQLite; a worker's life is then an OS file lock and `tada serve` runs its own worker."""
+        return self.resolved_database_url.startswith("sqlite")

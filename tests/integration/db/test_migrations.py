@@ -1,0 +1,54 @@
+import sqlalchemy as sa
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+
+from app.db.migrate import is_current, upgrade
+from app.db.models import Base
+from app.db.session import Database
+
+
+def test_migrated_schema_equals_the_models(database):
+    options = {
+        "compare_type": True,
+        "include_name": lambda name, kind, _: kind != "table" or name in Base.metadata.tables,
+    }
+    with database.read_engine.connect() as connection:
+        assert compare_metadata(MigrationContext.configure(connection, opts=options), Base.metadata) == []
+
+
+def test_upgrading_twice_changes_nothing(database):
+    assert is_current(database)
+    upgrade(database)
+    assert is_current(database)
+
+
+def test_empty_database_is_not_current(database_url):
+    database = Database(database_url)
+    try:
+        assert not is_current(database)
+    finally:
+        database.dispose()
+
+
+def test_write_in_a_read_session_is_refused_by_the_database(database):
+    with database.read() as session:
+        try:
+            session.execute(sa.text("INSERT INTO component (tagname, name, unit) VALUES ('X', 'x', 'g')"))
+        except sa.exc.DBAPIError:
+            session.rollback()
+        else:
+            raise AssertionError("a read session could write")
+
+
+def test_failed_transaction_leaves_nothing(database):
+    class Stop(Exception):  # noqa: N818
+        pass
+
+    try:
+        with database.write() as session:
+            session.execute(sa.text("INSERT INTO component (tagname, name, unit) VALUES ('X', 'x', 'g')"))
+            raise Stop
+    except Stop:
+        pass
+    with database.read() as session:
+        assert session.execute(sa.text("SELECT count(*) FROM component")).scalar_one() == 0
