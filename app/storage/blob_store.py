@@ -1,0 +1,67 @@
+"""The contract of a blob store. A blob has one owner and never changes; a key holds the SHA-256 of its content.
+
+Keys: `study/meal/slot/sha256` for photographs, `study/meal/runs/run/name/sha256` for what a run made. Putting the same key
+again is harmless, so an upload or a job that is tried again needs no clean-up first.
+"""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
+
+from app.errors import TadaError
+
+KEY_PATTERN = re.compile(r"^[A-Za-z0-9_][A-Za-z0-9_.-]*(/[A-Za-z0-9_][A-Za-z0-9_.-]*)*$")
+
+
+class BlobMissingError(TadaError):
+    """The database names a blob that the store does not have: `tada doctor` lists them."""
+
+    code = "blob_missing"
+    status = 500
+
+
+class BlobStore(Protocol):
+    """What the services need of a store. All calls block; errors of the store are OSError."""
+
+    def staging_folder(self) -> Path:
+        """A local folder for files in the making, from which `put_file` is cheapest."""
+        ...
+
+    def put_file(self, key: str, source: Path) -> None:
+        """Move a finished local file under the key. When this returns, the blob is durable."""
+        ...
+
+    def put_bytes(self, key: str, content: bytes) -> None:
+        """Store bytes under the key. When this returns, the blob is durable."""
+        ...
+
+    def fetch(self, key: str, destination: Path) -> None:
+        """Copy a blob to a local file. Raises BlobMissingError."""
+        ...
+
+    def read(self, key: str) -> bytes:
+        """A small blob's bytes. Raises BlobMissingError."""
+        ...
+
+    def stream(self, key: str, chunk_bytes: int = 256 * 1024) -> Iterator[bytes]:
+        """A blob's bytes piece by piece. Raises BlobMissingError before the first piece."""
+        ...
+
+    def delete(self, key: str) -> None:
+        """Remove a blob; one that is not there is no error."""
+        ...
+
+    def free_bytes(self) -> int | None:
+        """Room left, or None where the store has no limit that it knows of."""
+        ...
+
+    def check(self) -> None:
+        """Raise OSError if the store cannot be written now."""
+        ...
+
+
+def require_valid_key(key: str) -> None:
+    """Refuse a key that could leave the store's folder; keys are built by us, so this guards against our own bugs."""
+    if not KEY_PATTERN.match(key):
+        raise ValueError(f"not a blob key: {key!r}")

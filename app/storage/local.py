@@ -1,0 +1,126 @@
+"""Blobs as files: temporary file, fsync, rename, fsync of the folders, so that an acknowledged photograph is on disk."""
+
+import contextlib
+import os
+import shutil
+import tempfile
+import time
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+from app.storage.blob_store import BlobMissingError, require_valid_key
+
+STAGING = ".incoming"  # no key starts with a full stop (KEY_PATTERN)
+ABANDONED_SECONDS = 6 * 3600  # a file in the making that nobody has touched for so long belonged to a process that died
+
+
+class LocalBlobStore:
+    """A BlobStore in a folder of this machine."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._staging = root / STAGING
+        self._staging.mkdir(parents=True, exist_ok=True)
+        self._remove_abandoned()
+
+    def staging_folder(self) -> Path:
+        """The folder of files in the making, on the store's own file system."""
+        return self._staging
+
+    def put_file(self, key: str, source: Path) -> None:
+        """Sync the file, rename it to its place, sync the folders that changed."""
+        target = self._path(key)
+        with source.open("rb") as file:
+            os.fsync(file.fileno())
+        self._make_durable_folder(target.parent)
+        os.replace(source, target)  # noqa: PTH105  # the name of the system call that is atomic
+        _sync_folder(target.parent)
+
+    def put_bytes(self, key: str, content: bytes) -> None:
+        """Write to a staged file first, then as put_file."""
+        handle, name = tempfile.mkstemp(dir=self._staging)
+        staged = Path(name)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+            self.put_file(key, staged)
+        finally:
+            staged.unlink(missing_ok=True)
+
+    def fetch(self, key: str, destination: Path) -> None:
+        """Copy the file."""
+        try:
+            shutil.copyfile(self._path(key), destination)
+        except FileNotFoundError:
+            raise BlobMissingError(f"The blob {key} is not in the store.") from None
+
+    def read(self, key: str) -> bytes:
+        """Read the file whole."""
+        try:
+            return self._path(key).read_bytes()
+        except FileNotFoundError:
+            raise BlobMissingError(f"The blob {key} is not in the store.") from None
+
+    def stream(self, key: str, chunk_bytes: int = 256 * 1024) -> Iterator[bytes]:
+        """Read the file piece by piece; it is opened before the first piece is asked for."""
+        try:
+            file = self._path(key).open("rb")
+        except FileNotFoundError:
+            raise BlobMissingError(f"The blob {key} is not in the store.") from None
+
+        def pieces() -> Iterator[bytes]:
+            with file:
+                while piece := file.read(chunk_bytes):
+                    yield piece
+
+        return pieces()
+
+    def delete(self, key: str) -> None:
+        """Remove the file and sync its folder."""
+        path = self._path(key)
+        with contextlib.suppress(FileNotFoundError):
+            path.unlink()
+            _sync_folder(path.parent)
+
+    def free_bytes(self) -> int:
+        """What the file system has left for us."""
+        return shutil.disk_usage(self._root).free
+
+    def check(self) -> None:
+        """Write, sync and remove a small file."""
+        probe = self._staging / f"probe-{uuid.uuid4().hex}"
+        try:
+            with probe.open("wb") as file:
+                file.write(b"ok")
+                os.fsync(file.fileno())
+        finally:
+            probe.unlink(missing_ok=True)
+
+    def _path(self, key: str) -> Path:
+        require_valid_key(key)
+        return self._root / key
+
+    def _make_durable_folder(self, folder: Path) -> None:
+        missing = []
+        while not folder.is_dir():
+            missing.append(folder)
+            folder = folder.parent
+        for new in reversed(missing):
+            new.mkdir(exist_ok=True)
+            _sync_folder(new.parent)
+
+    def _remove_abandoned(self) -> None:
+        limit = time.time() - ABANDONED_SECONDS
+        for path in self._staging.iterdir():
+            with contextlib.suppress(FileNotFoundError):  # another process cleans up at the same time
+                if path.is_file() and path.stat().st_mtime < limit:
+                    path.unlink()
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
