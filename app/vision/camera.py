@@ -1,0 +1,306 @@
+"""The camera of each photograph: intrinsics given or from EXIF, and its pose over the marker.
+
+Marker corners (px) of both views + a given camera or the photograph's own focal length -> two Views in the table frame,
+mm. Refining the relative pose by the scene's own points is left to epipolar.py.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+
+from app.errors import Failure, InvalidInputError
+from app.vision.model import (
+    Camera,
+    EstimateOptions,
+    Float64Array,
+    MarkerObservation,
+    MarkerSpec,
+    Photo,
+    PhotoPair,
+    View,
+)
+
+DIAGONAL_35MM = math.hypot(36.0, 24.0)  # CIPA DCG-001: the 35 mm equivalent focal length goes by the diagonal
+DEFAULT_FOCAL_35MM = 28.0  # the main camera of most phones, where EXIF tells nothing
+FOCAL_SPREAD_EXIF = 0.08  # relative; EXIF rounds to whole mm, makers give the lens's nominal value
+FOCAL_SPREAD_UNKNOWN = 0.25  # main cameras of phones lie between 22 and 35 mm
+CORNER_SD_PX_AT_12MP = 0.5  # what flat, undistorted theory leaves: paper half a millimetre off flat, not the detector
+LONG_SIDE_12MP = 4000.0
+MIN_VIEW_ANGLE_DEG = (
+    1.5  # below, 0.3 px of disparity noise passes 10 mm of depth at 400 mm (CONVENTIONS.md, "Baseline")
+)
+MAX_VIEW_ANGLE_DEG = 45.0  # beyond, the two views show different sides of a food and hardly match
+MAX_RMS_SQUARES = 0.05  # of the shortest square in px; bent paper and a camera file of another day stay below 0.02
+SAME_CORNERS_PX = 0.01  # no two exposures by hand agree to a hundredth of a pixel
+CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
+ROUNDING_PX = 1.0  # a scaled photograph's sides are whole numbers
+
+
+def camera_from_mapping(data: Any) -> Camera:
+    """A Camera from parsed JSON: width, height, fx, fy, cx, cy, distortion [k1, k2, p1, p2, k3].
+
+    Other keys are ignored. Raises InvalidInputError, code "camera_invalid".
+    """
+    if not isinstance(data, Mapping):
+        raise _invalid("it must be an object with " + ", ".join(CAMERA_KEYS) + " and distortion.")
+    if missing := [key for key in CAMERA_KEYS if key not in data]:
+        raise _invalid("it lacks " + ", ".join(missing) + ".")
+    width, height, fx, fy, cx, cy = (_number(data[key], key) for key in CAMERA_KEYS)
+    for key, side in (("width", width), ("height", height)):
+        if side != int(side) or not 1 <= side <= 100_000:
+            raise _invalid(f"{key} must be a whole number of pixels, not {side:g}.")
+    for key, focal in (("fx", fx), ("fy", fy)):
+        if not 0.1 * max(width, height) <= focal <= 20.0 * max(width, height):
+            raise _invalid(f"{key} = {focal:g} is no focal length in px for {width:g} x {height:g} px.")
+    if not (0 <= cx < width and 0 <= cy < height):
+        raise _invalid(f"the principal point ({cx:g}, {cy:g}) lies outside the image of {width:g} x {height:g} px.")
+    listed = data.get("distortion", ())
+    if not isinstance(listed, list | tuple) or len(listed) not in (0, 4, 5):
+        raise _invalid("distortion must be the list [k1, k2, p1, p2, k3].")
+    k1, k2, p1, p2, k3 = [_number(value, "distortion") for value in listed] + [0.0] * (5 - len(listed))
+    return Camera(int(width), int(height), fx, fy, cx, cy, (k1, k2, p1, p2, k3), "given")
+
+
+def adapt_camera(camera: Camera, width: int, height: int) -> Camera | Failure:
+    """The camera for a photograph of the same framing: same size, scaled by one ratio, or turned by a quarter.
+
+    A landscape camera is turned clockwise for a portrait photograph, as EXIF orientation 6 does (a phone held
+    upright), and a portrait camera counter-clockwise, its inverse. The other direction would differ only in which way
+    the principal point and the tangential distortion are off, some px. Any other size: Failure "camera_mismatch".
+    """
+    if (camera.width > camera.height) != (width > height) and camera.width != camera.height:
+        camera = _turn_camera(camera, clockwise=camera.width > camera.height)
+    sx, sy = width / camera.width, height / camera.height
+    if abs(height - camera.height * sx) > ROUNDING_PX and abs(width - camera.width * sy) > ROUNDING_PX:
+        return Failure(
+            "camera_mismatch",
+            f"The camera file describes {camera.width} x {camera.height} px, the photograph has {width} x {height} px, "
+            "which is neither that size nor it scaled or turned by a quarter.",
+            "Calibrate with photographs of the same shape, without cropping or digital zoom, or send no camera.",
+        )
+    return replace(
+        camera,
+        width=width,
+        height=height,
+        fx=camera.fx * sx,
+        fy=camera.fy * sy,
+        cx=(camera.cx + 0.5) * sx - 0.5,
+        cy=(camera.cy + 0.5) * sy - 0.5,
+    )
+
+
+def camera_from_exif(photo: Photo) -> Camera:
+    """A pinhole with the focal length that EXIF tells (source "exif"), or a common phone's (source "board").
+
+    f_px = f_35 / 43.27 mm x the diagonal in px (CIPA DCG-001); principal point in the middle, no distortion.
+    """
+    height, width = photo.pixels_bgr.shape[:2]
+    focal_px = (photo.focal_35mm or DEFAULT_FOCAL_35MM) / DIAGONAL_35MM * math.hypot(width, height)
+    return Camera(
+        width,
+        height,
+        focal_px,
+        focal_px,
+        (width - 1) / 2,
+        (height - 1) / 2,
+        source="exif" if photo.focal_35mm else "board",
+    )
+
+
+def board_points(spec: MarkerSpec) -> Float64Array:
+    """(n, 3) inner corners in the table frame, mm, row-major (CONVENTIONS.md, "Marker")."""
+    rows, columns = np.indices((spec.rows - 1, spec.columns - 1)).reshape(2, -1)
+    x = (columns + 1 - spec.columns / 2) * spec.square_mm
+    y = (spec.rows / 2 - rows - 1) * spec.square_mm
+    return np.stack([x, y, np.zeros_like(x)], axis=1).astype(np.float64)
+
+
+def solve_pose(camera: Camera, observation: MarkerObservation) -> tuple[Float64Array, Float64Array, float] | None:
+    """Rotation (3, 3), translation (3,) mm, table to camera, and rms (px) of the corners; None if there is no solution.
+
+    Of a plane's two poses (Collins and Bartoli, IPPE, 2014) the one that fits better once refined; a robust loss bears
+    with a few bad corners.
+    """
+    points = board_points(observation.spec)
+    solutions = cv2.solvePnPGeneric(
+        points, observation.corners_px, camera.matrix, np.array(camera.distortion), flags=cv2.SOLVEPNP_IPPE
+    )
+    best: tuple[Float64Array, Float64Array, float] | None = None
+    for rvec, tvec in zip(solutions[1], solutions[2], strict=True):
+        start = np.concatenate([np.ravel(rvec), np.ravel(tvec)])
+
+        def residual(pose: Float64Array) -> Float64Array:
+            return (project(camera, points, pose) - observation.corners_px).ravel()
+
+        if not np.isfinite(residual(start)).all():
+            continue
+        pose = least_squares(residual, start, loss="soft_l1", f_scale=_corner_sd_px(camera), x_scale="jac").x
+        rms = float(np.sqrt(np.mean(np.sum(residual(pose).reshape(-1, 2) ** 2, axis=1))))
+        rotation = np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64)
+        is_above = float(-(rotation.T @ pose[3:])[2]) > 0 and pose[5] > 0
+        if is_above and (best is None or rms < best[2]):
+            best = (rotation, pose[3:], rms)
+    return best
+
+
+def project(camera: Camera, points_table: Float64Array, pose: Float64Array) -> Float64Array:
+    """(n, 3) mm -> (n, 2) px with pose (rotation vector, translation), (6,)."""
+    projected, _ = cv2.projectPoints(points_table, pose[:3], pose[3:], camera.matrix, np.array(camera.distortion))
+    return np.asarray(projected, np.float64).reshape(-1, 2)
+
+
+def estimate_views(
+    pair: PhotoPair, observations: tuple[MarkerObservation, MarkerObservation], options: EstimateOptions
+) -> tuple[View, View] | Failure:
+    """Camera and pose of both photographs from the marker's corners, which must agree (marker.agree_on_corners).
+
+    Failures: camera_mismatch, same_photograph, pose_unreliable, baseline_too_small, baseline_too_large.
+    """
+    photos = (pair.left, pair.right)
+    if _is_same_photograph(photos, observations):
+        return Failure(
+            "same_photograph",
+            "Both photographs are the same one.",
+            "Take one photograph from the left of the meal and one from the right, about a hand's width apart.",
+        )
+    cameras: list[Camera] = []
+    for photo in photos:
+        if options.camera is None:
+            cameras.append(camera_from_exif(photo))
+            continue
+        adapted = adapt_camera(options.camera, photo.pixels_bgr.shape[1], photo.pixels_bgr.shape[0])
+        if isinstance(adapted, Failure):
+            return adapted
+        cameras.append(adapted)
+    if options.camera is None:
+        cameras = list(refine_focal_lengths((cameras[0], cameras[1]), observations))
+    views: list[View] = []
+    for name, photo, camera, observation in zip(("left", "right"), photos, cameras, observations, strict=True):
+        solved = solve_pose(camera, observation)
+        limit = MAX_RMS_SQUARES * _shortest_step_px(observation)
+        if solved is None or solved[2] > limit:
+            found = "no camera position explains" if solved is None else f"{solved[2]:.1f} px off is the best fit to"
+            return Failure(
+                "pose_unreliable",
+                f"{found} the marker's corners in the {name} photograph (limit {limit:.1f} px).".capitalize(),
+                "Lay the marker flat; check that the announced marker and the camera file are the right ones.",
+            )
+        views.append(View(photo, camera, observation, *solved))
+    left, right = views
+    return _baseline_failure(left, right) or (left, right)
+
+
+def view_angle_deg(left: View, right: View) -> float:
+    """Angle between the two lines of sight from the board's middle to the cameras, degrees."""
+    a, b = left.centre_mm, right.centre_mm
+    return math.degrees(math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b)))
+
+
+def refine_focal_lengths(
+    cameras: tuple[Camera, Camera], observations: tuple[MarkerObservation, MarkerObservation]
+) -> tuple[Camera, Camera]:
+    """The cameras with the focal length that both views' corners and the prior agree on best.
+
+    One plane at a slant says little about the focal length, hence the prior: the maximum a posteriori of one focal
+    length for both views if they have the same size and prior, else of one each. Principal point and distortion stay:
+    a board that fills a tenth of the photograph cannot tell them.
+    """
+    sd_px = [_corner_sd_px(camera) for camera in cameras]
+    spread = [FOCAL_SPREAD_EXIF if camera.source == "exif" else FOCAL_SPREAD_UNKNOWN for camera in cameras]
+    is_shared = cameras[0] == cameras[1]
+    poses = [solve_pose(camera, seen) for camera, seen in zip(cameras, observations, strict=True)]
+    if poses[0] is None or poses[1] is None:
+        return cameras
+    start = [np.concatenate([np.ravel(cv2.Rodrigues(pose[0])[0]), pose[1]]) for pose in (poses[0], poses[1])]
+    first = np.concatenate([*start, np.zeros(1 if is_shared else 2)])
+    points = [board_points(seen.spec) for seen in observations]
+
+    def residual(unknowns: Float64Array) -> Float64Array:
+        scales = np.exp(unknowns[12:])
+        parts = [(unknowns[12:] / spread[: len(scales)])]
+        for index in (0, 1):
+            scale = float(scales[min(index, len(scales) - 1)])
+            camera = replace(cameras[index], fx=cameras[index].fx * scale, fy=cameras[index].fy * scale)
+            off = project(camera, points[index], unknowns[6 * index : 6 * index + 6]) - observations[index].corners_px
+            parts.append(off.ravel() / sd_px[index])
+        return np.concatenate(parts)
+
+    solved = least_squares(residual, first, x_scale="jac").x
+    scales = np.exp(np.broadcast_to(solved[12:], 2))
+    refined = [
+        replace(camera, fx=camera.fx * float(scale), fy=camera.fy * float(scale))
+        for camera, scale in zip(cameras, scales, strict=True)
+    ]
+    return refined[0], refined[1]
+
+
+def _baseline_failure(left: View, right: View) -> Failure | None:
+    angle = view_angle_deg(left, right)
+    if angle < MIN_VIEW_ANGLE_DEG:
+        return Failure(
+            "baseline_too_small",
+            f"The two photographs were taken only {angle:.1f} degrees apart; {MIN_VIEW_ANGLE_DEG:g} are needed.",
+            "Move the phone by about a hand's width to the side between the two photographs.",
+        )
+    if angle > MAX_VIEW_ANGLE_DEG:
+        return Failure(
+            "baseline_too_large",
+            f"The two photographs were taken {angle:.0f} degrees apart; {MAX_VIEW_ANGLE_DEG:g} are the most.",
+            "Move the phone by only about a hand's width to the side between the two photographs.",
+        )
+    return None
+
+
+def _is_same_photograph(photos: tuple[Photo, Photo], observations: tuple[MarkerObservation, MarkerObservation]) -> bool:
+    left, right = (seen.corners_px for seen in observations)
+    if left.shape == right.shape and np.abs(left - right).max() < SAME_CORNERS_PX:
+        return True
+    return np.array_equal(photos[0].pixels_bgr, photos[1].pixels_bgr)
+
+
+def _shortest_step_px(observation: MarkerObservation) -> float:
+    grid = observation.corners_px.reshape(observation.spec.rows - 1, observation.spec.columns - 1, 2)
+    steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min() for axis in (0, 1)]
+    return float(min(steps))
+
+
+def _corner_sd_px(camera: Camera) -> float:
+    return CORNER_SD_PX_AT_12MP * max(camera.width, camera.height) / LONG_SIDE_12MP
+
+
+def _turn_camera(camera: Camera, *, clockwise: bool) -> Camera:
+    """The camera of the photograph turned by a quarter.
+
+    Clockwise (x, y) -> (height - 1 - y, x): normalised (x, y) -> (-y, x), under which the tangential distortion of
+    OpenCV's model keeps its form with (p1, p2) -> (p2, -p1).
+    """
+    k1, k2, p1, p2, k3 = camera.distortion
+    if clockwise:
+        centre, tangential = (camera.height - 1 - camera.cy, camera.cx), (p2, -p1)
+    else:
+        centre, tangential = (camera.cy, camera.width - 1 - camera.cx), (-p2, p1)
+    return replace(
+        camera,
+        width=camera.height,
+        height=camera.width,
+        fx=camera.fy,
+        fy=camera.fx,
+        cx=centre[0],
+        cy=centre[1],
+        distortion=(k1, k2, *tangential, k3),
+    )
+
+
+def _number(value: Any, key: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise _invalid(f"{key} must be a number, not {str(value)[:40]!r}.")
+    return float(value)
+
+
+def _invalid(reason: str) -> InvalidInputError:
+    return InvalidInputError(f"The camera cannot be used: {reason}", code="camera_invalid")
