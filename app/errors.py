@@ -119,5 +119,5 @@ class StorageFullError(TadaError):
     """The disk has no room; nothing was kept, the phone keeps its copy and tries again."""
 
     code = "storage_full"
-    status = 507
+    status = 503
     retryable = True

@@ -17,6 +17,7 @@ from sqlalchemy.orm import Session
 BUSY_TIMEOUT_SECONDS = 30.0  # a writer waits this long for another writer on SQLite
 POOL_SIZE = 10  # connections a process, per engine
 STATEMENT_TIMEOUT_MS = 30_000  # PostgreSQL: no request may hold a connection longer
+PG_DISK_FULL = "53100"  # SQLSTATE disk_full
 
 
 class Database:
@@ -90,3 +91,11 @@ def _sqlite_engine(url: str, *, begin: str, query_only: bool) -> sa.Engine:
         connection.exec_driver_sql(begin)
 
     return engine
+
+
+def is_disk_full(error: Exception) -> bool:
+    """Whether a database error says that its disk is full, by code, not by words."""
+    original = getattr(error, "orig", None)
+    if isinstance(original, sqlite3.Error):
+        return getattr(original, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+    return getattr(original, "sqlstate", None) == PG_DISK_FULL

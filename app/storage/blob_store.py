@@ -1,7 +1,7 @@
 """The contract of a blob store. A blob has one owner and never changes; a key holds the SHA-256 of its content.
 
-Keys: `study/meal/slot/sha256` for photographs, `study/meal/runs/run/name/sha256` for what a run made. Putting the same key
-again is harmless, so an upload or a job that is tried again needs no clean-up first.
+Keys: `study/meal/slot/sha256` for photographs, `study/meal/runs/run/name/sha256` for what a run made. Putting the same
+key again is harmless, so an upload or a job that is tried again needs no clean-up first.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""Blobs as files: temporary file, fsync, rename, fsync of the folders, so that an acknowledged photograph is on disk."""
+"""Blobs as files: temporary file, fsync, rename, fsync of the folders: what is acknowledged is on disk."""
 
 import contextlib
 import os

@@ -2,7 +2,7 @@
 
 Revision ID: 20261121_first
 Revises:
-Create Date: 2026-11-21 05:23:21.569473
+Create Date: 2026-11-21 05:39:05.146261
 """
 
 import sqlalchemy as sa
@@ -260,6 +260,7 @@ def upgrade() -> None:
         sa.Column("food_release_id", sa.Integer(), nullable=True),
         sa.Column("failure_code", sa.String(length=64), nullable=True),
         sa.Column("failure_message", sa.Text(), nullable=True),
+        sa.Column("result_key", sa.String(length=300), nullable=False),
         sa.Column("created_at", INSTANT, nullable=False),
         sa.ForeignKeyConstraint(
             ["food_release_id"], ["food_release.id"], name=op.f("fk_run_food_release_id_food_release")
@@ -267,6 +268,7 @@ def upgrade() -> None:
         sa.ForeignKeyConstraint(["id"], ["job.id"], name=op.f("fk_run_id_job")),
         sa.ForeignKeyConstraint(["meal_id"], ["meal.id"], name=op.f("fk_run_meal_id_meal")),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_run")),
+        sa.UniqueConstraint("result_key", name=op.f("uq_run_result_key")),
     )
     with op.batch_alter_table("run", schema=None) as batch_op:
         batch_op.create_index(batch_op.f("ix_run_meal_id"), ["meal_id"], unique=False)
@@ -293,7 +295,7 @@ def upgrade() -> None:
         sa.Column("media_type", sa.String(length=64), nullable=False),
         sa.Column("bytes", sa.BigInteger(), nullable=False),
         sa.Column("sha256", sa.String(length=64), nullable=False),
-        sa.Column("blob_key", sa.String(length=200), nullable=False),
+        sa.Column("blob_key", sa.String(length=300), nullable=False),
         sa.ForeignKeyConstraint(["run_id"], ["run.id"], name=op.f("fk_run_artefact_run_id_run")),
         sa.PrimaryKeyConstraint("run_id", "name", name=op.f("pk_run_artefact")),
         sa.UniqueConstraint("blob_key", name=op.f("uq_run_artefact_blob_key")),

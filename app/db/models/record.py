@@ -29,6 +29,7 @@ class Run(Base):
     food_release_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food_release.id"))
     failure_code: Mapped[str | None] = mapped_column(sa.String(64))
     failure_message: Mapped[str | None] = mapped_column(sa.Text)
+    result_key: Mapped[str] = mapped_column(sa.String(300), unique=True)  # the pipeline's whole answer, in the store
     created_at: Mapped[datetime]
 
 
@@ -42,7 +43,7 @@ class RunArtefact(Base):
     media_type: Mapped[str] = mapped_column(sa.String(64))
     bytes: Mapped[int] = mapped_column(sa.BigInteger)
     sha256: Mapped[str] = mapped_column(sa.String(64))
-    blob_key: Mapped[str] = mapped_column(sa.String(200), unique=True)
+    blob_key: Mapped[str] = mapped_column(sa.String(300), unique=True)
 
 
 class Item(Base):

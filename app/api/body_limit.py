@@ -1,0 +1,43 @@
+"""No request has a body larger than its route needs: uploads have their own limits, all other routes this one."""
+
+import re
+
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.api.problems import render_problem
+from app.errors import TooLargeError
+
+UPLOADS = re.compile(r"^/v1/meals(/[^/]+(/images/[^/]+)?)?$")  # they count for themselves, part by part
+LIMIT_BYTES = 256 * 1024
+
+
+class BodyLimit:
+    """ASGI middleware: refuses a declared length past the limit at once and cuts a longer stream."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on with a counting receive."""
+        if scope["type"] != "http" or UPLOADS.match(scope["path"]):
+            await self._app(scope, receive, send)
+            return
+        declared = dict(scope["headers"]).get(b"content-length", b"0")
+        if declared.isdigit() and int(declared) > LIMIT_BYTES:
+            await render_problem(_too_large())(scope, receive, send)
+            return
+        received = 0
+
+        async def counting_receive() -> Message:
+            nonlocal received
+            message = await receive()
+            received += len(message.get("body", b""))
+            if received > LIMIT_BYTES:
+                raise _too_large()
+            return message
+
+        await self._app(scope, counting_receive, send)
+
+
+def _too_large() -> TooLargeError:
+    return TooLargeError(f"The body is larger than {LIMIT_BYTES} bytes, the limit.", limit_bytes=LIMIT_BYTES)

@@ -1,0 +1,24 @@
+"""/v1/enrolments: the one open call: a device exchanges its one-time code for a token. Rate limited by address."""
+
+from fastapi import APIRouter, Request
+
+from app.api.deps import State
+from app.api.problems import problem_responses
+from app.api.schemas.people import EnrolmentIn, EnrolmentOut
+from app.services.enrol import enrol_device
+
+router = APIRouter(prefix="/v1/enrolments", tags=["enrolments"])
+
+
+@router.post("", status_code=201, responses=problem_responses(404, 422, 429))
+def post_enrolment(body: EnrolmentIn, request: Request, state: State) -> EnrolmentOut:
+    """Exchange a code for a device's token. A code that is unknown, used or expired gives 404, in the same words."""
+    state.enrolment_limit.take(request.client.host if request.client else "unknown")
+    issued = enrol_device(state.database, code=body.code, device_name=body.device_name)
+    return EnrolmentOut(
+        token=issued.token,
+        device_id=issued.device_id,
+        study=issued.study_code,
+        participant=issued.participant_code,
+        marker=issued.marker,
+    )

@@ -1,0 +1,43 @@
+"""/healthz: the process answers. /readyz: it can take meals; how the workers are is told, but refuses nothing."""
+
+from fastapi import APIRouter, Response
+from pydantic import BaseModel, Field
+
+from app.api.deps import State
+from app.services.health import check_readiness
+
+router = APIRouter(tags=["health"])
+
+
+class Health(BaseModel):
+    """The process is alive."""
+
+    status: str = "ok"
+
+
+class Ready(BaseModel):
+    """Whether meals can be taken, and how the queue stands."""
+
+    ready: bool
+    checks: dict[str, str] = Field(description="Each `ok`, or what is wrong.")
+    workers_alive: int = Field(description="Reported only: no worker refuses no meal.")
+    oldest_waiting_seconds: float | None = Field(description="Age of the meal that has waited longest, null if none.")
+
+
+@router.get("/healthz")
+async def get_health() -> Health:
+    """Alive."""
+    return Health()
+
+
+@router.get("/readyz", responses={503: {"model": Ready, "description": "Not ready: see checks."}})
+def get_ready(state: State, response: Response) -> Ready:
+    """Ready for meals or not."""
+    found = check_readiness(state.database, state.blobs, state.settings)
+    response.status_code = 200 if found.is_ready else 503
+    return Ready(
+        ready=found.is_ready,
+        checks=found.checks,
+        workers_alive=found.workers_alive,
+        oldest_waiting_seconds=found.oldest_waiting_seconds,
+    )

@@ -1,0 +1,209 @@
+"""/v1/meals: a phone sends a meal, whole or part by part, and asks how it stands."""
+
+import uuid
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import anyio.to_thread
+from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi.responses import JSONResponse, StreamingResponse
+
+from app.api.deps import CurrentCaller, CurrentDevice, State
+from app.api.metadata import parse_metadata, parse_new_meal, read_limited
+from app.api.problems import problem_responses
+from app.api.render import render_meal
+from app.api.schemas.meals import MealOut
+from app.api.state import ApiState
+from app.api.upload import UploadLimits, received_body, received_parts
+from app.db.models.meal import SLOTS
+from app.errors import MalformedRequestError
+from app.services.caller import DeviceCaller
+from app.services.read_meal import MealView, open_artefact, read_meal
+from app.services.receive_photo import ReceivedFile
+from app.services.submit_meal import MealMetadata
+
+router = APIRouter(prefix="/v1/meals", tags=["meals"])
+
+FINAL = frozenset({"estimated", "needs_review", "failed", "confirmed"})  # nothing changes by itself any more
+MAX_WAIT_SECONDS = 60
+
+MealId = Annotated[uuid.UUID, Path(description="The id that the phone made.")]
+ParticipantCode = Annotated[
+    str | None,
+    Query(alias="participant", max_length=64, description="Staff: whose meal, if the id alone is not enough."),
+]
+SUBMIT_RESPONSES: dict[int | str, dict[str, Any]] = {
+    200: {"model": MealOut, "description": "The same as before: nothing was added."},
+    202: {"model": MealOut, "description": "Kept; Location names the meal."},
+    **problem_responses(400, 401, 403, 409, 410, 413, 415, 422, 503),
+}
+MULTIPART_BODY = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["metadata", "left", "right"],
+                    "properties": {
+                        "metadata": {"$ref": "#/components/schemas/NewMealMetadataIn"},
+                        "left": {"type": "string", "format": "binary", "description": "JPEG, PNG or HEIC"},
+                        "right": {"type": "string", "format": "binary", "description": "JPEG, PNG or HEIC"},
+                    },
+                },
+                "encoding": {"metadata": {"contentType": "application/json"}},
+            }
+        },
+    }
+}
+METADATA_BODY = {
+    "requestBody": {
+        "required": True,
+        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/MealMetadataIn"}}},
+    }
+}
+PHOTO_BODY = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            kind: {"schema": {"type": "string", "format": "binary"}}
+            for kind in ("image/jpeg", "image/png", "image/heic")
+        },
+    }
+}
+
+
+@router.post("", status_code=202, response_model=MealOut, responses=SUBMIT_RESPONSES, openapi_extra=MULTIPART_BODY)
+async def post_meal(request: Request, state: State, caller: CurrentDevice) -> Response:
+    """Send a meal whole: parts `metadata` (JSON, with the id that the phone made), `left` and `right`.
+
+    The same request again gives 200 and the same answer, so a phone that did not hear the answer just sends again.
+    """
+    await anyio.to_thread.run_sync(state.submit_meal.require_room)
+    async with received_parts(
+        request, SLOTS, state.blobs.staging_folder(), _limits(state), state.upload_limiter
+    ) as parts:
+        missing = [slot for slot in SLOTS if slot not in parts.files]
+        if parts.metadata is None or missing:
+            missing = missing if parts.metadata is not None else ["metadata", *missing]
+            raise MalformedRequestError(
+                f"The request has no part {', '.join(missing)}. To send part by part, use PUT /v1/meals/{{id}}.",
+                code="part_missing",
+                parts=missing,
+            )
+        metadata = parse_new_meal(parts.metadata)
+        return await _submit(state, caller, metadata.client_id, metadata, parts.files)
+
+
+@router.put(
+    "/{meal_id}", status_code=202, response_model=MealOut, responses=SUBMIT_RESPONSES, openapi_extra=METADATA_BODY
+)
+async def put_meal(request: Request, meal_id: MealId, state: State, caller: CurrentDevice) -> Response:
+    """Announce a meal, to send its photographs one by one."""
+    body = await read_limited(request, state.settings.max_metadata_bytes)
+    return await _submit(state, caller, meal_id, parse_metadata(meal_id, body), {})
+
+
+@router.put(
+    "/{meal_id}/images/{slot}",
+    status_code=202,
+    response_model=MealOut,
+    responses=SUBMIT_RESPONSES | problem_responses(404),
+    openapi_extra=PHOTO_BODY,
+)
+async def put_image(
+    request: Request, meal_id: MealId, slot: Literal["left", "right"], state: State, caller: CurrentDevice
+) -> Response:
+    """Send one photograph of an announced meal as the body. The last one queues the meal."""
+    await anyio.to_thread.run_sync(state.submit_meal.require_room)
+    staging = state.blobs.staging_folder()
+    async with received_body(request, slot, staging, _limits(state), state.upload_limiter) as file:
+        return await _submit(state, caller, meal_id, None, {slot: file})
+
+
+@router.get("/{meal_id}", response_model=MealOut, responses=problem_responses(401, 404, 409, 422))
+async def get_meal(
+    request: Request,
+    meal_id: MealId,
+    state: State,
+    caller: CurrentCaller,
+    wait: Annotated[
+        float, Query(ge=0, le=MAX_WAIT_SECONDS, description="Wait up to so many seconds for a change.")
+    ] = 0,
+    participant: ParticipantCode = None,
+) -> Response:
+    """How a meal stands: what has arrived, its status and, once estimated, its foods: volumes, mass, nutrients.
+
+    With `wait` the answer comes when status or stage changes, or when the time is up. With `If-None-Match` it also
+    comes at once if the meal is no longer at that ETag.
+    """
+    view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
+    known = request.headers.get("if-none-match")
+    if wait and view.meal.status not in FINAL and known in (None, _etag(view)):
+        await state.waiter.wait(view.meal.id, view.meal.version, wait)
+        view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
+    if known == _etag(view):
+        return Response(status_code=304, headers={"ETag": _etag(view)})
+    return _meal_response(view, 200)
+
+
+@router.get(
+    "/{meal_id}/artefacts/{name}",
+    response_class=StreamingResponse,
+    responses={
+        200: {
+            "content": {"image/jpeg": {}, "application/octet-stream": {}},
+            "description": "The picture or point cloud.",
+        }
+    }
+    | problem_responses(401, 404, 409, 422),
+)
+def get_artefact(
+    meal_id: MealId,
+    name: Annotated[str, Path(max_length=64)],
+    state: State,
+    caller: CurrentCaller,
+    participant: ParticipantCode = None,
+) -> StreamingResponse:
+    """A picture or point cloud of one step of the meal's last run."""
+    artefact, content = open_artefact(state.database, state.blobs, caller, meal_id, name, participant)
+    return StreamingResponse(
+        content,
+        media_type=artefact.media_type,
+        headers={
+            "Content-Length": str(artefact.bytes),
+            "ETag": f'"{artefact.sha256}"',
+            "X-Content-Type-Options": "nosniff",
+            "Cache-Control": "private, max-age=86400, immutable",
+        },
+    )
+
+
+async def _submit(
+    state: ApiState,
+    caller: DeviceCaller,
+    client_id: uuid.UUID,
+    metadata: MealMetadata | None,
+    files: Mapping[str, ReceivedFile],
+) -> Response:
+    def work() -> tuple[bool, MealView]:
+        submitted = state.submit_meal.submit(caller, client_id, metadata, files)
+        return submitted.is_new, read_meal(state.database, caller, client_id)
+
+    is_new, view = await anyio.to_thread.run_sync(work, limiter=state.upload_limiter)
+    return _meal_response(view, 202 if is_new else 200)
+
+
+def _meal_response(view: MealView, status: int) -> JSONResponse:
+    headers = {"ETag": _etag(view), "Cache-Control": "private, no-store"}
+    if status == 202:
+        headers["Location"] = f"/v1/meals/{view.meal.client_id}"
+    return JSONResponse(render_meal(view).model_dump(mode="json"), status_code=status, headers=headers)
+
+
+def _etag(view: MealView) -> str:
+    return f'"{view.meal.version}"'
+
+
+def _limits(state: ApiState) -> UploadLimits:
+    return UploadLimits(state.settings.max_photo_bytes, state.settings.max_metadata_bytes)

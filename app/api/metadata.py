@@ -1,0 +1,78 @@
+"""The metadata part's bytes to a checked MealMetadata, or an error with its code and place."""
+
+import uuid
+from datetime import UTC, datetime
+from typing import TypeVar
+
+from pydantic import ValidationError
+from starlette.requests import Request
+
+from app.api.schemas.meals import MealMetadataIn, NewMealMetadataIn
+from app.errors import InvalidInputError, MalformedRequestError, TooLargeError
+from app.services.meal_time import meal_time
+from app.services.submit_meal import MealMetadata
+from app.vision.marker import parse_marker
+
+Model = TypeVar("Model", bound=MealMetadataIn)
+
+
+async def read_limited(request: Request, limit_bytes: int) -> bytes:
+    """The whole body, if it is no larger than the limit. Raises TooLargeError."""
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > limit_bytes:
+            raise TooLargeError(
+                f"The metadata is larger than {limit_bytes} bytes, the limit.",
+                code="metadata_too_large",
+                limit_bytes=limit_bytes,
+            )
+    return bytes(body)
+
+
+def parse_new_meal(body: bytes) -> MealMetadata:
+    """The metadata part of POST /v1/meals."""
+    checked = _validated(NewMealMetadataIn, body)
+    return to_metadata(checked.id, checked)
+
+
+def parse_metadata(client_id: uuid.UUID, body: bytes) -> MealMetadata:
+    """The body of PUT /v1/meals/{id}."""
+    return to_metadata(client_id, _validated(MealMetadataIn, body))
+
+
+def to_metadata(client_id: uuid.UUID, checked: MealMetadataIn) -> MealMetadata:
+    """From the wire's model to the service's. Raises InvalidInputError (time, zone, marker)."""
+    if checked.marker is not None:
+        parse_marker(checked.marker)
+    return MealMetadata(
+        client_id=client_id,
+        time=meal_time(checked.captured_at, checked.time_zone, datetime.now(UTC)),
+        marker=checked.marker,
+        camera=checked.camera.model_dump(mode="json") if checked.camera else None,
+        hints=tuple(hint.model_dump(mode="json", exclude_none=True) for hint in checked.hints),
+        location=checked.location.model_dump(exclude_none=True) if checked.location else None,
+        app_version=checked.app_version,
+    )
+
+
+def _validated(model: type[Model], body: bytes) -> Model:
+    try:
+        return model.model_validate_json(body)
+    except ValidationError as error:
+        problems = [
+            {"at": ".".join(str(part) for part in item["loc"]), "message": item["msg"], "type": item["type"]}
+            for item in error.errors(include_url=False, include_context=False, include_input=False)
+        ]
+    first = problems[0]
+    if first["type"] == "json_invalid":
+        raise MalformedRequestError(f"The metadata is not JSON: {first['message']}.", code="metadata_not_json")
+    unknown = [problem["at"] for problem in problems if problem["type"] == "extra_forbidden"]
+    if unknown:
+        raise InvalidInputError(
+            f"The metadata has a field that is not known: {', '.join(unknown)}.",
+            code="metadata_field_unknown",
+            errors=problems,
+        )
+    place = f"metadata.{first['at']}" if first["at"] else "metadata"
+    raise InvalidInputError(f"{place}: {first['message']}.", code="metadata_invalid", errors=problems)

@@ -1,0 +1,119 @@
+"""From the services' views to the wire's models."""
+
+from typing import Any
+
+from app.api.schemas.meals import (
+    ArtefactOut,
+    CandidateOut,
+    FailureOut,
+    ImageOut,
+    ItemOut,
+    MealOut,
+    RunOut,
+)
+from app.api.schemas.records import FoodRef, NutrientAmount, RecordOut
+from app.db.models import EffectiveRecord, Food, RunArtefact
+from app.db.models.meal import SLOTS
+from app.db.queries.records import RecordRow
+from app.services.read_meal import ItemView, MealView
+from app.units import per_100_g
+
+RECORD_COLUMNS = tuple(
+    column.name for column in EffectiveRecord.__table__.columns if column.name in RecordOut.model_fields
+)
+
+
+def render_meal(view: MealView) -> MealOut:
+    """A meal as the API shows it."""
+    meal, run = view.meal, view.run
+    images = {image.slot: image for image in view.images}
+    return MealOut(
+        id=meal.client_id,
+        study=view.study_code,
+        participant=view.participant_code,
+        status=meal.status,
+        stage=meal.stage,
+        captured_at=meal.captured_at,
+        time_zone=meal.time_zone,
+        local_date=meal.local_date,
+        received_at=meal.received_at,
+        version=meal.version,
+        images={slot: ImageOut.model_validate(images[slot], from_attributes=True) for slot in SLOTS if slot in images},
+        missing=[slot for slot in SLOTS if slot not in images],
+        failure=FailureOut(code=meal.failure_code, message=meal.failure_message or "", advice=meal.failure_advice or "")
+        if meal.failure_code
+        else None,
+        items=[_item(item) for item in view.items],
+        run=RunOut(
+            id=run.id,
+            method=run.method,
+            pipeline_version=run.pipeline_version,
+            marker=run.marker,
+            camera=run.camera,
+            parameters=run.parameters,
+            stages=run.stages,
+            seconds=run.seconds,
+            food_table=next((item.record.food_release for item in view.items if item.record.food_release), None),
+            created_at=run.created_at,
+            artefacts=[_artefact(view, artefact) for artefact in view.artefacts],
+        )
+        if run
+        else None,
+    )
+
+
+def render_record(row: RecordRow) -> RecordOut:
+    """A record as the API shows it."""
+    columns: dict[str, Any] = {name: getattr(row.record, name) for name in RECORD_COLUMNS}
+    return RecordOut(
+        id=row.record.item_id,
+        study=row.study_code,
+        participant=row.participant_code,
+        time_zone=row.time_zone,
+        food=food_ref(row.food),
+        food_table=row.food_release,
+        **columns | {"meal_id": row.meal_client_id},
+    )
+
+
+def food_ref(food: Food | None) -> FoodRef | None:
+    """A food by key and name."""
+    return FoodRef(key=food.key, name=food.name) if food is not None else None
+
+
+def _artefact(view: MealView, artefact: RunArtefact) -> ArtefactOut:
+    return ArtefactOut(
+        name=artefact.name,
+        media_type=artefact.media_type,
+        bytes=artefact.bytes,
+        href=f"/v1/meals/{view.meal.client_id}/artefacts/{artefact.name}",
+    )
+
+
+def _item(view: ItemView) -> ItemOut:
+    record = view.record.record
+    return ItemOut(
+        id=view.item.id,
+        status=record.status,
+        polygon=view.item.rings,
+        food=food_ref(view.record.food),
+        candidates=[
+            CandidateOut(food=FoodRef(key=food.key, name=food.name), probability=probability, source=source)
+            for food, probability, source in view.candidates
+        ],
+        volume_ml=record.volume_ml,
+        volume_interval_ml=(record.volume_low_ml, record.volume_high_ml),
+        density_g_per_ml=record.density_g_per_ml,
+        density_source=record.density_source,
+        mass_g=record.mass_g,
+        mass_interval_g=(record.mass_low_g, record.mass_high_g)
+        if record.mass_low_g is not None and record.mass_high_g is not None
+        else None,
+        edible_g=record.edible_g,
+        nutrients=[
+            NutrientAmount(tagname=tagname, name=name, unit=unit, amount=per_100_g(amount, record.edible_g))
+            for tagname, name, unit, amount in view.nutrients
+            if record.edible_g is not None
+        ],
+        flags=view.item.flags,
+    )

@@ -1,0 +1,206 @@
+"""A meal over the wire."""
+
+import math
+import uuid
+from datetime import date, datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from app.api.schemas.records import FoodRef, NutrientAmount
+
+
+def _finite(value: float) -> float:
+    if not math.isfinite(value):
+        raise ValueError("must be a finite number")
+    return value
+
+
+Number = Annotated[float, AfterValidator(_finite)]
+Pixel = Annotated[float, Field(ge=-1e6, le=1e6), AfterValidator(_finite)]
+
+
+class HintIn(BaseModel):
+    """Where a food is in the left photograph, upright pixels, and what it is. One of point, box, polygon, or none."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    point: tuple[Pixel, Pixel] | None = Field(default=None, description="x, y")
+    box: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(default=None, description="x, y, width, height")
+    polygon: list[tuple[Pixel, Pixel]] | None = Field(default=None, min_length=3, max_length=2000)
+    food: str | None = Field(default=None, min_length=1, max_length=100, description="A food's key (GET /v1/foods).")
+
+    @model_validator(mode="after")
+    def _one_place(self) -> "HintIn":
+        given = [name for name in ("point", "box", "polygon") if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise ValueError(f"give one of point, box and polygon, not {' and '.join(given)}")
+        if not given and self.food is None:
+            raise ValueError("give a point, a box, a polygon or a food")
+        if self.box is not None and (self.box[2] <= 0 or self.box[3] <= 0):
+            raise ValueError("a box needs a positive width and height")
+        return self
+
+
+class CameraIn(BaseModel):
+    """Intrinsics of the phone's camera for upright pixels, as `tada calibrate` prints them."""
+
+    model_config = ConfigDict(extra="ignore")  # `tada calibrate` also prints rms_px and more
+
+    width: int = Field(gt=0, le=100_000)
+    height: int = Field(gt=0, le=100_000)
+    fx: Number = Field(gt=0)
+    fy: Number = Field(gt=0)
+    cx: Number
+    cy: Number
+    distortion: tuple[Number, Number, Number, Number, Number] = Field(
+        default=(0.0, 0.0, 0.0, 0.0, 0.0), description="k1, k2, p1, p2, k3"
+    )
+
+
+class LocationIn(BaseModel):
+    """Where the meal was, WGS84. Kept only if the study keeps locations."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    latitude: Number = Field(ge=-90, le=90)
+    longitude: Number = Field(ge=-180, le=180)
+    accuracy_m: Number | None = Field(default=None, ge=0)
+
+
+class MealMetadataIn(BaseModel):
+    """What the phone tells beside the photographs."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "example": {
+                "captured_at": "2026-11-21T12:30:00+08:00",
+                "time_zone": "Asia/Shanghai",
+                "marker": "plain:9x7:11",
+                "hints": [{"point": [812, 560], "food": "apple-raw"}],
+                "app_version": "1.4.0",
+            }
+        },
+    )
+
+    captured_at: datetime = Field(description="When the left photograph was taken: RFC 3339 with offset.")
+    time_zone: str = Field(min_length=1, max_length=64, description="IANA name, such as Asia/Shanghai.")
+    marker: str | None = Field(
+        default=None, max_length=64, description="KIND:COLSxROWS:MM, such as plain:9x7:11; default: the study's."
+    )
+    camera: CameraIn | None = None
+    hints: list[HintIn] = Field(default_factory=list, max_length=20)
+    location: LocationIn | None = None
+    app_version: str | None = Field(default=None, max_length=64)
+
+
+class NewMealMetadataIn(MealMetadataIn):
+    """The metadata part of POST /v1/meals: with the id that the phone made."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "id": "0b0ccda4-7f0e-4e34-9a39-1f0c6d3bb9c1",
+                "captured_at": "2026-11-21T12:30:00+08:00",
+                "time_zone": "Asia/Shanghai",
+                "hints": [{"point": [812, 560], "food": "apple-raw"}],
+            }
+        }
+    )
+
+    id: uuid.UUID = Field(description="Made by the phone, once a meal; the same id again is the same meal.")
+
+
+class ImageOut(BaseModel):
+    """One photograph that has arrived. `durable`: it is synced to disk and the phone may forget it."""
+
+    received_sha256: str
+    bytes: int
+    media_type: str
+    width_px: int
+    height_px: int
+    received_at: datetime
+    durable: Literal[True] = True
+
+
+class FailureOut(BaseModel):
+    """Why a meal could not be measured, for a person; what to do on the next try."""
+
+    code: str
+    message: str
+    advice: str
+
+
+class ArtefactOut(BaseModel):
+    """A picture or point cloud of one step."""
+
+    name: str
+    media_type: str
+    bytes: int
+    href: str
+
+
+class RunOut(BaseModel):
+    """The execution of the pipeline that the items come from."""
+
+    id: uuid.UUID
+    method: str
+    pipeline_version: str
+    marker: str
+    camera: dict[str, Any] | None
+    parameters: dict[str, Any]
+    stages: dict[str, float] = Field(description="Seconds a step.")
+    seconds: float
+    food_table: str | None
+    created_at: datetime
+    artefacts: list[ArtefactOut]
+
+
+class CandidateOut(BaseModel):
+    """A food that the item may be; source: who says so."""
+
+    food: FoodRef
+    probability: float | None
+    source: str
+
+
+class ItemOut(BaseModel):
+    """One food on the plate. Without a food, mass and nutrients are null and the meal needs review."""
+
+    id: uuid.UUID
+    status: str
+    polygon: list[list[tuple[float, float]]] = Field(
+        description="Rings in the left photograph's upright pixels, holes by the even-odd rule."
+    )
+    food: FoodRef | None
+    candidates: list[CandidateOut]
+    volume_ml: float
+    volume_interval_ml: tuple[float, float] = Field(description="90 % interval.")
+    density_g_per_ml: float | None
+    density_source: str | None
+    mass_g: float | None = Field(description="As seen, with peel, core and bone.")
+    mass_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
+    edible_g: float | None
+    nutrients: list[NutrientAmount]
+    flags: list[str]
+
+
+class MealOut(BaseModel):
+    """A meal: what has arrived, where it stands, what was found."""
+
+    id: uuid.UUID
+    study: str
+    participant: str
+    status: str = Field(description="receiving, queued, processing, estimated, needs_review, failed or confirmed")
+    stage: str | None = Field(description="The pipeline's step while processing.")
+    captured_at: datetime
+    time_zone: str
+    local_date: date
+    received_at: datetime
+    version: int
+    images: dict[str, ImageOut]
+    missing: list[str] = Field(description="Slots whose photographs have not arrived.")
+    failure: FailureOut | None
+    items: list[ItemOut]
+    run: RunOut | None

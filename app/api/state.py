@@ -1,0 +1,25 @@
+"""What the endpoints of one process share; app/main.py makes it, app/api/deps.py hands it out."""
+
+from dataclasses import dataclass
+
+import anyio
+
+from app.api.rate_limit import RateLimit
+from app.api.waiting import MealWaiter
+from app.db.session import Database
+from app.services.submit_meal import SubmitMeal
+from app.settings import Settings
+from app.storage.blob_store import BlobStore
+
+
+@dataclass(frozen=True, slots=True)
+class ApiState:
+    """Parts made once a process."""
+
+    settings: Settings
+    database: Database
+    blobs: BlobStore
+    submit_meal: SubmitMeal
+    waiter: MealWaiter
+    upload_limiter: anyio.CapacityLimiter
+    enrolment_limit: RateLimit

@@ -1,0 +1,267 @@
+"""A request's body to files in the staging folder, piece by piece: memory stays bounded, limits hold while it streams.
+
+Multipart is parsed with python-multipart's low-level parser. Bytes are gathered to a megabyte and written and hashed in
+a thread, of which at most `max_uploads` work at a time. Whatever ends the request early (a limit, a cut connection)
+removes the files.
+"""
+
+import contextlib
+import hashlib
+import os
+import tempfile
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+import anyio
+import anyio.to_thread
+from python_multipart.exceptions import FormParserError
+from python_multipart.multipart import MultipartParser, parse_options_header
+from starlette.requests import Request
+
+from app.errors import MalformedRequestError, TooLargeError, UnsupportedMediaError
+from app.services.receive_photo import ReceivedFile
+
+WRITE_BYTES = 1024 * 1024
+HEADER_BYTES = 8 * 1024  # all headers of one part
+PHOTO_TYPES = frozenset(
+    {"image/jpeg", "image/jpg", "image/png", "image/heic", "image/heif", "application/octet-stream"}
+)
+METADATA = "metadata"
+
+
+@dataclass(frozen=True, slots=True)
+class UploadLimits:
+    """Bytes of one photograph and of the metadata part, at most."""
+
+    photo_bytes: int
+    metadata_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedParts:
+    """What a request held: the metadata's bytes, or None, and the photographs by slot."""
+
+    metadata: bytes | None
+    files: Mapping[str, ReceivedFile]
+
+
+class _FileInTheMaking:
+    """A staged file that takes bytes in large writes."""
+
+    def __init__(self, folder: Path, name: str, limit: int) -> None:
+        handle, path = tempfile.mkstemp(dir=folder)
+        self.path = Path(path)
+        self._file: BinaryIO = os.fdopen(handle, "wb")
+        self._hash = hashlib.sha256()
+        self._pending = bytearray()
+        self._name = name
+        self._limit = limit
+        self._bytes = 0
+
+    def add(self, data: bytes) -> None:
+        """Take some bytes. Raises TooLargeError past the limit."""
+        self._bytes += len(data)
+        if self._bytes > self._limit:
+            raise TooLargeError(
+                f"The {self._name} photograph is larger than {self._limit} bytes, the limit.",
+                code="image_too_large",
+                slot=self._name,
+                limit_bytes=self._limit,
+            )
+        self._pending += data
+
+    @property
+    def wants_writing(self) -> bool:
+        """Whether enough has gathered for a write."""
+        return len(self._pending) >= WRITE_BYTES
+
+    def write(self) -> None:
+        """Hash and write what has gathered. Blocks."""
+        self._hash.update(self._pending)
+        self._file.write(self._pending)
+        self._pending = bytearray()
+
+    def finish(self) -> ReceivedFile:
+        """Write the rest and close. Blocks."""
+        self.write()
+        self._file.close()
+        return ReceivedFile(self.path, self._hash.hexdigest(), self._bytes)
+
+    def discard(self) -> None:
+        """Close and remove, wherever it stands."""
+        with contextlib.suppress(OSError):  # what is still buffered may not fit the disk
+            self._file.close()
+        self.path.unlink(missing_ok=True)
+
+
+@asynccontextmanager
+async def received_parts(
+    request: Request, slots: tuple[str, ...], staging: Path, limits: UploadLimits, limiter: anyio.CapacityLimiter
+) -> AsyncIterator[ReceivedParts]:
+    """The parts of a multipart request; their files are gone at the end unless the service has moved them."""
+    reader = _MultipartReader(_boundary(request), slots, staging, limits)
+    try:
+        async for chunk in request.stream():
+            reader.feed(chunk)
+            for file in reader.writable():
+                await anyio.to_thread.run_sync(file.write, limiter=limiter)
+        yield await anyio.to_thread.run_sync(reader.finish, limiter=limiter)
+    finally:
+        reader.discard()
+
+
+@asynccontextmanager
+async def received_body(
+    request: Request, slot: str, staging: Path, limits: UploadLimits, limiter: anyio.CapacityLimiter
+) -> AsyncIterator[ReceivedFile]:
+    """The whole body as one photograph; its file is gone at the end unless the service has moved it."""
+    _require_photo_type(request.headers.get("content-type", "application/octet-stream"), slot)
+    file = _FileInTheMaking(staging, slot, limits.photo_bytes)
+    try:
+        async for chunk in request.stream():
+            file.add(chunk)
+            if file.wants_writing:
+                await anyio.to_thread.run_sync(file.write, limiter=limiter)
+        yield await anyio.to_thread.run_sync(file.finish, limiter=limiter)
+    finally:
+        file.discard()
+
+
+def _boundary(request: Request) -> bytes:
+    kind, options = parse_options_header(request.headers.get("content-type"))
+    if kind != b"multipart/form-data":
+        raise UnsupportedMediaError("Send multipart/form-data with the parts metadata, left and right.")
+    boundary = options.get(b"boundary", b"")
+    if not boundary:
+        raise MalformedRequestError("The content type names no multipart boundary.")
+    return boundary
+
+
+def _require_photo_type(content_type: str, slot: str) -> None:
+    kind, _ = parse_options_header(content_type)
+    if kind.decode("latin-1").lower() not in PHOTO_TYPES:
+        raise UnsupportedMediaError(
+            f"The {slot} part is {content_type[:100]!r}: send a JPEG, PNG or HEIC as it came from the camera.",
+            slot=slot,
+        )
+
+
+@dataclass(slots=True)
+class _Part:
+    """The part that is being read: its headers so far, then where its bytes go."""
+
+    headers: dict[bytes, bytes] = field(default_factory=dict)
+    header_name: bytearray = field(default_factory=bytearray)
+    header_value: bytearray = field(default_factory=bytearray)
+    header_bytes: int = 0
+    name: str = ""
+
+
+class _MultipartReader:
+    """Turns the parser's callbacks into files and the metadata's bytes."""
+
+    def __init__(self, boundary: bytes, slots: tuple[str, ...], staging: Path, limits: UploadLimits) -> None:
+        self._slots = slots
+        self._staging = staging
+        self._limits = limits
+        self._part = _Part()
+        self._metadata: bytearray | None = None
+        self._files: dict[str, _FileInTheMaking] = {}
+        self._ended = False
+        self._parser = MultipartParser(
+            boundary,
+            {
+                "on_part_begin": self._on_part_begin,
+                "on_header_field": self._on_header_field,
+                "on_header_value": self._on_header_value,
+                "on_header_end": self._on_header_end,
+                "on_headers_finished": self._on_headers_finished,
+                "on_part_data": self._on_part_data,
+                "on_end": self._on_end,
+            },
+        )
+
+    def feed(self, chunk: bytes) -> None:
+        """Parse some bytes. Raises MalformedRequestError, TooLargeError, UnsupportedMediaError."""
+        try:
+            self._parser.write(chunk)
+        except FormParserError as error:
+            raise MalformedRequestError(f"The multipart body cannot be read: {error}") from error
+
+    def writable(self) -> list[_FileInTheMaking]:
+        """Files that have gathered enough to be written."""
+        return [file for file in self._files.values() if file.wants_writing]
+
+    def finish(self) -> ReceivedParts:
+        """Close the files. Raises MalformedRequestError if the closing boundary never came."""
+        if not self._ended:
+            raise MalformedRequestError("The multipart body ends before its closing boundary.", code="body_incomplete")
+        metadata = bytes(self._metadata) if self._metadata is not None else None
+        return ReceivedParts(metadata, {slot: file.finish() for slot, file in self._files.items()})
+
+    def discard(self) -> None:
+        """Remove all files that are still in the staging folder."""
+        for file in self._files.values():
+            file.discard()
+
+    def _on_part_begin(self) -> None:
+        self._part = _Part()
+
+    def _on_header_field(self, data: bytes, start: int, end: int) -> None:
+        self._count_header(end - start)
+        self._part.header_name += data[start:end]
+
+    def _on_header_value(self, data: bytes, start: int, end: int) -> None:
+        self._count_header(end - start)
+        self._part.header_value += data[start:end]
+
+    def _count_header(self, length: int) -> None:
+        self._part.header_bytes += length
+        if self._part.header_bytes > HEADER_BYTES:
+            raise TooLargeError(
+                f"A part's headers pass {HEADER_BYTES} bytes, the limit.",
+                code="part_header_too_large",
+                limit_bytes=HEADER_BYTES,
+            )
+
+    def _on_header_end(self) -> None:
+        self._part.headers[bytes(self._part.header_name).lower()] = bytes(self._part.header_value)
+        self._part.header_name, self._part.header_value = bytearray(), bytearray()
+
+    def _on_headers_finished(self) -> None:
+        _, options = parse_options_header(self._part.headers.get(b"content-disposition", b""))
+        name = options.get(b"name", b"").decode("utf-8", "replace")
+        known = (METADATA, *self._slots)
+        if name not in known:
+            raise MalformedRequestError(
+                f"There is no part {name[:60]!r}; the parts are {', '.join(known)}.", code="part_unknown"
+            )
+        if name in self._files or (name == METADATA and self._metadata is not None):
+            raise MalformedRequestError(f"The part {name} comes twice.", code="part_repeated")
+        self._part.name = name
+        if name == METADATA:
+            self._metadata = bytearray()
+            return
+        _require_photo_type(
+            self._part.headers.get(b"content-type", b"application/octet-stream").decode("latin-1"), name
+        )
+        self._files[name] = _FileInTheMaking(self._staging, name, self._limits.photo_bytes)
+
+    def _on_part_data(self, data: bytes, start: int, end: int) -> None:
+        if self._part.name != METADATA:
+            self._files[self._part.name].add(data[start:end])
+            return
+        metadata = self._metadata if self._metadata is not None else bytearray()
+        metadata += data[start:end]
+        if len(metadata) > self._limits.metadata_bytes:
+            raise TooLargeError(
+                f"The metadata part is larger than {self._limits.metadata_bytes} bytes, the limit.",
+                code="metadata_too_large",
+                limit_bytes=self._limits.metadata_bytes,
+            )
+
+    def _on_end(self) -> None:
+        self._ended = True

@@ -1,0 +1,60 @@
+"""SQL of meals and their photographs."""
+
+import uuid
+from collections.abc import Collection, Sequence
+from datetime import datetime
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.db.models import Meal, MealImage, Participant, Study
+
+WAITING = ("queued", "processing")
+
+
+def lock_meal(session: Session, meal_id: uuid.UUID) -> Meal | None:
+    """The meal, locked for this transaction (SQLite's write transactions are alone anyway)."""
+    return session.scalars(sa.select(Meal).where(Meal.id == meal_id).with_for_update()).one_or_none()
+
+
+def images_of(session: Session, meal_id: uuid.UUID) -> list[MealImage]:
+    """A meal's photographs by slot."""
+    return list(session.scalars(sa.select(MealImage).where(MealImage.meal_id == meal_id).order_by(MealImage.slot)))
+
+
+def find_meals(
+    session: Session, client_id: uuid.UUID, *, participant_id: uuid.UUID | None, participant_code: str | None
+) -> list[tuple[Meal, str, str]]:
+    """(meal, participant's code, study's code) of all meals of this client id that the filters leave, at most two."""
+    query = (
+        sa.select(Meal, Participant.code, Study.code)
+        .join(Participant, Participant.id == Meal.participant_id)
+        .join(Study, Study.id == Meal.study_id)
+        .where(Meal.client_id == client_id)
+        .limit(2)
+    )
+    if participant_id is not None:
+        query = query.where(Meal.participant_id == participant_id)
+    if participant_code is not None:
+        query = query.where(Participant.code == participant_code)
+    return [(meal, participant, study) for meal, participant, study in session.execute(query)]
+
+
+def versions_of(session: Session, meal_ids: Collection[uuid.UUID]) -> Sequence[sa.Row[*tuple[Any, ...]]]:
+    """(id, version) of these meals: what the waiters' poller asks for."""
+    return session.execute(sa.select(Meal.id, Meal.version).where(Meal.id.in_(meal_ids))).all()
+
+
+def set_progress(session: Session, meal_id: uuid.UUID, *, status: str, stage: str | None) -> None:
+    """Move a waiting meal on; one that is finished meanwhile is left alone."""
+    session.execute(
+        sa.update(Meal)
+        .where(Meal.id == meal_id, Meal.status.in_(WAITING))
+        .values(status=status, stage=stage, version=Meal.version + 1)
+    )
+
+
+def oldest_waiting(session: Session) -> datetime | None:
+    """When the meal that has waited longest was submitted."""
+    return session.execute(sa.select(sa.func.min(Meal.submitted_at)).where(Meal.status == "queued")).scalar_one()

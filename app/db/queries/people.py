@@ -1,0 +1,64 @@
+"""SQL of studies, participants, devices, staff, enrolments and tokens."""
+
+import uuid
+from datetime import datetime
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.db.models import AccessToken, Device, Enrolment, Participant, Staff, Study
+
+
+def find_token(session: Session, token_sha256: str, now: datetime) -> sa.Row[*tuple[Any, ...]] | None:
+    """(staff_id, is_admin, device_id, participant_id, study_id) of a token that is valid now, or None."""
+    query = (
+        sa.select(
+            AccessToken.staff_id,
+            Staff.is_admin,
+            AccessToken.device_id,
+            Device.participant_id,
+            Participant.study_id,
+        )
+        .outerjoin(Staff, Staff.id == AccessToken.staff_id)
+        .outerjoin(Device, Device.id == AccessToken.device_id)
+        .outerjoin(Participant, Participant.id == Device.participant_id)
+        .where(
+            AccessToken.token_sha256 == token_sha256,
+            AccessToken.revoked_at.is_(None),
+            sa.or_(AccessToken.expires_at.is_(None), AccessToken.expires_at > now),
+        )
+    )
+    return session.execute(query).one_or_none()
+
+
+def find_study(session: Session, code: str) -> Study | None:
+    """The study of this code."""
+    return session.scalars(sa.select(Study).where(Study.code == code)).one_or_none()
+
+
+def list_studies(session: Session) -> list[Study]:
+    """All studies by code."""
+    return list(session.scalars(sa.select(Study).order_by(Study.code)))
+
+
+def find_participant(session: Session, study_id: uuid.UUID, code: str) -> Participant | None:
+    """The participant of this code in a study."""
+    query = sa.select(Participant).where(Participant.study_id == study_id, Participant.code == code)
+    return session.scalars(query).one_or_none()
+
+
+def find_staff(session: Session, name: str) -> Staff | None:
+    """The staff member of this name."""
+    return session.scalars(sa.select(Staff).where(Staff.name == name)).one_or_none()
+
+
+def take_enrolment(session: Session, code_sha256: str, now: datetime) -> Enrolment | None:
+    """Mark a valid code as used and return it; None if it is unknown, used or expired. Of two callers one wins."""
+    query = (
+        sa.update(Enrolment)
+        .where(Enrolment.code_sha256 == code_sha256, Enrolment.used_at.is_(None), Enrolment.expires_at > now)
+        .values(used_at=now)
+        .returning(Enrolment)
+    )
+    return session.scalars(query).one_or_none()

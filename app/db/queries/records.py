@@ -1,0 +1,166 @@
+"""SQL of runs, items and effective records. Records page by the immutable (captured_at, item id)."""
+
+import uuid
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date, datetime
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.db.models import (
+    Component,
+    EffectiveRecord,
+    Food,
+    FoodNutrient,
+    FoodRelease,
+    Item,
+    ItemCandidate,
+    Meal,
+    Participant,
+    Run,
+    RunArtefact,
+    Study,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordFilter:
+    """Which records: None leaves a filter out. first_day and last_day are local days, both included."""
+
+    study_code: str | None = None
+    participant_code: str | None = None
+    participant_id: uuid.UUID | None = None
+    first_day: date | None = None
+    last_day: date | None = None
+    food_key: str | None = None
+    status: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RecordRow:
+    """An effective record with the names that go with it."""
+
+    record: EffectiveRecord
+    meal_client_id: uuid.UUID
+    time_zone: str
+    study_code: str
+    participant_code: str
+    food: Food | None
+    food_release: str | None
+
+
+def page_of_records(
+    session: Session, chosen: RecordFilter, *, after: tuple[datetime, uuid.UUID] | None, limit: int
+) -> list[RecordRow]:
+    """At most `limit` records in the order of (captured_at, item id), those behind `after`."""
+    record = EffectiveRecord
+    query = _rows().order_by(record.captured_at, record.item_id).limit(limit)
+    conditions = {
+        Study.code: chosen.study_code,
+        Participant.code: chosen.participant_code,
+        record.participant_id: chosen.participant_id,
+        record.status: chosen.status,
+        Food.key: chosen.food_key,
+    }
+    for column, value in conditions.items():
+        if value is not None:
+            query = query.where(column == value)
+    if chosen.first_day is not None:
+        query = query.where(record.local_date >= chosen.first_day)
+    if chosen.last_day is not None:
+        query = query.where(record.local_date <= chosen.last_day)
+    if after is not None:
+        query = query.where(sa.tuple_(record.captured_at, record.item_id) > sa.tuple_(*_bound(after)))
+    return [_row(row) for row in session.execute(query)]
+
+
+def records_of_run(session: Session, run_id: uuid.UUID) -> list[tuple[Item, RecordRow]]:
+    """A run's items with their effective records, in their order."""
+    query = (
+        _rows()
+        .add_columns(Item)
+        .join(Item, Item.id == EffectiveRecord.item_id)
+        .where(Item.run_id == run_id)
+        .order_by(Item.position)
+    )
+    return [(row[-1], _row(row[:-1])) for row in session.execute(query)]
+
+
+def candidates_of_run(session: Session, run_id: uuid.UUID) -> dict[uuid.UUID, list[tuple[Food, float | None, str]]]:
+    """(food, probability, source) of each item, best first."""
+    query = (
+        sa.select(ItemCandidate, Food)
+        .join(Item, Item.id == ItemCandidate.item_id)
+        .join(Food, Food.id == ItemCandidate.food_id)
+        .where(Item.run_id == run_id)
+        .order_by(ItemCandidate.item_id, ItemCandidate.position)
+    )
+    found: dict[uuid.UUID, list[tuple[Food, float | None, str]]] = {}
+    for candidate, food in session.execute(query):
+        found.setdefault(candidate.item_id, []).append((food, candidate.probability, candidate.source))
+    return found
+
+
+def last_run(session: Session, meal_id: uuid.UUID) -> Run | None:
+    """The meal's newest run."""
+    query = sa.select(Run).where(Run.meal_id == meal_id).order_by(Run.created_at.desc(), Run.id).limit(1)
+    return session.scalars(query).one_or_none()
+
+
+def artefacts_of(session: Session, run_id: uuid.UUID) -> list[RunArtefact]:
+    """A run's pictures and point clouds by name."""
+    return list(session.scalars(sa.select(RunArtefact).where(RunArtefact.run_id == run_id).order_by(RunArtefact.name)))
+
+
+def nutrients_of(session: Session, food_id: int) -> list[tuple[str, str, str, float]]:
+    """(tagname, name, unit, amount in 100 g edible portion) of all components that are known of a food."""
+    query = (
+        sa.select(Component.tagname, Component.name, Component.unit, FoodNutrient.per_100_g)
+        .join(FoodNutrient, FoodNutrient.tagname == Component.tagname)
+        .where(FoodNutrient.food_id == food_id)
+        .order_by(Component.tagname)
+    )
+    return [(tagname, name, unit, amount) for tagname, name, unit, amount in session.execute(query)]
+
+
+def next_change_seq(session: Session, study_id: uuid.UUID) -> int:
+    """Count a change of the study; the counter's row stays locked until commit, so numbers appear in order."""
+    query = (
+        sa.update(Study).where(Study.id == study_id).values(change_seq=Study.change_seq + 1).returning(Study.change_seq)
+    )
+    return session.execute(query).scalar_one()
+
+
+def _rows() -> sa.Select[*tuple[Any, ...]]:
+    record = EffectiveRecord
+    return (
+        sa.select(
+            record,
+            Meal.client_id,
+            Meal.time_zone,
+            Study.code,
+            Participant.code,
+            Food,
+            FoodRelease.name + " " + FoodRelease.version,
+        )
+        .join(Meal, Meal.id == record.meal_id)
+        .join(Study, Study.id == record.study_id)
+        .join(Participant, Participant.id == record.participant_id)
+        .outerjoin(Food, Food.id == record.food_id)
+        .outerjoin(FoodRelease, FoodRelease.id == Food.release_id)
+    )
+
+
+def _row(values: Sequence[Any]) -> RecordRow:
+    return RecordRow(*values)
+
+
+def _bound(after: tuple[datetime, uuid.UUID]) -> tuple[sa.BindParameter[Any], sa.BindParameter[Any]]:
+    captured_at, item_id = after
+    record = EffectiveRecord
+    return (
+        sa.bindparam(None, captured_at, type_=record.captured_at.type),
+        sa.bindparam(None, item_id, type_=record.item_id.type),
+    )

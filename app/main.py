@@ -1,0 +1,94 @@
+"""The HTTP composition root: settings in, app out. `create_app(settings)` opens nothing; its lifespan does."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import anyio
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from app import __version__
+from app.api import enrolments, foods, health, meals, records, studies
+from app.api.body_limit import BodyLimit
+from app.api.problems import Problem, install_problem_handlers
+from app.api.rate_limit import RateLimit
+from app.api.request_log import RequestLog
+from app.api.schemas.meals import MealMetadataIn, NewMealMetadataIn
+from app.api.state import ApiState
+from app.api.waiting import MealWaiter
+from app.db.session import Database
+from app.jobs.engine import JobQueue
+from app.services.prepare import prepare
+from app.services.submit_meal import SubmitMeal
+from app.settings import Settings
+from app.storage.opening import open_blob_store
+
+DESCRIPTION = """
+Image-based dietary assessment. A phone sends a meal as two photographs, from the left and from the right, with a
+printed checkerboard beside the plate; the server measures each food's volume, turns it into grams and nutrients, and
+serves records. Times are RFC 3339 with offset; units stand in the names; errors are RFC 9457 problem documents with a
+stable `code`.
+"""
+OUT_OF_ROUTES = (Problem, MealMetadataIn, NewMealMetadataIn)  # read from streams, so FastAPI does not see their schemas
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """The app of one process."""
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        database = Database(settings.resolved_database_url)
+        blobs = open_blob_store(settings.resolved_blob_url)
+        await anyio.to_thread.run_sync(prepare, database, settings)
+        queue = JobQueue(database)
+        waiter = MealWaiter(database)
+        app.state.api = ApiState(
+            settings=settings,
+            database=database,
+            blobs=blobs,
+            submit_meal=SubmitMeal(database, blobs, queue, settings),
+            waiter=waiter,
+            upload_limiter=anyio.CapacityLimiter(settings.max_uploads),
+            enrolment_limit=RateLimit(settings.enrolment_attempts_per_minute),
+        )
+        try:
+            yield
+        finally:
+            await waiter.close()
+            queue.close()
+            database.dispose()
+
+    app = FastAPI(
+        title="tada-server",
+        version=__version__,
+        description=DESCRIPTION,
+        license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
+        lifespan=lifespan,
+    )
+    install_problem_handlers(app)
+    app.add_middleware(BodyLimit)
+    app.add_middleware(RequestLog)
+    for resource in (meals, records, foods, enrolments, studies, health):
+        app.include_router(resource.router)
+    app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]  # FastAPI's own way to extend the document
+    return app
+
+
+def _openapi(app: FastAPI) -> dict[str, Any]:
+    """OpenAPI with the schemas of bodies that are read from streams."""
+    if app.openapi_schema is None:
+        schema = get_openapi(
+            title=app.title,
+            version=app.version,
+            description=app.description,
+            license_info=app.license_info,
+            routes=app.routes,
+        )
+        schemas = schema["components"]["schemas"]
+        for model in OUT_OF_ROUTES:
+            found = model.model_json_schema(ref_template="#/components/schemas/{model}")
+            schemas |= found.pop("$defs", {})
+            schemas[model.__name__] = found
+        app.openapi_schema = schema
+    return app.openapi_schema

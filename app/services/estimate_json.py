@@ -1,0 +1,124 @@
+"""The pipeline's options and answer as JSON: to and from the child process, in the store, on the command line."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from app.errors import Failure
+from app.vision.camera import camera_from_mapping
+from app.vision.marker import parse_marker
+from app.vision.model import Camera, EstimateOptions, Float64Array, Hint, ItemEstimate, MealEstimate
+
+PIXEL_DECIMALS = 1  # an outline is no finer than that
+
+
+def options_to_json(options: EstimateOptions) -> dict[str, Any]:
+    """EstimateOptions as JSON."""
+    return {
+        "marker": str(options.marker),
+        "camera": camera_to_json(options.camera) if options.camera is not None else None,
+        "method": options.method,
+        "hints": [hint_to_json(hint) for hint in options.hints],
+        "seed": options.seed,
+    }
+
+
+def options_from_json(value: Mapping[str, Any]) -> EstimateOptions:
+    """The reverse of options_to_json. Raises InvalidInputError for a marker or camera that cannot be."""
+    return EstimateOptions(
+        marker=parse_marker(value["marker"]),
+        camera=camera_from_mapping(value["camera"]) if value.get("camera") is not None else None,
+        method=value.get("method", "paper"),
+        hints=tuple(hint_from_json(hint) for hint in value.get("hints", ())),
+        seed=int(value.get("seed", 0)),
+    )
+
+
+def camera_to_json(camera: Camera) -> dict[str, Any]:
+    """A camera with the keys of a camera file."""
+    return {
+        "width": camera.width,
+        "height": camera.height,
+        "fx": camera.fx,
+        "fy": camera.fy,
+        "cx": camera.cx,
+        "cy": camera.cy,
+        "distortion": list(camera.distortion),
+        "source": camera.source,
+    }
+
+
+def hint_to_json(hint: Hint) -> dict[str, Any]:
+    """A hint without its empty fields."""
+    fields: dict[str, Any] = {
+        "point": hint.point,
+        "box": hint.box,
+        "polygon": hint.polygon,
+        "food": hint.food,
+        "form": hint.form,
+    }
+    return {name: value for name, value in fields.items() if value is not None}
+
+
+def hint_from_json(value: Mapping[str, Any]) -> Hint:
+    """The reverse of hint_to_json; lists become tuples."""
+    polygon = value.get("polygon")
+    return Hint(
+        point=_tuple(value.get("point")),
+        box=_tuple(value.get("box")),
+        polygon=tuple((float(x), float(y)) for x, y in polygon) if polygon is not None else None,
+        food=value.get("food"),
+        form=value.get("form"),
+    )
+
+
+def estimate_to_json(estimate: MealEstimate, options: EstimateOptions) -> dict[str, Any]:
+    """A MealEstimate as JSON, without its artefacts. Keys: see docs/cli.md, `tada estimate --json`."""
+    failure, views = estimate.failure, estimate.views
+    return {
+        "items": [_item(item) for item in estimate.items],
+        "failure": failure_to_json(failure) if failure is not None else None,
+        "marker": str(options.marker),
+        "camera": camera_to_json(views[0].camera) if views is not None else None,
+        "camera_right": camera_to_json(views[1].camera) if views is not None else None,
+        "stages": {name: round(seconds, 4) for name, seconds in estimate.stages.items()},
+        "seconds": round(sum(estimate.stages.values()), 4),
+        "method": estimate.method,
+        "pipeline_version": estimate.pipeline_version,
+        "parameters": dict(estimate.parameters),
+    }
+
+
+def failure_to_json(failure: Failure) -> dict[str, str]:
+    """A failure as JSON."""
+    return {"code": failure.code, "message": failure.message, "advice": failure.advice}
+
+
+def with_forms(options: EstimateOptions, forms: Mapping[str, Any]) -> EstimateOptions:
+    """Options whose hints know their food's slice form; forms: food's key to form."""
+    hints = tuple(replace(hint, form=forms.get(hint.food)) if hint.food else hint for hint in options.hints)
+    return replace(options, hints=hints)
+
+
+def _item(item: ItemEstimate) -> dict[str, Any]:
+    rings = [_ring(ring) for ring in item.rings]
+    return {
+        "polygon": rings[0] if len(rings) == 1 else rings,
+        "volume_ml": round(item.volume_ml, 3),
+        "volume_interval_ml": [round(bound, 3) for bound in item.volume_interval_ml],
+        "relative_sd": {part: round(sd, 5) for part, sd in item.relative_sd.items()},
+        "candidates": [],
+        "hint": item.hint,
+        "flags": list(item.flags),
+    }
+
+
+def _ring(ring: Float64Array) -> list[list[float]]:
+    rounded: list[list[float]] = np.round(ring, PIXEL_DECIMALS).tolist()
+    return rounded
+
+
+def _tuple(value: Sequence[float] | None) -> Any:
+    return tuple(float(number) for number in value) if value is not None else None

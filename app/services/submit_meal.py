@@ -1,0 +1,271 @@
+"""A phone's meal comes in: whole in one request or part by part, any part again, until it is complete and queued.
+
+Photographs are sealed in the blob store first; then meal, photographs and job are written in one transaction. What is
+acknowledged is on disk; what is sent again is recognised by its SHA-256.
+"""
+
+import contextlib
+import errno
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Protocol
+
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from app.db.models import Job, Meal, MealImage, Study
+from app.db.models.meal import SLOTS
+from app.db.queries import meals
+from app.db.session import Database
+from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundError, StorageFullError
+from app.services.caller import DeviceCaller
+from app.services.meal_time import MealTime
+from app.services.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
+from app.settings import Settings
+from app.storage.blob_store import BlobStore
+
+MEAL_NAMESPACE = uuid.UUID("6f0d3d0a-6c0c-4e0e-9a53-52f9b4a4d7f1")  # drawn once; our ids are derived under it
+RETRY_AFTER_SECONDS = 60
+COMPARED = ("captured_at", "time_zone", "marker", "camera", "hints", "app_version")  # equal: the same meal again
+
+
+class JobQueue(Protocol):
+    """Where jobs wait (jobs/engine.py)."""
+
+    def enqueue(self, session: Session, job_id: uuid.UUID) -> None:
+        """Make the job run once the session's transaction is committed."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class MealMetadata:
+    """What the phone tells beside the photographs, checked. location: WGS84, degrees."""
+
+    client_id: uuid.UUID
+    time: MealTime
+    marker: str | None = None
+    camera: Mapping[str, Any] | None = None
+    hints: tuple[Mapping[str, Any], ...] = ()
+    location: Mapping[str, float] | None = None
+    app_version: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Submitted:
+    """meal_id: ours. is_new: something was kept that was not there before."""
+
+    meal_id: uuid.UUID
+    is_new: bool
+
+
+class SubmitMeal:
+    """The use case; one a process."""
+
+    def __init__(self, database: Database, blobs: BlobStore, queue: JobQueue, settings: Settings) -> None:
+        self._database = database
+        self._blobs = blobs
+        self._queue = queue
+        self._settings = settings
+
+    def require_room(self) -> None:
+        """Refuse an upload early while the disk is nearly full. Raises StorageFullError."""
+        free = self._blobs.free_bytes()
+        if free is not None and free < self._settings.min_free_bytes:
+            raise _storage_full()
+
+    def submit(
+        self,
+        caller: DeviceCaller,
+        client_id: uuid.UUID,
+        metadata: MealMetadata | None,
+        files: Mapping[str, ReceivedFile],
+    ) -> Submitted:
+        """Keep what came. metadata None: the meal must be known already.
+
+        Raises InvalidInputError, TooLargeError, UnsupportedMediaError (nothing kept), NotFoundError, ConflictError
+        (the id holds something else), GoneError (deleted), StorageFullError.
+        """
+        meal_id = uuid.uuid5(MEAL_NAMESPACE, f"{caller.participant_id}/{client_id}")
+        with self._database.read() as session:
+            study = session.get_one(Study, caller.study_id)
+        details = _details(metadata, study) if metadata is not None else None
+        if metadata is not None and metadata.marker is None and study.marker is None:
+            raise InvalidInputError(
+                "Neither the metadata nor the study says which marker lies beside the plate: send marker, "
+                "such as plain:9x7:11.",
+                code="marker_missing",
+            )
+        photos = {
+            slot: prepare_photo(
+                slot,
+                file,
+                max_pixels=self._settings.max_photo_pixels,
+                keep_location=study.location_policy == "keep",
+            )
+            for slot, file in files.items()
+        }
+        with self._database.read() as session:  # before sealing, so that a refused request leaves no blob
+            stored = self._check(session, meal_id, details, photos)
+        keys = {slot: f"{study.id}/{meal_id}/{slot}/{photo.stored_sha256}" for slot, photo in photos.items()}
+        try:
+            for slot, photo in photos.items():
+                if slot not in stored:
+                    self._blobs.put_file(keys[slot], photo.path)
+        except OSError as error:
+            self._discard(keys, stored)
+            if error.errno in (errno.ENOSPC, errno.EDQUOT):
+                raise _storage_full() from error
+            raise
+        try:
+            try:
+                return self._write(caller, client_id, meal_id, metadata, details, photos, keys)
+            except IntegrityError:  # the same meal came twice at the same time and the other was first
+                return self._write(caller, client_id, meal_id, metadata, details, photos, keys)
+        except ConflictError:  # the other one, which came at the same time, had other bytes
+            self._discard(keys, self._stored_keys(meal_id))
+            raise
+
+    def _check(
+        self,
+        session: Session,
+        meal_id: uuid.UUID,
+        details: Mapping[str, Any] | None,
+        photos: Mapping[str, SealablePhoto],
+    ) -> dict[str, MealImage]:
+        meal = session.get(Meal, meal_id)
+        if meal is None:
+            if details is None:
+                raise NotFoundError("There is no such meal yet: PUT /v1/meals/{id} with its metadata first.")
+            return {}
+        if meal.deleted_at is not None:
+            raise GoneError("This meal was deleted; it cannot be sent again.", code="meal_deleted")
+        changed = sorted(k for k in COMPARED if details is not None and details[k] != meal.details.get(k))
+        if changed:
+            raise ConflictError(
+                "A meal with this id is already here with other metadata. Use a new id for a new meal.",
+                code="meal_id_reused",
+                fields=changed,
+            )
+        stored = {image.slot: image for image in meals.images_of(session, meal_id)}
+        for slot, photo in photos.items():
+            if slot in stored and stored[slot].received_sha256 != photo.received_sha256:
+                raise ConflictError(
+                    f"A meal with this id already has another {slot} photograph. Use a new id for a new meal.",
+                    code="meal_id_reused",
+                    slot=slot,
+                    stored_sha256=stored[slot].received_sha256,
+                )
+        return stored
+
+    def _write(
+        self,
+        caller: DeviceCaller,
+        client_id: uuid.UUID,
+        meal_id: uuid.UUID,
+        metadata: MealMetadata | None,
+        details: dict[str, Any] | None,
+        photos: Mapping[str, SealablePhoto],
+        keys: Mapping[str, str],
+    ) -> Submitted:
+        now = datetime.now(UTC)
+        with self._database.write() as session:
+            meal = meals.lock_meal(session, meal_id)
+            stored = self._check(session, meal_id, details, photos)
+            is_new = meal is None
+            if meal is None and metadata is not None and details is not None:
+                meal = _new_meal(caller, client_id, meal_id, metadata, details, now)
+                session.add(meal)
+                session.flush()
+            if meal is None:
+                raise NotFoundError("There is no such meal yet: PUT /v1/meals/{id} with its metadata first.")
+            for slot, photo in photos.items():
+                if slot not in stored:
+                    session.add(_new_image(meal_id, slot, photo, keys[slot], now))
+                    meal.version += 1
+                    is_new = True
+            if meal.status == "receiving" and set(stored) | set(photos) == set(SLOTS):
+                self._queue_estimate(session, meal, now)
+        return Submitted(meal_id, is_new)
+
+    def _queue_estimate(self, session: Session, meal: Meal, now: datetime) -> None:
+        job = Job(id=uuid.uuid4(), meal_id=meal.id, state="queued", attempts=0, enqueued_at=now)
+        session.add(job)
+        meal.status, meal.submitted_at = "queued", now
+        meal.version += 1
+        session.flush()
+        self._queue.enqueue(session, job.id)
+
+    def _stored_keys(self, meal_id: uuid.UUID) -> dict[str, MealImage]:
+        with self._database.read() as session:
+            return {image.slot: image for image in meals.images_of(session, meal_id)}
+
+    def _discard(self, keys: Mapping[str, str], stored: Mapping[str, MealImage]) -> None:
+        """Remove blobs of a refused upload, but none that a row names."""
+        kept = {image.blob_key for image in stored.values()}
+        for key in keys.values():
+            if key not in kept:
+                with contextlib.suppress(OSError):  # the orphan goes with the next clean-up
+                    self._blobs.delete(key)
+
+
+def _details(metadata: MealMetadata, study: Study) -> dict[str, Any]:
+    """What is kept of the metadata: a location only if the study keeps locations."""
+    return {
+        "captured_at": metadata.time.captured_at.isoformat(),
+        "time_zone": metadata.time.time_zone,
+        "marker": metadata.marker,
+        "camera": dict(metadata.camera) if metadata.camera is not None else None,
+        "hints": [dict(hint) for hint in metadata.hints],
+        "location": dict(metadata.location) if metadata.location and study.location_policy == "keep" else None,
+        "app_version": metadata.app_version,
+    }
+
+
+def _new_meal(
+    caller: DeviceCaller,
+    client_id: uuid.UUID,
+    meal_id: uuid.UUID,
+    metadata: MealMetadata,
+    details: dict[str, Any],
+    now: datetime,
+) -> Meal:
+    return Meal(
+        id=meal_id,
+        client_id=client_id,
+        study_id=caller.study_id,
+        participant_id=caller.participant_id,
+        device_id=caller.device_id,
+        captured_at=metadata.time.captured_at,
+        utc_offset_minutes=metadata.time.utc_offset_minutes,
+        time_zone=metadata.time.time_zone,
+        local_date=metadata.time.local_date,
+        details=details,
+        status="receiving",
+        version=1,
+        received_at=now,
+    )
+
+
+def _new_image(meal_id: uuid.UUID, slot: str, photo: SealablePhoto, key: str, now: datetime) -> MealImage:
+    return MealImage(
+        id=uuid.uuid4(),
+        meal_id=meal_id,
+        slot=slot,
+        media_type=photo.media_type,
+        width_px=photo.width_px,
+        height_px=photo.height_px,
+        bytes=photo.bytes,
+        received_sha256=photo.received_sha256,
+        stored_sha256=photo.stored_sha256,
+        blob_key=key,
+        received_at=now,
+    )
+
+
+def _storage_full() -> StorageFullError:
+    return StorageFullError(
+        "The server's disk is nearly full. Nothing was kept: keep the meal on the phone and try again later.",
+        retry_after_seconds=RETRY_AFTER_SECONDS,
+    )
