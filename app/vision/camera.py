@@ -9,33 +9,27 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-import cv2
 import numpy as np
-from scipy.optimize import least_squares
 
 from app.errors import Failure, InvalidInputError
 from app.vision.model import (
     Camera,
     EstimateOptions,
-    Float64Array,
     MarkerObservation,
-    MarkerSpec,
     Photo,
     PhotoPair,
     View,
 )
+from app.vision.pose import fit_board
 
 DIAGONAL_35MM = math.hypot(36.0, 24.0)  # CIPA DCG-001: the 35 mm equivalent focal length goes by the diagonal
 DEFAULT_FOCAL_35MM = 28.0  # the main camera of most phones, where EXIF tells nothing
-FOCAL_SPREAD_EXIF = 0.08  # relative; EXIF rounds to whole mm, makers give the lens's nominal value
-FOCAL_SPREAD_UNKNOWN = 0.25  # main cameras of phones lie between 22 and 35 mm
-CORNER_SD_PX_AT_12MP = 0.5  # what flat, undistorted theory leaves: paper half a millimetre off flat, not the detector
-LONG_SIDE_12MP = 4000.0
 MIN_VIEW_ANGLE_DEG = (
     1.5  # below, 0.3 px of disparity noise passes 10 mm of depth at 400 mm (CONVENTIONS.md, "Baseline")
 )
 MAX_VIEW_ANGLE_DEG = 45.0  # beyond, the two views show different sides of a food and hardly match
-MAX_RMS_SQUARES = 0.05  # of the shortest square in px; bent paper and a camera file of another day stay below 0.02
+MAX_RMS_SQUARES = 0.03  # of the shortest square in px; detected corners leave 0.003, another camera's file 0.05
+MAX_BEND_MM = 5.0  # at the board's edge; bent further, heights over the sheet mean little
 SAME_CORNERS_PX = 0.01  # no two exposures by hand agree to a hundredth of a pixel
 CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
 ROUNDING_PX = 1.0  # a scaled photograph's sides are whole numbers
@@ -112,54 +106,13 @@ def camera_from_exif(photo: Photo) -> Camera:
     )
 
 
-def board_points(spec: MarkerSpec) -> Float64Array:
-    """(n, 3) inner corners in the table frame, mm, row-major (CONVENTIONS.md, "Marker")."""
-    rows, columns = np.indices((spec.rows - 1, spec.columns - 1)).reshape(2, -1)
-    x = (columns + 1 - spec.columns / 2) * spec.square_mm
-    y = (spec.rows / 2 - rows - 1) * spec.square_mm
-    return np.stack([x, y, np.zeros_like(x)], axis=1).astype(np.float64)
-
-
-def solve_pose(camera: Camera, observation: MarkerObservation) -> tuple[Float64Array, Float64Array, float] | None:
-    """Rotation (3, 3), translation (3,) mm, table to camera, and rms (px) of the corners; None if there is no solution.
-
-    Of a plane's two poses (Collins and Bartoli, IPPE, 2014) the one that fits better once refined; a robust loss bears
-    with a few bad corners.
-    """
-    points = board_points(observation.spec)
-    solutions = cv2.solvePnPGeneric(
-        points, observation.corners_px, camera.matrix, np.array(camera.distortion), flags=cv2.SOLVEPNP_IPPE
-    )
-    best: tuple[Float64Array, Float64Array, float] | None = None
-    for rvec, tvec in zip(solutions[1], solutions[2], strict=True):
-        start = np.concatenate([np.ravel(rvec), np.ravel(tvec)])
-
-        def residual(pose: Float64Array) -> Float64Array:
-            return (project(camera, points, pose) - observation.corners_px).ravel()
-
-        if not np.isfinite(residual(start)).all():
-            continue
-        pose = least_squares(residual, start, loss="soft_l1", f_scale=_corner_sd_px(camera), x_scale="jac").x
-        rms = float(np.sqrt(np.mean(np.sum(residual(pose).reshape(-1, 2) ** 2, axis=1))))
-        rotation = np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64)
-        is_above = float(-(rotation.T @ pose[3:])[2]) > 0 and pose[5] > 0
-        if is_above and (best is None or rms < best[2]):
-            best = (rotation, pose[3:], rms)
-    return best
-
-
-def project(camera: Camera, points_table: Float64Array, pose: Float64Array) -> Float64Array:
-    """(n, 3) mm -> (n, 2) px with pose (rotation vector, translation), (6,)."""
-    projected, _ = cv2.projectPoints(points_table, pose[:3], pose[3:], camera.matrix, np.array(camera.distortion))
-    return np.asarray(projected, np.float64).reshape(-1, 2)
-
-
 def estimate_views(
     pair: PhotoPair, observations: tuple[MarkerObservation, MarkerObservation], options: EstimateOptions
 ) -> tuple[View, View] | Failure:
     """Camera and pose of both photographs from the marker's corners, which must agree (marker.agree_on_corners).
 
-    Failures: camera_mismatch, same_photograph, pose_unreliable, baseline_too_small, baseline_too_large.
+    A View's rms_px is against the sheet as bent as it was found to be. Failures: camera_mismatch, same_photograph,
+    pose_unreliable, baseline_too_small, baseline_too_large.
     """
     photos = (pair.left, pair.right)
     if _is_same_photograph(photos, observations):
@@ -177,21 +130,24 @@ def estimate_views(
         if isinstance(adapted, Failure):
             return adapted
         cameras.append(adapted)
-    if options.camera is None:
-        cameras = list(refine_focal_lengths((cameras[0], cameras[1]), observations))
-    views: list[View] = []
-    for name, photo, camera, observation in zip(("left", "right"), photos, cameras, observations, strict=True):
-        solved = solve_pose(camera, observation)
+    fit = fit_board((cameras[0], cameras[1]), observations)
+    if fit is None:
+        return _unreliable("no camera position above the table explains the marker's corners")
+    for name, rms, observation in zip(("left", "right"), fit.rms_px, observations, strict=True):
         limit = MAX_RMS_SQUARES * _shortest_step_px(observation)
-        if solved is None or solved[2] > limit:
-            found = "no camera position explains" if solved is None else f"{solved[2]:.1f} px off is the best fit to"
-            return Failure(
-                "pose_unreliable",
-                f"{found} the marker's corners in the {name} photograph (limit {limit:.1f} px).".capitalize(),
-                "Lay the marker flat; check that the announced marker and the camera file are the right ones.",
+        if rms > limit:
+            return _unreliable(
+                f"the marker's corners in the {name} photograph fit to {rms:.1f} px only, {limit:.1f} px is the limit"
             )
-        views.append(View(photo, camera, observation, *solved))
-    left, right = views
+    bend_mm = float(np.abs(fit.bend_mm).max())
+    if bend_mm > MAX_BEND_MM:
+        return _unreliable(f"the marker seems bent by {bend_mm:.0f} mm, more than {MAX_BEND_MM:g} mm")
+    left, right = (
+        View(photo, camera, observation, rotation, translation_mm, rms)
+        for photo, camera, observation, (rotation, translation_mm), rms in zip(
+            photos, fit.cameras, observations, fit.poses, fit.rms_px, strict=True
+        )
+    )
     return _baseline_failure(left, right) or (left, right)
 
 
@@ -201,42 +157,12 @@ def view_angle_deg(left: View, right: View) -> float:
     return math.degrees(math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b)))
 
 
-def refine_focal_lengths(
-    cameras: tuple[Camera, Camera], observations: tuple[MarkerObservation, MarkerObservation]
-) -> tuple[Camera, Camera]:
-    """The cameras with the focal length that both views' corners and the prior agree on best.
-
-    One plane at a slant says little about the focal length, hence the prior: the maximum a posteriori of one focal
-    length for both views if they have the same size and prior, else of one each. Principal point and distortion stay:
-    a board that fills a tenth of the photograph cannot tell them.
-    """
-    sd_px = [_corner_sd_px(camera) for camera in cameras]
-    spread = [FOCAL_SPREAD_EXIF if camera.source == "exif" else FOCAL_SPREAD_UNKNOWN for camera in cameras]
-    is_shared = cameras[0] == cameras[1]
-    poses = [solve_pose(camera, seen) for camera, seen in zip(cameras, observations, strict=True)]
-    if poses[0] is None or poses[1] is None:
-        return cameras
-    start = [np.concatenate([np.ravel(cv2.Rodrigues(pose[0])[0]), pose[1]]) for pose in (poses[0], poses[1])]
-    first = np.concatenate([*start, np.zeros(1 if is_shared else 2)])
-    points = [board_points(seen.spec) for seen in observations]
-
-    def residual(unknowns: Float64Array) -> Float64Array:
-        scales = np.exp(unknowns[12:])
-        parts = [(unknowns[12:] / spread[: len(scales)])]
-        for index in (0, 1):
-            scale = float(scales[min(index, len(scales) - 1)])
-            camera = replace(cameras[index], fx=cameras[index].fx * scale, fy=cameras[index].fy * scale)
-            off = project(camera, points[index], unknowns[6 * index : 6 * index + 6]) - observations[index].corners_px
-            parts.append(off.ravel() / sd_px[index])
-        return np.concatenate(parts)
-
-    solved = least_squares(residual, first, x_scale="jac").x
-    scales = np.exp(np.broadcast_to(solved[12:], 2))
-    refined = [
-        replace(camera, fx=camera.fx * float(scale), fy=camera.fy * float(scale))
-        for camera, scale in zip(cameras, scales, strict=True)
-    ]
-    return refined[0], refined[1]
+def _unreliable(reason: str) -> Failure:
+    return Failure(
+        "pose_unreliable",
+        f"The camera's position cannot be trusted: {reason}.",
+        "Lay the marker flat; check that the announced marker and the camera file are the right ones.",
+    )
 
 
 def _baseline_failure(left: View, right: View) -> Failure | None:
@@ -267,10 +193,6 @@ def _shortest_step_px(observation: MarkerObservation) -> float:
     grid = observation.corners_px.reshape(observation.spec.rows - 1, observation.spec.columns - 1, 2)
     steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min() for axis in (0, 1)]
     return float(min(steps))
-
-
-def _corner_sd_px(camera: Camera) -> float:
-    return CORNER_SD_PX_AT_12MP * max(camera.width, camera.height) / LONG_SIDE_12MP
 
 
 def _turn_camera(camera: Camera, *, clockwise: bool) -> Camera:

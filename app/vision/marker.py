@@ -21,8 +21,9 @@ from app.vision.board_grid import (
     refine_grid,
     square_means,
 )
-from app.vision.camera import camera_from_exif, solve_pose
+from app.vision.camera import camera_from_exif
 from app.vision.model import Float64Array, ImageArray, MarkerKind, MarkerObservation, MarkerSpec, Photo, PhotoPair
+from app.vision.pose import solve_pose
 from app.vision.quality import judge_marker, judge_photograph
 
 Side = Literal["left", "right"]
@@ -121,7 +122,7 @@ def agree_on_corners(
     if left_pose is None or any(pose is None for pose in poses):
         return left, right
     rotations = [pose for pose in poses if pose is not None]
-    angles = [_angle_deg(left_pose[1] @ direction) for _, direction in rotations]
+    angles = [_angle_deg(float(left_pose[1] @ direction)) for _, direction in rotations]
     nearest, second = np.argsort(angles)[:2]
     if angles[second] - angles[nearest] > CLEAR_ANGLE_DEG and angles[second] > 2 * angles[nearest]:
         return left, ways[nearest]

@@ -1,0 +1,173 @@
+"""Where the cameras stood over the marker: poses of one or two views from the corners of the printed sheet.
+
+Cameras and observations in -> rotations, translations (mm), and for cameras that are only guessed a better focal
+length.
+The sheet is taken as slightly bent, since paper is: a bend of one millimetre moves corners by a pixel, and a flat model
+would turn that into five percent of focal length. Intrinsics themselves: camera.py.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+
+from app.vision.model import Camera, Float64Array, MarkerObservation, MarkerSpec
+
+CORNER_SD_PX_AT_12MP = 0.3  # the detector's 0.1 px, and what bend and distortion of higher order leave
+LONG_SIDE_12MP = 4000.0
+BEND_SD_MM = 1.0  # prior: height of the sheet's edges over its middle, paper on a table
+FOCAL_SPREAD_EXIF = 0.08  # prior, relative: EXIF rounds to whole mm, makers give the lens's nominal value
+FOCAL_SPREAD_UNKNOWN = 0.25  # prior, relative: main cameras of phones lie between 22 and 35 mm
+RADIAL_SPREAD = 0.1  # prior of k1: phones correct most of their distortion themselves
+OUTLIER_SD = 3.0  # beyond, a corner pulls only linearly
+
+
+@dataclass(frozen=True, slots=True)
+class BoardFit:
+    """Two views of one sheet, fitted together.
+
+    poses: two times (rotation (3, 3), translation (3,) mm), table to camera. bend_mm: (3,), see bent_points.
+    rms_px: of each view's corners against the bent sheet.
+    """
+
+    cameras: tuple[Camera, Camera]
+    poses: tuple[tuple[Float64Array, Float64Array], tuple[Float64Array, Float64Array]]
+    bend_mm: Float64Array
+    rms_px: tuple[float, float]
+
+
+def board_points(spec: MarkerSpec) -> Float64Array:
+    """(n, 3) inner corners in the table frame, mm, row-major (CONVENTIONS.md, "Marker")."""
+    rows, columns = np.indices((spec.rows - 1, spec.columns - 1)).reshape(2, -1)
+    x = (columns + 1 - spec.columns / 2) * spec.square_mm
+    y = (spec.rows / 2 - rows - 1) * spec.square_mm
+    return np.stack([x, y, np.zeros_like(x)], axis=1).astype(np.float64)
+
+
+def bent_points(spec: MarkerSpec, bend_mm: Float64Array) -> Float64Array:
+    """board_points on a sheet that bends by z = a u^2 + b v^2 + c u v.
+
+    u, v: x, y over half the board's longer side. bend_mm: (3,), a, b, c in mm.
+    """
+    points = board_points(spec)
+    u, v = points[:, :2].T / (max(spec.columns, spec.rows) * spec.square_mm / 2)
+    points[:, 2] = bend_mm[0] * u**2 + bend_mm[1] * v**2 + bend_mm[2] * u * v
+    return points
+
+
+def project(camera: Camera, points_table: Float64Array, pose: Float64Array) -> Float64Array:
+    """(n, 3) mm -> (n, 2) px with pose (6,): rotation vector, translation in mm; table to camera."""
+    projected, _ = cv2.projectPoints(points_table, pose[:3], pose[3:], camera.matrix, np.array(camera.distortion))
+    return np.asarray(projected, np.float64).reshape(-1, 2)
+
+
+def solve_pose(camera: Camera, observation: MarkerObservation) -> tuple[Float64Array, Float64Array, float] | None:
+    """Rotation (3, 3) and translation (3,) mm, table to camera, of a flat sheet, and the corners' rms in px.
+
+    Of a plane's two poses (IPPE: Collins and Bartoli, 2014) the one above the table that fits better once refined;
+    None if there is none.
+    """
+    points = board_points(observation.spec)
+    solutions: Any = cv2.solvePnPGeneric(
+        points, observation.corners_px, camera.matrix, np.array(camera.distortion), flags=cv2.SOLVEPNP_IPPE
+    )
+
+    def residual(pose: Float64Array) -> Float64Array:
+        return (project(camera, points, pose) - observation.corners_px).ravel()
+
+    best: tuple[Float64Array, Float64Array, float] | None = None
+    for rvec, tvec in zip(solutions[1], solutions[2], strict=True):
+        start = np.concatenate([np.ravel(rvec), np.ravel(tvec)])
+        if not np.isfinite(start).all() or start[5] <= 0:
+            continue
+        loss_scale = OUTLIER_SD * _corner_sd_px(camera)
+        pose = least_squares(residual, start, loss="soft_l1", f_scale=loss_scale, x_scale="jac").x
+        rotation = np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64)
+        rms = _rms_px(residual(pose))
+        if _is_above_table(rotation, pose[3:]) and (best is None or rms < best[2]):
+            best = (rotation, pose[3:], rms)
+    return best
+
+
+def fit_board(
+    cameras: tuple[Camera, Camera], observations: tuple[MarkerObservation, MarkerObservation]
+) -> BoardFit | None:
+    """Both poses and the sheet's bend, and, unless a camera is "given", its focal length and k1: maximum a posteriori.
+
+    Two guessed cameras that are equal (same size, same EXIF) stay equal: one phone. Principal point and further
+    distortion stay as they are; a board that fills a tenth of the photograph cannot tell them. None: no pose explains
+    the corners.
+    """
+    poses = [solve_pose(camera, seen) for camera, seen in zip(cameras, observations, strict=True)]
+    if poses[0] is None or poses[1] is None:
+        return None
+    starts = [np.concatenate([np.ravel(cv2.Rodrigues(pose[0])[0]), pose[1]]) for pose in (poses[0], poses[1])]
+    is_shared = cameras[0] == cameras[1]
+    lens_at = (15, 15) if is_shared else (15, 17)  # in the unknowns: two poses, bend, then (log scale of f, k1) a lens
+    first = np.concatenate([*starts, np.zeros(5 if is_shared else 7)])
+    corner_sd = [_corner_sd_px(camera) for camera in cameras]
+    spreads = np.concatenate(
+        [np.full(3, BEND_SD_MM), *(_lens_spread(camera) for camera in cameras[: 1 if is_shared else 2])]
+    )
+    # A given camera keeps its lens: these unknowns are left out, and stay zero.
+    is_free = np.concatenate([np.full(15, True), spreads[3:] > 0])
+
+    def unpack(free: Float64Array) -> Float64Array:
+        unknowns = np.zeros_like(first)
+        unknowns[is_free] = free
+        return unknowns
+
+    def corner_residual(index: int, unknowns: Float64Array) -> Float64Array:
+        camera = _scaled_lens(cameras[index], *unknowns[lens_at[index] : lens_at[index] + 2])
+        points = bent_points(observations[index].spec, unknowns[12:15])
+        return (project(camera, points, unknowns[6 * index : 6 * index + 6]) - observations[index].corners_px).ravel()
+
+    def residual(free: Float64Array) -> Float64Array:
+        unknowns = unpack(free)
+        prior = unknowns[12:][is_free[12:]] / spreads[is_free[12:]]
+        return np.concatenate([prior, *(corner_residual(index, unknowns) / corner_sd[index] for index in (0, 1))])
+
+    solved = unpack(least_squares(residual, first[is_free], loss="soft_l1", f_scale=OUTLIER_SD, x_scale="jac").x)
+    rotations = [np.asarray(cv2.Rodrigues(solved[at : at + 3])[0], np.float64) for at in (0, 6)]
+    translations = [solved[3:6], solved[9:12]]
+    if not all(_is_above_table(r, t) for r, t in zip(rotations, translations, strict=True)):
+        return None
+    return BoardFit(
+        cameras=(
+            _scaled_lens(cameras[0], *solved[lens_at[0] : lens_at[0] + 2]),
+            _scaled_lens(cameras[1], *solved[lens_at[1] : lens_at[1] + 2]),
+        ),
+        poses=((rotations[0], translations[0]), (rotations[1], translations[1])),
+        bend_mm=solved[12:15],
+        rms_px=(_rms_px(corner_residual(0, solved)), _rms_px(corner_residual(1, solved))),
+    )
+
+
+def _lens_spread(camera: Camera) -> Float64Array:
+    """(2,) prior spreads of log f and k1; 0 where the camera is given and nothing is to be refined."""
+    if camera.source == "given":
+        return np.zeros(2)
+    return np.array([FOCAL_SPREAD_EXIF if camera.source == "exif" else FOCAL_SPREAD_UNKNOWN, RADIAL_SPREAD])
+
+
+def _scaled_lens(camera: Camera, log_scale: float, radial: float) -> Camera:
+    k1, k2, p1, p2, k3 = camera.distortion
+    scale = float(np.exp(log_scale))
+    distortion = (k1 + float(radial), k2, p1, p2, k3)
+    return replace(camera, fx=camera.fx * scale, fy=camera.fy * scale, distortion=distortion)
+
+
+def _is_above_table(rotation: Float64Array, translation_mm: Float64Array) -> bool:
+    """Whether the camera looks at the printed side: its centre has z > 0, and the board is in front of it."""
+    return bool((rotation.T @ translation_mm)[2] < 0 and translation_mm[2] > 0)
+
+
+def _corner_sd_px(camera: Camera) -> float:
+    return CORNER_SD_PX_AT_12MP * max(camera.width, camera.height) / LONG_SIDE_12MP
+
+
+def _rms_px(residual: Float64Array) -> float:
+    """Root mean square distance of corners; residual: (2 n,) of x, y, px."""
+    return float(np.sqrt(2.0 * np.mean(residual**2)))
