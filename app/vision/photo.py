@@ -1,0 +1,219 @@
+"""Decode one photograph: JPEG, PNG or HEIC bytes -> upright 8-bit BGR pixels, and what EXIF tells of lens and time.
+
+Orientation is applied here, once. Limits are checked on the header, before any pixel is decoded. Colour profiles are
+left alone: the marker calibrates colour. Location is never read.
+"""
+
+import io
+import math
+import struct
+import warnings
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from typing import Any
+
+import cv2
+import numpy as np
+from PIL import ExifTags, Image, JpegImagePlugin, PngImagePlugin
+from pillow_heif import HeifImageFile
+
+from app.errors import Failure
+from app.vision.model import ImageArray, Photo
+
+MIN_SHORT_SIDE_PX = 480  # a marker that is an eighth of the photograph has squares of 7 px there; smaller ones are lost
+DIAGONAL_35MM = math.hypot(36.0, 24.0)
+FOCAL_35MM_RANGE = (8.0, 400.0)  # outside, the tag is unset (0) or nonsense
+MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # EXIF FocalPlaneResolutionUnit
+MAX_NAME_LENGTH = 100
+HEIF_BRANDS = frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"})
+# What Pillow and libheif raise on bytes that lie; anything else is a fault of ours and should be seen.
+DECODE_ERRORS = (
+    OSError,
+    SyntaxError,
+    ValueError,
+    TypeError,
+    KeyError,
+    IndexError,
+    EOFError,
+    OverflowError,
+    ZeroDivisionError,
+    AttributeError,
+    RuntimeError,
+    MemoryError,
+    struct.error,
+)
+TRANSPOSED: Mapping[int, Callable[[Any], Any]] = {  # EXIF orientation -> what makes it upright
+    2: lambda pixels: cv2.flip(pixels, 1),
+    3: lambda pixels: cv2.rotate(pixels, cv2.ROTATE_180),
+    4: lambda pixels: cv2.flip(pixels, 0),
+    5: cv2.transpose,
+    6: lambda pixels: cv2.rotate(pixels, cv2.ROTATE_90_CLOCKWISE),
+    7: lambda pixels: cv2.rotate(cv2.transpose(pixels), cv2.ROTATE_180),
+    8: lambda pixels: cv2.rotate(pixels, cv2.ROTATE_90_COUNTERCLOCKWISE),
+}
+
+SEND_AGAIN = "Send the file again, byte for byte as the camera saved it."
+
+
+def read_photo(data: bytes, *, max_pixels: int) -> Photo | Failure:
+    """The photograph in these bytes.
+
+    Failures: not_an_image, image_truncated, image_unreadable, image_too_many_pixels (nothing decoded), image_too_small.
+    """
+    opener = _opener(data)
+    if opener is None:
+        return Failure("not_an_image", "The file is no photograph.", "Send a JPEG, PNG or HEIC file.")
+    try:
+        image = opener(io.BytesIO(data))
+    except DECODE_ERRORS:
+        return _damaged(data)
+    width, height = image.size
+    if width * height > max_pixels:
+        return Failure(
+            "image_too_many_pixels",
+            f"The photograph has {width} x {height} = {width * height} pixels; at most {max_pixels} are accepted.",
+            "Choose a smaller picture size in the camera's settings.",
+        )
+    if min(width, height) < MIN_SHORT_SIDE_PX:
+        return Failure(
+            "image_too_small",
+            f"The photograph has only {width} x {height} pixels; the shorter side needs {MIN_SHORT_SIDE_PX} at least.",
+            "Send the photograph itself, not its preview.",
+        )
+    try:
+        pixels_bgr = _pixels_bgr(image)
+    except DECODE_ERRORS:
+        return _damaged(data)
+    exif = _exif(image)
+    if not isinstance(image, HeifImageFile):  # libheif has turned its pixels already, and says so in the same tag
+        turn = TRANSPOSED.get(_whole_number(exif.get(ExifTags.Base.Orientation)))
+        pixels_bgr = pixels_bgr if turn is None else np.ascontiguousarray(turn(pixels_bgr), np.uint8)
+    return Photo(
+        pixels_bgr,
+        focal_35mm=_focal_35mm(exif, width, height),
+        taken_at=_taken_at(exif),
+        make=_name(exif.get(ExifTags.Base.Make)),
+        model=_name(exif.get(ExifTags.Base.Model)),
+    )
+
+
+def _opener(data: bytes) -> type[JpegImagePlugin.JpegImageFile | PngImagePlugin.PngImageFile | HeifImageFile] | None:
+    """The class that reads such bytes, by their first ones.
+
+    Classes instead of Image.open: of Pillow's many formats these three only, and its own pixel limit stays out of the
+    way.
+    """
+    if data.startswith(b"\xff\xd8\xff"):
+        return JpegImagePlugin.JpegImageFile
+    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+        return PngImagePlugin.PngImageFile
+    if data[4:8] == b"ftyp" and data[8:12] in HEIF_BRANDS:
+        return HeifImageFile
+    return None
+
+
+def _damaged(data: bytes) -> Failure:
+    if not _is_complete(data):
+        return Failure("image_truncated", "The photograph's file ends too early.", SEND_AGAIN)
+    return Failure("image_unreadable", "The photograph's file is damaged.", SEND_AGAIN)
+
+
+def _is_complete(data: bytes) -> bool:
+    """Whether the file has its end: JPEG's and PNG's end marks, all of HEIC's boxes."""
+    if data.startswith(b"\xff\xd8"):
+        return data.rfind(b"\xff\xd9") > 2
+    if data.startswith(b"\x89PNG"):
+        return b"IEND" in data[-64:]
+    position = 0
+    while position + 8 <= len(data):
+        size = int.from_bytes(data[position : position + 4])
+        if size == 1:  # a 64-bit size follows the type
+            size = int.from_bytes(data[position + 8 : position + 16])
+        if size == 0:  # to the end of the file
+            return True
+        if size < 8:
+            return True  # nonsense, not a cut
+        position += size
+    return position == len(data)
+
+
+def _pixels_bgr(image: Any) -> ImageArray:
+    """(H, W, 3) uint8 BGR as stored, not turned: 16 bits scaled to 8, transparency on white."""
+    image.load()
+    if image.mode.startswith("I"):
+        grey = np.clip(np.asarray(image).astype(np.float64) / 257.0 + 0.5, 0, 255).astype(np.uint8)
+        return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
+    if image.has_transparency_data:
+        layer = image.convert("RGBA")
+        image = Image.alpha_composite(Image.new("RGBA", layer.size, (255, 255, 255, 255)), layer)
+    rgb = image if image.mode == "RGB" else image.convert("RGB")
+    return np.asarray(cv2.cvtColor(np.asarray(rgb), cv2.COLOR_RGB2BGR), np.uint8)
+
+
+def _exif(image: Any) -> Mapping[int, Any]:
+    """EXIF's main and sub directory as one; empty if it cannot be read."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Pillow warns of damaged entries; what is left of them is read
+        try:
+            exif = image.getexif()
+            return dict(exif) | dict(exif.get_ifd(ExifTags.IFD.Exif))
+        except DECODE_ERRORS:
+            return {}
+
+
+def _focal_35mm(exif: Mapping[int, Any], width: int, height: int) -> float | None:
+    """35 mm equivalent focal length, mm: the tag, or focal length over the sensor's diagonal, or None.
+
+    width, height: of the image as stored, for files that do not tell the size that the resolution belongs to.
+    """
+    told = _positive(exif.get(ExifTags.Base.FocalLengthIn35mmFilm))
+    if told is None:
+        focal_mm = _positive(exif.get(ExifTags.Base.FocalLength))
+        per_unit = _positive(exif.get(ExifTags.Base.FocalPlaneXResolution))
+        unit_mm = MM_PER_RESOLUTION_UNIT.get(_whole_number(exif.get(ExifTags.Base.FocalPlaneResolutionUnit, 2)))
+        if focal_mm is None or per_unit is None or unit_mm is None:
+            return None
+        columns = _positive(exif.get(ExifTags.Base.ExifImageWidth)) or width
+        rows = _positive(exif.get(ExifTags.Base.ExifImageHeight)) or height
+        told = focal_mm * per_unit / unit_mm / math.hypot(columns, rows) * DIAGONAL_35MM
+    return told if FOCAL_35MM_RANGE[0] <= told <= FOCAL_35MM_RANGE[1] else None
+
+
+def _taken_at(exif: Mapping[int, Any]) -> datetime | None:
+    """DateTimeOriginal, with OffsetTimeOriginal if that is there, else naive."""
+    text = exif.get(ExifTags.Base.DateTimeOriginal)
+    if not isinstance(text, str):
+        return None
+    try:
+        moment = datetime.strptime(text.strip("\0 "), "%Y:%m:%d %H:%M:%S")  # noqa: DTZ007  # EXIF times are naive
+    except ValueError:
+        return None
+    offset = exif.get(ExifTags.Base.OffsetTimeOriginal)
+    if not isinstance(offset, str):
+        return moment
+    try:
+        return datetime.fromisoformat(moment.isoformat() + offset.strip("\0 "))
+    except ValueError:
+        return moment
+
+
+def _name(value: Any) -> str | None:
+    if not isinstance(value, str):
+        return None
+    printable = "".join(character for character in value if character.isprintable()).strip()
+    return printable[:MAX_NAME_LENGTH] or None
+
+
+def _positive(value: Any) -> float | None:
+    """A finite number above zero, or None: EXIF may hold 1/0, text, bytes or lists anywhere."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError, ZeroDivisionError):
+        return None
+    return number if math.isfinite(number) and number > 0 else None
+
+
+def _whole_number(value: Any) -> int:
+    """The number, or 0, which is no value of any EXIF enumeration that is read here."""
+    number = _positive(value)
+    return int(number) if number is not None else 0
