@@ -60,6 +60,12 @@ def read_photo(data: bytes, *, max_pixels: int) -> Photo | Failure:
 
     Failures: not_an_image, image_truncated, image_unreadable, image_too_many_pixels (nothing decoded), image_too_small.
     """
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module=r"PIL\.")  # of damaged EXIF entries; the sound ones are read
+        return _read(data, max_pixels)
+
+
+def _read(data: bytes, max_pixels: int) -> Photo | Failure:
     opener = _opener(data)
     if opener is None:
         return Failure("not_an_image", "The file is no photograph.", "Send a JPEG, PNG or HEIC file.")
@@ -152,13 +158,11 @@ def _pixels_bgr(image: Any) -> ImageArray:
 
 def _exif(image: Any) -> Mapping[int, Any]:
     """EXIF's main and sub directory as one; empty if it cannot be read."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Pillow warns of damaged entries; what is left of them is read
-        try:
-            exif = image.getexif()
-            return dict(exif) | dict(exif.get_ifd(ExifTags.IFD.Exif))
-        except DECODE_ERRORS:
-            return {}
+    try:
+        exif = image.getexif()
+        return dict(exif) | dict(exif.get_ifd(ExifTags.IFD.Exif))
+    except DECODE_ERRORS:
+        return {}
 
 
 def _focal_35mm(exif: Mapping[int, Any], width: int, height: int) -> float | None:
