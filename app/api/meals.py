@@ -56,6 +56,10 @@ MULTIPART_BODY = {
         },
     }
 }
+ARTEFACT_RESPONSES: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"image/jpeg": {}, "application/octet-stream": {}}, "description": "The picture or points."},
+    **problem_responses(401, 404, 409, 422),
+}
 METADATA_BODY = {
     "requestBody": {
         "required": True,
@@ -150,13 +154,7 @@ async def get_meal(
 @router.get(
     "/{meal_id}/artefacts/{name}",
     response_class=StreamingResponse,
-    responses={
-        200: {
-            "content": {"image/jpeg": {}, "application/octet-stream": {}},
-            "description": "The picture or point cloud.",
-        }
-    }
-    | problem_responses(401, 404, 409, 422),
+    responses=ARTEFACT_RESPONSES,
 )
 def get_artefact(
     meal_id: MealId,

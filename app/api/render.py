@@ -16,9 +16,9 @@ from app.db.models import EffectiveRecord, Food, RunArtefact
 from app.db.models.meal import SLOTS
 from app.db.queries.records import RecordRow
 from app.services.read_meal import ItemView, MealView
-from app.units import per_100_g
+from app.units import content_of_mass
 
-RECORD_COLUMNS = tuple(
+SHARED_COLUMNS = tuple(
     column.name for column in EffectiveRecord.__table__.columns if column.name in RecordOut.model_fields
 )
 
@@ -64,7 +64,7 @@ def render_meal(view: MealView) -> MealOut:
 
 def render_record(row: RecordRow) -> RecordOut:
     """A record as the API shows it."""
-    columns: dict[str, Any] = {name: getattr(row.record, name) for name in RECORD_COLUMNS}
+    columns: dict[str, Any] = {name: getattr(row.record, name) for name in SHARED_COLUMNS}
     return RecordOut(
         id=row.record.item_id,
         study=row.study_code,
@@ -111,7 +111,7 @@ def _item(view: ItemView) -> ItemOut:
         else None,
         edible_g=record.edible_g,
         nutrients=[
-            NutrientAmount(tagname=tagname, name=name, unit=unit, amount=per_100_g(amount, record.edible_g))
+            NutrientAmount(tagname=tagname, name=name, unit=unit, amount=content_of_mass(amount, record.edible_g))
             for tagname, name, unit, amount in view.nutrients
             if record.edible_g is not None
         ],

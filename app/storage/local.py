@@ -12,7 +12,7 @@ from pathlib import Path
 from app.storage.blob_store import BlobMissingError, require_valid_key
 
 STAGING = ".incoming"  # no key starts with a full stop (KEY_PATTERN)
-ABANDONED_SECONDS = 6 * 3600  # a file in the making that nobody has touched for so long belonged to a process that died
+ABANDONED_SECONDS = 6 * 3600  # what nobody has touched for so long belonged to a process that died
 
 
 class LocalBlobStore:
@@ -114,8 +114,8 @@ class LocalBlobStore:
         limit = time.time() - ABANDONED_SECONDS
         for path in self._staging.iterdir():
             with contextlib.suppress(FileNotFoundError):  # another process cleans up at the same time
-                if path.is_file() and path.stat().st_mtime < limit:
-                    path.unlink()
+                if path.stat().st_mtime < limit:
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def _sync_folder(folder: Path) -> None:

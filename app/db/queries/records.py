@@ -51,6 +51,15 @@ class RecordRow:
     food_release: str | None
 
 
+@dataclass(frozen=True, slots=True)
+class ItemSource:
+    """What an effective record is built from."""
+
+    item: Item
+    meal: Meal
+    food: Food | None
+
+
 def page_of_records(
     session: Session, chosen: RecordFilter, *, after: tuple[datetime, uuid.UUID] | None, limit: int
 ) -> list[RecordRow]:
@@ -123,6 +132,22 @@ def nutrients_of(session: Session, food_id: int) -> list[tuple[str, str, str, fl
         .order_by(Component.tagname)
     )
     return [(tagname, name, unit, amount) for tagname, name, unit, amount in session.execute(query)]
+
+
+def items_after(session: Session, after: uuid.UUID | None, limit: int) -> list[ItemSource]:
+    """Items by id, behind `after`, with the meal and the food that their effective records follow from."""
+    query = (
+        sa.select(Item, Meal, Food)
+        .join(Run, Run.id == Item.run_id)
+        .join(Meal, Meal.id == Run.meal_id)
+        .outerjoin(ItemCandidate, sa.and_(ItemCandidate.item_id == Item.id, ItemCandidate.position == 0))
+        .outerjoin(Food, Food.id == ItemCandidate.food_id)
+        .order_by(Item.id)
+        .limit(limit)
+    )
+    if after is not None:
+        query = query.where(Item.id > after)
+    return [ItemSource(item, meal, food) for item, meal, food in session.execute(query)]
 
 
 def next_change_seq(session: Session, study_id: uuid.UUID) -> int:

@@ -1,0 +1,296 @@
+"""The `tada` command. Each command is thin: it reads its arguments, calls one service, prints the answer.
+
+Commands import what they need when they run: `tada estimate` must not wait for a web framework to load.
+Errors are sentences on standard error; exit status 0: done, 1: an answer that says no, 2: wrong use or input.
+"""
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from app import __version__
+from app.errors import Failure, InvalidInputError, TadaError
+from app.settings import Settings
+
+if TYPE_CHECKING:
+    from app.db.session import Database
+    from app.vision.model import Photo
+
+cli = typer.Typer(
+    name="tada", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help="Dietary assessment."
+)
+foods_cli = typer.Typer(no_args_is_help=True, help="The food table.")
+records_cli = typer.Typer(no_args_is_help=True, help="Effective records.")
+db_cli = typer.Typer(no_args_is_help=True, help="The database.")
+admin_cli = typer.Typer(no_args_is_help=True, help="People who run the server.")
+for name, group in (("foods", foods_cli), ("records", records_cli), ("db", db_cli), ("admin", admin_cli)):
+    cli.add_typer(group, name=name)
+
+DEFAULT_MARKER = "plain:9x7:11"
+MarkerOption = Annotated[str, typer.Option("--marker", metavar="M", help="KIND:COLSxROWS:MM, such as plain:9x7:11.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="One JSON document on standard output.")]
+
+
+def main() -> None:
+    """Entry point: errors of ours are told in a sentence, without a traceback."""
+    try:
+        cli()
+    except TadaError as error:
+        fail(error.message)
+
+
+def fail(message: str, status: int = 2) -> None:
+    """Tell an error and leave."""
+    print(f"tada: {message}", file=sys.stderr)
+    raise SystemExit(status)
+
+
+@cli.command()
+def version() -> None:
+    """Print the version."""
+    print(__version__)
+
+
+@cli.command()
+def serve(
+    worker: Annotated[bool, typer.Option(help="Run a worker too; the default on the embedded database.")] = True,
+) -> None:
+    """Run the HTTP server and, on the embedded default, its worker."""
+    from app.serving import serve as run
+
+    raise SystemExit(run(Settings(), with_worker=worker))
+
+
+@cli.command()
+def worker() -> None:
+    """Run a worker on its own: any number, on any machine that reaches database and store."""
+    from app.worker import run_worker
+
+    raise SystemExit(run_worker(Settings()))
+
+
+@cli.command()
+def demo(
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the pictures.")] = Path("demo-output"),
+) -> None:
+    """A whole run on throwaway data: server, upload, estimate, record printed, pictures written."""
+    from app.demo import run_demo
+
+    raise SystemExit(run_demo(output))
+
+
+@cli.command()
+def estimate(
+    left: Annotated[Path, typer.Argument(help="Photograph from the left.")],
+    right: Annotated[Path, typer.Argument(help="Photograph from the right.")],
+    marker: MarkerOption = DEFAULT_MARKER,
+    camera: Annotated[Path | None, typer.Option(help="Camera file (JSON), as `tada calibrate --json` prints.")] = None,
+    method: Annotated[str, typer.Option(help="How volumes are estimated: paper.")] = "paper",
+    hint: Annotated[
+        list[str] | None, typer.Option(help='JSON: {"point": [x, y], "food": KEY}, "box", "polygon".')
+    ] = None,
+    debug: Annotated[Path | None, typer.Option(help="Folder for a picture of each step.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Estimate the volumes of the foods in a stereo pair, without a server."""
+    from app.services.estimate_files import estimate_files, read_options
+
+    options = read_options(marker=marker, camera=camera, method=method, hints=hint or [])
+    announce = None if as_json else lambda stage: print(f"  {stage} ...", file=sys.stderr, flush=True)
+    answer = estimate_files(
+        left, right, options, max_pixels=Settings().max_photo_pixels, debug=debug, on_stage=announce
+    )
+    if as_json:
+        print(json.dumps(answer))
+    else:
+        print_estimate(answer, debug)
+    raise SystemExit(1 if answer["failure"] else 0)
+
+
+@cli.command()
+def calibrate(
+    photos: Annotated[list[Path], typer.Argument(help="Photographs of the board, at different slants.")],
+    marker: MarkerOption = DEFAULT_MARKER,
+    as_json: JsonOption = False,
+) -> None:
+    """Intrinsics of a camera from photographs of a board: the camera file's keys and rms_px."""
+    from app.services.estimate_json import camera_to_json
+    from app.vision.calibration import calibrate as run
+    from app.vision.marker import parse_marker
+
+    found = run([read_photo_or_fail(path) for path in photos], parse_marker(marker))
+    if isinstance(found, Failure):
+        return fail(f"{found.message} {found.advice}".strip(), 1)
+    answer = camera_to_json(found.camera) | {"rms_px": round(found.rms_px, 4), "photographs": len(found.used)}
+    if as_json:
+        print(json.dumps(answer))
+        return None
+    print("\n".join(f"{key:<12} {value}" for key, value in answer.items()))
+    for index, reason in found.rejected:
+        print(f"left out: {photos[index]}: {reason}", file=sys.stderr)
+    return None
+
+
+@cli.command("marker")
+def marker_command(
+    marker: MarkerOption = DEFAULT_MARKER,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="PDF to write.")] = None,
+    find: Annotated[Path | None, typer.Option(help="Photograph to look for the board in.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write the printable board at true size (-o), or look for it in a photograph (--find)."""
+    from app.vision.marker import find_marker, parse_marker
+
+    spec = parse_marker(marker)
+    if (output is None) == (find is None):
+        raise InvalidInputError("Give either -o FILE.pdf to write the board or --find PHOTO to look for it.")
+    if output is not None:
+        from app.services.print_marker import render_marker_pdf
+
+        output.write_bytes(render_marker_pdf(spec))
+        print(f"{output}: print at 100 % (no fitting to the page) and check the ruler.", file=sys.stderr)
+        return
+    if find is None:
+        return
+    found = find_marker(read_photo_or_fail(find), spec)
+    corners = None if isinstance(found, Failure) else found.corners_px.round(3).tolist()
+    answer: dict[str, Any] = {"found": corners is not None, "marker": str(spec), "corners_px": corners}
+    if isinstance(found, Failure):
+        answer["failure"] = {"code": found.code, "message": found.message, "advice": found.advice}
+    if as_json:
+        print(json.dumps(answer))
+    elif isinstance(found, Failure):
+        print(f"{find}: not found ({found.code}). {found.message} {found.advice}".strip())
+    else:
+        print(f"{find}: {spec} found, {len(found.corners_px)} inner corners.")
+    raise SystemExit(0 if corners is not None else 1)
+
+
+@foods_cli.command("search")
+def foods_search(words: list[str], as_json: JsonOption = False) -> None:
+    """Foods by name or alias, best match first."""
+    from app.services.foods import search_foods
+
+    with opened_database() as database:
+        found = search_foods(database, " ".join(words))
+    if as_json:
+        print(json.dumps([{"key": food.key, "name": food.name, "group": food.food_group} for food in found]))
+    else:
+        print("\n".join(f"{food.key:<32} {food.name}" for food in found) or "No food of that name.")
+    raise SystemExit(0 if found else 1)
+
+
+@foods_cli.command("show")
+def foods_show(key: str) -> None:
+    """All that the table knows of one food."""
+    from app.services.foods import read_food
+
+    with opened_database() as database:
+        found = read_food(database, key)
+    print(f"{found.food.name} ({found.food.key}), {found.release}")
+    for density in found.densities:
+        print(f"  density  {density.g_per_ml:.3f} +- {density.sd_g_per_ml:.3f} g/ml  {density.source}")
+    for part in found.food.refuse:
+        print(f"  refuse   {part['percent']:g} %  {part['part']}")
+    for _, component, unit, amount in found.nutrients:
+        print(f"  {component:<28} {amount:g} {unit} in 100 g edible")
+
+
+@records_cli.command("rebuild")
+def records_rebuild(
+    check: Annotated[bool, typer.Option("--check", help="Only compare; change nothing.")] = False,
+) -> None:
+    """Build the effective records again from runs and items, or check that they are what would be built."""
+    from app.services.rebuild_records import rebuild_records
+
+    with opened_database() as database:
+        found = rebuild_records(database, write=not check)
+    print(f"{found.compared} records compared, {found.different} differ" + ("" if check else ", rebuilt"))
+    raise SystemExit(1 if check and found.different else 0)
+
+
+@db_cli.command("upgrade")
+def db_upgrade() -> None:
+    """Bring the schema up to date and load the starter food table."""
+    with opened_database():
+        print("The database is up to date.")
+
+
+@admin_cli.command("create")
+def admin_create(name: str) -> None:
+    """Make an admin and print the token, once."""
+    from app.services.enrol import create_admin
+
+    with opened_database() as database:
+        token = create_admin(database, name)
+    print(token)
+    print("Keep it: it is not shown again. Send it as `Authorization: Bearer TOKEN`.", file=sys.stderr)
+
+
+@cli.command()
+def doctor(
+    requeue: Annotated[bool, typer.Option("--requeue", help="Also queue meals again that nothing will move.")] = False,
+) -> None:
+    """Check a deployment and say what is wrong."""
+    from app.services.doctor import examine
+
+    settings = Settings()
+    with opened_database() as database:
+        findings = examine(database, settings, requeue=requeue)
+    for finding in findings:
+        print(f"{'ok ' if finding.is_ok else 'BAD'}  {finding.subject}: {finding.message}")
+    raise SystemExit(0 if all(finding.is_ok for finding in findings) else 1)
+
+
+@contextmanager
+def opened_database() -> Iterator["Database"]:
+    """The configured database, up to date, for one command."""
+    from app.db.session import Database
+    from app.services.prepare import prepare
+
+    settings = Settings()
+    database = Database(settings.resolved_database_url)
+    try:
+        prepare(database, settings)
+        yield database
+    finally:
+        database.dispose()
+
+
+def read_photo_or_fail(path: Path) -> "Photo":
+    """A photograph from a file, or an InvalidInputError that names it."""
+    from app.vision.photo import read_photo
+
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InvalidInputError(f"{path} cannot be read: {error.strerror}.") from None
+    photo = read_photo(data, max_pixels=Settings().max_photo_pixels)
+    if isinstance(photo, Failure):
+        raise InvalidInputError(f"{path}: {photo.message} {photo.advice}".strip(), code=photo.code)
+    return photo
+
+
+def print_estimate(answer: dict[str, Any], debug: Path | None) -> None:
+    """The answer of `tada estimate` for a person."""
+    failure = answer["failure"]
+    if failure:
+        print(f"Not measured ({failure['code']}): {failure['message']} {failure['advice']}".strip())
+    for number, item in enumerate(answer["items"], 1):
+        low, high = item["volume_interval_ml"]
+        line = f"item {number}: {item['volume_ml']:.1f} ml (90 %: {low:.1f} to {high:.1f})"
+        if item["food"]:
+            line += f", {item['food']['name']}: {item['mass_g']:.0f} g, {item['energy_kcal']:.0f} kcal"
+        print(line + (f"  [{', '.join(item['flags'])}]" if item["flags"] else ""))
+    print(f"{answer['seconds']:.2f} s, method {answer['method']} {answer['pipeline_version']}")
+    if debug is not None:
+        print(f"pictures in {debug}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""`tada demo`: one meal from upload to record, over HTTP as a phone would, on throwaway data."""
+
+import importlib.resources
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+from zoneinfo import ZoneInfo
+
+import httpx
+
+from app.db.session import Database
+from app.services.enrol import create_admin
+from app.services.prepare import prepare
+from app.settings import Settings
+
+FOOD = "apple-raw"
+FOOD_POINT = (1092, 620)  # in the bundled left photograph
+MARKER = "plain:9x7:11"
+START_SECONDS = 60
+ESTIMATE_SECONDS = 180
+SHOWN_NUTRIENTS = ("ENERC_KCAL", "CHOCDF", "FIBTG", "SUGAR", "PROCNT", "FAT", "K", "VITC")
+LISTENING = re.compile(r"listens on (http://\S+)")
+
+
+def run_demo(output: Path) -> int:
+    """Run it; pictures go to `output`. Returns the exit status."""
+    started = time.perf_counter()
+    with tempfile.TemporaryDirectory(prefix="tada-demo-") as folder:
+        settings = Settings(data_dir=Path(folder), database_url=None, blob_url=None, port=0)
+        say("A throwaway server: SQLite and files in a temporary folder.")
+        database = Database(settings.resolved_database_url)
+        try:
+            prepare(database, settings)
+            admin_token = create_admin(database, "demo")
+        finally:
+            database.dispose()
+        with running_server(settings) as address, httpx.Client(base_url=address, timeout=60) as client:
+            say(f"The server and its worker run at {address} (API pages: {address}/docs).")
+            token = enrol(client, admin_token)
+            say("A study, a participant and a phone with its token are there.")
+            meal = send_meal(client, token)
+            if meal["status"] == "failed":
+                say(f"The meal failed: {meal['failure']}")
+                return 1
+            show_meal(meal)
+            show_records(client, token)
+            save_artefacts(client, token, meal, output)
+    say(f"Done in {time.perf_counter() - started:.0f} s. Pictures of each step are in {output.resolve()}")
+    return 0
+
+
+def say(text: str) -> None:
+    """One step of the demo, told."""
+    print(f"== {text}", flush=True)
+
+
+@contextmanager
+def running_server(settings: Settings) -> Iterator[str]:
+    """`tada serve` as a process of its own; yields its address, ends it at the end."""
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("TADA_")}
+    environment |= {"TADA_DATA_DIR": str(settings.data_dir), "TADA_PORT": "0", "TADA_LOG_LEVEL": "WARNING"}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "app.cli", "serve"], env=environment, stderr=subprocess.PIPE, text=True
+    )
+    address: list[str] = []
+    found = threading.Event()
+
+    def read_errors() -> None:
+        for line in process.stderr or ():
+            match = LISTENING.search(line)
+            if match and not address:
+                address.append(match[1])
+                found.set()
+            elif not match:
+                print(line, end="", file=sys.stderr, flush=True)
+        found.set()  # the server ended: stop waiting
+
+    reader = threading.Thread(target=read_errors, daemon=True)
+    reader.start()
+    try:
+        if not found.wait(START_SECONDS) or not address:
+            raise SystemExit("tada: the demo's server did not start; its messages are above.")
+        yield address[0]
+    finally:
+        process.send_signal(signal.SIGTERM)
+        try:
+            process.wait(20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        reader.join(5)
+
+
+def enrol(client: httpx.Client, admin_token: str) -> str:
+    """Make a study and a participant, enrol a phone: its token."""
+    admin = {"Authorization": f"Bearer {admin_token}"}
+    answer(client.post("/v1/studies", headers=admin, json={"code": "demo", "name": "Demo", "marker": MARKER}))
+    answer(client.post("/v1/studies/demo/participants", headers=admin, json={"code": "P001"}))
+    code = answer(client.post("/v1/studies/demo/participants/P001/enrolment-codes", headers=admin))["code"]
+    token: str = answer(client.post("/v1/enrolments", json={"code": code, "device_name": "demo phone"}))["token"]
+    return token
+
+
+def send_meal(client: httpx.Client, token: str) -> dict[str, Any]:
+    """Upload the bundled pair and follow it to its end, telling each stage."""
+    phone = {"Authorization": f"Bearer {token}"}
+    metadata = {
+        "id": str(uuid.uuid4()),
+        "captured_at": datetime.now(ZoneInfo("Asia/Shanghai")).isoformat(timespec="seconds"),
+        "time_zone": "Asia/Shanghai",
+        "hints": [{"point": FOOD_POINT, "food": FOOD}],
+    }
+    bundled = importlib.resources.files("app") / "demo_data"
+    parts = {"metadata": ("metadata.json", json.dumps(metadata).encode(), "application/json")}
+    for side in ("left", "right"):
+        parts[side] = (f"{side}.jpg", (bundled / f"{side}.jpg").read_bytes(), "image/jpeg")
+    meal = answer(client.post("/v1/meals", headers=phone, files=parts))
+    durable = all(image["durable"] for image in meal["images"].values())
+    say(f"Uploaded a meal: both photographs durable: {durable}; hint: {FOOD} at {FOOD_POINT}.")
+    deadline, seen = time.monotonic() + ESTIMATE_SECONDS, None
+    while meal["status"] in ("queued", "processing") and time.monotonic() < deadline:
+        state = (meal["status"], meal["stage"])
+        if state != seen:
+            print(f"   {meal['status']}{': ' + meal['stage'] if meal['stage'] else ''}", flush=True)
+            seen = state
+        meal = answer(client.get(f"/v1/meals/{meal['id']}", headers=phone, params={"wait": 25}))
+    print(f"   {meal['status']}", flush=True)
+    return meal
+
+
+def show_meal(meal: dict[str, Any]) -> None:
+    """Print what was found."""
+    for item in meal["items"]:
+        low, high = item["volume_interval_ml"]
+        food = item["food"]["name"] if item["food"] else "unknown food"
+        print(f"\n   {food}")
+        print(f"     volume      {item['volume_ml']:8.1f} ml   (90 % interval {low:.1f} to {high:.1f})")
+        if item["mass_g"] is None:
+            continue
+        low, high = item["mass_interval_g"]
+        print(f"     density     {item['density_g_per_ml']:8.2f} g/ml ({item['density_source']})")
+        print(f"     mass        {item['mass_g']:8.1f} g    (90 % interval {low:.1f} to {high:.1f})")
+        print(f"     edible      {item['edible_g']:8.1f} g")
+        amounts = {nutrient["tagname"]: nutrient for nutrient in item["nutrients"]}
+        for tagname in SHOWN_NUTRIENTS:
+            if tagname in amounts:
+                nutrient = amounts[tagname]
+                print(f"     {nutrient['name'][:24]:<24} {nutrient['amount']:8.2f} {nutrient['unit']}")
+    print()
+
+
+def show_records(client: httpx.Client, token: str) -> None:
+    """Print the record as a researcher's CSV."""
+    phone = {"Authorization": f"Bearer {token}"}
+    lines = client.get("/v1/records", headers=phone, params={"format": "csv"}).text.splitlines()
+    say(f"GET /v1/records?format=csv: {len(lines) - 1} record, {lines[0].count(',') + 1} columns.")
+
+
+def save_artefacts(client: httpx.Client, token: str, meal: dict[str, Any], output: Path) -> None:
+    """Download the pictures of the steps."""
+    output.mkdir(parents=True, exist_ok=True)
+    for artefact in meal["run"]["artefacts"]:
+        content = client.get(artefact["href"], headers={"Authorization": f"Bearer {token}"}).raise_for_status().content
+        (output / artefact["name"]).write_bytes(content)
+        print(f"   {output / artefact['name']}")
+
+
+def answer(response: httpx.Response) -> dict[str, Any]:
+    """The body of a good answer; a bad one ends the demo with its sentence."""
+    if response.is_error:
+        raise SystemExit(f"tada: {response.request.url}: {response.status_code} {response.text}")
+    body: dict[str, Any] = response.json() if response.content else {}
+    return body

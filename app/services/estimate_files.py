@@ -1,0 +1,86 @@
+"""`tada estimate`: two files in, the answer as JSON out, foods of hints resolved in the starter table."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+from app.errors import InvalidInputError
+from app.nutrition.foods import load_starter_table
+from app.services.child_tasks import run_estimate
+from app.services.estimate_json import hint_from_json, options_from_json, with_forms
+from app.services.food_amounts import amounts_of
+from app.vision.model import EstimateOptions, Method
+
+HINT_KEYS = frozenset({"point", "box", "polygon", "food"})
+
+
+def read_options(*, marker: str, camera: Path | None, method: str, hints: Sequence[str]) -> EstimateOptions:
+    """Options from the command line's words. Raises InvalidInputError with a sentence."""
+    if method not in get_args(Method):
+        raise InvalidInputError(f"There is no method {method!r}; there is {', '.join(get_args(Method))}.")
+    value = {
+        "marker": marker,
+        "camera": _read_json(camera.read_text(), str(camera)) if camera is not None else None,
+        "method": method,
+        "hints": [_read_hint(hint) for hint in hints],
+    }
+    return options_from_json(value)
+
+
+def estimate_files(
+    left: Path,
+    right: Path,
+    options: EstimateOptions,
+    *,
+    max_pixels: int,
+    debug: Path | None,
+    on_stage: Callable[[str], None] | None,
+) -> dict[str, Any]:
+    """Run the pipeline on two files; with `debug`, write its pictures there."""
+    table = {food.key: food for food in load_starter_table().foods}
+    unknown = sorted({hint.food for hint in options.hints if hint.food and hint.food not in table})
+    if unknown:
+        raise InvalidInputError(f"The food table has no {', '.join(unknown)}: see `tada foods search`.")
+    options = with_forms(options, {key: food.slice_form for key, food in table.items()})
+    try:
+        answer, estimate = run_estimate(
+            left,
+            right,
+            options,
+            max_pixels=max_pixels,
+            on_stage=on_stage or (lambda _: None),
+            want_artefacts=debug is not None,
+        )
+    except OSError as error:
+        raise InvalidInputError(f"{error.filename} cannot be read: {error.strerror}.") from None
+    if debug is not None and estimate is not None:
+        debug.mkdir(parents=True, exist_ok=True)
+        for artefact in estimate.artefacts:
+            (debug / artefact.name).write_bytes(artefact.content)
+    for item in answer["items"]:
+        hint = options.hints[item["hint"]] if item["hint"] is not None else None
+        item.update(amounts_of(item, table[hint.food] if hint is not None and hint.food else None))
+    return answer
+
+
+def _read_hint(text: str) -> dict[str, Any]:
+    value = _read_json(text, "--hint")
+    unknown = set(value) - HINT_KEYS
+    if unknown:
+        raise InvalidInputError(f"--hint has unknown keys {sorted(unknown)}; known are {sorted(HINT_KEYS)}.")
+    try:
+        hint_from_json(value)
+    except (TypeError, ValueError):
+        raise InvalidInputError(f"--hint {text} does not fit: see `tada estimate --help`.") from None
+    return value
+
+
+def _read_json(text: str, what: str) -> dict[str, Any]:
+    try:
+        value = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InvalidInputError(f"{what} is not JSON: {error}.") from None
+    if not isinstance(value, dict):
+        raise InvalidInputError(f"{what} must be a JSON object.")
+    return value

@@ -1,0 +1,134 @@
+"""A job's work: fetch the sealed photographs, estimate in the child, seal the answer; then save it, exactly once.
+
+Used by jobs/workflows.py, which calls `compute` as one step and `save` as the other.
+"""
+
+import hashlib
+import json
+import tempfile
+import uuid
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy.exc
+import structlog
+from sqlalchemy.orm import Session
+
+from app.db.models import Food, Job, Meal, MealImage, Study
+from app.db.queries import foods, meals
+from app.db.session import Database
+from app.errors import Failure, TadaError
+from app.jobs.child_pool import ChildPool, ChildRequest, Finished
+from app.services.estimate_json import (
+    estimate_to_json,
+    failure_to_json,
+    options_from_json,
+    options_to_json,
+    with_forms,
+)
+from app.services.receive_photo import sha256_of_file
+from app.services.save_estimate import save_estimate
+from app.settings import Settings
+from app.storage.blob_store import BlobStore
+from app.vision.model import EstimateOptions, MealEstimate
+from app.vision.pipeline import PIPELINE_VERSION
+
+log = structlog.get_logger()
+
+
+class PhotoDamagedError(TadaError):
+    """A sealed photograph is not what was sealed: the disk or somebody changed it."""
+
+    code = "photo_damaged"
+
+
+class EstimateMeal:
+    """The use cases of a worker; one a process."""
+
+    def __init__(self, database: Database, blobs: BlobStore, children: ChildPool, settings: Settings) -> None:
+        self._database = database
+        self._blobs = blobs
+        self._children = children
+        self._settings = settings
+
+    def compute(self, job_id: uuid.UUID) -> str:
+        """Run the pipeline and seal its answer and pictures. Returns the answer's blob key."""
+        with self._database.read() as session:
+            job = session.get_one(Job, job_id)
+            meal = session.get_one(Meal, job.meal_id)
+            study = session.get_one(Study, meal.study_id)
+            images = {image.slot: image for image in meals.images_of(session, meal.id)}
+            options = self._options(session, meal, study)
+        prefix = f"{meal.study_id}/{meal.id}/runs/{job_id}"
+        with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
+            folder = Path(name)
+            paths = {slot: self._fetch(images[slot], folder) for slot in ("left", "right")}
+            answer = self._estimate(meal.id, paths, options, folder)
+            for artefact in answer["artefacts"]:
+                artefact["blob_key"] = f"{prefix}/{artefact['name']}/{artefact['sha256']}"
+                self._blobs.put_file(artefact["blob_key"], folder / artefact["name"])
+        result = json.dumps(answer).encode()
+        result_key = f"{prefix}/result.json/{hashlib.sha256(result).hexdigest()}"
+        self._blobs.put_bytes(result_key, result)
+        return result_key
+
+    def save(self, session: Session, job_id: uuid.UUID, result_key: str) -> None:
+        """Write run, items and records in the given transaction."""
+        save_estimate(session, job_id, json.loads(self._blobs.read(result_key)), result_key)
+
+    def give_up(self, session: Session, job_id: uuid.UUID, code: str, message: str) -> None:
+        """Fail the meal of a job that cannot be done; visible to the phone and in the doctor's report."""
+        job = session.get_one(Job, job_id)
+        meal = meals.lock_meal(session, job.meal_id)
+        if meal is not None and meal.status in meals.WAITING:
+            meal.status, meal.stage = "failed", None
+            meal.failure_code, meal.failure_message = code, message
+            meal.failure_advice = "The photographs are kept. The people who run the server can queue the meal again."
+            meal.version += 1
+
+    def _options(self, session: Session, meal: Meal, study: Study) -> EstimateOptions:
+        details = meal.details
+        options = options_from_json(
+            {"marker": details["marker"] or study.marker, "camera": details["camera"], "hints": details["hints"]}
+        )
+        release = foods.active_release(session)
+        keys = {hint.food for hint in options.hints if hint.food}
+        known: Mapping[str, Food] = foods.foods_by_key(session, release.id, keys) if release and keys else {}
+        return with_forms(options, {key: food.slice_form for key, food in known.items()})
+
+    def _fetch(self, image: MealImage, folder: Path) -> Path:
+        path = folder / f"photo-{image.slot}"
+        self._blobs.fetch(image.blob_key, path)
+        if sha256_of_file(path) != image.stored_sha256:
+            raise PhotoDamagedError(f"The blob {image.blob_key} is not what was sealed.")
+        return path
+
+    def _estimate(
+        self, meal_id: uuid.UUID, paths: Mapping[str, Path], options: EstimateOptions, folder: Path
+    ) -> dict[str, Any]:
+        request = ChildRequest(
+            task="estimate",
+            arguments={
+                "left": str(paths["left"]),
+                "right": str(paths["right"]),
+                "options": options_to_json(options),
+                "output_dir": str(folder),
+                "max_pixels": self._settings.max_photo_pixels,
+            },
+        )
+        outcome = self._children.run(request, on_stage=lambda stage: self._tell_stage(meal_id, stage))
+        if isinstance(outcome, Finished):
+            return outcome.answer
+        log.warning("estimate_ended_badly", meal_id=str(meal_id), code=outcome.code)
+        ended = MealEstimate(method=options.method, pipeline_version=PIPELINE_VERSION, stages={})
+        failure = Failure(outcome.code, outcome.message, "Take the pair again; if it fails again, tell the study.")
+        return estimate_to_json(ended, options) | {"failure": failure_to_json(failure), "artefacts": []}
+
+    def _tell_stage(self, meal_id: uuid.UUID, stage: str) -> None:
+        """Progress for the phone; an estimate does not fail because it could not be told."""
+        try:
+            with self._database.write() as session:
+                meals.set_progress(session, meal_id, status="processing", stage=stage)
+        except sqlalchemy.exc.SQLAlchemyError:
+            log.warning("stage_not_told", meal_id=str(meal_id), stage=stage, exc_info=True)

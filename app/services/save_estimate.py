@@ -1,0 +1,134 @@
+"""The pipeline's answer into the database, in one transaction: run, artefacts, items, candidates, effective records.
+
+Nothing is updated but the meal's status: a run is written once, under its job's id, and a second save of it is nothing.
+"""
+
+import uuid
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.db.models import EffectiveRecord, Food, Item, ItemCandidate, Job, Meal, Run, RunArtefact
+from app.db.queries import foods, meals, records
+from app.services.food_amounts import NO_FOOD, food_amounts
+from app.services.load_food_table import food_value
+
+ITEM_NAMESPACE = uuid.UUID("3f2ad0a5-93ce-4f0f-8f39-4f1f1d1b7f6e")  # drawn once; item ids are derived under it
+FROM_HINT = "hint"
+
+
+def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any], result_key: str) -> None:
+    """Write what a run found. answer: estimate_json's, with artefacts and their blob keys."""
+    job = session.get_one(Job, job_id)
+    if session.get(Run, job_id) is not None:
+        return  # saved before: the job ran again after its worker died between commit and report
+    meal = meals.lock_meal(session, job.meal_id)
+    if meal is None or meal.deleted_at is not None:
+        return  # the meal went while it was estimated: nothing of it may come back
+    release = foods.active_release(session)
+    now, failure = datetime.now(UTC), answer["failure"]
+    session.add(
+        Run(
+            id=job_id,
+            meal_id=meal.id,
+            method=answer["method"],
+            pipeline_version=answer["pipeline_version"],
+            marker=answer["marker"],
+            camera={"left": answer["camera"], "right": answer["camera_right"]} if answer["camera"] else None,
+            parameters=answer["parameters"],
+            stages=answer["stages"],
+            seconds=answer["seconds"],
+            food_release_id=release.id if release is not None else None,
+            failure_code=failure["code"] if failure else None,
+            failure_message=failure["message"] if failure else None,
+            result_key=result_key,
+            created_at=now,
+        )
+    )
+    session.flush()
+    session.add_all(RunArtefact(run_id=job_id, **artefact) for artefact in answer["artefacts"])
+    items = [item_row(job_id, position, found) for position, found in enumerate(answer["items"])]
+    session.add_all(items)
+    session.flush()
+    chosen = _chosen_foods(session, meal, release.id if release is not None else None, answer["items"])
+    session.add_all(
+        ItemCandidate(item_id=item.id, position=0, food_id=food.id, probability=None, source=FROM_HINT)
+        for item, food in zip(items, chosen, strict=True)
+        if food is not None
+    )
+    session.flush()
+    session.add_all(build_records(session, meal, items, chosen))
+    meal.status = status_of(failure, chosen)
+    meal.stage = None
+    if failure:
+        meal.failure_code, meal.failure_message = failure["code"], failure["message"]
+        meal.failure_advice = failure.get("advice", "")
+    meal.version += 1
+
+
+def item_row(run_id: uuid.UUID, position: int, found: Mapping[str, Any]) -> Item:
+    """An item of the answer as a row; its id follows from run and position, so building it again gives the same."""
+    polygon = found["polygon"]
+    return Item(
+        id=uuid.uuid5(ITEM_NAMESPACE, f"{run_id}/{position}"),
+        run_id=run_id,
+        position=position,
+        rings=polygon if polygon and isinstance(polygon[0][0], list) else [polygon],
+        volume_ml=found["volume_ml"],
+        volume_low_ml=found["volume_interval_ml"][0],
+        volume_high_ml=found["volume_interval_ml"][1],
+        relative_sd=found["relative_sd"],
+        flags=found["flags"],
+    )
+
+
+def build_records(
+    session: Session, meal: Meal, items: list[Item], chosen: list[Food | None]
+) -> Iterator[EffectiveRecord]:
+    """The effective record of each item: what its volume and its food come to."""
+    change_seq = records.next_change_seq(session, meal.study_id) if items else 0
+    for item, food in zip(items, chosen, strict=True):
+        yield EffectiveRecord(**record_values(session, meal, item, food), change_seq=change_seq)
+
+
+def record_values(session: Session, meal: Meal, item: Item, food: Food | None) -> dict[str, Any]:
+    """An effective record's columns, but for its place in the order of changes."""
+    amounts = (
+        food_amounts(food_value(session, food), item.volume_ml, item.relative_sd).record_columns()
+        if food is not None
+        else NO_FOOD
+    )
+    return {
+        "item_id": item.id,
+        "meal_id": meal.id,
+        "study_id": meal.study_id,
+        "participant_id": meal.participant_id,
+        "captured_at": meal.captured_at,
+        "local_date": meal.local_date,
+        "status": "proposed" if food is not None else "needs_review",
+        "food_id": food.id if food is not None else None,
+        "volume_ml": item.volume_ml,
+        "volume_low_ml": item.volume_low_ml,
+        "volume_high_ml": item.volume_high_ml,
+        **amounts,
+    }
+
+
+def status_of(failure: Mapping[str, Any] | None, chosen: list[Food | None]) -> str:
+    """The meal's status: without a food for every item a person must look."""
+    if failure:
+        return "failed"
+    return "estimated" if chosen and all(food is not None for food in chosen) else "needs_review"
+
+
+def _chosen_foods(
+    session: Session, meal: Meal, release_id: int | None, found: list[Mapping[str, Any]]
+) -> list[Food | None]:
+    """Each item's food by the hint that it answers; None without a hint or where the table lacks the food."""
+    hints = meal.details["hints"]
+    keys = [hints[item["hint"]].get("food") if item["hint"] is not None else None for item in found]
+    wanted = {key for key in keys if key is not None}
+    known = foods.foods_by_key(session, release_id, wanted) if release_id is not None and wanted else {}
+    return [known.get(key) if key is not None else None for key in keys]
