@@ -1,0 +1,99 @@
+"""Which of a food's densities turns this item's volume into grams, and which it was chosen over.
+
+The order: the study's own measurement; a measurement of this food; a row of the FAO/INFOODS table; a volume portion
+(cup, cubic inch) of this food; one of a close relative; the food group's median with a wide spread. Worth counts only
+among densities of the right kind: a camera sees the volume with the air in it, so a heap takes a bulk density and a
+whole piece a solid one. A cup of sliced apple (0.5 g/ml) says nothing about an apple (0.79).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+from app.nutrition.foods import DENSITY_BASES, Density, DensityKind, Food, FoodForm
+
+KIND_OF_FORM: MappingProxyType[FoodForm, DensityKind] = MappingProxyType(
+    {
+        "whole": "solid",
+        "lying": "solid",
+        "slab": "solid",
+        "heap": "bulk",
+        "liquid": "solid",
+        "in_vessel": "bulk",
+    }
+)
+
+# A density of the wrong kind, for want of any other, may be off by the air in a heap: spheres poured at random fill
+# 0.55 to 0.64 of the space, flakes far less.
+WRONG_KIND_RELATIVE_SD = 0.4
+
+_WORDS = MappingProxyType(
+    {
+        "study": "measured by this study",
+        "measured": "measured for this food",
+        "fao": "from the FAO/INFOODS density table",
+        "portion": "from a volume portion of this food",
+        "related": "from a close relative of this food",
+        "group": "the median of its food group",
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RejectedDensity:
+    """A density that was not chosen, and why, for a person."""
+
+    density: Density
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class DensityChoice:
+    """The density for one item, the others in order of worth, and the reason in words."""
+
+    chosen: Density
+    alternatives: tuple[RejectedDensity, ...]
+    reason: str
+
+
+def resolve_density(
+    food: Food, *, form: FoodForm | None = None, study_densities: Iterable[Density] = ()
+) -> DensityChoice:
+    """The density for an item of this food that lies in this form (None: the food's usual form).
+
+    study_densities: the study's own measurements of this food; they are put first.
+    Raises ValueError if the food has no density at all.
+    """
+    form = form or food.form
+    kind = KIND_OF_FORM[form]
+    own = [replace(density, basis="study") for density in study_densities]
+    # sorted() is stable: within one basis the table's order holds, which names the usual state first.
+    by_worth = sorted([*own, *food.densities], key=lambda density: DENSITY_BASES.index(density.basis))
+    if not by_worth:
+        raise ValueError(f"the food table has no density for {food.key}")
+    chosen = next((density for density in by_worth if density.kind == kind), None)
+    if chosen is not None:
+        reason = f"{_WORDS[chosen.basis]}; {kind}, as for {_form_words(form)}"
+        rest = [density for density in by_worth if density is not chosen]
+        return DensityChoice(chosen, tuple(RejectedDensity(d, _why_not(d, kind, form)) for d in rest), reason)
+    best = by_worth[0]
+    widened = replace(best, sd_g_per_ml=max(best.sd_g_per_ml, WRONG_KIND_RELATIVE_SD * best.g_per_ml))
+    reason = f"{_WORDS[best.basis]}; no {kind} density is known, so a {best.kind} one with a wide spread"
+    return DensityChoice(widened, tuple(RejectedDensity(d, _why_not(d, kind, form)) for d in by_worth[1:]), reason)
+
+
+def _why_not(density: Density, kind: DensityKind, form: FoodForm) -> str:
+    if density.kind != kind:
+        return f"{density.kind}, but {_form_words(form)} takes a {kind} density"
+    return f"{_WORDS[density.basis]}: a better one, or one of the usual state, is known"
+
+
+def _form_words(form: FoodForm) -> str:
+    return {
+        "whole": "a whole piece",
+        "lying": "a lying piece",
+        "slab": "a slab",
+        "heap": "a heap",
+        "liquid": "a liquid",
+        "in_vessel": "a food in a vessel",
+    }[form]

@@ -1,0 +1,117 @@
+"""Doubt in parts: what items share and what is their own, and 90 % intervals of amounts, sums and differences.
+
+Errors here multiply (a scale, a density), so each part is a factor with a lognormal distribution; an interval is never
+negative and is wider upwards. A part's relative standard deviation r gives the logarithm's, s = sqrt(ln(1 + r^2)).
+The value itself is the median. The doubt about the nutrient figures themselves is not in it.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+Z_90 = 1.6448536269514722  # the normal distribution's 95th percentile: 5 % lie above, 5 % below the mirror image
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Relative standard deviations by part; they add up in squares.
+
+    pair: shared by all items of one pair of photographs (pose, scale). density: shared by all items of one food.
+    item: the item's own. Raises ValueError if one is negative or not finite.
+    """
+
+    pair: float = 0.0
+    density: float = 0.0
+    item: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not all(0.0 <= part < math.inf for part in (self.pair, self.density, self.item)):
+            raise ValueError(f"relative standard deviations are finite and not negative: {self}")
+
+    @property
+    def log_variance(self) -> float:
+        """The variance of the logarithm of all parts together."""
+        return _log_variance(self.pair) + _log_variance(self.density) + _log_variance(self.item)
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A value with its 90 % interval, all in the same unit."""
+
+    value: float
+    low: float
+    high: float
+
+    def scaled(self, factor: float) -> "Estimate":
+        """The estimate times an exact factor >= 0."""
+        if not 0.0 <= factor < math.inf:
+            raise ValueError(f"an estimate is scaled by a finite factor >= 0, not {factor}")
+        return Estimate(self.value * factor, self.low * factor, self.high * factor)
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """One item's amount in a sum or difference.
+
+    value: >= 0. pair, food: names of the pair and the food, which tell whose parts are shared. sign: -1 to take away.
+    """
+
+    value: float
+    doubt: Doubt
+    pair: str
+    food: str
+    sign: Literal[1, -1] = 1
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.value < math.inf:
+            raise ValueError(f"an amount is finite and not negative, not {self.value}")
+
+
+def estimate(value: float, doubt: Doubt) -> Estimate:
+    """A value with the 90 % interval that its doubt gives. Raises ValueError if it is negative or not finite."""
+    if not 0.0 <= value < math.inf:
+        raise ValueError(f"an amount is finite and not negative, not {value}")
+    spread = math.exp(Z_90 * math.sqrt(doubt.log_variance))
+    return Estimate(value, value / spread, value * spread)
+
+
+def combine(terms: Sequence[Term]) -> Estimate:
+    """Sum of the terms by their signs, with its 90 % interval; shared parts combine before own ones.
+
+    The covariance of two terms is exact: E_i E_j (exp(s) - 1), s the log variance that they share. A sum is given the
+    lognormal of the same mean and variance (Fenton 1960); one with a sign -1, which may be negative, the normal.
+    An empty sum is 0.
+    """
+    total = math.fsum(term.sign * term.value for term in terms)
+    means = [term.sign * term.value * math.exp(term.doubt.log_variance / 2.0) for term in terms]
+    mean = math.fsum(means)
+    variance = math.fsum(
+        means[i] * means[j] * math.expm1(_shared_log_variance(terms[i], terms[j], same=i == j))
+        for i in range(len(terms))
+        for j in range(len(terms))
+    )
+    sd = math.sqrt(max(variance, 0.0))  # rounding may leave a tiny negative number where terms cancel
+    if any(term.sign < 0 for term in terms):
+        return Estimate(total, mean - Z_90 * sd, mean + Z_90 * sd)
+    if mean == 0.0:
+        return Estimate(0.0, 0.0, 0.0)
+    log_variance = _log_variance(sd / mean)
+    median, spread = mean * math.exp(-log_variance / 2.0), math.exp(Z_90 * math.sqrt(log_variance))
+    return Estimate(total, median / spread, median * spread)
+
+
+def _shared_log_variance(one: Term, other: Term, *, same: bool) -> float:
+    """The covariance of the logarithms of two terms: their shared parts, each with its own size in either term."""
+    if same:
+        return one.doubt.log_variance
+    shared = 0.0
+    if one.pair == other.pair:
+        shared += math.sqrt(_log_variance(one.doubt.pair) * _log_variance(other.doubt.pair))
+    if one.food == other.food:
+        shared += math.sqrt(_log_variance(one.doubt.density) * _log_variance(other.doubt.density))
+    return shared
+
+
+def _log_variance(relative_sd: float) -> float:
+    return math.log1p(relative_sd**2)

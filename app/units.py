@@ -1,0 +1,101 @@
+"""The only conversions: volumes, masses and energies, each unit with its quantity; what cannot be converted raises.
+
+A volume never becomes a mass here: that takes a density (nutrition/mass.py). International units (IU) are absent on
+purpose: their size depends on the vitamin and on its form.
+"""
+
+import math
+from enum import StrEnum
+from typing import Literal
+
+Quantity = Literal["volume", "mass", "energy"]
+
+KJ_PER_KCAL = 4.184  # thermochemical calorie, as INFOODS and USDA use it
+
+
+class Unit(StrEnum):
+    """A unit that figures in this system carry. Cup, fluid ounce and spoons are the US customary ones."""
+
+    MM3 = "mm3"
+    ML = "ml"
+    CUBIC_INCH = "in3"
+    CUP = "cup"
+    FLUID_OUNCE = "fl_oz"
+    TABLESPOON = "tbsp"
+    TEASPOON = "tsp"
+    G = "g"
+    MG = "mg"
+    UG = "ug"
+    KCAL = "kcal"
+    KJ = "kJ"
+
+
+# What one of it is in the quantity's own unit: ml, g, kcal. The inch is 25.4 mm by definition, a US gallon 231 cubic
+# inches, which holds 16 cups, 128 fluid ounces, 256 tablespoons, 768 teaspoons (NIST Handbook 44, appendix C).
+_CUBIC_INCH_ML = 25.4**3 / 1000.0
+_SIZES: dict[Unit, tuple[Quantity, float]] = {
+    Unit.MM3: ("volume", 1e-3),
+    Unit.ML: ("volume", 1.0),
+    Unit.CUBIC_INCH: ("volume", _CUBIC_INCH_ML),
+    Unit.CUP: ("volume", 231.0 / 16.0 * _CUBIC_INCH_ML),
+    Unit.FLUID_OUNCE: ("volume", 231.0 / 128.0 * _CUBIC_INCH_ML),
+    Unit.TABLESPOON: ("volume", 231.0 / 256.0 * _CUBIC_INCH_ML),
+    Unit.TEASPOON: ("volume", 231.0 / 768.0 * _CUBIC_INCH_ML),
+    Unit.G: ("mass", 1.0),
+    Unit.MG: ("mass", 1e-3),
+    Unit.UG: ("mass", 1e-6),
+    Unit.KCAL: ("energy", 1.0),
+    Unit.KJ: ("energy", 1.0 / KJ_PER_KCAL),
+}
+
+
+class UnitMismatchError(ValueError):
+    """The two units measure different quantities, so no factor leads from one to the other."""
+
+
+def convert(value: float, source: Unit, target: Unit) -> float:
+    """`value` in `source` units -> the same in `target` units.
+
+    Raises UnitMismatchError if they measure different quantities.
+    """
+    source_quantity, source_size = _SIZES[source]
+    target_quantity, target_size = _SIZES[target]
+    if source_quantity != target_quantity:
+        raise UnitMismatchError(f"{source} measures {source_quantity}, {target} measures {target_quantity}")
+    return value * source_size / target_size
+
+
+def ml_from_mm3(volume_mm3: float) -> float:
+    """Cubic millimetres -> millilitres."""
+    return convert(volume_mm3, Unit.MM3, Unit.ML)
+
+
+def mm3_from_ml(volume_ml: float) -> float:
+    """Millilitres -> cubic millimetres."""
+    return convert(volume_ml, Unit.ML, Unit.MM3)
+
+
+def kj_from_kcal(energy_kcal: float) -> float:
+    """Kilocalories -> kilojoules (x 4.184)."""
+    return convert(energy_kcal, Unit.KCAL, Unit.KJ)
+
+
+def kcal_from_kj(energy_kj: float) -> float:
+    """Kilojoules -> kilocalories (/ 4.184)."""
+    return convert(energy_kj, Unit.KJ, Unit.KCAL)
+
+
+def density_from_portion(mass_g: float, measure: float, unit: Unit) -> float:
+    """Density, g/ml, of a portion of `mass_g` grams that fills `measure` units of volume (one cup, half a cup ...).
+
+    Raises UnitMismatchError if the unit is no volume, ValueError if mass or measure is not positive and finite.
+    """
+    volume_ml = convert(measure, unit, Unit.ML)
+    if not (0.0 < mass_g < math.inf and 0.0 < volume_ml < math.inf):
+        raise ValueError(f"a portion has a positive mass and volume, not {mass_g} g in {measure} {unit}")
+    return mass_g / volume_ml
+
+
+def content_of_mass(per_100_g: float, mass_g: float) -> float:
+    """What `mass_g` grams hold of a component of which 100 g hold `per_100_g`, in that figure's unit."""
+    return per_100_g * mass_g / 100.0
