@@ -48,6 +48,10 @@ class BlobStore(Protocol):
         """A blob's bytes piece by piece. Raises BlobMissingError before the first piece."""
         ...
 
+    def has(self, key: str) -> bool:
+        """Whether a blob is there."""
+        ...
+
     def delete(self, key: str) -> None:
         """Remove a blob; one that is not there is no error."""
         ...

@@ -76,6 +76,10 @@ class LocalBlobStore:
 
         return pieces()
 
+    def has(self, key: str) -> bool:
+        """Whether the file is there."""
+        return self._path(key).is_file()
+
     def delete(self, key: str) -> None:
         """Remove the file and sync its folder."""
         path = self._path(key)

@@ -1,7 +1,7 @@
 """SQL of meals and their photographs."""
 
 import uuid
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from datetime import datetime
 from typing import Any
 
@@ -21,6 +21,11 @@ def lock_meal(session: Session, meal_id: uuid.UUID) -> Meal | None:
 def images_of(session: Session, meal_id: uuid.UUID) -> list[MealImage]:
     """A meal's photographs by slot."""
     return list(session.scalars(sa.select(MealImage).where(MealImage.meal_id == meal_id).order_by(MealImage.slot)))
+
+
+def blob_keys(session: Session) -> Iterator[str]:
+    """The keys of all photographs that are kept, streamed."""
+    yield from session.scalars(sa.select(MealImage.blob_key).execution_options(yield_per=1000))
 
 
 def find_meals(

@@ -1,0 +1,96 @@
+"""A whole API on a throwaway database and store, without a worker; and a phone that is enrolled in it."""
+
+import json
+import uuid
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pytest
+from fastapi.testclient import TestClient
+
+from app.main import create_app
+from app.services.enrol import create_admin
+from app.settings import Settings
+
+STUDY_MARKER = "plain:9x7:11"
+
+
+@pytest.fixture
+def settings(database_url, tmp_path) -> Settings:
+    return Settings(
+        data_dir=tmp_path / "data",
+        database_url=database_url,
+        blob_url=None,
+        max_photo_bytes=400_000,
+        max_photo_pixels=3_000_000,
+        min_free_bytes=0,
+        enrolment_attempts_per_minute=60,
+    )
+
+
+@pytest.fixture
+def client(settings) -> Iterator[TestClient]:
+    with TestClient(create_app(settings), raise_server_exceptions=False) as client:
+        yield client
+
+
+@pytest.fixture
+def state(client):
+    return client.app.state.api
+
+
+@pytest.fixture
+def admin(state) -> dict[str, str]:
+    """An admin's header."""
+    return {"Authorization": f"Bearer {create_admin(state.database, 'admin')}"}
+
+
+@dataclass(frozen=True)
+class Phone:
+    """An enrolled phone: sends meals and asks for them."""
+
+    client: TestClient
+    headers: dict[str, str]
+
+    def post(self, photos, metadata=None, **changes):
+        body = metadata if metadata is not None else meal_metadata(**changes)
+        files = {"metadata": ("m.json", body if isinstance(body, bytes) else json.dumps(body), "application/json")}
+        files |= {slot: (f"{slot}.jpg", content, "image/jpeg") for slot, content in photos.items()}
+        return self.client.post("/v1/meals", headers=self.headers, files=files)
+
+    def get(self, path, **params):
+        return self.client.get(path, headers=self.headers, params=params)
+
+    def put(self, path, **arguments):
+        headers = self.headers | arguments.pop("headers", {})
+        return self.client.put(path, headers=headers, **arguments)
+
+
+def meal_metadata(**changes):
+    """Good metadata; a change to None leaves the field out."""
+    body = {
+        "id": str(uuid.uuid4()),
+        "captured_at": "2026-11-20T12:30:00+08:00",
+        "time_zone": "Asia/Shanghai",
+    }
+    return {key: value for key, value in (body | changes).items() if value is not None}
+
+
+@pytest.fixture
+def enrol(client, admin):
+    """Enrol a phone of a participant: enrol("P001"); study and participant are made when needed."""
+
+    def enrol(participant="P001", study="pilot", **study_fields):
+        body = {"code": study, "name": study, "marker": STUDY_MARKER} | study_fields
+        client.post("/v1/studies", headers=admin, json=body)
+        client.post(f"/v1/studies/{study}/participants", headers=admin, json={"code": participant})
+        issued = client.post(f"/v1/studies/{study}/participants/{participant}/enrolment-codes", headers=admin).json()
+        answer = client.post("/v1/enrolments", json={"code": issued["code"], "device_name": "test phone"}).json()
+        return Phone(client, {"Authorization": f"Bearer {answer['token']}"})
+
+    return enrol
+
+
+@pytest.fixture
+def phone(enrol) -> Phone:
+    return enrol()
