@@ -14,7 +14,7 @@ _NUMBER_OR_RANGE = re.compile(r"^\s*(\d+(?:\.\d+)?)\s*(?:-\s*(\d+(?:\.\d+)?))?\s
 
 @dataclass(frozen=True, slots=True)
 class FaoRow:
-    """One row. row: its number in the sheet, from 1. half_range: of a published range, else 0. biblio_id: who says so."""
+    """One row. row: its number in the sheet, from 1. half_range: of a published range, or 0. biblio_id: whose it is."""
 
     row: int
     name: str

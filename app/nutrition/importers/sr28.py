@@ -70,6 +70,13 @@ class Sr28Release:
         """FD_GROUP.txt: code -> name of each food group."""
         return {fields[0]: fields[1] for fields in self._records("FD_GROUP.txt", 2)}
 
+    def nutrient_definitions(self) -> dict[str, tuple[str, str, str]]:
+        """NUTR_DEF.txt: Nutr_No -> tagname, name, unit (the micro sign as u)."""
+        return {
+            fields[0]: (fields[2], fields[3], fields[1].replace("\u00b5", "u"))
+            for fields in self._records("NUTR_DEF.txt", 6)
+        }
+
     def foods(self) -> dict[str, Sr28Food]:
         """FOOD_DES.txt: NDB number -> food."""
         foods = {}
