@@ -21,6 +21,7 @@ from zoneinfo import ZoneInfo
 import httpx
 
 from app.db.session import Database
+from app.jobs.supervisor import settings_environment
 from app.services.enrol import create_admin
 from app.services.prepare import prepare
 from app.settings import Settings
@@ -38,7 +39,7 @@ def run_demo(output: Path) -> int:
     """Run it; pictures go to `output`. Returns the exit status."""
     started = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="tada-demo-") as folder:
-        settings = Settings(data_dir=Path(folder), database_url=None, blob_url=None, port=0)
+        settings = Settings(data_dir=Path(folder), database_url=None, blob_url=None, port=0, log_level="WARNING")
         say("A throwaway server: SQLite and files in a temporary folder.")
         database = Database(settings.resolved_database_url)
         try:
@@ -70,7 +71,7 @@ def say(text: str) -> None:
 def running_server(settings: Settings) -> Iterator[str]:
     """`tada serve` as a process of its own; yields its address, ends it at the end."""
     environment = {key: value for key, value in os.environ.items() if not key.startswith("TADA_")}
-    environment |= {"TADA_DATA_DIR": str(settings.data_dir), "TADA_PORT": "0", "TADA_LOG_LEVEL": "WARNING"}
+    environment |= settings_environment(settings)
     process = subprocess.Popen(
         [sys.executable, "-m", "app.cli", "serve"], env=environment, stderr=subprocess.PIPE, text=True
     )

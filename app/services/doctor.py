@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from app.db.queries import meals
+from app.db.queries import jobs, meals
 from app.db.session import Database
 from app.errors import TadaError
 from app.jobs.engine import JobQueue
-from app.jobs.sweep import find_stranded, sweep
+from app.jobs.sweep import sweep
 from app.services.health import check_readiness
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
@@ -34,7 +34,7 @@ def examine(database: Database, settings: Settings, *, requeue: bool) -> list[Fi
         return [Finding("blob store", is_ok=False, message=f"{settings.resolved_blob_url}: {error}")]
     return [
         *_parts(database, blobs, settings),
-        *_stranded(database, settings, requeue=requeue),
+        *_stranded(database, requeue=requeue),
         _photos(database, blobs),
     ]
 
@@ -53,13 +53,14 @@ def _parts(database: Database, blobs: BlobStore, settings: Settings) -> Iterator
     )
 
 
-def _stranded(database: Database, settings: Settings, *, requeue: bool) -> Iterator[Finding]:
-    found = find_stranded(database)
-    message = f"{len(found)} that nothing will move"
+def _stranded(database: Database, *, requeue: bool) -> Iterator[Finding]:
+    with database.read() as session:
+        found = len(jobs.stuck_jobs(session)) + len(jobs.waiting_meals_without_live_job(session))
+    message = f"{found} that nothing will move"
     if found and requeue:
         queue = JobQueue(database)
         try:
-            message += f", {sweep(database, queue, settings)} queued again"
+            message += f", {sweep(database, queue)} moved (see the log)"
         finally:
             queue.close()
     elif found:

@@ -18,11 +18,11 @@ from sqlalchemy.orm import Session
 from app.db.models import Food, Job, Meal, MealImage, Study
 from app.db.queries import foods, meals
 from app.db.session import Database
-from app.errors import Failure, TadaError
-from app.jobs.child_pool import ChildPool, ChildRequest, Finished
+from app.errors import Failure
+from app.jobs.child_pool import ChildPool, ChildRequest
+from app.jobs.faults import JobFailure
 from app.services.estimate_json import (
     estimate_to_json,
-    failure_to_json,
     options_from_json,
     options_to_json,
     with_forms,
@@ -37,10 +37,11 @@ from app.vision.pipeline import PIPELINE_VERSION
 log = structlog.get_logger()
 
 
-class PhotoDamagedError(TadaError):
-    """A sealed photograph is not what was sealed: the disk or somebody changed it."""
-
-    code = "photo_damaged"
+PHOTO_DAMAGED = Failure(
+    "photo_damaged",
+    "A sealed photograph is no longer what was sealed: the disk or somebody changed it.",
+    "Ask the people who run the server to restore it from a backup and to queue the meal again.",
+)
 
 
 class EstimateMeal:
@@ -77,16 +78,6 @@ class EstimateMeal:
         """Write run, items and records in the given transaction."""
         save_estimate(session, job_id, json.loads(self._blobs.read(result_key)), result_key)
 
-    def give_up(self, session: Session, job_id: uuid.UUID, code: str, message: str) -> None:
-        """Fail the meal of a job that cannot be done; visible to the phone and in the doctor's report."""
-        job = session.get_one(Job, job_id)
-        meal = meals.lock_meal(session, job.meal_id)
-        if meal is not None and meal.status in meals.WAITING:
-            meal.status, meal.stage = "failed", None
-            meal.failure_code, meal.failure_message = code, message
-            meal.failure_advice = "The photographs are kept. The people who run the server can queue the meal again."
-            meal.version += 1
-
     def _options(self, session: Session, meal: Meal, study: Study) -> EstimateOptions:
         details = meal.details
         options = options_from_json(
@@ -101,7 +92,8 @@ class EstimateMeal:
         path = folder / f"photo-{image.slot}"
         self._blobs.fetch(image.blob_key, path)
         if sha256_of_file(path) != image.stored_sha256:
-            raise PhotoDamagedError(f"The blob {image.blob_key} is not what was sealed.")
+            log.error("photo_damaged", blob_key=image.blob_key)
+            raise JobFailure(PHOTO_DAMAGED)
         return path
 
     def _estimate(
@@ -117,13 +109,12 @@ class EstimateMeal:
                 "max_pixels": self._settings.max_photo_pixels,
             },
         )
-        outcome = self._children.run(request, on_stage=lambda stage: self._tell_stage(meal_id, stage))
-        if isinstance(outcome, Finished):
-            return outcome.answer
-        log.warning("estimate_ended_badly", meal_id=str(meal_id), code=outcome.code)
-        ended = MealEstimate(method=options.method, pipeline_version=PIPELINE_VERSION, stages={})
-        failure = Failure(outcome.code, outcome.message, "Take the pair again; if it fails again, tell the study.")
-        return estimate_to_json(ended, options) | {"failure": failure_to_json(failure), "artefacts": []}
+        done = self._children.run(request, on_stage=lambda stage: self._tell_stage(meal_id, stage))
+        if done.failure is None:
+            return dict(done.result)
+        log.error("estimate_ended_badly", meal_id=str(meal_id), outcome=done.outcome, message=done.message)
+        ended = MealEstimate(method=options.method, pipeline_version=PIPELINE_VERSION, stages={}, failure=done.failure)
+        return estimate_to_json(ended, options) | {"artefacts": []}
 
     def _tell_stage(self, meal_id: uuid.UUID, stage: str) -> None:
         """Progress for the phone; an estimate does not fail because it could not be told."""

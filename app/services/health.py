@@ -36,7 +36,7 @@ def check_readiness(database: Database, blobs: BlobStore, settings: Settings) ->
     try:
         if is_current(database):
             state = "ok"
-            workers = len(living_workers(database, settings))
+            workers = len(living_workers(database))
             with database.read() as session:
                 oldest = meals.oldest_waiting(session)
         else:
