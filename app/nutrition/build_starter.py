@@ -32,7 +32,7 @@ from app.units import Unit
 STARTER_DIR = Path(__file__).parent / "starter"
 
 # Neither table publishes a spread. Judged (docs/food-table.md, "Spread"): liquids differ little; two tables' figures
-# for the same cooked, heaped food differ by some 8 %, to which the next heap's own packing is added.
+# for the same cooked, heaped food differ by 2 to 12 %, to which the next heap's own packing is added.
 _RELATIVE_SD: Mapping[str, float] = {"liquid": 0.02, "solid": 0.08, "bulk": 0.12}
 RELATED_FACTOR = 2.0  # another food's figure is worth half
 GROUP_RELATIVE_SD = 0.25  # at least
