@@ -1,0 +1,243 @@
+"""SQL of jobs, of the workers' leases, and what we read (never write) of DBOS's table of workflows."""
+
+import functools
+import uuid
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.db.models import Job, Meal, WorkerLease
+from app.db.queries.meals import WAITING
+from app.errors import Failure
+
+LIVE_STATES = ("queued", "processing")
+MOVING_STATUSES = ("PENDING", "ENQUEUED", "DELAYED")  # DBOS's words for a workflow that has an end before it
+DBOS_SCHEMA = "dbos"  # on PostgreSQL; on SQLite its tables stand beside ours
+
+
+def _workflow_table(schema: str | None) -> sa.TableClause:
+    names = ("workflow_uuid", "status", "executor_id", "application_name")
+    return sa.table("workflow_status", *(sa.column(name, sa.Text()) for name in names), schema=schema)
+
+
+_WORKFLOW = {"sqlite": _workflow_table(None), "postgresql": _workflow_table(DBOS_SCHEMA)}
+
+
+@dataclass(frozen=True, slots=True)
+class Executor:
+    """A worker process that says it lives, as /readyz shows it."""
+
+    executor_id: str
+    host: str
+    pid: int
+    version: str
+    started_at: datetime
+
+
+def lock_live_job(session: Session, job_id: uuid.UUID) -> tuple[Job, Meal] | None:
+    """A job that is still to be done and its meal, both locked, meal first as everywhere; None once it is finished."""
+    meal_id = session.scalar(sa.select(Job.meal_id).where(Job.id == job_id))
+    if meal_id is None:
+        return None
+    meal = session.scalars(sa.select(Meal).where(Meal.id == meal_id).with_for_update()).one()
+    job = session.scalars(
+        sa.select(Job).where(Job.id == job_id).with_for_update().execution_options(populate_existing=True)
+    ).one()
+    return (job, meal) if job.state in LIVE_STATES else None
+
+
+def start_attempt(session: Session, job_id: uuid.UUID, executor_id: str, now: datetime) -> bool:
+    """Note that this worker begins on the job. False: there is nothing to do any more."""
+    found = lock_live_job(session, job_id)
+    if found is None:
+        return False
+    job, meal = found
+    job.state, job.executor_id = "processing", executor_id
+    job.attempts += 1
+    job.started_at = job.started_at or now
+    if meal.status == "queued":
+        meal.status = "processing"
+        meal.version += 1
+    return True
+
+
+def finish_job(job: Job, now: datetime) -> None:
+    """The job's result is written in this transaction."""
+    job.state, job.finished_at = "done", now
+
+
+def fail_job(job: Job, meal: Meal, failure: Failure, now: datetime) -> None:
+    """The job ends without a result, and its meal says so, unless it has got another status meanwhile."""
+    job.state, job.finished_at = "failed", now
+    if meal.status in WAITING:
+        fail_meal(meal, failure)
+
+
+def fail_meal(meal: Meal, failure: Failure) -> None:
+    """The meal's answer is this failure."""
+    meal.status, meal.stage = "failed", None
+    meal.failure_code = failure.code
+    meal.failure_message = failure.message
+    meal.failure_advice = failure.advice
+    meal.version += 1
+
+
+def stuck_jobs(session: Session) -> list[uuid.UUID]:
+    """Jobs to be done that no workflow will do: it is not there, or it has ended."""
+    workflow = _WORKFLOW[session.get_bind().dialect.name]
+    return list(
+        session.scalars(
+            sa.select(Job.id)
+            .outerjoin(workflow, _is_workflow_of(session, workflow))
+            .where(Job.state.in_(LIVE_STATES))
+            .where(sa.or_(workflow.c.status.is_(None), workflow.c.status.not_in(MOVING_STATUSES)))
+            .order_by(Job.enqueued_at)
+        )
+    )
+
+
+def workflow_status(session: Session, job_id: uuid.UUID) -> str | None:
+    """DBOS's word on the job's workflow; None: there is no such workflow."""
+    workflow = _WORKFLOW[session.get_bind().dialect.name]
+    return session.scalar(sa.select(workflow.c.status).where(workflow.c.workflow_uuid == str(job_id)))
+
+
+def waiting_meals_without_live_job(session: Session) -> list[uuid.UUID]:
+    """Meals that say they wait while no job will move them."""
+    live = sa.exists().where(Job.meal_id == Meal.id, Job.state.in_(LIVE_STATES))
+    return list(
+        session.scalars(
+            sa.select(Meal.id)
+            .where(Meal.status.in_(WAITING), Meal.deleted_at.is_(None), ~live)
+            .order_by(Meal.submitted_at)
+        )
+    )
+
+
+def count_jobs(session: Session, meal_id: uuid.UUID) -> tuple[int, int]:
+    """(all, still to be done) jobs of a meal."""
+    states = session.scalars(sa.select(Job.state).where(Job.meal_id == meal_id)).all()
+    return len(states), sum(state in LIVE_STATES for state in states)
+
+
+def executors_with_pending_work(session: Session, application: str) -> set[str]:
+    """Workers that have claimed workflows which are not finished, dead or alive."""
+    workflow = _WORKFLOW[session.get_bind().dialect.name]
+    return set(
+        session.scalars(
+            sa.select(workflow.c.executor_id)
+            .where(workflow.c.status == "PENDING", workflow.c.application_name == application)
+            .where(workflow.c.executor_id.is_not(None))
+            .distinct()
+        )
+    )
+
+
+def pending_workflows_of(session: Session, executor_id: str) -> set[str]:
+    """Ids of the unfinished workflows that one worker has claimed."""
+    workflow = _WORKFLOW[session.get_bind().dialect.name]
+    return set(
+        session.scalars(
+            sa.select(workflow.c.workflow_uuid).where(
+                workflow.c.status == "PENDING", workflow.c.executor_id == executor_id
+            )
+        )
+    )
+
+
+def insert_lease(session: Session, executor: Executor) -> None:
+    """The first heartbeat of a worker, on the database's clock."""
+    session.execute(
+        sa.insert(WorkerLease).values(
+            executor_id=executor.executor_id,
+            host=executor.host,
+            pid=executor.pid,
+            version=executor.version,
+            started_at=executor.started_at,
+            heartbeat_at=_clock(),
+        )
+    )
+
+
+def renew_lease(session: Session, executor_id: str, lease_seconds: float) -> bool:
+    """A heartbeat. False: the lease ran out or was taken, and cannot be had back."""
+    renewed = session.execute(
+        sa.update(WorkerLease)
+        .where(WorkerLease.executor_id == executor_id, _is_fresh(lease_seconds))
+        .values(heartbeat_at=_clock())
+        .returning(WorkerLease.executor_id)
+    )
+    return renewed.first() is not None
+
+
+def hold_lease(session: Session, executor_id: str, lease_seconds: float) -> bool:
+    """Whether the lease holds, and keep it from being taken until this transaction ends.
+
+    FOR KEY SHARE: our own heartbeats pass, the DELETE of a takeover waits.
+    """
+    # a worker that is stopped in the middle of its transaction must not keep the rows locked for those who take over
+    session.execute(sa.text(f"SET LOCAL idle_in_transaction_session_timeout = {int(lease_seconds * 1000)}"))
+    held = session.scalar(
+        sa.select(WorkerLease.executor_id)
+        .where(WorkerLease.executor_id == executor_id, _is_fresh(lease_seconds))
+        .with_for_update(read=True, key_share=True)
+    )
+    return held is not None
+
+
+def delete_lease(session: Session, executor_id: str) -> None:
+    """A worker ends by itself."""
+    session.execute(sa.delete(WorkerLease).where(WorkerLease.executor_id == executor_id))
+
+
+def delete_expired_leases(session: Session, lease_seconds: float) -> list[str]:
+    """Take the leases that ran out, but none whose worker is just saving under it."""
+    expired = (
+        sa.select(WorkerLease.executor_id).where(~_is_fresh(lease_seconds)).with_for_update(skip_locked=True).subquery()
+    )
+    return list(
+        session.scalars(
+            sa.delete(WorkerLease)
+            .where(WorkerLease.executor_id.in_(sa.select(expired.c.executor_id)))
+            .returning(WorkerLease.executor_id)
+            .execution_options(synchronize_session=False)
+        )
+    )
+
+
+def leases(session: Session) -> set[str]:
+    """Executors that hold a lease, run out or not: nobody has taken it yet."""
+    return set(session.scalars(sa.select(WorkerLease.executor_id)))
+
+
+def fresh_leases(session: Session, lease_seconds: float) -> list[Executor]:
+    """Workers whose heartbeat is recent on the database's clock."""
+    rows = session.scalars(
+        sa.select(WorkerLease).where(_is_fresh(lease_seconds)).order_by(WorkerLease.started_at, WorkerLease.executor_id)
+    )
+    return [Executor(row.executor_id, row.host, row.pid, row.version, row.started_at) for row in rows]
+
+
+def _is_workflow_of(session: Session, workflow: sa.TableClause) -> sa.ColumnElement[bool]:
+    """workflow_uuid = job.id, so written that the workflows' key is used.
+
+    DBOS writes the UUID with dashes; SQLite keeps ours as 32 hex digits.
+    """
+    if session.get_bind().dialect.name != "sqlite":
+        return workflow.c.workflow_uuid == sa.cast(Job.id, sa.Text())
+    digits = sa.type_coerce(Job.id, sa.String())
+    groups: list[sa.ColumnElement[str]] = [
+        sa.func.substr(digits, start, length) for start, length in ((1, 8), (9, 4), (13, 4), (17, 4), (21, 12))
+    ]
+    dashed = functools.reduce(lambda left, right: left.concat("-").concat(right), groups)
+    return workflow.c.workflow_uuid == dashed
+
+
+def _clock() -> sa.Function[datetime]:
+    return sa.func.clock_timestamp(type_=sa.DateTime(timezone=True))
+
+
+def _is_fresh(lease_seconds: float) -> sa.ColumnElement[bool]:
+    return WorkerLease.heartbeat_at > _clock() - timedelta(seconds=lease_seconds)

@@ -1,0 +1,94 @@
+"""The process that touches uploaded bytes: `python -m app.jobs.child TASKS PARENT_PID MEMORY_BYTES`.
+
+Reads requests from standard input, a JSON object a line, and answers on what was standard output, a JSON object a line:
+{"ready": true} once; then, for each request, any number of {"stage": name} and one of {"ok": result},
+{"out_of_memory": words}, {"raised": words}. TASKS is "module:NAME" of a mapping from a task's name to its function.
+What libraries print goes to standard error. The parent (child_pool.py) holds the clock and the kill switch.
+"""
+
+import faulthandler
+import importlib
+import json
+import os
+import resource
+import signal
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from typing import Any, TextIO
+
+from app.jobs.process_life import die_with_parent
+
+Task = Callable[[Mapping[str, Any], Callable[[str], None]], Mapping[str, Any]]
+
+OPENCV_NO_MEMORY = -4  # cv::Error::StsNoMem
+
+
+def main(arguments: list[str]) -> None:
+    """Serve until standard input ends."""
+    tasks_name, parent_pid, memory_bytes = arguments
+    die_with_parent(int(parent_pid))
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)  # sent to the whole group; the parent decides when we end
+    requests, answers = _take_pipes()
+    faulthandler.enable(sys.stderr)
+    _limit_memory(int(memory_bytes))
+    tasks = _load_tasks(tasks_name)
+    _send(answers, {"ready": True})
+    for line in requests:
+        request = json.loads(line)
+        _send(answers, _perform(tasks, request["task"], request["arguments"], answers))
+
+
+def _take_pipes() -> tuple[TextIO, TextIO]:
+    """Keep the pipes for us; file descriptors 0 and 1 become harmless for whoever reads or prints."""
+    requests = os.fdopen(os.dup(0), "r", encoding="utf-8")
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    null = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(null, 0)
+    os.close(null)
+    os.dup2(2, 1)
+    return requests, answers
+
+
+def _limit_memory(memory_bytes: int) -> None:
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    limit = memory_bytes if hard == resource.RLIM_INFINITY else min(memory_bytes, hard)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a core dump would hold somebody's photograph
+
+
+def _load_tasks(name: str) -> Mapping[str, Task]:
+    module_name, _, attribute = name.partition(":")
+    tasks: Mapping[str, Task] = getattr(importlib.import_module(module_name), attribute)
+    if "cv2" in sys.modules:
+        sys.modules["cv2"].setNumThreads(1)  # workers are many; threads would only take turns
+    return tasks
+
+
+def _perform(tasks: Mapping[str, Task], name: str, arguments: Mapping[str, Any], answers: TextIO) -> dict[str, Any]:
+    try:
+        result = tasks[name](arguments, lambda stage: _send(answers, {"stage": stage}))
+        json.dumps(result, allow_nan=False)  # an answer that is no JSON is a fault of the task, told as one
+    except Exception as error:  # noqa: BLE001  # the worker's edge
+        traceback.print_exc()
+        words = f"{type(error).__name__}: {error}"
+        return {"out_of_memory" if _is_out_of_memory(error) else "raised": words}
+    return {"ok": result}
+
+
+def _is_out_of_memory(error: Exception) -> bool:
+    """Also OpenCV's own way to say it; a std::bad_alloc comes out of its bindings with no other mark than its text."""
+    if isinstance(error, MemoryError):
+        return True
+    is_opencv = type(error).__module__.partition(".")[0] == "cv2"
+    return is_opencv and (getattr(error, "code", None) == OPENCV_NO_MEMORY or "bad_alloc" in str(error))
+
+
+def _send(answers: TextIO, message: Mapping[str, Any]) -> None:
+    answers.write(json.dumps(message, allow_nan=False) + "\n")
+    answers.flush()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

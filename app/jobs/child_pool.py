@@ -1,0 +1,277 @@
+"""CPU work on uploaded bytes in child processes with hard limits of time and memory: `ChildPool.run(request)`.
+
+A child is started afresh (spawned, never forked from a threaded process), stays warm between requests and is replaced
+after any outcome but success. However it ends, the answer is a value. Messages are JSON: a process that has decoded
+hostile bytes is not trusted with pickle. app/jobs/child.py is the other end.
+"""
+
+import contextlib
+import json
+import os
+import selectors
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from app.errors import Failure
+from app.settings import Settings
+
+START_SECONDS = 60.0  # to import OpenCV and SciPy on a busy machine
+USES = 100  # of one child; then it is replaced, so that a leak stays small
+MAX_ANSWER_BYTES = 64 * 1024 * 1024
+MAX_STAGE_LETTERS = 32  # the column meal.stage
+KEPT_VARIABLES = ("PATH", "HOME", "TMPDIR", "TZ", "LANG", "LC_ALL", "LD_LIBRARY_PATH")  # no setting, so no password
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+
+Outcome = Literal["ok", "crashed", "timed_out", "out_of_memory", "raised"]
+StageListener = Callable[[str], None]
+
+_AGAIN = "Take the two photographs again and send them as a new meal."
+FAILURES: Mapping[Outcome, Failure] = {
+    "crashed": Failure("estimate_crashed", "The estimate broke off while it worked on these photographs.", _AGAIN),
+    "timed_out": Failure("estimate_timed_out", "The estimate took longer than the server allows.", _AGAIN),
+    "out_of_memory": Failure("estimate_out_of_memory", "The estimate needed more memory than allowed.", _AGAIN),
+    "raised": Failure(
+        "internal_error",
+        "The server made a mistake while it estimated this meal.",
+        "The photographs are kept. Ask the people who run the server to look at its log and to queue the meal again.",
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ChildRequest:
+    """task: a name in the registry. arguments: JSON; pictures and what is made of them travel as paths of files."""
+
+    task: str
+    arguments: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class ChildResult:
+    """How it ended. result: with "ok" only. message: words for the log. signal: that ended a crashed child."""
+
+    outcome: Outcome
+    result: Mapping[str, Any] = field(default_factory=dict)
+    message: str = ""
+    signal: int | None = None
+
+    @property
+    def failure(self) -> Failure | None:
+        """What the meal is told, with its code; None if it went well."""
+        return FAILURES.get(self.outcome)
+
+
+class ChildPoolClosedError(Exception):
+    """The pool was closed while the request waited or ran; nothing can be said about the request."""
+
+
+class ChildStartError(Exception):
+    """A child did not come up: an installation that is broken or a machine that is full, not a picture's fault."""
+
+
+class ChildPool:
+    """At most worker_concurrency children; `run` waits for a free one. tasks: "module:NAME", see child.py."""
+
+    def __init__(self, settings: Settings, tasks: str, *, uses: int = USES) -> None:
+        self._settings = settings
+        self._tasks = tasks
+        self._uses = uses
+        self._free = threading.BoundedSemaphore(settings.worker_concurrency)
+        self._lock = threading.Lock()
+        self._warm: list[_Child] = []
+        self._alive: set[_Child] = set()
+        self._is_closed = False
+        # the kernel ends a child with the thread that started it (process_life.py), so this one starts them all
+        self._starter = ThreadPoolExecutor(1, thread_name_prefix="child-starter")
+
+    def run(self, request: ChildRequest, on_stage: StageListener, *, seconds: float | None = None) -> ChildResult:
+        """Perform one request. seconds: the limit, by default settings.estimate_seconds.
+
+        Raises ChildPoolClosedError, ChildStartError, and what on_stage raises.
+        """
+        limit = self._settings.estimate_seconds if seconds is None else seconds
+        with self._free, self._borrow() as child:
+            result = child.perform(request, on_stage, limit)
+            if result.outcome == "ok" and child.uses < self._uses:
+                self._keep_warm(child)
+        with self._lock:
+            if self._is_closed and result.outcome != "ok":  # it was us who killed it
+                raise ChildPoolClosedError
+        return result
+
+    def warm_up(self) -> None:
+        """Have one child ready before the first request. Raises ChildPoolClosedError, ChildStartError."""
+        with self._free, self._borrow() as child:
+            self._keep_warm(child)
+
+    def close(self) -> None:
+        """Kill all children at once; whoever waits for one gets ChildPoolClosedError."""
+        with self._lock:
+            self._is_closed = True
+            alive = tuple(self._alive)
+        for child in alive:
+            child.kill()
+        self._starter.shutdown(wait=True)
+
+    @contextlib.contextmanager
+    def _borrow(self) -> Iterator["_Child"]:
+        """A child that is ready; it is killed afterwards unless it was kept warm."""
+        child = self._take()
+        try:
+            child.wait_until_ready()
+            yield child
+        except BaseException:
+            self._discard(child)
+            with self._lock:
+                is_closed = self._is_closed
+            if is_closed:
+                raise ChildPoolClosedError from None
+            raise
+        with self._lock:
+            is_warm = child in self._warm
+        if not is_warm:
+            self._discard(child)
+
+    def _take(self) -> "_Child":
+        while True:
+            with self._lock:
+                if self._is_closed:
+                    raise ChildPoolClosedError
+                child = self._warm.pop() if self._warm else None
+            if child is None:
+                try:
+                    return self._starter.submit(self._start).result()
+                except RuntimeError:  # the pool was closed just now
+                    raise ChildPoolClosedError from None
+            if child.is_alive():
+                return child
+            self._discard(child)
+
+    def _start(self) -> "_Child":
+        child = _Child(self._tasks, self._settings.estimate_memory_bytes)
+        with self._lock:
+            self._alive.add(child)
+            is_closed = self._is_closed
+        if is_closed:
+            self._discard(child)
+            raise ChildPoolClosedError
+        return child
+
+    def _keep_warm(self, child: "_Child") -> None:
+        with self._lock:
+            if not self._is_closed:
+                self._warm.append(child)
+
+    def _discard(self, child: "_Child") -> None:
+        child.end()
+        with self._lock:
+            self._alive.discard(child)
+
+
+class _Child:
+    """One process and its pipes. Used by one thread at a time; `kill` may come from another."""
+
+    def __init__(self, tasks: str, memory_bytes: int) -> None:
+        self.uses = 0
+        self._is_ready = False
+        self._unread = bytearray()
+        environment = {name: os.environ[name] for name in KEPT_VARIABLES if name in os.environ}
+        environment |= dict.fromkeys(THREAD_VARIABLES, "1")
+        environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "app.jobs.child", tasks, str(os.getpid()), str(memory_bytes)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=environment,
+            close_fds=True,
+        )
+
+    def is_alive(self) -> bool:
+        """Whether it runs, as far as the kernel told."""
+        return self._process.poll() is None
+
+    def wait_until_ready(self) -> None:
+        """Its imports are done. Raises ChildStartError."""
+        if self._is_ready:
+            return
+        message = next(self._messages(START_SECONDS), None)
+        if message != {"ready": True}:
+            raise ChildStartError(f"a child process did not start (status {self._process.poll()})")
+        self._is_ready = True
+
+    def perform(self, request: ChildRequest, on_stage: StageListener, seconds: float) -> ChildResult:
+        """Send the request and follow it to its end, which is at most the limit away."""
+        self.uses += 1
+        line = json.dumps({"task": request.task, "arguments": dict(request.arguments)}, allow_nan=False) + "\n"
+        stdin = self._process.stdin
+        if stdin is None:
+            raise ValueError("the child has no pipe")
+        with contextlib.suppress(BrokenPipeError):  # it is dead, and the reading below says how
+            stdin.write(line.encode())
+            stdin.flush()
+        deadline = time.monotonic() + seconds
+        for message in self._messages(seconds):
+            match message:
+                case {"stage": str(stage)} if len(stage) <= MAX_STAGE_LETTERS:
+                    on_stage(stage)
+                case {"ok": dict(result)}:
+                    return ChildResult("ok", result)
+                case {"out_of_memory": str(words)}:
+                    return ChildResult("out_of_memory", message=words)
+                case {"raised": str(words)}:
+                    return ChildResult("raised", message=words)
+                case _:
+                    return ChildResult("raised", message="the child process sent what is no answer")
+        if time.monotonic() >= deadline and self.is_alive():
+            return ChildResult("timed_out", message=f"killed after {seconds:g} s")
+        return self._describe_death()
+
+    def kill(self) -> None:
+        """End the process now; the thread that waits for its answer sees its pipe end."""
+        self._process.kill()
+
+    def end(self) -> None:
+        """Kill it if need be, collect it and close its pipes."""
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                with contextlib.suppress(OSError):  # unsent bytes of a broken pipe
+                    pipe.close()
+
+    def _describe_death(self) -> ChildResult:
+        status = self._process.wait()
+        if status == -9:  # not ours, or it would have been a time-out: the kernel's, for want of memory
+            return ChildResult("out_of_memory", message="the child process was killed, most likely by the kernel")
+        number = -status if status < 0 else None
+        return ChildResult("crashed", message=f"the child process ended with status {status}", signal=number)
+
+    def _messages(self, seconds: float) -> Iterator[Any]:
+        """Its messages as they come, until the time is over or the pipe ends; None for one that is no JSON."""
+        stdout = self._process.stdout
+        if stdout is None:
+            raise ValueError("the child has no pipe")
+        deadline = time.monotonic() + seconds
+        with selectors.DefaultSelector() as selector:
+            selector.register(stdout, selectors.EVENT_READ)
+            while (remaining := deadline - time.monotonic()) > 0:
+                line, separator, rest = self._unread.partition(b"\n")
+                if separator:
+                    self._unread = rest
+                    try:
+                        yield json.loads(line)
+                    except ValueError:
+                        yield None
+                elif len(self._unread) > MAX_ANSWER_BYTES:
+                    yield None
+                elif selector.select(remaining):
+                    chunk = os.read(stdout.fileno(), 1 << 16)
+                    if not chunk:
+                        return
+                    self._unread += chunk

@@ -1,0 +1,180 @@
+"""DBOS on our database: its tables, the queue that the API writes to, and the engine that a worker runs.
+
+Everything here that begins with an underscore in DBOS is private there: the version is pinned and
+tests/integration/jobs/test_dbos_contract.py fails when one of them changes.
+"""
+
+import logging
+import sqlite3
+import threading
+import uuid
+from collections.abc import Callable
+from typing import Any
+
+import sqlalchemy as sa
+from dbos import DBOS, DBOSClient, DBOSConfig, DBOSPortableJSONSerializer, SQLAlchemyDatasource
+from sqlalchemy import event
+from sqlalchemy.orm import Session
+
+from app.db.queries.jobs import DBOS_SCHEMA
+from app.db.session import BUSY_TIMEOUT_SECONDS, Database, sqlite_connection_pragmas
+
+APPLICATION = "tada-server"
+JOB_PROTOCOL_VERSION = "1"  # what a workflow's row means; another number only when old rows cannot be run any more
+QUEUE = "estimates"
+WORKFLOW = "estimate_meal"
+POLL_SECONDS = 0.25  # how long a meal waits for an idle worker to look
+MAX_RECOVERIES = 5  # times that a job is taken over from dead workers; then it is given up, visibly
+POOL_SIZE = 5
+MIGRATION_LOCK = 7_241_960_312  # one process at a time makes DBOS's tables; the number has no meaning
+
+
+def prepare_job_tables(database: Database) -> None:
+    """Make or upgrade DBOS's tables; harmless if they are there, or if several processes do it at once."""
+    _quiet_dbos()
+    if database.is_sqlite:
+        _migrate_dbos(database)  # it takes SQLite's write lock first
+        return
+    with database.write_engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+        connection.execute(sa.text("SET statement_timeout = 0"))
+        connection.execute(sa.text("SELECT pg_advisory_lock(:n)"), {"n": MIGRATION_LOCK})
+        try:
+            _migrate_dbos(database)
+        finally:
+            connection.execute(sa.text("SELECT pg_advisory_unlock(:n)"), {"n": MIGRATION_LOCK})
+            connection.invalidate()  # its statement_timeout is not the pool's
+
+
+class JobQueue:
+    """Where the API leaves jobs. One a process; needs the tables that `prepare_job_tables` makes."""
+
+    def __init__(self, database: Database) -> None:
+        _quiet_dbos()
+        self._client = DBOSClient(
+            system_database_engine=database.write_engine,  # only for its dialect: we enqueue on the caller's session
+            dbos_system_schema=DBOS_SCHEMA,
+            serializer=DBOSPortableJSONSerializer(),
+            application_name=APPLICATION,
+            lazy=True,
+        )
+
+    def enqueue(self, session: Session, job_id: uuid.UUID) -> None:
+        """Make the job run once the session's transaction is committed; rolled back, it never was."""
+        self._client.enqueue_in_transaction(
+            session,
+            {
+                "workflow_name": WORKFLOW,
+                "queue_name": QUEUE,
+                "workflow_id": str(job_id),
+                "app_version": JOB_PROTOCOL_VERSION,
+            },
+            str(job_id),
+        )
+
+    def close(self) -> None:
+        """Let go of the client; the database's engines stay open."""
+        self._client.destroy()
+
+
+class Engine:
+    """DBOS in one worker process. It is a singleton there: one Engine at a time."""
+
+    def __init__(self, database: Database, executor_id: str, *, concurrency: int) -> None:
+        self._executor_id = executor_id
+        self._database = database
+        self._concurrency = concurrency
+        self._engine = _dbos_engine(database)
+
+    def launch(self, make_workflow: Callable[[SQLAlchemyDatasource], Callable[[str], str]]) -> None:
+        """Begin to claim jobs. make_workflow: from the datasource of its transactions to the workflow's function."""
+        _quiet_dbos()
+        self._register_queue()
+        self._dbos = DBOS(config=self._config())
+        datasource = SQLAlchemyDatasource.create(
+            self._database.url,
+            engine=self._database.write_engine,
+            schema=DBOS_SCHEMA,
+            serializer=DBOSPortableJSONSerializer(),
+            run_migrations=False,
+        )
+        DBOS.workflow(name=WORKFLOW, max_recovery_attempts=MAX_RECOVERIES)(make_workflow(datasource))
+        DBOS.launch()
+
+    def stop_claiming(self) -> None:
+        """Claim no further job; those that run go on."""
+        for stop in self._dbos.background_thread_stop_events:
+            stop.set()
+
+    def recover(self, dead_executors: set[str]) -> None:
+        """Put what these executors had claimed back into the queue. Asking twice is harmless."""
+        DBOS._recover_pending_workflows(sorted(dead_executors))  # noqa: SLF001
+
+    def requeue_lost(self, workflow_id: str) -> bool:
+        """Put one job of this very process, which claimed it and never began, back into the queue."""
+        return self._dbos._sys_db.reenqueue_for_recovery(workflow_id, [self._executor_id], QUEUE)  # noqa: SLF001
+
+    def shut_down(self) -> None:
+        """End DBOS's threads. What still runs is left as it is."""
+        DBOS.destroy(destroy_registry=True)
+        self._engine.dispose()
+
+    def _register_queue(self) -> None:
+        # before the launch, or DBOS's queue thread would see it only at its next look
+        client = DBOSClient(
+            system_database_engine=self._engine,
+            dbos_system_schema=DBOS_SCHEMA,
+            serializer=DBOSPortableJSONSerializer(),
+            application_name=APPLICATION,
+        )
+        try:
+            client.register_queue(QUEUE, worker_concurrency=self._concurrency, polling_interval_sec=POLL_SECONDS)
+        finally:
+            client.destroy()
+
+    def _config(self) -> DBOSConfig:
+        return {
+            "name": APPLICATION,
+            "system_database_engine": self._engine,
+            "dbos_system_schema": DBOS_SCHEMA,
+            "application_version": JOB_PROTOCOL_VERSION,
+            "executor_id": self._executor_id,
+            "serializer": DBOSPortableJSONSerializer(),
+            "run_migrations": False,
+            "enable_otlp": False,
+            "log_level": "WARNING",
+            "notification_coalesce_sec": 1.0,  # we send no notifications; the default wakes 100 times a second
+        }
+
+
+def _migrate_dbos(database: Database) -> None:
+    DBOS.migrate(database.url, schema=DBOS_SCHEMA)
+    SQLAlchemyDatasource.migrate(database.url, schema=DBOS_SCHEMA)
+
+
+def _dbos_engine(database: Database) -> sa.Engine:
+    """An engine of DBOS's own, which sets neither WAL nor our pragmas."""
+    if not database.is_sqlite:
+        return sa.create_engine(database.url, pool_size=POOL_SIZE, pool_pre_ping=True)
+    engine = sa.create_engine(database.url, pool_size=POOL_SIZE, connect_args={"timeout": BUSY_TIMEOUT_SECONDS})
+
+    @event.listens_for(engine, "connect")
+    def prepare(connection: sqlite3.Connection, _record: Any) -> None:
+        # the driver begins IMMEDIATE before a write and nothing before a read, which DBOS counts on: inside our
+        # transaction it reads on another connection whether the job is still ours
+        connection.isolation_level = "IMMEDIATE"
+        sqlite_connection_pragmas(connection)
+
+    return engine
+
+
+_quieting = threading.Lock()
+
+
+def _quiet_dbos() -> None:
+    """DBOS logs by the root's handlers, from WARNING on, instead of printing by itself."""
+    logger = logging.getLogger("dbos")
+    with _quieting:
+        if not any(isinstance(handler, logging.NullHandler) for handler in logger.handlers):
+            logger.addHandler(logging.NullHandler())  # with a handler there, DBOS adds none
+        logger.setLevel(logging.WARNING)
+        logger.propagate = True

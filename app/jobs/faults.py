@@ -1,0 +1,74 @@
+"""Three kinds of trouble: one that passes (try again), one that lasts (fail once), and the worker's own end.
+
+`is_passing(error)` sorts what a use case raised; `JobFailure` is how a use case says that trying again is useless.
+"""
+
+import errno
+
+import sqlalchemy as sa
+
+from app.errors import Failure, TadaError
+
+PASSING_ERRNOS = frozenset(
+    {
+        errno.EAGAIN,
+        errno.ECONNABORTED,
+        errno.ECONNREFUSED,
+        errno.ECONNRESET,
+        errno.EDQUOT,
+        errno.EHOSTUNREACH,
+        errno.EIO,
+        errno.EMFILE,
+        errno.ENETUNREACH,
+        errno.ENFILE,
+        errno.ENOMEM,
+        errno.ENOSPC,
+        errno.EPIPE,
+        errno.EROFS,
+        errno.ESTALE,
+        errno.ETIMEDOUT,
+    }
+)  # a disk, a mount or a network that is out of order for a while; a file that is not there is none of them
+
+JOB_GAVE_UP = Failure(
+    "job_gave_up",
+    "The server tried several times to estimate this meal and was interrupted each time.",
+    "The photographs are kept. Ask the people who run the server to look at its log and to queue the meal again.",
+)
+INTERNAL_ERROR = Failure(
+    "internal_error",
+    "The server made a mistake while it estimated this meal.",
+    "The photographs are kept. Ask the people who run the server to look at its log and to queue the meal again.",
+)
+
+
+class JobFailure(Exception):  # noqa: N818  # it carries a Failure
+    """A use case's word that the job cannot succeed: the meal fails with this code, without another try."""
+
+    def __init__(self, failure: Failure) -> None:
+        super().__init__(failure.message)
+        self.failure = failure
+
+
+class JobLeft(BaseException):
+    """This worker lets go of a job and leaves it as it is: it stops, or has lost its lease.
+
+    No Exception, so that neither DBOS nor a use case records it as the job's result: another worker takes the job over.
+    """
+
+
+class TryAgain(BaseException):
+    """A passing fault inside a transaction; no Exception, so that DBOS does not record it as the step's result."""
+
+
+def is_passing(error: Exception) -> bool:
+    """Whether the same call may succeed later without anybody changing the program."""
+    if isinstance(error, TadaError):
+        return error.retryable
+    if isinstance(error, sa.exc.DBAPIError):
+        return error.connection_invalidated or isinstance(error, (sa.exc.OperationalError, sa.exc.InterfaceError))
+    if isinstance(error, sa.exc.TimeoutError):  # no free connection in the pool
+        return True
+    if isinstance(error, (ConnectionError, TimeoutError)):
+        return True
+    return isinstance(error, OSError) and error.errno in PASSING_ERRNOS

@@ -1,0 +1,84 @@
+"""Finds meals that wait for something that will never happen, and queues them again or fails them visibly.
+
+The meal's status in our tables is the truth; a workflow may be missing, dead-lettered, cancelled or ended by a bug.
+Each worker sweeps now and then; `tada doctor --requeue` does it at once.
+"""
+
+import uuid
+from datetime import UTC, datetime
+
+import structlog
+from sqlalchemy.orm import Session
+
+from app.db.models import Job, Meal
+from app.db.queries import jobs
+from app.db.queries.meals import WAITING, lock_meal
+from app.db.session import Database
+from app.jobs.engine import JobQueue
+from app.jobs.faults import INTERNAL_ERROR, JOB_GAVE_UP
+
+log = structlog.get_logger()
+
+GIVEN_UP = frozenset({"MAX_RECOVERY_ATTEMPTS_EXCEEDED", "CANCELLED"})  # DBOS's words
+
+
+def sweep(database: Database, queue: JobQueue) -> int:
+    """Move every stuck meal, each in its own transaction. Returns how many there were."""
+    with database.read() as session:
+        stuck = jobs.stuck_jobs(session)
+        orphans = jobs.waiting_meals_without_live_job(session)
+    moved = 0
+    for job_id in stuck:
+        with database.write() as session:
+            moved += _move_job(session, queue, job_id)
+    for meal_id in orphans:
+        with database.write() as session:
+            moved += _move_meal(session, queue, meal_id)
+    return moved
+
+
+def _move_job(session: Session, queue: JobQueue, job_id: uuid.UUID) -> bool:
+    found = jobs.lock_live_job(session, job_id)
+    if found is None:
+        return False
+    job, meal = found
+    status = jobs.workflow_status(session, job_id)
+    if status in jobs.MOVING_STATUSES:
+        return False
+    if status is None:
+        job.state = "queued"
+        session.flush()
+        queue.enqueue(session, job_id)
+        log.warning("job_queued_again", job_id=str(job_id), reason="it had no workflow")
+        return True
+    failure = JOB_GAVE_UP if status in GIVEN_UP else INTERNAL_ERROR
+    jobs.fail_job(job, meal, failure, datetime.now(UTC))
+    log.error("job_failed", job_id=str(job_id), code=failure.code, workflow_status=status)
+    return True
+
+
+def _move_meal(session: Session, queue: JobQueue, meal_id: uuid.UUID) -> bool:
+    meal = lock_meal(session, meal_id)
+    if meal is None or meal.status not in WAITING:
+        return False
+    made, live = jobs.count_jobs(session, meal_id)
+    if live:
+        return False
+    if made:  # its job is finished and left it waiting: another would do the same
+        jobs.fail_meal(meal, INTERNAL_ERROR)
+        log.error("meal_failed", meal_id=str(meal_id), code=INTERNAL_ERROR.code)
+        return True
+    _queue_first_job(session, queue, meal)
+    log.warning("meal_queued_again", meal_id=str(meal_id), reason="it had no job")
+    return True
+
+
+def _queue_first_job(session: Session, queue: JobQueue, meal: Meal) -> None:
+    now = datetime.now(UTC)
+    job = Job(id=uuid.uuid4(), meal_id=meal.id, state="queued", attempts=0, enqueued_at=now)
+    session.add(job)
+    if meal.status != "queued":
+        meal.status, meal.stage = "queued", None
+        meal.version += 1
+    session.flush()
+    queue.enqueue(session, job.id)

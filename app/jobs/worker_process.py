@@ -1,0 +1,75 @@
+"""A worker as a process: `run_jobs(settings, make_use_cases, tasks=...)` works until a signal comes.
+
+SIGTERM and SIGINT: claim nothing more, let running jobs end for a few seconds, then kill the children and leave the
+rest to others, all within ten seconds. Declared dead by others (it was stopped, or the machine slept): end at once with
+status LEASE_LOST, so that whoever supervises starts it again, under a new name.
+"""
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+
+import structlog
+
+from app.db.session import Database
+from app.jobs.child_pool import ChildPool, ChildPoolClosedError, ChildStartError
+from app.jobs.engine import prepare_job_tables
+from app.jobs.job_worker import JobWorker
+from app.jobs.leases import LeaseTimes
+from app.jobs.supervisor import LEASE_LOST
+from app.jobs.workflows import EstimateUseCases
+from app.settings import Settings
+
+log = structlog.get_logger()
+
+DRAIN_SECONDS = 5.0  # a job that needs longer is handed back
+END_SECONDS = 10.0  # after a signal the process is gone by then, whatever hangs
+
+MakeUseCases = Callable[[Database, ChildPool], EstimateUseCases]
+
+
+def run_jobs(settings: Settings, make_use_cases: MakeUseCases, *, tasks: str, times: LeaseTimes | None = None) -> int:
+    """Work until a signal comes. Returns the exit status; must be called in the main thread.
+
+    tasks: the children's registry (child.py). times: of the lease, shorter in tests.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    database = Database(settings.resolved_database_url)
+    prepare_job_tables(database)
+    pool = ChildPool(settings, tasks)
+    worker = JobWorker(database, make_use_cases(database, pool), concurrency=settings.worker_concurrency, times=times)
+    worker.start()
+    threading.Thread(target=_warm_up, args=(pool,), daemon=True).start()
+    while not stop.wait(0.2):
+        if worker.lost.is_set():
+            pool.close()
+            _end_now(LEASE_LOST)  # there is nothing to hand back: all of it was taken
+    watchdog = threading.Timer(END_SECONDS, _end_now, args=(0,))
+    watchdog.daemon = True
+    watchdog.start()
+    worker.drain(DRAIN_SECONDS)
+    pool.close()
+    if not worker.stop():
+        _end_now(0)
+    database.dispose()
+    watchdog.cancel()
+    return 0
+
+
+def _warm_up(pool: ChildPool) -> None:
+    """So that the first meal does not wait for imports."""
+    try:
+        pool.warm_up()
+    except (ChildPoolClosedError, ChildStartError) as error:
+        log.warning("child_not_warm", reason=str(error))
+
+
+def _end_now(status: int) -> None:
+    """End without waiting for threads that hang."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)

@@ -1,0 +1,200 @@
+"""The workflow of one estimate: compute, then save in one transaction with the job's end. The use cases are injected.
+
+Computing may happen twice (a worker dies after it); saving happens once: in its transaction the worker's lease is held,
+the job is locked and found unfinished, and DBOS's checkpoint is written. Passing faults are waited out, bugs are tried
+a few times and then end as a failed meal; the worker goes on.
+"""
+
+import threading
+import time
+import uuid
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from datetime import UTC, datetime
+from typing import Literal, Protocol, TypedDict
+
+import structlog
+from dbos import DBOS, SQLAlchemyDatasource
+from sqlalchemy.orm import Session
+
+from app.db.queries import jobs
+from app.db.session import Database
+from app.errors import Failure
+from app.jobs.faults import INTERNAL_ERROR, JobFailure, JobLeft, TryAgain, is_passing
+from app.jobs.leases import Lease
+
+log = structlog.get_logger()
+
+IsolationLevel = Literal["SERIALIZABLE", "READ COMMITTED"]
+
+TRIES = 3  # of what looks like a bug, in one claim of the job
+FIRST_WAIT_SECONDS = 0.5
+LONGEST_WAIT_SECONDS = 30.0
+
+
+class EstimateUseCases(Protocol):
+    """What services do for a job.
+
+    Either may raise JobFailure: the meal fails with its code. A passing fault (is_passing) is tried again without end,
+    any other exception a few times.
+    """
+
+    def compute(self, job_id: uuid.UUID) -> str:
+        """Run the pipeline, seal what it made in the blob store, return the key of the sealed result.
+
+        May run more than once for a job, also at the same time on two workers. Writes no row but the progress.
+        """
+        ...
+
+    def save(self, session: Session, job_id: uuid.UUID, result_key: str) -> None:
+        """Write run, items, records and the meal's status in this transaction. It is committed at most once."""
+        ...
+
+
+class Computed(TypedDict):
+    """What DBOS keeps of the first step: ids, keys and codes only."""
+
+    result_key: str | None
+    failure: dict[str, str] | None
+
+
+class EstimateWorkflow:
+    """One a worker process."""
+
+    def __init__(self, database: Database, lease: Lease, use_cases: EstimateUseCases) -> None:
+        self._database = database
+        self._lease = lease
+        self._use_cases = use_cases
+        self._leaving = threading.Event()
+        self._running: Counter[str] = Counter()
+        self._lock = threading.Lock()
+
+    @property
+    def running(self) -> frozenset[str]:
+        """Ids of the jobs that this process works on now."""
+        with self._lock:
+            return frozenset(+self._running)
+
+    def leave(self) -> None:
+        """Let go of all jobs at the next opportunity: the process ends."""
+        self._leaving.set()
+
+    def wait_until_idle(self, seconds: float) -> bool:
+        """Whether no job runs any more within that time."""
+        deadline = time.monotonic() + seconds
+        while self.running:
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(0.05)
+        return True
+
+    def bind(self, datasource: SQLAlchemyDatasource) -> Callable[[str], str]:
+        """The workflow's function over the datasource of its transactions. Its argument and result go into DBOS."""
+        isolation: IsolationLevel = "SERIALIZABLE" if self._database.is_sqlite else "READ COMMITTED"
+
+        @datasource.transaction(name="finish", isolation_level=isolation)
+        def finish(job_id: str, result_key: str | None, failure: dict[str, str] | None) -> str:
+            return self._finish(datasource.sql_session(), uuid.UUID(job_id), result_key, failure)
+
+        def estimate_meal(job_id: str) -> str:
+            with self._at_work_on(job_id):
+                computed = DBOS.run_step({"name": "compute"}, self._compute, job_id)
+                if computed["result_key"] is None and computed["failure"] is None:
+                    return "was finished before"
+                return self._persist(finish, job_id, computed)
+
+        return estimate_meal
+
+    @contextmanager
+    def _at_work_on(self, job_id: str) -> Iterator[None]:
+        with self._lock:
+            self._running[job_id] += 1
+        try:
+            with structlog.contextvars.bound_contextvars(job_id=job_id):
+                yield
+        finally:
+            with self._lock:
+                self._running[job_id] -= 1
+                self._running = +self._running
+
+    def _compute(self, job_id: str) -> Computed:
+        failed, waits = 0, 0
+        while True:
+            self._go_on_or_leave()
+            try:
+                with self._database.write() as session:
+                    self._lease.guard(session)
+                    now = datetime.now(UTC)
+                    if not jobs.start_attempt(session, uuid.UUID(job_id), self._lease.executor_id, now):
+                        return Computed(result_key=None, failure=None)
+                return Computed(result_key=self._use_cases.compute(uuid.UUID(job_id)), failure=None)
+            except JobFailure as error:
+                return Computed(result_key=None, failure=asdict(error.failure))
+            except Exception as error:
+                self._go_on_or_leave()  # a child that was killed because we stop looks like a fault
+                failed += not is_passing(error)
+                log.warning("job_step_failed", step="compute", passing=is_passing(error), exc_info=error)
+                if failed >= TRIES:
+                    return Computed(result_key=None, failure=asdict(INTERNAL_ERROR))
+            self._wait(waits)
+            waits += 1
+
+    def _persist(
+        self, finish: Callable[[str, str | None, dict[str, str] | None], str], job_id: str, computed: Computed
+    ) -> str:
+        """Run the transaction until it is committed; a result that cannot be saved ends as a failed meal.
+
+        DBOS records each exception as a step's outcome and replays it after a takeover, so the count goes on there.
+        """
+        result_key, failure = computed["result_key"], computed["failure"]
+        failed, waits = 0, 0
+        while True:
+            self._go_on_or_leave()
+            try:
+                return finish(job_id, result_key, failure)
+            except TryAgain as error:
+                log.warning("job_step_failed", step="save", passing=True, exc_info=error.__cause__)
+            except Exception as error:
+                failed += 1
+                log.warning("job_step_failed", step="save", passing=False, exc_info=error)
+                if failed >= 2 * TRIES:
+                    raise  # not even the failure can be saved: the sweep finds the ended workflow
+                if failed >= TRIES:
+                    result_key, failure = None, asdict(INTERNAL_ERROR)
+            self._wait(waits)
+            waits += 1
+
+    def _finish(
+        self, session: Session, job_id: uuid.UUID, result_key: str | None, failure: dict[str, str] | None
+    ) -> str:
+        try:
+            self._lease.guard(session)
+            found = jobs.lock_live_job(session, job_id)
+            if found is None:  # committed before, by a worker that died before it could tell DBOS
+                return "was finished before"
+            job, meal = found
+            if result_key is not None:
+                try:
+                    with session.begin_nested():
+                        self._use_cases.save(session, job_id, result_key)
+                except JobFailure as error:
+                    failure = asdict(error.failure)
+            now = datetime.now(UTC)
+            if failure is not None:
+                jobs.fail_job(job, meal, Failure(**failure), now)
+                return "failed"
+            jobs.finish_job(job, now)
+        except Exception as error:
+            if is_passing(error):
+                raise TryAgain from error
+            raise
+        return "done"
+
+    def _go_on_or_leave(self) -> None:
+        if self._leaving.is_set():
+            raise JobLeft
+
+    def _wait(self, waits_before: int) -> None:
+        self._leaving.wait(min(FIRST_WAIT_SECONDS * 2**waits_before, LONGEST_WAIT_SECONDS))

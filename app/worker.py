@@ -1,0 +1,43 @@
+"""The worker's composition root: `tada worker`, or `python -m app.worker` beside `tada serve` as its child."""
+
+import argparse
+
+from app.db.session import Database
+from app.jobs.child_pool import ChildPool
+from app.jobs.process_life import die_with_parent
+from app.jobs.worker_process import run_jobs
+from app.logs import configure_logging
+from app.services.estimate_meal import EstimateMeal
+from app.services.prepare import prepare
+from app.settings import Settings
+from app.storage.opening import open_blob_store
+
+TASKS = "app.services.child_tasks:TASKS"
+
+
+def run_worker(settings: Settings) -> int:
+    """Work until SIGTERM or SIGINT. Returns the exit status."""
+    configure_logging(settings)
+    database = Database(settings.resolved_database_url)
+    prepare(database, settings)
+    database.dispose()
+    blobs = open_blob_store(settings.resolved_blob_url)
+
+    def make_use_cases(database: Database, pool: ChildPool) -> EstimateMeal:
+        return EstimateMeal(database, blobs, pool, settings)
+
+    return run_jobs(settings, make_use_cases, tasks=TASKS)
+
+
+def main() -> None:
+    """`python -m app.worker [--parent PID]`: with a parent, it dies with it."""
+    parser = argparse.ArgumentParser(description="A worker of tada-server.")
+    parser.add_argument("--parent", type=int, help="process id; the worker ends when that process does")
+    arguments = parser.parse_args()
+    if arguments.parent is not None:
+        die_with_parent(arguments.parent)
+    raise SystemExit(run_worker(Settings()))
+
+
+if __name__ == "__main__":
+    main()

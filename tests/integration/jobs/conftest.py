@@ -1,0 +1,120 @@
+"""A database ready for jobs, and real worker processes over it that are gone after the test."""
+
+import contextlib
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+import uuid
+
+import pytest
+import sqlalchemy as sa
+
+from app.db.models import Job, Meal
+from app.jobs.engine import JobQueue, prepare_job_tables
+from app.jobs.leases import living_workers
+from app.jobs.supervisor import settings_environment
+from app.settings import Settings
+from tests.integration.jobs.fakes import TIMES, new_job
+
+ROOT = pathlib.Path(__file__).parents[3]
+PATIENCE_SECONDS = 40.0  # a loaded machine; no test takes nearly so long otherwise
+
+
+def wait_until(condition, what):
+    """Poll until the condition is truthy, return its value; fail with words after a long time."""
+    deadline = time.monotonic() + PATIENCE_SECONDS
+    while not (value := condition()):
+        assert time.monotonic() < deadline, f"waited in vain for {what}"
+        time.sleep(0.03)
+    return value
+
+
+class Jobs:
+    """One database with its queue and workers, and what a test asks of them."""
+
+    def __init__(self, database, folder):
+        self.database = database
+        self.folder = folder
+        self.queue = JobQueue(database)
+        self.settings = Settings(
+            database_url=database.url, data_dir=folder / "data", estimate_seconds=2.0, log_format="console"
+        )
+        self.workers = []
+
+    def start_worker(self, **changes):
+        """A worker that lives."""
+        settings = self.settings.model_copy(update=changes)
+        environment = {name: value for name, value in os.environ.items() if not name.startswith("TADA_")}
+        environment |= settings_environment(settings) | {"PYTHONPATH": str(ROOT)}
+        command = [sys.executable, "-m", "tests.integration.jobs.fakes", "--parent", str(os.getpid())]
+        worker = subprocess.Popen([*command, "--folder", str(self.folder)], env=environment, cwd=self.folder)
+        self.workers.append(worker)
+        wait_until(
+            lambda: worker.poll() is not None or any(w.pid == worker.pid for w in self.living()), "a worker to live"
+        )
+        assert worker.poll() is None, "the worker ended at once"
+        return worker
+
+    def living(self):
+        return living_workers(self.database, TIMES)
+
+    def add(self, fake="quick"):
+        with self.database.write() as session:
+            return new_job(session, self.queue, fake)
+
+    def go(self, job_id):
+        (self.folder / f"go-{job_id}").touch()
+
+    def wait_for_file(self, pattern):
+        return wait_until(lambda: sorted(self.folder.glob(pattern)), f"a file {pattern}")[0]
+
+    def job(self, job_id):
+        with self.database.read() as session:
+            return session.get(Job, job_id)
+
+    def meal(self, job_id):
+        with self.database.read() as session:
+            return session.get_one(Meal, session.get_one(Job, job_id).meal_id)
+
+    def wait_for_state(self, job_id, state):
+        wait_until(lambda: self.job(job_id).state == state, f"the job to be {state}")
+
+    def saves(self, job_id):
+        """Process ids of those who saved."""
+        with self.database.read() as session:
+            return list(session.scalars(sa.text("SELECT pid FROM fake_save WHERE job_id = :job"), {"job": str(job_id)}))
+
+    def workflow_status(self, job_id):
+        return self.run_sql(
+            f"SELECT status FROM {self.workflow_table} WHERE workflow_uuid = '{uuid.UUID(str(job_id))}'"
+        )
+
+    @property
+    def workflow_table(self):
+        return "workflow_status" if self.database.is_sqlite else "dbos.workflow_status"
+
+    def run_sql(self, text):
+        """The first value of a statement's first row, or None."""
+        with self.database.write() as session:
+            result = session.execute(sa.text(text))
+            return result.scalar() if result.returns_rows else None
+
+    def close(self):
+        for worker in self.workers:
+            with contextlib.suppress(ProcessLookupError):
+                worker.send_signal(signal.SIGCONT)
+                worker.kill()
+            worker.wait()
+        self.queue.close()
+
+
+@pytest.fixture
+def jobs(database, tmp_path):
+    prepare_job_tables(database)
+    found = Jobs(database, tmp_path)
+    found.run_sql("CREATE TABLE fake_save (job_id TEXT, pid INTEGER)")
+    yield found
+    found.close()

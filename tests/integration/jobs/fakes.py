@@ -1,0 +1,140 @@
+"""Use cases with a visible effect, and a worker process that runs them: `python -m tests.integration.jobs.fakes`.
+
+What a job does stands in its meal's details["fake"]. Each save writes a row into the table fake_save, which has no key:
+a second save of a job would be seen.
+"""
+
+import argparse
+import errno
+import os
+import time
+import uuid
+from pathlib import Path
+
+import sqlalchemy as sa
+
+from app.db.models import Job, Meal
+from app.jobs.child_pool import ChildRequest
+from app.jobs.faults import JobFailure
+from app.jobs.leases import LeaseTimes
+from app.jobs.process_life import die_with_parent
+from app.jobs.worker_process import run_jobs
+from app.settings import Settings
+
+TIMES = LeaseTimes(heartbeat_seconds=0.4, lease_seconds=3.0)
+FAKE_TASKS = "tests.unit.jobs.fake_tasks:TASKS"
+
+
+class FakeUseCases:
+    def __init__(self, database, pool, folder):
+        self._database = database
+        self._pool = pool
+        self._folder = folder
+
+    def compute(self, job_id):
+        with self._database.read() as session:
+            meal = session.get_one(Meal, session.get_one(Job, job_id).meal_id)
+            what = meal.details["fake"]
+        (self._folder / f"computing-{job_id}-{os.getpid()}").touch()
+        if what == "hold":
+            self._wait_for(f"go-{job_id}")
+        elif what == "bug":
+            raise KeyError("a bug")
+        elif what == "full_disk" and not (self._folder / f"go-{job_id}").exists():
+            raise OSError(errno.ENOSPC, "No space left on device")
+        elif what.startswith("child:"):
+            result = self._pool.run(ChildRequest(what.removeprefix("child:"), {}), lambda _: None)
+            if result.failure is not None:
+                raise JobFailure(result.failure)
+        return f"results/{job_id}"
+
+    def save(self, session, job_id, result_key):
+        meal = session.get_one(Meal, session.get_one(Job, job_id).meal_id)
+        what = meal.details["fake"]
+        session.execute(
+            sa.text("INSERT INTO fake_save (job_id, pid) VALUES (:job, :pid)"), {"job": str(job_id), "pid": os.getpid()}
+        )
+        if what == "bug_in_save":
+            raise KeyError("a bug")
+        if what == "hold_in_save":
+            (self._folder / f"saving-{job_id}-{os.getpid()}").touch()
+            self._wait_for(f"go-{job_id}")
+        if what == "full_disk_in_save" and not (self._folder / f"go-{job_id}").exists():
+            (self._folder / f"saving-{job_id}-{os.getpid()}").touch()
+            raise OSError(errno.ENOSPC, "No space left on device")
+        assert result_key == f"results/{job_id}"
+        meal.status = "estimated"
+        meal.version += 1
+
+    def _wait_for(self, name):
+        deadline = time.monotonic() + 60
+        while not (self._folder / name).exists():
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--folder", type=Path, required=True)
+    parser.add_argument("--parent", type=int, required=True)
+    arguments = parser.parse_args()
+    die_with_parent(arguments.parent)
+
+    def make_use_cases(database, pool):
+        return FakeUseCases(database, pool, arguments.folder)
+
+    raise SystemExit(run_jobs(Settings(), make_use_cases, tasks=FAKE_TASKS, times=TIMES))
+
+
+def new_job(session, queue, fake="quick"):
+    """A meal with its job, queued in the session's transaction; returns the job's id."""
+    job, _ = new_job_without_workflow(session, fake)
+    queue.enqueue(session, job.id)
+    return job.id
+
+
+def new_job_without_workflow(session, fake="quick"):
+    meal = new_meal(session, fake)
+    job = Job(id=uuid.uuid4(), meal_id=meal.id, state="queued", attempts=0, enqueued_at=meal.received_at)
+    session.add(job)
+    session.flush()
+    return job, meal
+
+
+def new_meal(session, fake="quick"):
+    from datetime import UTC, datetime
+
+    from app.db.models import Device, Participant, Study
+
+    now = datetime.now(UTC)
+    study = Study(id=uuid.uuid4(), code=uuid.uuid4().hex, name="s", created_at=now)
+    session.add(study)
+    session.flush()
+    participant = Participant(id=uuid.uuid4(), study_id=study.id, code="p", created_at=now)
+    session.add(participant)
+    session.flush()
+    device = Device(id=uuid.uuid4(), participant_id=participant.id, name="d", enrolled_at=now)
+    session.add(device)
+    session.flush()
+    meal = Meal(
+        id=uuid.uuid4(),
+        client_id=uuid.uuid4(),
+        study_id=study.id,
+        participant_id=participant.id,
+        device_id=device.id,
+        captured_at=now,
+        utc_offset_minutes=0,
+        time_zone="UTC",
+        local_date=now.date(),
+        details={"fake": fake},
+        status="queued",
+        received_at=now,
+        submitted_at=now,
+    )
+    session.add(meal)
+    session.flush()
+    return meal
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,28 @@
+import pytest
+
+from tests.integration.jobs.fakes import new_job
+
+
+def test_queued_job_is_done_and_saved_once(jobs):
+    job_id = jobs.add()
+    worker = jobs.start_worker()
+    jobs.wait_for_state(job_id, "done")
+    job = jobs.job(job_id)
+    assert jobs.saves(job_id) == [worker.pid]
+    assert jobs.meal(job_id).status == "estimated"
+    assert (job.attempts, job.executor_id) == (1, jobs.living()[0].executor_id)
+    assert job.enqueued_at <= job.started_at <= job.finished_at
+
+
+def test_job_of_a_rolled_back_transaction_never_runs(jobs):
+    class Stop(Exception):  # noqa: N818
+        pass
+
+    with pytest.raises(Stop), jobs.database.write() as session:
+        dropped = new_job(session, jobs.queue)
+        raise Stop
+    kept = jobs.add()
+    jobs.start_worker()
+    jobs.wait_for_state(kept, "done")
+    assert jobs.workflow_status(dropped) is None
+    assert jobs.saves(dropped) == []

@@ -1,0 +1,77 @@
+"""Tasks for the child process: one for each way to end."""
+
+import os
+import signal
+import time
+
+
+def _segfault(arguments, on_stage):
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def _hang(arguments, on_stage):
+    on_stage("hanging")
+    while True:
+        time.sleep(1)
+
+
+def _eat_memory(arguments, on_stage):
+    blocks = []
+    while True:
+        blocks.append(bytearray(64 * 1024 * 1024))
+
+
+def _raise(arguments, on_stage):
+    raise ValueError("a bug of the task")
+
+
+def _print(arguments, on_stage):
+    print('{"ok": {"who": "a library"}}', flush=True)
+    os.write(1, b"C code prints too\n")
+    return {"who": "the task"}
+
+
+def _stages(arguments, on_stage):
+    for name in arguments["names"]:
+        on_stage(name)
+    return {"read": os.read(0, 10).decode()}
+
+
+def _describe(arguments, on_stage):
+    return {"pid": os.getpid(), "environment": sorted(os.environ), "echo": arguments}
+
+
+def _garble(arguments, on_stage):
+    for number in range(3, 64):
+        try:
+            os.write(number, b"\x80\x04 not json\n")
+        except OSError:
+            continue
+    return {}
+
+
+def _not_json(arguments, on_stage):
+    return {"number": float("nan")}
+
+
+def _exit(arguments, on_stage):
+    os._exit(3)
+
+
+def _killed(arguments, on_stage):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+TASKS = {
+    "segfault": _segfault,
+    "hang": _hang,
+    "eat_memory": _eat_memory,
+    "raise": _raise,
+    "print": _print,
+    "stages": _stages,
+    "describe": _describe,
+    "garble": _garble,
+    "not_json": _not_json,
+    "exit": _exit,
+    "killed": _killed,
+}
