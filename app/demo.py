@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 from zoneinfo import ZoneInfo
 
-import httpx
+import httpx2
 
 from app.db.session import Database
 from app.jobs.supervisor import settings_environment
@@ -26,7 +26,7 @@ from app.services.enrol import create_admin
 from app.services.prepare import prepare
 from app.settings import Settings
 
-FOOD = "apple-raw"
+FOOD = "apple"
 FOOD_POINT = (1092, 620)  # in the bundled left photograph
 MARKER = "plain:9x7:11"
 START_SECONDS = 60
@@ -47,7 +47,7 @@ def run_demo(output: Path) -> int:
             admin_token = create_admin(database, "demo")
         finally:
             database.dispose()
-        with running_server(settings) as address, httpx.Client(base_url=address, timeout=60) as client:
+        with running_server(settings) as address, httpx2.Client(base_url=address, timeout=60) as client:
             say(f"The server and its worker run at {address} (API pages: {address}/docs).")
             token = enrol(client, admin_token)
             say("A study, a participant and a phone with its token are there.")
@@ -104,7 +104,7 @@ def running_server(settings: Settings) -> Iterator[str]:
         reader.join(5)
 
 
-def enrol(client: httpx.Client, admin_token: str) -> str:
+def enrol(client: httpx2.Client, admin_token: str) -> str:
     """Make a study and a participant, enrol a phone: its token."""
     admin = {"Authorization": f"Bearer {admin_token}"}
     answer(client.post("/v1/studies", headers=admin, json={"code": "demo", "name": "Demo", "marker": MARKER}))
@@ -114,7 +114,7 @@ def enrol(client: httpx.Client, admin_token: str) -> str:
     return token
 
 
-def send_meal(client: httpx.Client, token: str) -> dict[str, Any]:
+def send_meal(client: httpx2.Client, token: str) -> dict[str, Any]:
     """Upload the bundled pair and follow it to its end, telling each stage."""
     phone = {"Authorization": f"Bearer {token}"}
     metadata = {
@@ -162,14 +162,14 @@ def show_meal(meal: dict[str, Any]) -> None:
     print()
 
 
-def show_records(client: httpx.Client, token: str) -> None:
+def show_records(client: httpx2.Client, token: str) -> None:
     """Print the record as a researcher's CSV."""
     phone = {"Authorization": f"Bearer {token}"}
     lines = client.get("/v1/records", headers=phone, params={"format": "csv"}).text.splitlines()
     say(f"GET /v1/records?format=csv: {len(lines) - 1} record, {lines[0].count(',') + 1} columns.")
 
 
-def save_artefacts(client: httpx.Client, token: str, meal: dict[str, Any], output: Path) -> None:
+def save_artefacts(client: httpx2.Client, token: str, meal: dict[str, Any], output: Path) -> None:
     """Download the pictures of the steps."""
     output.mkdir(parents=True, exist_ok=True)
     for artefact in meal["run"]["artefacts"]:
@@ -178,7 +178,7 @@ def save_artefacts(client: httpx.Client, token: str, meal: dict[str, Any], outpu
         print(f"   {output / artefact['name']}")
 
 
-def answer(response: httpx.Response) -> dict[str, Any]:
+def answer(response: httpx2.Response) -> dict[str, Any]:
     """The body of a good answer; a bad one ends the demo with its sentence."""
     if response.is_error:
         raise SystemExit(f"tada: {response.request.url}: {response.status_code} {response.text}")

@@ -8,7 +8,7 @@ from structlog.typing import Processor
 
 from app.settings import Settings
 
-QUIET = ("python_multipart", "uvicorn.access", "dbos", "alembic", "PIL", "httpx")  # a line a step or a request each
+QUIET = ("python_multipart", "uvicorn.access", "dbos", "alembic", "PIL", "httpx2")  # a line a step or a request each
 
 
 def configure_logging(settings: Settings) -> None:

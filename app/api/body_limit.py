@@ -12,13 +12,13 @@ LIMIT_BYTES = 256 * 1024
 
 
 class BodyLimit:
-    """ASGI middleware: refuses a declared length past the limit at once and cuts a longer stream."""
+    """ASGI middleware: takes the body in, at most the limit, before the app sees the request."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the request on with a counting receive."""
+        """Pass the request on with its body at hand."""
         if scope["type"] != "http" or UPLOADS.match(scope["path"]):
             await self._app(scope, receive, send)
             return
@@ -26,17 +26,21 @@ class BodyLimit:
         if declared.isdigit() and int(declared) > LIMIT_BYTES:
             await render_problem(_too_large())(scope, receive, send)
             return
-        received = 0
-
-        async def counting_receive() -> Message:
-            nonlocal received
+        messages: list[Message] = []
+        received, more = 0, True
+        while more:
             message = await receive()
+            messages.append(message)
             received += len(message.get("body", b""))
             if received > LIMIT_BYTES:
-                raise _too_large()
-            return message
+                await render_problem(_too_large())(scope, receive, send)
+                return
+            more = message["type"] == "http.request" and message.get("more_body", False)
 
-        await self._app(scope, counting_receive, send)
+        async def replay() -> Message:
+            return messages.pop(0) if messages else await receive()
+
+        await self._app(scope, replay, send)
 
 
 def _too_large() -> TooLargeError:

@@ -25,7 +25,7 @@ from app.errors import MalformedRequestError, TooLargeError, UnsupportedMediaErr
 from app.services.receive_photo import ReceivedFile
 
 WRITE_BYTES = 1024 * 1024
-HEADER_BYTES = 8 * 1024  # all headers of one part
+MAX_BOUNDARY_LENGTH = 70  # RFC 2046, section 5.1.1
 PHOTO_TYPES = frozenset(
     {"image/jpeg", "image/jpg", "image/png", "image/heic", "image/heif", "application/octet-stream"}
 )
@@ -137,6 +137,8 @@ def _boundary(request: Request) -> bytes:
     boundary = options.get(b"boundary", b"")
     if not boundary:
         raise MalformedRequestError("The content type names no multipart boundary.")
+    if len(boundary) > MAX_BOUNDARY_LENGTH:
+        raise MalformedRequestError(f"The multipart boundary is longer than {MAX_BOUNDARY_LENGTH} characters.")
     return boundary
 
 
@@ -156,7 +158,6 @@ class _Part:
     headers: dict[bytes, bytes] = field(default_factory=dict)
     header_name: bytearray = field(default_factory=bytearray)
     header_value: bytearray = field(default_factory=bytearray)
-    header_bytes: int = 0
     name: str = ""
 
 
@@ -211,21 +212,10 @@ class _MultipartReader:
         self._part = _Part()
 
     def _on_header_field(self, data: bytes, start: int, end: int) -> None:
-        self._count_header(end - start)
         self._part.header_name += data[start:end]
 
     def _on_header_value(self, data: bytes, start: int, end: int) -> None:
-        self._count_header(end - start)
         self._part.header_value += data[start:end]
-
-    def _count_header(self, length: int) -> None:
-        self._part.header_bytes += length
-        if self._part.header_bytes > HEADER_BYTES:
-            raise TooLargeError(
-                f"A part's headers pass {HEADER_BYTES} bytes, the limit.",
-                code="part_header_too_large",
-                limit_bytes=HEADER_BYTES,
-            )
 
     def _on_header_end(self) -> None:
         self._part.headers[bytes(self._part.header_name).lower()] = bytes(self._part.header_value)

@@ -46,10 +46,9 @@ def prepare_photo(slot: str, file: ReceivedFile, *, max_pixels: int, keep_locati
         if facts.code == "not_an_image":
             raise UnsupportedMediaError(message, code=facts.code, slot=slot)
         raise InvalidInputError(message, code=facts.code, slot=slot)
-    pixels = facts.width * facts.height
-    if pixels > max_pixels:
+    if facts.pixels_to_decode > max_pixels:
         raise TooLargeError(
-            f"The {slot} photograph has {pixels} pixels; at most {max_pixels} are allowed.",
+            f"The {slot} photograph has {facts.pixels_to_decode} pixels; at most {max_pixels} are allowed.",
             code="image_too_many_pixels",
             slot=slot,
             limit_pixels=max_pixels,

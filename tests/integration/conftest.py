@@ -16,10 +16,10 @@ STUDY_MARKER = "plain:9x7:11"
 
 
 @pytest.fixture
-def settings(database_url, tmp_path) -> Settings:
+def settings(prepared_database_url, tmp_path) -> Settings:
     return Settings(
         data_dir=tmp_path / "data",
-        database_url=database_url,
+        database_url=prepared_database_url,
         blob_url=None,
         max_photo_bytes=400_000,
         max_photo_pixels=3_000_000,

@@ -78,7 +78,7 @@ class MealMetadataIn(BaseModel):
                 "captured_at": "2026-11-21T12:30:00+08:00",
                 "time_zone": "Asia/Shanghai",
                 "marker": "plain:9x7:11",
-                "hints": [{"point": [812, 560], "food": "apple-raw"}],
+                "hints": [{"point": [812, 560], "food": "apple"}],
                 "app_version": "1.4.0",
             }
         },
@@ -104,7 +104,7 @@ class NewMealMetadataIn(MealMetadataIn):
                 "id": "0b0ccda4-7f0e-4e34-9a39-1f0c6d3bb9c1",
                 "captured_at": "2026-11-21T12:30:00+08:00",
                 "time_zone": "Asia/Shanghai",
-                "hints": [{"point": [812, 560], "food": "apple-raw"}],
+                "hints": [{"point": [812, 560], "food": "apple"}],
             }
         }
     )

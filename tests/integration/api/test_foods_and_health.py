@@ -1,0 +1,59 @@
+from app.api.records import FORMULA_STARTS, _safe
+
+
+def test_search_gives_the_raw_apple_first(phone):
+    found = phone.get("/v1/foods", q="apple").json()["items"]
+    assert found[0]["key"] == "apple"
+
+
+def test_food_shows_nutrients_densities_and_sources(phone):
+    food = phone.get("/v1/foods/apple").json()
+    contents = {nutrient["tagname"]: nutrient["per_100_g"] for nutrient in food["nutrients"]}
+    assert (contents["ENERC_KCAL"], contents["CHOCDF"]) == (52.0, 13.81)
+    assert food["source_ids"]["sr28_ndb"] == "09003"
+    assert all(density["source"] for density in food["densities"])
+
+
+def test_unknown_food_is_404(phone):
+    answer = phone.get("/v1/foods/nothing")
+    assert (answer.status_code, answer.json()["code"]) == (404, "food_not_found")
+
+
+def test_without_words_all_foods_are_listed(phone):
+    assert len(phone.get("/v1/foods").json()["items"]) > 50
+
+
+def test_health_needs_no_token(client):
+    assert client.get("/healthz").json() == {"status": "ok"}
+
+
+def test_ready_without_a_worker_tells_so_and_stays_ready(client):
+    answer = client.get("/readyz")
+    assert answer.status_code == 200
+    assert answer.json() == {
+        "ready": True,
+        "checks": {"database": "ok", "blob_store": "ok", "disk": "ok"},
+        "workers_alive": 0,
+        "oldest_waiting_seconds": None,
+    }
+
+
+def test_ready_fails_on_an_unwritable_store(client, state, monkeypatch):
+    def broken(_):
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(type(state.blobs), "check", broken)
+    answer = client.get("/readyz")
+    assert (answer.status_code, answer.json()["ready"]) == (503, False)
+    assert "Input/output error" in answer.json()["checks"]["blob_store"]
+
+
+def test_answers_carry_a_request_id(client):
+    assert len(client.get("/healthz").headers["x-request-id"]) == 32
+
+
+def test_formulas_are_neutralised_and_numbers_are_not():
+    for start in FORMULA_STARTS:
+        assert _safe(f"{start}1+1") == f"'{start}1+1"
+    assert _safe(-1.5) == -1.5
+    assert _safe("P001") == "P001"

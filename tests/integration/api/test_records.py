@@ -1,0 +1,187 @@
+import csv
+import io
+import uuid
+
+import pytest
+
+from app.db.models import EffectiveRecord, Item, Run, Study
+from app.services.rebuild_records import rebuild_records
+from tests import estimates
+from tests.estimates import found_item
+from tests.integration.conftest import meal_metadata
+from tests.photographs import pair
+
+APPLE_HINT = [{"point": [30, 20], "food": "apple"}]
+
+
+def eaten(phone, state, *items, seed=0, **metadata):
+    """A meal that was sent and estimated; its id."""
+    body = meal_metadata(**({"hints": APPLE_HINT} | metadata))
+    assert phone.post(pair(seed), body).status_code == 202
+    estimates.save(state, body["id"], *(items or [found_item()]))
+    return body["id"]
+
+
+def test_hinted_food_becomes_a_record_with_mass_and_nutrients(phone, state):
+    meal_id = eaten(phone, state)
+    meal = phone.get(f"/v1/meals/{meal_id}").json()
+    item = meal["items"][0]
+    assert meal["status"] == "estimated"
+    assert (item["food"]["key"], item["status"]) == ("apple", "proposed")
+    assert item["mass_g"] == pytest.approx(185 * item["density_g_per_ml"])
+    assert item["mass_interval_g"][0] < item["mass_g"] < item["mass_interval_g"][1]
+    energy = next(n for n in item["nutrients"] if n["tagname"] == "ENERC_KCAL")
+    assert energy["amount"] == pytest.approx(0.52 * item["edible_g"])  # SR28 09003: 52 kcal in 100 g
+    record = phone.get("/v1/records").json()["items"][0]
+    assert record["energy_kcal"] == pytest.approx(energy["amount"])
+    assert (record["meal_id"], record["participant"]) == (meal_id, "P001")
+
+
+def test_item_without_food_has_null_mass_and_the_meal_needs_review(phone, state):
+    meal_id = eaten(phone, state, found_item(hint=None))
+    meal = phone.get(f"/v1/meals/{meal_id}").json()
+    item = meal["items"][0]
+    assert (meal["status"], item["status"]) == ("needs_review", "needs_review")
+    assert (item["food"], item["mass_g"], item["mass_interval_g"], item["nutrients"]) == (None, None, None, [])
+    assert item["volume_ml"] == 185.0
+
+
+def test_food_that_the_table_lacks_is_kept_as_an_item_to_review(phone, state):
+    meal_id = eaten(phone, state, hints=[{"point": [1, 2], "food": "phoenix-roasted"}])
+    assert phone.get(f"/v1/meals/{meal_id}").json()["status"] == "needs_review"
+
+
+def test_meal_where_nothing_was_found_needs_review(phone, state):
+    body = meal_metadata()
+    phone.post(pair(), body)
+    estimates.save(state, body["id"])
+    assert phone.get(f"/v1/meals/{body['id']}").json()["status"] == "needs_review"
+
+
+def test_failure_of_the_scene_is_an_answer_with_code_and_advice(phone, state):
+    body = meal_metadata()
+    phone.post(pair(), body)
+    failure = {"code": "marker_not_found", "message": "No board.", "advice": "Put it beside the plate."}
+    estimates.save(state, body["id"], failure=failure)
+    meal = phone.get(f"/v1/meals/{body['id']}").json()
+    assert (meal["status"], meal["failure"], meal["items"]) == ("failed", failure, [])
+
+
+def test_saving_the_same_job_twice_makes_one_run(phone, state):
+    meal_id = eaten(phone, state)
+    estimates.save(state, meal_id, found_item())
+    with state.database.read() as session:
+        assert [session.query(table).count() for table in (Run, Item, EffectiveRecord)] == [1, 1, 1]
+
+
+def test_pages_lead_through_all_records_in_the_order_of_capture(phone, state, client):
+    days = ["2026-11-03", "2026-11-01", "2026-11-05", "2026-11-02", "2026-11-04"]
+    for seed, day in enumerate(days):
+        eaten(phone, state, seed=seed, captured_at=f"{day}T12:00:00+08:00")
+    seen, path = [], "/v1/records?limit=2"
+    while path:
+        page = client.get(path, headers=phone.headers).json()
+        assert len(page["items"]) <= 2
+        seen += [record["local_date"] for record in page["items"]]
+        path = page["next"]
+    assert seen == sorted(days)
+
+
+def test_cursor_of_other_filters_and_broken_cursors_are_refused(phone, state, client):
+    for seed in range(3):
+        eaten(phone, state, seed=seed)
+    following = client.get("/v1/records?limit=1", headers=phone.headers).json()["next"]
+    other = client.get(following + "&status=confirmed", headers=phone.headers)
+    assert (other.status_code, other.json()["code"]) == (422, "cursor_of_other_filters")
+    for broken in ("x", "e30", "W10", "////", "é"):
+        answer = phone.get("/v1/records", cursor=broken)
+        assert (answer.status_code, answer.json()["code"]) == (422, "cursor_invalid")
+
+
+@pytest.mark.parametrize(
+    ("filters", "count"),
+    [
+        ({}, 3),
+        ({"study": "one"}, 2),
+        ({"study": "none"}, 0),
+        ({"participant": "P002"}, 1),
+        ({"from": "2026-11-02"}, 2),
+        ({"to": "2026-11-02"}, 2),
+        ({"from": "2026-11-02", "to": "2026-11-02"}, 1),
+        ({"food": "apple"}, 2),
+        ({"food": "pear"}, 0),
+        ({"status": "proposed"}, 2),
+        ({"status": "needs_review"}, 1),
+        ({"status": "confirmed"}, 0),
+    ],
+)
+def test_filters_choose_records_in_json_and_csv_alike(enrol, state, client, admin, filters, count):
+    eaten(enrol("P001", study="one"), state, captured_at="2026-11-01T12:00:00+08:00")
+    eaten(enrol("P002", study="one"), state, captured_at="2026-11-02T12:00:00+08:00")
+    third = enrol("P003", study="two")
+    eaten(third, state, found_item(hint=None), captured_at="2026-11-03T12:00:00+08:00")
+    assert len(client.get("/v1/records", headers=admin, params=filters).json()["items"]) == count
+    text = client.get("/v1/records", headers=admin, params=filters | {"format": "csv"}).text
+    assert len(list(csv.DictReader(io.StringIO(text)))) == count
+
+
+def test_day_filter_uses_the_local_day(phone, state):
+    eaten(phone, state, captured_at="2026-11-02T00:30:00+08:00")  # 1 November in UTC
+    assert len(phone.get("/v1/records", **{"from": "2026-11-02", "to": "2026-11-02"}).json()["items"]) == 1
+    assert phone.get("/v1/records", to="2026-11-01").json()["items"] == []
+
+
+def test_reversed_days_and_bad_values_are_refused(phone):
+    answer = phone.get("/v1/records", **{"from": "2026-11-03", "to": "2026-11-01"})
+    assert (answer.status_code, answer.json()["code"]) == (422, "days_reversed")
+    for bad in ({"limit": 0}, {"limit": 1001}, {"from": "yesterday"}, {"status": "eaten"}, {"format": "xml"}):
+        assert phone.get("/v1/records", **bad).status_code == 422
+
+
+def test_csv_by_accept_header_has_a_column_for_all_and_empty_cells_for_unknown(phone, state, client):
+    eaten(phone, state, found_item(hint=None))
+    answer = client.get("/v1/records", headers=phone.headers | {"Accept": "text/csv"})
+    assert answer.headers["content-type"].startswith("text/csv")
+    row = next(csv.DictReader(io.StringIO(answer.text)))
+    assert (row["food_key"], row["mass_g"], row["energy_kcal"], row["volume_ml"]) == ("", "", "", "185.0")
+
+
+def test_empty_csv_still_has_its_header(phone):
+    lines = phone.get("/v1/records", format="csv").text.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("id,meal_id,study,participant")
+
+
+def test_participant_sees_own_records_only(enrol, state):
+    one, other = enrol("P001"), enrol("P002")
+    eaten(one, state)
+    assert len(one.get("/v1/records").json()["items"]) == 1
+    assert other.get("/v1/records").json()["items"] == []
+    assert other.get("/v1/records", participant="P001").json()["items"] == []
+
+
+def test_change_numbers_count_up_in_a_study(phone, state):
+    for seed in range(3):
+        eaten(phone, state, seed=seed)
+    numbers = [record["change_seq"] for record in phone.get("/v1/records").json()["items"]]
+    assert sorted(numbers) == [1, 2, 3]
+    with state.database.read() as session:
+        assert session.query(Study).one().change_seq == 3
+
+
+def test_rebuild_finds_nothing_to_mend_and_mends_what_was_spoilt(phone, state):
+    eaten(phone, state)
+    assert rebuild_records(state.database, write=False) == rebuild_records(state.database, write=False)
+    assert rebuild_records(state.database, write=False).different == 0
+    with state.database.write() as session:
+        session.query(EffectiveRecord).one().energy_kcal = 1.0
+    assert rebuild_records(state.database, write=False).different == 1
+    assert rebuild_records(state.database, write=True).different == 1
+    assert rebuild_records(state.database, write=False).different == 0
+    assert phone.get("/v1/records").json()["items"][0]["energy_kcal"] > 50
+
+
+def test_artefact_that_does_not_exist_is_404(phone, state):
+    meal_id = eaten(phone, state)
+    assert phone.get(f"/v1/meals/{meal_id}/artefacts/overlay.jpg").status_code == 404
+    assert phone.get(f"/v1/meals/{uuid.uuid4()}/artefacts/overlay.jpg").status_code == 404
