@@ -1,0 +1,79 @@
+"""A file's bytes without reading them all: mapped read-only to inspect it, privately to edit it at the same length.
+
+Edits are made in a private mapping, so that later steps see what earlier ones did and only touched pages cost memory.
+Then they are written with ordinary writes: these report a full disk as an error, where a shared mapping kills.
+"""
+
+import mmap
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+Data = bytes | mmap.mmap
+Extent = tuple[int, int]  # start and end of a run of bytes in the file, the end not included
+
+MAX_MARKS = 256  # embedded blocks in one file; a burst or a gain map has a few dozen at most
+STEP_BYTES = 1 << 20  # long runs are handled in pieces of this size
+
+
+class Edits:
+    """Bytes under edit: what was changed, and where. The length never changes."""
+
+    def __init__(self, data: mmap.mmap) -> None:
+        self.data = data
+        self.marks_left = MAX_MARKS
+        self.changed: list[Extent] = []
+
+    def read(self, extents: Sequence[Extent]) -> bytes:
+        """The bytes of the extents, joined."""
+        return read_extents(self.data, extents)
+
+    def write(self, extents: Sequence[Extent], replacement: bytes) -> None:
+        """Put `replacement`, as long as the extents together, in their place; equal bytes are no change."""
+        if length_of(extents) != len(replacement):
+            raise ValueError("a replacement must have the length of what it replaces")
+        position = 0
+        for start, end in extents:
+            piece = replacement[position : position + end - start]
+            position += end - start
+            if self.data[start:end] != piece:
+                self.data[start:end] = piece
+                self.changed.append((start, end))
+
+    def blank(self, start: int, end: int) -> None:
+        """Zeros from start to end."""
+        for piece_start in range(start, end, STEP_BYTES):
+            piece_end = min(piece_start + STEP_BYTES, end)
+            self.write([(piece_start, piece_end)], bytes(piece_end - piece_start))
+
+
+def read_extents(data: Data, extents: Sequence[Extent]) -> bytes:
+    """The bytes of the extents, joined."""
+    return b"".join(data[start:end] for start, end in extents)
+
+
+def length_of(extents: Sequence[Extent]) -> int:
+    """How many bytes the extents have together."""
+    return sum(end - start for start, end in extents)
+
+
+@contextmanager
+def open_bytes(path: Path) -> Iterator[Data]:
+    """The file's bytes, read-only, loaded as they are touched."""
+    with path.open("rb") as file:
+        if path.stat().st_size == 0:  # nothing to map
+            yield b""
+            return
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            yield data
+
+
+@contextmanager
+def edit_bytes(path: Path) -> Iterator[Edits]:
+    """The bytes of a file that is not empty; the edits are written to it when the block ends well."""
+    with path.open("r+b") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY) as data:
+        edits = Edits(data)
+        yield edits
+        for start, end in edits.changed:
+            file.seek(start)
+            file.write(data[start:end])

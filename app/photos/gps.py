@@ -1,0 +1,129 @@
+"""The location in an EXIF block: read it, or take it out of the bytes at the same length.
+
+Taking out: the GPS directory's entries and their values become zeros, and the pointer to it is taken out of its
+directory, whose other entries close up; no offset changes, so all other tags stay as they were. A block that cannot be
+read whole is reduced to its orientation. A maker's note is opaque and stays (Apple's holds no location).
+"""
+
+import math
+from dataclasses import dataclass
+
+from app.photos.tiff import (
+    ENTRY_BYTES,
+    GPS_IFD,
+    VALUE_BYTES,
+    ByteOrder,
+    Directory,
+    Entry,
+    byte_order,
+    minimal_block,
+    read_directories,
+    read_numbers,
+    read_orientation,
+)
+
+LATITUDE_REF, LATITUDE, LONGITUDE_REF, LONGITUDE, ALTITUDE_REF, ALTITUDE, STATUS = 1, 2, 3, 4, 5, 6, 9
+
+
+@dataclass(frozen=True, slots=True)
+class Location:
+    """Where a photograph was taken: WGS84, degrees, north and east positive; altitude in m, None if not told."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float | None
+
+
+def read_gps(block: bytes) -> Location | None:
+    """The location in an EXIF block; None if absent, void, out of range, or the zeros of a receiver without a fix."""
+    order = byte_order(block)
+    directory = next((one for one in read_directories(block) or [] if one.tag == GPS_IFD), None)
+    if order is None or directory is None:
+        return None
+    entries = {entry.tag: entry for entry in directory.entries}
+    latitude = _degrees(block, entries, LATITUDE, LATITUDE_REF, (b"N", b"S"), order)
+    longitude = _degrees(block, entries, LONGITUDE, LONGITUDE_REF, (b"E", b"W"), order)
+    if latitude is None or longitude is None or _letter(block, entries.get(STATUS)) == b"V":
+        return None
+    if abs(latitude) > 90 or abs(longitude) > 180 or latitude == longitude == 0:
+        return None
+    return Location(latitude, longitude, _altitude(block, entries, order))
+
+
+def without_gps(block: bytes) -> bytes:
+    """The block, as long as before, without any location tag."""
+    order = byte_order(block)
+    if not any(block):
+        return block
+    directories = read_directories(block)
+    if order is None or not directories:
+        return _reduced(block)
+    result = bytearray(block)
+    for directory in directories:
+        if directory.tag == GPS_IFD and not _blank_directory(result, directory):
+            return _reduced(block)
+    for directory in directories:
+        if directory.tag != GPS_IFD:
+            _drop_gps_pointers(result, directory, order)
+    cleaned = bytes(result)
+    left = read_directories(cleaned)  # directories that overlapped may have become anything
+    return _reduced(block) if left is None or any(one.tag == GPS_IFD for one in left) else cleaned
+
+
+def _reduced(block: bytes) -> bytes:
+    return minimal_block(len(block), read_orientation(block))
+
+
+def _blank_directory(block: bytearray, directory: Directory) -> bool:
+    """Zeros over the entries and their values; False if a value's place is unknown or outside the block."""
+    for entry in directory.entries:
+        is_empty = entry.kind == 0 and entry.count == 0
+        if entry.end > len(block) or (entry.kind not in VALUE_BYTES and not is_empty):
+            return False
+        block[entry.start : entry.end] = bytes(entry.end - entry.start)
+    size = 2 + len(directory.entries) * ENTRY_BYTES
+    block[directory.at : directory.at + size] = bytes(size)
+    return True
+
+
+def _drop_gps_pointers(block: bytearray, directory: Directory, order: ByteOrder) -> None:
+    """Close the directory up over its GPS pointers; the pointer to the next directory moves with the entries."""
+    kept = [entry for entry in directory.entries if entry.tag != GPS_IFD]
+    dropped = len(directory.entries) - len(kept)
+    if dropped == 0:
+        return
+    end = directory.at + 2 + len(directory.entries) * ENTRY_BYTES
+    after = bytes(block[end : end + 4])
+    content = b"".join(bytes(block[entry.at : entry.at + ENTRY_BYTES]) for entry in kept) + after
+    block[directory.at : end + len(after)] = len(kept).to_bytes(2, order) + content + bytes(dropped * ENTRY_BYTES)
+
+
+def _degrees(
+    block: bytes,
+    entries: dict[int, Entry],
+    tag: int,
+    reference_tag: int,
+    positive_negative: tuple[bytes, bytes],
+    order: ByteOrder,
+) -> float | None:
+    """Degrees, minutes and seconds with their hemisphere as signed degrees; None where one of them is missing."""
+    entry = entries.get(tag)
+    reference = _letter(block, entries.get(reference_tag))
+    parts = read_numbers(block, entry, order) if entry else []
+    if len(parts) != 3 or reference not in positive_negative:
+        return None
+    degrees = parts[0] + parts[1] / 60 + parts[2] / 3600
+    return degrees if reference == positive_negative[0] else -degrees
+
+
+def _altitude(block: bytes, entries: dict[int, Entry], order: ByteOrder) -> float | None:
+    entry, reference = entries.get(ALTITUDE), entries.get(ALTITUDE_REF)
+    metres = read_numbers(block, entry, order) if entry else []
+    if len(metres) != 1 or not math.isfinite(metres[0]):
+        return None
+    is_below_sea = reference is not None and read_numbers(block, reference, order)[:1] in ([1.0], [3.0])
+    return -metres[0] if is_below_sea else metres[0]
+
+
+def _letter(block: bytes, entry: Entry | None) -> bytes:
+    return block[entry.start : entry.start + 1].upper() if entry and entry.end <= len(block) else b""

@@ -1,0 +1,108 @@
+"""What an uploaded file is: JPEG, PNG or HEIC, its size, how it is turned, and whether it is whole. path -> facts.
+
+Only structure is read. Whether the pixels decode shows later, in a child process; limits on the size are the caller's.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.errors import Failure
+from app.photos.byte_file import Data, Extent, open_bytes, read_extents
+from app.photos.heif import read_heif_layout
+from app.photos.jpeg import read_jpeg_layout
+from app.photos.metadata import jpeg_exif_blocks, png_exif_blocks
+from app.photos.png import SIGNATURE as PNG_SIGNATURE
+from app.photos.png import read_png_layout
+from app.photos.tiff import read_orientation
+
+JPEG, PNG, HEIC = "image/jpeg", "image/png", "image/heic"
+HEIF_BRANDS = frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"})
+ADVICE = "Send a JPEG, PNG or HEIC file."
+
+# What else people send, by its first bytes.
+OTHER_KINDS = (
+    (b"%PDF", "a PDF document"),
+    (b"GIF8", "a GIF picture"),
+    (b"BM", "a BMP picture"),
+    (b"II*\0", "a TIFF or raw picture"),
+    (b"MM\0*", "a TIFF or raw picture"),
+    (b"8BPS", "a Photoshop picture"),
+    (b"\xff\x0a", "a JPEG XL picture"),
+    (b"\0\0\0\x0cJXL ", "a JPEG XL picture"),
+    (b"\0\0\0\x0cjP  ", "a JPEG 2000 picture"),
+    (b"\x1a\x45\xdf\xa3", "a video"),
+    (b"PK\x03\x04", "a ZIP archive"),
+    (b"\x1f\x8b", "a gzip archive"),
+    (b"<", "a web page or XML text"),
+    (b"{", "JSON text"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class PhotoFacts:
+    """A whole photograph. width and height are as stored, before orientation (EXIF's values, 1 to 8) turns them.
+
+    In HEIC they are cropped as a decoder crops them; pixels_to_decode counts what it makes before that, and is what a
+    limit on memory should look at.
+    """
+
+    media_type: str
+    width: int
+    height: int
+    orientation: int
+    pixels_to_decode: int
+
+
+def inspect_photo(path: Path) -> PhotoFacts | Failure:
+    """The facts of the file at `path`.
+
+    Failures: not_an_image, image_truncated, image_unreadable. Raises OSError if the file cannot be read.
+    """
+    with open_bytes(path) as data:
+        media_type = sniff(data)
+        if isinstance(media_type, Failure):
+            return media_type
+        if media_type == HEIC:
+            heif = read_heif_layout(data)
+            if heif.damage is not None:
+                return heif.damage
+            picture = heif.picture
+            return PhotoFacts(HEIC, picture.width, picture.height, picture.orientation, picture.pixels_to_decode)
+        if media_type == JPEG:
+            jpeg = read_jpeg_layout(data)
+            if jpeg.damage is not None:
+                return jpeg.damage
+            orientation = _orientation(data, jpeg_exif_blocks(data, jpeg.segments))
+            return PhotoFacts(JPEG, jpeg.width, jpeg.height, orientation, jpeg.width * jpeg.height)
+        png = read_png_layout(data)
+        if png.damage is not None:
+            return png.damage
+        orientation = _orientation(data, png_exif_blocks(data, png.chunks))
+        return PhotoFacts(PNG, png.width, png.height, orientation, png.width * png.height)
+
+
+def sniff(data: Data) -> str | Failure:
+    """The media type by the first bytes, or what the file looks like instead."""
+    start = data[:16]
+    if start.startswith(b"\xff\xd8\xff"):
+        return JPEG
+    if start.startswith(PNG_SIGNATURE):
+        return PNG
+    if start[4:8] == b"ftyp" and start[8:12] in HEIF_BRANDS:
+        return HEIC
+    what = _other_kind(start)
+    message = f"The file looks like {what}, not like a photograph." if what else "The file is no photograph."
+    return Failure("not_an_image", message, ADVICE)
+
+
+def _orientation(data: Data, blocks: list[list[Extent]]) -> int:
+    """That of the first EXIF block, as decoders read it."""
+    return read_orientation(read_extents(data, blocks[0])) if blocks else 1
+
+
+def _other_kind(start: bytes) -> str | None:
+    if start[4:8] == b"ftyp":
+        return "an AVIF picture" if start[8:12] in {b"avif", b"avis"} else "a video"
+    if start.startswith(b"RIFF"):
+        return "a WebP picture" if start[8:12] == b"WEBP" else "a video or sound"
+    return next((what for magic, what in OTHER_KINDS if start.startswith(magic)), None)

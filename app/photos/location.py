@@ -1,0 +1,151 @@
+"""Take the location out of a photograph's file, in place and at the same length, or read it. path -> changed or not.
+
+What goes: EXIF's GPS directory (of the main picture, previews and secondary pictures), places and coordinates in XMP
+and IPTC, PNG's compressed metadata whole, location atoms of an attached video, and blocks of unknown form that speak of
+coordinates. Pixels, and all that tells of lens, time and orientation, stay byte for byte. What stays: free texts and
+keywords, makers' notes, a video's timed tracks. The file is inspected first; of a damaged one, what can be reached is
+cleaned and the rest is treated as a part of unknown form.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from app.photos.byte_file import Data, Edits, Extent, edit_bytes, length_of, open_bytes, read_extents
+from app.photos.embedded import clean_embedded, clean_opaque, clean_samsung_trailer
+from app.photos.gps import Location, read_gps, without_gps
+from app.photos.heif import read_heif_layout
+from app.photos.inspect import HEIC, JPEG, PNG, PhotoFacts
+from app.photos.iptc import resources_without_places
+from app.photos.jpeg import APP0, APP1, APP2, APP13, APP14, APP15, COM, JpegSegment, read_jpeg_layout
+from app.photos.metadata import (
+    heif_exif_blocks,
+    heif_xmp_packets,
+    jpeg_exif_blocks,
+    jpeg_photoshop_blocks,
+    jpeg_xmp_packets,
+    png_exif_blocks,
+)
+from app.photos.png import PngChunk, read_png_layout, renew_checksum
+from app.photos.png_text import without_places as text_without_places
+from app.photos.xmp import emptied_packet, without_places
+
+MAX_BLOCKS = 16  # of EXIF, and of XMP, in one file; those past it go whole, so that many cannot take long
+# ICC profiles and MPF's index are binary and tell no place; a chance match in them would cost colours.
+PLAIN_PNG_CHUNKS = frozenset({b"IHDR", b"PLTE", b"IDAT", b"IEND", b"iCCP", b"eXIf", b"tRNS", b"fdAT"})
+PLAIN_HEIF_BOXES = frozenset({b"ftyp", b"meta", b"mdat"})
+
+
+def remove_location(path: Path, facts: PhotoFacts) -> bool:
+    """Remove the location from the file at `path`, whose `facts` inspect_photo told; whether anything was there.
+
+    Raises OSError if the file cannot be read or written.
+    """
+    if path.stat().st_size == 0:
+        return False
+    with edit_bytes(path) as edits:
+        if facts.media_type == JPEG:
+            _clean_jpeg(edits)
+        elif facts.media_type == PNG:
+            _clean_png(edits)
+        elif facts.media_type == HEIC:
+            _clean_heif(edits)
+        return bool(edits.changed)
+
+
+def read_location(path: Path, facts: PhotoFacts) -> Location | None:
+    """The location in the EXIF of the file's main picture; None if there is none. XMP's is not read."""
+    with open_bytes(path) as data:
+        blocks = _exif_blocks(data, facts.media_type)
+        return next(filter(None, (read_gps(read_extents(data, block)) for block in blocks)), None)
+
+
+def _exif_blocks(data: Data, media_type: str) -> list[list[Extent]]:
+    if media_type == JPEG:
+        return jpeg_exif_blocks(data, read_jpeg_layout(data).segments)
+    if media_type == PNG:
+        return png_exif_blocks(data, read_png_layout(data).chunks)
+    return heif_exif_blocks(data, read_heif_layout(data).items)
+
+
+def _clean_exif(edits: Edits, blocks: Sequence[list[Extent]]) -> None:
+    for block in blocks[:MAX_BLOCKS]:
+        edits.write(block, without_gps(edits.read(block)))
+        for start, end in block:
+            clean_embedded(edits, start, end)  # a preview's own metadata
+    for block in blocks[MAX_BLOCKS:]:
+        edits.write(block, bytes(length_of(block)))
+
+
+def _clean_xmp(edits: Edits, packets: Sequence[list[Extent]]) -> None:
+    for packet in packets[:MAX_BLOCKS]:
+        edits.write(packet, without_places(edits.read(packet)))
+    for packet in packets[MAX_BLOCKS:]:
+        edits.write(packet, emptied_packet(length_of(packet)))
+
+
+def _clean_jpeg(edits: Edits) -> None:
+    data = edits.data
+    layout = read_jpeg_layout(data)
+    _clean_exif(edits, jpeg_exif_blocks(data, layout.segments))
+    packets, fragments = jpeg_xmp_packets(data, layout.segments)
+    _clean_xmp(edits, packets)
+    for fragment in fragments:
+        edits.write(fragment, emptied_packet(length_of(fragment)))
+    for block in jpeg_photoshop_blocks(data, layout.segments):
+        edits.write(block, resources_without_places(edits.read(block)))
+    for segment in layout.segments:
+        if _is_opaque(data, segment):
+            clean_opaque(edits, segment.start, segment.end)
+    clean_samsung_trailer(edits, layout.end, len(data))
+    clean_embedded(edits, layout.end, len(data))
+
+
+def _is_opaque(data: Data, segment: JpegSegment) -> bool:
+    """Whether the segment is an application's or a comment, and none whose form is known here."""
+    if segment.marker in {APP0, APP2, APP14}:  # JFIF, ICC and MPF, Adobe
+        return False
+    if segment.marker in {APP1, APP13}:
+        known = (b"Exif\0", b"http://ns.adobe.com/", b"Photoshop 3.0\0")
+        return not data[segment.start : segment.start + 20].startswith(known)
+    return APP0 < segment.marker <= APP15 or segment.marker == COM
+
+
+def _clean_png(edits: Edits) -> None:
+    layout = read_png_layout(edits.data)
+    for chunk in layout.chunks:
+        changes = len(edits.changed)
+        _clean_png_chunk(edits, chunk)
+        if len(edits.changed) > changes:
+            renew_checksum(edits, chunk)
+    clean_samsung_trailer(edits, layout.end, len(edits.data))
+    clean_embedded(edits, layout.end, len(edits.data))
+
+
+def _clean_png_chunk(edits: Edits, chunk: PngChunk) -> None:
+    if chunk.kind == b"eXIf":
+        _clean_exif(edits, png_exif_blocks(edits.data, [chunk]))
+    elif chunk.kind in {b"tEXt", b"zTXt", b"iTXt"}:
+        extent = (chunk.start - 4, chunk.end)
+        edits.write([extent], text_without_places(edits.read([extent])))
+    elif chunk.kind not in PLAIN_PNG_CHUNKS:
+        clean_opaque(edits, chunk.start, chunk.end)
+
+
+def _clean_heif(edits: Edits) -> None:
+    data = edits.data
+    layout = read_heif_layout(data)
+    _clean_exif(edits, heif_exif_blocks(data, layout.items))
+    packets = heif_xmp_packets(layout.items)
+    _clean_xmp(edits, packets)
+    for item in layout.items:
+        if item.kind in {b"mime", b"uri "} and list(item.extents) not in packets:
+            for start, end in item.extents:
+                clean_opaque(edits, start, end)
+    for box in layout.boxes:
+        if box.kind == b"uuid":  # content credentials among others
+            clean_opaque(edits, box.start, box.end)
+        elif box.kind not in PLAIN_HEIF_BOXES:
+            clean_embedded(edits, box.start, box.end)
+            clean_samsung_trailer(edits, box.start, box.end)
+    clean_samsung_trailer(edits, layout.end, len(data))
+    clean_embedded(edits, layout.end, len(data))

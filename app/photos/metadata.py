@@ -1,0 +1,102 @@
+"""Where metadata stand in JPEG, PNG and HEIC: layout -> the extents of each block of EXIF, XMP or Photoshop."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+
+from app.photos.byte_file import Data, Extent
+from app.photos.heif import HeifItem
+from app.photos.jpeg import APP1, APP13, JpegSegment
+from app.photos.png import PngChunk
+from app.photos.tiff import HEADERS
+
+EXIF_MARK = b"Exif\0"  # and one more byte: 0, or FF by some writers
+XMP_MARK = b"http://ns.adobe.com/xap/1.0/\0"
+EXTENDED_XMP_MARK = b"http://ns.adobe.com/xmp/extension/\0"
+EXTENDED_XMP_HEADER_BYTES = (
+    len(EXTENDED_XMP_MARK) + 32 + 4 + 4
+)  # the mark, a digest, the whole's length, the offset in it
+PHOTOSHOP_MARK = b"Photoshop 3.0\0"
+MAX_TIFF_HEADER_OFFSET = 64  # in HEIC: past "Exif\0\0" at most, says every writer
+
+
+def jpeg_exif_blocks(data: Data, segments: Iterable[JpegSegment]) -> list[list[Extent]]:
+    """EXIF blocks. Decoders join several segments, so the first block is all of them; then each that stands alone."""
+    single = [
+        (segment.start + 6, segment.end)
+        for segment in segments
+        if segment.marker == APP1 and _begins(data, segment, EXIF_MARK) and segment.end - segment.start >= 6
+    ]
+    if len(single) <= 1:
+        return [single] if single else []
+    return [single, *([one] for one in single[1:] if data[one[0] : one[0] + 4] in HEADERS)]
+
+
+def jpeg_xmp_packets(data: Data, segments: Iterable[JpegSegment]) -> tuple[list[list[Extent]], list[list[Extent]]]:
+    """XMP packets: each main one, and each extended one put together in order; and parts that do not make a whole."""
+    packets: list[list[Extent]] = []
+    parts: dict[bytes, list[tuple[int, Extent]]] = defaultdict(list)  # by the extended packet's digest and length
+    for segment in segments:
+        if segment.marker != APP1:
+            continue
+        if _begins(data, segment, XMP_MARK):
+            packets.append([(segment.start + len(XMP_MARK), segment.end)])
+        elif _begins(data, segment, EXTENDED_XMP_MARK):
+            start = segment.start + EXTENDED_XMP_HEADER_BYTES
+            if start < segment.end:
+                offset = int.from_bytes(data[start - 4 : start])
+                parts[data[start - 40 : start - 4]].append((offset, (start, segment.end)))
+    fragments: list[list[Extent]] = []
+    for key, found in parts.items():
+        found.sort()
+        ends = [offset + end - start for offset, (start, end) in found]
+        is_whole = [offset for offset, _ in found] == [0, *ends[:-1]] and ends[-1] == int.from_bytes(key[-4:])
+        (packets if is_whole else fragments).append([extent for _, extent in found])
+    return packets, fragments
+
+
+def jpeg_photoshop_blocks(data: Data, segments: Iterable[JpegSegment]) -> list[list[Extent]]:
+    """Photoshop's image resources: those of all segments joined, as they may run on from one to the next."""
+    extents = [
+        (segment.start + len(PHOTOSHOP_MARK), segment.end)
+        for segment in segments
+        if segment.marker == APP13 and _begins(data, segment, PHOTOSHOP_MARK)
+    ]
+    return [extents] if extents else []
+
+
+def png_exif_blocks(data: Data, chunks: Iterable[PngChunk]) -> list[list[Extent]]:
+    """EXIF blocks of eXIf chunks; some writers put JPEG's mark before them."""
+    return [
+        [(chunk.start + 6 if data[chunk.start : chunk.start + 5] == EXIF_MARK else chunk.start, chunk.end)]
+        for chunk in chunks
+        if chunk.kind == b"eXIf"
+    ]
+
+
+def heif_exif_blocks(data: Data, items: Iterable[HeifItem]) -> list[list[Extent]]:
+    """EXIF blocks of Exif items, from the TIFF header on; the whole item where no header is found."""
+    return [_from_tiff_header(data, item.extents) for item in items if item.kind == b"Exif"]
+
+
+def heif_xmp_packets(items: Iterable[HeifItem]) -> list[list[Extent]]:
+    """XMP packets of mime items."""
+    return [
+        list(item.extents) for item in items if item.kind == b"mime" and item.content_type == b"application/rdf+xml"
+    ]
+
+
+def _from_tiff_header(data: Data, extents: Sequence[Extent]) -> list[Extent]:
+    start = b"".join(data[first : min(last, first + 8 + MAX_TIFF_HEADER_OFFSET)] for first, last in extents[:4])
+    offset = 4 + int.from_bytes(start[:4])
+    if start[offset : offset + 4] not in HEADERS:
+        offset = next((start.find(header) for header in HEADERS if header in start), 0)
+    left = []
+    for first, last in extents:
+        skipped = min(offset, last - first)
+        offset -= skipped
+        left.append((first + skipped, last))
+    return left
+
+
+def _begins(data: Data, segment: JpegSegment, mark: bytes) -> bool:
+    return data[segment.start : min(segment.start + len(mark), segment.end)] == mark

@@ -1,0 +1,272 @@
+"""Inspecting files: facts of whole photographs, a stable code for everything else, and no surprise on hostile bytes."""
+
+import io
+import struct
+
+import pillow_heif
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from photo_files import (
+    HEIGHT,
+    WIDTH,
+    box,
+    exif_block,
+    exif_segment,
+    grid_heic,
+    heic,
+    jpeg,
+    picture,
+    png,
+    png_chunk,
+    segment,
+    video,
+)
+from PIL import Image
+
+from app.errors import Failure
+from app.photos import heif
+from app.photos import jpeg as jpeg_module
+from app.photos import png as png_module
+from app.photos.inspect import PhotoFacts, inspect_photo
+
+CODES = {"not_an_image", "image_truncated", "image_unreadable"}
+
+
+@pytest.fixture
+def inspect(tmp_path):
+    path = tmp_path / "photo"
+
+    def run(data: bytes) -> PhotoFacts | Failure:
+        path.write_bytes(data)
+        return inspect_photo(path)
+
+    return run
+
+
+def code(result: PhotoFacts | Failure) -> str:
+    assert isinstance(result, Failure)
+    assert result.message.endswith(".")
+    assert result.advice
+    return result.code
+
+
+@pytest.mark.parametrize("options", [{}, {"progressive": True}, {"restart_marker_blocks": 2}, {"optimize": True}])
+def test_jpeg_of_every_coding_is_whole(inspect, options):
+    assert inspect(jpeg(**options)) == PhotoFacts("image/jpeg", WIDTH, HEIGHT, 1, WIDTH * HEIGHT)
+
+
+@pytest.mark.parametrize("mode", ["RGB", "L", "I;16", "P", "RGBA"])
+def test_png_of_every_mode_is_whole(inspect, mode):
+    stream = io.BytesIO()
+    (Image.new(mode, (WIDTH, HEIGHT)) if mode == "I;16" else picture().convert(mode)).save(stream, "PNG")
+    assert inspect(stream.getvalue()) == PhotoFacts("image/png", WIDTH, HEIGHT, 1, WIDTH * HEIGHT)
+
+
+@pytest.mark.parametrize("size", [(96, 64), (97, 65), (64, 48), (130, 70)])
+def test_heic_has_the_size_that_libheif_decodes(inspect, size):
+    data = heic(image=picture().resize(size))
+    facts = inspect(data)
+    assert (facts.width, facts.height) == pillow_heif.open_heif(data).size == size
+    assert facts.pixels_to_decode >= size[0] * size[1]
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_orientation_is_read_in_both_byte_orders(inspect, orientation, order):
+    block = exif_block(order, orientation=orientation)
+    assert inspect(jpeg(exif_segment(block))).orientation == orientation
+    assert inspect(png(png_chunk(b"eXIf", block))).orientation == orientation
+
+
+@pytest.mark.parametrize("orientation", [0, 9, 65535])
+def test_orientation_out_of_range_is_1(inspect, orientation):
+    assert inspect(jpeg(exif_segment(exif_block(orientation=orientation)))).orientation == 1
+
+
+@pytest.mark.parametrize(("quarters", "orientation"), [(0, 1), (1, 8), (2, 3), (3, 6)])
+def test_heic_grid_has_the_size_of_the_grid_and_the_turn_of_irot(inspect, quarters, orientation):
+    facts = inspect(grid_heic(8, 6, 512, quarters))
+    assert facts == PhotoFacts("image/heic", 8 * 512 - 10, 6 * 512 - 6, orientation, (8 * 512 - 10) * (6 * 512 - 6))
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_heic_turn_agrees_with_libheif(inspect, orientation):
+    exif = Image.Exif()
+    exif[274] = orientation
+    stream = io.BytesIO()
+    image = picture()
+    image.getexif()[274] = orientation
+    pillow_heif.from_pillow(image).save(stream, quality=80)
+    facts = inspect(stream.getvalue())
+    upright = (facts.height, facts.width) if facts.orientation > 4 else (facts.width, facts.height)
+    assert facts.orientation == orientation
+    assert pillow_heif.open_heif(stream.getvalue()).size == upright
+
+
+@pytest.mark.parametrize("turn", [b"\0", b"\1"])
+def test_heic_mirrored_property_gives_a_mirrored_orientation(inspect, turn):
+    data = grid_heic(2, 2, 512, 0).replace(b"irot\0", b"imir" + turn)
+    assert inspect(data).orientation == {b"\0": 4, b"\1": 2}[turn]
+
+
+def test_exif_orientation_does_not_turn_a_heic(inspect):
+    data = heic(exif=b"Exif\0\0" + exif_block(orientation=1))
+    turned = data.replace(b"\x12\x01\x03\0\x01\0\0\0\x01\0", b"\x12\x01\x03\0\x01\0\0\0\x06\0")
+    assert turned != data
+    assert inspect(turned).orientation == 1
+
+
+@pytest.mark.parametrize(
+    ("data", "word"),
+    [
+        (b"%PDF-1.7 and so on", "PDF"),
+        (b"GIF89a and so on", "GIF"),
+        (b"RIFF\0\0\0\0WEBPVP8 ", "WebP"),
+        (b"RIFF\0\0\0\0AVI LIST", "video"),
+        (video(), "video"),
+        (box(b"ftyp", b"qt  \0\0\0\0qt  "), "video"),
+        (box(b"ftyp", b"avif\0\0\0\0mif1"), "AVIF"),
+        (grid_heic(2, 2, 512).replace(b"grid", b"av01"), "AVIF"),
+        (b"II*\0 and so on and on", "TIFF"),
+        (b"PK\3\4 and so on", "ZIP"),
+        (b"<!DOCTYPE html>", "web page"),
+        (b"hello", "no photograph"),
+        (b"\xff", "no photograph"),
+        (b"", "no photograph"),
+    ],
+)
+def test_file_of_another_kind_is_named(inspect, data, word):
+    result = inspect(data)
+    assert code(result) == "not_an_image"
+    assert word in result.message
+
+
+@pytest.mark.parametrize("make", [jpeg, lambda: jpeg(progressive=True), png])
+def test_every_cut_of_a_file_is_seen(inspect, make):
+    data = make()
+    codes = {code(inspect(data[:length])) for length in range(8, len(data) - 1, 7)}
+    assert codes == {"image_truncated"}
+
+
+@pytest.mark.parametrize("data", [heic(exif=b"Exif\0\0" + exif_block()), grid_heic(3, 2, 512)])
+def test_every_cut_of_a_heic_is_seen(inspect, data):
+    assert {code(inspect(data[:length])) for length in range(16, len(data) - 1, 7)} == {"image_truncated"}
+
+
+@pytest.mark.parametrize("data", [jpeg(), png(), heic()])
+def test_trailing_bytes_are_no_damage(inspect, data):
+    for trailer in (b"\0" * 100, b"SEFH and so on SEFT", jpeg(), jpeg()[:-50], video(), video()[:-9], b"\xff" * 9):
+        assert inspect(data + trailer) == inspect(data)
+
+
+def test_fill_bytes_before_markers_are_no_damage(inspect):
+    data = jpeg()
+    at = data.index(b"\xff\xdb")
+    assert inspect(data[:at] + b"\xff" * 50 + data[at:]) == inspect(data)
+    assert inspect(data[:-2] + b"\xff" * 50 + data[-2:]) == inspect(data)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda data: data[:2] + b"\xff\xd9",  # ends before a picture
+        lambda data: data[:2] + data[data.index(b"\xff\xc0") :].replace(b"\xff\xc0\0\x11", b"\xff\xc0\0\1", 1),
+        lambda data: data[:2] + segment(0xC0, b"\x08\0\0\0\0\3") + data[2:],  # no size
+        lambda data: data[:2] + segment(0xC0, b"\x08\0\x10\0\x10\3") + data[2:],  # two frames
+        lambda data: data.replace(b"\xff\xdb", b"\0\0\xff\xdb", 1),  # bytes between segments
+        lambda data: data[:-2] + data,  # a start mark in the scan
+    ],
+)
+def test_broken_jpeg_is_unreadable(inspect, damage):
+    assert code(inspect(damage(jpeg()))) == "image_unreadable"
+
+
+def test_png_with_a_false_header_is_unreadable(inspect):
+    data = bytearray(png())
+    data[19] ^= 1  # the width; its checksum no longer fits
+    assert code(inspect(bytes(data))) == "image_unreadable"
+    assert code(inspect(png_module.SIGNATURE + png_chunk(b"IEND", b""))) == "image_unreadable"
+    header = png_chunk(b"IHDR", struct.pack(">LL", 5, 5) + b"\x08\2\0\0\0")
+    assert code(inspect(png_module.SIGNATURE + header + png_chunk(b"IEND", b""))) == "image_unreadable"
+
+
+@pytest.mark.parametrize("kind", [b"pitm", b"iloc", b"iinf", b"iprp", b"ispe"])
+def test_heic_without_a_needed_box_is_unreadable(inspect, kind):
+    assert code(inspect(heic().replace(kind, b"free"))) == "image_unreadable"
+
+
+def test_heic_item_with_a_place_outside_the_file_is_truncated(inspect):
+    data = grid_heic(2, 2, 512)
+    at = data.index(b"iloc") + 4 + 8 + 16 + 8  # the first tile's offset
+    assert code(inspect(data[:at] + b"\x7f\xff\xff\xff" + data[at + 4 :])) == "image_truncated"
+
+
+def test_sequence_without_a_still_picture_is_unreadable(inspect):
+    assert code(inspect(box(b"ftyp", b"msf1\0\0\0\0hevc") + box(b"moov", bytes(20)))) == "image_unreadable"
+
+
+def test_too_many_parts_are_unreadable_and_end_the_reading(inspect):
+    start = jpeg()[:2]
+    assert code(inspect(start + b"\xff\xe5\0\2" * (jpeg_module.MAX_SEGMENTS + 1))) == "image_unreadable"
+    tiny = png_chunk(b"teSt", b"") * (png_module.MAX_CHUNKS + 1)
+    assert code(inspect(png(tiny))) == "image_unreadable"
+    boxes = box(b"free", b"") * (heif.MAX_STEPS + 1)
+    assert code(inspect(box(b"ftyp", b"heic\0\0\0\0mif1") + boxes)) == "image_unreadable"
+    assert code(inspect(grid_heic(2, 2, 512) + boxes)) == "image_unreadable"
+
+
+def test_items_that_claim_countless_extents_end_the_reading(inspect):
+    """With fields of no width, extents take no bytes: 65,535 items of 65,535 extents fit into a small file."""
+    items = b"".join(struct.pack(">HHHH", number, 0, 0, 65_535) for number in range(2_000))
+    iloc = box(b"iloc", b"\1\0\0\0\0\0" + struct.pack(">H", 2_000) + items)
+    data = grid_heic(2, 2, 512)
+    children = b"".join([iloc, box(b"iinf", bytes(6)), box(b"pitm", bytes(6)), box(b"iprp", b"")])
+    bomb = data[:24] + box(b"meta", bytes(4) + children)
+    result = inspect(bomb)
+    assert code(result) == "image_unreadable"
+    assert str(heif.MAX_STEPS) in result.message
+
+
+def test_metadata_items_that_overlap_beyond_the_files_length_are_unreadable(inspect):
+    data = heic(exif=b"Exif\0\0" + exif_block(), xmp=b"<x/>")
+    at = data.index(b"iloc")
+    patched = bytearray(data)
+    for item in range(1, 3):  # Exif and mime: offset 0, the whole file
+        entry = at + 4 + 8 + item * 18
+        assert patched[entry : entry + 2] == bytes([0, item + 1])
+        patched[entry + 4 : entry + 8] = bytes(4)
+        patched[entry + 14 : entry + 18] = len(data).to_bytes(4)
+    assert code(inspect(bytes(patched))) == "image_unreadable"
+
+
+VALID = (
+    jpeg(exif_segment(exif_block("<", orientation=6)), trailer=jpeg()),
+    jpeg(exif_segment(exif_block(">")), progressive=True),
+    png(png_chunk(b"eXIf", exif_block())),
+    heic(exif=b"Exif\0\0" + exif_block(), xmp=b"<x:xmpmeta/>"),
+    grid_heic(3, 2, 512, 1),
+)
+
+
+@st.composite
+def corrupted(draw) -> bytes:
+    """A valid file with some bytes replaced, cut out or put in, and perhaps its end cut off."""
+    data = bytearray(draw(st.sampled_from(VALID)))
+    for _ in range(draw(st.integers(1, 8))):
+        at = draw(st.integers(0, len(data)) | st.integers(0, min(900, len(data))))
+        removed = draw(st.sampled_from([0, 1, 1, 1, 2, 4, 30]))
+        data[at : at + removed] = draw(st.binary(max_size=4) | st.sampled_from([b"\0", b"\xff", b"\xff\xff\xff\xff"]))
+    return bytes(data[: draw(st.just(len(data)) | st.integers(0, len(data)))])
+
+
+@settings(max_examples=600, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=corrupted())
+def test_corrupted_files_give_facts_or_a_failure(inspect, data):
+    result = inspect(data)
+    if isinstance(result, PhotoFacts):
+        assert result.width > 0
+        assert result.height > 0
+        assert result.orientation in range(1, 9)
+    else:
+        assert code(result) in CODES
