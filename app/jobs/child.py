@@ -1,7 +1,7 @@
 """The process that touches uploaded bytes: `python -m app.jobs.child TASKS PARENT_PID MEMORY_BYTES`.
 
 Reads requests from standard input, a JSON object a line, and answers on what was standard output, a JSON object a line:
-{"ready": true} once; then, for each request, any number of {"stage": name} and one of {"ok": result},
+{"ready": true} once; then, for each request, {"taken": true}, any number of {"stage": name} and one of {"ok": result},
 {"out_of_memory": words}, {"raised": words}. TASKS is "module:NAME" of a mapping from a task's name to its function.
 What libraries print goes to standard error. The parent (child_pool.py) holds the clock and the kill switch.
 """
@@ -37,6 +37,7 @@ def main(arguments: list[str]) -> None:
     _send(answers, {"ready": True})
     for line in requests:
         request = json.loads(line)
+        _send(answers, {"taken": True})
         _send(answers, _perform(tasks, request["task"], request["arguments"], answers))
 
 

@@ -22,6 +22,7 @@ from app.errors import Failure
 from app.settings import Settings
 
 START_SECONDS = 60.0  # to import OpenCV and SciPy on a busy machine
+BEGINNINGS = 3  # a child may die while it waits for a request; that is not the request's fault
 USES = 100  # of one child; then it is replaced, so that a leak stays small
 MAX_ANSWER_BYTES = 64 * 1024 * 1024
 MAX_STAGE_LETTERS = 32  # the column meal.stage
@@ -96,14 +97,17 @@ class ChildPool:
         Raises ChildPoolClosedError, ChildStartError, and what on_stage raises.
         """
         limit = self._settings.estimate_seconds if seconds is None else seconds
-        with self._free, self._borrow() as child:
-            result = child.perform(request, on_stage, limit)
-            if result.outcome == "ok" and child.uses < self._uses:
-                self._keep_warm(child)
-        with self._lock:
-            if self._is_closed and result.outcome != "ok":  # it was us who killed it
-                raise ChildPoolClosedError
-        return result
+        for _ in range(BEGINNINGS):
+            with self._free, self._borrow() as child:
+                result = child.perform(request, on_stage, limit)
+                if result is not None and result.outcome == "ok" and child.uses < self._uses:
+                    self._keep_warm(child)
+            with self._lock:
+                if self._is_closed and (result is None or result.outcome != "ok"):  # it was us who killed it
+                    raise ChildPoolClosedError
+            if result is not None:
+                return result
+        raise ChildStartError("child processes ended before they took the request")
 
     def warm_up(self) -> None:
         """Have one child ready before the first request. Raises ChildPoolClosedError, ChildStartError."""
@@ -114,9 +118,12 @@ class ChildPool:
         """Kill all children at once; whoever waits for one gets ChildPoolClosedError."""
         with self._lock:
             self._is_closed = True
-            alive = tuple(self._alive)
-        for child in alive:
-            child.kill()
+            idle, self._warm = self._warm, []
+            busy = self._alive.difference(idle)
+        for child in busy:
+            child.kill()  # the thread that waits for its answer collects it
+        for child in idle:
+            self._discard(child)
         self._starter.shutdown(wait=True)
 
     @contextlib.contextmanager
@@ -205,8 +212,8 @@ class _Child:
             raise ChildStartError(f"a child process did not start (status {self._process.poll()})")
         self._is_ready = True
 
-    def perform(self, request: ChildRequest, on_stage: StageListener, seconds: float) -> ChildResult:
-        """Send the request and follow it to its end, which is at most the limit away."""
+    def perform(self, request: ChildRequest, on_stage: StageListener, seconds: float) -> ChildResult | None:
+        """Send the request and follow it to its end, which is at most the limit away; None: it was never taken."""
         self.uses += 1
         line = json.dumps({"task": request.task, "arguments": dict(request.arguments)}, allow_nan=False) + "\n"
         stdin = self._process.stdin
@@ -216,8 +223,11 @@ class _Child:
             stdin.write(line.encode())
             stdin.flush()
         deadline = time.monotonic() + seconds
+        is_taken = False
         for message in self._messages(seconds):
             match message:
+                case {"taken": True}:
+                    is_taken = True
                 case {"stage": str(stage)} if len(stage) <= MAX_STAGE_LETTERS:
                     on_stage(stage)
                 case {"ok": dict(result)}:
@@ -230,7 +240,7 @@ class _Child:
                     return ChildResult("raised", message="the child process sent what is no answer")
         if time.monotonic() >= deadline and self.is_alive():
             return ChildResult("timed_out", message=f"killed after {seconds:g} s")
-        return self._describe_death()
+        return self._describe_death() if is_taken else None
 
     def kill(self) -> None:
         """End the process now; the thread that waits for its answer sees its pipe end."""

@@ -12,8 +12,9 @@ import structlog
 from app.db.queries import jobs
 from app.db.session import Database
 from app.jobs.engine import APPLICATION, Engine, JobQueue
-from app.jobs.leases import LeaseTimes, open_lease
+from app.jobs.leases import open_lease
 from app.jobs.sweep import sweep
+from app.jobs.times import WorkerTimes
 from app.jobs.workflows import EstimateUseCases, EstimateWorkflow
 
 log = structlog.get_logger()
@@ -34,12 +35,12 @@ class JobWorker:
         use_cases: EstimateUseCases,
         *,
         concurrency: int,
-        times: LeaseTimes | None = None,
+        times: WorkerTimes | None = None,
     ) -> None:
         self._database = database
-        self._times = times or LeaseTimes()
+        self._times = times or WorkerTimes()
         self._lease = open_lease(database, self._times)
-        self._workflow = EstimateWorkflow(database, self._lease, use_cases)
+        self._workflow = EstimateWorkflow(database, self._lease, use_cases, self._times)
         self._engine = Engine(database, self._lease.executor_id, concurrency=concurrency)
         self._queue = JobQueue(database)
         self._ending = threading.Event()
@@ -65,10 +66,10 @@ class JobWorker:
         self._begin(self._look_after_others, "takeover")
         log.info("worker_started", executor_id=self.executor_id)
 
-    def drain(self, seconds: float) -> bool:
-        """Claim nothing more and give running jobs that long to end; then let go of them. False: some still run."""
+    def drain(self) -> bool:
+        """Claim nothing more and give running jobs a while to end; then let go of them. False: some still run."""
         self._engine.stop_claiming()
-        is_idle = self._workflow.wait_until_idle(seconds)
+        is_idle = self._workflow.wait_until_idle(self._times.drain)
         self._workflow.leave()
         return is_idle
 
@@ -91,7 +92,7 @@ class JobWorker:
         self._threads.append(thread)
 
     def _beat(self) -> None:
-        while not self._ending.wait(self._times.heartbeat_seconds):
+        while not self._ending.wait(self._times.heartbeat):
             try:
                 is_held = self._lease.renew()
             except Exception as error:  # the worker's edge: without a database it waits for one
@@ -114,7 +115,7 @@ class JobWorker:
             except Exception as error:  # the worker's edge: the next look comes
                 log.warning("takeover_failed", exc_info=error)
             looks += 1
-            if self._ending.wait(self._times.heartbeat_seconds) or self.lost.is_set():
+            if self._ending.wait(self._times.heartbeat) or self.lost.is_set():
                 return
 
     def _take_over(self) -> None:

@@ -11,7 +11,7 @@ import os
 import socket
 import uuid
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
@@ -24,14 +24,7 @@ from app.db.queries import jobs
 from app.db.queries.jobs import Executor
 from app.db.session import Database
 from app.jobs.faults import JobLeft
-
-
-@dataclass(frozen=True, slots=True)
-class LeaseTimes:
-    """heartbeat_seconds: between heartbeats, and between looks for dead workers. lease_seconds without one: dead."""
-
-    heartbeat_seconds: float = 2.0
-    lease_seconds: float = 6.0
+from app.jobs.times import WorkerTimes
 
 
 class Lease(Protocol):
@@ -75,30 +68,30 @@ def new_executor() -> Executor:
     )
 
 
-def open_lease(database: Database, times: LeaseTimes) -> Lease:
+def open_lease(database: Database, times: WorkerTimes) -> Lease:
     """The kind of lease that the database allows, not acquired yet."""
     if database.is_sqlite:
         return FileLease(lock_folder(database), new_executor())
     return DatabaseLease(database, new_executor(), times)
 
 
-def living_workers(database: Database, times: LeaseTimes | None = None) -> list[Executor]:
+def living_workers(database: Database, times: WorkerTimes | None = None) -> list[Executor]:
     """Workers alive now, the oldest first."""
     if database.is_sqlite:
         files = lock_files(lock_folder(database))
         return sorted(filter(None, map(_read_if_locked, files)), key=lambda found: found.started_at)
     with database.read() as session:
-        return jobs.fresh_leases(session, (times or LeaseTimes()).lease_seconds)
+        return jobs.fresh_leases(session, (times or WorkerTimes()).lease)
 
 
 class DatabaseLease:
     """A row in worker_lease. All times are the database's, so that hosts' clocks do not matter."""
 
-    def __init__(self, database: Database, executor: Executor, times: LeaseTimes) -> None:
+    def __init__(self, database: Database, executor: Executor, times: WorkerTimes) -> None:
         self.executor_id = executor.executor_id
         self._executor = executor
         self._database = database
-        self._seconds = times.lease_seconds
+        self._seconds = times.lease
 
     def acquire(self) -> None:
         """Insert the row: the first heartbeat."""

@@ -17,23 +17,22 @@ from app.db.session import Database
 from app.jobs.child_pool import ChildPool, ChildPoolClosedError, ChildStartError
 from app.jobs.engine import prepare_job_tables
 from app.jobs.job_worker import JobWorker
-from app.jobs.leases import LeaseTimes
 from app.jobs.supervisor import LEASE_LOST
+from app.jobs.times import WorkerTimes
 from app.jobs.workflows import EstimateUseCases
 from app.settings import Settings
 
 log = structlog.get_logger()
 
-DRAIN_SECONDS = 5.0  # a job that needs longer is handed back
 END_SECONDS = 10.0  # after a signal the process is gone by then, whatever hangs
 
 MakeUseCases = Callable[[Database, ChildPool], EstimateUseCases]
 
 
-def run_jobs(settings: Settings, make_use_cases: MakeUseCases, *, tasks: str, times: LeaseTimes | None = None) -> int:
+def run_jobs(settings: Settings, make_use_cases: MakeUseCases, *, tasks: str, times: WorkerTimes | None = None) -> int:
     """Work until a signal comes. Returns the exit status; must be called in the main thread.
 
-    tasks: the children's registry (child.py). times: of the lease, shorter in tests.
+    tasks: the children's registry (child.py). times: shorter in tests.
     """
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -51,7 +50,7 @@ def run_jobs(settings: Settings, make_use_cases: MakeUseCases, *, tasks: str, ti
     watchdog = threading.Timer(END_SECONDS, _end_now, args=(0,))
     watchdog.daemon = True
     watchdog.start()
-    worker.drain(DRAIN_SECONDS)
+    worker.drain()
     pool.close()
     if not worker.stop():
         _end_now(0)

@@ -24,14 +24,13 @@ from app.db.session import Database
 from app.errors import Failure
 from app.jobs.faults import INTERNAL_ERROR, JobFailure, JobLeft, TryAgain, is_passing
 from app.jobs.leases import Lease
+from app.jobs.times import WorkerTimes
 
 log = structlog.get_logger()
 
 IsolationLevel = Literal["SERIALIZABLE", "READ COMMITTED"]
 
 TRIES = 3  # of what looks like a bug, in one claim of the job
-FIRST_WAIT_SECONDS = 0.5
-LONGEST_WAIT_SECONDS = 30.0
 
 
 class EstimateUseCases(Protocol):
@@ -63,10 +62,11 @@ class Computed(TypedDict):
 class EstimateWorkflow:
     """One a worker process."""
 
-    def __init__(self, database: Database, lease: Lease, use_cases: EstimateUseCases) -> None:
+    def __init__(self, database: Database, lease: Lease, use_cases: EstimateUseCases, times: WorkerTimes) -> None:
         self._database = database
         self._lease = lease
         self._use_cases = use_cases
+        self._times = times
         self._leaving = threading.Event()
         self._running: Counter[str] = Counter()
         self._lock = threading.Lock()
@@ -197,4 +197,4 @@ class EstimateWorkflow:
             raise JobLeft
 
     def _wait(self, waits_before: int) -> None:
-        self._leaving.wait(min(FIRST_WAIT_SECONDS * 2**waits_before, LONGEST_WAIT_SECONDS))
+        self._leaving.wait(min(self._times.first_wait * 2**waits_before, self._times.longest_wait))

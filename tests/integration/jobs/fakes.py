@@ -9,19 +9,20 @@ import errno
 import os
 import time
 import uuid
+from datetime import UTC, datetime
 from pathlib import Path
 
 import sqlalchemy as sa
 
-from app.db.models import Job, Meal
+from app.db.models import Device, Job, Meal, Participant, Study
 from app.jobs.child_pool import ChildRequest
 from app.jobs.faults import JobFailure
-from app.jobs.leases import LeaseTimes
 from app.jobs.process_life import die_with_parent
+from app.jobs.times import WorkerTimes
 from app.jobs.worker_process import run_jobs
 from app.settings import Settings
 
-TIMES = LeaseTimes(heartbeat_seconds=0.4, lease_seconds=3.0)
+TIMES = WorkerTimes(heartbeat=0.3, lease=2.5, first_wait=0.05, longest_wait=0.2, drain=1.0)
 FAKE_TASKS = "tests.unit.jobs.fake_tasks:TASKS"
 
 
@@ -102,10 +103,6 @@ def new_job_without_workflow(session, fake="quick"):
 
 
 def new_meal(session, fake="quick"):
-    from datetime import UTC, datetime
-
-    from app.db.models import Device, Participant, Study
-
     now = datetime.now(UTC)
     study = Study(id=uuid.uuid4(), code=uuid.uuid4().hex, name="s", created_at=now)
     session.add(study)

@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import pytest
 
 from tests.integration.jobs.fakes import new_job
@@ -18,7 +21,7 @@ def test_job_of_a_rolled_back_transaction_never_runs(jobs):
     class Stop(Exception):  # noqa: N818
         pass
 
-    with pytest.raises(Stop), jobs.database.write() as session:
+    with pytest.raises(Stop), jobs.database.write() as session:  # noqa: PT012
         dropped = new_job(session, jobs.queue)
         raise Stop
     kept = jobs.add()
@@ -26,3 +29,27 @@ def test_job_of_a_rolled_back_transaction_never_runs(jobs):
     jobs.wait_for_state(kept, "done")
     assert jobs.workflow_status(dropped) is None
     assert jobs.saves(dropped) == []
+
+
+def test_several_processes_may_make_the_tables_at_once(database_url, tmp_path):
+    script = """
+import sys
+from app.db.migrate import upgrade
+from app.db.session import Database
+from app.jobs.engine import JobQueue, prepare_job_tables
+database = Database(sys.argv[1])
+upgrade(database)
+prepare_job_tables(database)
+prepare_job_tables(database)
+"""
+    processes = [subprocess.Popen([sys.executable, "-c", script, database_url], cwd=tmp_path) for _ in range(4)]
+    assert [process.wait() for process in processes] == [0] * 4
+
+
+def test_job_queued_twice_runs_once(jobs):
+    job_id = jobs.add()
+    with jobs.database.write() as session:
+        jobs.queue.enqueue(session, job_id)
+    jobs.start_worker()
+    jobs.wait_for_state(job_id, "done")
+    assert len(jobs.saves(job_id)) == 1

@@ -1,0 +1,19 @@
+"""How long a worker waits for what; one value, so that tests can live faster."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerTimes:
+    """All in seconds.
+
+    heartbeat: between two heartbeats, and between two looks for dead workers. lease: a worker without a heartbeat for
+    so long is dead (three are missing). first_wait doubles with each try after a fault up to longest_wait. drain: what
+    running jobs get to end once the worker was asked to; a job that needs longer is handed back.
+    """
+
+    heartbeat: float = 2.0
+    lease: float = 6.0
+    first_wait: float = 0.5
+    longest_wait: float = 30.0
+    drain: float = 5.0

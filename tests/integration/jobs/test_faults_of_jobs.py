@@ -1,0 +1,48 @@
+from tests.integration.jobs.conftest import wait_until
+
+CODES = {
+    "child:segfault": "estimate_crashed",
+    "child:hang": "estimate_timed_out",
+    "child:eat_memory": "estimate_out_of_memory",
+    "child:raise": "internal_error",
+    "bug": "internal_error",
+    "bug_in_save": "internal_error",
+}
+
+
+def test_job_that_ends_badly_fails_its_meal_with_its_code_and_the_worker_goes_on(jobs):
+    bad = {fake: jobs.add(fake) for fake in CODES}
+    good = jobs.add("child:describe")
+    worker = jobs.start_worker(estimate_memory_bytes=512 * 1024 * 1024)
+    jobs.wait_for_state(good, "done")
+    for fake, job_id in bad.items():
+        assert jobs.job(job_id).state == "failed"
+        meal = jobs.meal(job_id)
+        assert (meal.status, meal.failure_code) == ("failed", CODES[fake])
+        assert meal.failure_message
+        assert meal.failure_advice
+        assert jobs.saves(job_id) == []
+    assert worker.poll() is None
+
+
+def test_passing_fault_of_computing_is_tried_again_until_it_passes(jobs):
+    job_id = jobs.add("full_disk")
+    worker = jobs.start_worker()
+    wait_until(lambda: jobs.job(job_id).attempts > 3, "more tries than a bug gets")
+    jobs.go(job_id)
+    jobs.wait_for_state(job_id, "done")
+    assert jobs.saves(job_id) == [worker.pid]
+
+
+def test_passing_fault_of_saving_is_tried_again_and_survives_a_takeover(jobs):
+    job_id = jobs.add("full_disk_in_save")
+    first = jobs.start_worker()
+    jobs.wait_for_file(f"saving-{job_id}-{first.pid}")
+    first.kill()
+    first.wait()
+    second = jobs.start_worker()
+    jobs.wait_for_file(f"saving-{job_id}-{second.pid}")
+    jobs.go(job_id)
+    jobs.wait_for_state(job_id, "done")
+    assert jobs.saves(job_id) == [second.pid]
+    assert jobs.job(job_id).attempts == 1  # what the first had computed was used

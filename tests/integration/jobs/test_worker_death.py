@@ -1,0 +1,146 @@
+import signal
+
+from tests.integration.jobs.conftest import wait_until
+
+
+def _pid_of(path):
+    return int(path.name.rpartition("-")[2])
+
+
+def test_job_of_killed_worker_is_finished_by_another_and_saved_once(jobs):
+    job_id = jobs.add("hold")
+    first = jobs.start_worker()
+    jobs.wait_for_file(f"computing-{job_id}-{first.pid}")
+    second = jobs.start_worker()
+    first.kill()
+    first.wait()
+    jobs.wait_for_file(f"computing-{job_id}-{second.pid}")
+    jobs.go(job_id)
+    jobs.wait_for_state(job_id, "done")
+    assert jobs.saves(job_id) == [second.pid]
+    assert jobs.job(job_id).attempts == 2
+    wait_until(lambda: [worker.pid for worker in jobs.living()] == [second.pid], "the dead worker's lease to go")
+
+
+def test_job_of_worker_killed_while_it_saves_is_saved_once(jobs):
+    job_id = jobs.add("hold_in_save")
+    first = jobs.start_worker()
+    jobs.wait_for_file(f"saving-{job_id}-{first.pid}")
+    first.kill()
+    first.wait()
+    jobs.go(job_id)
+    second = jobs.start_worker()
+    jobs.wait_for_state(job_id, "done")
+    assert jobs.saves(job_id) == [second.pid]
+
+
+def test_restarted_worker_finds_the_jobs_that_it_had_before(jobs):
+    job_id, waiting = jobs.add("hold"), jobs.add()
+    first = jobs.start_worker()
+    jobs.wait_for_file(f"computing-{job_id}-{first.pid}")
+    first.kill()
+    first.wait()
+    jobs.go(job_id)
+    second = jobs.start_worker()
+    for job in (job_id, waiting):
+        jobs.wait_for_state(job, "done")
+        assert jobs.saves(job) == [second.pid]
+
+
+def test_worker_asked_to_end_hands_its_job_back(jobs):
+    job_id = jobs.add("child:hang")
+    first = jobs.start_worker(estimate_seconds=600)
+    jobs.wait_for_file(f"computing-{job_id}-{first.pid}")
+    first.terminate()
+    assert first.wait(timeout=30) == 0
+    assert jobs.living() == []
+    assert jobs.job(job_id).state == "processing"
+    assert jobs.meal(job_id).status == "processing"
+    second = jobs.start_worker(estimate_seconds=0.5)
+    jobs.wait_for_state(job_id, "failed")
+    assert jobs.meal(job_id).failure_code == "estimate_timed_out"
+    assert jobs.job(job_id).attempts == 2
+    assert jobs.job(job_id).executor_id == jobs.living()[0].executor_id
+    assert second.poll() is None
+
+
+def test_worker_asked_to_end_finishes_a_short_job(jobs):
+    job_id = jobs.add("hold")
+    worker = jobs.start_worker()
+    jobs.wait_for_file(f"computing-{job_id}-{worker.pid}")
+    worker.terminate()
+    jobs.go(job_id)
+    assert worker.wait(timeout=30) == 0
+    assert jobs.job(job_id).state == "done"
+    assert jobs.saves(job_id) == [worker.pid]
+
+
+def test_stopped_worker_that_goes_on_after_takeover_writes_nothing(jobs):
+    """PostgreSQL: the lease runs out. SQLite: the lock of a stopped process holds, so it is not taken over at all."""
+    job_id = jobs.add("hold")
+    first = jobs.start_worker()
+    jobs.wait_for_file(f"computing-{job_id}-{first.pid}")
+    first.send_signal(signal.SIGSTOP)
+    second = jobs.start_worker()
+    if jobs.database.is_sqlite:
+        other = jobs.add()
+        jobs.wait_for_state(other, "done")
+        jobs.go(job_id)
+        first.send_signal(signal.SIGCONT)
+        jobs.wait_for_state(job_id, "done")
+        assert jobs.saves(job_id) == [first.pid]
+        return
+    jobs.wait_for_file(f"computing-{job_id}-{second.pid}")
+    jobs.go(job_id)
+    jobs.wait_for_state(job_id, "done")
+    version = jobs.meal(job_id).version
+    first.send_signal(signal.SIGCONT)
+    assert first.wait(timeout=30) == 75  # it notices, and ends to be started again under a new name
+    assert jobs.saves(job_id) == [second.pid]
+    assert jobs.meal(job_id).version == version
+
+
+def test_worker_stopped_while_it_saves_keeps_nobody_waiting(jobs):
+    job_id = jobs.add("hold_in_save")
+    first = jobs.start_worker()
+    jobs.wait_for_file(f"saving-{job_id}-{first.pid}")
+    first.send_signal(signal.SIGSTOP)
+    jobs.go(job_id)
+    if jobs.database.is_sqlite:  # it holds SQLite's one write lock; nothing but its going on can help
+        first.send_signal(signal.SIGCONT)
+        jobs.wait_for_state(job_id, "done")
+        assert jobs.saves(job_id) == [first.pid]
+        return
+    second = jobs.start_worker()
+    jobs.wait_for_state(job_id, "done")
+    first.send_signal(signal.SIGCONT)
+    assert first.wait(timeout=30) == 75
+    assert jobs.saves(job_id) == [second.pid]
+
+
+def test_two_workers_share_jobs_and_do_none_twice(jobs):
+    ids = [jobs.add() for _ in range(20)]
+    workers = [jobs.start_worker(), jobs.start_worker()]
+    ids += [jobs.add() for _ in range(20)]
+    for job_id in ids:
+        jobs.wait_for_state(job_id, "done")
+    for job_id in ids:
+        assert len(jobs.saves(job_id)) == 1
+        assert jobs.job(job_id).attempts == 1
+    assert {pid for job_id in ids for pid in jobs.saves(job_id)} <= {worker.pid for worker in workers}
+
+
+def test_job_that_was_claimed_and_never_begun_is_queued_again(jobs):
+    """As after a restart of the database between DBOS's claim and its start of the workflow."""
+    job_id = jobs.add("hold")
+    worker = jobs.start_worker()
+    jobs.wait_for_file(f"computing-{job_id}-{worker.pid}")
+    executor = jobs.living()[0].executor_id
+    lost = jobs.add()
+    jobs.run_sql(
+        f"UPDATE {jobs.workflow_table} SET status = 'PENDING', executor_id = '{executor}', owner_xid = 'x' "
+        f"WHERE workflow_uuid = '{lost}'"
+    )
+    jobs.go(job_id)
+    jobs.wait_for_state(lost, "done")
+    assert jobs.saves(lost) == [worker.pid]

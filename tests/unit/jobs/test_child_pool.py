@@ -1,0 +1,157 @@
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from app.jobs.child_pool import ChildPool, ChildPoolClosedError, ChildRequest, ChildStartError
+from app.settings import Settings
+
+ROOT = pathlib.Path(__file__).parents[3]
+TASKS = "tests.unit.jobs.fake_tasks:TASKS"
+ENOUGH_BYTES = 512 * 1024 * 1024
+
+
+@pytest.fixture
+def settings(tmp_path):
+    return Settings(data_dir=tmp_path, estimate_seconds=30, estimate_memory_bytes=ENOUGH_BYTES)
+
+
+@pytest.fixture
+def pool(settings, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT)
+    found = ChildPool(settings, TASKS, uses=3)
+    yield found
+    found.close()
+
+
+def run(pool, task, seconds=None, **arguments):
+    return pool.run(ChildRequest(task, arguments), lambda _: None, seconds=seconds)
+
+
+@pytest.mark.parametrize(
+    ("task", "outcome", "code"),
+    [
+        ("segfault", "crashed", "estimate_crashed"),
+        ("exit", "crashed", "estimate_crashed"),
+        ("eat_memory", "out_of_memory", "estimate_out_of_memory"),
+        ("killed", "out_of_memory", "estimate_out_of_memory"),
+        ("raise", "raised", "internal_error"),
+        ("not_json", "raised", "internal_error"),
+        ("garble", "raised", "internal_error"),
+        ("no_such_task", "raised", "internal_error"),
+    ],
+)
+def test_bad_end_is_a_value_with_its_code_and_the_next_request_runs(pool, task, outcome, code):
+    ended = run(pool, task)
+    assert ended.outcome == outcome
+    assert ended.failure.code == code
+    assert run(pool, "describe", word="é").result["echo"] == {"word": "é"}
+
+
+def test_signal_of_a_crash_is_told(pool):
+    assert run(pool, "segfault").signal == signal.SIGSEGV
+
+
+def test_child_that_hangs_is_killed_at_the_limit(pool):
+    stages = []
+    ended = pool.run(ChildRequest("hang", {}), stages.append, seconds=1.0)
+    assert (ended.outcome, ended.failure.code) == ("timed_out", "estimate_timed_out")
+    assert stages == ["hanging"]
+
+
+def test_stages_arrive_in_order_and_standard_input_is_empty(pool):
+    stages = []
+    ended = pool.run(ChildRequest("stages", {"names": ["read", "match", "volume"]}), stages.append)
+    assert ended.result == {"read": ""}
+    assert stages == ["read", "match", "volume"]
+
+
+def test_what_libraries_print_does_not_reach_the_answer(pool):
+    assert run(pool, "print").result == {"who": "the task"}
+
+
+def test_child_sees_no_setting_and_no_password(pool, monkeypatch):
+    monkeypatch.setenv("TADA_DATABASE_URL", "postgresql://user:secret@host/tada")
+    monkeypatch.setenv("PGPASSWORD", "secret")
+    names = run(pool, "describe").result["environment"]
+    assert not [name for name in names if name.startswith(("TADA_", "PG"))]
+
+
+def test_warm_child_is_used_again_until_it_had_its_share(pool):
+    pids = [run(pool, "describe").result["pid"] for _ in range(4)]
+    assert pids[0] == pids[1] == pids[2] != pids[3]
+
+
+def test_child_that_died_while_it_waited_is_replaced(pool):
+    pid = run(pool, "describe").result["pid"]
+    os.kill(pid, signal.SIGKILL)
+    assert run(pool, "describe").result["pid"] != pid
+
+
+def test_fault_of_the_listener_reaches_the_caller_and_the_child_is_not_used_again(pool):
+    def listener(stage):
+        raise OSError(stage)
+
+    first = run(pool, "describe").result["pid"]
+    with pytest.raises(OSError, match="read"):
+        pool.run(ChildRequest("stages", {"names": ["read"]}), listener)
+    assert run(pool, "describe").result["pid"] != first
+
+
+def test_child_that_cannot_start_raises(settings):
+    pool = ChildPool(settings, "tests.unit.jobs.fake_tasks:NOTHING")
+    with pytest.raises(ChildStartError):
+        run(pool, "describe")
+    pool.close()
+
+
+def test_closing_ends_a_running_request_and_refuses_the_next(pool):
+    hanging, ended = threading.Event(), []
+
+    def wait_for_it():
+        try:
+            pool.run(ChildRequest("hang", {}), lambda _: hanging.set())
+        except ChildPoolClosedError as error:
+            ended.append(error)
+
+    thread = threading.Thread(target=wait_for_it)
+    thread.start()
+    assert hanging.wait(30)
+    pool.close()
+    thread.join(30)
+    assert len(ended) == 1
+    with pytest.raises(ChildPoolClosedError):
+        run(pool, "describe")
+
+
+def test_children_die_with_a_parent_that_is_killed(tmp_path):
+    script = f"""
+import sys
+sys.path.insert(0, {str(ROOT)!r})
+from app.jobs.child_pool import ChildPool, ChildRequest
+from app.settings import Settings
+pool = ChildPool(Settings(data_dir={str(tmp_path)!r}), {TASKS!r})
+print(pool.run(ChildRequest("describe", {{}}), print).result["pid"], flush=True)
+pool.run(ChildRequest("hang", {{}}), print)
+"""
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, cwd=tmp_path) as parent:
+        child = int(parent.stdout.readline())
+        assert is_running(child)
+        parent.kill()
+    deadline = time.monotonic() + 30
+    while is_running(child):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def is_running(pid):
+    """Also a zombie has ended: nobody may be there to collect it."""
+    try:
+        return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False

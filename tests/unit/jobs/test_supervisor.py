@@ -1,0 +1,71 @@
+import contextlib
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+
+from app.jobs.supervisor import WorkerProcess, settings_environment
+from app.settings import Settings
+
+ROOT = pathlib.Path(__file__).parents[3]
+WRITE_PID_AND_WAIT = "import os, pathlib, sys, time; pathlib.Path('pid').write_text(str(os.getpid())); time.sleep(600)"
+
+
+def wait_for_pid(folder, other_than=None):
+    deadline = time.monotonic() + 30
+    while True:
+        with contextlib.suppress(FileNotFoundError, ValueError):
+            pid = int((folder / "pid").read_text())
+            if pid != other_than:
+                return pid
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def has_ended(pid):
+    try:
+        return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except FileNotFoundError:
+        return True
+
+
+def test_settings_survive_the_way_through_the_environment(monkeypatch, tmp_path):
+    settings = Settings(data_dir=tmp_path, database_url="sqlite:////x/y.sqlite3", estimate_seconds=2.5, port=0)
+    for name, value in settings_environment(settings).items():
+        monkeypatch.setenv(name, value)
+    assert Settings() == settings
+
+
+def test_killed_worker_is_started_again_and_stop_ends_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    worker = WorkerProcess(Settings(data_dir=tmp_path), [sys.executable, "-c", WRITE_PID_AND_WAIT])
+    worker.start()
+    first = wait_for_pid(tmp_path)
+    os.kill(first, signal.SIGKILL)
+    second = wait_for_pid(tmp_path, other_than=first)
+    assert worker.pid == second
+    worker.stop()
+    assert has_ended(second)
+    assert worker.pid is None
+
+
+def test_worker_ends_with_a_server_that_is_killed(tmp_path):
+    die = "import sys; sys.path.insert(0, sys.argv[1]); from app.jobs.process_life import die_with_parent; "
+    worker_code = die + "die_with_parent(int(sys.argv[3])); " + WRITE_PID_AND_WAIT
+    server_code = f"""
+import sys, time
+sys.path.insert(0, {str(ROOT)!r})
+from app.jobs.supervisor import WorkerProcess
+from app.settings import Settings
+WorkerProcess(Settings(data_dir={str(tmp_path)!r}), [sys.executable, "-c", {worker_code!r}, {str(ROOT)!r}]).start()
+time.sleep(600)
+"""
+    with subprocess.Popen([sys.executable, "-c", server_code], cwd=tmp_path) as server:
+        worker = wait_for_pid(tmp_path)
+        server.kill()
+    deadline = time.monotonic() + 30
+    while not has_ended(worker):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
