@@ -12,7 +12,7 @@ from pathlib import Path
 Data = bytes | mmap.mmap
 Extent = tuple[int, int]  # start and end of a run of bytes in the file, the end not included
 
-MAX_MARKS = 256  # embedded blocks in one file; a burst or a gain map has a few dozen at most
+MAX_BLOCKS = 128  # of EXIF, XMP and the like in one file; a burst or a gain map has a few dozen
 STEP_BYTES = 1 << 20  # long runs are handled in pieces of this size
 
 
@@ -21,7 +21,7 @@ class Edits:
 
     def __init__(self, data: mmap.mmap) -> None:
         self.data = data
-        self.marks_left = MAX_MARKS
+        self.blocks_left = MAX_BLOCKS
         self.changed: list[Extent] = []
 
     def read(self, extents: Sequence[Extent]) -> bytes:
@@ -39,6 +39,11 @@ class Edits:
             if self.data[start:end] != piece:
                 self.data[start:end] = piece
                 self.changed.append((start, end))
+
+    def may_clean_block(self) -> bool:
+        """Whether one more block may be taken apart; past the limit it goes whole, so that many cannot take long."""
+        self.blocks_left -= 1
+        return self.blocks_left >= 0
 
     def blank(self, start: int, end: int) -> None:
         """Zeros from start to end."""

@@ -3,7 +3,7 @@
 For parts whose structure is a maker's own: previews, secondary pictures after a JPEG's end (MPF, gain maps), appended
 videos (motion photos), Samsung's trailer, boxes beside a HEIC's `meta`, content credentials. EXIF, XMP and Photoshop
 blocks with their usual marks are cleaned as in the main picture; a video's location atoms become zeros in a `free`
-atom. Past MAX_MARKS in one file, what follows a mark in its part becomes zeros. Timed location tracks in a video's
+atom. Past the limit on blocks, what follows a mark in its part becomes zeros. Timed location tracks in a video's
 samples have no common form and stay.
 """
 
@@ -84,13 +84,12 @@ def _speaks_of_place(edits: Edits, start: int, end: int) -> bool:
 
 
 def _marks(edits: Edits, mark: bytes, start: int, end: int) -> Iterator[int]:
-    """Where the mark stands; when the file has had too many marks, zeros from there on."""
+    """Where the mark stands; when the file has had too many blocks, zeros from there on."""
     at = edits.data.find(mark, start, end)
     while at >= 0:
-        if edits.marks_left == 0:
+        if not edits.may_clean_block():
             edits.blank(at, end)
             return
-        edits.marks_left -= 1
         yield at
         at = edits.data.find(mark, at + len(mark), end)
 

@@ -7,7 +7,7 @@ keywords, makers' notes, a video's timed tracks. The file is inspected first; of
 cleaned and the rest is treated as a part of unknown form.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
 from app.photos.byte_file import Data, Edits, Extent, edit_bytes, length_of, open_bytes, read_extents
@@ -26,10 +26,10 @@ from app.photos.metadata import (
     png_exif_blocks,
 )
 from app.photos.png import PngChunk, read_png_layout, renew_checksum
+from app.photos.png_text import emptied_text, holds_xmp
 from app.photos.png_text import without_places as text_without_places
 from app.photos.xmp import emptied_packet, without_places
 
-MAX_BLOCKS = 16  # of EXIF, and of XMP, in one file; those past it go whole, so that many cannot take long
 # ICC profiles and MPF's index are binary and tell no place; a chance match in them would cost colours.
 PLAIN_PNG_CHUNKS = frozenset({b"IHDR", b"PLTE", b"IDAT", b"IEND", b"iCCP", b"eXIf", b"tRNS", b"fdAT"})
 PLAIN_HEIF_BOXES = frozenset({b"ftyp", b"meta", b"mdat"})
@@ -67,20 +67,21 @@ def _exif_blocks(data: Data, media_type: str) -> list[list[Extent]]:
     return heif_exif_blocks(data, read_heif_layout(data).items)
 
 
-def _clean_exif(edits: Edits, blocks: Sequence[list[Extent]]) -> None:
-    for block in blocks[:MAX_BLOCKS]:
+def _clean_exif(edits: Edits, blocks: Iterable[list[Extent]]) -> None:
+    for block in blocks:
+        if not edits.may_clean_block():
+            edits.write(block, bytes(length_of(block)))
+            continue
         edits.write(block, without_gps(edits.read(block)))
         for start, end in block:
             clean_embedded(edits, start, end)  # a preview's own metadata
-    for block in blocks[MAX_BLOCKS:]:
-        edits.write(block, bytes(length_of(block)))
 
 
-def _clean_xmp(edits: Edits, packets: Sequence[list[Extent]]) -> None:
-    for packet in packets[:MAX_BLOCKS]:
-        edits.write(packet, without_places(edits.read(packet)))
-    for packet in packets[MAX_BLOCKS:]:
-        edits.write(packet, emptied_packet(length_of(packet)))
+def _clean_xmp(edits: Edits, packets: Iterable[list[Extent]]) -> None:
+    for packet in packets:
+        may_clean = edits.may_clean_block()
+        cleaned = without_places(edits.read(packet)) if may_clean else emptied_packet(length_of(packet))
+        edits.write(packet, cleaned)
 
 
 def _clean_jpeg(edits: Edits) -> None:
@@ -126,7 +127,9 @@ def _clean_png_chunk(edits: Edits, chunk: PngChunk) -> None:
         _clean_exif(edits, png_exif_blocks(edits.data, [chunk]))
     elif chunk.kind in {b"tEXt", b"zTXt", b"iTXt"}:
         extent = (chunk.start - 4, chunk.end)
-        edits.write([extent], text_without_places(edits.read([extent])))
+        text = edits.read([extent])
+        may_keep = not holds_xmp(text) or edits.may_clean_block()
+        edits.write([extent], text_without_places(text) if may_keep else emptied_text(len(text)))
     elif chunk.kind not in PLAIN_PNG_CHUNKS:
         clean_opaque(edits, chunk.start, chunk.end)
 

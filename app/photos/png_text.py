@@ -15,13 +15,18 @@ def without_places(chunk: bytes) -> bytes:
     """A text chunk, type and data, as long as before, without what tells a place."""
     kind = chunk[:4]
     keyword, _, rest = chunk[4:].partition(b"\0")
-    if keyword == XMP_KEYWORD:
+    if holds_xmp(chunk):
         is_plain = kind == b"iTXt" and rest[:1] == b"\0"
         parts = rest[2:].split(b"\0", 2)  # language, translated keyword, text
         if not is_plain or len(parts) < 3:
             return emptied_text(len(chunk))
         return chunk[: len(chunk) - len(parts[2])] + xmp.without_places(parts[2])
     return emptied_text(len(chunk)) if _tells_place(keyword) else chunk
+
+
+def holds_xmp(chunk: bytes) -> bool:
+    """Whether a text chunk, type and data, is an XMP packet."""
+    return chunk[4:].startswith(XMP_KEYWORD + b"\0")
 
 
 def emptied_text(length: int) -> bytes:

@@ -14,7 +14,7 @@ ORIENTATION, EXIF_IFD, GPS_IFD, INTEROPERABILITY_IFD, SUB_IFDS = 0x0112, 0x8769,
 VALUE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 129: 1}
 ENTRY_BYTES = 12
 MAX_DIRECTORIES = 32
-MAX_ENTRIES = 4096  # of all directories together; cameras write some 100
+MAX_ENTRIES = 1024  # of all directories together; cameras write some 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +62,13 @@ def read_directories(block: bytes) -> list[Directory] | None:
             continue
         visited.add((at, tag == GPS_IFD))
         directory = _read_directory(block, at, tag, order, entries_left)
-        if directory is None or len(found) >= MAX_DIRECTORIES:
+        if directory is None:
             return None
         entries_left -= len(directory.entries)
         found.append(directory)
         waiting.extend(_pointers(block, directory, order))
+        if len(found) + len(waiting) > MAX_DIRECTORIES:
+            return None
     return found
 
 
@@ -77,7 +79,8 @@ def read_orientation(block: bytes) -> int:
         return 1
     first = int.from_bytes(block[4:8], order)
     count = int.from_bytes(block[first : first + 2], order)
-    for at in range(first + 2, min(first + 2 + count * ENTRY_BYTES, len(block) - ENTRY_BYTES + 1), ENTRY_BYTES):
+    end = first + 2 + min(count, MAX_ENTRIES) * ENTRY_BYTES
+    for at in range(first + 2, min(end, len(block) - ENTRY_BYTES + 1), ENTRY_BYTES):
         entry = _read_entry(block, at, order)
         if entry.tag == ORIENTATION and entry.count == 1:
             value = read_numbers(block, entry, order)

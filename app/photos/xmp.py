@@ -10,7 +10,7 @@ import re
 
 EMPTY_PACKET = b'<x:xmpmeta xmlns:x="adobe:ns:meta/"/>'
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-MAX_TAGS = 100_000
+MAX_TAGS = 10_000  # of one packet; a long editing history has a few thousand
 PLACE_NAME = re.compile(
     rb"[Gg][Pp][Ss][\w-]*+"
     rb"|(?:[A-Z][a-z]+)?(?:Latitude|Longitude|Longtitude|Altitude)\w*"

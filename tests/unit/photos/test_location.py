@@ -40,10 +40,12 @@ from PIL import ExifTags, Image
 from test_inspect import corrupted
 
 from app.errors import Failure
-from app.photos.byte_file import MAX_MARKS
+from app.photos.byte_file import MAX_BLOCKS
 from app.photos.gps import Location
 from app.photos.inspect import PhotoFacts, inspect_photo
-from app.photos.location import MAX_BLOCKS, read_location, remove_location
+from app.photos.location import read_location, remove_location
+from app.photos.tiff import MAX_DIRECTORIES, MAX_ENTRIES
+from app.photos.xmp import MAX_TAGS
 
 GPS_TEXTS = (b"2026:03:01\0", b"HYBRID-FIX", b"Hovde Hall")
 
@@ -330,8 +332,24 @@ def test_more_blocks_than_any_camera_writes_go_whole(path):
     many = MAX_BLOCKS + 5
     result = cleaned(path, jpeg(*[exif_segment(exif_block())] * many, *[xmp_segment(XMP)] * many))
     assert not any(gone in result for gone in (*coordinate_bytes(), *PLACE_WORDS))
-    trailer = (b"\xff\xe1\0\x40Exif\0\0II*\0" + bytes(52)) * (MAX_MARKS + 1) + jpeg(exif_segment(exif_block()))
+    trailer = (b"\xff\xe1\0\x40Exif\0\0II*\0" + bytes(52)) * (MAX_BLOCKS + 1) + jpeg(exif_segment(exif_block()))
     assert not any(gone in cleaned(path, jpeg(trailer=trailer)) for gone in coordinate_bytes())
+    chunks = [png_chunk(b"eXIf", exif_block())] * many + [png_itxt(XMP)] * many
+    result = cleaned(path, png(*chunks))
+    assert not any(gone in result for gone in (*coordinate_bytes(), *PLACE_WORDS))
+
+
+def test_xmp_of_more_tags_than_any_editor_writes_goes_whole(path):
+    result = cleaned(path, jpeg(xmp_segment(b"<a>" + b"<b/>" * MAX_TAGS + b"</a>")))
+    assert b"<b/>" not in result
+
+
+@pytest.mark.parametrize(("pointers", "entries"), [(MAX_DIRECTORIES + 1, 1), (1, MAX_ENTRIES + 1)])
+def test_exif_of_more_directories_or_entries_than_any_camera_writes_is_reduced(path, pointers, entries):
+    entry = struct.pack("<HHLL", 0x014A, 4, pointers, 26) if pointers > 1 else struct.pack("<HHLL", 0x010F, 2, 9, 26)
+    block = b"II*\0\x08\0\0\0" + struct.pack("<H", entries) + entry * entries + bytes(4)
+    block += b"".join(struct.pack("<L", at) for at in range(1_000, 1_000 + pointers * 2, 2)) + bytes(2_000)
+    assert dict(opened(cleaned(path, jpeg(exif_segment(block)))).getexif()) == {ExifTags.Base.Orientation: 1}
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
