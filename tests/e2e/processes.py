@@ -1,0 +1,107 @@
+"""Real processes of the real program, started, killed and started again by a test."""
+
+import os
+import pathlib
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import httpx2
+
+REPOSITORY = pathlib.Path(__file__).parents[2]
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def environment_of(data_dir, **variables):
+    """The environment of a process of ours: nothing of the caller's TADA_* variables, our own on top."""
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("TADA_")}
+    return environment | {"TADA_DATA_DIR": str(data_dir), "TADA_LOG_LEVEL": "WARNING"} | variables
+
+
+class Program:
+    """One long-running command; its output goes to a file of the test's folder."""
+
+    def __init__(self, command, environment, log_path):
+        self._command = command
+        self._environment = environment
+        self._log_path = log_path
+        self.process = None
+
+    def start(self):
+        with self._log_path.open("ab") as log:
+            self.process = subprocess.Popen(
+                self._command, env=self._environment, stdout=log, stderr=log, cwd=REPOSITORY, start_new_session=True
+            )
+
+    def kill(self):
+        """SIGKILL, as a crash or a power cut would."""
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+    def stop(self):
+        if self.process is not None and self.process.poll() is None:
+            self.process.terminate()
+            try:
+                self.process.wait(20)
+            except subprocess.TimeoutExpired:
+                self.kill()
+
+    @property
+    def log(self):
+        return self._log_path.read_text(errors="replace")
+
+
+class Server(Program):
+    """`tada serve` on a port that stays the same over restarts."""
+
+    def __init__(self, folder, *arguments, **variables):
+        self.port = free_port()
+        self.address = f"http://127.0.0.1:{self.port}"
+        self.data_dir = folder / "data"
+        self.environment = environment_of(self.data_dir, TADA_PORT=str(self.port), **variables)
+        command = [sys.executable, "-m", "app.cli", "serve", *arguments]
+        super().__init__(command, self.environment, folder / "server.log")
+
+    def wait_until_ready(self, seconds=60):
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            if self.process.poll() is not None:
+                raise AssertionError(f"the server ended with {self.process.returncode}:\n{self.log}")
+            try:
+                if httpx2.get(f"{self.address}/readyz", timeout=5).status_code == 200:
+                    return
+            except httpx2.TransportError:
+                pass
+            time.sleep(0.1)
+        raise AssertionError(f"the server is not ready after {seconds} s:\n{self.log}")
+
+    def tada(self, *arguments):
+        """Run another `tada` command on the same data: its standard output."""
+        done = subprocess.run(
+            [sys.executable, "-m", "app.cli", *arguments],
+            env=self.environment,
+            cwd=REPOSITORY,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout.strip()
+
+
+def enrolled_client(server, participant="P001", study="pilot"):
+    """A phone's HTTP client, enrolled over HTTP."""
+    admin = {"Authorization": f"Bearer {server.tada('admin', 'create', f'admin of {study} {participant}')}"}
+    with httpx2.Client(base_url=server.address, headers=admin, timeout=30) as client:
+        client.post("/v1/studies", json={"code": study, "name": study, "marker": "plain:9x7:11"})
+        client.post(f"/v1/studies/{study}/participants", json={"code": participant})
+        code = client.post(f"/v1/studies/{study}/participants/{participant}/enrolment-codes").json()["code"]
+        token = client.post("/v1/enrolments", json={"code": code, "device_name": "phone"}).json()["token"]
+    return httpx2.Client(base_url=server.address, headers={"Authorization": f"Bearer {token}"}, timeout=30)

@@ -1,0 +1,61 @@
+"""Schemathesis against our own OpenAPI document: no call that it can think of makes a server error."""
+
+import pytest
+import schemathesis
+from fastapi.testclient import TestClient
+from hypothesis import HealthCheck, Phase, given, settings
+from schemathesis import GenerationMode
+
+from app.main import create_app
+from app.services.enrol import create_admin
+from app.settings import Settings
+
+
+@pytest.fixture(scope="module")
+def live_app(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("schema")
+    app = create_app(Settings(data_dir=folder, min_free_bytes=0, enrolment_attempts_per_minute=100_000))
+    with TestClient(app, raise_server_exceptions=False) as client:
+        admin = {"Authorization": f"Bearer {create_admin(app.state.api.database, 'admin')}"}
+        client.post("/v1/studies", headers=admin, json={"code": "s", "name": "s", "marker": "plain:9x7:11"})
+        client.post("/v1/studies/s/participants", headers=admin, json={"code": "P1"})
+        code = client.post("/v1/studies/s/participants/P1/enrolment-codes", headers=admin).json()["code"]
+        token = client.post("/v1/enrolments", json={"code": code, "device_name": "phone"}).json()["token"]
+        yield app, {"admin": admin, "device": {"Authorization": f"Bearer {token}"}}
+
+
+calls = settings(
+    max_examples=25,
+    deadline=None,
+    derandomize=True,
+    phases=[Phase.explicit, Phase.generate],
+    suppress_health_check=list(HealthCheck),
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("role", ["admin", "device"])
+@pytest.mark.parametrize("mode", list(GenerationMode))
+def test_no_call_makes_a_server_error(live_app, role, mode):
+    app, headers = live_app
+    operations = [found.ok() for found in schemathesis.openapi.from_asgi("/openapi.json", app).get_all_operations()]
+    assert len(operations) >= 14
+    for operation in operations:
+        if mode is GenerationMode.NEGATIVE and not (list(operation.iter_parameters()) or operation.body):
+            continue  # it takes nothing that could be wrong
+
+        @calls
+        @given(case=operation.as_strategy(generation_mode=mode))
+        def every_call_is_answered(case):
+            if case.query and isinstance(case.query.get("wait"), (int, float)):
+                case.query["wait"] = min(case.query["wait"], 0.01)  # it is meant to take its time
+            assert_no_server_error(case.call(headers=headers[role]))
+
+        every_call_is_answered()
+
+
+def assert_no_server_error(response):
+    assert response.status_code < 500, response.text
+    if response.status_code >= 400:
+        assert response.headers["content-type"] == ["application/problem+json"]
+        assert response.json()["code"]
