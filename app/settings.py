@@ -36,8 +36,8 @@ class Settings(BaseSettings):
     worker_concurrency: int = Field(default=1, ge=1, description="Estimates at the same time in one worker.")
 
     enrolment_attempts_per_minute: int = Field(default=20, ge=1, description="Tries a minute and address, enrolment.")
-    log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = "INFO"
-    log_format: Literal["json", "console"] = "json"
+    log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = Field(default="INFO", description="Least level told.")
+    log_format: Literal["json", "console"] = Field(default="json", description="json, or console for a person.")
 
     @cached_property
     def resolved_database_url(self) -> str:
