@@ -71,7 +71,7 @@ def without_gps(block: bytes) -> bytes:
 
 
 def _reduced(block: bytes) -> bytes:
-    return minimal_block(len(block), read_orientation(block))
+    return minimal_block(len(block), read_orientation(block) or 1)
 
 
 def _blank_directory(block: bytearray, directory: Directory) -> bool:

@@ -10,10 +10,11 @@ from app.errors import Failure
 from app.photos.byte_file import Data, Extent, open_bytes, read_extents
 from app.photos.heif import read_heif_layout
 from app.photos.jpeg import read_jpeg_layout
-from app.photos.metadata import jpeg_exif_blocks, png_exif_blocks
+from app.photos.metadata import jpeg_exif_blocks, jpeg_xmp_packets, png_exif_blocks, png_xmp_packets
 from app.photos.png import SIGNATURE as PNG_SIGNATURE
 from app.photos.png import read_png_layout
 from app.photos.tiff import read_orientation
+from app.photos.xmp import read_orientation as read_xmp_orientation
 
 JPEG, PNG, HEIC = "image/jpeg", "image/png", "image/heic"
 HEIF_BRANDS = frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"})
@@ -72,12 +73,14 @@ def inspect_photo(path: Path) -> PhotoFacts | Failure:
             jpeg = read_jpeg_layout(data)
             if jpeg.damage is not None:
                 return jpeg.damage
-            orientation = _orientation(data, jpeg_exif_blocks(data, jpeg.segments))
+            orientation = _orientation(
+                data, jpeg_exif_blocks(data, jpeg.segments), jpeg_xmp_packets(data, jpeg.segments)[0]
+            )
             return PhotoFacts(JPEG, jpeg.width, jpeg.height, orientation, jpeg.width * jpeg.height)
         png = read_png_layout(data)
         if png.damage is not None:
             return png.damage
-        orientation = _orientation(data, png_exif_blocks(data, png.chunks))
+        orientation = _orientation(data, png_exif_blocks(data, png.chunks), png_xmp_packets(data, png.chunks))
         return PhotoFacts(PNG, png.width, png.height, orientation, png.width * png.height)
 
 
@@ -95,9 +98,12 @@ def sniff(data: Data) -> str | Failure:
     return Failure("not_an_image", message, ADVICE)
 
 
-def _orientation(data: Data, blocks: list[list[Extent]]) -> int:
-    """That of the first EXIF block, as decoders read it."""
-    return read_orientation(read_extents(data, blocks[0])) if blocks else 1
+def _orientation(data: Data, exif_blocks: list[list[Extent]], xmp_packets: list[list[Extent]]) -> int:
+    """That of the first EXIF block, or else of the first XMP packet, as decoders read it."""
+    told = read_orientation(read_extents(data, exif_blocks[0])) if exif_blocks else None
+    if told is None and xmp_packets:
+        told = read_xmp_orientation(read_extents(data, xmp_packets[0]))
+    return 1 if told is None else told
 
 
 def _other_kind(start: bytes) -> str | None:

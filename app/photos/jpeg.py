@@ -102,7 +102,8 @@ def _frame_size(data: Data, segment: JpegSegment) -> tuple[int, int] | None:
 
 def _end_of_fill(data: Data, position: int) -> int:
     """Past the FF bytes: any number of them may precede a marker's code."""
-    match = FILL.match(data, position)
+    while (match := FILL.match(data, position, position + STEP_BYTES)) and match.end() == position + STEP_BYTES:
+        position += STEP_BYTES
     return match.end() if match else position
 
 

@@ -15,6 +15,7 @@ EXTENDED_XMP_MARK = b"http://ns.adobe.com/xmp/extension/\0"
 EXTENDED_XMP_HEADER_BYTES = (
     len(EXTENDED_XMP_MARK) + 32 + 4 + 4
 )  # the mark, a digest, the whole's length, the offset in it
+PNG_XMP_MARK = b"XML:com.adobe.xmp\0\0"  # keyword and the flag of no compression; then method, language, keyword, text
 PHOTOSHOP_MARK = b"Photoshop 3.0\0"
 MAX_TIFF_HEADER_OFFSET = 64  # in HEIC: past "Exif\0\0" at most, says every writer
 
@@ -71,6 +72,18 @@ def png_exif_blocks(data: Data, chunks: Iterable[PngChunk]) -> list[list[Extent]
         for chunk in chunks
         if chunk.kind == b"eXIf"
     ]
+
+
+def png_xmp_packets(data: Data, chunks: Iterable[PngChunk]) -> list[list[Extent]]:
+    """XMP packets of iTXt chunks that are not compressed."""
+    packets: list[list[Extent]] = []
+    for chunk in chunks:
+        if chunk.kind == b"iTXt" and data[chunk.start : chunk.start + len(PNG_XMP_MARK)] == PNG_XMP_MARK:
+            language_end = data.find(b"\0", chunk.start + len(PNG_XMP_MARK) + 1, chunk.end)
+            translated_end = data.find(b"\0", language_end + 1, chunk.end) if language_end >= 0 else -1
+            if translated_end >= 0:
+                packets.append([(translated_end + 1, chunk.end)])
+    return packets
 
 
 def heif_exif_blocks(data: Data, items: Iterable[HeifItem]) -> list[list[Extent]]:

@@ -72,11 +72,11 @@ def read_directories(block: bytes) -> list[Directory] | None:
     return found
 
 
-def read_orientation(block: bytes) -> int:
-    """EXIF orientation, 1 to 8; 1 where it is absent or makes no sense. Reads the first directory only."""
+def read_orientation(block: bytes) -> int | None:
+    """EXIF orientation, 1 to 8; 1 where it makes no sense, None where it is absent. Reads the first directory only."""
     order = byte_order(block)
     if order is None or len(block) < 8:
-        return 1
+        return None
     first = int.from_bytes(block[4:8], order)
     count = int.from_bytes(block[first : first + 2], order)
     end = first + 2 + min(count, MAX_ENTRIES) * ENTRY_BYTES
@@ -85,7 +85,7 @@ def read_orientation(block: bytes) -> int:
         if entry.tag == ORIENTATION and entry.count == 1:
             value = read_numbers(block, entry, order)
             return int(value[0]) if value and value[0] in range(1, 9) else 1
-    return 1
+    return None
 
 
 def read_numbers(block: bytes, entry: Entry, order: ByteOrder) -> list[float]:

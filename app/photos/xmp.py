@@ -9,6 +9,10 @@ Compass and camera pose (GPano) do not tell where; they stay, as do free texts a
 import re
 
 EMPTY_PACKET = b'<x:xmpmeta xmlns:x="adobe:ns:meta/"/>'
+TURNED_PACKET = (
+    b'<x:xmpmeta xmlns:x="adobe:ns:meta/" xmlns:tiff="http://ns.adobe.com/tiff/1.0/" tiff:Orientation="%d"/>'
+)
+ORIENTATION = re.compile(rb"tiff:Orientation(?:=\"|>)([1-8])")
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 MAX_TAGS = 10_000  # of one packet; a long editing history has a few thousand
 PLACE_NAME = re.compile(
@@ -33,13 +37,20 @@ def without_places(packet: bytes) -> bytes:
     is_plain = b"\0" not in text and text.removeprefix(BYTE_ORDER_MARK).lstrip().startswith(b"<")
     cleaned = _cleaned(text) if is_plain else None
     if cleaned is None or PLACE_LEFT.search(cleaned):
-        return emptied_packet(len(packet))
+        return emptied_packet(len(packet), read_orientation(packet))
     return cleaned.ljust(len(packet), b"\0")
 
 
-def emptied_packet(length: int) -> bytes:
-    """A packet of this length without properties; only spaces if it does not fit."""
-    return EMPTY_PACKET.ljust(length) if len(EMPTY_PACKET) <= length else b" " * length
+def read_orientation(packet: bytes) -> int | None:
+    """The orientation, which decoders take from here where EXIF tells none; None if it is absent."""
+    match = ORIENTATION.search(packet)
+    return int(match[1]) if match else None
+
+
+def emptied_packet(length: int, orientation: int | None = None) -> bytes:
+    """A packet of this length without properties but the orientation; only spaces if it does not fit."""
+    packet = EMPTY_PACKET if orientation is None else TURNED_PACKET % orientation
+    return packet.ljust(length) if len(packet) <= length else b" " * length
 
 
 def _cleaned(text: bytes) -> bytes | None:

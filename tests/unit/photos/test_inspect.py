@@ -10,24 +10,30 @@ from hypothesis import strategies as st
 from photo_files import (
     HEIGHT,
     WIDTH,
+    XMP,
     box,
     exif_block,
     exif_segment,
+    extended_xmp_segments,
     grid_heic,
     heic,
+    iptc_segment,
     jpeg,
     picture,
     png,
     png_chunk,
+    png_itxt,
     segment,
     video,
+    xmp_segment,
 )
-from PIL import Image
+from PIL import ExifTags, Image
 
 from app.errors import Failure
 from app.photos import heif
 from app.photos import jpeg as jpeg_module
 from app.photos import png as png_module
+from app.photos.byte_file import STEP_BYTES
 from app.photos.inspect import PhotoFacts, inspect_photo
 
 CODES = {"not_an_image", "image_truncated", "image_unreadable"}
@@ -82,6 +88,19 @@ def test_orientation_is_read_in_both_byte_orders(inspect, orientation, order):
 @pytest.mark.parametrize("orientation", [0, 9, 65535])
 def test_orientation_out_of_range_is_1(inspect, orientation):
     assert inspect(jpeg(exif_segment(exif_block(orientation=orientation)))).orientation == 1
+
+
+@pytest.mark.parametrize("form", [b'tiff:Orientation="6"', b"tiff:Orientation>6</tiff:Orientation"])
+def test_orientation_is_taken_from_xmp_where_exif_tells_none(inspect, form):
+    packet = b"<x:xmpmeta " + form + b"/>"
+    unturned = Image.Exif()
+    unturned[ExifTags.Base.Make] = "Acme"
+    assert inspect(jpeg(xmp_segment(packet))).orientation == 6
+    assert inspect(jpeg(xmp_segment(packet), exif=unturned)).orientation == 6
+    assert inspect(jpeg(xmp_segment(packet), exif_segment(exif_block(orientation=3)))).orientation == 3
+    assert inspect(png(png_itxt(packet))).orientation == 6
+    for data in (jpeg(xmp_segment(packet)), png(png_itxt(packet))):
+        assert Image.open(io.BytesIO(data)).getexif()[ExifTags.Base.Orientation] == 6
 
 
 @pytest.mark.parametrize(("quarters", "orientation"), [(0, 1), (1, 8), (2, 3), (3, 6)])
@@ -160,11 +179,22 @@ def test_trailing_bytes_are_no_damage(inspect, data):
         assert inspect(data + trailer) == inspect(data)
 
 
+@pytest.mark.parametrize("surplus", range(4))
+def test_end_of_a_scan_is_found_wherever_the_pieces_of_the_search_meet(inspect, surplus):
+    data = jpeg()
+    scan_start = data.index(b"\xff\xda") + 2 + 12
+    padding = STEP_BYTES - (len(data) - 2 - scan_start) - 2 + surplus
+    assert inspect(data[:-2] + bytes(padding) + data[-2:]) == inspect(data)
+    assert inspect(data[:-2] + bytes(padding - 2) + b"\xff\0" + data[-2:]) == inspect(data)
+
+
 def test_fill_bytes_before_markers_are_no_damage(inspect):
     data = jpeg()
     at = data.index(b"\xff\xdb")
     assert inspect(data[:at] + b"\xff" * 50 + data[at:]) == inspect(data)
     assert inspect(data[:-2] + b"\xff" * 50 + data[-2:]) == inspect(data)
+    assert inspect(data[:-2] + b"\xff" * (STEP_BYTES + 1) + data[-2:]) == inspect(data)
+    assert inspect(data[:at] + b"\xff" * (2 * STEP_BYTES) + data[at:]) == inspect(data)
 
 
 @pytest.mark.parametrize(
@@ -243,8 +273,9 @@ def test_metadata_items_that_overlap_beyond_the_files_length_are_unreadable(insp
 VALID = (
     jpeg(exif_segment(exif_block("<", orientation=6)), trailer=jpeg()),
     jpeg(exif_segment(exif_block(">")), progressive=True),
-    png(png_chunk(b"eXIf", exif_block())),
-    heic(exif=b"Exif\0\0" + exif_block(), xmp=b"<x:xmpmeta/>"),
+    jpeg(xmp_segment(XMP), iptc_segment(), *extended_xmp_segments(XMP, 400), trailer=video()),
+    png(png_chunk(b"eXIf", exif_block()), png_itxt(XMP)),
+    heic(exif=b"Exif\0\0" + exif_block(), xmp=XMP),
     grid_heic(3, 2, 512, 1),
 )
 
