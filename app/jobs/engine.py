@@ -7,6 +7,7 @@ tests/integration/jobs/test_dbos_contract.py fails when one of them changes.
 import logging
 import sqlite3
 import threading
+import time
 import uuid
 from collections.abc import Callable
 from typing import Any
@@ -27,6 +28,7 @@ POLL_SECONDS = 0.25  # how long a meal waits for an idle worker to look
 MAX_RECOVERIES = 5  # times that a job is taken over from dead workers; then it is given up, visibly
 POOL_SIZE = 5
 MIGRATION_LOCK = 7_241_960_312  # one process at a time makes DBOS's tables; the number has no meaning
+MIGRATION_POLL_SECONDS = 0.2
 
 
 def prepare_job_tables(database: Database) -> None:
@@ -36,13 +38,14 @@ def prepare_job_tables(database: Database) -> None:
         _migrate_dbos(database)  # it takes SQLite's write lock first
         return
     with database.write_engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
-        connection.execute(sa.text("SET statement_timeout = 0"))
-        connection.execute(sa.text("SELECT pg_advisory_lock(:n)"), {"n": MIGRATION_LOCK})
+        # asked again and again, not waited for: DBOS builds indexes concurrently, and PostgreSQL lets that wait for
+        # every statement under way, one that waits for our lock included
+        while not connection.scalar(sa.text("SELECT pg_try_advisory_lock(:n)"), {"n": MIGRATION_LOCK}):
+            time.sleep(MIGRATION_POLL_SECONDS)
         try:
             _migrate_dbos(database)
         finally:
             connection.execute(sa.text("SELECT pg_advisory_unlock(:n)"), {"n": MIGRATION_LOCK})
-            connection.invalidate()  # its statement_timeout is not the pool's
 
 
 class JobQueue:
