@@ -1,6 +1,8 @@
 """Documents that list what the code has: they may not drift."""
 
+import ast
 import pathlib
+import re
 
 from app.settings import Settings
 
@@ -14,3 +16,25 @@ def test_every_setting_stands_in_the_documents_with_its_default_and_words():
     for name, field in Settings.model_fields.items():
         default = "" if field.default is None else f"`{field.default}`"
         assert f"| `TADA_{name.upper()}` | {default} | {field.description} |" in rows
+
+
+def codes_in_the_source():
+    """Every code that the program can answer: errors' `code`, `code=` arguments, and the first word of a Failure."""
+    codes = set()
+    for path in (DOCS.parent / "app").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call):
+                named = [keyword.value for keyword in node.keywords if keyword.arg == "code"]
+                is_failure = isinstance(node.func, ast.Name) and node.func.id == "Failure"
+                named += node.args[:1] if is_failure else []
+            elif isinstance(node, ast.Assign) and [ast.unparse(target) for target in node.targets] == ["code"]:
+                named = [node.value]
+            else:
+                continue
+            codes |= {value.value for value in named if isinstance(value, ast.Constant) and isinstance(value.value, str)}
+    return codes
+
+
+def test_every_code_stands_in_the_documents_and_no_other():
+    listed = set(re.findall(r"^\| `([a-z_]+)` \|", (DOCS / "errors.md").read_text(), re.MULTILINE))
+    assert codes_in_the_source() == listed
