@@ -52,6 +52,10 @@ class EstimateUseCases(Protocol):
         ...
 
 
+class SaveError(Exception):
+    """Saving failed by what looks like a bug; the log has it whole."""
+
+
 class Computed(TypedDict):
     """What DBOS keeps of the first step: ids, keys and codes only."""
 
@@ -156,9 +160,8 @@ class EstimateWorkflow:
                 return finish(job_id, result_key, failure)
             except TryAgain as error:
                 log.warning("job_step_failed", step="save", passing=True, exc_info=error.__cause__)
-            except Exception as error:
+            except Exception:
                 failed += 1
-                log.warning("job_step_failed", step="save", passing=False, exc_info=error)
                 if failed >= 2 * TRIES:
                     raise  # not even the failure can be saved: the sweep finds the ended workflow
                 if failed >= TRIES:
@@ -189,7 +192,9 @@ class EstimateWorkflow:
         except Exception as error:
             if is_passing(error):
                 raise TryAgain from error
-            raise
+            log.warning("job_step_failed", step="save", passing=False, exc_info=error)
+            # DBOS keeps what is raised here, and a database's error quotes the row: the name is all that it gets
+            raise SaveError(type(error).__name__) from None
         return "done"
 
     def _go_on_or_leave(self) -> None:

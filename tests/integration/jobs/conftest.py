@@ -40,7 +40,7 @@ class Jobs:
         self.folder = folder
         self.queue = JobQueue(database)
         self.settings = Settings(
-            database_url=database.url, data_dir=folder / "data", estimate_seconds=2.0, log_format="console"
+            database_url=database.url, data_dir=folder / "data", estimate_seconds=1.0, log_format="console"
         )
         self.workers = []
 

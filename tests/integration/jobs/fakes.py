@@ -22,7 +22,7 @@ from app.jobs.times import WorkerTimes
 from app.jobs.worker_process import run_jobs
 from app.settings import Settings
 
-TIMES = WorkerTimes(heartbeat=0.3, lease=2.5, first_wait=0.05, longest_wait=0.2, drain=1.0)
+TIMES = WorkerTimes(heartbeat=0.25, lease=2.0, first_wait=0.05, longest_wait=0.2, drain=1.0)
 FAKE_TASKS = "tests.unit.jobs.fake_tasks:TASKS"
 
 
@@ -56,7 +56,7 @@ class FakeUseCases:
             sa.text("INSERT INTO fake_save (job_id, pid) VALUES (:job, :pid)"), {"job": str(job_id), "pid": os.getpid()}
         )
         if what == "bug_in_save":
-            raise KeyError("a bug")
+            raise KeyError("a bug that quotes a secret")
         if what == "hold_in_save":
             (self._folder / f"saving-{job_id}-{os.getpid()}").touch()
             self._wait_for(f"go-{job_id}")

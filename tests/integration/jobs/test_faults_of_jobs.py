@@ -23,6 +23,10 @@ def test_job_that_ends_badly_fails_its_meal_with_its_code_and_the_worker_goes_on
         assert meal.failure_advice
         assert jobs.saves(job_id) == []
     assert worker.poll() is None
+    table = "operation_outputs" if jobs.database.is_sqlite else "dbos.operation_outputs"
+    kept = jobs.run_sql(f"SELECT error FROM {table} WHERE error IS NOT NULL AND workflow_uuid = '{bad['bug_in_save']}'")
+    assert "KeyError" in kept
+    assert "secret" not in kept  # what an error quotes stays out of DBOS's tables
 
 
 def test_passing_fault_of_computing_is_tried_again_until_it_passes(jobs):
@@ -46,3 +50,18 @@ def test_passing_fault_of_saving_is_tried_again_and_survives_a_takeover(jobs):
     jobs.wait_for_state(job_id, "done")
     assert jobs.saves(job_id) == [second.pid]
     assert jobs.job(job_id).attempts == 1  # what the first had computed was used
+
+
+def test_job_survives_the_loss_of_every_connection(jobs):
+    running, waiting = jobs.add("hold"), jobs.add()
+    worker = jobs.start_worker()
+    jobs.wait_for_file(f"computing-{running}-{worker.pid}")
+    if not jobs.database.is_sqlite:  # which has none to lose
+        jobs.run_sql(
+            "SELECT count(pg_terminate_backend(pid)) FROM pg_stat_activity "
+            "WHERE datname = current_database() AND pid <> pg_backend_pid()"
+        )
+    jobs.go(running)
+    for job_id in (running, waiting):
+        jobs.wait_for_state(job_id, "done")
+        assert jobs.saves(job_id) == [worker.pid]

@@ -10,8 +10,6 @@ def test_job_without_workflow_is_queued_again(jobs):
     assert sweep(jobs.database, jobs.queue) == 1
     assert jobs.workflow_status(job.id) == "ENQUEUED"
     assert sweep(jobs.database, jobs.queue) == 0
-    jobs.start_worker()
-    jobs.wait_for_state(job.id, "done")
 
 
 def test_waiting_meal_without_job_gets_one(jobs):
