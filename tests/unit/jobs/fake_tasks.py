@@ -18,7 +18,7 @@ def _hang(arguments, on_stage):
 def _eat_memory(arguments, on_stage):
     blocks = []
     while True:
-        blocks.append(bytearray(64 * 1024 * 1024))
+        blocks.append(bytearray(1024 * 1024 * 1024))
 
 
 def _raise(arguments, on_stage):
