@@ -209,6 +209,8 @@ class _Child:
             return
         message = next(self._messages(START_SECONDS), None)
         if message != {"ready": True}:
+            with contextlib.suppress(subprocess.TimeoutExpired):  # its pipe ends an instant before it does
+                self._process.wait(1.0)
             raise ChildStartError(f"a child process did not start (status {self._process.poll()})")
         self._is_ready = True
 
