@@ -158,7 +158,7 @@ def show_meal(meal: dict[str, Any]) -> None:
         for tagname in SHOWN_NUTRIENTS:
             if tagname in amounts:
                 nutrient = amounts[tagname]
-                print(f"     {nutrient['name'][:24]:<24} {nutrient['amount']:8.2f} {nutrient['unit']}")
+                print(f"     {nutrient['name']:<31} {nutrient['amount']:8.2f} {nutrient['unit']}")
     print()
 
 
