@@ -1,0 +1,255 @@
+"""A picture of each step, like the paper's Figure 6, and the point cloud: what a run shows of itself.
+
+Trace in -> JPEG and PLY files as bytes. Steps that the run did not reach have no picture.
+"""
+
+import cv2
+import numpy as np
+
+from app.vision.features import undistort_to_pinhole
+from app.vision.measure import MeasuredItem
+from app.vision.model import Artefact, Float32Array, Float64Array, ImageArray, ItemEstimate, Photo, View
+from app.vision.pointcloud import write_ply
+from app.vision.rectification import rectify_by_fundamental
+from app.vision.trace import Trace
+
+WIDTH_PX = 1600
+JPEG_QUALITY = 88
+SHOWN_MATCHES = 60  # beside the sixteen; more hide the photograph
+CLOUD_POINTS = 150_000
+CLOUD_VIEW_PX = 900
+ROW_LINES = 12  # drawn across a rectified pair
+WHITE, BLACK, RED, GREEN, GREY = (255, 255, 255), (0, 0, 0), (40, 40, 220), (60, 190, 60), (170, 170, 170)
+ITEM_COLOURS = ((40, 40, 220), (60, 170, 40), (220, 120, 30), (30, 160, 230), (190, 50, 170))
+
+
+def draw_artefacts(trace: Trace, left: Photo, items: tuple[ItemEstimate, ...]) -> list[Artefact]:
+    """Files by step: matches, rectified (by F and by poses), disparity, points (and PLY), slices, overlay."""
+    pictures: dict[str, ImageArray | None] = {
+        "matches.jpg": _matches(trace),
+        "rectified_by_f.jpg": _rectified_by_f(trace),
+        "rectified.jpg": _rectified(trace),
+        "disparity.jpg": _disparity(trace),
+        "points.jpg": _point_cloud(trace),
+        "slices.jpg": _slices(trace),
+        "overlay.jpg": _overlay(left, items) if items else None,
+    }
+    out = [_jpeg(name, picture) for name, picture in pictures.items() if picture is not None]
+    if trace.points_table is not None and trace.rectified is not None:
+        points, colours = _cloud(trace)
+        out.append(Artefact("points.ply", "model/ply", write_ply(points, colours)))
+    return out
+
+
+def _jpeg(name: str, picture: ImageArray) -> Artefact:
+    scale = min(1.0, WIDTH_PX / picture.shape[1])
+    if scale < 1.0:
+        picture = np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+    done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    if not done:
+        raise ValueError(f"{name} cannot be encoded.")
+    return Artefact(name, "image/jpeg", data.tobytes())
+
+
+def _reduced(view: View) -> tuple[ImageArray, float]:
+    pixels = view.photo.pixels_bgr
+    scale = min(1.0, WIDTH_PX / 2 / pixels.shape[1])
+    small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.uint8), scale
+
+
+def _side_by_side(first: ImageArray, second: ImageArray) -> ImageArray:
+    height = max(first.shape[0], second.shape[0])
+    padded = [
+        cv2.copyMakeBorder(image, 0, height - image.shape[0], 0, 0, cv2.BORDER_CONSTANT, value=WHITE)
+        for image in (first, second)
+    ]
+    return np.asarray(np.hstack(padded), np.uint8)
+
+
+def _matches(trace: Trace) -> ImageArray | None:
+    """Good matches thin, the sixteen that made F bold."""
+    if trace.refined is None or trace.matches is None or trace.epipolar is None:
+        return None
+    (first, scale), (second, scale_second) = _reduced(trace.refined.first), _reduced(trace.refined.second)
+    picture = _side_by_side(first, second)
+    good = np.flatnonzero(trace.epipolar.is_good & ~trace.matches.is_board)
+    some = good[np.linspace(0, len(good) - 1, min(SHOWN_MATCHES, len(good))).astype(np.int64)]
+    for indices, colour, width in ((some, GREY, 1), (trace.epipolar.drawn, GREEN, 2)):
+        for index in indices:
+            start = trace.matches.first_px[index] * scale
+            end = trace.matches.second_px[index] * scale_second + np.array([first.shape[1], 0])
+            corners = [(round(float(x)), round(float(y))) for x, y in (start, end)]
+            cv2.line(picture, corners[0], corners[1], colour, width, cv2.LINE_AA)
+            for corner in corners:
+                cv2.circle(picture, corner, 4, RED, 1, cv2.LINE_AA)
+    return picture
+
+
+def _rectified_by_f(trace: Trace) -> ImageArray | None:
+    """The paper's rectification (eq. 9), H and H' applied to the undistorted photographs."""
+    if trace.refined is None or trace.matches is None or trace.epipolar is None:
+        return None
+    views = (trace.refined.first, trace.refined.second)
+    good = trace.epipolar.is_good
+    x = undistort_to_pinhole(views[0], trace.matches.first_px[good])
+    x_second = undistort_to_pinhole(views[1], trace.matches.second_px[good])
+    size = (views[0].camera.width, views[0].camera.height)
+    found = rectify_by_fundamental(trace.epipolar.from_matches, x, x_second, size)
+    if found is None:
+        return None
+    # One frame for both: the first view's corners, as far as they stay finite.
+    corners = np.array([[0.0, 0.0], [size[0], 0.0], [size[0], size[1]], [0.0, size[1]]])
+    homogeneous = np.column_stack([corners, np.ones(4)]) @ found[0].T
+    if (homogeneous[:, 2] <= 0).any():
+        return None
+    mapped = homogeneous[:, :2] / homogeneous[:, 2:]
+    low, high = mapped.min(axis=0), mapped.max(axis=0)
+    scale = WIDTH_PX / 2 / float((high - low).max())
+    frame = np.array([[scale, 0.0, -scale * low[0]], [0.0, scale, -scale * low[1]], [0.0, 0.0, 1.0]])
+    shown = tuple(int(np.ceil(side)) for side in (high - low) * scale)
+    pictures = []
+    for view, homography in zip(views, found, strict=True):
+        small, reduction = _reduced(view)
+        reduce = np.diag([reduction, reduction, 1.0])
+        camera = reduce @ view.camera.matrix
+        flat = cv2.undistort(small, camera, np.array(view.camera.distortion))
+        warp = frame @ homography @ np.linalg.inv(reduce)
+        pictures.append(np.asarray(cv2.warpPerspective(flat, warp, shown), np.uint8))
+    return _with_rows(_side_by_side(pictures[0], pictures[1]))
+
+
+def _rectified(trace: Trace) -> ImageArray | None:
+    """The pair that depth is measured on; the second is sheared so that the marker's plane coincides."""
+    if trace.rectified is None:
+        return None
+    return _with_rows(_side_by_side(trace.rectified.first_bgr, trace.rectified.second_bgr))
+
+
+def _with_rows(picture: ImageArray) -> ImageArray:
+    for row in np.linspace(0, picture.shape[0] - 1, ROW_LINES + 2)[1:-1].astype(int):
+        cv2.line(picture, (0, int(row)), (picture.shape[1] - 1, int(row)), GREEN, 1)
+    return picture
+
+
+def _disparity(trace: Trace) -> ImageArray | None:
+    if trace.rectified is None or trace.disparity is None:
+        return None
+    disparity = trace.rectified.disparity_from_parallax(trace.disparity.parallax_px)
+    return _side_by_side(trace.rectified.first_bgr, _coloured(disparity))
+
+
+def _coloured(values: Float32Array) -> ImageArray:
+    """Values from their 1st to their 99th percentile in colours; black for NaN."""
+    known = np.isfinite(values)
+    if not known.any():
+        return np.zeros((*values.shape, 3), np.uint8)
+    low, high = np.percentile(values[known], [1, 99])
+    scaled = np.clip((np.nan_to_num(values, nan=low) - low) / max(high - low, 1e-6) * 255, 0, 255).astype(np.uint8)
+    picture = np.asarray(cv2.applyColorMap(scaled, cv2.COLORMAP_TURBO), np.uint8)
+    picture[~known] = 0
+    return picture
+
+
+def _cloud(trace: Trace) -> tuple[Float64Array, ImageArray]:
+    """Measured points and their colours, thinned to CLOUD_POINTS."""
+    if trace.points_table is None or trace.rectified is None:
+        return np.empty((0, 3)), np.empty((0, 3), np.uint8)
+    known = np.isfinite(trace.points_table[..., 2])
+    points, colours = trace.points_table[known].astype(np.float64), trace.rectified.first_bgr[known]
+    step = max(1, len(points) // CLOUD_POINTS)
+    return points[::step], colours[::step]
+
+
+def _point_cloud(trace: Trace) -> ImageArray | None:
+    """The foods' points, measured in their colours and completed in grey, from the camera's side at a low slant."""
+    if not trace.items or trace.rectified is None or trace.points_table is None:
+        return None
+    panels = []
+    for item in trace.items[:3]:
+        keep = item.region.mask & np.isfinite(trace.points_table[..., 2])
+        seen, colours = trace.points_table[keep].astype(np.float64), trace.rectified.first_bgr[keep]
+        hidden = item.volume.completed_mm + np.array([0.0, 0.0, item.support_mm])
+        grey = np.full((len(hidden), 3), GREY, np.uint8)
+        points, paint = np.concatenate([hidden, seen]), np.concatenate([grey, colours])
+        panels.append(_render(points, paint, item, trace.rectified.first_centre_mm))
+    return np.asarray(np.hstack(panels), np.uint8)
+
+
+def _render(points: Float64Array, paint: ImageArray, item: MeasuredItem, camera_mm: Float64Array) -> ImageArray:
+    """Orthographic picture from 60 degrees beside the camera, 20 degrees above the table."""
+    centre = np.array([*item.volume.axis.centre_mm, 0.0])
+    away = camera_mm[:2] - centre[:2]
+    azimuth, slant = np.arctan2(away[1], away[0]) + np.radians(60.0), np.radians(20.0)
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    towards = np.array([np.cos(azimuth) * np.cos(slant), np.sin(azimuth) * np.cos(slant), np.sin(slant)])
+    up = np.cross(towards, right)
+    offsets = points - centre
+    largest = max(item.volume.slices[-1].high_mm, *(each.half_axes_mm[0] for each in item.volume.slices))
+    scale = 0.4 * CLOUD_VIEW_PX / largest
+    x = np.rint(offsets @ right * scale + CLOUD_VIEW_PX / 2).astype(np.int64)
+    y = np.rint(CLOUD_VIEW_PX * 0.7 - offsets @ up * scale).astype(np.int64)
+    order = np.argsort(offsets @ towards, kind="stable")
+    inside = (x >= 0) & (x < CLOUD_VIEW_PX - 1) & (y >= 0) & (y < CLOUD_VIEW_PX - 1)
+    order = order[inside[order]]
+    picture = np.full((CLOUD_VIEW_PX, CLOUD_VIEW_PX, 3), 255, np.uint8)
+    for dx, dy in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        picture[y[order] + dy, x[order] + dx] = paint[order]
+    return picture
+
+
+def _slices(trace: Trace) -> ImageArray | None:
+    """Every slice from above: points seen, points completed, and the fitted form, coloured by height."""
+    if not trace.items:
+        return None
+    panels = []
+    side = WIDTH_PX // 2
+    for item in trace.items[:3]:
+        volume = item.volume
+        top = volume.slices[-1].high_mm
+        extent = max(each.half_axes_mm[0] for each in volume.slices) * 1.2
+        scale = side / (2 * extent)
+        panel = np.full((side, side, 3), 255, np.uint8)
+        places = np.rint((volume.completed_mm[:, :2] - volume.axis.centre_mm) * scale + side / 2).astype(np.int64)
+        inside = ((places >= 0) & (places < side)).all(axis=1)
+        panel[places[inside, 1], places[inside, 0]] = GREY
+        for each in volume.slices:
+            centre = (each.centre_mm - volume.axis.centre_mm) * scale + side / 2
+            colour = cv2.applyColorMap(np.array([[each.low_mm / top * 255]], np.uint8), cv2.COLORMAP_TURBO)[0, 0]
+            cv2.ellipse(
+                panel,
+                (round(float(centre[0])), round(float(centre[1]))),
+                (round(each.half_axes_mm[0] * scale), round(each.half_axes_mm[1] * scale)),
+                float(np.degrees(each.heading)),
+                0.0,
+                360.0,
+                tuple(int(channel) for channel in colour),
+                2 if each.source in ("fitted", "scaled") else 1,
+                cv2.LINE_AA,
+            )
+        _write(panel, f"{len(volume.slices)} slices, {volume.form}: {volume.volume_ml:.0f} ml", (16, 36), 0.9, BLACK)
+        panels.append(panel)
+    return np.asarray(np.hstack(panels), np.uint8)
+
+
+def _overlay(left: Photo, items: tuple[ItemEstimate, ...]) -> ImageArray:
+    """Outlines and volumes on the photograph sent as left."""
+    pixels = left.pixels_bgr
+    scale = min(1.0, WIDTH_PX / pixels.shape[1])
+    picture = np.asarray(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+    for number, item in enumerate(items):
+        colour = ITEM_COLOURS[number % len(ITEM_COLOURS)]
+        rings = [np.rint(ring * scale).astype(np.int32) for ring in item.rings]
+        cv2.polylines(picture, rings, True, colour, 3, cv2.LINE_AA)
+        if not rings:
+            continue
+        low, high = item.volume_interval_ml
+        x, y = rings[0].min(axis=0)
+        place = (int(np.clip(x, 5, picture.shape[1] - 380)), int(max(y - 12, 30)))
+        _write(picture, f"{item.volume_ml:.0f} ml ({low:.0f} - {high:.0f})", place, 0.9, colour)
+    return picture
+
+
+def _write(picture: ImageArray, text: str, place: tuple[int, int], size: float, colour: tuple[int, int, int]) -> None:
+    cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, WHITE, 6, cv2.LINE_AA)
+    cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 2, cv2.LINE_AA)

@@ -1,0 +1,139 @@
+"""The founding paper's flow chart (Figure 3): two photographs in, the volume of each food out, step after step.
+
+Photographs arrive decoded (photo.py); densities and nutrients are for others.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from app.errors import Failure
+from app.vision.camera import estimate_views
+from app.vision.disparity import match_dense
+from app.vision.epipolar import compare_fundamentals
+from app.vision.features import is_on_sheet, match_features
+from app.vision.figures import draw_artefacts
+from app.vision.marker import agree_on_corners, find_marker
+from app.vision.measure import measure_items
+from app.vision.model import EstimateOptions, ItemEstimate, MealEstimate, PhotoPair
+from app.vision.outlines import draw_hints, photograph_px, rings_of
+from app.vision.reconstruction import back_project, fit_to_marker, plane_points
+from app.vision.rectification import is_swapped, rectify_by_poses
+from app.vision.relative_pose import refine_views
+from app.vision.segmentation import segment_foods
+from app.vision.trace import Trace
+
+PIPELINE_VERSION = "1"  # changes whenever the same photographs may give another answer
+
+
+def estimate_meal(
+    pair: PhotoPair,
+    options: EstimateOptions,
+    *,
+    on_stage: Callable[[str], None] = lambda _: None,
+    want_artefacts: bool = False,
+) -> MealEstimate:
+    """Volumes of the foods in a stereo pair. on_stage hears each stage's name as it begins.
+
+    What the photographs do not allow is told in MealEstimate.failure; views and artefacts show how far the run came.
+    """
+    stages: dict[str, float] = {}
+    trace = Trace()
+    found = _run(pair, options, _Stages(stages, on_stage), trace)
+    items = () if isinstance(found, Failure) else found
+    return MealEstimate(
+        method=options.method,
+        pipeline_version=PIPELINE_VERSION,
+        stages=stages,
+        items=items,
+        failure=found if isinstance(found, Failure) else None,
+        views=trace.views,
+        parameters={"seed": options.seed, **trace.parameters()},
+        artefacts=draw_artefacts(trace, pair.left, items) if want_artefacts else (),
+    )
+
+
+def _run(
+    pair: PhotoPair, options: EstimateOptions, stage: "_Stages", trace: Trace
+) -> tuple[ItemEstimate, ...] | Failure:
+    with stage("marker"):
+        left = find_marker(pair.left, options.marker, "left")
+        right = find_marker(pair.right, options.marker, "right")
+        if isinstance(left, Failure):
+            return left
+        if isinstance(right, Failure):
+            return right
+        observations = agree_on_corners(pair, left, right)
+    with stage("camera"):
+        views = estimate_views(pair, observations, options)
+        if isinstance(views, Failure):
+            return views
+        trace.views, trace.is_swapped = views, is_swapped(*views)
+        first, second = views[::-1] if trace.is_swapped else views
+    with stage("match"):
+        matches = match_features(first, second)
+        if isinstance(matches, Failure):
+            return matches
+        trace.matches, trace.refined = matches, refine_views(first, second, matches)
+        first, second = trace.refined.first, trace.refined.second
+        trace.views = (second, first) if trace.is_swapped else (first, second)
+        epipolar = compare_fundamentals(first, second, matches, np.random.default_rng(options.seed))
+        if isinstance(epipolar, Failure):
+            return epipolar
+        trace.epipolar = epipolar
+    with stage("rectify"):
+        trace.rectified = rectified = rectify_by_poses(first, second)
+    with stage("disparity"):
+        trace.disparity = match_dense(
+            rectified.first_bgr, rectified.second_bgr, rectified.parallax_range_px, rectified.is_seen
+        )
+    with stage("depth"):
+        trace.depth = fit_to_marker(rectified, trace.refined)
+        disparity = rectified.disparity_from_parallax(trace.disparity.parallax_px)
+        trace.points_table = points = back_project(rectified, trace.depth.depth_mm(disparity))
+    with stage("segment"):
+        ignored = is_on_sheet(options.marker, plane_points(rectified)) | ~rectified.is_seen
+        places = photograph_px(rectified, points, trace.views[0], is_swapped=trace.is_swapped)
+        size = (pair.left.pixels_bgr.shape[1], pair.left.pixels_bgr.shape[0])
+        hints = draw_hints(options.hints, places, size)
+        regions = segment_foods(rectified.first_bgr, points, rectified.pixel_mm, ignored, hints)
+        if isinstance(regions, Failure):
+            return regions
+    with stage("volume"):
+        is_refined = trace.refined.matches > 0
+        measured = measure_items(
+            regions, rectified, trace.disparity, points, ignored, options.hints, is_refined=is_refined
+        )
+        if isinstance(measured, Failure):
+            return measured
+        trace.items = measured
+        return tuple(
+            ItemEstimate(
+                rings=rings_of(item.region.mask, places, is_swapped=trace.is_swapped),
+                volume_ml=item.volume.volume_ml,
+                volume_interval_ml=item.volume.interval_ml,
+                relative_sd=item.volume.relative_sd,
+                hint=item.region.hint,
+                flags=item.flags,
+            )
+            for item in measured
+        )
+
+
+class _Stages:
+    """Tells when a stage begins and keeps how long it took, seconds."""
+
+    def __init__(self, seconds: dict[str, float], on_stage: Callable[[str], None]) -> None:
+        self._seconds = seconds
+        self._on_stage = on_stage
+
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        self._on_stage(name)
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self._seconds[name] = time.perf_counter() - started

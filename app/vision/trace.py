@@ -1,0 +1,59 @@
+"""What a run has found so far: filled step by step, read by figures.py and for the record's parameters."""
+
+from dataclasses import dataclass, field
+
+from app.vision.disparity import DisparityMap
+from app.vision.epipolar import Epipolar
+from app.vision.features import Matches
+from app.vision.measure import MeasuredItem
+from app.vision.model import Float32Array, View
+from app.vision.reconstruction import DepthModel
+from app.vision.rectification import RectifiedPair
+from app.vision.relative_pose import RefinedViews
+
+
+@dataclass(slots=True)
+class Trace:
+    """Each step's result, None or empty where the run ended before.
+
+    views: (left, right) as sent. refined: first and second by where they stand; is_swapped: first is the right one.
+    points_table: (H, W, 3) mm. items: measured foods.
+    """
+
+    views: tuple[View, View] | None = None
+    is_swapped: bool = False
+    matches: Matches | None = None
+    refined: RefinedViews | None = None
+    epipolar: Epipolar | None = None
+    rectified: RectifiedPair | None = None
+    disparity: DisparityMap | None = None
+    depth: DepthModel | None = None
+    points_table: Float32Array | None = None
+    items: list[MeasuredItem] = field(default_factory=list)
+
+    def parameters(self) -> dict[str, float | int | str]:
+        """What the record keeps of a run: the views' geometry and how well each step fitted."""
+        out: dict[str, float | int | str] = {}
+        if self.refined is not None:
+            for name, view in (("first", self.refined.first), ("second", self.refined.second)):
+                out[f"focal_{name}_px"] = round(view.camera.fx, 2)
+                out[f"camera_height_{name}_mm"] = round(float(view.centre_mm[2]), 2)
+            out |= {"swapped": int(self.is_swapped), "pose_matches": self.refined.matches}
+            out["sheet_bend_mm"] = round(float(max(self.refined.bend_mm, key=abs)), 3)
+        if self.matches is not None and self.epipolar is not None:
+            out |= {
+                "matches": len(self.matches),
+                "matches_food": int(self.matches.is_food.sum()),
+                "matches_good": int(self.epipolar.is_good.sum()),
+                "epipolar_distance_8_point_px": round(self.epipolar.matches_distance_px, 3),
+                "epipolar_distance_calibrated_px": round(self.epipolar.views_distance_px, 3),
+            }
+        if self.rectified is not None:
+            out["baseline_mm"] = round(self.rectified.baseline_mm, 2)
+            out["rectified_focal_px"] = round(self.rectified.focal_px, 2)
+        if self.depth is not None and self.rectified is not None:
+            out["depth_p_mm"] = round(self.depth.p_mm, 3)
+            out["depth_q_over_focal_baseline"] = round(
+                self.depth.q_mm_px / (self.rectified.focal_px * self.rectified.baseline_mm), 5
+            )
+        return out
