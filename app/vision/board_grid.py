@@ -10,53 +10,133 @@ from typing import Any
 import cv2
 import numpy as np
 
-from app.vision.model import Float64Array, ImageArray
+from app.vision.model import Float32Array, Float64Array, ImageArray
 
 DETECTION_LONG_SIDES_PX = (1400, 2400, 4600)  # quick and blind to fine texture first; 4600 is all of a 12 MP photograph
 MAX_RESIDUAL_SQUARES = 0.12  # of a square; lens distortion and curled paper bend a true grid by far less
 MIN_ALTERNATING_SHARE = 0.9  # of neighbouring squares; a shadow's edge may upset a few
 MIN_SQUARE_STEP = 8.0  # grey levels between the means of neighbouring squares; noise of a phone's dark areas is below 4
 REFINEMENT_WINDOW_SQUARES = 0.3  # of a square's shorter side on either side of a corner: no other corner comes near
-REFINEMENT_WINDOW_PX = (2, 13)
+REFINEMENT_WINDOW_PX = (3, 14)
+REFINEMENT_BANDS = (0.5, 0.2)  # of the window: half width about an edge line, from the first step to the last
+REFINEMENT_STEPS = 10
+MAX_STRAY_SQUARES = 0.08  # of a square; lens distortion and bent paper move a corner by 0.05 from the homography
+MAX_STRAY_SHARE = 0.35  # of the corners; above, it is the homography that is wrong
 SQUARE_SAMPLES = np.stack(np.meshgrid(np.linspace(-0.22, 0.22, 5), np.linspace(-0.22, 0.22, 5)), -1).reshape(-1, 2)
 
 
-def find_grid(contrast: ImageArray, columns: int, rows: int, *, larger: bool = False) -> Iterator[Float64Array]:
-    """Grids of at least columns x rows inner corners (exactly, unless larger), from the most reduced image upwards.
+def find_grids(contrast: ImageArray, columns: int, rows: int) -> Iterator[Float64Array]:
+    """Candidates for a grid of columns x rows inner corners, the quick and likely ones first; unrefined, unchecked.
 
-    contrast: (H, W). Yields (r, c, 2), px of contrast; unrefined, unchecked.
+    contrast: (H, W). Yields (rows, columns, 2), px of contrast. Each detector now and then locks on a wrong grid that
+    its sister gets right, so that the caller checks and asks for the next.
     """
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | (cv2.CALIB_CB_LARGER if larger else 0)
-    previous = None
-    for long_side in DETECTION_LONG_SIDES_PX:
-        scale = min(1.0, long_side / max(contrast.shape))
-        if scale == previous:
-            return
-        previous = scale
-        reduced = (
-            contrast if scale == 1.0 else cv2.resize(contrast, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        )
-        found, corners, meta = cv2.findChessboardCornersSBWithMeta(reduced, (columns, rows), flags)
-        if found:
-            shape = np.asarray(meta).shape if larger else (rows, columns)
-            grid = np.asarray(corners, np.float64).reshape(*shape, 2)
-            yield (grid + 0.5) / scale - 0.5
+    for reduced, scale in _reduced(contrast):
+        for detect in (_detect_by_sectors, _detect_by_normalised_sectors, _detect_by_quadrangles):
+            corners = detect(reduced, columns, rows)
+            if corners is not None:
+                yield (corners.reshape(rows, columns, 2) + 0.5) / scale - 0.5
 
 
-def refine_grid(image: ImageArray, grid: Float64Array) -> Float64Array:
-    """Corners where the edges that meet there cross (Foerstner's operator); image at full size.
+def find_any_grids(contrast: ImageArray) -> Iterator[Float64Array]:
+    """Candidates for grids of any size from 3 x 3 inner corners up, as find_grids does."""
+    for reduced, scale in _reduced(contrast):
+        for flags in (cv2.CALIB_CB_NORMALIZE_IMAGE, 0):
+            found, corners, meta = cv2.findChessboardCornersSBWithMeta(reduced, (3, 3), flags | cv2.CALIB_CB_LARGER)
+            if found:
+                yield (np.asarray(corners, np.float64).reshape(*np.asarray(meta).shape, 2) + 0.5) / scale - 0.5
 
-    image: (H, W) uint8 or float32. grid: (r, c, 2), within some 2 px. Returns (r, c, 2).
+
+def _reduced(contrast: ImageArray) -> Iterator[tuple[ImageArray, float]]:
+    """The image at each of the detection sizes that it has, and its scale."""
+    scales = dict.fromkeys(min(1.0, long_side / max(contrast.shape)) for long_side in DETECTION_LONG_SIDES_PX)
+    for scale in scales:
+        small = cv2.resize(contrast, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else contrast
+        yield np.asarray(small, np.uint8), scale
+
+
+def _detect_by_normalised_sectors(image: ImageArray, columns: int, rows: int) -> Float64Array | None:
+    found, corners = cv2.findChessboardCornersSB(image, (columns, rows), flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+    return np.asarray(corners, np.float64) if found else None
+
+
+def _detect_by_sectors(image: ImageArray, columns: int, rows: int) -> Float64Array | None:
+    found, corners = cv2.findChessboardCornersSB(image, (columns, rows), flags=0)
+    return np.asarray(corners, np.float64) if found else None
+
+
+def _detect_by_quadrangles(image: ImageArray, columns: int, rows: int) -> Float64Array | None:
+    """OpenCV's older detector: it joins dark quadrangles, and bears with low resolution and slant in its own way."""
+    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
+    found, corners = cv2.findChessboardCorners(image, (columns, rows), flags=flags)
+    return np.asarray(corners, np.float64) if found else None
+
+
+def refine_grid(image: ImageArray | Float32Array, grid: Float64Array) -> Float64Array:
+    """Sub-pixel corners, (r, c, 2), of a grid that is right within some 2 px.
+
+    A corner that leaves the others' homography (the edge of a hard shadow through it) starts again from there, and may
+    then move only so far.
+    image: (H, W) uint8 or float32, full size.
     """
-    window = int(np.clip(REFINEMENT_WINDOW_SQUARES * shortest_step_px(grid), *REFINEMENT_WINDOW_PX))
-    start = np.ascontiguousarray(grid.reshape(-1, 1, 2), np.float32)
-    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 60, 0.001)
-    # A crop, for the time and so that float32 px keep their last digits; 40 px leave room for the window.
-    origin = np.maximum(np.floor(start.reshape(-1, 2).min(axis=0)) - 40, 0).astype(int)
-    end = np.ceil(start.reshape(-1, 2).max(axis=0)).astype(int) + 40
-    crop = np.ascontiguousarray(image[origin[1] : end[1], origin[0] : end[0]])
-    refined = cv2.cornerSubPix(crop, start - origin.astype(np.float32), (window, window), (-1, -1), criteria)
-    return np.asarray(refined.reshape(grid.shape) + origin, np.float64)
+    refined = _cross_edges(image, grid, None)
+    rows, columns = grid.shape[:2]
+    index = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2).astype(np.float64)
+    tolerance_px = MAX_STRAY_SQUARES * shortest_step_px(grid)
+    homography: Any = cv2.findHomography(index, refined.reshape(-1, 2), cv2.LMEDS)[0]
+    if homography is None:
+        return refined
+    expected = map_points(homography, index).reshape(grid.shape)
+    strays = np.linalg.norm(refined - expected, axis=-1) > tolerance_px
+    if not strays.any() or np.mean(strays) > MAX_STRAY_SHARE:
+        return refined
+    again = _cross_edges(image, np.where(strays[..., None], expected, refined), 0.6 * tolerance_px)
+    return np.where(strays[..., None], again, refined)
+
+
+def _cross_edges(image: ImageArray | Float32Array, grid: Float64Array, limit_px: float | None) -> Float64Array:
+    """Corners where the edges that meet there cross, by Foerstner's operator (1987) on the expected edges only.
+
+    A plain Foerstner window also takes up the edge of a shadow that runs by; here a pixel counts by how near it lies to
+    the grid's own lines through the corner, and by how well its gradient crosses them.
+    limit_px: how far a corner may go from where it starts; None: as far as its window reaches.
+    """
+    reach = int(np.clip(REFINEMENT_WINDOW_SQUARES * shortest_step_px(grid), *REFINEMENT_WINDOW_PX))
+    pad = 2 * reach + 3
+    low = np.clip(np.floor(grid.min(axis=(0, 1))).astype(int) - pad, 0, None)
+    high = np.ceil(grid.max(axis=(0, 1))).astype(int) + pad + 1
+    crop = cv2.copyMakeBorder(
+        image[low[1] : high[1], low[0] : high[0]].astype(np.float32), pad, pad, pad, pad, cv2.BORDER_REPLICATE
+    )
+    slope_x, slope_y = cv2.Scharr(crop, cv2.CV_32F, 1, 0), cv2.Scharr(crop, cv2.CV_32F, 0, 1)
+    normals = _edge_normals(grid)  # (n, 2, 2)
+    start = grid.reshape(-1, 2) - low + pad
+    window = np.stack(np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1)), -1).reshape(-1, 2)
+    limit = float(reach) if limit_px is None else limit_px
+    corners = start.copy()
+    for band in np.linspace(*REFINEMENT_BANDS, REFINEMENT_STEPS) * reach:
+        where = np.rint(corners).astype(int)[:, None] + window  # (n, k, 2)
+        gradient = np.stack([slope_x[where[..., 1], where[..., 0]], slope_y[where[..., 1], where[..., 0]]], -1)
+        offset = where - corners[:, None]
+        distance = np.einsum("nej,nkj->nek", normals, offset)  # to either edge line
+        across = np.einsum("nej,nkj->nek", normals, gradient)
+        strength = np.maximum(np.sum(gradient**2, axis=-1), 1e-6)
+        near = np.exp(-0.5 * (distance / max(1.5, band)) ** 2) * (across**2 / strength[:, None]) ** 2
+        weight = near.max(axis=1) * np.exp(-0.5 * np.sum(offset**2, axis=-1) / (0.6 * reach) ** 2)
+        tensor = np.einsum("nk,nki,nkj->nij", weight, gradient, gradient)
+        moment = np.einsum("nk,nki,nkj,nkj->ni", weight, gradient, gradient, offset)
+        # A trace of the identity keeps a corner without texture where it is.
+        tensor += 1e-6 * np.trace(tensor, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 1e-9 * np.eye(2)
+        step = np.linalg.solve(tensor, moment[..., None])[..., 0]
+        corners = np.clip(corners + step, start - limit, start + limit)
+    return np.asarray((corners + low - pad).reshape(grid.shape), np.float64)
+
+
+def _edge_normals(grid: Float64Array) -> Float64Array:
+    """(n, 2, 2) unit normals of the two edges through every corner of (r, c, 2): of its row's, of its column's."""
+    along = np.stack([np.gradient(grid, axis=1), np.gradient(grid, axis=0)], axis=2).reshape(-1, 2, 2)
+    normals = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+    return np.asarray(normals / np.linalg.norm(normals, axis=-1, keepdims=True), np.float64)
 
 
 def shortest_step_px(grid: Float64Array) -> float:

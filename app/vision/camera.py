@@ -148,7 +148,8 @@ def estimate_views(
             photos, fit.cameras, observations, fit.poses, fit.rms_px, strict=True
         )
     )
-    return _baseline_failure(left, right) or (left, right)
+    too_near_or_far = _baseline_failure(left, right)
+    return (left, right) if too_near_or_far is None else too_near_or_far
 
 
 def view_angle_deg(left: View, right: View) -> float:

@@ -15,7 +15,8 @@ from app.errors import Failure, InvalidInputError
 from app.vision import colour_board
 from app.vision.board_grid import (
     alternating_share,
-    find_grid,
+    find_any_grids,
+    find_grids,
     grid_homography,
     is_checkerboard,
     refine_grid,
@@ -80,15 +81,16 @@ def find_marker(photo: Photo, spec: MarkerSpec, side: Side | None = None) -> Mar
     where = f"in the {side} photograph" if side else "in the photograph"
     contrast = _contrast_image(photo.pixels_bgr, spec.kind)
     mismatch: Failure | None = None
-    for grid in find_grid(contrast, spec.columns - 1, spec.rows - 1):
+    for grid in find_grids(contrast, spec.columns - 1, spec.rows - 1):
         if not is_checkerboard(contrast, grid):
             continue
         read = _read_grid(photo.pixels_bgr, contrast, grid, spec, where)
         if isinstance(read, MarkerObservation):
             corners = read.corners_px.reshape(spec.rows - 1, spec.columns - 1, 2)
-            return judge_marker(contrast, corners, where) or read
-        mismatch = mismatch or read
-    return mismatch or _explain_absence(photo.pixels_bgr, spec, where)
+            unfit = judge_marker(contrast, corners, where)
+            return read if unfit is None else unfit
+        mismatch = read if mismatch is None else mismatch
+    return _explain_absence(photo.pixels_bgr, spec, where) if mismatch is None else mismatch
 
 
 def readings(observation: MarkerObservation) -> list[MarkerObservation]:
@@ -275,10 +277,11 @@ def _edge_is_dark(means: Float64Array) -> bool:
 def _explain_absence(pixels_bgr: ImageArray, spec: MarkerSpec, where: str) -> Failure:
     """Why the announced board was not found: dark, blurred, another board, a covered one, or none."""
     grey = _contrast_image(pixels_bgr, "plain")
-    if unfit := judge_photograph(grey, where):
+    unfit = judge_photograph(grey, where)
+    if unfit is not None:
         return unfit
     contrast = _contrast_image(pixels_bgr, "colour")  # white alone is light here for either kind of board
-    for grid in find_grid(contrast, 3, 3, larger=True):
+    for grid in find_any_grids(contrast):
         if not is_checkerboard(contrast, grid):
             continue
         rows, columns = (n + 1 for n in grid.shape[:2])
