@@ -20,7 +20,7 @@ REFINEMENT_WINDOW_SQUARES = 0.3  # of a square's shorter side on either side of 
 REFINEMENT_WINDOW_PX = (3, 14)
 REFINEMENT_BANDS = (0.5, 0.2)  # of the window: half width about an edge line, from the first step to the last
 REFINEMENT_STEPS = 10
-MAX_STRAY_SQUARES = 0.08  # of a square; lens distortion and bent paper move a corner by 0.05 from the homography
+MAX_STRAY_SQUARES = 0.1  # of a square; lens distortion and bent paper move a corner by 0.08 from the homography
 MAX_STRAY_SHARE = 0.35  # of the corners; above, it is the homography that is wrong
 SQUARE_SAMPLES = np.stack(np.meshgrid(np.linspace(-0.22, 0.22, 5), np.linspace(-0.22, 0.22, 5)), -1).reshape(-1, 2)
 
@@ -90,7 +90,7 @@ def refine_grid(image: ImageArray | Float32Array, grid: Float64Array) -> Float64
     strays = np.linalg.norm(refined - expected, axis=-1) > tolerance_px
     if not strays.any() or np.mean(strays) > MAX_STRAY_SHARE:
         return refined
-    again = _cross_edges(image, np.where(strays[..., None], expected, refined), 0.6 * tolerance_px)
+    again = _cross_edges(image, np.where(strays[..., None], expected, refined), tolerance_px / 2)
     return np.where(strays[..., None], again, refined)
 
 

@@ -1,0 +1,172 @@
+"""Synthetic photographs of a printed board on a table, seen by a known camera from a known place: the tests' truth.
+
+render_board projects exactly (lens distortion and bent paper too) and averages over each pixel's area.
+"""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from app.vision.colour_board import COLOUR_SQUARES
+from app.vision.model import Camera, Float64Array, ImageArray, MarkerSpec, Photo
+
+PHONE = Camera(1600, 1200, 1300.0, 1300.0, 799.5, 599.5, source="given")
+WHITE, BLACK, TABLE = 0.84, 0.035, 0.25  # reflectance
+OVERSAMPLING = 3  # rays a pixel, in x and in y
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Table to camera: x_camera = rotation @ x_table + translation_mm."""
+
+    rotation: Float64Array
+    translation_mm: Float64Array
+
+    @property
+    def centre_mm(self) -> Float64Array:
+        return -self.rotation.T @ self.translation_mm
+
+
+def look_at(
+    elevation_deg: float = 50.0,
+    azimuth_deg: float = -90.0,
+    distance_mm: float = 350.0,
+    roll_deg: float = 0.0,
+    target_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Pose:
+    """A camera that looks at target_mm; azimuth -90: from the print's lower edge; roll 0: image x is horizontal."""
+    elevation, azimuth, roll = np.radians([elevation_deg, azimuth_deg, roll_deg])
+    offset = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    centre = np.asarray(target_mm) + distance_mm * np.array(offset)
+    forward = -np.array(offset)
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    down = np.cross(forward, right)
+    turned_right = np.cos(roll) * right + np.sin(roll) * down
+    turned_down = -np.sin(roll) * right + np.cos(roll) * down
+    rotation = np.stack([turned_right, turned_down, forward])
+    return Pose(rotation, -rotation @ centre)
+
+
+def project(camera: Camera, pose: Pose, points_table: Float64Array) -> Float64Array:
+    """(n, 3) mm -> (n, 2) px."""
+    rotation_vector = cv2.Rodrigues(pose.rotation)[0]
+    pixels, _ = cv2.projectPoints(
+        points_table, rotation_vector, pose.translation_mm, camera.matrix, np.array(camera.distortion)
+    )
+    return np.asarray(pixels).reshape(-1, 2)
+
+
+def corner_points(spec: MarkerSpec) -> Float64Array:
+    """(n, 3) inner corners as CONVENTIONS.md numbers them, by its formula, corner by corner."""
+    return np.array(
+        [
+            [(c + 1 - spec.columns / 2) * spec.square_mm, (spec.rows / 2 - r - 1) * spec.square_mm, 0.0]
+            for r in range(spec.rows - 1)
+            for c in range(spec.columns - 1)
+        ]
+    )
+
+
+def render_board(
+    spec: MarkerSpec,
+    camera: Camera,
+    pose: Pose,
+    *,
+    shadow: float = 1.0,
+    exposure: float = 1.0,
+    noise: float = 1.5,
+    blur_px: float = 0.6,
+    table: Float64Array | None = None,
+    seed: int = 0,
+) -> Photo:
+    """A photograph of the board on its table.
+
+    shadow: light left on the part of the table where x > y / 2. exposure: factor on all light. noise: grey levels.
+    table: (k, k, 3) reflectance, BGR, of 2 mm squares around the board's middle, repeated; None: grey.
+    """
+    whole = np.array([[0, 0], [camera.width, camera.height]])
+    light = _light(spec, camera, pose, whole, 1, shadow, table)
+    reach = 0.75 * np.hypot(spec.columns + 2, spec.rows + 2) * spec.square_mm
+    outline = project(camera, pose, reach * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], float))
+    box = np.clip(np.rint([outline.min(axis=0), outline.max(axis=0)]).astype(int), 0, whole[1])
+    if (box[1] > box[0]).all():  # only the board has edges that matter
+        fine = _light(spec, camera, pose, box, OVERSAMPLING, shadow, table)
+        light[box[0, 1] : box[1, 1], box[0, 0] : box[1, 0]] = fine
+    light = cv2.GaussianBlur(light, (0, 0), blur_px)  # lenses blur light, before the tone curve
+    grey = 255.0 * np.clip(light * exposure, 0.0, 1.0) ** (1 / 2.2)
+    grey = grey + np.random.default_rng(seed).normal(0.0, noise, grey.shape)
+    return Photo(np.clip(grey + 0.5, 0, 255).astype(np.uint8))
+
+
+def noise_texture(seed: int, size: int = 200) -> Float64Array:
+    """(size, size, 3) a table with patches of all sizes."""
+    rng = np.random.default_rng(seed)
+    total = np.zeros((size, size, 3))
+    for cells in (6, 12, 25, 50, 100, 200):
+        total += cv2.resize(rng.uniform(-1, 1, (cells, cells, 3)), (size, size), interpolation=cv2.INTER_CUBIC)
+    return np.asarray(np.clip(0.3 + 0.1 * total, 0.02, 0.9))
+
+
+def _light(
+    spec: MarkerSpec,
+    camera: Camera,
+    pose: Pose,
+    box: np.ndarray,
+    samples: int,
+    shadow: float,
+    table: Float64Array | None,
+) -> np.ndarray:
+    """Light from the pixels of box ((x0, y0), (x1, y1)): (H, W, 3) float32, mean of samples x samples rays each."""
+    columns, rows = box[1] - box[0]
+    total = np.zeros((rows, columns, 3), np.float32)
+    for down in range(samples):
+        for across in range(samples):
+            offset = box[0] + (np.array([across, down]) + 0.5) / samples - 0.5
+            x, y = _table_points(camera, pose, offset, rows, columns)
+            total += _reflectance(spec, x, y, table) * np.where(x > y / 2, shadow, 1.0)[..., None]
+    return total / samples**2
+
+
+def _table_points(
+    camera: Camera, pose: Pose, offset: Float64Array, rows: int, columns: int
+) -> tuple[Float64Array, Float64Array]:
+    """Where the rays of rows x columns px from offset on meet z = 0, mm; NaN above the horizon. Two (rows, columns)."""
+    pixels = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2) + offset
+    if any(camera.distortion):
+        distortion = np.array(camera.distortion)
+        ideal = cv2.undistortPoints(pixels.reshape(-1, 1, 2), camera.matrix, distortion).reshape(-1, 2)
+    else:
+        ideal = (pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
+    rays = np.column_stack([ideal, np.ones(len(ideal))]) @ pose.rotation
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = np.where(rays[:, 2] < 0, -pose.centre_mm[2] / rays[:, 2], np.nan)
+    points = pose.centre_mm[:2] + reach[:, None] * rays[:, :2]
+    return points[:, 0].reshape(rows, columns), points[:, 1].reshape(rows, columns)
+
+
+def _reflectance(spec: MarkerSpec, x: Float64Array, y: Float64Array, table: Float64Array | None) -> Float64Array:
+    """(H, W, 3) BGR: squares, white margin of one square, table."""
+    column = np.nan_to_num(np.floor(x / spec.square_mm + spec.columns / 2), nan=-99).astype(int)
+    row = np.nan_to_num(np.floor(spec.rows / 2 - y / spec.square_mm), nan=-99).astype(int)
+    if table is None:
+        out = np.full((*x.shape, 3), TABLE, np.float32)
+    else:
+        across = (np.nan_to_num(x) // 2).astype(int) + table.shape[1] // 2
+        down = (np.nan_to_num(-y) // 2).astype(int) + table.shape[0] // 2
+        out = table[down % table.shape[0], across % table.shape[1]].astype(np.float32)
+    out[(column >= -1) & (column <= spec.columns) & (row >= -1) & (row <= spec.rows)] = WHITE
+    on_board = (column >= 0) & (column < spec.columns) & (row >= 0) & (row < spec.rows)
+    if spec.kind == "plain":
+        out[on_board & ((row + column) % 2 == 0)] = BLACK
+        return out
+    for place, srgb in COLOUR_SQUARES.items():
+        out[(row == place[0]) & (column == place[1])] = (np.array(srgb[::-1]) / 255) ** 2.2
+    return out
+
+
+def paint_over(photo: Photo, polygon_px: Float64Array, grey: int = 90) -> Photo:
+    """The photograph with something grey lying on it."""
+    pixels: ImageArray = photo.pixels_bgr.copy()
+    cv2.fillPoly(pixels, [np.rint(polygon_px).astype(np.int32)], (grey, grey, grey))
+    return replace(photo, pixels_bgr=pixels)
