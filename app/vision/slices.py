@@ -32,8 +32,8 @@ class Slice:
     """One slice: its place, form and where the form comes from.
 
     low_mm, high_mm: heights over the support. boundary_mm: (n, 2) what the form was fitted to. half_axes_mm: long,
-    short. heading: of the long one. residual: relative sd of the outline's radii about the form. source: "fitted" to its
-    own outline, "scaled" from the food's common shape, "mirrored" from above the widest slice, "continued" from the
+    short. heading: of the long one. residual: relative sd of the outline's radii about the form. source: "fitted" to
+    its own outline, "scaled" from the food's common shape, "mirrored" from above the widest slice, "continued" from the
     nearest.
     """
 

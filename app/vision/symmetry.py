@@ -1,8 +1,8 @@
 """The hidden side of a food, completed by symmetry (paper, section IV.E).
 
 Points of the visible side, z up from the support -> the vertical axis about which half a turn maps the food onto
-itself, and the points completed by that half turn. A sphere, an ellipsoid at any heading, a box, a loaf have that symmetry;
-a mirror plane across the line of sight, the paper's picture, has it only for foods that lie square to the camera.
+itself, and the points completed by that half turn. A sphere, an ellipsoid at any heading, a box, a loaf have that
+symmetry; a mirror plane across the line of sight, the paper's picture, has it only for foods that lie square to the camera.
 """
 
 from dataclasses import dataclass
@@ -79,8 +79,8 @@ def fit_axis(
     """Centre, and for ellipses heading and aspect, that make the radii of each slice's outline most alike.
 
     points_mm: (n, 3), z from the support. towards_camera: (2,) unit vector on the table. Minimises the outlines' radii
-    about each slice's mean; slices near the top, seen all around, tell the centre, and the lower ones follow. form None: ellipse if its
-    aspect passes ELLIPSE_FROM_ASPECT. Raises ValueError for fewer than 8 points.
+    about each slice's mean; slices near the top, seen all around, tell the centre, and the lower ones follow. form None:
+    ellipse if its aspect passes ELLIPSE_FROM_ASPECT. Raises ValueError for fewer than 8 points.
     """
     if len(points_mm) < 8:
         raise ValueError("An axis needs 8 points.")

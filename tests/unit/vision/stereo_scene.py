@@ -1,0 +1,143 @@
+"""A rendered meal with known truth: a textured ball on a patterned table beside the board, seen by two cameras.
+
+Rays are cast pixel by pixel, so that what the tests know of it is exact: poses, depths, the ball's place and volume.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from app.vision.model import (
+    Camera,
+    Float64Array,
+    ImageArray,
+    MarkerObservation,
+    MarkerSpec,
+    Photo,
+    View,
+)
+from app.vision.pose import board_points
+
+SPEC = MarkerSpec("plain", 9, 7, 11.0)
+CAMERA = Camera(1200, 900, 1150.0, 1150.0, 599.5, 449.5)
+OVERSAMPLING = 2
+
+
+@dataclass(frozen=True)
+class Ball:
+    """Its lowest point touches the table, z = 0."""
+
+    centre_mm: tuple[float, float]
+    radius_mm: float
+
+    @property
+    def volume_ml(self) -> float:
+        return 4 / 3 * np.pi * self.radius_mm**3 / 1000
+
+
+def look_at(centre_mm, target_mm, roll_deg=0.0):
+    """Rotation (3, 3) and translation (3,), table to camera."""
+    centre, target = np.asarray(centre_mm, float), np.asarray(target_mm, float)
+    forward = (target - centre) / np.linalg.norm(target - centre)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    down = np.cross(forward, right)
+    roll = np.radians(roll_deg)
+    rotation = np.stack(
+        [np.cos(roll) * right + np.sin(roll) * down, np.cos(roll) * down - np.sin(roll) * right, forward]
+    )
+    return rotation, -rotation @ centre
+
+
+def view_of(pixels: ImageArray, pose, camera: Camera = CAMERA) -> View:
+    rotation, translation = pose
+    points = board_points(SPEC) @ rotation.T + translation
+    corners = points[:, :2] / points[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+    return View(Photo(pixels), camera, MarkerObservation(SPEC, corners), rotation, translation, 0.0)
+
+
+def blank_views(baseline_mm=60.0, roll_deg=0.0, height_mm=330.0) -> tuple[View, View]:
+    """Two views of nothing, for geometry alone."""
+    pixels = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
+    poses = [
+        look_at((60.0 + side * baseline_mm / 2, -260.0, height_mm), (60.0, 0.0, 10.0), roll_deg) for side in (-1, 1)
+    ]
+    return view_of(pixels, poses[0]), view_of(pixels, poses[1])
+
+
+def rendered_views(ball: Ball | None, roll_deg=0.0, seed=0) -> tuple[View, View]:
+    """The same two cameras, with a picture of the board, the table and the ball."""
+    out = []
+    for index, view in enumerate(blank_views(roll_deg=roll_deg)):
+        pixels = render((view.rotation, view.translation_mm), ball, seed)
+        noisy = pixels + np.random.default_rng((seed, index)).normal(0.0, 1.0, pixels.shape)
+        out.append(view_of(np.clip(noisy + 0.5, 0, 255).astype(np.uint8), (view.rotation, view.translation_mm)))
+    return out[0], out[1]
+
+
+def render(pose, ball: Ball | None, seed: int, camera: Camera = CAMERA) -> Float64Array:
+    """(H, W, 3) grey levels, BGR."""
+    rotation, translation = pose
+    centre = -rotation.T @ translation
+    k = OVERSAMPLING
+    columns, rows = np.meshgrid(np.arange(camera.width * k), np.arange(camera.height * k))
+    x = ((columns + 0.5) / k - 0.5 - camera.cx) / camera.fx
+    y = ((rows + 0.5) / k - 0.5 - camera.cy) / camera.fy
+    rays = np.stack([x, y, np.ones_like(x)], -1) @ rotation
+    reach = -centre[2] / np.minimum(rays[..., 2], -1e-6)
+    colour = _table_colour(centre[:2] + reach[..., None] * rays[..., :2], seed)
+    if ball is not None:
+        middle = np.array([*ball.centre_mm, ball.radius_mm])
+        a, b = (rays**2).sum(-1), rays @ (centre - middle)
+        root = b * b - a * ((centre - middle) @ (centre - middle) - ball.radius_mm**2)
+        hit = root > 0
+        near = (-b[hit] - np.sqrt(root[hit])) / a[hit]
+        colour[hit] = _ball_colour(centre + near[:, None] * rays[hit] - middle, ball.radius_mm, seed)
+    small = cv2.resize(colour, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.float64)
+
+
+def _noise(rng, cells, shape):
+    return cv2.resize(rng.uniform(-1, 1, (cells, cells)), shape, interpolation=cv2.INTER_CUBIC)
+
+
+def _table_colour(xy, seed):
+    rng = np.random.default_rng(seed + 100)
+    texture = sum(_noise(rng, cells, (1024, 1024)) / 2**n for n, cells in enumerate((32, 128, 512)))
+    place = np.floor(np.nan_to_num(xy) * 1.6).astype(int) % 1024
+    grey = 120.0 + 25.0 * texture[place[..., 1], place[..., 0]]
+    colour = np.stack([grey * 0.8, grey, grey * 1.1], -1)
+    side = SPEC.square_mm
+    column = np.floor(xy[..., 0] / side + SPEC.columns / 2)
+    row = np.floor(SPEC.rows / 2 - xy[..., 1] / side)
+    sheet = (column >= -1) & (column <= SPEC.columns) & (row >= -1) & (row <= SPEC.rows)
+    on_board = (column >= 0) & (column < SPEC.columns) & (row >= 0) & (row < SPEC.rows)
+    colour[sheet] = 235.0
+    colour[on_board & ((row + column) % 2 == 0)] = 25.0
+    return colour
+
+
+def _ball_colour(offsets, radius, seed):
+    rng = np.random.default_rng(seed + 200)
+    u = np.arctan2(offsets[:, 1], offsets[:, 0]) / (2 * np.pi) + 0.5
+    v = np.arccos(np.clip(offsets[:, 2] / radius, -1, 1)) / np.pi
+    texture = sum(_noise(rng, cells, (512, 512)) / 2**n for n, cells in enumerate((24, 96, 256)))
+    grey = 110.0 + 45.0 * texture[(v * 511).astype(int), (u * 511).astype(int)]
+    return np.stack([grey * 0.2, grey * 0.6, grey * 1.4], -1)
+
+
+def true_depth(pair_rotation, pair_centre, focal, centre_px, shape, ball: Ball | None):
+    """(H, W) depth along the rectified axis of table and ball, mm."""
+    columns, rows = np.meshgrid(np.arange(shape[1]), np.arange(shape[0]))
+    rays = (
+        np.stack([(columns - centre_px[0]) / focal, (rows - centre_px[1]) / focal, np.ones(shape)], -1) @ pair_rotation
+    )
+    depth = -pair_centre[2] / np.minimum(rays[..., 2], -1e-6)
+    if ball is not None:
+        middle = np.array([*ball.centre_mm, ball.radius_mm])
+        a, b = (rays**2).sum(-1), rays @ (pair_centre - middle)
+        root = b * b - a * ((pair_centre - middle) @ (pair_centre - middle) - ball.radius_mm**2)
+        hit = root > 0
+        depth[hit] = (-b[hit] - np.sqrt(root[hit])) / a[hit]
+    return depth
