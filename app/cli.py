@@ -131,8 +131,8 @@ def calibrate(
         print(json.dumps(answer))
         return None
     print("\n".join(f"{key:<12} {value}" for key, value in answer.items()))
-    for index, reason in found.rejected:
-        print(f"left out: {photos[index]}: {reason}", file=sys.stderr)
+    for rejected in found.rejected:
+        print(f"left out: {photos[rejected.index]}: {rejected.failure.message}", file=sys.stderr)
     return None
 
 

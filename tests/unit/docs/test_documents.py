@@ -31,7 +31,9 @@ def codes_in_the_source():
                 named = [node.value]
             else:
                 continue
-            codes |= {value.value for value in named if isinstance(value, ast.Constant) and isinstance(value.value, str)}
+            codes |= {
+                value.value for value in named if isinstance(value, ast.Constant) and isinstance(value.value, str)
+            }
     return codes
 
 
