@@ -90,7 +90,10 @@ def find_marker(photo: Photo, spec: MarkerSpec, side: Side | None = None) -> Mar
             unfit = judge_marker(contrast, corners, where)
             return read if unfit is None else unfit
         mismatch = read if mismatch is None else mismatch
-    return _explain_absence(photo.pixels_bgr, spec, where) if mismatch is None else mismatch
+    if mismatch is None:
+        return _explain_absence(photo.pixels_bgr, spec, where)
+    unfit = judge_photograph(_contrast_image(photo.pixels_bgr, "plain"), where)  # squares misread in the dark
+    return mismatch if unfit is None else unfit
 
 
 def readings(observation: MarkerObservation) -> list[MarkerObservation]:
