@@ -19,7 +19,7 @@ FLAT_MM = 3.0  # lower is table, shadow or the flat part of a plate, whatever it
 SURE_MM = 20.0  # no plate's rim and no bread board reaches it
 SOLID_SHARE = 0.75  # of its convex hull that a low raised blob must fill to be more than a rim
 MIN_AREA_MM2 = 250.0  # seen from above the camera: smaller than a cherry tomato is clutter
-MIN_SOLIDITY = 0.5  # a mask that encloses less of its convex hull is an arc of a rim
+MIN_SOLIDITY = 0.5  # a mask that fills less of its convex hull is a rim or an arc of it
 APPENDAGE_SHARE = 0.3  # of the greatest inscribed circle's diameter: thinner strips are no part of the food
 CELL_MM = 4.0  # of the view from above, in which parts that lie apart are told; a closing bridges two of them
 MIN_DENSITY = 0.15  # of the points that a cell facing the camera would show
@@ -173,11 +173,11 @@ def _without_appendages(mask: MaskArray) -> MaskArray:
 
 
 def _solidity(mask: MaskArray) -> float:
-    """Share of its convex hull that the mask's outline encloses."""
+    """Share of its outline's convex hull that the mask fills; a rim, even a closed one, fills little."""
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     contour = max(contours, key=len)
     hull = float(cv2.contourArea(cv2.convexHull(contour)))
-    return float(cv2.contourArea(contour)) / hull if hull > 0 else 0.0
+    return np.count_nonzero(mask) / hull if hull > 0 else 0.0
 
 
 def _split_from_above(mask: MaskArray, points_table: Float32Array, pixel_mm: float) -> NDArray[np.int32]:
@@ -229,10 +229,10 @@ def _pointed_at(found: list[MaskArray], hints: Sequence[HintMask], height_mm: Fl
             mask = _opened(hint.mask & (np.nan_to_num(height_mm, nan=-1.0) > FLAT_MM), 7)
         else:
             mask = found[chosen[place]]
-            rivals = [other for other, its in chosen.items() if its == chosen[place] and other != place]
             own = _distance_to(hint.mask)
-            for rival in rivals:
-                mask = mask & (own <= _distance_to(hints[rival].mask))
+            for rival in (other for other, its in chosen.items() if its == chosen[place] and other != place):
+                theirs = _distance_to(hints[rival].mask)
+                mask = mask & ((own < theirs) | ((own == theirs) & (place < rival)))
         if hint.is_box:
             mask = mask & hint.mask
         if mask.any():

@@ -2,7 +2,7 @@
 
 Points of the visible side, z up from the support -> the vertical axis about which half a turn maps the food onto
 itself, and the points completed by that half turn. A sphere, an ellipsoid at any heading, a box, a loaf have that
-symmetry; a mirror plane across the line of sight, the paper's picture, has it only for foods that lie square to the camera.
+symmetry; a mirror plane across the line of sight, the paper's picture, has it only for foods that lie square to it.
 """
 
 from dataclasses import dataclass
@@ -19,6 +19,7 @@ OUTER_QUANTILE = 0.9  # of the radii in a sector: its outline, on a flat top too
 MIN_POINTS = 3  # in a sector of a slice; one or two may be strays
 ELLIPSE_FROM_ASPECT = 1.15  # below, noise of the outline makes an ellipse of a circle
 MAX_LOG_ASPECT = float(np.log(6.0))
+HALF_TURN_WEIGHT = 3.0  # of opposite radii against a radius' misfit to the common shape: this symmetry needs no ellipse
 FOOTPRINT_CELLS = 96
 BODY_CELLS = 48
 BODY_DENSITY = 0.1  # of the median cell's points: thinner cells do not connect
@@ -79,8 +80,9 @@ def fit_axis(
     """Centre, and for ellipses heading and aspect, that make the radii of each slice's outline most alike.
 
     points_mm: (n, 3), z from the support. towards_camera: (2,) unit vector on the table. Minimises the outlines' radii
-    about each slice's mean; slices near the top, seen all around, tell the centre, and the lower ones follow. form None:
-    ellipse if its aspect passes ELLIPSE_FROM_ASPECT. Raises ValueError for fewer than 8 points.
+    about each slice's mean, and opposite radii's differences; slices near the top, seen all around, tell the centre, and
+    the lower ones follow. form None: ellipse if its aspect passes ELLIPSE_FROM_ASPECT. Raises ValueError for fewer than 8
+    points.
     """
     if len(points_mm) < 8:
         raise ValueError("An axis needs 8 points.")
@@ -208,6 +210,16 @@ def _fit(
     return axis
 
 
+def _opposite(
+    chosen: Float64Array, slices: NDArray[np.int64], centre_mm: Float64Array
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(k,), (k,) indices of outline points that half a turn about the centre maps onto each other."""
+    key = slices * SECTORS + sector_index(chosen[:, :2] - centre_mm)
+    turned = slices * SECTORS + sector_index(centre_mm - chosen[:, :2])
+    _, one, other = np.intersect1d(key, turned, return_indices=True)
+    return one, other
+
+
 def _fit_outline(
     chosen: Float64Array,
     slices: NDArray[np.int64],
@@ -217,6 +229,7 @@ def _fit_outline(
 ) -> SymmetryAxis:
     counts = np.bincount(slices)
     size = float(np.median(start.scaled_radius(chosen[:, :2])))
+    one, other = _opposite(chosen, slices, start.centre_mm)
     weight = (counts / SECTORS)[slices]  # a short arc tells little of where its centre is
 
     def read(unknowns: Float64Array) -> SymmetryAxis:
@@ -233,7 +246,13 @@ def _fit_outline(
         mean = np.bincount(slices, radius) / counts
         # Over its axis a food's top is seen: the axis must stand where points are.
         outside = max(0.0, -footprint.depth_at(axis.centre_mm)) / size
-        return np.append(weight * (radius - mean[slices]), np.sqrt(len(chosen)) * outside)
+        return np.concatenate(
+            [
+                weight * (radius - mean[slices]),
+                HALF_TURN_WEIGHT * (radius[one] - radius[other]),
+                [np.sqrt(len(chosen)) * outside],
+            ]
+        )
 
     first = np.zeros(2)
     if is_ellipse:  # aspect and heading as a vector of twice the angle: smooth through the circle
