@@ -1,0 +1,41 @@
+"""The OpenAPI document: whole, and its examples are what they are examples of."""
+
+import pytest
+
+from app.api.schemas.meals import MealMetadataIn, MealOut, NewMealMetadataIn
+from app.api.schemas.people import ParticipantIn, StudyIn
+from app.main import create_app
+from app.settings import Settings
+
+
+@pytest.fixture(scope="module")
+def document():
+    return create_app(Settings()).openapi()
+
+
+def test_every_reference_leads_somewhere(document):
+    def references(value):
+        if isinstance(value, dict):
+            if isinstance(value.get("$ref"), str):
+                yield value["$ref"]
+            for part in value.values():
+                yield from references(part)
+        elif isinstance(value, list):
+            for part in value:
+                yield from references(part)
+
+    schemas = {f"#/components/schemas/{name}" for name in document["components"]["schemas"]}
+    assert set(references(document)) <= schemas
+
+
+@pytest.mark.parametrize("model", [MealOut, MealMetadataIn, NewMealMetadataIn, StudyIn, ParticipantIn])
+def test_example_is_valid(document, model):
+    example = document["components"]["schemas"][model.__name__]["example"]
+    model.model_validate(example)
+
+
+def test_every_v1_route_but_enrolment_needs_a_token(document):
+    for path, methods in document["paths"].items():
+        for method, operation in methods.items():
+            is_open = not operation.get("security")
+            assert is_open == (path in ("/v1/enrolments", "/healthz", "/readyz")), (method, path)
