@@ -20,7 +20,8 @@ REFINEMENT_WINDOW_SQUARES = 0.3  # of a square's shorter side on either side of 
 REFINEMENT_WINDOW_PX = (3, 14)
 REFINEMENT_BANDS = (0.5, 0.2)  # of the window: half width about an edge line, from the first step to the last
 REFINEMENT_STEPS = 10
-MAX_STRAY_SQUARES = 0.1  # of a square; lens distortion and bent paper move a corner by 0.08 from the homography
+MAX_STRAY_SQUARES = 0.08  # of a square, from where the other corners expect one
+MIN_CORNERS_FOR_CUBIC = 5  # a side
 MAX_STRAY_SHARE = 0.35  # of the corners; above, it is the homography that is wrong
 SQUARE_SAMPLES = np.stack(np.meshgrid(np.linspace(-0.22, 0.22, 5), np.linspace(-0.22, 0.22, 5)), -1).reshape(-1, 2)
 
@@ -75,23 +76,42 @@ def _detect_by_quadrangles(image: ImageArray, columns: int, rows: int) -> Float6
 def refine_grid(image: ImageArray | Float32Array, grid: Float64Array) -> Float64Array:
     """Sub-pixel corners, (r, c, 2), of a grid that is right within some 2 px.
 
-    A corner that leaves the others' homography (the edge of a hard shadow through it) starts again from there, and may
-    then move only so far.
+    A corner that strays from where the others expect it (the edge of a hard shadow runs through it) starts again from
+    there, and may then move only so far.
     image: (H, W) uint8 or float32, full size.
     """
     refined = _cross_edges(image, grid, None)
-    rows, columns = grid.shape[:2]
-    index = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2).astype(np.float64)
+    expected = _smooth_grid(refined)
     tolerance_px = MAX_STRAY_SQUARES * shortest_step_px(grid)
-    homography: Any = cv2.findHomography(index, refined.reshape(-1, 2), cv2.LMEDS)[0]
-    if homography is None:
-        return refined
-    expected = map_points(homography, index).reshape(grid.shape)
     strays = np.linalg.norm(refined - expected, axis=-1) > tolerance_px
     if not strays.any() or np.mean(strays) > MAX_STRAY_SHARE:
         return refined
     again = _cross_edges(image, np.where(strays[..., None], expected, refined), tolerance_px / 2)
     return np.where(strays[..., None], again, refined)
+
+
+def _smooth_grid(grid: Float64Array) -> Float64Array:
+    """Where the corners of (r, c, 2) would be by most of the others: a homography, and a cubic for lens and bent paper.
+
+    The cubic is left out where there are too few corners for it; a board of so few squares bends little.
+    """
+    rows, columns = grid.shape[:2]
+    index = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2).astype(np.float64)
+    homography: Any = cv2.findHomography(index, grid.reshape(-1, 2), cv2.LMEDS)[0]
+    if homography is None:
+        return grid
+    expected = map_points(homography, index)
+    if min(rows, columns) < MIN_CORNERS_FOR_CUBIC:
+        return expected.reshape(grid.shape)
+    off = grid.reshape(-1, 2) - expected
+    x, y = (2.0 * index / index.max(axis=0) - 1.0).T
+    terms = np.stack([x**i * y**j for i in range(4) for j in range(4 - i)], axis=1)
+    scale_px = MAX_STRAY_SQUARES * shortest_step_px(grid) / 2
+    weight = np.ones(len(off))
+    for _ in range(20):  # Cauchy weights, by which strays lose their say
+        fitted = terms @ np.linalg.lstsq(terms * weight[:, None], off * weight[:, None], rcond=None)[0]
+        weight = 1.0 / np.sqrt(1.0 + np.sum((off - fitted) ** 2, axis=1) / scale_px**2)
+    return np.asarray((expected + fitted).reshape(grid.shape), np.float64)
 
 
 def _cross_edges(image: ImageArray | Float32Array, grid: Float64Array, limit_px: float | None) -> Float64Array:

@@ -15,6 +15,7 @@ from app.vision.model import Float64Array, ImageArray
 DARK_LEVEL = 40.0  # of 255: paper that white is underexposed by four stops
 MAX_EDGE_WIDTH = 1 / 250  # of the long side: 16 px in a 12 MP photograph, where a sharp phone gives 2 to 4
 MAX_EDGE_WIDTH_SQUARES = 0.4  # of a square: beyond, the blurs of neighbouring edges mix and corners move
+MIN_EDGE_WIDTH_LIMIT_PX = 8.0  # every lens and demosaicing make edges of 3 to 5 px, in small photographs too
 MIN_EDGE_CONTRAST = 25.0  # grey levels across an edge for its width to be measured
 
 DARK_ADVICE = "Turn on a light or move the plate to a brighter place, then take both photographs again."
@@ -26,7 +27,7 @@ def judge_photograph(grey: ImageArray, where: str) -> Failure | None:
     if np.percentile(grey[::4, ::4], 98) < DARK_LEVEL:
         return Failure("image_too_dark", f"It is too dark {where} to see the marker.", DARK_ADVICE)
     width = sharpest_edge_width_px(grey)
-    if width > MAX_EDGE_WIDTH * max(grey.shape):
+    if width > _edge_width_limit_px(grey):
         return Failure(
             "image_blurred", f"Everything is blurred {where}: no edge is sharper than {width:.0f} px.", BLUR_ADVICE
         )
@@ -44,7 +45,7 @@ def judge_marker(contrast: ImageArray, grid: Float64Array, where: str) -> Failur
     sharpness: Any = cv2.estimateChessboardSharpness(contrast, (columns, rows), corners)
     width = float(sharpness[0][0])
     diagonal = np.linalg.norm(grid[1:, 1:] - grid[:-1, :-1], axis=-1).mean() / np.sqrt(2.0)
-    if width > MAX_EDGE_WIDTH * max(contrast.shape) or width > MAX_EDGE_WIDTH_SQUARES * diagonal:
+    if width > _edge_width_limit_px(contrast) or width > MAX_EDGE_WIDTH_SQUARES * diagonal:
         return Failure(
             "image_blurred", f"The marker is blurred {where}: its edges are {width:.0f} px wide.", BLUR_ADVICE
         )
@@ -68,6 +69,10 @@ def sharpest_edge_width_px(grey: ImageArray) -> float:
     if not edged.any():
         return float("inf")
     return float(np.percentile(contrast[edged] / np.maximum(steepest[edged], 1.0), 10))
+
+
+def _edge_width_limit_px(image: ImageArray) -> float:
+    return max(MIN_EDGE_WIDTH_LIMIT_PX, MAX_EDGE_WIDTH * float(max(image.shape)))
 
 
 def _blocks(image: Any, rows: int, columns: int, block: int) -> ImageArray:

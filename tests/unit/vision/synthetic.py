@@ -11,7 +11,7 @@ import numpy as np
 from app.vision.colour_board import COLOUR_SQUARES
 from app.vision.model import Camera, Float64Array, ImageArray, MarkerSpec, Photo
 
-PHONE = Camera(1600, 1200, 1300.0, 1300.0, 799.5, 599.5, source="given")
+PHONE = Camera(1200, 900, 975.0, 975.0, 599.5, 449.5, source="given")
 WHITE, BLACK, TABLE = 0.84, 0.035, 0.25  # reflectance
 OVERSAMPLING = 3  # rays a pixel, in x and in y
 
@@ -132,17 +132,17 @@ def _table_points(
     camera: Camera, pose: Pose, offset: Float64Array, rows: int, columns: int
 ) -> tuple[Float64Array, Float64Array]:
     """Where the rays of rows x columns px from offset on meet z = 0, mm; NaN above the horizon. Two (rows, columns)."""
-    pixels = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2) + offset
+    across, down = np.arange(columns) + offset[0], np.arange(rows)[:, None] + offset[1]
     if any(camera.distortion):
-        distortion = np.array(camera.distortion)
-        ideal = cv2.undistortPoints(pixels.reshape(-1, 1, 2), camera.matrix, distortion).reshape(-1, 2)
-    else:
-        ideal = (pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
-    rays = np.column_stack([ideal, np.ones(len(ideal))]) @ pose.rotation
-    with np.errstate(divide="ignore", invalid="ignore"):
-        reach = np.where(rays[:, 2] < 0, -pose.centre_mm[2] / rays[:, 2], np.nan)
-    points = pose.centre_mm[:2] + reach[:, None] * rays[:, :2]
-    return points[:, 0].reshape(rows, columns), points[:, 1].reshape(rows, columns)
+        pixels = np.stack(np.broadcast_arrays(across, down), -1).reshape(-1, 1, 2)
+        ideal = cv2.undistortPoints(pixels, camera.matrix, np.array(camera.distortion), P=camera.matrix)
+        across, down = ideal.reshape(rows, columns, 2).transpose(2, 0, 1)
+    from_plane = camera.matrix @ np.column_stack([pose.rotation[:, :2], pose.translation_mm])
+    to_plane = np.linalg.inv(from_plane)  # (x, y, 1) / depth
+    inverse_depth = to_plane[2, 0] * across + to_plane[2, 1] * down + to_plane[2, 2]
+    depth = 1.0 / np.where(inverse_depth > 0, inverse_depth, np.nan)
+    x, y = ((row[0] * across + row[1] * down + row[2]) * depth for row in to_plane[:2])
+    return x, y
 
 
 def _reflectance(spec: MarkerSpec, x: Float64Array, y: Float64Array, table: Float64Array | None) -> Float64Array:
