@@ -140,7 +140,7 @@ def rectify_by_fundamental(
 
     fundamental: (3, 3), x'^T F x = 0. x, x_second: (n, 2) px. size: (width, height). The second and third rows of H'
     are those of H [e]x F^T, which align its rows with H's (Hartley and Zisserman, 2004, result 11.3, views exchanged);
-    the first row is free and solves the least squares. None where the epipole lies in the image: no homography of it helps.
+    the first row is free and solves the least squares. None where the epipole lies in the image, which nothing helps.
     """
     epipole = np.linalg.svd(fundamental)[2][-1]
     middle = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2])

@@ -19,6 +19,7 @@ OUTER_QUANTILE = 0.9  # of the radii in a sector: its outline, on a flat top too
 MIN_POINTS = 3  # in a sector of a slice; one or two may be strays
 ELLIPSE_FROM_ASPECT = 1.15  # below, noise of the outline makes an ellipse of a circle
 MAX_LOG_ASPECT = float(np.log(6.0))
+OUTSIDE_WEIGHT = 3.0  # of the axis' distance from where points are against the outlines' mean misfit: nearly a wall
 HALF_TURN_WEIGHT = 3.0  # of opposite radii against a radius' misfit to the common shape: this symmetry needs no ellipse
 FOOTPRINT_CELLS = 96
 BODY_CELLS = 48
@@ -80,9 +81,9 @@ def fit_axis(
     """Centre, and for ellipses heading and aspect, that make the radii of each slice's outline most alike.
 
     points_mm: (n, 3), z from the support. towards_camera: (2,) unit vector on the table. Minimises the outlines' radii
-    about each slice's mean, and opposite radii's differences; slices near the top, seen all around, tell the centre, and
-    the lower ones follow. form None: ellipse if its aspect passes ELLIPSE_FROM_ASPECT. Raises ValueError for fewer than 8
-    points.
+    about each slice's mean, and opposite radii's differences; slices near the top, seen all around, tell the centre,
+    and the lower ones follow. form None: ellipse if its aspect passes ELLIPSE_FROM_ASPECT. Raises ValueError for fewer
+    than 8 points.
     """
     if len(points_mm) < 8:
         raise ValueError("An axis needs 8 points.")
@@ -250,7 +251,7 @@ def _fit_outline(
             [
                 weight * (radius - mean[slices]),
                 HALF_TURN_WEIGHT * (radius[one] - radius[other]),
-                [np.sqrt(len(chosen)) * outside],
+                [OUTSIDE_WEIGHT * len(chosen) * outside],
             ]
         )
 

@@ -12,7 +12,7 @@ from app.vision.model import Float64Array, MaskArray, SliceForm
 from app.vision.slices import Slice, carve, cut_slices, slice_thickness_mm
 from app.vision.symmetry import SymmetryAxis, complete, fit_axis, main_body
 
-METHOD_SD = 0.077  # the paper's mean error over six fruit (Table I), taken as the sd of what the method cannot know
+METHOD_SD = 0.077 * 1.2533  # the paper's mean error over six fruit (Table I); times sqrt(pi / 2) a mean error is an sd
 SCALE_SD = 0.005  # of the print's side, relative; cubed in a volume
 POSE_SD = 0.01  # of a volume: what refined poses leave
 POSE_SD_MARKER_ALONE = (
