@@ -1,5 +1,6 @@
 """Structured logs on standard error: JSON for machines, or lines for a person. No personal data: ids and codes only."""
 
+import contextlib
 import logging
 import sys
 
@@ -9,6 +10,19 @@ from structlog.typing import Processor
 from app.settings import Settings
 
 QUIET = ("python_multipart", "uvicorn.access", "dbos", "alembic", "PIL", "httpx2")  # a line a step or a request each
+
+
+class _Stderr:
+    """Standard error that loses a line rather than the request which it tells of: the log's disk may be full."""
+
+    def write(self, text: str) -> int:
+        with contextlib.suppress(OSError):
+            sys.stderr.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with contextlib.suppress(OSError):
+            sys.stderr.flush()
 
 
 def configure_logging(settings: Settings) -> None:
@@ -29,7 +43,7 @@ def configure_logging(settings: Settings) -> None:
     structlog.configure(
         processors=[*shared, renderer],
         wrapper_class=structlog.make_filtering_bound_logger(level),
-        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+        logger_factory=structlog.PrintLoggerFactory(_Stderr()),  # type: ignore[arg-type]  # it writes and flushes
         cache_logger_on_first_use=False,
     )
     handler = logging.StreamHandler(sys.stderr)

@@ -5,7 +5,7 @@ import re
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.problems import render_problem
-from app.errors import TooLargeError
+from app.errors import InvalidInputError, TooLargeError
 
 UPLOADS = re.compile(r"^/v1/meals(/[^/]+(/images/[^/]+)?)?$")  # they count for themselves, part by part
 LIMIT_BYTES = 256 * 1024
@@ -19,7 +19,14 @@ class BodyLimit:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on with its body at hand."""
-        if scope["type"] != "http" or UPLOADS.match(scope["path"]):
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        if "\0" in scope["path"] or b"%00" in scope["query_string"] or b"\0" in scope["query_string"]:
+            error = InvalidInputError("The address contains the character NUL, which no name of ours does.")
+            await render_problem(error)(scope, receive, send)
+            return
+        if UPLOADS.match(scope["path"]):
             await self._app(scope, receive, send)
             return
         declared = dict(scope["headers"]).get(b"content-length", b"0")

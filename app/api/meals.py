@@ -143,10 +143,10 @@ async def get_meal(
     """
     view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
     known = request.headers.get("if-none-match")
-    if wait and view.meal.status not in FINAL and known in (None, _etag(view)):
+    if wait and view.meal.status not in FINAL and (known is None or _is_known(known, view)):
         await state.waiter.wait(view.meal.id, view.meal.version, wait)
         view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
-    if known == _etag(view):
+    if known is not None and _is_known(known, view):
         return Response(status_code=304, headers={"ETag": _etag(view)})
     return _meal_response(view, 200)
 
@@ -201,6 +201,12 @@ def _meal_response(view: MealView, status: int) -> JSONResponse:
 
 def _etag(view: MealView) -> str:
     return f'"{view.meal.version}"'
+
+
+def _is_known(if_none_match: str, view: MealView) -> bool:
+    """Whether the caller has this version: a list of tags, weak or not, or `*` (RFC 9110, section 13.1.2)."""
+    tags = {tag.strip().removeprefix("W/") for tag in if_none_match.split(",")}
+    return bool(tags & {"*", _etag(view)})
 
 
 def _limits(state: ApiState) -> UploadLimits:

@@ -14,7 +14,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 
 from app.db.session import is_disk_full
-from app.errors import StorageFullError, TadaError, UnavailableError
+from app.errors import InvalidInputError, StorageFullError, TadaError, UnavailableError
 
 log = structlog.get_logger()
 
@@ -74,10 +74,11 @@ def install_problem_handlers(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _on_invalid_request)
     app.add_exception_handler(HTTPException, _on_http_exception)
     app.add_exception_handler(ClientDisconnect, _on_disconnect)
-    app.add_exception_handler(sqlalchemy.exc.OperationalError, _on_database_error)
+    for away in (sqlalchemy.exc.OperationalError, sqlalchemy.exc.InterfaceError, sqlalchemy.exc.InternalError):
+        app.add_exception_handler(away, _on_database_error)
+    app.add_exception_handler(sqlalchemy.exc.DataError, _on_data_error)
     app.add_exception_handler(sqlalchemy.exc.TimeoutError, _on_database_error)
     app.add_exception_handler(OSError, _on_store_error)
-    app.add_exception_handler(Exception, _on_bug)
 
 
 def render_problem(error: TadaError) -> JSONResponse:
@@ -156,13 +157,15 @@ async def _on_database_error(_: Request, error: Exception) -> Response:
     return render_problem(UnavailableError("The database does not answer. Nothing was kept; try again in a moment."))
 
 
+async def _on_data_error(request: Request, error: Exception) -> Response:
+    log.warning(
+        "value_refused_by_database", path=request.url.path, error=type(error).__name__
+    )  # its text quotes values
+    return render_problem(InvalidInputError("The request holds a value that the database cannot keep."))
+
+
 async def _on_store_error(request: Request, error: Exception) -> Response:
     log.error("store_error", path=request.url.path, exc_info=error)
     if getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT):
         return render_problem(StorageFullError("The server's disk is full. Nothing was kept; try again later."))
     return render_problem(UnavailableError("The file store does not answer. Nothing was kept; try again in a moment."))
-
-
-async def _on_bug(request: Request, error: Exception) -> Response:
-    log.error("request_crashed", path=request.url.path, exc_info=error)
-    return render_problem(TadaError("Something went wrong on the server. It is logged; nothing was kept."))

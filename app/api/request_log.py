@@ -1,10 +1,16 @@
-"""One log line a request, with an id that the answer carries too (`X-Request-Id`). No query, no token, no body."""
+"""One log line a request, with an id that the answer carries too (`X-Request-Id`). No query, no token, no body.
+
+It is also where a mistake of ours ends: logged whole, told as a problem document without any of it.
+"""
 
 import time
 import uuid
 
 import structlog
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.api.problems import render_problem
+from app.errors import TadaError
 
 log = structlog.get_logger()
 
@@ -34,6 +40,12 @@ class RequestLog:
         with structlog.contextvars.bound_contextvars(request_id=request_id):
             try:
                 await self._app(scope, receive, stamped_send)
+            except Exception:
+                log.exception("request_crashed", path=scope["path"])
+                if status:  # the answer has begun: all that is left is to cut it
+                    raise
+                crash = TadaError("Something went wrong on the server. It is logged; nothing was kept.")
+                await render_problem(crash)(scope, receive, stamped_send)
             finally:
                 if scope["path"] not in QUIET_PATHS:
                     log.info(

@@ -27,9 +27,12 @@ class MealWaiter:
         self._database = database
         self._waiting: dict[uuid.UUID, dict[asyncio.Future[None], int]] = {}
         self._poller: asyncio.Task[None] | None = None
+        self._is_closed = False
 
     async def wait(self, meal_id: uuid.UUID, known_version: int, seconds: float) -> None:
         """Return when the meal has another version than the known one, or after `seconds`."""
+        if self._is_closed:
+            return
         future = asyncio.get_running_loop().create_future()
         self._waiting.setdefault(meal_id, {})[future] = known_version
         if self._poller is None or self._poller.done():
@@ -44,7 +47,8 @@ class MealWaiter:
                 self._waiting.pop(meal_id, None)
 
     async def close(self) -> None:
-        """Wake everybody and stop: at shutdown each gets the state as it is."""
+        """Wake everybody and let nobody wait any more: at shutdown each gets the state as it is."""
+        self._is_closed = True
         for waiters in list(self._waiting.values()):
             for future in waiters:
                 if not future.done():

@@ -1,8 +1,12 @@
 """People come in: admins, studies, participants, enrolment codes, and the device that swaps a code for a token."""
 
 import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+
+from sqlalchemy.exc import IntegrityError
 
 from app.db.models import AccessToken, Device, Enrolment, Participant, Staff, Study
 from app.db.queries import people
@@ -35,9 +39,10 @@ class IssuedDevice:
 def create_admin(database: Database, name: str) -> str:
     """A new admin's token. Raises ConflictError if the name is taken."""
     now, token = datetime.now(UTC), new_token()
-    with database.write() as session:
+    taken = ConflictError(f"There is already a staff member named {name!r}.", code="staff_exists")
+    with _unless_taken(taken), database.write() as session:
         if people.find_staff(session, name) is not None:
-            raise ConflictError(f"There is already a staff member named {name!r}.", code="staff_exists")
+            raise taken
         staff = Staff(id=uuid.uuid4(), name=name, is_admin=True, created_at=now)
         session.add(staff)
         session.flush()
@@ -49,9 +54,10 @@ def create_admin(database: Database, name: str) -> str:
 
 def create_study(database: Database, *, code: str, name: str, marker: str | None, location_policy: str) -> Study:
     """A new study. Raises ConflictError if the code is taken."""
-    with database.write() as session:
+    taken = ConflictError(f"There is already a study {code!r}.", code="study_exists")
+    with _unless_taken(taken), database.write() as session:
         if people.find_study(session, code) is not None:
-            raise ConflictError(f"There is already a study {code!r}.", code="study_exists")
+            raise taken
         study = Study(
             id=uuid.uuid4(),
             code=code,
@@ -73,12 +79,13 @@ def list_studies(database: Database) -> list[Study]:
 
 def create_participant(database: Database, *, study_code: str, code: str) -> None:
     """A new participant of a study. Raises NotFoundError, ConflictError."""
-    with database.write() as session:
+    taken = ConflictError(f"Study {study_code!r} already has a participant {code!r}.", code="participant_exists")
+    with _unless_taken(taken), database.write() as session:
         study = people.find_study(session, study_code)
         if study is None:
             raise NotFoundError(f"There is no study {study_code!r}.")
         if people.find_participant(session, study.id, code) is not None:
-            raise ConflictError(f"Study {study_code!r} already has a participant {code!r}.", code="participant_exists")
+            raise taken
         session.add(Participant(id=uuid.uuid4(), study_id=study.id, code=code, created_at=datetime.now(UTC)))
 
 
@@ -125,3 +132,12 @@ def enrol_device(database: Database, *, code: str, device_name: str) -> IssuedDe
         study_code=study.code,
         marker=study.marker,
     )
+
+
+@contextmanager
+def _unless_taken(taken: ConflictError) -> Iterator[None]:
+    """Of two that make the same at the same time the constraint lets one through; the other hears that it is taken."""
+    try:
+        yield
+    except IntegrityError as error:
+        raise taken from error

@@ -1,10 +1,10 @@
 """A phone's meal comes in: whole in one request or part by part, any part again, until it is complete and queued.
 
 Photographs are sealed in the blob store first; then meal, photographs and job are written in one transaction. What is
-acknowledged is on disk; what is sent again is recognised by its SHA-256.
+acknowledged is on disk; what is sent again is recognised by its SHA-256. A request that fails after sealing leaves its
+blob: another request of the same meal may have just sealed the same key, so deleting it here could lose a photograph.
 """
 
-import contextlib
 import errno
 import uuid
 from collections.abc import Mapping
@@ -114,18 +114,13 @@ class SubmitMeal:
                 if slot not in stored:
                     self._blobs.put_file(keys[slot], photo.path)
         except OSError as error:
-            self._discard(keys, stored)
             if error.errno in (errno.ENOSPC, errno.EDQUOT):
                 raise _storage_full() from error
             raise
         try:
-            try:
-                return self._write(caller, client_id, meal_id, metadata, details, photos, keys)
-            except IntegrityError:  # the same meal came twice at the same time and the other was first
-                return self._write(caller, client_id, meal_id, metadata, details, photos, keys)
-        except ConflictError:  # the other one, which came at the same time, had other bytes
-            self._discard(keys, self._stored_keys(meal_id))
-            raise
+            return self._write(caller, client_id, meal_id, metadata, details, photos, keys)
+        except IntegrityError:  # the same meal came twice at the same time and the other was first
+            return self._write(caller, client_id, meal_id, metadata, details, photos, keys)
 
     def _check(
         self,
@@ -196,18 +191,6 @@ class SubmitMeal:
         meal.version += 1
         session.flush()
         self._queue.enqueue(session, job.id)
-
-    def _stored_keys(self, meal_id: uuid.UUID) -> dict[str, MealImage]:
-        with self._database.read() as session:
-            return {image.slot: image for image in meals.images_of(session, meal_id)}
-
-    def _discard(self, keys: Mapping[str, str], stored: Mapping[str, MealImage]) -> None:
-        """Remove blobs of a refused upload, but none that a row names."""
-        kept = {image.blob_key for image in stored.values()}
-        for key in keys.values():
-            if key not in kept:
-                with contextlib.suppress(OSError):  # the orphan goes with the next clean-up
-                    self._blobs.delete(key)
 
 
 def _details(metadata: MealMetadata, study: Study) -> dict[str, Any]:

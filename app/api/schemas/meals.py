@@ -1,23 +1,15 @@
 """A meal over the wire."""
 
-import math
 import uuid
 from datetime import date, datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from app.api.schemas.records import FoodRef, NutrientAmount
+from app.api.schemas.text import Number, Text, only_text
 
-
-def _finite(value: float) -> float:
-    if not math.isfinite(value):
-        raise ValueError("must be a finite number")
-    return value
-
-
-Number = Annotated[float, AfterValidator(_finite)]
-Pixel = Annotated[float, Field(ge=-1e6, le=1e6), AfterValidator(_finite)]
+Pixel = Annotated[Number, Field(ge=-1e6, le=1e6)]
 
 
 class HintIn(BaseModel):
@@ -28,7 +20,7 @@ class HintIn(BaseModel):
     point: tuple[Pixel, Pixel] | None = Field(default=None, description="x, y")
     box: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(default=None, description="x, y, width, height")
     polygon: list[tuple[Pixel, Pixel]] | None = Field(default=None, min_length=3, max_length=2000)
-    food: str | None = Field(default=None, min_length=1, max_length=100, description="A food's key (GET /v1/foods).")
+    food: Text | None = Field(default=None, min_length=1, max_length=100, description="A food's key (GET /v1/foods).")
 
     @model_validator(mode="after")
     def _one_place(self) -> "HintIn":
@@ -84,15 +76,17 @@ class MealMetadataIn(BaseModel):
         },
     )
 
-    captured_at: datetime = Field(description="When the left photograph was taken: RFC 3339 with offset.")
-    time_zone: str = Field(min_length=1, max_length=64, description="IANA name, such as Asia/Shanghai.")
-    marker: str | None = Field(
+    captured_at: Annotated[datetime, BeforeValidator(only_text)] = Field(
+        description="When the left photograph was taken: RFC 3339 with offset."
+    )
+    time_zone: Text = Field(min_length=1, max_length=64, description="IANA name, such as Asia/Shanghai.")
+    marker: Text | None = Field(
         default=None, max_length=64, description="KIND:COLSxROWS:MM, such as plain:9x7:11; default: the study's."
     )
     camera: CameraIn | None = None
     hints: list[HintIn] = Field(default_factory=list, max_length=20)
     location: LocationIn | None = None
-    app_version: str | None = Field(default=None, max_length=64)
+    app_version: Text | None = Field(default=None, max_length=64)
 
 
 class NewMealMetadataIn(MealMetadataIn):

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.schemas.text import Text
+
 Code = Annotated[
     str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", description="Letters, digits, - _")
 ]
@@ -20,8 +22,8 @@ class StudyIn(BaseModel):
     )
 
     code: Code
-    name: str = Field(min_length=1, max_length=200)
-    marker: str | None = Field(default=None, max_length=64, description="The board that participants are given.")
+    name: Text = Field(min_length=1, max_length=200)
+    marker: Text | None = Field(default=None, max_length=64, description="The board that participants are given.")
     location_policy: Literal["drop", "keep"] = "drop"
 
 
@@ -61,8 +63,8 @@ class EnrolmentIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    code: str = Field(min_length=1, max_length=100)
-    device_name: str = Field(min_length=1, max_length=200, description="Such as the phone's model.")
+    code: Text = Field(min_length=1, max_length=100)
+    device_name: Text = Field(min_length=1, max_length=200, description="Such as the phone's model.")
 
 
 class EnrolmentOut(BaseModel):
