@@ -4,6 +4,7 @@
 the print is left to marker.py. Detector: OpenCV's sector-based one (Duda and Frese, 2018), on a reduced image first.
 """
 
+import itertools
 from collections.abc import Iterator
 from typing import Any
 
@@ -32,16 +33,18 @@ def find_grids(contrast: ImageArray, columns: int, rows: int) -> Iterator[Float6
     contrast: (H, W). Yields (rows, columns, 2), px of contrast. Each detector now and then locks on a wrong grid that
     its sister gets right, so that the caller checks and asks for the next.
     """
-    for reduced, scale in _reduced(contrast):
-        for detect in (_detect_by_sectors, _detect_by_normalised_sectors, _detect_by_quadrangles):
+    # On the larger images the slower detectors would take half a minute and find no more.
+    detectors = (_detect_by_sectors, _detect_by_normalised_sectors, _detect_by_quadrangles)
+    for level, (reduced, scale) in enumerate(_reduced(contrast)):
+        for detect in detectors[: len(detectors) - level]:
             corners = detect(reduced, columns, rows)
             if corners is not None:
                 yield (corners.reshape(rows, columns, 2) + 0.5) / scale - 0.5
 
 
 def find_any_grids(contrast: ImageArray) -> Iterator[Float64Array]:
-    """Candidates for grids of any size from 3 x 3 inner corners up, as find_grids does."""
-    for reduced, scale in _reduced(contrast):
+    """Candidates for grids of any size from 3 x 3 inner corners up, as find_grids does, but not at full size."""
+    for reduced, scale in itertools.islice(_reduced(contrast), 2):
         for flags in (cv2.CALIB_CB_NORMALIZE_IMAGE, 0):
             found, corners, meta = cv2.findChessboardCornersSBWithMeta(reduced, (3, 3), flags | cv2.CALIB_CB_LARGER)
             if found:
