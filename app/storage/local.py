@@ -12,7 +12,7 @@ from pathlib import Path
 from app.storage.blob_store import BlobMissingError, require_valid_key
 
 STAGING = ".incoming"  # no key starts with a full stop (KEY_PATTERN)
-ABANDONED_SECONDS = 6 * 3600  # what nobody has touched for so long belonged to a process that died
+ABANDONED_SECONDS = 3600  # what nobody has touched for so long belonged to a process that died
 
 
 class LocalBlobStore:
