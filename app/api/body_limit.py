@@ -1,4 +1,7 @@
-"""No request has a body larger than its route needs: uploads have their own limits, all other routes this one."""
+"""No request has a body larger than its route needs, and none has a NUL in its address.
+
+Uploads have their own limits (upload.py), all other routes this one. PostgreSQL can neither store nor compare a NUL.
+"""
 
 import re
 
