@@ -24,12 +24,14 @@ class Ready(BaseModel):
     oldest_waiting_seconds: float | None = Field(description="Age of the meal that has waited longest, null if none.")
 
 
+@router.head("/healthz", include_in_schema=False)  # load balancers ask so
 @router.get("/healthz")
 async def get_health() -> Health:
     """Alive."""
     return Health()
 
 
+@router.head("/readyz", include_in_schema=False)
 @router.get("/readyz", responses={503: {"model": Ready, "description": "Not ready: see checks."}})
 def get_ready(state: State, response: Response) -> Ready:
     """Ready for meals or not."""

@@ -27,6 +27,10 @@ def test_health_needs_no_token(client):
     assert client.get("/healthz").json() == {"status": "ok"}
 
 
+def test_load_balancer_may_ask_by_head(client):
+    assert (client.head("/healthz").status_code, client.head("/readyz").status_code) == (200, 200)
+
+
 def test_ready_without_a_worker_tells_so_and_stays_ready(client):
     answer = client.get("/readyz")
     assert answer.status_code == 200
