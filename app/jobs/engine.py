@@ -25,7 +25,9 @@ JOB_PROTOCOL_VERSION = "1"  # what a workflow's row means; another number only w
 QUEUE = "estimates"
 WORKFLOW = "estimate_meal"
 POLL_SECONDS = 0.25  # how long a meal waits for an idle worker to look
-MAX_RECOVERIES = 5  # times that a job is taken over from dead workers; then it is given up, visibly
+# Times that a job is taken over from dead workers; then it is given up, visibly. Generous: a photograph can end its
+# child but not the worker, so a worker's death tells of the machine and not of the job that it happened to have.
+MAX_RECOVERIES = 25
 POOL_SIZE = 5
 MIGRATION_LOCK = 7_241_960_312  # one process at a time makes DBOS's tables; the number has no meaning
 MIGRATION_POLL_SECONDS = 0.2
