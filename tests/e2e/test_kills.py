@@ -128,7 +128,7 @@ def test_no_accepted_meal_is_lost_or_doubled_by_kills_at_any_moment(tmp_path):
                 if meal["status"] not in ("queued", "processing"):
                     break
                 assert time.monotonic() < deadline, f"meal {meal_id} is still {meal['status']}:\n{server.log}"
-            statuses[meal_id] = meal["status"]
+            statuses[meal_id] = meal["failure"]["code"] if meal["failure"] else meal["status"]
         assert set(statuses.values()) == {"estimated"}, statuses
         records = list(csv.DictReader(io.StringIO(client.get("/v1/records", params={"format": "csv"}).text)))
         assert sorted(record["meal_id"] for record in records) == sorted(meal_ids)
