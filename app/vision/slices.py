@@ -10,6 +10,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from app.units import ml_from_mm3
 from app.vision.model import Float64Array, ImageArray, MaskArray, SliceForm
 from app.vision.symmetry import SECTORS, SymmetryAxis, outline, slice_index
 
@@ -54,7 +55,7 @@ class Slice:
     @property
     def volume_ml(self) -> float:
         """V_k (eq. 15)."""
-        return self.area_mm2 * (self.high_mm - self.low_mm) / 1000.0
+        return ml_from_mm3(self.area_mm2 * (self.high_mm - self.low_mm))
 
 
 def slice_thickness_mm(height_mm: float) -> float:

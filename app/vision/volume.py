@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.units import ml_from_mm3
 from app.vision.model import Float64Array, MaskArray, SliceForm
 from app.vision.slices import Slice, carve, cut_slices, slice_thickness_mm
 from app.vision.symmetry import SymmetryAxis, complete, fit_axis, main_body
@@ -86,7 +87,7 @@ def _item_sd(slices: list[Slice], volume_ml: float) -> float:
     hidden_ml = sum(each.volume_ml for each in slices if each.source in ("mirrored", "continued"))
     # A radius' relative error counts twice in an area. Half of it is the form's misfit, whose area is kept.
     residual = float(np.average([each.residual for each in slices], weights=[each.area_mm2 for each in slices]))
-    foot_ml = slices[0].area_mm2 * SUPPORT_SD_MM / 1000.0
+    foot_ml = ml_from_mm3(slices[0].area_mm2 * SUPPORT_SD_MM)
     return float(
         np.sqrt(METHOD_SD**2 + residual**2 + (HIDDEN_SD * hidden_ml / volume_ml) ** 2 + (foot_ml / volume_ml) ** 2)
     )
