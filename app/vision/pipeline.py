@@ -98,7 +98,7 @@ def _run(
         places = photograph_px(rectified, points, trace.views[0], is_swapped=trace.is_swapped)
         size = (pair.left.pixels_bgr.shape[1], pair.left.pixels_bgr.shape[0])
         hints = draw_hints(options.hints, places, size)
-        regions = segment_foods(rectified.first_bgr, points, rectified.pixel_mm, ignored, hints)
+        regions = segment_foods(rectified, trace.disparity, points, ignored, hints)
         if isinstance(regions, Failure):
             return regions
     with stage("volume"):

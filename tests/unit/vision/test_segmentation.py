@@ -2,12 +2,16 @@ import numpy as np
 import pytest
 
 from app.errors import Failure
+from app.vision.disparity import DisparityMap
+from app.vision.rectification import RectifiedPair
 from app.vision.segmentation import HintMask, segment_foods
 from app.vision.support import support_height_mm
 
 SHAPE = (420, 560)
 PIXEL_MM = 0.5
+CAMERA_MM = 500.0  # over the table, looking straight down
 PLATE_BGR, TABLE_BGR, FOOD_BGR = (215, 220, 222), (90, 120, 150), (40, 60, 190)
+OTHER_BGR = (60, 200, 220)
 
 
 def disc(row, column, radius):
@@ -16,7 +20,7 @@ def disc(row, column, radius):
 
 
 class Meal:
-    """Seen from straight above: heights and colours on a grid of half a millimetre."""
+    """Seen from straight above: heights and colours on a grid of half a millimetre of the table."""
 
     def __init__(self, seed=0):
         self.height = np.zeros(SHAPE, np.float32)
@@ -29,6 +33,11 @@ class Meal:
         self.image[disc(210, 280, 190)] = PLATE_BGR
         return self
 
+    def board(self, top_mm=15.0):
+        self.height[20:400, 60:500] = top_mm
+        self.image[20:400, 60:500] = (120, 160, 190)
+        return self
+
     def food(self, row, column, radius, top_mm, colour=FOOD_BGR):
         rows, columns = np.indices(SHAPE)
         reach = np.hypot(rows - row, columns - column) / radius
@@ -37,13 +46,37 @@ class Meal:
         self.image[reach < 1] = colour
         return self
 
-    def segment(self, hints=(), ignored=None):
+    def pair(self):
+        focal = CAMERA_MM / PIXEL_MM
+        rows, columns = np.indices(SHAPE)
+        image = np.clip(self.image + self.rng.normal(0, 4, self.image.shape), 0, 255).astype(np.uint8)
+        return RectifiedPair(
+            first_bgr=image,
+            second_bgr=image,
+            is_seen=np.ones(SHAPE, bool),
+            first_map_px=np.stack([columns, rows], -1).astype(np.float32),
+            focal_px=focal,
+            centre_px=(SHAPE[1] / 2, SHAPE[0] / 2),
+            rotation=np.diag([1.0, -1.0, -1.0]),
+            first_centre_mm=np.array([0.0, 0.0, CAMERA_MM]),
+            baseline_mm=50.0,
+            plane_px=(0.0, 0.0, focal * 50.0 / CAMERA_MM),
+            parallax_range_px=(-5.0, 60.0),
+        )
+
+    def points(self, pair):
         rows, columns = np.indices(SHAPE)
         heights = self.height + self.rng.normal(0, 0.4, SHAPE)
-        points = np.stack([columns * PIXEL_MM, rows * PIXEL_MM, heights], -1).astype(np.float32)
-        image = np.clip(self.image + self.rng.normal(0, 4, self.image.shape), 0, 255).astype(np.uint8)
+        depth = CAMERA_MM - heights
+        x = (columns - pair.centre_px[0]) / pair.focal_px * depth
+        y = -(rows - pair.centre_px[1]) / pair.focal_px * depth
+        return np.stack([x, y, heights], -1).astype(np.float32)
+
+    def segment(self, hints=(), ignored=None):
+        pair = self.pair()
+        disparity = DisparityMap(np.zeros(SHAPE, np.float32), np.full(SHAPE, 4.5, np.float32))
         ignored = np.zeros(SHAPE, bool) if ignored is None else ignored
-        return segment_foods(image, points, PIXEL_MM, ignored, hints)
+        return segment_foods(pair, disparity, self.points(pair), ignored, hints)
 
 
 def iou(a, b):
@@ -53,14 +86,70 @@ def iou(a, b):
 def test_food_on_a_plate_is_found_and_the_rim_is_not():
     found = Meal().plate().food(200, 260, 60, 45.0).segment()
     assert len(found) == 1
-    assert iou(found[0].mask, disc(200, 260, 60)) > 0.9
+    assert iou(found[0].mask, disc(200, 260, 60)) > 0.97
+
+
+def test_food_on_a_board_is_found_and_the_board_is_not():
+    found = Meal().board().food(200, 260, 60, 45.0).segment()
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(200, 260, 60)) > 0.97
+
+
+def test_low_food_within_a_high_rim_is_found():
+    found = Meal().plate(rim_mm=18.0).food(210, 280, 70, 14.0).segment()
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(210, 280, 70)) > 0.9
+
+
+def test_food_of_the_dishs_colour_is_found_by_its_height():
+    found = Meal().plate().food(210, 280, 60, 45.0, PLATE_BGR).segment()
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(210, 280, 60)) > 0.8
+
+
+def test_shadow_is_no_food():
+    meal = Meal().plate().food(200, 260, 60, 45.0)
+    shadow = disc(225, 300, 55) & ~disc(200, 260, 60)
+    meal.image[shadow] *= 0.75
+    found = meal.segment()
+    assert len(found) == 1
+    assert np.count_nonzero(found[0].mask & shadow) < 0.05 * np.count_nonzero(shadow)
 
 
 def test_two_foods_on_the_bare_table_are_two():
-    found = Meal().food(150, 150, 60, 40.0).food(260, 400, 45, 30.0, (60, 200, 220)).segment()
+    found = Meal().food(150, 150, 60, 40.0).food(260, 400, 45, 30.0, OTHER_BGR).segment()
     assert len(found) == 2
-    assert iou(found[0].mask, disc(150, 150, 60)) > 0.85
-    assert iou(found[1].mask, disc(260, 400, 45)) > 0.85
+    assert iou(found[0].mask, disc(150, 150, 60)) > 0.95
+    assert iou(found[1].mask, disc(260, 400, 45)) > 0.95
+
+
+def test_touching_foods_of_two_colours_are_two():
+    found = Meal().plate().food(210, 220, 55, 40.0).food(210, 325, 55, 40.0, OTHER_BGR).segment()
+    assert len(found) == 2
+    truth = [disc(210, 220, 55) & ~disc(210, 325, 55), disc(210, 325, 55)]
+    assert min(max(iou(region.mask, mask) for region in found) for mask in truth) > 0.93
+
+
+def test_touching_foods_of_one_colour_are_two():
+    found = Meal().plate().food(210, 220, 55, 40.0).food(210, 325, 55, 40.0).segment()
+    assert len(found) == 2
+
+
+def test_food_of_two_tones_is_one():
+    meal = Meal().plate().food(210, 280, 70, 45.0)
+    meal.image[disc(210, 280, 70) & (np.arange(SHAPE[1]) > 280)] = OTHER_BGR
+    found = meal.segment()
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(210, 280, 70)) > 0.95
+
+
+def test_hole_of_a_ring_is_no_food():
+    meal = Meal().plate().food(210, 280, 80, 30.0)
+    hole = disc(210, 280, 30)
+    meal.height[hole], meal.image[hole] = 3.0, PLATE_BGR
+    found = meal.segment()
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(210, 280, 80) & ~hole) > 0.93
 
 
 def test_empty_plate_gives_no_food_found():
@@ -81,10 +170,10 @@ def test_polygon_is_taken_as_it_is():
 
 
 def test_point_chooses_the_food_under_it():
-    meal = Meal().food(150, 150, 60, 40.0).food(260, 400, 45, 30.0, (60, 200, 220))
+    meal = Meal().food(150, 150, 60, 40.0).food(260, 400, 45, 30.0, OTHER_BGR)
     found = meal.segment([HintMask(disc(260, 400, 4), 0)])
     assert len(found) == 1
-    assert iou(found[0].mask, disc(260, 400, 45)) > 0.85
+    assert iou(found[0].mask, disc(260, 400, 45)) > 0.93
 
 
 def test_two_points_share_touching_foods():
@@ -92,7 +181,7 @@ def test_two_points_share_touching_foods():
     found = meal.segment([HintMask(disc(200, 220, 4), 0), HintMask(disc(200, 310, 4), 1)])
     assert [region.hint for region in found] == [0, 1]
     assert not (found[0].mask & found[1].mask).any()
-    assert iou(found[0].mask, disc(200, 220, 50)) > 0.75
+    assert iou(found[0].mask, disc(200, 220, 50)) > 0.85
 
 
 def test_box_limits_the_food():

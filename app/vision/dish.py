@@ -1,0 +1,293 @@
+"""The dish under the food, found from above: a plate, a bowl or a board, whose rim stands out from the table.
+
+Top view -> the dish's outline, the height of its rim, and, where the outline is a circle, its centre and radius.
+Nothing is assumed of its size or profile: a rim is a closed line of one height that is higher than what lies outside
+it and no lower than most of what lies just inside.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.vision.model import Float32Array, Float64Array, MaskArray
+from app.vision.topview import TopView
+
+RADII_MM = (50.0, 190.0)  # of a round dish: a dessert bowl to a serving plate
+RIM_RANGE_MM = (4.0, 90.0)  # over the table
+RIM_NOISE = 2.5  # standard deviations of a cell of table, which a rim must exceed
+SAME_HEIGHT_MM = 4.0
+ON_RIM_MM = 5.0
+OUTSIDE_MM = (8.0, 18.0)  # beyond the rim, where the table should be seen
+INSIDE_MM = (12.0, 30.0)  # within the rim, where a dish does not rise
+RISE_MM = 3.0
+MIN_MEASURED = 0.3  # of a sector's cells, to say that it rises
+SECTORS = 48
+MIN_COVER = 0.55  # of the sectors in which the rim is seen
+MIN_WALL_CELLS = 4  # of some 15 that a sector has outside: fewer are noise
+MIN_EDGE_COVER = 0.4  # of the sectors in which it is seen and nothing as high lies outside
+MIN_HOLLOW = 0.6  # of the sectors in which the inside does not rise
+TRIALS = 4000
+MAX_CELLS = 700
+MAX_CANDIDATES = 12
+MIN_DETERMINANT_MM2 = 800.0
+MIN_DENSITY = 0.15  # of the points that a cell facing the camera would show
+MIN_SLAB_MM2 = 15000.0  # larger than a slice of bread or a steak
+BEYOND_CIRCLE = 1.15  # times a circle's area: a slab so much larger is not that circle
+TOP_BAND_MM = (6.0, 35.0)  # inward from the outline, where a board is as high as at its edge
+MIN_TOP_SHARE = 0.5  # of that band's cells
+DEEP_SHARE = 0.3  # of the radius: a dish whose rim is higher over the table is a bowl
+
+
+@dataclass(frozen=True, slots=True)
+class Dish:
+    """inward_mm: (rows, columns) of the top view, distance inward from the outline, negative outside.
+
+    rim_mm: the rim's height over the table. floor_mm: of the flat part, where it is known to be as high as the rim (a
+    board's top), else 0, for a plate's plain floor is seldom measured. centre_mm: (2,), radius_mm: of a round
+    dish, else None.
+    """
+
+    inward_mm: Float32Array
+    rim_mm: float
+    floor_mm: float = 0.0
+    centre_mm: Float64Array | None = None
+    radius_mm: float | None = None
+
+    @property
+    def is_deep(self) -> bool:
+        """A bowl rather than a plate or board."""
+        return self.radius_mm is not None and self.rim_mm > DEEP_SHARE * self.radius_mm
+
+    def inward_at(self, view: TopView, xy_mm: Float64Array | Float32Array) -> Float32Array:
+        """(H, W) distance inward at (H, W, 2) mm; far outside: -100; NaN positions give -100."""
+        cells = np.nan_to_num(view.cells_px(xy_mm), nan=-1e4)
+        return np.asarray(
+            cv2.remap(
+                self.inward_mm,
+                np.ascontiguousarray(cells[..., 0]),
+                np.ascontiguousarray(cells[..., 1]),
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_CONSTANT,
+                borderValue=-100.0,
+            ),
+            np.float32,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Ring:
+    x_mm: float
+    y_mm: float
+    radius_mm: float
+    height_mm: float
+    cover: float
+    edge_cover: float
+
+
+def solid_cells(view: TopView, points_per_mm2: float) -> MaskArray:
+    """(rows, columns) cells with enough points to be a surface. points_per_mm2: of one that faces the camera."""
+    least = max(1.0, MIN_DENSITY * points_per_mm2 * view.cell_mm**2)
+    return np.asarray(np.isfinite(view.height_mm) & (view.count >= least), np.bool_)
+
+
+def find_dish(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator) -> Dish | None:
+    """The dish with the best closed rim, heights of the view being over the table; None if there is none."""
+    round_dish, slab = _find_round(view, is_solid, noise_mm, rng), _find_slab(view, is_solid, noise_mm)
+    if round_dish is None or slab is None:
+        return round_dish or slab
+    # A circle fits into any board: it is one only if nothing much of the board lies outside.
+    areas = [np.count_nonzero(dish.inward_mm > 0) for dish in (slab, round_dish)]
+    return slab if areas[0] > BEYOND_CIRCLE * areas[1] else round_dish
+
+
+def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator) -> Dish | None:
+    low = max(RIM_RANGE_MM[0], RIM_NOISE * noise_mm)
+    with np.errstate(invalid="ignore"):
+        raised = is_solid & (view.height_mm > low) & (view.height_mm < RIM_RANGE_MM[1])
+    raised = cv2.morphologyEx(raised.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
+    cells = np.column_stack([view.centres_mm()[raised], view.height_mm[raised]])
+    if len(cells) < SECTORS // 2:
+        return None
+    best: _Ring | None = None
+    for ring in _candidates(cells, rng):
+        is_rim = ring.cover >= MIN_COVER and ring.edge_cover >= MIN_EDGE_COVER
+        if not is_rim or _hollow_share(view, is_solid, ring) < MIN_HOLLOW:
+            continue
+        if best is None or _merit(ring) > _merit(best):
+            best = ring
+    if best is None:
+        return None
+    centre = np.array([best.x_mm, best.y_mm])
+    inward = best.radius_mm - np.linalg.norm(view.centres_mm() - centre, axis=-1)
+    return _with_floor(inward.astype(np.float32), best.height_mm, view, is_solid, centre, best.radius_mm)
+
+
+def _with_floor(
+    inward_mm: Float32Array,
+    rim_mm: float,
+    view: TopView,
+    is_solid: MaskArray,
+    centre_mm: Float64Array | None = None,
+    radius_mm: float | None = None,
+) -> Dish:
+    band = (inward_mm > TOP_BAND_MM[0]) & (inward_mm < TOP_BAND_MM[1])
+    with np.errstate(invalid="ignore"):
+        at_level = band & is_solid & (np.abs(view.height_mm - rim_mm) < RISE_MM)
+    is_flat = bool(np.count_nonzero(at_level) > MIN_TOP_SHARE * np.count_nonzero(band))
+    if radius_mm is not None and rim_mm > DEEP_SHARE * radius_mm:
+        is_flat = False  # a bowl filled to its rim
+    return Dish(inward_mm, rim_mm, rim_mm if is_flat else 0.0, centre_mm, radius_mm)
+
+
+def _merit(ring: _Ring) -> float:
+    return ring.cover + ring.edge_cover + ring.radius_mm / (2 * RADII_MM[1])  # of nested circles the outer
+
+
+def _candidates(cells: Float64Array, rng: np.random.Generator) -> list[_Ring]:
+    """Circles through three cells of one height, those that most sectors support, each fitted to its cells."""
+    few = cells if len(cells) <= MAX_CELLS else cells[rng.choice(len(cells), MAX_CELLS, replace=False)]
+    picks = cells[rng.integers(len(cells), size=(TRIALS, 3))]
+    picks = picks[np.ptp(picks[..., 2], axis=1) < SAME_HEIGHT_MM]
+    one, two = picks[:, 1, :2] - picks[:, 0, :2], picks[:, 2, :2] - picks[:, 0, :2]
+    determinant = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
+    kept = np.abs(determinant) > MIN_DETERMINANT_MM2
+    picks, one, two, determinant = picks[kept], one[kept], two[kept], determinant[kept]
+    squares_one, squares_two = 0.5 * (one**2).sum(1), 0.5 * (two**2).sum(1)
+    centre_x = (squares_one * two[:, 1] - squares_two * one[:, 1]) / determinant
+    centre_y = (squares_two * one[:, 0] - squares_one * two[:, 0]) / determinant
+    radius = np.hypot(centre_x, centre_y)
+    kept = (radius > RADII_MM[0]) & (radius < RADII_MM[1])
+    rings = np.column_stack([picks[kept, 0, :2] + np.column_stack([centre_x, centre_y])[kept], radius[kept]])
+    heights = picks[kept, :, 2].mean(axis=1)
+    if len(rings) == 0:
+        return []
+    dx = few[None, :, 0] - rings[:, :1]
+    dy = few[None, :, 1] - rings[:, 1:2]
+    beyond = np.hypot(dx, dy) - rings[:, 2:]
+    on_rim = (np.abs(beyond) < ON_RIM_MM) & (np.abs(few[None, :, 2] - heights[:, None]) < SAME_HEIGHT_MM)
+    sector = ((np.arctan2(dy, dx) / (2 * np.pi) + 1.0) % 1.0 * SECTORS).astype(np.int64) % SECTORS
+    hits = np.zeros((len(rings), SECTORS), np.bool_)
+    which, where = np.nonzero(on_rim)
+    hits[which, sector[which, where]] = True
+    outside = (
+        (beyond > OUTSIDE_MM[0]) & (beyond < OUTSIDE_MM[1]) & (few[None, :, 2] > heights[:, None] - SAME_HEIGHT_MM)
+    )
+    walled = np.zeros((len(rings), SECTORS), np.bool_)
+    which, where = np.nonzero(outside)
+    walled[which, sector[which, where]] = True
+    score = hits.sum(axis=1) + (hits & ~walled).sum(axis=1)
+    found: list[_Ring] = []
+    for place in np.argsort(-score)[: 8 * MAX_CANDIDATES]:
+        x, y, r = rings[place]
+        if any(abs(r - o.radius_mm) < 6 and np.hypot(x - o.x_mm, y - o.y_mm) < 8 for o in found):
+            continue
+        ring = _refined(cells, float(x), float(y), float(r), float(heights[place]))
+        if ring is not None:
+            found.append(ring)
+        if len(found) >= MAX_CANDIDATES:
+            break
+    return found
+
+
+def _refined(cells: Float64Array, x: float, y: float, radius: float, height: float) -> _Ring | None:
+    """Least squares circle through the cells on the rim, and how much of it is seen; None if it runs away."""
+    for _ in range(3):
+        distance = np.hypot(cells[:, 0] - x, cells[:, 1] - y)
+        near = (np.abs(distance - radius) < 1.2 * ON_RIM_MM) & (np.abs(cells[:, 2] - height) < SAME_HEIGHT_MM)
+        if np.count_nonzero(near) < SECTORS // 4:
+            return None
+        on_rim = cells[near]
+        design = np.column_stack([2 * on_rim[:, :2], np.ones(len(on_rim))])
+        (x, y, rest), *_ = np.linalg.lstsq(design, (on_rim[:, :2] ** 2).sum(axis=1), rcond=None)
+        radius, height = float(np.sqrt(max(rest + x * x + y * y, 0.0))), float(np.median(on_rim[:, 2]))
+    if not RADII_MM[0] < radius < RADII_MM[1]:
+        return None
+    distance = np.hypot(cells[:, 0] - x, cells[:, 1] - y)
+    sector = ((np.arctan2(cells[:, 1] - y, cells[:, 0] - x) / (2 * np.pi) + 1.0) % 1.0 * SECTORS).astype(np.int64)
+    sector %= SECTORS
+    is_rim = (np.abs(distance - radius) < ON_RIM_MM) & (np.abs(cells[:, 2] - height) < SAME_HEIGHT_MM)
+    is_outside = (distance > radius + OUTSIDE_MM[0]) & (distance < radius + OUTSIDE_MM[1])
+    is_high = cells[:, 2] > height - SAME_HEIGHT_MM
+    seen = np.bincount(sector[is_rim], minlength=SECTORS) > 0
+    walled = np.bincount(sector[is_outside & is_high], minlength=SECTORS) >= MIN_WALL_CELLS
+    return _Ring(float(x), float(y), radius, height, float(seen.mean()), float((seen & ~walled).mean()))
+
+
+def _hollow_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
+    """Share of the sectors in which the surface within the rim is unmeasured or not higher: a mound's is."""
+    delta = view.centres_mm() - [ring.x_mm, ring.y_mm]
+    inward = ring.radius_mm - np.hypot(delta[..., 0], delta[..., 1])
+    within = (inward > INSIDE_MM[0]) & (inward < INSIDE_MM[1])
+    sectors = SECTORS // 2
+    angle = np.arctan2(delta[..., 1], delta[..., 0])[within]
+    sector = ((angle / (2 * np.pi) + 1.0) % 1.0 * sectors).astype(np.int64) % sectors
+    with np.errstate(invalid="ignore"):
+        is_high = (view.height_mm > ring.height_mm + RISE_MM)[within] & is_solid[within]
+    total, measured, high = (
+        np.bincount(sector[chosen], minlength=sectors)
+        for chosen in (np.ones(sector.shape, bool), is_solid[within], is_high)
+    )
+    is_mound = (measured > MIN_MEASURED * total) & (high > 0.5 * measured)
+    return 1.0 - float(is_mound.mean())
+
+
+def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | None:
+    """A dish that is not round: the hull of a large cluster at one height, which its border holds all round."""
+    low = max(RIM_RANGE_MM[0], RIM_NOISE * noise_mm)
+    with np.errstate(invalid="ignore"):
+        raised = is_solid & (view.height_mm > low) & (view.height_mm < RIM_RANGE_MM[1])
+    raised = cv2.morphologyEx(raised.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
+    link = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9))
+    count, clusters = cv2.connectedComponents(cv2.dilate(raised.astype(np.uint8), link))
+    best: tuple[float, Dish] | None = None
+    for label in range(1, count):
+        cluster = raised & (clusters == label)
+        if np.count_nonzero(cluster) < SECTORS:
+            continue
+        level = _commonest(view.height_mm[cluster])
+        at_level = cluster & (np.abs(view.height_mm - level) < SAME_HEIGHT_MM)
+        rows, columns = np.nonzero(at_level)
+        hull = np.asarray(cv2.convexHull(np.column_stack([columns, rows]).astype(np.int32)), np.int32)
+        area = float(cv2.contourArea(hull)) * view.cell_mm**2
+        if area < MIN_SLAB_MM2 or (best is not None and area < best[0]):
+            continue
+        inward = _inward_mm(hull, view)
+        border = (inward > 0) & (inward < INSIDE_MM[0])
+        inside = inward > INSIDE_MM[1]
+        if _sector_share(at_level, border) < MIN_COVER + 0.1:
+            continue
+        with np.errstate(invalid="ignore"):
+            rises = is_solid & (view.height_mm > level + 2 * RISE_MM)
+        stands = np.count_nonzero(rises & (inward > 0)) * view.cell_mm**2
+        if stands < 0.02 * area or np.count_nonzero(rises & inside) > 0.9 * np.count_nonzero(inside):
+            continue
+        best = area, _with_floor(inward, level, view, is_solid)
+    return best[1] if best else None
+
+
+def _commonest(heights_mm: Float32Array) -> float:
+    """The height at which most cells lie within SAME_HEIGHT_MM / 2."""
+    sorted_mm = np.sort(heights_mm)
+    above = np.searchsorted(sorted_mm, sorted_mm + SAME_HEIGHT_MM)
+    start = int(np.argmax(above - np.arange(len(sorted_mm))))
+    return float(np.median(sorted_mm[start : above[start]]))
+
+
+def _inward_mm(hull: NDArray[np.int32], view: TopView) -> Float32Array:
+    picture = np.zeros(view.height_mm.shape, np.uint8)
+    cv2.fillConvexPoly(picture, hull, 1)
+    inside = cv2.distanceTransform(picture, cv2.DIST_L2, 5)
+    outside = cv2.distanceTransform(1 - picture, cv2.DIST_L2, 5)
+    return np.asarray((inside - outside) * view.cell_mm, np.float32)
+
+
+def _sector_share(at_level: MaskArray, border: MaskArray) -> float:
+    """Share of the border's sectors, seen from its middle, in which a quarter of the cells are at the level."""
+    rows, columns = np.nonzero(border)
+    angle = np.arctan2(rows - rows.mean(), columns - columns.mean())
+    sector = ((angle / (2 * np.pi) + 1.0) % 1.0 * SECTORS).astype(np.int64) % SECTORS
+    total = np.bincount(sector, minlength=SECTORS)
+    held = np.bincount(sector[at_level[border]], minlength=SECTORS)
+    return float((held >= 0.25 * total)[total > 0].mean())

@@ -1,0 +1,280 @@
+"""Which pixels are food at all: heights over table and dish first, then colour and texture, by a minimum cut.
+
+The dish and the table lend their colours from where geometry is sure of them, the food from where it stands higher
+than any rim; both colour models are then learned anew from the cut. Nothing is known beforehand of any food or dish.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.vision.dish import Dish
+from app.vision.min_cut import cut_in_two
+from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
+from app.vision.topview import TopView
+
+OVER_RIM_MM = 7.0  # higher than the rim: food, wherever it is
+OVER_FLOOR_MM = 8.0  # and within the dish or on the bare table, away from the rim
+FLAT_MM = 2.5  # lower is table, sheet or a dish's floor
+RIM_BAND_MM = (3.0, 14.0)  # inward from the outline, where the dish shows its colour
+RIM_SLOPE_MM = 35.0  # inward from the outline, within which a plate may rise to its rim
+WALL_MM = 6.0  # inward from a bowl's outline: its wall
+BOWL_CORE_SHARE = 0.4  # of a bowl's radius, inward from its outline: its content, not its wall
+OVERHANG_MM = 5.0  # by which food may lie beyond the dish's outline
+REACH_MM = 40.0  # around what is surely food, beyond which nothing is food: on the bare table, and in a dish
+REACH_IN_DISH_MM = 12.0
+MIN_SURE_MM2 = 150.0
+SURE_DEPTH_MM = 8.0  # this far (and two windows) within its outline, a raised part is food whatever its colour
+SIDE_PX = 420
+MARGIN_PX = 12
+ROUNDS = 4
+FINE_REACH_PX = 5.0  # a window's reach up to which a height is that of its pixel
+COLOUR_LIMIT_NATS = 4.0
+TEXTURE_LIMIT_NATS = 2.0
+HEIGHT_LIMIT_NATS = (-4.0, 3.0)
+UNSEEN = 6e-6  # probability of a colour that a model has not seen
+LIGHT_WEIGHT = 0.7  # of lightness in the contrast; shadows are contrasts of lightness alone
+CHROMA_GAIN = 2.0
+SHADES = (0.75, 0.55, 0.4, 0.28)  # of the light that may be left in the shadow of a food
+SHADE_WEIGHT = 0.15
+BIN_COUNTS = (24, 32, 32)
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What is known of each pixel of a reduced grid, (h, w) each, before food is told from the rest.
+
+    image_bgr: (h, w, 3). height_mm: over the table, NaN where unmeasured. points_table: (h, w, 3). reach_px: of the
+    window behind each height, in pixels of this grid. is_ignored: sheet, unseen. plane_xy_mm: (h, w, 2) where the
+    pixel's ray meets z = 0. camera_mm: (3,). pixel_mm: what a pixel spans on the table. texture: fine
+    contrast, grey levels.
+    """
+
+    image_bgr: ImageArray
+    height_mm: Float32Array
+    points_table: Float32Array
+    reach_px: Float32Array
+    is_ignored: MaskArray
+    plane_xy_mm: Float32Array
+    camera_mm: Float64Array
+    pixel_mm: float
+    texture: Float32Array
+
+    def xy_at(self, height_mm: float) -> Float32Array:
+        """(h, w, 2) where each pixel's ray meets the plane of this height."""
+        share = (self.camera_mm[2] - height_mm) / self.camera_mm[2]
+        foot = self.camera_mm[:2].astype(np.float32)
+        return np.asarray(foot + np.float32(share) * (self.plane_xy_mm - foot), np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class FoodPixels:
+    """is_food: (h, w) of the scene's grid. is_core: (h, w) parts that geometry alone calls food."""
+
+    is_food: MaskArray
+    is_core: MaskArray
+
+
+def find_food_pixels(scene: Scene, dish: Dish | None, view: TopView, points: Sequence[MaskArray] = ()) -> FoodPixels:
+    """All food of the scene, not yet told apart. points: (h, w) small parts that are food for certain."""
+    height = np.where(scene.is_ignored, np.float32(np.nan), scene.height_mm)
+    tall = np.nan_to_num(height, nan=-99.0)
+    if dish is None:
+        sure = tall > OVER_FLOOR_MM
+        roi = np.zeros(sure.shape, np.bool_)
+        band = np.zeros(sure.shape, np.bool_)
+        reach_mm = REACH_MM
+    else:
+        seen_inward = dish.inward_at(view, scene.xy_at(dish.rim_mm))
+        point_inward = dish.inward_at(view, scene.points_table[..., :2])
+        point_inward = np.where(np.isfinite(scene.points_table[..., 2]), point_inward, seen_inward)
+        slope = BOWL_CORE_SHARE * dish.radius_mm if dish.is_deep and dish.radius_mm else RIM_SLOPE_MM
+        sure = (tall > dish.rim_mm + OVER_RIM_MM) & (point_inward > -OVERHANG_MM)
+        sure |= (tall > dish.floor_mm + OVER_FLOOR_MM) & (point_inward > slope)
+        roi = seen_inward > 0
+        band = (seen_inward > RIM_BAND_MM[0]) & (seen_inward < (WALL_MM if dish.is_deep else RIM_BAND_MM[1]))
+        band &= ~(tall > dish.rim_mm + OVERHANG_MM)
+        reach_mm = REACH_IN_DISH_MM
+    sure = _without_specks(_opened(sure, 5), MIN_SURE_MM2 / scene.pixel_mm**2)
+    pointed = np.zeros(sure.shape, np.bool_)
+    for point in points:
+        pointed |= point & ~scene.is_ignored
+    sure |= pointed
+    if not sure.any():
+        return FoodPixels(sure, sure)
+    core, deep = _cores(sure, scene)
+    core, deep = core | pointed, deep | pointed
+    roi |= _distance_px(sure) * scene.pixel_mm < reach_mm
+    return _cut(scene, dish, tall, (roi, band, sure, core, deep))
+
+
+def _cut(
+    scene: Scene,
+    dish: Dish | None,
+    tall: Float32Array,
+    masks: tuple[MaskArray, MaskArray, MaskArray, MaskArray, MaskArray],
+) -> FoodPixels:
+    rows, columns = _crop(masks[0])
+    window = (slice(*rows), slice(*columns))
+    shape = (columns[1] - columns[0], rows[1] - rows[0])
+    scale = min(1.0, SIDE_PX / max(shape))
+    size = (max(8, round(shape[0] * scale)), max(8, round(shape[1] * scale)))
+    roi, band, sure, core, deep = (_reduced(mask[window], size) for mask in masks)
+    is_ignored = _reduced(scene.is_ignored[window], size)
+    image = np.asarray(cv2.resize(scene.image_bgr[window], size, interpolation=cv2.INTER_AREA), np.uint8)
+    lab = cv2.cvtColor(image, cv2.COLOR_BGR2LAB).astype(np.float32)
+    shaded = [colour_bins(_shaded_lab(image, share)) for share in SHADES]
+    height = cv2.resize(tall[window], size, interpolation=cv2.INTER_NEAREST)
+    is_fine = cv2.resize(scene.reach_px[window], size, interpolation=cv2.INTER_NEAREST) < FINE_REACH_PX / 2
+    is_measured = height > -50.0
+    is_flat = np.abs(height) < FLAT_MM
+    if dish is not None and dish.floor_mm > 0:
+        is_flat |= np.abs(height - dish.floor_mm) < FLAT_MM
+    is_flat &= is_fine & is_measured & (_distance_px(sure) > 3)
+    texture = cv2.resize(scene.texture[window], size, interpolation=cv2.INTER_AREA)
+    bins = colour_bins(lab)
+    texture_bins = np.clip(np.log2(texture + 0.25) * 4 + 8, 0, 31).astype(np.int64)
+    features = contrast_features(lab)
+
+    base = 0.0 if dish is None else dish.rim_mm
+    over = is_measured & (height > base + OVER_RIM_MM)
+    evidence = np.where(over, np.where(is_fine, 4.0, 1.5), 0.0) + np.where(core, 2.5, 0.0)
+    evidence += np.where(is_fine & sure, 3.0, 0.0) - np.where(is_flat, 4.0, 0.0) - np.where(is_measured, 0.0, 0.3)
+    evidence = np.clip(evidence, *HEIGHT_LIMIT_NATS)
+
+    band &= ~sure
+    others = ((~roi & ~is_ignored) | band | is_flat) & ~core
+    food = core
+    for _ in range(ROUNDS):
+        colour = _ratio(colour_histogram([bins], food), colour_histogram([bins, *shaded], others), bins)
+        fine = _texture_ratio(texture_bins, food, others)
+        ratio = np.clip(colour, -COLOUR_LIMIT_NATS, COLOUR_LIMIT_NATS) + fine
+        is_never = ~roi | is_ignored | (band & (ratio < 1.0))
+        found = cut_in_two((ratio + evidence).astype(np.float32), features, is_never, deep | (core & (ratio > 2.0)))
+        food = found & (_distance_px(~found) > 2)
+        others = ~found & ~is_ignored & (_distance_px(found) > 2)
+        if not food.any():
+            break
+    out = np.zeros(scene.is_ignored.shape, np.bool_)
+    out[window] = cv2.resize(found.astype(np.float32), shape, interpolation=cv2.INTER_LINEAR) > 0.5
+    whole_core = np.zeros(out.shape, np.bool_)
+    whole_core[window] = cv2.resize(core.astype(np.uint8), shape, interpolation=cv2.INTER_NEAREST) > 0
+    return FoodPixels(out & ~scene.is_ignored, whole_core)
+
+
+def contrast_features(lab: Float32Array) -> ImageArray:
+    """(H, W, 2) lightness and the direction of most chroma, as the cut sees contrast. lab: (H, W, 3), 0-255."""
+    chroma = (lab[..., 1:] - 128.0).reshape(-1, 2)
+    axis = np.linalg.eigh(np.cov(chroma.T) + np.eye(2) * 1e-6)[1][:, 1]
+    along = (chroma @ axis).reshape(lab.shape[:2])
+    channels = [LIGHT_WEIGHT * lab[..., 0], np.clip(128.0 + CHROMA_GAIN * along, 0, 255)]
+    return np.stack(channels, axis=-1).astype(np.uint8)
+
+
+def fine_texture(image_bgr: ImageArray) -> Float32Array:
+    """(H, W) mean absolute difference of grey from its surroundings, grey levels: what grain a surface has."""
+    grey = cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY).astype(np.float32)
+    return np.asarray(cv2.GaussianBlur(np.abs(grey - cv2.GaussianBlur(grey, (0, 0), 2.0)), (0, 0), 2.0), np.float32)
+
+
+def _cores(sure: MaskArray, scene: Scene) -> tuple[MaskArray, MaskArray]:
+    """What is raised and not within a window's reach of its outline; and what is so deep inside that it is certain."""
+    depth = cv2.distanceTransform(sure.astype(np.uint8), cv2.DIST_L2, 3)
+    reach = np.maximum(np.where(scene.reach_px > FINE_REACH_PX / 2, scene.reach_px, 2.0), 2.0)
+    core = sure & (depth > reach + 1)
+    deep = sure & (depth > reach + SURE_DEPTH_MM / scene.pixel_mm) & (depth > 2 * reach)
+    count, labels = cv2.connectedComponents(sure.astype(np.uint8))
+    for label in range(1, count):
+        part = labels == label
+        if not (core & part).any():
+            core |= part & (depth > 0.6 * float(depth[part].max()))
+    return core, deep
+
+
+def colour_bins(lab: Float32Array) -> NDArray[np.int64]:
+    """(H, W) index into a histogram that is finer for greyish colours."""
+    lightness = np.clip(lab[..., 0] / 256 * BIN_COUNTS[0], 0, BIN_COUNTS[0] - 1).astype(np.int64)
+    chroma = lab[..., 1:] - 128.0
+    step = np.where(np.abs(chroma) < 24, np.abs(chroma) / 3, 8 + (np.abs(chroma) - 24) / 10)
+    a, b = np.moveaxis(np.clip(16 + np.sign(chroma) * step, 0, 31).astype(np.int64), -1, 0)
+    return np.asarray((lightness * BIN_COUNTS[1] + a) * BIN_COUNTS[2] + b, np.int64)
+
+
+def _shaded_lab(image_bgr: ImageArray, share: float) -> Float32Array:
+    """The image in Lab as it would look with this share of its light (of linear intensities, gamma 2.2)."""
+    darker = cv2.convertScaleAbs(image_bgr, alpha=share ** (1 / 2.2))
+    return cv2.cvtColor(darker, cv2.COLOR_BGR2LAB).astype(np.float32)
+
+
+def colour_histogram(versions: list[NDArray[np.int64]], where: MaskArray) -> Float32Array:
+    """Probability of each bin, smoothed. versions: the bins, and those of the same pixels in shadow, of less weight."""
+    counts = np.zeros(BIN_COUNTS, np.float32)
+    for place, bins in enumerate(versions):
+        weight = 1.0 if place == 0 else SHADE_WEIGHT
+        found = np.bincount(bins[where], minlength=counts.size).astype(np.float32)
+        counts += weight * found.reshape(BIN_COUNTS)
+    kernel = cv2.getGaussianKernel(9, 1.2, cv2.CV_32F)
+    flat = cv2.sepFilter2D(
+        counts.reshape(BIN_COUNTS[0] * BIN_COUNTS[1], BIN_COUNTS[2]),
+        -1,
+        kernel,
+        np.ones((1, 1), np.float32),
+        borderType=cv2.BORDER_CONSTANT,
+    ).reshape(BIN_COUNTS)
+    along_a = np.stack(
+        [
+            cv2.sepFilter2D(plane, -1, np.ones((1, 1), np.float32), kernel, borderType=cv2.BORDER_CONSTANT)
+            for plane in flat
+        ]
+    )
+    smooth = cv2.sepFilter2D(
+        along_a.reshape(BIN_COUNTS[0], -1), -1, np.ones((1, 1), np.float32), kernel, borderType=cv2.BORDER_CONSTANT
+    )
+    return np.asarray(smooth.ravel() / max(1.0, float(smooth.sum())), np.float32)
+
+
+def _ratio(first: Float32Array, second: Float32Array, bins: NDArray[np.int64]) -> Float32Array:
+    return np.asarray(np.log((first + UNSEEN) / (second + UNSEEN))[bins], np.float32)
+
+
+def _texture_ratio(bins: NDArray[np.int64], food: MaskArray, others: MaskArray) -> Float32Array:
+    smooth = [
+        np.convolve(np.bincount(bins[mask], minlength=32), [0.1, 0.2, 0.4, 0.2, 0.1], "same") / max(1, mask.sum())
+        for mask in (food, others)
+    ]
+    ratio = np.log((smooth[0] + 0.01) / (smooth[1] + 0.01))[bins]
+    return np.asarray(np.clip(ratio, -TEXTURE_LIMIT_NATS, TEXTURE_LIMIT_NATS), np.float32)
+
+
+def _without_specks(mask: MaskArray, least_px: float) -> MaskArray:
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    kept = stats[:, cv2.CC_STAT_AREA] >= least_px
+    kept[0] = False
+    return np.asarray(kept[labels], np.bool_)
+
+
+def _opened(mask: MaskArray, size_px: int) -> MaskArray:
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size_px, size_px), np.uint8)) > 0
+
+
+def _distance_px(mask: MaskArray) -> Float32Array:
+    """(H, W) distance to the nearest pixel of the mask."""
+    if not mask.any():
+        return np.full(mask.shape, 1e6, np.float32)
+    return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3), np.float32)
+
+
+def _reduced(mask: MaskArray, size: tuple[int, int]) -> MaskArray:
+    return cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+
+
+def _crop(mask: MaskArray) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Rows and columns (from, to) around the mask with a margin, in which the background's colours are known."""
+    limits = []
+    for axis in (1, 0):
+        where = np.flatnonzero(mask.any(axis=axis))
+        limits.append((max(0, int(where[0]) - MARGIN_PX), min(mask.shape[1 - axis], int(where[-1]) + 1 + MARGIN_PX)))
+    return limits[0], limits[1]

@@ -1,0 +1,113 @@
+"""The meal seen from straight above: the median height of the measured points in each cell of the table's plane.
+
+Points (mm, table frame) -> a grid of heights; and the table's own slow departure from the marker's plane, which a
+small error of the poses or a soft cloth makes, so that heights can be taken over the table itself.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.vision.model import Float32Array, Float64Array, MaskArray
+
+CELL_MM = 3.0
+TABLE_CELL_MM = 8.0
+REACH_MM = 600.0  # from the marker: farther points are background or strays
+MARGIN_MM = 40.0
+TREND_UNIT_MM = 200.0
+TREND_LIMIT = 2.5  # units; the trend is not carried on beyond
+TREND_SD_MM = (2.0, 3.0, 3.0, 2.0, 2.0, 2.0)  # prior of the coefficients: constant, linear, quadratic
+CELLS_PER_FACT = 150.0  # neighbouring cells err alike, so many count as one measurement
+INLIER_MM = (6.0, 6.0, 5.0, 5.0, 4.0, 4.0)  # narrowing: what lies farther from the trend is no table
+TABLE_RANGE_MM = 40.0
+MIN_TABLE_POINTS = 500
+MIN_POINTS_PER_TABLE_CELL = 4
+
+
+@dataclass(frozen=True, slots=True)
+class TopView:
+    """origin_mm: (2,) corner of cell (0, 0). height_mm: (rows, columns) median, NaN where empty; y grows with rows.
+
+    count: (rows, columns) points in each cell.
+    """
+
+    origin_mm: Float64Array
+    cell_mm: float
+    height_mm: Float32Array
+    count: NDArray[np.int64]
+
+    def cells_px(self, xy_mm: Float64Array | Float32Array) -> Float32Array:
+        """(..., 2) mm -> (..., 2) column and row, a cell's centre being whole."""
+        return np.asarray((xy_mm - self.origin_mm) / self.cell_mm - 0.5, np.float32)
+
+    def centres_mm(self) -> Float64Array:
+        """(rows, columns, 2) x, y of the cells' centres, mm."""
+        rows, columns = self.height_mm.shape
+        grid = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1)
+        return np.asarray(self.origin_mm + (grid + 0.5) * self.cell_mm, np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class TableTrend:
+    """Height of the table over the marker's plane as a polynomial of second degree in x, y; noise_mm: of a cell."""
+
+    coefficients: Float64Array
+    noise_mm: float
+
+    def height_mm(self, xy_mm: Float64Array | Float32Array) -> Float64Array:
+        """(...,) mm at (..., 2) mm; NaN kept."""
+        unit = np.clip(np.asarray(xy_mm, np.float64) / TREND_UNIT_MM, -TREND_LIMIT, TREND_LIMIT)
+        return np.asarray(np.moveaxis(_terms(unit[..., 0], unit[..., 1]), 0, -1) @ self.coefficients, np.float64)
+
+
+def view_from_above(points_table: Float32Array, heights_mm: Float32Array, cell_mm: float = CELL_MM) -> TopView | None:
+    """The top view of (n, 3) points with (n,) heights (over the table or the marker); None without points."""
+    if len(points_table) == 0:
+        return None
+    xy = points_table[:, :2].astype(np.float64)
+    origin = xy.min(axis=0) - MARGIN_MM
+    columns, rows = (np.ceil((xy.max(axis=0) + MARGIN_MM - origin) / cell_mm)).astype(np.int64)
+    cells = np.floor((xy - origin) / cell_mm).astype(np.int64)
+    index = cells[:, 1] * columns + cells[:, 0]
+    count = np.bincount(index, minlength=int(rows * columns))
+    order = np.lexsort((heights_mm, index))
+    first = np.concatenate([[0], np.cumsum(count)[:-1]])
+    median = np.full(int(rows * columns), np.nan, np.float32)
+    filled = count > 0
+    median[filled] = heights_mm[order][first[filled] + count[filled] // 2]
+    shape = (int(rows), int(columns))
+    return TopView(origin, cell_mm, median.reshape(shape), count.reshape(shape))
+
+
+def usable_points(points_table: Float32Array, ignored: MaskArray) -> MaskArray:
+    """(H, W) where a point is measured, not ignored and within reach."""
+    with np.errstate(invalid="ignore"):
+        near = (np.abs(points_table[..., :2]) < REACH_MM).all(axis=-1)
+    return np.asarray(np.isfinite(points_table[..., 2]) & near & ~ignored, np.bool_)
+
+
+def fit_table_trend(points_table: Float32Array) -> TableTrend:
+    """Ridge regression on the cells near the marker's plane, gathered anew as it improves. points_table: (n, 3)."""
+    coefficients: Float64Array = np.zeros(6)
+    near = points_table[np.abs(points_table[:, 2]) < TABLE_RANGE_MM]
+    view = view_from_above(near, near[:, 2], TABLE_CELL_MM) if len(near) >= MIN_TABLE_POINTS else None
+    if view is None:
+        return TableTrend(coefficients, 1.0)
+    kept = view.count >= MIN_POINTS_PER_TABLE_CELL
+    heights = view.height_mm[kept].astype(np.float64)
+    unit = view.centres_mm()[kept] / TREND_UNIT_MM
+    design = _terms(unit[:, 0], unit[:, 1]).T
+    prior = np.diag(1.0 / np.square(TREND_SD_MM)) * CELLS_PER_FACT
+    is_table = np.ones(len(heights), np.bool_)
+    for limit in INLIER_MM:
+        is_table = np.abs(heights - design @ coefficients) < limit
+        rows = design[is_table]
+        solved = np.linalg.solve(rows.T @ rows + prior, rows.T @ heights[is_table])
+        coefficients = np.asarray(solved, np.float64)
+    residuals = np.abs(heights - design @ coefficients)[is_table]
+    return TableTrend(coefficients, 1.48 * float(np.median(residuals)) if residuals.size else 1.0)
+
+
+def _terms(x: Float64Array, y: Float64Array) -> Float64Array:
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
