@@ -4,8 +4,7 @@
 the print is left to marker.py. Detector: OpenCV's sector-based one (Duda and Frese, 2018), on a reduced image first.
 """
 
-import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import cv2
@@ -13,7 +12,7 @@ import numpy as np
 
 from app.vision.model import Float32Array, Float64Array, ImageArray
 
-DETECTION_LONG_SIDES_PX = (1400, 2400, 4600)  # quick and blind to fine texture first; 4600 is all of a 12 MP photograph
+ANY_GRID_LONG_SIDES_PX = (1400, 2400)
 MAX_RESIDUAL_SQUARES = 0.12  # of a square; lens distortion and curled paper bend a true grid by far less
 MIN_ALTERNATING_SHARE = 0.9  # of neighbouring squares; a shadow's edge may upset a few
 MIN_SQUARE_STEP = 8.0  # grey levels between the means of neighbouring squares; noise of a phone's dark areas is below 4
@@ -24,6 +23,7 @@ REFINEMENT_STEPS = 10
 MAX_STRAY_SQUARES = 0.08  # of a square, from where the other corners expect one
 MIN_CORNERS_FOR_CUBIC = 5  # a side
 MAX_STRAY_SHARE = 0.35  # of the corners; above, it is the homography that is wrong
+Detector = Callable[[ImageArray, int, int], Float64Array | None]  # image, columns, rows -> (n, 2) px
 SQUARE_SAMPLES = np.stack(np.meshgrid(np.linspace(-0.22, 0.22, 5), np.linspace(-0.22, 0.22, 5)), -1).reshape(-1, 2)
 
 
@@ -33,10 +33,13 @@ def find_grids(contrast: ImageArray, columns: int, rows: int) -> Iterator[Float6
     contrast: (H, W). Yields (rows, columns, 2), px of contrast. Each detector now and then locks on a wrong grid that
     its sister gets right, so that the caller checks and asks for the next.
     """
-    # On the larger images the slower detectors would take half a minute and find no more.
-    detectors = (_detect_by_sectors, _detect_by_normalised_sectors, _detect_by_quadrangles)
-    for level, (reduced, scale) in enumerate(_reduced(contrast)):
-        for detect in detectors[: len(detectors) - level]:
+    asked: set[tuple[float, Detector]] = set()  # a small photograph has the same size on several levels
+    for long_side, detectors in DETECTION_PLAN:
+        reduced, scale = _reduced(contrast, long_side)
+        for detect in detectors:
+            if (scale, detect) in asked:
+                continue
+            asked.add((scale, detect))
             corners = detect(reduced, columns, rows)
             if corners is not None:
                 yield (corners.reshape(rows, columns, 2) + 0.5) / scale - 0.5
@@ -44,19 +47,22 @@ def find_grids(contrast: ImageArray, columns: int, rows: int) -> Iterator[Float6
 
 def find_any_grids(contrast: ImageArray) -> Iterator[Float64Array]:
     """Candidates for grids of any size from 3 x 3 inner corners up, as find_grids does, but not at full size."""
-    for reduced, scale in itertools.islice(_reduced(contrast), 2):
+    for long_side in ANY_GRID_LONG_SIDES_PX:
+        reduced, scale = _reduced(contrast, long_side)
         for flags in (cv2.CALIB_CB_NORMALIZE_IMAGE, 0):
             found, corners, meta = cv2.findChessboardCornersSBWithMeta(reduced, (3, 3), flags | cv2.CALIB_CB_LARGER)
             if found:
                 yield (np.asarray(corners, np.float64).reshape(*np.asarray(meta).shape, 2) + 0.5) / scale - 0.5
 
 
-def _reduced(contrast: ImageArray) -> Iterator[tuple[ImageArray, float]]:
-    """The image at each of the detection sizes that it has, and its scale."""
-    scales = dict.fromkeys(min(1.0, long_side / max(contrast.shape)) for long_side in DETECTION_LONG_SIDES_PX)
-    for scale in scales:
-        small = cv2.resize(contrast, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else contrast
-        yield np.asarray(small, np.uint8), scale
+def _reduced(contrast: ImageArray, long_side: int) -> tuple[ImageArray, float]:
+    """The image with its long side at most this long, and its scale."""
+    scale = min(1.0, long_side / max(contrast.shape))
+    if scale == 1.0:
+        return contrast, 1.0
+    fewer = reduce_by(contrast, int(1.0 / scale))
+    height, width = (max(1, round(side * scale)) for side in contrast.shape[:2])
+    return np.asarray(cv2.resize(fewer, (width, height), interpolation=cv2.INTER_AREA), np.uint8), scale
 
 
 def _detect_by_normalised_sectors(image: ImageArray, columns: int, rows: int) -> Float64Array | None:
@@ -74,6 +80,25 @@ def _detect_by_quadrangles(image: ImageArray, columns: int, rows: int) -> Float6
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
     found, corners = cv2.findChessboardCorners(image, (columns, rows), flags=flags)
     return np.asarray(corners, np.float64) if found else None
+
+
+# Quick and blind to fine texture first. The quadrangles take a tenth of the sectors' time, and the sectors read what
+# they miss; on the larger images the slower detectors would take half a minute and find no more. 4600: all of 12 MP.
+DETECTION_PLAN: tuple[tuple[int, tuple[Detector, ...]], ...] = (
+    (1000, (_detect_by_quadrangles, _detect_by_sectors)),
+    (1400, (_detect_by_quadrangles, _detect_by_sectors, _detect_by_normalised_sectors)),
+    (2400, (_detect_by_sectors, _detect_by_normalised_sectors)),
+    (4600, (_detect_by_sectors,)),
+)
+
+
+def reduce_by(image: ImageArray, factor: int) -> ImageArray:
+    """The image with blocks of factor x factor px averaged; a whole factor takes a tenth of any other's time."""
+    if factor == 1:
+        return image
+    height, width = (side // factor * factor for side in image.shape[:2])
+    size = (width // factor, height // factor)
+    return np.asarray(cv2.resize(image[:height, :width], size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def refine_grid(image: ImageArray | Float32Array, grid: Float64Array) -> Float64Array:
@@ -132,24 +157,34 @@ def _cross_edges(image: ImageArray | Float32Array, grid: Float64Array, limit_px:
         image[low[1] : high[1], low[0] : high[0]].astype(np.float32), pad, pad, pad, pad, cv2.BORDER_REPLICATE
     )
     slope_x, slope_y = cv2.Scharr(crop, cv2.CV_32F, 1, 0), cv2.Scharr(crop, cv2.CV_32F, 0, 1)
-    normals = _edge_normals(grid)  # (n, 2, 2)
+    normals = _edge_normals(grid).astype(np.float32)[..., None]  # (n, 2, 2, 1)
     start = grid.reshape(-1, 2) - low + pad
     window = np.stack(np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1)), -1).reshape(-1, 2)
     limit = float(reach) if limit_px is None else limit_px
     corners = start.copy()
     for band in np.linspace(*REFINEMENT_BANDS, REFINEMENT_STEPS) * reach:
-        where = np.rint(corners).astype(int)[:, None] + window  # (n, k, 2)
-        gradient = np.stack([slope_x[where[..., 1], where[..., 0]], slope_y[where[..., 1], where[..., 0]]], -1)
-        offset = where - corners[:, None]
-        distance = np.einsum("nej,nkj->nek", normals, offset)  # to either edge line
-        across = np.einsum("nej,nkj->nek", normals, gradient)
-        strength = np.maximum(np.sum(gradient**2, axis=-1), 1e-6)
-        near = np.exp(-0.5 * (distance / max(1.5, band)) ** 2) * (across**2 / strength[:, None]) ** 2
-        weight = near.max(axis=1) * np.exp(-0.5 * np.sum(offset**2, axis=-1) / (0.6 * reach) ** 2)
-        tensor = np.einsum("nk,nki,nkj->nij", weight, gradient, gradient)
-        moment = np.einsum("nk,nki,nkj,nkj->ni", weight, gradient, gradient, offset)
+        nearest = np.rint(corners).astype(int)
+        columns, rows = nearest[:, :1] + window[:, 0], nearest[:, 1:] + window[:, 1]  # (n, k)
+        gx, gy = slope_x[rows, columns], slope_y[rows, columns]
+        dx, dy = (
+            (at - corner[:, None]).astype(np.float32) for at, corner in zip((columns, rows), corners.T, strict=True)
+        )
+        strength = np.maximum(gx * gx + gy * gy, np.float32(1e-6))
+        near = np.zeros_like(gx)
+        for edge in (0, 1):
+            distance = normals[:, edge, 0] * dx + normals[:, edge, 1] * dy
+            across = normals[:, edge, 0] * gx + normals[:, edge, 1] * gy
+            share = across * across / strength
+            np.maximum(
+                near, np.exp(distance * distance * np.float32(-0.5 / max(1.5, band) ** 2)) * share * share, out=near
+            )
+        weight = near * np.exp((dx * dx + dy * dy) * np.float32(-0.5 / (0.6 * reach) ** 2))
+        xx, xy, yy = ((weight * product).sum(axis=1, dtype=np.float64) for product in (gx * gx, gx * gy, gy * gy))
+        along = gx * dx + gy * dy
+        moment = np.stack([(weight * g * along).sum(axis=1, dtype=np.float64) for g in (gx, gy)], axis=-1)
         # A trace of the identity keeps a corner without texture where it is.
-        tensor += 1e-6 * np.trace(tensor, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 1e-9 * np.eye(2)
+        ridge = 1e-6 * (xx + yy) + 1e-9
+        tensor = np.stack([np.stack([xx + ridge, xy], -1), np.stack([xy, yy + ridge], -1)], axis=-2)
         step = np.linalg.solve(tensor, moment[..., None])[..., 0]
         corners = np.clip(corners + step, start - limit, start + limit)
     return np.asarray((corners + low - pad).reshape(grid.shape), np.float64)
