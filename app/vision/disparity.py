@@ -1,9 +1,10 @@
-"""Dense disparity by normalised cross correlation (paper, section IV.D), coarse to fine, sub-pixel, checked both ways.
+"""Dense disparity: semi-global matching finds it, normalised windows settle it to sub-pixel, checked both ways.
 
 Two images whose rows are epipolar lines -> parallax of every pixel, NaN where unmatched. The pair comes sheared by the
 support's plane (rectification.py), so that a window on the support, the most slanted surface of a meal, needs no slant
-of its own; on finer levels each pixel of a window moves by the parallax found before, so that a window follows any
-smooth surface. Where a fine window shows nothing but noise, the coarser level's larger one stands in.
+of its own; each pixel of a window moves by the parallax found before, so that a window follows any smooth surface.
+Where a fine window shows nothing but noise, a larger one on a coarser level stands in. The windows maximise the
+normalised cross correlation (paper, section IV.D). The finest level is settled only where something stands.
 """
 
 from dataclasses import dataclass
@@ -13,11 +14,22 @@ import numpy as np
 
 from app.vision.model import Float32Array, ImageArray, MaskArray
 
-LEVELS = (4, 2, 1)  # reductions; the search over the whole range happens on the first
+RANGE_LEVEL, SEARCH_LEVEL = 4, 2  # reductions: the whole range is searched on the first, what it found on the second
+RANGE_SPECKLE_PX = 12  # on the range level: 14 px across at full size, a thin stalk held towards the camera
+RANGE_MARGIN_PX = 16.0  # at full size, beyond what was found
+STANDING_SHARE = 0.02  # of the range, which is some 200 mm: what stands 4 mm over the support, more where it is far
+STANDING_MARGIN_PX = 24  # around what stands
+LEVELS = (4, 2, 1)  # reductions on which windows settle; a finer one overrides a coarser one
+STEPS = {4: 2, 2: 2, 1: 2}  # Gauss-Newton steps a level; the search leaves half a pixel, the level before a tenth
 WINDOW_PX = 9  # on each level: 36, 18 and 9 px of the working image
+SMALL_STEP_PENALTY, LARGE_STEP_PENALTY = 100, 500  # Hirschmueller (2008), P1 and P2, for windows of 3 x 3 px
+SEARCH_WINDOW_PX = 3
 MIN_CORRELATION = 0.6
 MIN_TEXTURE = 1.0  # grey levels, standard deviation in a window: below, it is the sensor's noise that is correlated
-MAX_CHECK_DIFFERENCE_PX = 1.0  # between the parallax from either view
+MAX_SD_PX = 0.35  # of the level's pixels, by what the window's fit leaves
+MAX_CHECK_DIFFERENCE_PX = 1  # on the search level, between the parallax from either view
+MAX_MOVE_PX = 1.0  # of the level's pixels, from where a level starts; further off, it is another place that is alike
+INDEPENDENT_SHARE = 0.3  # of a window's pixels: demosaicing, compression and resampling tie neighbours' noise together
 SPECKLE_PX = 100  # smaller islands of parallax that hang together with nothing are mismatches
 SPECKLE_STEP_PX = 2
 
@@ -26,185 +38,229 @@ SPECKLE_STEP_PX = 2
 class DisparityMap:
     """parallax_px: (H, W) of the first image, NaN where unmatched. reach_px: (H, W) half the window of each.
 
-    Within that reach of an object's outline a parallax may be that of the other side.
+    sd_px: (H, W) standard deviation of each parallax by its window's own fit, NaN where unmatched. Within the reach of
+    an object's outline a parallax may be that of the other side.
     """
 
     parallax_px: Float32Array
     reach_px: Float32Array
+    sd_px: Float32Array | None = None
 
 
 def match_dense(
     first_bgr: ImageArray, second_bgr: ImageArray, range_px: tuple[float, float], is_seen: MaskArray | None = None
 ) -> DisparityMap:
-    """Parallax x_first - x_second by NCC in both directions; kept where both agree.
+    """Parallax x_first - x_second, kept where both directions of the search agree and a window confirms it.
 
     first_bgr, second_bgr: (H, W, 3). range_px: least and greatest parallax. is_seen: (H, W) where to keep any.
     """
-    first, second = _grey(first_bgr), _grey(second_bgr)
-    there = _match_one_way(first, second, range_px)
-    # In the second image's own grid the same point moves the other way.
-    back = _match_one_way(second, first, (-range_px[1], -range_px[0]))
+    first = np.asarray(cv2.cvtColor(first_bgr, cv2.COLOR_BGR2GRAY), np.uint8)
+    second = np.asarray(cv2.cvtColor(second_bgr, cv2.COLOR_BGR2GRAY), np.uint8)
     height, width = first.shape
+    searched, is_confirmed = _search(first, second, range_px)
     parallax = np.full((height, width), np.nan, np.float32)
     reach = np.zeros((height, width), np.float32)
-    for level, forth, reverse in zip(LEVELS, there, back, strict=True):  # a finer level overrides a coarser one
-        found = _checked(forth, reverse, level)
-        kept = _resized(found * np.float32(width / found.shape[1]), (width, height), cv2.INTER_LINEAR)
+    sd = np.full((height, width), np.nan, np.float32)
+    start = searched
+    for level in LEVELS:
+        size = (max(1, round(width / level)), max(1, round(height / level)))
+        a, b = (np.asarray(_resized(grey, size, cv2.INTER_AREA), np.uint8) for grey in (first, second))
+        scale = np.float32(width / size[0])
+        rows, columns = _standing(start, range_px) if level == LEVELS[-1] else (slice(None), slice(None))
+        begun = (_resized(start, size, cv2.INTER_LINEAR) / scale).astype(np.float32)[rows, columns]
+        settled = _settle(a[rows, columns], b[rows], begun, STEPS[level], level, columns.start or 0)
+        is_good = settled.is_good & (_resized(is_confirmed, size, cv2.INTER_NEAREST)[rows, columns] > 0)
+        found = np.where(is_good, settled.parallax * scale, np.float32(np.nan))
+        whole = (found.shape[1], found.shape[0]) if level == LEVELS[-1] else (width, height)
+        kept = _resized(found, whole, cv2.INTER_LINEAR)
         is_kept = np.isfinite(kept)
-        parallax[is_kept] = kept[is_kept]
-        reach[is_kept] = level * WINDOW_PX / 2
+        np.copyto(parallax[rows, columns], kept, where=is_kept)
+        reach[rows, columns][is_kept] = level * WINDOW_PX / 2
+        np.copyto(sd[rows, columns], _resized(settled.sd * scale, whole, cv2.INTER_LINEAR), where=is_kept)
+        if level == SEARCH_LEVEL:  # the finest level sets out from here
+            start = np.where(is_good, settled.parallax, begun) * scale
     if is_seen is not None:  # windows that reach over the border see its edge, not the scene
         side = LEVELS[0] * WINDOW_PX + 1
         kernel = np.ones((side, side), np.uint8)
-        parallax[cv2.erode(is_seen.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0) == 0] = (
-            np.nan
-        )
-    return DisparityMap(_without_speckles(parallax), reach)
-
-
-def _grey(image_bgr: ImageArray) -> Float32Array:
-    return np.asarray(cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY), np.float32)
+        inner = cv2.erode(is_seen.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+        parallax[inner == 0] = np.nan
+    parallax = _without_speckles(parallax)
+    sd[np.isnan(parallax)] = np.nan
+    return DisparityMap(parallax, reach, sd)
 
 
 def correlate(first: Float32Array, second: Float32Array) -> Float32Array:
     """(H, W) NCC of the windows around each pixel of two grey images; 0 where either window is constant."""
-    return _correlate(first, _window_moments(first), second)
+    mean_first, mean_second = _box(first), _box(second)
+    covariance = _box(first * second) - mean_first * mean_second
+    variance = (_box(first * first) - mean_first**2) * (_box(second * second) - mean_second**2)
+    # A variance below a thousandth of a grey level squared is float32's rounding.
+    return np.asarray(np.where(variance > 1e-3, covariance / np.sqrt(np.maximum(variance, 1e-3)), 0.0), np.float32)
 
 
 @dataclass(frozen=True, slots=True)
-class _Level:
-    """One level's parallax (H, W), px of that level, its NCC, and the windows' standard deviation, grey levels."""
+class _Settled:
+    """One level's parallax (H, W) and its standard deviation, px of that level, and where it can be trusted."""
 
     parallax: Float32Array
-    correlation: Float32Array
-    texture: Float32Array
+    sd: Float32Array
+    is_good: MaskArray
 
 
-def _match_one_way(first: Float32Array, second: Float32Array, range_px: tuple[float, float]) -> list[_Level]:
-    """Parallax of each pixel of `first`, level by level, the finest last."""
-    levels: list[_Level] = []
-    for level in LEVELS:
-        size = (max(1, round(first.shape[1] / level)), max(1, round(first.shape[0] / level)))
-        a, b = _resized(first, size, cv2.INTER_AREA), _resized(second, size, cv2.INTER_AREA)
-        if not levels:
-            low, high = int(np.floor(range_px[0] / level)), int(np.ceil(range_px[1] / level))
-            start = _sweep(a, b, low, high)
-            parallax, correlation = _subpixel(a, _window_moments(a), b, start)
-        else:
-            parallax, correlation = _refine(a, b, levels[-1].parallax, size)
-        mean, mean_square = _window_moments(a)
-        texture = np.sqrt(np.maximum(mean_square - mean * mean, 0.0))
-        levels.append(_Level(parallax, correlation, texture))
-    return levels
+def _search(first: ImageArray, second: ImageArray, range_px: tuple[float, float]) -> tuple[Float32Array, ImageArray]:
+    """Parallax of each pixel on the search level, px of full size, and 1 where the other direction agrees."""
+    found, agrees = _search_range(first, second, range_px, RANGE_LEVEL)
+    offset = 16.0 - 16.0 * min(0.0, range_px[0])
+    kept = np.where(agrees > 0, found + offset, 0.0).astype(np.int16)
+    cv2.filterSpeckles(kept, 0, RANGE_SPECKLE_PX, SPECKLE_STEP_PX * RANGE_LEVEL)
+    seen = kept[kept > 0] - offset
+    if seen.size == 0:
+        return found, agrees
+    low, high = float(seen.min()) - RANGE_MARGIN_PX, float(seen.max()) + RANGE_MARGIN_PX
+    narrowed = (max(range_px[0], low), min(range_px[1], high))
+    return _search_range(first, second, narrowed, SEARCH_LEVEL)
 
 
-def _checked(forth: _Level, reverse: _Level, level: int) -> Float32Array:
-    """(H, W) parallax of one level, NaN where weak, featureless, or not confirmed from the other view."""
-    columns = _columns(forth.parallax) - forth.parallax
-    returned = _sample(reverse.parallax, columns)
+def _search_range(
+    first: ImageArray, second: ImageArray, range_px: tuple[float, float], level: int
+) -> tuple[Float32Array, ImageArray]:
+    height, width = first.shape
+    size = (max(1, round(width / level)), max(1, round(height / level)))
+    a, b = (np.asarray(_resized(grey, size, cv2.INTER_AREA), np.uint8) for grey in (first, second))
+    b = _with_light_of(b, a)
+    scale = width / size[0]
+    low = int(np.floor(range_px[0] / scale)) - 1
+    count = 16 * int(np.ceil((range_px[1] / scale + 2 - low) / 16))
+    penalties = SMALL_STEP_PENALTY, LARGE_STEP_PENALTY
+    matcher = cv2.StereoSGBM.create(
+        low,
+        count,
+        SEARCH_WINDOW_PX,
+        *penalties,
+        disp12MaxDiff=MAX_CHECK_DIFFERENCE_PX,
+        preFilterCap=63,
+        mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
+    )
+    found = _semi_global(matcher, a, b, low, count)
+    agrees = found >= low
+    columns = np.arange(size[0], dtype=np.float32) - found
+    agrees &= (columns >= 0) & (columns <= size[0] - 1)
+    return _filled(found, agrees) * np.float32(scale), agrees.astype(np.uint8)
+
+
+def _standing(parallax: Float32Array, range_px: tuple[float, float]) -> tuple[slice, slice]:
+    """Rows and columns, at full size, of the rectangle around all that stands over the support; all if nothing does.
+
+    parallax: (H, W) on the search level, px of full size.
+    """
+    stands = np.where(parallax > STANDING_SHARE * range_px[1], np.int16(1), np.int16(0))
+    cv2.filterSpeckles(stands, 0, SPECKLE_PX, 0)
+    rows, columns = (np.flatnonzero(stands.any(axis=axis)) for axis in (1, 0))
+    if len(rows) == 0:
+        return slice(None), slice(None)
+    row_range, column_range = (
+        slice(
+            max(0, int(found[0]) * SEARCH_LEVEL - STANDING_MARGIN_PX),
+            (int(found[-1]) + 1) * SEARCH_LEVEL + STANDING_MARGIN_PX,
+        )
+        for found in (rows, columns)
+    )
+    return row_range, column_range
+
+
+def _semi_global(matcher: cv2.StereoSGBM, a: ImageArray, b: ImageArray, low: int, count: int) -> Float32Array:
+    """(H, W) parallax; the image is widened by the range, since none is searched for within it of the border."""
+    left, right = max(0, low + count), max(0, -low)
+    wide = [cv2.copyMakeBorder(image, 0, 0, left, right, cv2.BORDER_REPLICATE) for image in (a, b)]
+    found = np.ascontiguousarray(matcher.compute(wide[0], wide[1])[:, left : left + a.shape[1]])
+    return np.asarray(cv2.medianBlur(found, 5), np.float32) / np.float32(cv2.STEREO_MATCHER_DISP_SCALE)
+
+
+def _filled(parallax: Float32Array, is_known: MaskArray) -> Float32Array:
+    """What is not known as on its left or right, whichever lies farther away: occlusion hides what is behind."""
+    height, width = parallax.shape
+    columns = np.arange(width)
+    before = np.maximum.accumulate(np.where(is_known, columns, 0), axis=1)
+    after = np.minimum.accumulate(np.where(is_known, columns, width - 1)[:, ::-1], axis=1)[:, ::-1]
+    rows = np.arange(height)[:, None]
+    known = np.where(is_known, parallax, np.float32(0.0))
+    return np.minimum(known[rows, before], known[rows, after])
+
+
+def _with_light_of(image: ImageArray, other: ImageArray) -> ImageArray:
+    """The image with the mean and the contrast of the other: semi-global matching compares grey levels."""
+    mean, contrast = (float(part[0, 0]) for part in cv2.meanStdDev(image))
+    mean_other, contrast_other = (float(part[0, 0]) for part in cv2.meanStdDev(other))
+    gain = contrast_other / contrast if contrast > 0 else 1.0
+    return np.asarray(cv2.addWeighted(image, gain, image, 0.0, mean_other - gain * mean), np.uint8)
+
+
+def _settle(
+    first: ImageArray, second: ImageArray, start: Float32Array, steps: int, level: int, left_px: int
+) -> _Settled:
+    """Parallax that makes each window of the second image most like the first's, from where it starts.
+
+    Gauss-Newton on the normalised cross correlation: the second image's window, moved, is regressed on the first's grey
+    levels and their slope along the row. The ratio of the two coefficients is what is left to move (inverse
+    compositional: Baker and Matthews, 2004); gain and offset drop out. Unlike the parabola through three correlations
+    it prefers no whole pixels.
+    second: with all its columns; first and start may begin at its column left_px.
+    """
+    a = first.astype(np.float32)
+    slope = np.asarray(cv2.Sobel(a, cv2.CV_32F, 1, 0, ksize=1, scale=0.5), np.float32)
+    mean_a, mean_slope = _box(a), _box(slope)
+    aa = _box(a * a) - mean_a * mean_a
+    ag = _box(a * slope) - mean_a * mean_slope
+    gg = _box(slope * slope) - mean_slope * mean_slope
+    determinant = np.maximum(aa * gg - ag * ag, np.float32(1e-3))
+    parallax = start
+    columns = np.arange(left_px, left_px + first.shape[1], dtype=np.float32)
+    seen: Float32Array
+    for _ in range(steps):
+        seen = np.asarray(_sample(second, columns - parallax, cv2.INTER_CUBIC), np.float32)
+        mean_seen = _box(seen)
+        sa = _box(seen * a) - mean_seen * mean_a
+        sg = _box(seen * slope) - mean_seen * mean_slope
+        gain = sa * gg - sg * ag
+        shift = (sg * aa - sa * ag) / np.maximum(gain, determinant * np.float32(0.1))
+        parallax = parallax + np.clip(shift, np.float32(-1.0), np.float32(1.0))
+    variance = np.maximum(_box(seen * seen) - mean_seen * mean_seen, np.float32(1e-3))
+    gain /= determinant
+    explained = gain * sa + np.clip(shift, -1.0, 1.0) * gain * sg
+    unexplained = np.maximum(variance - explained, np.float32(0.0))
+    # Of the shift: noise over gain, slope that the grey levels do not explain, and the number of independent pixels.
+    information = np.maximum(determinant / np.maximum(aa, np.float32(1e-3)), np.float32(1e-3))
+    count = np.float32(INDEPENDENT_SHARE * WINDOW_PX**2)
+    sd = np.sqrt((unexplained + np.float32(0.1)) / (information * count)) / np.maximum(gain, np.float32(0.1))
+    where = columns - parallax
     is_good = (
-        (np.abs(forth.parallax + returned) <= MAX_CHECK_DIFFERENCE_PX)
-        & (forth.correlation >= MIN_CORRELATION)
-        & (forth.texture >= MIN_TEXTURE / level)  # averaging over level^2 pixels divides the noise by level
-        & (columns >= 0)
-        & (columns <= forth.parallax.shape[1] - 1)
+        (sa > np.float32(MIN_CORRELATION) * np.sqrt(aa * variance))
+        & (aa > np.float32((MIN_TEXTURE / level) ** 2))  # averaging over level^2 pixels divides the noise by level
+        & (sd < np.float32(MAX_SD_PX))
+        & (np.abs(parallax - start) < np.float32(MAX_MOVE_PX))
+        & (where >= 0)
+        & (where <= second.shape[1] - 1)
     )
-    return np.where(is_good, forth.parallax, np.float32(np.nan)).astype(np.float32)
+    return _Settled(parallax, sd, is_good)
 
 
-def _sweep(first: Float32Array, second: Float32Array, low: int, high: int) -> Float32Array:
-    """The best whole-pixel parallax between low and high."""
-    moments = _window_moments(first)
-    best = np.full_like(first, -2.0)
-    parallax = np.zeros_like(first)
-    width = first.shape[1]
-    for shift in range(low, high + 1):
-        moved = np.zeros_like(second)
-        if shift >= 0 and shift < width:
-            moved[:, shift:] = second[:, : width - shift]
-        elif -width < shift < 0:
-            moved[:, :shift] = second[:, -shift:]
-        score = _correlate(first, moments, moved)
-        better = score > best
-        best[better] = score[better]
-        parallax[better] = shift
-    return np.asarray(cv2.medianBlur(parallax, 5), np.float32)
-
-
-def _refine(
-    first: Float32Array, second: Float32Array, coarse: Float32Array, size: tuple[int, int]
-) -> tuple[Float32Array, Float32Array]:
-    """Parallax on the next finer level: the coarse one and its neighbours', each give or take a pixel."""
-    scale = size[0] / coarse.shape[1]
-    kernel = np.ones((3, 3), np.uint8)
-    candidates = [coarse, cv2.dilate(coarse, kernel), cv2.erode(coarse, kernel)]
-    moments = _window_moments(first)
-    best = np.full_like(first, -2.0)
-    parallax = np.zeros_like(first)
-    for candidate in candidates:
-        start = cv2.resize(candidate, size, interpolation=cv2.INTER_LINEAR) * np.float32(scale)
-        for offset in (-1.0, 0.0, 1.0):
-            trial = start + np.float32(offset)
-            score = _correlate(first, moments, _sample(second, _columns(trial) - trial))
-            better = score > best
-            best[better] = score[better]
-            parallax[better] = trial[better]
-    parallax = cv2.medianBlur(parallax, 5).astype(np.float32)
-    return _subpixel(first, moments, second, parallax)
-
-
-def _subpixel(
-    first: Float32Array,
-    moments: tuple[Float32Array, Float32Array],
-    second: Float32Array,
-    parallax: Float32Array,
-) -> tuple[Float32Array, Float32Array]:
-    """The top of the parabola through the NCC at a pixel less, here, and a pixel more."""
-    less, here, more = (
-        _correlate(first, moments, _sample(second, _columns(parallax) - (parallax + np.float32(step))))
-        for step in (-1, 0, 1)
-    )
-    curvature = less - 2 * here + more
-    with np.errstate(divide="ignore", invalid="ignore"):
-        step = np.where(curvature < 0, 0.5 * (less - more) / curvature, np.sign(more - less))
-    step = np.clip(np.nan_to_num(step), -1.0, 1.0).astype(np.float32)
-    return parallax + step, np.maximum(here, np.maximum(less, more))
-
-
-def _resized(image: Float32Array, size: tuple[int, int], interpolation: int) -> Float32Array:
+def _resized(image: np.ndarray, size: tuple[int, int], interpolation: int) -> np.ndarray:
     """(height, width) image; size: (width, height)."""
     if size == (image.shape[1], image.shape[0]):
         return image
-    return np.asarray(cv2.resize(image, size, interpolation=interpolation), np.float32)
+    return np.asarray(cv2.resize(image, size, interpolation=interpolation))
 
 
-def _columns(like: Float32Array) -> Float32Array:
-    return np.broadcast_to(np.arange(like.shape[1], dtype=np.float32), like.shape)
-
-
-def _sample(image: Float32Array, columns: Float32Array) -> Float32Array:
-    """(H, W) image at (columns, own row), linear; zero outside."""
+def _sample(image: np.ndarray, columns: Float32Array, interpolation: int) -> np.ndarray:
+    """(H, W) image at (columns, own row); its border's value outside."""
     rows = np.broadcast_to(np.arange(columns.shape[0], dtype=np.float32)[:, None], columns.shape)
     return np.asarray(
-        cv2.remap(image, columns.astype(np.float32), np.ascontiguousarray(rows), cv2.INTER_LINEAR), np.float32
+        cv2.remap(image, columns, np.ascontiguousarray(rows), interpolation, borderMode=cv2.BORDER_REPLICATE)
     )
 
 
 def _box(image: Float32Array) -> Float32Array:
     return np.asarray(cv2.boxFilter(image, cv2.CV_32F, (WINDOW_PX, WINDOW_PX)), np.float32)
-
-
-def _window_moments(image: Float32Array) -> tuple[Float32Array, Float32Array]:
-    return _box(image), _box(image * image)
-
-
-def _correlate(first: Float32Array, moments: tuple[Float32Array, Float32Array], second: Float32Array) -> Float32Array:
-    mean_second, square_second = _window_moments(second)
-    mean_first, square_first = moments
-    covariance = _box(first * second) - mean_first * mean_second
-    variance = (square_first - mean_first * mean_first) * (square_second - mean_second * mean_second)
-    # A variance below a thousandth of a grey level squared is float32's rounding.
-    return np.asarray(np.where(variance > 1e-3, covariance / np.sqrt(np.maximum(variance, 1e-3)), 0.0), np.float32)
 
 
 def _without_speckles(parallax: Float32Array) -> Float32Array:
