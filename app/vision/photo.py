@@ -87,7 +87,9 @@ def _read(data: bytes, max_pixels: int) -> Photo | Failure:
             "Send the photograph itself, not its preview.",
         )
     try:
-        pixels_bgr = _pixels_bgr(image)
+        pixels_bgr = _pixels_of_sound_jpeg(image, data)
+        if pixels_bgr is None:
+            pixels_bgr = _pixels_bgr(image)
     except DECODE_ERRORS:
         return _damaged(data)
     exif = _exif(image)
@@ -127,7 +129,7 @@ def _damaged(data: bytes) -> Failure:
 def _is_complete(data: bytes) -> bool:
     """Whether the file has its end: JPEG's and PNG's end marks, all of HEIC's boxes."""
     if data.startswith(b"\xff\xd8"):
-        return data.rfind(b"\xff\xd9") > 2
+        return data.rfind(b"\xff\xd9", _jpeg_scan_offset(data) or 2) > 2
     if data.startswith(b"\x89PNG"):
         return b"IEND" in data[-64:]
     position = 0
@@ -141,6 +143,37 @@ def _is_complete(data: bytes) -> bool:
             return True  # nonsense, not a cut
         position += size
     return position == len(data)
+
+
+def _pixels_of_sound_jpeg(image: Any, data: bytes) -> ImageArray | None:
+    """(H, W, 3) uint8 BGR as stored, by OpenCV in half of Pillow's time; None for what is left to Pillow.
+
+    OpenCV fills up with grey what a cut file lacks, so that it only gets files whose picture itself has its end; a
+    thumbnail's end, before the picture's first scan, does not count.
+    """
+    if not isinstance(image, JpegImagePlugin.JpegImageFile) or image.mode not in {"RGB", "L"}:
+        return None
+    scan = _jpeg_scan_offset(data)
+    if scan is None or data.rfind(b"\xff\xd9", scan) < 0:
+        return None
+    found = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    if found is None or found.shape[1::-1] != image.size:
+        return None
+    return np.asarray(found, np.uint8)
+
+
+def _jpeg_scan_offset(data: bytes) -> int | None:
+    """Where the first scan's header begins, by walking the segments before it; None if they are broken."""
+    position = 2
+    while position + 4 <= len(data) and data[position] == 0xFF:
+        kind = data[position + 1]
+        if kind == 0xFF:  # fill bytes may precede a marker
+            position += 1
+            continue
+        if kind == 0xDA:
+            return position
+        position += 2 + int.from_bytes(data[position + 2 : position + 4])
+    return None
 
 
 def _pixels_bgr(image: Any) -> ImageArray:

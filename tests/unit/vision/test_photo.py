@@ -199,6 +199,14 @@ def test_cut_file_is_truncated(picture, kind, share):
     assert failure_code(data[: max(16, int(len(data) * share))]) == "image_truncated"
 
 
+def test_thumbnails_end_mark_does_not_make_a_cut_file_whole(picture):
+    thumbnail = encoded(picture.resize((80, 60)), "JPEG")
+    comment = b"\xff\xfe" + struct.pack(">H", len(thumbnail) + 2) + thumbnail
+    data = encoded(picture, "JPEG")
+    assert isinstance(read(data[:2] + comment + data[2:]), Photo)
+    assert failure_code(data[:2] + comment + data[2 : len(data) // 2]) == "image_truncated"
+
+
 def test_damaged_png_is_unreadable(picture):
     data = bytearray(encoded(picture, "PNG"))
     data[len(data) // 2 : len(data) // 2 + 64] = bytes(64)
