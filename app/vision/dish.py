@@ -17,17 +17,21 @@ from app.vision.topview import TopView
 RADII_MM = (50.0, 190.0)  # of a round dish: a dessert bowl to a serving plate
 RIM_RANGE_MM = (4.0, 90.0)  # over the table
 RIM_NOISE = 2.5  # standard deviations of a cell of table, which a rim must exceed
-SAME_HEIGHT_MM = 4.0
+SAME_HEIGHT_MM = 4.0  # of the rim's plane
+MAX_SLOPE = 0.08  # of the rim's plane: what small errors of the poses may make of a level rim
+MAX_STEP_MM = 12.0  # between three places of one rim
 ON_RIM_MM = 5.0
-OUTSIDE_MM = (8.0, 18.0)  # beyond the rim, where the table should be seen
+OUTSIDE_MM = (8.0, 28.0)  # beyond the rim, where the table should be seen and not another, higher rim
 INSIDE_MM = (12.0, 30.0)  # within the rim, where a dish does not rise
 RISE_MM = 3.0
 MIN_MEASURED = 0.3  # of a sector's cells, to say that it rises
 SECTORS = 48
 MIN_COVER = 0.55  # of the sectors in which the rim is seen
-MIN_WALL_CELLS = 4  # of some 15 that a sector has outside: fewer are noise
+MIN_WALL_CELLS = 4  # of some 30 that a sector has outside: fewer are noise
 MIN_EDGE_COVER = 0.4  # of the sectors in which it is seen and nothing as high lies outside
 MIN_HOLLOW = 0.6  # of the sectors in which the inside does not rise
+HOLLOW_WEIGHT = 2.0
+SLOPE_WEIGHT = 5.0
 TRIALS = 4000
 MAX_CELLS = 700
 MAX_CANDIDATES = 12
@@ -82,6 +86,7 @@ class _Ring:
     y_mm: float
     radius_mm: float
     height_mm: float
+    slope: tuple[float, float]
     cover: float
     edge_cover: float
 
@@ -110,18 +115,21 @@ def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.ran
     cells = np.column_stack([view.centres_mm()[raised], view.height_mm[raised]])
     if len(cells) < SECTORS // 2:
         return None
-    best: _Ring | None = None
+    best: tuple[float, _Ring] | None = None
     for ring in _candidates(cells, rng):
         is_rim = ring.cover >= MIN_COVER and ring.edge_cover >= MIN_EDGE_COVER
-        if not is_rim or _hollow_share(view, is_solid, ring) < MIN_HOLLOW:
-            continue
-        if best is None or _merit(ring) > _merit(best):
-            best = ring
+        hollow = _hollow_share(view, is_solid, ring) if is_rim else 0.0
+        # Of nested circles, a bowl's rim and the edge of what fills it, the outer is the dish.
+        merit = ring.cover + ring.edge_cover + HOLLOW_WEIGHT * hollow + ring.radius_mm / (2 * RADII_MM[1])
+        merit -= SLOPE_WEIGHT * float(np.hypot(*ring.slope))
+        if hollow >= MIN_HOLLOW and (best is None or merit > best[0]):
+            best = merit, ring
     if best is None:
         return None
-    centre = np.array([best.x_mm, best.y_mm])
-    inward = best.radius_mm - np.linalg.norm(view.centres_mm() - centre, axis=-1)
-    return _with_floor(inward.astype(np.float32), best.height_mm, view, is_solid, centre, best.radius_mm)
+    ring = best[1]
+    centre = np.array([ring.x_mm, ring.y_mm])
+    inward = ring.radius_mm - np.linalg.norm(view.centres_mm() - centre, axis=-1)
+    return _with_floor(inward.astype(np.float32), ring.height_mm, view, is_solid, centre, ring.radius_mm)
 
 
 def _with_floor(
@@ -141,15 +149,11 @@ def _with_floor(
     return Dish(inward_mm, rim_mm, rim_mm if is_flat else 0.0, centre_mm, radius_mm)
 
 
-def _merit(ring: _Ring) -> float:
-    return ring.cover + ring.edge_cover + ring.radius_mm / (2 * RADII_MM[1])  # of nested circles the outer
-
-
 def _candidates(cells: Float64Array, rng: np.random.Generator) -> list[_Ring]:
     """Circles through three cells of one height, those that most sectors support, each fitted to its cells."""
     few = cells if len(cells) <= MAX_CELLS else cells[rng.choice(len(cells), MAX_CELLS, replace=False)]
     picks = cells[rng.integers(len(cells), size=(TRIALS, 3))]
-    picks = picks[np.ptp(picks[..., 2], axis=1) < SAME_HEIGHT_MM]
+    picks = picks[np.ptp(picks[..., 2], axis=1) < MAX_STEP_MM]
     one, two = picks[:, 1, :2] - picks[:, 0, :2], picks[:, 2, :2] - picks[:, 0, :2]
     determinant = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
     kept = np.abs(determinant) > MIN_DETERMINANT_MM2
@@ -158,15 +162,20 @@ def _candidates(cells: Float64Array, rng: np.random.Generator) -> list[_Ring]:
     centre_x = (squares_one * two[:, 1] - squares_two * one[:, 1]) / determinant
     centre_y = (squares_two * one[:, 0] - squares_one * two[:, 0]) / determinant
     radius = np.hypot(centre_x, centre_y)
-    kept = (radius > RADII_MM[0]) & (radius < RADII_MM[1])
-    rings = np.column_stack([picks[kept, 0, :2] + np.column_stack([centre_x, centre_y])[kept], radius[kept]])
-    heights = picks[kept, :, 2].mean(axis=1)
-    if len(rings) == 0:
+    rise_one, rise_two = picks[:, 1, 2] - picks[:, 0, 2], picks[:, 2, 2] - picks[:, 0, 2]
+    slope_x = (rise_one * two[:, 1] - rise_two * one[:, 1]) / determinant
+    slope_y = (rise_two * one[:, 0] - rise_one * two[:, 0]) / determinant
+    kept = (radius > RADII_MM[0]) & (radius < RADII_MM[1]) & (np.hypot(slope_x, slope_y) < MAX_SLOPE)
+    if not kept.any():
         return []
+    rings = np.column_stack([picks[:, 0, :2] + np.column_stack([centre_x, centre_y]), radius])[kept]
+    slopes = np.column_stack([slope_x, slope_y])[kept]
+    heights = picks[kept, 0, 2] + (slopes * np.column_stack([centre_x, centre_y])[kept]).sum(axis=1)
     dx = few[None, :, 0] - rings[:, :1]
     dy = few[None, :, 1] - rings[:, 1:2]
     beyond = np.hypot(dx, dy) - rings[:, 2:]
-    on_rim = (np.abs(beyond) < ON_RIM_MM) & (np.abs(few[None, :, 2] - heights[:, None]) < SAME_HEIGHT_MM)
+    over = few[None, :, 2] - heights[:, None] - slopes[:, :1] * dx - slopes[:, 1:] * dy
+    on_rim = (np.abs(beyond) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
     sector = ((np.arctan2(dy, dx) / (2 * np.pi) + 1.0) % 1.0 * SECTORS).astype(np.int64) % SECTORS
     hits = np.zeros((len(rings), SECTORS), np.bool_)
     which, where = np.nonzero(on_rim)
@@ -183,7 +192,7 @@ def _candidates(cells: Float64Array, rng: np.random.Generator) -> list[_Ring]:
         x, y, r = rings[place]
         if any(abs(r - o.radius_mm) < 6 and np.hypot(x - o.x_mm, y - o.y_mm) < 8 for o in found):
             continue
-        ring = _refined(cells, float(x), float(y), float(r), float(heights[place]))
+        ring = _refined(cells, (float(x), float(y), float(r)), np.array([heights[place], *slopes[place]]))
         if ring is not None:
             found.append(ring)
         if len(found) >= MAX_CANDIDATES:
@@ -191,28 +200,46 @@ def _candidates(cells: Float64Array, rng: np.random.Generator) -> list[_Ring]:
     return found
 
 
-def _refined(cells: Float64Array, x: float, y: float, radius: float, height: float) -> _Ring | None:
-    """Least squares circle through the cells on the rim, and how much of it is seen; None if it runs away."""
+def _refined(cells: Float64Array, circle: tuple[float, float, float], plane: Float64Array) -> _Ring | None:
+    """Least squares circle through the cells on the rim, and how much of it is seen; None if it runs away.
+
+    circle: x, y, radius, mm. plane: (3,) height at its centre, mm, and slopes.
+    """
+    x, y, radius = circle
     for _ in range(3):
-        distance = np.hypot(cells[:, 0] - x, cells[:, 1] - y)
-        near = (np.abs(distance - radius) < 1.2 * ON_RIM_MM) & (np.abs(cells[:, 2] - height) < SAME_HEIGHT_MM)
+        delta = cells[:, :2] - [x, y]
+        distance = np.hypot(delta[:, 0], delta[:, 1])
+        over = cells[:, 2] - plane[0] - delta @ plane[1:]
+        near = (np.abs(distance - radius) < 1.2 * ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
         if np.count_nonzero(near) < SECTORS // 4:
             return None
         on_rim = cells[near]
         design = np.column_stack([2 * on_rim[:, :2], np.ones(len(on_rim))])
         (x, y, rest), *_ = np.linalg.lstsq(design, (on_rim[:, :2] ** 2).sum(axis=1), rcond=None)
-        radius, height = float(np.sqrt(max(rest + x * x + y * y, 0.0))), float(np.median(on_rim[:, 2]))
-    if not RADII_MM[0] < radius < RADII_MM[1]:
+        radius = float(np.sqrt(max(rest + x * x + y * y, 0.0)))
+        levels = np.column_stack([np.ones(len(on_rim)), on_rim[:, :2] - [x, y]])
+        plane = np.linalg.lstsq(levels, on_rim[:, 2], rcond=None)[0]
+    if not RADII_MM[0] < radius < RADII_MM[1] or np.hypot(plane[1], plane[2]) > MAX_SLOPE:
         return None
-    distance = np.hypot(cells[:, 0] - x, cells[:, 1] - y)
-    sector = ((np.arctan2(cells[:, 1] - y, cells[:, 0] - x) / (2 * np.pi) + 1.0) % 1.0 * SECTORS).astype(np.int64)
+    delta = cells[:, :2] - [x, y]
+    distance = np.hypot(delta[:, 0], delta[:, 1])
+    over = cells[:, 2] - plane[0] - delta @ plane[1:]
+    sector = ((np.arctan2(delta[:, 1], delta[:, 0]) / (2 * np.pi) + 1.0) % 1.0 * SECTORS).astype(np.int64)
     sector %= SECTORS
-    is_rim = (np.abs(distance - radius) < ON_RIM_MM) & (np.abs(cells[:, 2] - height) < SAME_HEIGHT_MM)
+    is_rim = (np.abs(distance - radius) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
     is_outside = (distance > radius + OUTSIDE_MM[0]) & (distance < radius + OUTSIDE_MM[1])
-    is_high = cells[:, 2] > height - SAME_HEIGHT_MM
+    is_high = over > -SAME_HEIGHT_MM
     seen = np.bincount(sector[is_rim], minlength=SECTORS) > 0
     walled = np.bincount(sector[is_outside & is_high], minlength=SECTORS) >= MIN_WALL_CELLS
-    return _Ring(float(x), float(y), radius, height, float(seen.mean()), float((seen & ~walled).mean()))
+    return _Ring(
+        float(x),
+        float(y),
+        radius,
+        float(plane[0]),
+        (float(plane[1]), float(plane[2])),
+        float(seen.mean()),
+        float((seen & ~walled).mean()),
+    )
 
 
 def _hollow_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
@@ -224,7 +251,8 @@ def _hollow_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
     angle = np.arctan2(delta[..., 1], delta[..., 0])[within]
     sector = ((angle / (2 * np.pi) + 1.0) % 1.0 * sectors).astype(np.int64) % sectors
     with np.errstate(invalid="ignore"):
-        is_high = (view.height_mm > ring.height_mm + RISE_MM)[within] & is_solid[within]
+        rim_mm = ring.height_mm + delta @ np.array(ring.slope)
+        is_high = (view.height_mm > rim_mm + RISE_MM)[within] & is_solid[within]
     total, measured, high = (
         np.bincount(sector[chosen], minlength=sectors)
         for chosen in (np.ones(sector.shape, bool), is_solid[within], is_high)

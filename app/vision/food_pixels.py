@@ -31,7 +31,7 @@ SURE_DEPTH_MM = 8.0  # this far (and two windows) within its outline, a raised p
 SIDE_PX = 420
 MARGIN_PX = 12
 ROUNDS = 4
-FINE_REACH_PX = 5.0  # a window's reach up to which a height is that of its pixel
+FINE_REACH_PX = 2.5  # of the scene's grid: a window's reach up to which a height is that of its pixel
 COLOUR_LIMIT_NATS = 4.0
 TEXTURE_LIMIT_NATS = 2.0
 HEIGHT_LIMIT_NATS = (-4.0, 3.0)
@@ -126,9 +126,9 @@ def _cut(
     is_ignored = _reduced(scene.is_ignored[window], size)
     image = np.asarray(cv2.resize(scene.image_bgr[window], size, interpolation=cv2.INTER_AREA), np.uint8)
     lab = cv2.cvtColor(image, cv2.COLOR_BGR2LAB).astype(np.float32)
-    shaded = [colour_bins(_shaded_lab(image, share)) for share in SHADES]
+    shaded = [colour_bins(shaded_lab(image, share)) for share in SHADES]
     height = cv2.resize(tall[window], size, interpolation=cv2.INTER_NEAREST)
-    is_fine = cv2.resize(scene.reach_px[window], size, interpolation=cv2.INTER_NEAREST) < FINE_REACH_PX / 2
+    is_fine = cv2.resize(scene.reach_px[window], size, interpolation=cv2.INTER_NEAREST) < FINE_REACH_PX
     is_measured = height > -50.0
     is_flat = np.abs(height) < FLAT_MM
     if dish is not None and dish.floor_mm > 0:
@@ -141,8 +141,9 @@ def _cut(
 
     base = 0.0 if dish is None else dish.rim_mm
     over = is_measured & (height > base + OVER_RIM_MM)
-    evidence = np.where(over, np.where(is_fine, 4.0, 1.5), 0.0) + np.where(core, 2.5, 0.0)
-    evidence += np.where(is_fine & sure, 3.0, 0.0) - np.where(is_flat, 4.0, 0.0) - np.where(is_measured, 0.0, 0.3)
+    # A coarse window spreads the height of what it sees over holes and surroundings: it says little of one pixel.
+    evidence = np.where(is_fine, 4.0 * over + 2.5 * core + 3.0 * sure, 0.7 * over + 0.7 * core)
+    evidence -= np.where(is_flat, 4.0, 0.0) + np.where(is_measured, 0.0, 0.3)
     evidence = np.clip(evidence, *HEIGHT_LIMIT_NATS)
 
     band &= ~sure
@@ -183,9 +184,10 @@ def fine_texture(image_bgr: ImageArray) -> Float32Array:
 def _cores(sure: MaskArray, scene: Scene) -> tuple[MaskArray, MaskArray]:
     """What is raised and not within a window's reach of its outline; and what is so deep inside that it is certain."""
     depth = cv2.distanceTransform(sure.astype(np.uint8), cv2.DIST_L2, 3)
-    reach = np.maximum(np.where(scene.reach_px > FINE_REACH_PX / 2, scene.reach_px, 2.0), 2.0)
+    reach = np.maximum(np.where(scene.reach_px > FINE_REACH_PX, scene.reach_px, 2.0), 2.0)
     core = sure & (depth > reach + 1)
-    deep = sure & (depth > reach + SURE_DEPTH_MM / scene.pixel_mm) & (depth > 2 * reach)
+    is_fine = scene.reach_px < FINE_REACH_PX
+    deep = sure & is_fine & (depth > reach + SURE_DEPTH_MM / scene.pixel_mm)
     count, labels = cv2.connectedComponents(sure.astype(np.uint8))
     for label in range(1, count):
         part = labels == label
@@ -203,7 +205,7 @@ def colour_bins(lab: Float32Array) -> NDArray[np.int64]:
     return np.asarray((lightness * BIN_COUNTS[1] + a) * BIN_COUNTS[2] + b, np.int64)
 
 
-def _shaded_lab(image_bgr: ImageArray, share: float) -> Float32Array:
+def shaded_lab(image_bgr: ImageArray, share: float) -> Float32Array:
     """The image in Lab as it would look with this share of its light (of linear intensities, gamma 2.2)."""
     darker = cv2.convertScaleAbs(image_bgr, alpha=share ** (1 / 2.2))
     return cv2.cvtColor(darker, cv2.COLOR_BGR2LAB).astype(np.float32)

@@ -5,7 +5,7 @@ lies beside the dish are not food.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -13,12 +13,15 @@ import numpy as np
 from app.errors import Failure
 from app.vision.dish import Dish, find_dish, solid_cells
 from app.vision.disparity import DisparityMap
+from app.vision.food_outline import correct_outlines
 from app.vision.food_pixels import Scene, find_food_pixels, fine_texture
 from app.vision.foods_apart import divide, tell_apart
 from app.vision.model import Float32Array, MaskArray
 from app.vision.reconstruction import plane_points
 from app.vision.rectification import RectifiedPair
+from app.vision.support import Support, find_support
 from app.vision.topview import TableTrend, TopView, fit_table_trend, usable_points, view_from_above
+from app.vision.vessel import Vessel, describe_vessel
 
 REDUCTION = 2  # of the rectified grid, on which foods are found; outlines are carried back by a smooth field
 LOWEST_MM = -30.0  # below the table: strays
@@ -32,10 +35,15 @@ MAX_BORDER_SHARE = 0.15  # of its outline on the border of what is seen: the res
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """One food's mask on the rectified grid, (H, W), and the hint that it answers."""
+    """One food's mask on the rectified grid, (H, W), the hint that it answers, what it rests on and what it lies in.
+
+    support: None where nothing was measured at all. vessel: the bowl that holds it, else None.
+    """
 
     mask: MaskArray
     hint: int | None = None
+    support: Support | None = None
+    vessel: Vessel | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,29 +71,42 @@ def segment_foods(
     points_table: (H, W, 3) mm, NaN. ignored: (H, W) marker sheet and what is not seen. With hints only what they point
     at is returned. Failure "no_food_found".
     """
-    regions = [Region(hint.mask, hint.index) for hint in hints if hint.is_exact]
+    drawn = [Region(hint.mask, hint.index) for hint in hints if hint.is_exact]
     sought = [hint for hint in hints if not hint.is_exact]
-    if hints and not sought:
-        return regions or no_food_found()
     taken = ignored.copy()
-    for region in regions:
+    for region in drawn:
         taken |= region.mask
-    scene, trend = _reduced_scene(pair, disparity, points_table, taken)
+    scene, trend = _reduced_scene(pair, disparity, points_table, ignored)
     view, dish = _seen_from_above(scene, trend)
     if view is None:
-        return regions or no_food_found()
-    points = [_reduced(hint.mask, scene) for hint in sought if not hint.is_box]
+        return drawn or no_food_found()
+    found: list[Region] = []
+    if sought or not hints:
+        found = _found(replace(scene, is_ignored=_reduced(taken, scene)), dish, view, sought)
+    found = [replace(region, mask=_enlarged(region.mask, pair.shape) & ~taken) for region in found]
+    regions = [region for region in drawn + found if region.mask.any()]
+    vessel = describe_vessel(scene, view, dish, trend)
+    small = [_reduced(region.mask, scene) for region in regions]
+    foods = np.any(small, axis=0) if small else np.zeros(scene.is_ignored.shape, np.bool_)
+    return [
+        replace(region, support=find_support(scene, view, dish, trend, mask, foods), vessel=vessel)
+        for region, mask in zip(regions, small, strict=True)
+        if mask.any()
+    ] or no_food_found()
+
+
+def _found(scene: Scene, dish: Dish | None, view: TopView, hints: Sequence[HintMask]) -> list[Region]:
+    """Foods on the scene's grid: those that hints point at, or all."""
+    points = [_reduced(hint.mask, scene) for hint in hints if not hint.is_box]
     food = find_food_pixels(scene, dish, view, points)
-    found = tell_apart(food.is_food, scene)
+    masks = tell_apart(food.is_food, scene)
     if hints:
-        small = _pointed_at(found, sought, scene)
+        regions = _pointed_at(masks, hints, scene)
     else:
-        small = [Region(mask) for mask in found if _is_food(mask, food.is_core, scene)]
-    small = sorted(small, key=lambda region: -int(np.count_nonzero(region.mask)))
-    if sought:
-        small = sorted(small, key=lambda region: region.hint or 0)
-    regions += [Region(_enlarged(region.mask, pair.shape) & ~taken, region.hint) for region in small]
-    return [region for region in regions if region.mask.any()] or no_food_found()
+        regions = [Region(mask) for mask in masks if _is_food(mask, food.is_core, scene)]
+        regions.sort(key=lambda region: -int(np.count_nonzero(region.mask)))
+    corrected = correct_outlines([region.mask for region in regions], scene)
+    return [replace(region, mask=mask) for region, mask in zip(regions, corrected, strict=True)]
 
 
 def no_food_found() -> Failure:
