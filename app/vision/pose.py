@@ -6,6 +6,7 @@ The sheet is taken as slightly bent, since paper is: a bend of one millimetre mo
 would turn that into five percent of focal length. Intrinsics themselves: camera.py.
 """
 
+import functools
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -40,6 +41,12 @@ class BoardFit:
 
 def board_points(spec: MarkerSpec) -> Float64Array:
     """(n, 3) inner corners in the table frame, mm, row-major (CONVENTIONS.md, "Marker")."""
+    return _board_points(spec).copy()
+
+
+@functools.lru_cache(maxsize=8)
+def _board_points(spec: MarkerSpec) -> Float64Array:
+    """As board_points, which the fits ask for a thousand times a pair."""
     rows, columns = np.indices((spec.rows - 1, spec.columns - 1)).reshape(2, -1)
     x = (columns + 1 - spec.columns / 2) * spec.square_mm
     y = (spec.rows / 2 - rows - 1) * spec.square_mm

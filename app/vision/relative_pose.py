@@ -1,25 +1,41 @@
-"""The two poses refined by the scene's own points: marker corners and matches fitted together.
+"""Poses and lenses refined by the whole scene: marker corners and matches fitted together, maximum a posteriori.
 
 Two Views and their good matches in -> two better Views and the sheet's bend. A marker that fills a tenth of the
-photograph leaves rows of the rectified pair some px apart; matches from the whole scene bring them together. The scale
-stays the marker's.
+photograph leaves rows of the rectified pair some px apart and tells focal length and distortion poorly; matches from
+the whole scene bring rows together and tell more of the lens. The scale stays the marker's.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.optimize import least_squares
 
+from app.vision.camera import camera_from_exif
 from app.vision.epipolar import GATE_PX_AT_12MP, GOOD_PX_AT_12MP, near_epipolar_lines
-from app.vision.features import MIN_MATCHES, Matches, undistort_to_rays
+from app.vision.features import MIN_MATCHES, Matches
 from app.vision.model import Camera, Float64Array, View
-from app.vision.pose import BEND_SD_MM, CORNER_SD_PX_AT_12MP, LONG_SIDE_12MP, OUTLIER_SD, bent_points
+from app.vision.pose import (
+    BEND_SD_MM,
+    CORNER_SD_PX_AT_12MP,
+    FOCAL_SPREAD_EXIF,
+    FOCAL_SPREAD_UNKNOWN,
+    LONG_SIDE_12MP,
+    OUTLIER_SD,
+    RADIAL_SPREAD,
+    bent_points,
+)
 
-MATCH_SD_PX_AT_12MP = 1.0  # SIFT's 0.3 px at the reduced size in which it ran
+MATCH_SD_PX_AT_12MP = 1.5  # alignment leaves 0.3 px; the rest is what lenses do beyond their model, far from the middle
 FOCAL_SPREAD = 0.005  # prior, relative: focusing moves the lens by a few thousandths of f between two photographs
 CENTRE_SPREAD = 0.003  # prior, of the long side: optical stabilisers shift the principal point by some ten px
-MAX_MATCHES = 200  # spread over all; more add time, not accuracy
+CENTRE_SPREAD_GUESSED = 0.003  # the same about the middle; more freedom trades it for focal length
+RADIAL_SPREAD_4TH = 0.1  # prior of k2, which phones have beside k1, often of the other sign
+RADIAL_CHANGE = 0.001  # of k1 and k2 between two photographs by one lens
+MAX_MATCHES = 300  # spread over all; more add time, not accuracy
+MAX_STEPS = 12
+LEAST_PROGRESS = 1e-3  # of the sum of squares' half, in units of log likelihood
+LENS_UNKNOWNS = 5  # a view: log of f over its guess, the principal point's shift over f in x and y, k1, k2
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,68 +61,174 @@ def refine_views(first: View, second: View, matches: Matches) -> RefinedViews:
         near = near_epipolar_lines(refined.first, refined.second, matches, limit)
         if np.count_nonzero(near) < MIN_MATCHES:  # so few may be near by chance
             near = np.zeros_like(near)
-        refined = fit_views(first, second, matches.first_px[near], matches.second_px[near])
+        refined = fit_views(
+            refined.first, refined.second, matches.first_px[near], matches.second_px[near], (first, second)
+        )
     return refined
 
 
-def fit_views(first: View, second: View, first_px: Float64Array, second_px: Float64Array) -> RefinedViews:
-    """Maximum a posteriori of both poses, both lenses' small changes and the sheet's bend.
+def fit_views(
+    first: View, second: View, first_px: Float64Array, second_px: Float64Array, guesses: tuple[View, View] | None = None
+) -> RefinedViews:
+    """Maximum a posteriori of both poses, both lenses and the sheet's bend, from these views on.
 
-    first_px, second_px: (n, 2) matches beside the marker, px of the photographs. Minimises the corners' reprojection
-    error and the matches' Sampson distance (Hartley and Zisserman, 2004, eq. 11.9), outliers bounded.
+    first_px, second_px: (n, 2) matches beside the marker, px of the photographs. guesses: the views whose cameras, if
+    "given", the priors stand on; None: the same. A camera that is not given has its prior on what EXIF tells, a spread
+    of 8 % about it, and k1 and k2 free. Minimises the corners' reprojection error and the matches' Sampson distance
+    (Hartley and Zisserman, 2004, eq. 11.9), outliers bounded.
     """
     if len(first_px) > MAX_MATCHES:
         chosen = np.linspace(0, len(first_px) - 1, MAX_MATCHES).astype(np.int64)
         first_px, second_px = first_px[chosen], second_px[chosen]
     views = (first, second)
-    rays = [undistort_to_rays(view, pixels) for view, pixels in zip(views, (first_px, second_px), strict=True)]
-    corners = [undistort_to_rays(view, view.marker.corners_px) for view in views]
-    focal = [float(np.sqrt(view.camera.fx * view.camera.fy)) for view in views]
+    bases = tuple(_prior_camera(view) for view in guesses or views)
+    matched = [_to_rays(camera, pixels) for camera, pixels in zip(bases, (first_px, second_px), strict=True)]
+    corners = [_to_rays(base, view.marker.corners_px) for base, view in zip(bases, views, strict=True)]
     unit = max(first.camera.width, first.camera.height) / LONG_SIDE_12MP
+    prior = _lens_prior(bases[0], bases[1])
     start = np.concatenate(
-        [*(np.concatenate([np.ravel(cv2.Rodrigues(v.rotation)[0]), v.translation_mm]) for v in views), np.zeros(9)]
+        [
+            *(np.concatenate([np.ravel(cv2.Rodrigues(v.rotation)[0]), v.translation_mm]) for v in views),
+            np.zeros(3),
+            *(_lens_of(view.camera, base) for view, base in zip(views, bases, strict=True)),
+        ]
     )
-    spread = np.concatenate([np.full(3, BEND_SD_MM), *(_lens_spread(view.camera) for view in views)])
 
     def residual(unknowns: Float64Array) -> Float64Array:
         points = bent_points(first.marker.spec, unknowns[12:15])
-        parts = [unknowns[12:] / spread]
+        parts = [unknowns[12:15] / BEND_SD_MM, prior @ unknowns[15:]]
         poses, ideal = [], []
         for index in (0, 1):
             pose = unknowns[6 * index : 6 * index + 6]
-            log_scale, *shift = unknowns[15 + 3 * index : 18 + 3 * index]
+            lens = unknowns[15 + LENS_UNKNOWNS * index : 15 + LENS_UNKNOWNS * (index + 1)]
             rotation = np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64)
             in_camera = points @ rotation.T + pose[3:]
-            seen = (corners[index] - shift) / np.exp(log_scale)
-            error_px = (in_camera[:, :2] / in_camera[:, 2:] - seen) * focal[index]
-            parts.append(error_px.ravel() / (CORNER_SD_PX_AT_12MP * unit))
+            error = in_camera[:, :2] / in_camera[:, 2:] - _undistort(corners[index], lens)
+            parts.append(error.ravel() * (bases[index].fx / (CORNER_SD_PX_AT_12MP * unit)))
             poses.append((rotation, pose[3:]))
-            ideal.append((rays[index] - shift) / np.exp(log_scale))
-        sampson = _sampson(poses[0], poses[1], ideal[0], ideal[1]) * np.mean(focal)
-        parts.append(sampson / (MATCH_SD_PX_AT_12MP * unit))
+            ideal.append(_undistort(matched[index], lens))
+        sampson = _sampson(poses[0], poses[1], ideal[0], ideal[1])
+        parts.append(sampson * ((bases[0].fx + bases[1].fx) / 2 / (MATCH_SD_PX_AT_12MP * unit)))
         return np.concatenate(parts)
 
-    solved = least_squares(residual, start, loss="soft_l1", f_scale=OUTLIER_SD, x_scale="jac").x
+    solved = _minimise(residual, start)
     refined = []
-    for index, view in enumerate(views):
+    for index, (view, base) in enumerate(zip(views, bases, strict=True)):
         pose = solved[6 * index : 6 * index + 6]
-        log_scale, shift_x, shift_y = solved[15 + 3 * index : 18 + 3 * index]
-        camera = replace(
-            view.camera,
-            fx=view.camera.fx * float(np.exp(log_scale)),
-            fy=view.camera.fy * float(np.exp(log_scale)),
-            cx=view.camera.cx + float(shift_x) * view.camera.fx,
-            cy=view.camera.cy + float(shift_y) * view.camera.fy,
-        )
+        lens = solved[15 + LENS_UNKNOWNS * index : 15 + LENS_UNKNOWNS * (index + 1)]
         rotation = np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64)
+        camera = _camera_with(base, lens)
         refined.append(replace(view, camera=camera, rotation=rotation, translation_mm=pose[3:]))
     return RefinedViews(refined[0], refined[1], solved[12:15], len(first_px))
 
 
-def _lens_spread(camera: Camera) -> Float64Array:
-    """(3,) prior spreads of log f and of the principal point's shift over f."""
-    shift = CENTRE_SPREAD * max(camera.width, camera.height) / camera.fx
-    return np.array([FOCAL_SPREAD, shift, shift])
+def _prior_camera(view: View) -> Camera:
+    """The camera as it was before any fit: as given, or as EXIF tells it, without distortion."""
+    return view.camera if view.camera.source == "given" else camera_from_exif(view.photo)
+
+
+def _to_rays(camera: Camera, pixels: Float64Array) -> Float64Array:
+    """(n, 2) px -> (n, 2) x / z, y / z by this camera, whose own distortion is taken off."""
+    if len(pixels) == 0:
+        return np.empty((0, 2))
+    if not any(camera.distortion):
+        return np.asarray((pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy], np.float64)
+    ideal = cv2.undistortPoints(np.ascontiguousarray(pixels)[:, None], camera.matrix, np.array(camera.distortion))
+    return np.asarray(ideal, np.float64).reshape(-1, 2)
+
+
+def _undistort(rays: Float64Array, lens: Float64Array) -> Float64Array:
+    """(n, 2) rays by the guessed camera -> by the camera with this lens, (5,): shifted, scaled, k1 and k2 taken off."""
+    moved = (rays - lens[1:3]) / np.exp(lens[0])
+    if lens[3] == 0.0 and lens[4] == 0.0:
+        return np.asarray(moved, np.float64)
+    square = (moved**2).sum(axis=1)
+    ideal_square = square
+    for _ in range(4):  # r = r_ideal (1 + k1 r_ideal^2 + k2 r_ideal^4), solved by iteration
+        factor = 1.0 + lens[3] * ideal_square + lens[4] * ideal_square**2
+        ideal_square = square / factor**2
+    return np.asarray(moved / factor[:, None], np.float64)
+
+
+def _lens_of(camera: Camera, base: Camera) -> Float64Array:
+    """(5,) how a camera's lens differs from its guess."""
+    shift = [(camera.cx - base.cx) / base.fx, (camera.cy - base.cy) / base.fy]
+    return np.array([np.log(camera.fx / base.fx), *shift, *np.subtract(camera.distortion[:2], base.distortion[:2])])
+
+
+def _camera_with(base: Camera, lens: Float64Array) -> Camera:
+    scale = float(np.exp(lens[0]))
+    k1, k2, p1, p2, k3 = base.distortion
+    return replace(
+        base,
+        fx=base.fx * scale,
+        fy=base.fy * scale,
+        cx=base.cx + float(lens[1]) * base.fx,
+        cy=base.cy + float(lens[2]) * base.fy,
+        distortion=(k1 + float(lens[3]), k2 + float(lens[4]), p1, p2, k3),
+    )
+
+
+def _lens_prior(first: Camera, second: Camera) -> Float64Array:
+    """(10, 10) whose product with both lenses' differences from their guesses is what the priors expect to be normal.
+
+    Two guessed cameras that are equal are one phone's: they share what EXIF leaves open, and differ by focusing.
+    """
+    is_given = first.source == "given"
+    share = CENTRE_SPREAD if is_given else CENTRE_SPREAD_GUESSED
+    rows = []
+    for index, camera in enumerate((first, second)):
+        for axis in (1, 2):
+            row = np.zeros(2 * LENS_UNKNOWNS)
+            row[LENS_UNKNOWNS * index + axis] = camera.fx / (share * max(camera.width, camera.height))
+            rows.append(row)
+    focal_spread = FOCAL_SPREAD_EXIF if first.source == "exif" else FOCAL_SPREAD_UNKNOWN
+    for at, own, change in (
+        (0, focal_spread, FOCAL_SPREAD),
+        (3, RADIAL_SPREAD, RADIAL_CHANGE),
+        (4, RADIAL_SPREAD_4TH, RADIAL_CHANGE),
+    ):
+        common, difference = np.zeros(2 * LENS_UNKNOWNS), np.zeros(2 * LENS_UNKNOWNS)
+        if not is_given and first == second:
+            common[[at, LENS_UNKNOWNS + at]] = 0.5 / own
+            difference[[at, LENS_UNKNOWNS + at]] = np.array([1.0, -1.0]) / (np.sqrt(2.0) * change)
+        else:
+            spread = change if is_given else own
+            common[at] = difference[LENS_UNKNOWNS + at] = 1.0 / spread
+        rows += [common, difference]
+    return np.array(rows)
+
+
+def _minimise(residual: Callable[[Float64Array], Float64Array], start: Float64Array) -> Float64Array:
+    """Levenberg and Marquardt on sum of rho(r^2), rho(s) = 2 (sqrt(1 + s) - 1) in units of OUTLIER_SD (soft l1).
+
+    Differences stand for derivatives. Few unknowns, near the optimum: a general solver takes three times as long.
+    """
+    unknowns, damping = start, 1e-4
+    now = residual(unknowns)
+    cost = _soft_cost(now)
+    steps = 1e-6 * np.maximum(1.0, np.abs(start))
+    for _ in range(MAX_STEPS):
+        jacobian = np.stack([(residual(unknowns + step) - now) / step.sum() for step in np.diag(steps)], axis=1)
+        weight = 1.0 / np.sqrt(1.0 + (now / OUTLIER_SD) ** 2)
+        normal = jacobian.T @ (jacobian * weight[:, None])
+        gradient = jacobian.T @ (now * weight)
+        progress = 0.0
+        while damping < 1e6:
+            trial = unknowns - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+            then = residual(trial)
+            progress = cost - _soft_cost(then)
+            if progress >= 0:
+                unknowns, now, cost, damping = trial, then, cost - progress, damping / 10
+                break
+            damping *= 10
+        if progress < LEAST_PROGRESS:
+            break
+    return unknowns
+
+
+def _soft_cost(residuals: Float64Array) -> float:
+    return float(OUTLIER_SD**2 * (np.sqrt(1.0 + (residuals / OUTLIER_SD) ** 2) - 1.0).sum())
 
 
 def _sampson(
