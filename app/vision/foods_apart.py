@@ -29,6 +29,10 @@ COLOUR_NOISE = 3.0
 FULL_NOTCH = 0.25  # of the disc around a corner of the outline, beyond the half that a smooth outline fills
 SHORT_CUT = 0.5  # of the narrower part's width: so short a cut has its notches at one place
 THRESHOLD = 1.35  # of the judgement below; see its comment
+MAX_TRIAL_SCALE = 0.85  # nearly full size is tried at full size
+PROMISE = 0.8  # of the judgement of a cut of the reduced mask: below, the full mask is not tried
+MAX_TRIALS = 2
+TRIAL_PX = 4000  # of a mask, to which it is reduced while cuts are tried
 PLACE_MM = 8.0  # within which the cut keeps near its proposal
 PLACE_NATS = 1.5
 COLOUR_NATS = 3.0
@@ -76,6 +80,7 @@ class _Piece:
     """A window of the scene in which one mask is cut."""
 
     def __init__(self, lab: Float32Array, height_mm: Float32Array, pixel_mm: float) -> None:
+        self._plain_lab = lab
         self._lab = lab * np.array(COLOUR_WEIGHTS, np.float32)
         self._height_mm = height_mm
         self._pixel_mm = pixel_mm
@@ -84,20 +89,39 @@ class _Piece:
 
     def best_cut(self, mask: MaskArray) -> list[MaskArray] | None:
         """The two parts of the most convincing cut, or None if none convinces."""
+        scale = min(1.0, float(np.sqrt(TRIAL_PX / max(1, int(np.count_nonzero(mask))))))
+        if scale > MAX_TRIAL_SCALE:
+            tried = self.scored_cuts(mask)
+            return tried[0][1] if tried and tried[0][0] > THRESHOLD else None
+        size = (round(mask.shape[1] * scale), round(mask.shape[0] * scale))
+        lab = np.asarray(cv2.resize(self._plain_lab, size, interpolation=cv2.INTER_AREA), np.float32)
+        height = np.asarray(cv2.resize(self._height_mm, size, interpolation=cv2.INTER_NEAREST), np.float32)
+        small = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
         best: tuple[float, list[MaskArray]] | None = None
+        for hope, halves in _Piece(lab, height, self._pixel_mm / scale).scored_cuts(_largest(small))[:MAX_TRIALS]:
+            if hope < PROMISE:
+                break
+            sides = [_distance_px(cv2.resize(half.astype(np.uint8), mask.shape[::-1]) > 0) for half in halves]
+            nearer = mask & (sides[0] <= sides[1])
+            parts = self.on_edges(nearer, mask & ~nearer)
+            score = self._judge(*parts)
+            if score > THRESHOLD and (best is None or score > best[0]):
+                best = score, list(parts)
+        return best[1] if best else None
+
+    def scored_cuts(self, mask: MaskArray) -> list[tuple[float, list[MaskArray]]]:
+        """All proposed cuts, on the edges, each with its judgement, best first."""
         least_px = max(MIN_PART_MM2 / self._pixel_mm**2, MIN_PART_SHARE * np.count_nonzero(mask))
         tried: list[MaskArray] = []
+        scored = []
         for proposal in self._proposals(mask, least_px):
             if any(_is_same_cut(proposal, other, mask) for other in tried):
                 continue
             tried.append(proposal)
             one, two = self.on_edges(proposal, mask & ~proposal)
-            if min(np.count_nonzero(one), np.count_nonzero(two)) < least_px:
-                continue
-            score = self._judge(one, two)
-            if score > THRESHOLD and (best is None or score > best[0]):
-                best = score, [one, two]
-        return best[1] if best else None
+            if min(np.count_nonzero(one), np.count_nonzero(two)) >= least_px:
+                scored.append((self._judge(one, two), [one, two]))
+        return sorted(scored, key=lambda cut: -cut[0])
 
     def on_edges(
         self, one: MaskArray, two: MaskArray, seed_one: MaskArray | None = None, seed_two: MaskArray | None = None

@@ -17,7 +17,6 @@ from app.vision.food_outline import correct_outlines
 from app.vision.food_pixels import Scene, find_food_pixels, fine_texture
 from app.vision.foods_apart import divide, tell_apart
 from app.vision.model import Float32Array, MaskArray
-from app.vision.reconstruction import plane_points
 from app.vision.rectification import RectifiedPair
 from app.vision.support import Support, find_support
 from app.vision.topview import TableTrend, TopView, fit_table_trend, usable_points, view_from_above
@@ -133,13 +132,24 @@ def _reduced_scene(
             points_table=points,
             reach_px=np.ascontiguousarray(disparity.reach_px[every, every]) / np.float32(REDUCTION),
             is_ignored=is_ignored,
-            plane_xy_mm=np.ascontiguousarray(plane_points(pair)[every, every, :2]),
+            plane_xy_mm=_plane_xy(pair),
             camera_mm=pair.first_centre_mm,
             pixel_mm=REDUCTION * pair.pixel_mm,
             texture=np.ascontiguousarray(fine_texture(pair.first_bgr)[every, every]),
         ),
         trend,
     )
+
+
+def _plane_xy(pair: RectifiedPair) -> Float32Array:
+    """(h, w, 2) where the rays of the reduced grid meet the marker's plane, mm; far away above the horizon."""
+    height, width = pair.shape
+    u = ((np.arange(0, width, REDUCTION) - pair.centre_px[0]) / pair.focal_px).astype(np.float32)
+    v = ((np.arange(0, height, REDUCTION) - pair.centre_px[1]) / pair.focal_px).astype(np.float32)
+    x, y, z = (row[0] * u[None, :] + row[1] * v[:, None] + row[2] for row in pair.rotation.T.astype(np.float32))
+    reach = np.float32(pair.first_centre_mm[2]) / np.maximum(-z, np.float32(1e-3))
+    centre = pair.first_centre_mm.astype(np.float32)
+    return np.asarray(np.stack([centre[0] + reach * x, centre[1] + reach * y], axis=-1), np.float32)
 
 
 def _seen_from_above(scene: Scene, trend: TableTrend) -> tuple[TopView | None, Dish | None]:

@@ -13,6 +13,9 @@ from app.vision.model import Float32Array, Float64Array, MaskArray
 
 CELL_MM = 3.0
 TABLE_CELL_MM = 8.0
+HEIGHT_STEP_MM = 0.02  # of the medians
+HEIGHT_LIMIT_MM = 600.0
+HEIGHT_BITS = 17  # hold twice the limit in such steps
 REACH_MM = 600.0  # from the marker: farther points are background or strays
 MARGIN_MM = 40.0
 TREND_UNIT_MM = 200.0
@@ -71,11 +74,14 @@ def view_from_above(points_table: Float32Array, heights_mm: Float32Array, cell_m
     cells = np.floor((xy - origin) / cell_mm).astype(np.int64)
     index = cells[:, 1] * columns + cells[:, 0]
     count = np.bincount(index, minlength=int(rows * columns))
-    order = np.lexsort((heights_mm, index))
+    # One sort of whole numbers, the cell before the height, is several times as fast as sorting by two keys.
+    steps = np.rint(np.clip(heights_mm, -HEIGHT_LIMIT_MM, HEIGHT_LIMIT_MM) / HEIGHT_STEP_MM).astype(np.int64)
+    order = np.sort((index << HEIGHT_BITS) + steps + (1 << (HEIGHT_BITS - 1)))
     first = np.concatenate([[0], np.cumsum(count)[:-1]])
     median = np.full(int(rows * columns), np.nan, np.float32)
     filled = count > 0
-    median[filled] = heights_mm[order][first[filled] + count[filled] // 2]
+    middle = order[first[filled] + count[filled] // 2] & ((1 << HEIGHT_BITS) - 1)
+    median[filled] = (middle - (1 << (HEIGHT_BITS - 1))) * HEIGHT_STEP_MM
     shape = (int(rows), int(columns))
     return TopView(origin, cell_mm, median.reshape(shape), count.reshape(shape))
 
