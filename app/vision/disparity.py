@@ -29,6 +29,7 @@ MIN_TEXTURE = 1.0  # grey levels, standard deviation in a window: below, it is t
 MAX_SD_PX = 0.35  # of the level's pixels, by what the window's fit leaves
 MAX_CHECK_DIFFERENCE_PX = 1  # on the search level, between the parallax from either view
 MAX_MOVE_PX = 1.0  # of the level's pixels, from where a level starts; further off, it is another place that is alike
+BAND_ROWS = 96
 INDEPENDENT_SHARE = 0.3  # of a window's pixels: demosaicing, compression and resampling tie neighbours' noise together
 SPECKLE_PX = 100  # smaller islands of parallax that hang together with nothing are mismatches
 SPECKLE_STEP_PX = 2
@@ -198,13 +199,32 @@ def _with_light_of(image: ImageArray, other: ImageArray) -> ImageArray:
 def _settle(
     first: ImageArray, second: ImageArray, start: Float32Array, steps: int, level: int, left_px: int
 ) -> _Settled:
+    """_settle_band on bands of rows: a band stays in the cache, the whole does not.
+
+    second: with all its columns; first and start may begin at its column left_px.
+    """
+    height, width = first.shape
+    parallax, sd = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
+    is_good = np.empty((height, width), np.bool_)
+    halo = (WINDOW_PX // 2) * (steps + 1)  # what a row's windows, and the windows that they rest on, reach
+    for top in range(0, height, BAND_ROWS):
+        low, high = max(0, top - halo), min(height, top + BAND_ROWS + halo)
+        band = _settle_band(first[low:high], second[low:high], start[low:high], steps, level, left_px)
+        inner, here = slice(top - low, top - low + BAND_ROWS), slice(top, min(height, top + BAND_ROWS))
+        inner = slice(inner.start, inner.start + here.stop - here.start)
+        parallax[here], sd[here], is_good[here] = band.parallax[inner], band.sd[inner], band.is_good[inner]
+    return _Settled(parallax, sd, is_good)
+
+
+def _settle_band(
+    first: ImageArray, second: ImageArray, start: Float32Array, steps: int, level: int, left_px: int
+) -> _Settled:
     """Parallax that makes each window of the second image most like the first's, from where it starts.
 
     Gauss-Newton on the normalised cross correlation: the second image's window, moved, is regressed on the first's grey
     levels and their slope along the row. The ratio of the two coefficients is what is left to move (inverse
     compositional: Baker and Matthews, 2004); gain and offset drop out. Unlike the parabola through three correlations
     it prefers no whole pixels.
-    second: with all its columns; first and start may begin at its column left_px.
     """
     a = first.astype(np.float32)
     slope = np.asarray(cv2.Sobel(a, cv2.CV_32F, 1, 0, ksize=1, scale=0.5), np.float32)
