@@ -14,9 +14,9 @@ from app.vision.board_grid import reduce_by
 from app.vision.model import Float32Array, Float64Array, ImageArray, MarkerSpec, View
 from app.vision.patch_alignment import align_patches
 
-MATCHING_SIDE_PX = 640  # long side where SIFT runs: which point is which; where it is, alignment tells
+MATCHING_SIDE_PX = 512  # long side where SIFT runs: which point is which; where it is, alignment tells
 ALIGNED_SIDE_PX = 1600  # about the long side where matches are aligned: phones resolve little more
-MAX_FEATURES = 800
+MAX_FEATURES = 500
 MIN_CONTRAST = 0.01  # a quarter of SIFT's default: food and plates are pale and smooth
 MAX_RATIO = 0.8  # of the best to the second best distance (Lowe, 2004, section 7.1)
 GATE_SHARE = 0.006  # of the long side, from the epipolar line: what poses by the marker alone may be off by

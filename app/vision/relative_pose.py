@@ -34,7 +34,7 @@ RADIAL_SPREAD_4TH = 0.1  # prior of k2, which phones have beside k1, often of th
 RADIAL_CHANGE = 0.001  # of k1 and k2 between two photographs by one lens
 MAX_MATCHES = 300  # spread over all; more add time, not accuracy
 MAX_STEPS = 12
-LEAST_PROGRESS = 1e-3  # of the sum of squares' half, in units of log likelihood
+LEAST_PROGRESS = 0.02  # in log likelihood: what is left moves no unknown by a fifth of its own uncertainty
 LENS_UNKNOWNS = 5  # a view: log of f over its guess, the principal point's shift over f in x and y, k1, k2
 
 
