@@ -19,7 +19,12 @@ INNER_PX = 3.0  # from the outline, within which a mask's colours may be mixed
 COLOUR_NATS = 5.0
 UNSEEN = 3e-5  # probability of a colour that a model has not seen
 PLACE_MM = 4.0  # of distance from the former outline that count for one nat
-PLACE_NATS = 2.0
+PLACE_NATS = (-2.0, 1.0)
+ALIEN_NATS = -0.5  # a pixel inside whose colour speaks so much for the surroundings does not teach the food's colours
+MAX_ALIEN_SHARE = 0.25  # of the pixels inside; where more are, food and surroundings look alike
+MIN_HOLE_MM2 = 60.0
+HOLE_DEPTH = 0.6  # of the food's height around it, below which a hole is one and not gloss or a pale spot
+MIN_HOLE_POINTS = 8
 ROUNDS = 2
 
 
@@ -54,7 +59,7 @@ def _correct(mask: MaskArray, others: MaskArray, scene: Scene) -> MaskArray:
     is_never = others[window] | scene.is_ignored[window]
     place = _signed_depth_px(mask[window]) * scene.pixel_mm
     is_never |= place < -GROWTH_MM
-    place = np.clip(place / PLACE_MM, -PLACE_NATS, PLACE_NATS)
+    place = np.clip(place / PLACE_MM, *PLACE_NATS)
     found = mask[window]
     nothing = np.zeros(found.shape, np.bool_)
     for _ in range(ROUNDS):
@@ -63,13 +68,38 @@ def _correct(mask: MaskArray, others: MaskArray, scene: Scene) -> MaskArray:
         outer = (depth < -2) & (depth > -MARGIN_MM / scene.pixel_mm) & ~others[window] & ~scene.is_ignored[window]
         if not (inner.any() and outer.any()):
             return mask
-        own, around = colour_histogram([bins], inner), colour_histogram([bins, *shaded], outer)
-        ratio = np.clip(np.log((own + UNSEEN) / (around + UNSEEN))[bins], -COLOUR_NATS, COLOUR_NATS)
+        around = colour_histogram([bins, *shaded], outer)
+        ratio = np.log((colour_histogram([bins], inner) + UNSEEN) / (around + UNSEEN))[bins]
+        is_alien = inner & (ratio < ALIEN_NATS)
+        if np.count_nonzero(is_alien) < MAX_ALIEN_SHARE * np.count_nonzero(inner):
+            ratio = np.log((colour_histogram([bins], inner & ~is_alien) + UNSEEN) / (around + UNSEEN))[bins]
+        ratio = np.clip(ratio, -COLOUR_NATS, COLOUR_NATS)
         found = cut_in_two((ratio + place).astype(np.float32), features, is_never, nothing)
         if not found.any():
             return mask
     out = np.zeros(mask.shape, np.bool_)
-    out[window] = _largest(found)
+    out[window] = _with_true_holes(_largest(found), scene.height_mm[window], scene.pixel_mm)
+    return out
+
+
+def _with_true_holes(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) -> MaskArray:
+    """The mask with only those holes through which something much lower is seen: a ring's, not gloss."""
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    picture = np.zeros(mask.shape, np.uint8)
+    cv2.drawContours(picture, contours, -1, 1, -1)
+    filled = picture > 0
+    own = height_mm[mask]
+    own = own[np.isfinite(own)]
+    count, labels, stats, _ = cv2.connectedComponentsWithStats((filled & ~mask).astype(np.uint8))
+    out = filled
+    for label in range(1, count):
+        hole = labels == label
+        low = height_mm[hole]
+        low = low[np.isfinite(low)]
+        if stats[label, cv2.CC_STAT_AREA] * pixel_mm**2 < MIN_HOLE_MM2 or min(len(low), len(own)) < MIN_HOLE_POINTS:
+            continue
+        if float(np.quantile(low, 0.25)) < HOLE_DEPTH * float(np.median(own)):
+            out = out & ~hole
     return out
 
 
