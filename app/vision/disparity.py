@@ -15,9 +15,9 @@ import numpy as np
 from app.vision.model import Float32Array, ImageArray, MaskArray
 
 RANGE_LEVEL, SEARCH_LEVEL = 4, 2  # reductions: the whole range is searched on the first, what it found on the second
-RANGE_SPECKLE_PX = 12  # on the range level: 14 px across at full size, a thin stalk held towards the camera
+RANGE_SPECKLE_PX = 60  # on the range level: 30 px across at full size; what is smaller does not widen the search
 RANGE_MARGIN_PX = 16.0  # at full size, beyond what was found
-STANDING_SHARE = 0.02  # of the range, which is some 200 mm: what stands 4 mm over the support, more where it is far
+STANDING_PX = 1.5  # over the support, at full size: 3 to 5 mm at usual distances; what is lower needs no finer level
 STANDING_MARGIN_PX = 24  # around what stands
 LEVELS = (4, 2, 1)  # reductions on which windows settle; a finer one overrides a coarser one
 STEPS = {4: 2, 2: 2, 1: 2}  # Gauss-Newton steps a level; the search leaves half a pixel, the level before a tenth
@@ -58,7 +58,7 @@ def match_dense(
     first = np.asarray(cv2.cvtColor(first_bgr, cv2.COLOR_BGR2GRAY), np.uint8)
     second = np.asarray(cv2.cvtColor(second_bgr, cv2.COLOR_BGR2GRAY), np.uint8)
     height, width = first.shape
-    searched, is_confirmed = _search(first, second, range_px)
+    searched, is_confirmed = _search(first, second, range_px, is_seen)
     parallax = np.full((height, width), np.nan, np.float32)
     reach = np.zeros((height, width), np.float32)
     sd = np.full((height, width), np.nan, np.float32)
@@ -67,7 +67,11 @@ def match_dense(
         size = (max(1, round(width / level)), max(1, round(height / level)))
         a, b = (np.asarray(_resized(grey, size, cv2.INTER_AREA), np.uint8) for grey in (first, second))
         scale = np.float32(width / size[0])
-        rows, columns = _standing(start, range_px) if level == LEVELS[-1] else (slice(None), slice(None))
+        rows, columns = (
+            _standing(np.where(is_confirmed > 0, start, np.float32(0.0)))
+            if level == LEVELS[-1]
+            else (slice(None), slice(None))
+        )
         begun = (_resized(start, size, cv2.INTER_LINEAR) / scale).astype(np.float32)[rows, columns]
         settled = _settle(a[rows, columns], b[rows], begun, STEPS[level], level, columns.start or 0)
         is_good = settled.is_good & (_resized(is_confirmed, size, cv2.INTER_NEAREST)[rows, columns] > 0)
@@ -80,11 +84,6 @@ def match_dense(
         np.copyto(sd[rows, columns], _resized(settled.sd * scale, whole, cv2.INTER_LINEAR), where=is_kept)
         if level == SEARCH_LEVEL:  # the finest level sets out from here
             start = np.where(is_good, settled.parallax, begun) * scale
-    if is_seen is not None:  # windows that reach over the border see its edge, not the scene
-        side = LEVELS[0] * WINDOW_PX + 1
-        kernel = np.ones((side, side), np.uint8)
-        inner = cv2.erode(is_seen.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-        parallax[inner == 0] = np.nan
     parallax = _without_speckles(parallax)
     sd[np.isnan(parallax)] = np.nan
     return DisparityMap(parallax, reach, sd)
@@ -108,18 +107,31 @@ class _Settled:
     is_good: MaskArray
 
 
-def _search(first: ImageArray, second: ImageArray, range_px: tuple[float, float]) -> tuple[Float32Array, ImageArray]:
-    """Parallax of each pixel on the search level, px of full size, and 1 where the other direction agrees."""
+def _search(
+    first: ImageArray, second: ImageArray, range_px: tuple[float, float], is_seen: MaskArray | None
+) -> tuple[Float32Array, ImageArray]:
+    """Parallax of each pixel on the search level, px of full size, and 1 where it is seen and both directions agree."""
     found, agrees = _search_range(first, second, range_px, RANGE_LEVEL)
-    offset = 16.0 - 16.0 * min(0.0, range_px[0])
-    kept = np.where(agrees > 0, found + offset, 0.0).astype(np.int16)
+    offset = 1.0 - min(0.0, float(found.min()))
+    kept = np.where(agrees & _inner(is_seen, agrees.shape), found + offset, 0.0).astype(np.int16)
     cv2.filterSpeckles(kept, 0, RANGE_SPECKLE_PX, SPECKLE_STEP_PX * RANGE_LEVEL)
     seen = kept[kept > 0] - offset
-    if seen.size == 0:
-        return found, agrees
-    low, high = float(seen.min()) - RANGE_MARGIN_PX, float(seen.max()) + RANGE_MARGIN_PX
-    narrowed = (max(range_px[0], low), min(range_px[1], high))
-    return _search_range(first, second, narrowed, SEARCH_LEVEL)
+    if seen.size:
+        low, high = float(seen.min()) - RANGE_MARGIN_PX, float(seen.max()) + RANGE_MARGIN_PX
+        range_px = (max(range_px[0], low), min(range_px[1], high))
+    found, agrees = _search_range(first, second, range_px, SEARCH_LEVEL)
+    return found, agrees & _inner(is_seen, agrees.shape)
+
+
+def _inner(is_seen: MaskArray | None, shape: tuple[int, ...]) -> ImageArray:
+    """(H, W) 1 where windows of the coarsest level see nothing but the scene, on a level of this shape."""
+    if is_seen is None:
+        return np.ones(shape, np.uint8)
+    small = _resized(is_seen.astype(np.uint8), (shape[1], shape[0]), cv2.INTER_NEAREST)
+    side = round(LEVELS[0] * WINDOW_PX * shape[1] / is_seen.shape[1]) + 1
+    return np.asarray(
+        cv2.erode(small, np.ones((side, side), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0), np.uint8
+    )
 
 
 def _search_range(
@@ -149,12 +161,12 @@ def _search_range(
     return _filled(found, agrees) * np.float32(scale), agrees.astype(np.uint8)
 
 
-def _standing(parallax: Float32Array, range_px: tuple[float, float]) -> tuple[slice, slice]:
+def _standing(parallax: Float32Array) -> tuple[slice, slice]:
     """Rows and columns, at full size, of the rectangle around all that stands over the support; all if nothing does.
 
     parallax: (H, W) on the search level, px of full size.
     """
-    stands = np.where(parallax > STANDING_SHARE * range_px[1], np.int16(1), np.int16(0))
+    stands = np.where(parallax > STANDING_PX, np.int16(1), np.int16(0))
     cv2.filterSpeckles(stands, 0, SPECKLE_PX, 0)
     rows, columns = (np.flatnonzero(stands.any(axis=axis)) for axis in (1, 0))
     if len(rows) == 0:
