@@ -255,7 +255,10 @@ def _settle_band(
         sg = _box(seen * slope) - mean_seen * mean_slope
         gain = sa * gg - sg * ag
         shift = (sg * aa - sa * ag) / np.maximum(gain, determinant * np.float32(0.1))
-        parallax = parallax + np.clip(shift, np.float32(-1.0), np.float32(1.0))
+        # A window moves with its pixels' own parallax: without the median their noise would grow from step to step.
+        parallax = np.asarray(
+            cv2.medianBlur(parallax + np.clip(shift, np.float32(-1.0), np.float32(1.0)), 5), np.float32
+        )
     variance = np.maximum(_box(seen * seen) - mean_seen * mean_seen, np.float32(1e-3))
     gain /= determinant
     explained = gain * sa + np.clip(shift, -1.0, 1.0) * gain * sg
