@@ -23,8 +23,8 @@ class DepthModel:
     def depth_mm(self, disparity_px: Float32Array) -> Float32Array:
         """Depth along the rectified optical axis, mm; NaN where the disparity is NaN or <= 0."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            depth = self.p_mm + self.q_mm_px / disparity_px
-            return np.where(disparity_px > 0, depth, np.nan).astype(np.float32)
+            depth = np.float32(self.p_mm) + np.float32(self.q_mm_px) / np.asarray(disparity_px, np.float32)
+            return np.where(disparity_px > 0, depth, np.float32(np.nan))
 
 
 def fit_depth_model(disparity_px: Float64Array, depth_mm: Float64Array) -> DepthModel:
@@ -59,7 +59,11 @@ def plane_points(pair: RectifiedPair) -> Float32Array:
 def back_project(pair: RectifiedPair, depth_mm: Float32Array) -> Float32Array:
     """(H, W, 3) points in the table frame, mm, from depth (H, W) along the rectified axis (eq. 12-13); NaN kept."""
     height, width = depth_mm.shape
-    u = ((np.arange(width) - pair.centre_px[0]) / pair.focal_px)[None, :]
+    u = (np.arange(width) - pair.centre_px[0]) / pair.focal_px
     v = ((np.arange(height) - pair.centre_px[1]) / pair.focal_px)[:, None]
-    camera = np.stack([u * depth_mm, v * depth_mm, depth_mm], axis=-1)
-    return np.asarray(camera @ pair.rotation + pair.first_centre_mm, np.float32)
+    points = np.empty((height, width, 3), np.float32)
+    for axis in range(3):  # a ray's part along a table axis is linear in u and v; no (H, W, 3) of float64 is needed
+        along_x, along_y, along_z = pair.rotation[:, axis]
+        ray = (along_x * u).astype(np.float32) + (along_y * v + along_z).astype(np.float32)
+        np.add(ray * depth_mm, np.float32(pair.first_centre_mm[axis]), out=points[..., axis])
+    return points

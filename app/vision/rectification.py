@@ -60,14 +60,14 @@ class RectifiedPair:
         """(H, W) disparity of the marker's plane."""
         height, width = self.shape
         a, b, c = self.plane_px
-        return (a * np.arange(width)[None, :] + b * np.arange(height)[:, None] + c).astype(np.float32)
+        return (a * np.arange(width)).astype(np.float32) + (b * np.arange(height) + c).astype(np.float32)[:, None]
 
     def disparity_from_parallax(self, parallax_px: Float32Array) -> Float32Array:
         """(H, W) disparity x_first - x_second of the row-aligned pair, px, from parallax against the marker's plane.
 
         The second image is sheared by x_s (1 - a) = x_second + b y + c, so a parallax x - x_s counts 1 - a times.
         """
-        return np.asarray(self.plane_disparity_px() + (1.0 - self.plane_px[0]) * parallax_px, np.float32)
+        return np.asarray(self.plane_disparity_px() + np.float32(1.0 - self.plane_px[0]) * parallax_px, np.float32)
 
     def project(self, points_table: Float64Array) -> Float64Array:
         """(n, 3) mm -> (n, 3): x, y on the grid, px, and depth Z, mm."""
