@@ -1,5 +1,6 @@
 import cv2
 import numpy as np
+import pytest
 
 from app.vision.disparity import correlate, match_dense
 from app.vision.rectification import rectify_by_poses
@@ -30,6 +31,33 @@ def test_constant_sub_pixel_shift_is_found():
     assert np.isfinite(inner).mean() > 0.95
     # A tenth of a pixel: linear interpolation and 8 bits.
     assert abs(np.nanmedian(inner) - 7.3) < 0.1
+
+
+@pytest.mark.parametrize("shift", [6.0, 6.25, 6.5, 6.75])
+def test_no_part_of_a_pixel_is_preferred(shift):
+    image = texture()
+    found = match_dense(as_bgr(image), as_bgr(shifted(image, shift)), (-2.0, 24.0)).parallax_px[30:-30, 50:-50]
+    assert abs(np.nanmedian(found) - shift) < 0.03
+    assert np.nanstd(found) < 0.15
+
+
+def test_darker_second_photograph_is_matched_all_the_same():
+    image = texture()
+    found = match_dense(as_bgr(image), as_bgr(0.6 * shifted(image, 7.3) + 30), (-2.0, 24.0)).parallax_px
+    inner = found[30:-30, 50:-50]
+    assert np.isfinite(inner).mean() > 0.9
+    assert abs(np.nanmedian(inner) - 7.3) < 0.1
+
+
+def test_standard_deviation_tells_how_far_off_parallaxes_are():
+    image = texture()
+    rng = np.random.default_rng(0)
+    noisy = [picture + rng.normal(0, 8, image.shape) for picture in (image, shifted(image, 7.3))]
+    found = match_dense(as_bgr(noisy[0]), as_bgr(noisy[1]), (-2.0, 24.0))
+    inner = (slice(30, -30), slice(50, -50))
+    spread = np.nanstd(found.parallax_px[inner])
+    assert 0.3 < spread / np.nanmedian(found.sd_px[inner]) < 3.0  # a guess at how many pixels are independent is in it
+    assert np.array_equal(np.isnan(found.sd_px), np.isnan(found.parallax_px))
 
 
 def test_correlation_ignores_gain_and_offset():

@@ -2,7 +2,9 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import pytest
 
+from app.vision.camera import DIAGONAL_35MM, camera_from_exif
 from app.vision.features import Matches
 from app.vision.relative_pose import refine_views
 from tests.unit.vision.stereo_scene import blank_views
@@ -50,3 +52,27 @@ def test_few_matches_leave_the_pose_to_the_marker():
     refined = refine_views(first, second, shifted)
     assert refined.matches == 0
     assert np.allclose(refined.second.rotation, second.rotation, atol=1e-3)
+
+
+@pytest.mark.parametrize("exif_error", [-0.05, 0.0, 0.05])
+def test_focal_length_that_exif_tells_wrong_is_put_right(exif_error):
+    views = blank_views(baseline_mm=90.0)
+    matches = matches_of(*views, count=120)
+    diagonal = np.hypot(views[0].camera.width, views[0].camera.height)
+    told_mm = views[0].camera.fx / diagonal * DIAGONAL_35MM * (1 + exif_error)
+    guessed = []
+    for view in views:
+        photo = replace(view.photo, focal_35mm=told_mm)
+        guessed.append(replace(view, photo=photo, camera=camera_from_exif(photo)))
+    refined = refine_views(guessed[0], guessed[1], matches)
+    # Without noise only the prior's pull is left: 5 % of a spread of 8 % against some 0.5 % that the points tell.
+    assert abs(refined.first.camera.fx / views[0].camera.fx - 1) < 0.005
+    assert np.allclose(refined.first.centre_mm, views[0].centre_mm, atol=3.0)
+    assert abs(refined.first.camera.distortion[0]) < 0.02
+    assert refined.first.camera.source == "exif"
+
+
+def test_given_camera_keeps_its_distortion():
+    first, second = blank_views()
+    refined = refine_views(first, second, matches_of(first, second, count=60))
+    assert np.allclose(refined.first.camera.distortion, first.camera.distortion, atol=1e-3)
