@@ -1,9 +1,9 @@
 """Tells touching foods apart: cuts a mask in two wherever colour, outline and heights together say that it is two.
 
 A mask -> candidate cuts (clusters of colour, necks of the outline, separate tops), each moved onto the image's edges
-and judged: by the difference of colour across the cut, by notches of the outline at its ends, by its length against
-the parts' width, and by a valley along it. One food of two tones has no notch; one bent food has neither contrast nor
-valley.
+and judged: by the difference of colour across the cut, by the image's edges along it, by notches of the outline at its
+ends, by its length against the parts' width, and by a valley along it. One food of two tones has no notch; one bent
+food has neither contrast nor valley.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,6 +28,7 @@ NOTCH_RADIUS_MM = 7.0
 COLOUR_NOISE = 3.0
 FULL_NOTCH = 0.25  # of the disc around a corner of the outline, beyond the half that a smooth outline fills
 SHORT_CUT = 0.5  # of the narrower part's width: so short a cut has its notches at one place
+CREASE_WEIGHT = 0.4
 THRESHOLD = 1.35  # of the judgement below; see its comment
 MAX_TRIAL_SCALE = 0.85  # nearly full size is tried at full size
 PROMISE = 0.8  # of the judgement of a cut of the reduced mask: below, the full mask is not tried
@@ -82,6 +83,7 @@ class _Piece:
     def __init__(self, lab: Float32Array, height_mm: Float32Array, pixel_mm: float) -> None:
         self._plain_lab = lab
         self._lab = lab * np.array(COLOUR_WEIGHTS, np.float32)
+        self._edges = _edge_strength(self._lab)
         self._height_mm = height_mm
         self._pixel_mm = pixel_mm
         self._bins = colour_bins(lab)
@@ -214,7 +216,9 @@ class _Piece:
         contrast = float(np.linalg.norm((medians[0] - medians[1]) / spread))
         notch = FULL_NOTCH if length < SHORT_CUT else self._notch(one | two, border)
         valley = self._valley(one, two, border)
-        return min(contrast, 4.0) / 3 + 6.0 * float(np.clip(notch, 0.0, FULL_NOTCH)) - 0.35 * length + 0.5 * valley
+        crease = CREASE_WEIGHT * float(np.clip(self._crease(one | two, border) - 0.7, -0.5, 0.8))
+        look = min(contrast / 3 + crease, 4 / 3)  # however clear a border is, looks alone make no two foods
+        return look + 6.0 * float(np.clip(notch, 0.0, FULL_NOTCH)) - 0.35 * length + 0.5 * valley
 
     def _notch(self, mask: MaskArray, border: MaskArray) -> float:
         """How far the outline is dented where the border meets it: share of a disc there beyond one half."""
@@ -228,6 +232,15 @@ class _Piece:
         dents = sorted((float(share[ends & (labels == k)].max()) - 0.5 for k in range(1, count)), reverse=True)
         return sum(dents[:2]) / 2 if len(dents) >= 2 else 0.0
 
+    def _crease(self, mask: MaskArray, border: MaskArray) -> float:
+        """How strong the image's edges along the border are against those elsewhere: a ratio, 0 if unknown."""
+        depth = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 3)
+        near = cv2.dilate(border.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+        along, elsewhere = self._edges[border & (depth > 3)], self._edges[mask & (depth > 4) & ~near]
+        if len(along) <= 5 or len(elsewhere) <= 20:
+            return 0.0
+        return float(np.quantile(along, 0.3) / max(1e-3, float(np.quantile(elsewhere, 0.75))))
+
     def _valley(self, one: MaskArray, two: MaskArray, border: MaskArray) -> float:
         """How far the heights along the border fall below the lower of the two tops, 0 to 1."""
         along, *tops = (self._height_mm[part] for part in (border, one, two))
@@ -236,6 +249,13 @@ class _Piece:
             return 0.0
         lower = min(float(np.quantile(top, 0.95)) for top in tops)
         return float(np.clip(1.0 - np.median(along) / lower, 0.0, 1.0)) if lower > 5.0 else 0.0
+
+
+def _edge_strength(lab: Float32Array) -> Float32Array:
+    """(H, W) the greatest gradient of the weighted colours within a pixel."""
+    smooth = cv2.GaussianBlur(lab, (0, 0), 1.0)
+    squares = [(cv2.Sobel(smooth, cv2.CV_32F, x, 1 - x) ** 2).sum(axis=-1) for x in (0, 1)]
+    return np.asarray(cv2.dilate(np.sqrt(squares[0] + squares[1]), np.ones((3, 3), np.uint8)), np.float32)
 
 
 def _is_same_cut(one: MaskArray, two: MaskArray, mask: MaskArray) -> bool:

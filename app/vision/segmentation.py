@@ -24,6 +24,7 @@ from app.vision.vessel import Vessel, describe_vessel
 
 REDUCTION = 2  # of the rectified grid, on which foods are found; outlines are carried back by a smooth field
 LOWEST_MM = -30.0  # below the table: strays
+CLEAR_OF_DISH_MM = 10.0  # beyond its outline, where the table is seen
 MIN_AREA_MM2 = 250.0  # seen from above the camera: smaller than a cherry tomato is clutter
 MIN_SOLIDITY = 0.5  # a mask that fills less of its convex hull is a rim or an arc of it
 MIN_CORE_MM2 = 40.0  # of a mask that geometry alone calls food
@@ -77,6 +78,8 @@ def segment_foods(
         taken |= region.mask
     scene, trend = _reduced_scene(pair, disparity, points_table, ignored)
     view, dish = _seen_from_above(scene, trend)
+    if view is not None and dish is not None:
+        scene, trend, dish = _over_the_table_alone(scene, trend, view, dish)
     if view is None:
         return drawn or no_food_found()
     found: list[Region] = []
@@ -159,6 +162,22 @@ def _seen_from_above(scene: Scene, trend: TableTrend) -> tuple[TopView | None, D
         return None, None
     is_solid = solid_cells(view, 1.0 / scene.pixel_mm**2)
     return view, find_dish(view, is_solid, trend.noise_mm, np.random.default_rng(0))
+
+
+def _over_the_table_alone(scene: Scene, trend: TableTrend, view: TopView, dish: Dish) -> tuple[Scene, TableTrend, Dish]:
+    """Heights anew over a table whose trend the dish's floor has no part in."""
+    usable = usable_points(scene.points_table, scene.is_ignored)
+    inward = dish.inward_at(view, scene.points_table[..., :2])
+    better = fit_table_trend(scene.points_table[usable & (inward < -CLEAR_OF_DISH_MM)])
+    middle = view.centres_mm()[dish.inward_mm > 0].mean(axis=0)
+    lifted = float(trend.height_mm(middle) - better.height_mm(middle))
+    height = scene.points_table[..., 2] - better.height_mm(scene.points_table[..., :2])
+    floor_mm = dish.floor_mm + lifted if dish.floor_mm > 0 else 0.0
+    return (
+        replace(scene, height_mm=height.astype(np.float32)),
+        better,
+        replace(dish, rim_mm=max(dish.rim_mm + lifted, 1.0), floor_mm=max(floor_mm, 0.0)),
+    )
 
 
 def _is_food(mask: MaskArray, is_core: MaskArray, scene: Scene) -> bool:

@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+
+from app.vision.dish import find_dish, solid_cells
+from app.vision.topview import view_from_above
+
+
+def view_of(height_of, noise_mm=0.4, seed=0):
+    """A square metre of a quarter seen from above, three points to a cell's side."""
+    rng = np.random.default_rng(seed)
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(-250, 250, 1.0), np.arange(-250, 250, 1.0)))
+    z = height_of(x, y) + rng.normal(0, noise_mm, x.size)
+    points = np.column_stack([x, y, z])[np.isfinite(z)].astype(np.float32)
+    return view_from_above(points, points[:, 2])
+
+
+def found_in(view, noise_mm=0.4):
+    return find_dish(view, solid_cells(view, 1.0), noise_mm, np.random.default_rng(0))
+
+
+def plate(x, y, radius=110.0, rim=14.0, floor=3.0):
+    r = np.hypot(x - 20, y + 30)
+    return np.where(r < radius - 10, floor, np.where(r < radius, rim, 0.0))
+
+
+def test_plates_rim_is_found_with_its_circle():
+    dish = found_in(view_of(plate))
+    assert dish.centre_mm == pytest.approx([20, -30], abs=3)
+    assert dish.radius_mm == pytest.approx(105, abs=6)  # the rim is 10 mm wide
+    assert dish.rim_mm == pytest.approx(14, abs=1)
+    assert dish.floor_mm == 0
+    assert not dish.is_deep
+
+
+def test_plate_with_an_unmeasured_floor_is_found():
+    def heights(x, y):
+        return np.where(np.hypot(x - 20, y + 30) < 100, np.nan, plate(x, y))
+
+    assert found_in(view_of(heights)).radius_mm == pytest.approx(105, abs=6)
+
+
+def test_rim_that_wrong_poses_tilt_is_found():
+    assert found_in(view_of(lambda x, y: plate(x, y) + 0.03 * x * (np.hypot(x, y) < 160))).radius_mm is not None
+
+
+def test_filled_bowl_is_deep_and_its_rim_not_its_content_is_found():
+    def heights(x, y):
+        r = np.hypot(x, y)
+        return np.where(r < 60, 38.0, np.where(r < 68, np.nan, np.where(r < 73, 48.0, np.where(r < 80, np.nan, 0.0))))
+
+    dish = found_in(view_of(heights))
+    assert dish.is_deep
+    assert dish.radius_mm == pytest.approx(70, abs=4)
+    assert dish.rim_mm == pytest.approx(48, abs=1)
+
+
+def test_board_with_something_on_it_is_a_slab_with_its_floor():
+    def heights(x, y):
+        board = np.where((np.abs(x) < 90) & (np.abs(y) < 120), 15.0, 0.0)
+        return np.where(np.hypot(x, y) < 30, 50.0, board)
+
+    dish = found_in(view_of(heights))
+    assert dish.radius_mm is None
+    assert dish.floor_mm == pytest.approx(15, abs=0.5)
+
+
+def test_mound_is_no_dish():
+    assert found_in(view_of(lambda x, y: 40 * np.sqrt(np.clip(1 - (x**2 + y**2) / 70**2, 0, 1)))) is None
+
+
+def test_bare_table_has_no_dish():
+    assert found_in(view_of(lambda x, y: 0 * x)) is None
+
+
+def test_noisy_table_has_no_dish():
+    assert found_in(view_of(lambda x, y: 0 * x, noise_mm=4.0), noise_mm=2.0) is None
+
+
+def test_distance_inward_is_negative_outside_and_far_where_nothing_is_known():
+    view = view_of(plate)
+    dish = found_in(view)
+    inward = dish.inward_at(view, np.array([[[20.0, -30.0], [20.0, 100.0], [np.nan, 0.0], [5000.0, 0.0]]]))
+    assert inward[0, 0] == pytest.approx(dish.radius_mm, abs=4)
+    assert inward[0, 1] == pytest.approx(dish.radius_mm - 130, abs=4)
+    assert inward[0, 2] == inward[0, 3] == -100
