@@ -17,7 +17,8 @@ from app.vision.patch_alignment import align_patches
 MATCHING_SIDE_PX = 512  # long side where SIFT runs: which point is which; where it is, alignment tells
 ALIGNED_SIDE_PX = 1600  # about the long side where matches are aligned: phones resolve little more
 MAX_FEATURES = 500
-MIN_CONTRAST = 0.01  # a quarter of SIFT's default: food and plates are pale and smooth
+MIN_CONTRASTS = (0.01, 0.003)  # SIFT's default is 0.04: food and plates are pale and smooth; the second where that
+FEW_FEATURES = 150  # finds fewer than these
 MAX_RATIO = 0.8  # of the best to the second best distance (Lowe, 2004, section 7.1)
 GATE_SHARE = 0.006  # of the long side, from the epipolar line: what poses by the marker alone may be off by
 ALIGNMENT_FACTORS = (1, 2)  # reductions of the aligned size: faint texture shows in larger patches only
@@ -212,8 +213,11 @@ def _detect(grey: ImageArray, mask: ImageArray) -> tuple[Float64Array, NDArray[n
     scale = min(1.0, MATCHING_SIDE_PX / max(height, width))
     size = (round(width * scale), round(height * scale))
     small, small_mask = cv2.resize(grey, size, interpolation=cv2.INTER_AREA), cv2.resize(mask, size)
-    sift = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=MIN_CONTRAST)
-    keypoints, descriptors = sift.detectAndCompute(small, small_mask)
+    for contrast in MIN_CONTRASTS:
+        sift = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=contrast)
+        keypoints, descriptors = sift.detectAndCompute(small, small_mask)
+        if len(keypoints) >= FEW_FEATURES:
+            break
     if len(keypoints) == 0:  # descriptors are None then
         return np.empty((0, 2)), np.empty((0, 128), np.float32)
     points = np.array([keypoint.pt for keypoint in keypoints], np.float64).reshape(-1, 2)
