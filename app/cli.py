@@ -90,7 +90,7 @@ def estimate(
     right: Annotated[Path, typer.Argument(help="Photograph from the right.")],
     marker: MarkerOption = DEFAULT_MARKER,
     camera: Annotated[Path | None, typer.Option(help="Camera file (JSON), as `tada calibrate --json` prints.")] = None,
-    method: Annotated[str, typer.Option(help="How volumes are estimated: paper.")] = "paper",
+    method: Annotated[str, typer.Option(help="How volumes are estimated: shape or paper.")] = "shape",
     hint: Annotated[
         list[str] | None, typer.Option(help='JSON: {"point": [x, y], "food": KEY}, "box", "polygon".')
     ] = None,

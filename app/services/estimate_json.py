@@ -30,7 +30,7 @@ def options_from_json(value: Mapping[str, Any]) -> EstimateOptions:
     return EstimateOptions(
         marker=parse_marker(value["marker"]),
         camera=camera_from_mapping(value["camera"]) if value.get("camera") is not None else None,
-        method=value.get("method", "paper"),
+        method=value.get("method", "shape"),
         hints=tuple(hint_from_json(hint) for hint in value.get("hints", ())),
         seed=int(value.get("seed", 0)),
     )

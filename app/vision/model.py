@@ -19,7 +19,7 @@ ImageArray = NDArray[np.uint8]
 MaskArray = NDArray[np.bool_]
 
 MarkerKind = Literal["plain", "colour"]
-Method = Literal["paper"]
+Method = Literal["shape", "paper"]
 SliceForm = Literal["circle", "ellipse"]
 
 
@@ -133,7 +133,7 @@ class EstimateOptions:
 
     marker: MarkerSpec
     camera: Camera | None = None
-    method: Method = "paper"
+    method: Method = "shape"
     hints: tuple[Hint, ...] = ()
     seed: int = 0
 

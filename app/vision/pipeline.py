@@ -23,9 +23,10 @@ from app.vision.reconstruction import back_project, fit_to_marker, plane_points
 from app.vision.rectification import is_swapped, rectify_by_poses
 from app.vision.relative_pose import refine_views
 from app.vision.segmentation import segment_foods
+from app.vision.shape import measure_shapes
 from app.vision.trace import Trace
 
-PIPELINE_VERSION = "1"  # changes whenever the same photographs may give another answer
+PIPELINE_VERSION = "2"  # changes whenever the same photographs may give another answer
 
 
 def estimate_meal(
@@ -103,9 +104,12 @@ def _run(
             return regions
     with stage("volume"):
         is_refined = trace.refined.matches > 0
-        measured = measure_items(
-            regions, rectified, trace.disparity, points, ignored, options.hints, is_refined=is_refined
-        )
+        if options.method == "paper":
+            measured = measure_items(
+                regions, rectified, trace.disparity, points, ignored, options.hints, is_refined=is_refined
+            )
+        else:
+            measured = measure_shapes(regions, rectified, trace.disparity, points, ignored, is_refined=is_refined)
         if isinstance(measured, Failure):
             return measured
         trace.items = measured

@@ -1,0 +1,277 @@
+"""A form fitted to what both views show of one food: outlines, parallax, the support; maximum a posteriori.
+
+Evidence (Seen) + a family with its start (forms.py) -> unknowns, their covariance, the volume. Gauss-Newton with
+Levenberg's damping; every misfit counts by a Cauchy loss, so that a shadow taken for food or a highlight bends little.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from app.units import ml_from_mm3
+from app.vision.disparity import DisparityMap
+from app.vision.forms import EXACT, Form
+from app.vision.mesh import enclosed_gradient_mm2, enclosed_mm3, faces_towards, outline_vertices, unit, vertex_normals
+from app.vision.model import Float32Array, Float64Array, MaskArray
+from app.vision.outline_snap import STEP_PX, Outline
+from app.vision.sight import Sight
+from app.vision.surface_match import WINDOW_PX, SurfaceParallax, draw_mask
+
+OUTLINE_SD_PX = 0.7  # of the working grid
+OUTLINE_RUN_PX = 10.0  # along an outline, over which its errors are one
+DENSE_SD_PX, DENSE_AREA_PX = 0.5, 100.0  # of the dense parallax, and the area over which its errors are one
+SURFACE_SD_PX = 0.12  # that parallax along a surface has beside its noise: interpolation, gloss, the poses' rest
+MAX_SD_PX = 1.0
+LOSS_SCALE = 2.5  # sd, beyond which a misfit counts less and less
+FACING = 0.2  # cosine of the slant up to which parallax is compared
+FACING_SECOND = 0.15
+FOOT_MM = 0.5  # over the support, from which on a point is not the foot's
+HIDDEN_PX = 3.0  # within its own outline, a crossing line is hidden by the form itself
+MIN_OUTLINE = 8
+DAMPING = (1e-2, 1e-6, 1e4)  # start, least, most
+TRIES = 4
+CONVERGED = 2e-3  # relative fall of the cost
+UNEXPLAINED_PX = 4.0  # from the form's outline, beyond which a point of the food's is not explained
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What the views show of a food. mask: (H, W). inward_px: (H, W) distance to the mask's outline.
+
+    outlines: in the first and the second view. dense: from the whole pair, where no surface is known yet. surface:
+    measured along a form that is near the food's.
+    """
+
+    sight: Sight
+    mask: MaskArray
+    inward_px: Float32Array
+    outlines: tuple[Outline | None, Outline | None]
+    dense: DisparityMap
+    surface: SurfaceParallax | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FormFit:
+    """unknowns: (k,) at the maximum. precision: (k, k), inverse covariance. cost: -2 log of the posterior there.
+
+    observations: how many independent ones took part. volume_ml, volume_sd_ml: with the covariance's sd.
+    log_occam: log of the determinant of precision times prior variance, the price of what had to be fitted.
+    """
+
+    form: Form
+    unknowns: Float64Array
+    precision: Float64Array
+    cost: float
+    observations: float
+    volume_ml: float
+    volume_sd_ml: float
+    log_occam: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Terms:
+    jacobian: Float64Array
+    residual_px: Float64Array
+    sd_px: Float64Array
+    weight: Float64Array
+
+    @property
+    def loss(self) -> float:
+        scaled = (self.residual_px / self.sd_px / LOSS_SCALE) ** 2
+        return float(LOSS_SCALE**2 * (self.weight * np.log1p(scaled)).sum())
+
+    @property
+    def precision(self) -> Float64Array:
+        """(n,) of each term as the loss leaves it (iteratively reweighted least squares)."""
+        scaled = (self.residual_px / self.sd_px / LOSS_SCALE) ** 2
+        return np.asarray(self.weight / self.sd_px**2 / (1 + scaled), np.float64)
+
+
+def fit_form(form: Form, seen: Seen, cells: int, rounds: int, start: Float64Array | None = None) -> FormFit | None:
+    """Fit from `start` (or the form's own); None where nothing of the food meets the form."""
+    prior_sd = form.prior_sd
+    found = _posterior(form, form.start if start is None else start, cells, seen)
+    if found is None:
+        return None
+    damping, least, most = DAMPING
+    for _ in range(rounds):
+        before = found
+        for _ in range(TRIES):
+            step = -np.linalg.solve(before.normal + damping * np.diag(np.diag(before.normal)), before.slope)
+            step /= max(1.0, float(np.abs(step / form.stride).max()))
+            trial = _posterior(form, form.bounded(before.unknowns + step), cells, seen)
+            if trial is not None and trial.cost < before.cost:
+                found = trial
+                break
+            damping = min(damping * 8, most)
+        damping = max(damping / 5, least)
+        if before.cost - found.cost < CONVERGED * before.cost:
+            break
+    vertices, jacobian = form.jacobian(found.unknowns, cells)
+    gradient = np.einsum("kna,na->k", jacobian, enclosed_gradient_mm2(vertices, form.topology(cells).faces))
+    variance = float(gradient @ np.linalg.solve(found.normal, gradient))
+    return FormFit(
+        form=form,
+        unknowns=found.unknowns,
+        precision=found.normal,
+        cost=found.cost,
+        observations=found.observations,
+        volume_ml=ml_from_mm3(enclosed_mm3(form.vertices(found.unknowns, EXACT), form.topology(EXACT).faces)),
+        volume_sd_ml=ml_from_mm3(float(np.sqrt(max(variance, 0.0)))),
+        log_occam=float(np.linalg.slogdet(found.normal)[1] + 2 * np.log(prior_sd[np.isfinite(prior_sd)]).sum()),
+    )
+
+
+def unexplained(fit: FormFit, seen: Seen, cells: int) -> float:
+    """What the food's outline shows and the form's does not (the hole of a ring), as a cost like FormFit.cost."""
+    vertices = fit.form.vertices(fit.unknowns, cells)
+    mesh = fit.form.topology(cells)
+    cost = 0.0
+    for view, line in enumerate(seen.outlines):
+        if line is None:
+            continue
+        index, _ = outline_vertices(vertices, mesh, seen.sight.cameras_mm[view])
+        if len(index) < MIN_OUTLINE:
+            continue
+        points = seen.sight.in_view(*seen.sight.project(vertices[index]), view)
+        distance, _ = cKDTree(points).query(line.points_px)
+        scaled = (np.maximum(distance - UNEXPLAINED_PX, 0) / OUTLINE_SD_PX / LOSS_SCALE) ** 2
+        cost += float((line.weights * STEP_PX / OUTLINE_RUN_PX * LOSS_SCALE**2 * np.log1p(scaled)).sum())
+    return cost
+
+
+@dataclass(frozen=True, slots=True)
+class _Posterior:
+    """cost: -2 log of the posterior at the unknowns. normal: (k, k) Gauss-Newton's matrix. slope: (k,) gradient / 2."""
+
+    unknowns: Float64Array
+    cost: float
+    normal: Float64Array
+    slope: Float64Array
+    observations: float
+
+
+def _posterior(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Posterior | None:
+    terms = _terms(form, unknowns, cells, seen)
+    if terms is None:
+        return None
+    apart, prior_sd = unknowns - form.start, form.prior_sd
+    weighted = terms.jacobian * terms.precision[:, None]
+    return _Posterior(
+        unknowns=unknowns,
+        cost=terms.loss + float(((apart / prior_sd) ** 2).sum()),
+        normal=terms.jacobian.T @ weighted + np.diag(1.0 / prior_sd**2),
+        slope=weighted.T @ terms.residual_px + apart / prior_sd**2,
+        observations=float(terms.weight.sum()),
+    )
+
+
+def _terms(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Terms | None:
+    vertices, jacobian = form.jacobian(unknowns, cells)
+    mesh = form.topology(cells)
+    normals = vertex_normals(vertices, mesh.faces)
+    parts = [_outline_terms(form, vertices, jacobian, cells, seen, view) for view in (0, 1)]
+    support_mm = float(vertices[:, 2].min())
+    parts.append(_parallax_terms(vertices, normals, jacobian, seen, support_mm))
+    kept = [part for part in parts if part is not None]
+    if not kept:
+        return None
+    return _Terms(
+        np.concatenate([part.jacobian for part in kept]),
+        np.concatenate([part.residual_px for part in kept]),
+        np.concatenate([part.sd_px for part in kept]),
+        np.concatenate([part.weight for part in kept]),
+    )
+
+
+def _outline_terms(
+    form: Form,
+    vertices: Float64Array,
+    jacobian: Float64Array,
+    cells: int,
+    seen: Seen,
+    view: int,
+) -> _Terms | None:
+    """Distance of the form's outline from the nearest point of the food's, along that point's normal, px."""
+    line, mesh, sight = seen.outlines[view], form.topology(cells), seen.sight
+    if line is None:
+        return None
+    index, share = outline_vertices(vertices, mesh, sight.cameras_mm[view])
+    if len(index) < MIN_OUTLINE:
+        return None
+    pixels = sight.in_view(*sight.project(vertices[index]), view)
+    _, nearest = line.tree.query(pixels)
+    towards = line.normals[nearest]
+    residual = ((pixels - line.points_px[nearest]) * towards).sum(axis=1)
+    by_point = np.einsum("na,nab->nb", towards, sight.pixel_gradient(vertices[index], view))
+    length = cv2.arcLength(cv2.convexHull(pixels.astype(np.float32)), closed=True)
+    weight = line.weights[nearest] * share * length / OUTLINE_RUN_PX
+    if form.is_folded:
+        weight = np.where(_is_hidden(vertices, form, cells, seen, view, pixels), 0.0, weight)
+    return _Terms(
+        np.einsum("nb,knb->nk", by_point, jacobian[:, index]), residual, np.full(len(residual), OUTLINE_SD_PX), weight
+    )
+
+
+def _is_hidden(
+    vertices: Float64Array, form: Form, cells: int, seen: Seen, view: int, pixels: Float64Array
+) -> MaskArray:
+    """(n,) whether points of the contour generator lie well within what the form covers."""
+    sight, mesh = seen.sight, form.topology(cells)
+    corners = sight.in_view(*sight.project(vertices), view)
+    low = np.floor(corners.min(axis=0)) - 3
+    size = np.ceil(np.ptp(corners, axis=0)).astype(np.int64) + 8
+    faces = mesh.faces[faces_towards(vertices, mesh.faces, sight.cameras_mm[view])]
+    if (size > max(seen.mask.shape)).any():
+        return np.zeros(len(pixels), np.bool_)
+    covered = draw_mask(corners - low, faces, (int(size[1]), int(size[0])))
+    depth = cv2.distanceTransform(covered.astype(np.uint8), cv2.DIST_L2, 3)
+    column, row = np.rint(pixels - low).astype(np.int64).T
+    return np.asarray(depth[row, column] > HIDDEN_PX, np.bool_)
+
+
+def _parallax_terms(
+    vertices: Float64Array, normals: Float64Array, jacobian: Float64Array, seen: Seen, support_mm: float
+) -> _Terms | None:
+    """Parallax of the form's points less the measured one, px; each point speaks for the area around it."""
+    sight = seen.sight
+    first, second = sight.cameras_mm
+    ray = vertices - first
+    depth = ray @ sight.pair.rotation[2]
+    ray = ray / depth[:, None]
+    outward = unit(normals)
+    slant = np.einsum("ij,ij->i", outward, ray)
+    slant_second = np.einsum("ij,ij->i", outward, unit(vertices - second))
+    is_open = (slant < -FACING) & (slant_second < -FACING_SECOND) & (vertices[:, 2] > support_mm + FOOT_MM)
+    index = np.flatnonzero(is_open)
+    if len(index) == 0:
+        return None
+    pixels, parallax = sight.project(vertices[index])
+    measured, sd, area_px = _measured(seen, pixels)
+    known = np.isfinite(measured) & (sd < MAX_SD_PX)
+    if not known.any():
+        return None
+    index, measured, sd, parallax = index[known], measured[known], sd[known], parallax[known]
+    # A surface that moves by its normals' component changes the depth along a ray by that over the slant.
+    depth_moves = np.einsum("nb,knb->nk", outward[index], jacobian[:, index]) / slant[index][:, None]
+    moves = depth_moves * sight.parallax_per_mm(depth[index])[:, None]
+    seen_area = (
+        np.abs(np.einsum("ij,ij->i", normals[index], ray[index])) / 6 * (sight.pair.focal_px / depth[index]) ** 2
+    )
+    return _Terms(moves, parallax - measured, sd, seen_area / area_px)
+
+
+def _measured(seen: Seen, pixels: Float64Array) -> tuple[Float64Array, Float64Array, float]:
+    """(n,) parallax, (n,) its sd, and the area over which its errors are one, px."""
+    column, row = np.rint(pixels).astype(np.int64).T
+    height, width = seen.mask.shape
+    row, column = np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)
+    inward = seen.inward_px[row, column]
+    if seen.surface is not None:
+        value, sd = seen.surface.at(pixels)
+        return np.where(inward > 1, value, np.nan), np.hypot(sd, SURFACE_SD_PX), float(WINDOW_PX**2)
+    value = np.asarray(seen.dense.parallax_px[row, column], np.float64)
+    is_own = inward > seen.dense.reach_px[row, column] + 1
+    return np.where(is_own, value, np.nan), np.full(len(value), DENSE_SD_PX), DENSE_AREA_PX

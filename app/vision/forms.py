@@ -1,0 +1,302 @@
+"""The families of form that a food may have, as closed surfaces with few parameters and a smooth rest.
+
+A superellipsoid (Barr, 1981) that may taper, bend (Solina and Bajcsy, 1990) and be sunk into its support, so that a
+heap has a flat foot; and a ring. Both rest on the support. A smooth displacement along the normals takes up what the
+parameters cannot: spherical harmonics on the one, Fourier terms on the other, with spreads that fall with the degree.
+Terms that are the same all round the form's axis are the freest: a food turned like a lathe's work shows on its
+visible side what the hidden one is like (Thrun and Wegbreit, 2005).
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from scipy.special import sph_harm_y
+
+from app.vision.mesh import Topology, ring, sphere, unit, vertex_normals
+from app.vision.model import Float64Array
+
+COARSE, FINE, EXACT = 6, 12, 24  # cells a side of the cube: to find a form, to fit it, to take its volume
+DEGREE = 6  # of the spherical harmonics: features of a sixth of the circumference
+LATHE_SD, REST_SD, HEAP_SD = (
+    0.06,
+    0.03,
+    0.08,
+)  # of the displacement in mean radii at degree one, all round the axis or not
+RING_SD = 0.04
+RING_WAVES = 3
+DEGREE_ONE = 0.3  # of the spread that the degree would have
+WEIGHT_STEP = 1e-3
+
+# Indices into a form's parameters. Lengths mm, angles radians, exponents and half-axes as logarithms.
+X, Y, SUPPORT, SUNK, A, B, C, E1, E2, TURN_X, TURN_Y, TURN_Z, TAPER, BEND = range(14)
+STEP = np.full(14, 1e-3)  # of the finite differences
+STEP[[X, Y, SUPPORT, SUNK]] = 0.05
+STRIDE = np.array([3, 3, 1, 3, 0.15, 0.15, 0.15, 0.3, 0.3, 0.15, 0.15, 0.15, 0.1, 0.2])  # the most at one step
+SPREAD = np.array([np.inf, np.inf, 1, 20, np.inf, np.inf, np.inf, 0.35, 0.35, 0.5, 0.5, 0.5, 0.25, 0.5])  # prior
+AT_FOOT = 1e-6  # of a unit direction's height: on the equator
+LEAST_CUT = 0.98  # of half the height: the cut stays between both ends
+LOG_EXPONENTS = (np.log(0.1), np.log(1.5))  # a box with rounded edges to a form pointed like a lemon
+
+
+@dataclass(frozen=True, slots=True)
+class Form(ABC):
+    """A family with its start. Unknowns are a vector (k,): the free parameters, then weights of the displacement.
+
+    parameters: (14,) start, see the indices above. free: those that are fitted. support_sd_mm: spread of SUPPORT.
+    axes: (3, 3) the form's own axes as columns, table frame.
+    """
+
+    name: str
+    parameters: Float64Array
+    free: tuple[int, ...]
+    axes: Float64Array
+    support_sd_mm: float
+    has_displacement: bool = True
+
+    @property
+    @abstractmethod
+    def is_folded(self) -> bool:
+        """Whether one part of it may hide another's outline."""
+
+    @property
+    @abstractmethod
+    def weight_sd(self) -> Float64Array:
+        """Prior spread of the displacement's weights."""
+
+    @abstractmethod
+    def topology(self, cells: int) -> Topology:
+        """The mesh at a resolution: COARSE, FINE or EXACT."""
+
+    @abstractmethod
+    def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
+        """(n, 3) vertices, mm, table frame, of (14,) parameters and weights, which may be none."""
+
+    @property
+    def start(self) -> Float64Array:
+        """(k,) where fitting begins, and the prior's middle."""
+        return np.concatenate([self.parameters[list(self.free)], np.zeros(len(self._weight_sd))])
+
+    @property
+    def prior_sd(self) -> Float64Array:
+        """(k,) spread of the prior; infinite for place and size."""
+        spread = np.where(np.arange(len(SPREAD)) == SUPPORT, self.support_sd_mm, SPREAD)
+        return np.concatenate([spread[list(self.free)], self._weight_sd])
+
+    @property
+    def stride(self) -> Float64Array:
+        """(k,) the most that an unknown may change at one step."""
+        return np.concatenate([STRIDE[list(self.free)], np.full(len(self._weight_sd), np.inf)])
+
+    @property
+    def _weight_sd(self) -> Float64Array:
+        return self.weight_sd if self.has_displacement else np.empty(0)
+
+    def bounded(self, unknowns: Float64Array) -> Float64Array:
+        """The unknowns with exponents and depth within what they may be."""
+        p, weights = self.split(unknowns)
+        p[[E1, E2]] = np.clip(p[[E1, E2]], *LOG_EXPONENTS)
+        p[SUNK] = np.clip(p[SUNK], 0.0, 2 * np.exp(p[C]))
+        return np.concatenate([p[list(self.free)], weights])
+
+    def split(self, unknowns: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """(14,) all parameters, and the weights."""
+        p = self.parameters.copy()
+        p[list(self.free)] = unknowns[: len(self.free)]
+        return p, unknowns[len(self.free) :]
+
+    def vertices(self, unknowns: Float64Array, cells: int) -> Float64Array:
+        """(n, 3) mm, table frame."""
+        return self.shaped(*self.split(unknowns), cells)
+
+    def jacobian(self, unknowns: Float64Array, cells: int) -> tuple[Float64Array, Float64Array]:
+        """Vertices (n, 3) and their derivatives (k, n, 3)."""
+        at = self.vertices(unknowns, cells)
+        steps = np.concatenate([STEP[list(self.free)], np.full(len(unknowns) - len(self.free), WEIGHT_STEP)])
+        out = np.empty((len(unknowns), *at.shape))
+        for row in range(self._differenced(unknowns)):
+            moved = unknowns.copy()
+            moved[row] += steps[row]
+            out[row] = (self.vertices(moved, cells) - at) / steps[row]
+        return at, out
+
+    def _differenced(self, unknowns: Float64Array) -> int:
+        """How many unknowns, from the first, are differentiated by differences."""
+        return len(unknowns)
+
+
+@lru_cache
+def harmonics(cells: int) -> Float64Array:
+    """(n, (DEGREE + 1)^2 - 1) real spherical harmonics of degree 1 and up at the sphere's vertices, mean square one."""
+    directions = sphere(cells).places
+    polar, azimuth = np.arccos(np.clip(directions[:, 2], -1, 1)), np.arctan2(directions[:, 1], directions[:, 0])
+    columns = []
+    for degree, order in harmonic_orders():
+        value = sph_harm_y(degree, abs(order), polar, azimuth)
+        real = value.real if order == 0 else np.sqrt(2) * (value.real if order > 0 else value.imag)
+        columns.append(np.sqrt(4 * np.pi) * real)
+    return np.column_stack(columns)
+
+
+def harmonic_orders() -> list[tuple[int, int]]:
+    """Degree and order of each column of harmonics()."""
+    return [(degree, order) for degree in range(1, DEGREE + 1) for order in range(-degree, degree + 1)]
+
+
+@dataclass(frozen=True, slots=True)
+class Superellipsoid(Form):
+    """SUPPORT is the height that it rests at; where SUNK is free, it is cut flat that deep over its lowest point.
+
+    TAPER: relative change of the section from the middle to the end of the C axis. BEND: the angle by which each half
+    of that axis is bent towards A. rest_sd: see REST_SD.
+    """
+
+    rest_sd: float = REST_SD
+
+    @property
+    def is_folded(self) -> bool:
+        """A bent one may."""
+        return BEND in self.free
+
+    @property
+    def weight_sd(self) -> Float64Array:
+        """Falls with the degree; degree one would only move or tilt what the parameters already move and tilt."""
+        return np.array(
+            [
+                (LATHE_SD if order == 0 else self.rest_sd) / degree * (DEGREE_ONE if degree == 1 else 1.0)
+                for degree, order in harmonic_orders()
+            ]
+        )
+
+    def topology(self, cells: int) -> Topology:
+        """A sphere's."""
+        return sphere(cells)
+
+    def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
+        """See Form. Displaced along the normals, by the weights in mean radii, but never below the support."""
+        at, normals = self._plain(p, cells)
+        if len(weights):
+            at = at + normals * (_mean_radius(p) * (harmonics(cells) @ weights))[:, None]
+            at[:, 2] = np.maximum(at[:, 2], p[SUPPORT])
+        return at
+
+    def jacobian(self, unknowns: Float64Array, cells: int) -> tuple[Float64Array, Float64Array]:
+        """See Form. The normals count as fixed for the weights' derivatives."""
+        at, out = super(Superellipsoid, self).jacobian(unknowns, cells)
+        p, weights = self.split(unknowns)
+        if len(weights):
+            normals = self._plain(p, cells)[1]
+            moves = harmonics(cells).T[:, :, None] * (_mean_radius(p) * normals)[None]
+            moves[:, at[:, 2] <= p[SUPPORT]] = 0.0  # what lies on the support stays there
+            out[len(self.free) :] = moves
+        return at, out
+
+    def _differenced(self, unknowns: Float64Array) -> int:  # noqa: ARG002 -- the weights are not
+        return len(self.free)
+
+    def _plain(self, p: Float64Array, cells: int) -> tuple[Float64Array, Float64Array]:
+        """Vertices without displacement, and the directions in which they are displaced."""
+        mesh = sphere(cells)
+        is_cut = SUNK in self.free
+        own = _cut(p, mesh.places) if is_cut else _whole(p, mesh.places)
+        at = own @ (cv2.Rodrigues(p[TURN_X : TURN_Z + 1])[0] @ self.axes).T
+        at += np.array([p[X], p[Y], p[SUPPORT] - at[:, 2].min()])
+        normals = unit(vertex_normals(at, mesh.faces))
+        if is_cut:  # the foot moves on its support, the base within it does not matter
+            normals[mesh.places[:, 2] < AT_FOOT] *= np.array([1.0, 1.0, 0.0])
+            normals[mesh.places[:, 2] < -AT_FOOT] = 0.0
+        return at, normals
+
+
+def _mean_radius(p: Float64Array) -> float:
+    return float(np.exp(p[A : C + 1].mean()))
+
+
+def _cut(p: Float64Array, directions: Float64Array) -> Float64Array:
+    """(n, 3) what stands above the level SUNK over the form's lowest point, closed by a flat base.
+
+    The sphere's upper half becomes the surface, its equator the foot, its lower half the base, so that the foot is a
+    line of edges.
+    """
+    e1, e2 = np.exp(p[[E1, E2]])
+    a, b, c = np.exp(p[A : C + 1])
+    level = np.clip(p[SUNK] / c - 1, -LEAST_CUT, LEAST_CUT)
+    lowest = np.sign(level) * np.arcsin(np.abs(level) ** (1 / e1))
+    latitude = np.arcsin(np.clip(directions[:, 2], 0, 1)) * 2 / np.pi
+    latitude = lowest + (np.pi / 2 - lowest) * latitude
+    flat = np.hypot(directions[:, 0], directions[:, 1])
+    around = directions[:, :2] / np.maximum(flat, 1e-12)[:, None]
+    out = np.empty_like(directions)
+    share = np.where(directions[:, 2] < 0, flat, 1.0) * _power(np.cos(latitude), e1)
+    out[:, 0], out[:, 1] = a * share * _power(around[:, 0], e2), b * share * _power(around[:, 1], e2)
+    out[:, 2] = c * _power(np.sin(latitude), e1)
+    return out
+
+
+def _power(base: Float64Array, exponent: float) -> Float64Array:
+    """Signed power, as in Barr's parametrisation."""
+    return np.asarray(np.sign(base) * np.abs(base) ** exponent, np.float64)
+
+
+def _whole(p: Float64Array, directions: Float64Array) -> Float64Array:
+    """(n, 3) the superellipsoid in its own axes, tapered, then bent."""
+    x, y, z = np.abs(directions.T) + 1e-9
+    e1, e2 = np.exp(p[[E1, E2]])
+    scale = ((x ** (2 / e2) + y ** (2 / e2)) ** (e2 / e1) + z ** (2 / e1)) ** (-e1 / 2)
+    on_unit = directions * scale[:, None]
+    a, b, c = np.exp(p[A : C + 1])
+    section = 1 + p[TAPER] * on_unit[:, 2]
+    out = np.column_stack([on_unit[:, 0] * a * section, on_unit[:, 1] * b * section, on_unit[:, 2] * c])
+    if abs(p[BEND]) > 1e-6:
+        radius = c / p[BEND]
+        angle, reach = out[:, 2] / radius, radius - out[:, 0]
+        out[:, 0], out[:, 2] = radius - reach * np.cos(angle), reach * np.sin(angle)
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class Ring(Form):
+    """A ring that lies on its support: A is its tube's middle line, B and C the tube's half width and half height.
+
+    E1 stretches it along its first axis against the second (logarithm of the ratio). E2, SUNK, TAPER and BEND do not
+    exist.
+    """
+
+    @property
+    def is_folded(self) -> bool:
+        """Its far side may be hidden by the near one."""
+        return True
+
+    @property
+    def weight_sd(self) -> Float64Array:
+        """Falls with the waves."""
+        terms = [wave + 0.5 * term for wave in range(1, RING_WAVES + 1) for _ in range(2) for term in range(3)]
+        return RING_SD / np.array(terms)
+
+    def topology(self, cells: int) -> Topology:
+        """A ring's, with about as many vertices as a sphere's."""
+        return ring(int(3.3 * cells), int(1.7 * cells))
+
+    def bounded(self, unknowns: Float64Array) -> Float64Array:
+        """As they are."""
+        return unknowns
+
+    def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
+        """See Form. The weights change the tube's width."""
+        turn, tube = self.topology(cells).places.T
+        width = np.ones_like(turn)
+        if len(weights):
+            across = (np.ones_like(tube), np.cos(tube), np.sin(tube))
+            waves = range(1, RING_WAVES + 1)
+            terms = [f(wave * turn) * term for wave in waves for f in (np.cos, np.sin) for term in across]
+            width += np.column_stack(terms) @ weights
+        middle, half_width, half_height = np.exp(p[A : C + 1])
+        stretch, radius = np.exp(p[E1] / 2), middle + half_width * width * np.cos(tube)
+        own = np.column_stack(
+            [radius * np.cos(turn) * stretch, radius * np.sin(turn) / stretch, half_height * width * np.sin(tube)]
+        )
+        at = np.asarray(own @ (cv2.Rodrigues(p[TURN_X : TURN_Z + 1])[0] @ self.axes).T, np.float64)
+        at += np.array([p[X], p[Y], p[SUPPORT] - at[:, 2].min()])
+        return at

@@ -1,0 +1,128 @@
+"""Closed triangle meshes of fixed topology, a sphere's and a ring's: normals, volume, the outline towards a camera.
+
+A form of forms.py moves the vertices; which of them make a triangle never changes.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.vision.model import Float64Array, MaskArray
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Topology:
+    """places: (n, k) where each vertex lies on the undeformed surface: unit directions, or two angles of a ring.
+
+    faces: (m, 3) vertices of each triangle, counter-clockwise from outside. edges: (e, 2), each once.
+    edge_faces: (e, 2) the triangles on either side.
+    """
+
+    places: Float64Array
+    faces: IntArray
+    edges: IntArray
+    edge_faces: IntArray
+
+
+@lru_cache
+def sphere(cells: int) -> Topology:
+    """The unit sphere by a cube whose sides are grids of cells x cells: its edges and corners are vertices.
+
+    So a form with sharp edges keeps them at every resolution.
+    """
+    grid = np.tan(np.linspace(-1.0, 1.0, cells + 1) * np.pi / 4)
+    u, v = (each.ravel() for each in np.meshgrid(grid, grid, indexing="ij"))
+    points, faces = [], []
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            side = np.empty((len(u), 3))
+            side[:, axis], side[:, (axis + 1) % 3], side[:, (axis + 2) % 3] = sign, u, v
+            points.append(side)
+            faces.append(_grid_faces(cells)[:, :: int(sign)] + (len(points) - 1) * len(u))
+    merged, index = np.unique(np.round(np.concatenate(points), 9) + 0.0, axis=0, return_inverse=True)
+    directions = merged / np.linalg.norm(merged, axis=1, keepdims=True)
+    return _topology(directions, index.ravel()[np.concatenate(faces)])
+
+
+@lru_cache
+def ring(around: int, across: int) -> Topology:
+    """A ring's surface by its two angles: around the ring and around the tube, from outside, upwards."""
+    turn, tube = np.meshgrid(np.arange(around) / around, np.arange(across) / across, indexing="ij")
+    index = np.arange(around * across).reshape(around, across)
+    a, b = index, np.roll(index, -1, axis=0)
+    c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
+    quads = [each.ravel() for each in (a, b, c, d)]
+    faces = np.concatenate([np.column_stack([quads[i] for i in corners]) for corners in ((0, 1, 2), (0, 2, 3))])
+    return _topology(2 * np.pi * np.column_stack([turn.ravel(), tube.ravel()]), faces)
+
+
+def _grid_faces(cells: int) -> IntArray:
+    """Two triangles a cell; the diagonals run towards the middle, so that all corners of a cube look alike."""
+    i, j = (each.ravel() for each in np.meshgrid(np.arange(cells), np.arange(cells), indexing="ij"))
+    a = i * (cells + 1) + j
+    b, c, d = a + cells + 1, a + cells + 2, a + 1
+    same = ((i < cells / 2) == (j < cells / 2))[:, None]
+    first = np.where(same, np.column_stack([a, b, c]), np.column_stack([a, b, d]))
+    second = np.where(same, np.column_stack([a, c, d]), np.column_stack([b, c, d]))
+    return np.concatenate([first, second]).astype(np.int64)
+
+
+def _topology(places: Float64Array, faces: IntArray) -> Topology:
+    pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    order = np.lexsort(pairs.T[::-1])  # each edge stands twice, once for the triangle on either side
+    return Topology(places, faces, pairs[order][::2], (order % len(faces)).reshape(-1, 2))
+
+
+def face_normals(vertices: Float64Array, faces: IntArray) -> Float64Array:
+    """(m, 3) outward, twice each triangle's area long."""
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    return np.asarray(np.cross(b - a, c - a), np.float64)
+
+
+def vertex_normals(vertices: Float64Array, faces: IntArray) -> Float64Array:
+    """(n, 3) sum over the triangles around each vertex of face_normals."""
+    of_faces = face_normals(vertices, faces)
+    index = faces.ravel()
+    return np.column_stack(
+        [np.bincount(index, np.repeat(of_faces[:, axis], 3), len(vertices)) for axis in range(3)]
+    ).astype(np.float64)
+
+
+def unit(vectors: Float64Array) -> Float64Array:
+    """(n, k) vectors of length one."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12), np.float64)
+
+
+def enclosed_mm3(vertices: Float64Array, faces: IntArray) -> float:
+    """Volume by the divergence theorem."""
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6
+
+
+def enclosed_gradient_mm2(vertices: Float64Array, faces: IntArray) -> Float64Array:
+    """(n, 3) derivative of the volume by each vertex."""
+    return vertex_normals(vertices, faces) / 6
+
+
+def faces_towards(vertices: Float64Array, faces: IntArray, camera_mm: Float64Array) -> MaskArray:
+    """(m,) whether each triangle turns its outside towards a camera."""
+    away = np.einsum("ij,ij->i", face_normals(vertices, faces), vertices[faces[:, 0]] - camera_mm)
+    return np.asarray(away < 0, np.bool_)
+
+
+def outline_vertices(vertices: Float64Array, mesh: Topology, camera_mm: Float64Array) -> tuple[IntArray, Float64Array]:
+    """Vertices on the outline (contour generator) towards a camera, (k,), and each one's share of its length, (k,).
+
+    The outline runs along the edges between a triangle that is seen from outside and one that is not: exact where the
+    form has an edge, and within half a triangle where it is smooth.
+    """
+    is_facing = faces_towards(vertices, mesh.faces, camera_mm)
+    crossed = mesh.edges[is_facing[mesh.edge_faces[:, 0]] != is_facing[mesh.edge_faces[:, 1]]]
+    length = np.linalg.norm(vertices[crossed[:, 0]] - vertices[crossed[:, 1]], axis=1)
+    share = np.bincount(crossed.ravel(), np.repeat(0.5 * length, 2), len(vertices))
+    index = np.flatnonzero(share)
+    return index, share[index] / share.sum()

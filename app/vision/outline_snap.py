@@ -1,0 +1,211 @@
+"""Outlines to a fraction of a pixel: from a mask or a form's own outline to where the colours part.
+
+A ring of points with outward normals and an image -> where inside and outside part along each normal, and how clearly.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
+
+STEP_PX = 2.0  # between points of a ring
+SUPERSAMPLING = 4  # of a mask, to find its outline between the pixels
+MIN_RING_PX = 12.0
+SAMPLE_PX = 0.5  # along a normal
+BAND_PX = (3.5, 9.0)  # from the ring, where colours are surely inside or outside
+NEAR_BAND_PX = (2.5, 7.0)  # the same beside an outline that is exact
+ALONG = 5  # points over which profiles are averaged
+ALONG_BAND = 9  # points over which the bands' colours are averaged
+MAX_COST = 4.0  # of one sample: a speck or a highlight is no boundary
+LAB_NOISE = 4.0  # squared distance in Lab that is none
+CLEAR_CONTRAST = 4.0  # squared colour difference over the bands' variances from which a boundary is certain
+MIN_CLEAR = 0.15
+ROUNDS = 2
+FULL_RANGE = 255.0
+
+Reference = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """points_px, normals: (n, 2), outward. weights: (n,) how surely each is on the food's outline, 0 to 1."""
+
+    points_px: Float64Array
+    normals: Float64Array
+    weights: Float64Array
+    tree: cKDTree
+
+
+@dataclass(frozen=True, slots=True)
+class Ring:
+    """A closed line of points, px, with outward normals, both (n, 2)."""
+
+    points_px: Float64Array
+    normals: Float64Array
+
+
+def outline(rings: Sequence[Ring], weights: Float64Array) -> Outline:
+    """All rings as one."""
+    points = np.concatenate([ring.points_px for ring in rings])
+    return Outline(points, np.concatenate([ring.normals for ring in rings]), weights, cKDTree(points))
+
+
+def rings_of_mask(mask: MaskArray) -> list[Ring]:
+    """The outlines of a mask, holes included, evenly spaced and smoothed over a pixel."""
+    found = np.argwhere(mask)
+    if len(found) == 0:
+        return []
+    low = np.maximum(found.min(axis=0) - 3, 0)
+    window = mask[low[0] : found.max(axis=0)[0] + 4, low[1] : found.max(axis=0)[1] + 4]
+    soft = window.astype(np.float32)
+    fine = cv2.resize(soft, None, fx=SUPERSAMPLING, fy=SUPERSAMPLING, interpolation=cv2.INTER_LINEAR)
+    contours, _ = cv2.findContours((fine > 0.5).astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    rings = []
+    for contour in contours:
+        line = (np.asarray(contour, np.float64).reshape(-1, 2) + 0.5) / SUPERSAMPLING - 0.5
+        if len(line) < MIN_RING_PX * SUPERSAMPLING:
+            continue
+        points = _evenly(_smoothed(line, 3 * SUPERSAMPLING + 1))
+        normals = _normals(points)
+        inside = _sample(soft, points - 3 * normals).mean() - _sample(soft, points + 3 * normals).mean()
+        rings.append(Ring(points + low[::-1], normals if inside > 0 else -normals))
+    return rings
+
+
+def snap(lab: Float32Array, rings: Sequence[Ring], reach_px: float, reference: Reference | None = None) -> Outline:
+    """Each ring moved along its normals, by reach_px at most a round, to where the colours part best.
+
+    lab: (H, W, 3). reference: points (n, 2) -> colours (n, 3) known to lie inside and outside there, from elsewhere.
+    """
+    moved, weights = [], []
+    for ring in rings:
+        points, clear = ring.points_px, np.zeros(len(ring.points_px))
+        for _ in range(ROUNDS):
+            offset, clear = _parting(lab, points, ring.normals, reach_px, reference(points) if reference else None)
+            offset = _median(np.where(clear > MIN_CLEAR, offset, 0.0))
+            points = points + offset[:, None] * ring.normals
+        normals = _normals(points)
+        turned = np.sign((normals * ring.normals).sum(axis=1, keepdims=True))
+        moved.append(Ring(points, normals * turned))
+        weights.append(clear)
+    return outline(moved, np.concatenate(weights))
+
+
+def colours_beside(lab: Float32Array, line: Outline) -> tuple[Float64Array, Float64Array]:
+    """(n, 3), (n, 3) mean colour just inside and just outside an outline."""
+    inside, outside = (
+        _profiles(lab, line.points_px, line.normals, side * np.arange(*NEAR_BAND_PX, 0.75)).mean(axis=1)
+        for side in (-1, 1)
+    )
+    return inside, outside
+
+
+def lab_of(image_bgr: ImageArray) -> Float32Array:
+    """(H, W, 3) CIE L*a*b*."""
+    scaled = image_bgr.astype(np.float32) / np.float32(FULL_RANGE)
+    return np.asarray(cv2.cvtColor(scaled, cv2.COLOR_BGR2Lab), np.float32)
+
+
+def _parting(
+    lab: Float32Array,
+    points: Float64Array,
+    normals: Float64Array,
+    reach_px: float,
+    known: tuple[Float64Array, Float64Array] | None,
+) -> tuple[Float64Array, Float64Array]:
+    """(n,) offset along each normal that splits its profile best, and (n,) how clearly the two sides differ.
+
+    Between the colours of both bands a profile runs from 1 inside to 0 outside; the split with least squares is
+    refined to where it crosses one half.
+    """
+    along = np.arange(-BAND_PX[1], BAND_PX[1] + SAMPLE_PX / 2, SAMPLE_PX)
+    raw = _profiles(lab, points, normals, along)
+    profiles = _around(raw, ALONG)
+    is_inside, is_outside = along <= -BAND_PX[0], along >= BAND_PX[0]
+    inside, outside = (_around(raw[:, band].mean(axis=1), ALONG_BAND) for band in (is_inside, is_outside))
+    spread = sum(_around(raw[:, band].var(axis=1).sum(axis=-1), ALONG_BAND) for band in (is_inside, is_outside))
+    if known is not None:
+        inside, outside = _reconciled(inside, outside, known)
+    difference = inside - outside
+    contrast = np.asarray((difference**2).sum(axis=1), np.float64)
+    level = ((profiles - outside[:, None]) * difference[:, None]).sum(axis=2) / np.maximum(contrast, 1e-6)[:, None]
+    misfit_inside = np.cumsum(np.clip((level - 1) ** 2, 0, MAX_COST), axis=1)
+    misfit_outside = np.cumsum(np.clip(level**2, 0, MAX_COST)[:, ::-1], axis=1)[:, ::-1]
+    middle = (along[:-1] + along[1:]) / 2
+    cost = np.where(np.abs(middle) <= reach_px, misfit_inside[:, :-1] + misfit_outside[:, 1:], np.inf)
+    best, each = cost.argmin(axis=1), np.arange(len(points))
+    here, there = level[each, best], level[each, best + 1]
+    falls = here - there > 1e-3
+    share = np.where(falls, (here - 0.5) / np.where(falls, here - there, 1.0), 0.5)
+    share = np.where((share > -1) & (share < 2), share, 0.5)
+    offset = along[best] + np.clip(share, -0.5, 1.5) * SAMPLE_PX
+    clear = np.clip(contrast / (spread + LAB_NOISE) / CLEAR_CONTRAST, 0, 1)
+    return offset, np.asarray(clear * (np.abs(offset) < reach_px - 0.3), np.float64)
+
+
+def _reconciled(
+    inside: Float64Array, outside: Float64Array, known: tuple[Float64Array, Float64Array]
+) -> tuple[Float64Array, Float64Array]:
+    """The bands' colours put right by what is known: a band may lie across the boundary, or in the food's shadow."""
+    known_inside, known_outside = known
+    is_food = _squared(inside - known_inside) < _squared(inside - known_outside)
+    inside = np.where(is_food, 0.5 * (inside + known_inside), known_inside)
+    is_nearer = _squared(known_outside - inside) < _squared(outside - inside)
+    return inside, np.where(is_nearer, known_outside, outside)
+
+
+def _squared(difference: Float64Array) -> Float64Array:
+    """(n, 1) squared length."""
+    return np.asarray((difference**2).sum(axis=1, keepdims=True), np.float64)
+
+
+def _profiles(lab: Float32Array, points: Float64Array, normals: Float64Array, along: Float64Array) -> Float64Array:
+    """(n, len(along), 3) colours along each normal."""
+    where = (points[:, None] + normals[:, None] * along[None, :, None]).astype(np.float32)
+    return np.asarray(
+        cv2.remap(lab, where[..., 0], where[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float64
+    )
+
+
+def _around(values: Float64Array, width: int) -> Float64Array:
+    """Mean over neighbours on a closed ring, along the first axis."""
+    half = width // 2
+    padded = np.concatenate([values[-half:], values, values[:half]])
+    total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(padded, axis=0)])
+    return np.asarray((total[width:] - total[:-width]) / width, np.float64)
+
+
+def _median(values: Float64Array) -> Float64Array:
+    """Running median of five on a closed ring."""
+    return np.asarray(np.median([np.roll(values, shift) for shift in range(-2, 3)], axis=0), np.float64)
+
+
+def _smoothed(line: Float64Array, width: int) -> Float64Array:
+    kernel = np.hanning(width + 2)[1:-1]
+    padded = np.concatenate([line[-(width // 2) :], line, line[: width // 2]])
+    return np.column_stack([np.convolve(padded[:, axis], kernel / kernel.sum(), "valid") for axis in (0, 1)])
+
+
+def _evenly(line: Float64Array) -> Float64Array:
+    """A closed line's points at equal distances."""
+    closed = np.concatenate([line, line[:1]])
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    count = max(int(MIN_RING_PX), int(length[-1] / STEP_PX))
+    at = np.arange(count) * length[-1] / count
+    return np.column_stack([np.interp(at, length, closed[:, axis]) for axis in (0, 1)])
+
+
+def _normals(points: Float64Array) -> Float64Array:
+    """(n, 2) of length one, square to the ring, to one and the same side of it."""
+    tangent = np.roll(points, -2, axis=0) - np.roll(points, 2, axis=0)
+    square = np.column_stack([tangent[:, 1], -tangent[:, 0]])
+    return np.asarray(square / np.maximum(np.linalg.norm(square, axis=1, keepdims=True), 1e-9), np.float64)
+
+
+def _sample(image: Float32Array, points: Float64Array) -> Float64Array:
+    where = points.astype(np.float32)
+    return np.asarray(cv2.remap(image, where[:, 0], where[:, 1], cv2.INTER_LINEAR), np.float64).ravel()

@@ -1,0 +1,306 @@
+"""The default method's volume: closed forms of several families fitted to both views, averaged by their evidence.
+
+Regions of the rectified grid, its parallax and points -> measured items with their volume and its doubt. See
+docs/decisions/0006-closed-forms-in-both-views.md.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from app.errors import Failure
+from app.vision.disparity import DisparityMap
+from app.vision.families import families
+from app.vision.form_fit import FormFit, Seen, fit_form, unexplained
+from app.vision.forms import COARSE, EXACT, FINE, Form
+from app.vision.measure import MIN_VOLUME_ML, MeasuredItem
+from app.vision.mesh import Topology, faces_towards
+from app.vision.model import Float32Array, Float64Array, MaskArray
+from app.vision.outline_snap import (
+    Outline,
+    colours_beside,
+    lab_of,
+    outline,
+    rings_of_mask,
+    snap,
+)
+from app.vision.reconstruction import plane_points
+from app.vision.rectification import RectifiedPair
+from app.vision.sections import cut_sections
+from app.vision.segmentation import Region
+from app.vision.sight import Sight, sight_of
+from app.vision.surface_match import draw_mask, measure_along
+from app.vision.symmetry import SymmetryAxis
+from app.vision.topview import TableTrend, fit_table_trend, usable_points
+from app.vision.volume import NORMAL_90, POSE_SD, POSE_SD_MARKER_ALONE, SCALE_SD, Volume
+
+MARGIN_PX = 25  # around a food's mask
+FIRST_ROUNDS, ROUNDS = 12, 8
+KEPT = 4  # families that are fitted finely
+KEPT_LAST = 2  # of these, those that are measured along once more
+SNAP_PX, SNAP_SECOND_PX = 4.0, 5.0
+SECOND_WEIGHT = 0.5  # of the second view's outline, which was sought where the form was
+UNEXPLAINED_WEIGHT, OCCAM_WEIGHT = 0.3, 0.5  # in the evidence: outlines err alike over longer runs than are assumed
+UNMEASURED_COST = 2.0  # of an observation that another family could use and this could not
+TOUCHING_PX = 7  # within which two foods' outlines are one
+IN_FRONT_MM = 2.0  # by which the farther of two touching foods may still seem nearer
+BEYOND_PX = 3.0  # across an outline, where the other food is looked for
+SUPPORT_UNKNOWN_MM, SUPPORT_UNKNOWN_SD_MM = 1.5, 2.0  # over the table: a plate or none
+LEAST_SUPPORT_SD_MM = 0.3  # crumbs, cloth
+LOW_COVER = 0.5
+DOUBT_SCALE = 1.0  # by which the posterior's spread is multiplied; see benchmarks/accuracy.py
+LEAST_SD = 0.015  # of a volume, relative: outlines and forms never agree better
+
+
+@dataclass(frozen=True, slots=True)
+class _Food:
+    """What fitting needs of one region. others: (H, W) foods that hide part of it, in the first and second view."""
+
+    sight: Sight
+    seen: Seen
+    grey: tuple[Float32Array, Float32Array]
+    lab: tuple[Float32Array, Float32Array]
+    hidden_by: tuple[MaskArray, MaskArray]
+    points: Float64Array
+    support_mm: float
+    support_sd_mm: float
+
+
+def measure_shapes(
+    regions: Sequence[Region],
+    pair: RectifiedPair,
+    disparity: DisparityMap,
+    points_table: Float32Array,
+    ignored: MaskArray,
+    *,
+    is_refined: bool,
+) -> list[MeasuredItem] | Failure:
+    """Volumes of the foods that can be measured, in the regions' order. Failure "food_not_measured" if there is none.
+
+    ignored: (H, W) the sheet and what is not seen. is_refined: whether the poses rest on more than the marker.
+    """
+    scene = _scene_of(regions, pair, disparity, points_table, ignored)
+    items = []
+    for number, region in enumerate(regions):
+        food = scene.food(number)
+        fits = _fit_families(food) if food is not None else []
+        if food is None or not fits:
+            continue
+        item = _item(region, food, fits, disparity, is_refined=is_refined)
+        if region.hint is not None or item.volume.volume_ml >= MIN_VOLUME_ML:
+            items.append(item)
+    return items or Failure(
+        "food_not_measured",
+        "Food was found, but its surface could not be measured: it looks too plain or too different in the two views.",
+        "Take both photographs closer together, sharp, in even light, and avoid glare on the food.",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Scene:
+    regions: Sequence[Region]
+    pair: RectifiedPair
+    disparity: DisparityMap
+    points_table: Float32Array
+    ignored: MaskArray
+    trend: TableTrend
+    plane_xy_mm: Float32Array
+    grey: tuple[Float32Array, Float32Array]
+    lab: tuple[Float32Array, Float32Array]
+
+    def food(self, number: int) -> _Food | None:
+        mask = self.regions[number].mask
+        rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+        window = (
+            slice(max(rows[0] - MARGIN_PX, 0), min(rows[-1] + MARGIN_PX, mask.shape[0] - 1) + 1),
+            slice(max(columns[0] - MARGIN_PX, 0), min(columns[-1] + MARGIN_PX, mask.shape[1] - 1) + 1),
+        )
+        sight = sight_of(self.pair, self.trend, self.plane_xy_mm, window)
+        rings = rings_of_mask(mask)
+        if not rings:
+            return None
+        hidden_by = self._in_front(number)
+        line = _without(snap(self.lab[0], rings, SNAP_PX), hidden_by[0])
+        inward = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
+        measured = np.argwhere(np.isfinite(self.disparity.parallax_px) & (inward > self.disparity.reach_px))
+        if len(measured) == 0:
+            return None
+        parallax = self.disparity.parallax_px[measured[:, 0], measured[:, 1]].astype(np.float64)
+        points = sight.points(measured[:, ::-1].astype(np.float64), parallax)
+        support_mm, support_sd_mm = self._support(number, points)
+        seen = Seen(sight, mask, np.asarray(inward, np.float32), (line, None), self.disparity)
+        return _Food(sight, seen, self.grey, self.lab, hidden_by, points, support_mm, support_sd_mm)
+
+    def _support(self, number: int, points: Float64Array) -> tuple[float, float]:
+        """Height over the table of what the food rests on, and its sd, mm."""
+        support = self.regions[number].support
+        if support is None:
+            return SUPPORT_UNKNOWN_MM, SUPPORT_UNKNOWN_SD_MM
+        table_mm = float(self.trend.height_mm(np.median(points[:, :2], axis=0)))
+        return support.height_mm - table_mm, max(support.sd_mm, LEAST_SUPPORT_SD_MM)
+
+    def _in_front(self, number: int) -> tuple[MaskArray, MaskArray]:
+        """(H, W) in either view: foods that touch this one in the first view and lie nearer to the camera there."""
+        mask = self.regions[number].mask
+        first = np.zeros(mask.shape, np.bool_)
+        kernel = np.ones((2 * TOUCHING_PX + 1, 2 * TOUCHING_PX + 1), np.uint8)
+        beside = cv2.dilate(mask.astype(np.uint8), kernel) > 0
+        for other, region in enumerate(self.regions):
+            shared = region.mask & beside
+            if other == number or not shared.any():
+                continue
+            own = mask & (cv2.dilate(region.mask.astype(np.uint8), kernel) > 0)
+            if self._distance_mm(shared) < self._distance_mm(own) + IN_FRONT_MM:
+                first |= region.mask
+        second = np.zeros(mask.shape, np.uint8)
+        rows, columns = np.nonzero(first & np.isfinite(self.disparity.parallax_px))
+        moved = np.rint(columns - self.disparity.parallax_px[rows, columns]).astype(np.int64)
+        inside = (moved >= 0) & (moved < mask.shape[1])
+        second[rows[inside], moved[inside]] = 1
+        return first, cv2.dilate(second, np.ones((5, 5), np.uint8)) > 0
+
+    def _distance_mm(self, where: MaskArray) -> float:
+        points = self.points_table[where]
+        points = points[np.isfinite(points[:, 2])]
+        if len(points) == 0:
+            return np.inf
+        return float(np.median(np.linalg.norm(points - self.pair.first_centre_mm, axis=1)))
+
+
+def _scene_of(
+    regions: Sequence[Region],
+    pair: RectifiedPair,
+    disparity: DisparityMap,
+    points_table: Float32Array,
+    ignored: MaskArray,
+) -> _Scene:
+    images = (pair.first_bgr, pair.second_bgr)
+    grey = [np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.float32) for image in images]
+    lab = [lab_of(image) for image in images]
+    thin = (slice(None, None, 2), slice(None, None, 2))
+    points = points_table[thin]
+    return _Scene(
+        regions=regions,
+        pair=pair,
+        disparity=disparity,
+        points_table=points_table,
+        ignored=ignored,
+        trend=fit_table_trend(points[usable_points(points, ignored[thin])]),
+        plane_xy_mm=plane_points(pair)[..., :2],
+        grey=(grey[0], grey[1]),
+        lab=(lab[0], lab[1]),
+    )
+
+
+def _without(line: Outline, hidden_by: MaskArray) -> Outline:
+    """The outline without weight where another food in front of this one ends it."""
+    beyond = np.rint(line.points_px + BEYOND_PX * line.normals).astype(np.int64)
+    height, width = hidden_by.shape
+    column, row = np.clip(beyond[:, 0], 0, width - 1), np.clip(beyond[:, 1], 0, height - 1)
+    return replace(line, weights=np.where(hidden_by[row, column], 0.0, line.weights))
+
+
+def _fit_families(food: _Food) -> list[tuple[FormFit, float]]:
+    """Fits with their evidence as a cost (-2 log), best first: all families coarsely, the better ones finely."""
+    mask_mm2 = float(np.count_nonzero(food.seen.mask)) * food.sight.pair.pixel_mm**2
+    camera = food.sight.cameras_mm[0]
+    forms = families(food.points, mask_mm2, food.support_mm, food.support_sd_mm, camera)
+    coarse = []
+    for form in forms:
+        fit = fit_form(replace(form, has_displacement=False), food.seen, COARSE, FIRST_ROUNDS)
+        if fit is not None:
+            coarse.append((fit.cost + UNEXPLAINED_WEIGHT * unexplained(fit, food.seen, COARSE), fit, form))
+    coarse.sort(key=lambda each: each[0])
+    fine = [found for _, fit, form in coarse[:KEPT] if (found := _refit(food, form, fit)) is not None]
+    ranked = _by_evidence(fine)
+    again = [_refit(food, fit.form, fit) or (fit, seen) for fit, seen, _ in ranked[:KEPT_LAST]]
+    return [(fit, cost) for fit, _, cost in _by_evidence([*again, *(each[:2] for each in ranked[KEPT_LAST:])])]
+
+
+def _refit(food: _Food, form: Form, before: FormFit) -> tuple[FormFit, Seen] | None:
+    """The form fitted finely to the parallax along the form found before and to its outline in the second view."""
+    vertices = before.form.vertices(before.unknowns, FINE)
+    mesh = form.topology(FINE)
+    surface = measure_along(food.sight, food.grey, food.seen.mask, vertices, mesh)
+    second = _second_outline(food, vertices, mesh)
+    seen = replace(food.seen, surface=surface, outlines=(food.seen.outlines[0], second))
+    start = np.zeros(len(form.start))
+    start[: len(before.unknowns)] = before.unknowns
+    fit = fit_form(form, seen, FINE, ROUNDS, start)
+    return None if fit is None else (fit, seen)
+
+
+def _second_outline(food: _Food, vertices: Float64Array, mesh: Topology) -> Outline | None:
+    """The food's outline in the second view, sought around the form's, by the colours beside the first view's."""
+    first = food.seen.outlines[0]
+    pixels = food.sight.in_view(*food.sight.project(vertices), 1)
+    covered = draw_mask(
+        pixels, mesh.faces[faces_towards(vertices, mesh.faces, food.sight.cameras_mm[1])], food.seen.mask.shape
+    )
+    rings = rings_of_mask(covered)
+    if not rings or first is None:
+        return None
+    inside, outside = colours_beside(food.lab[0], first)
+    shift = first.points_px.mean(axis=0) - outline(rings, np.empty(0)).points_px.mean(axis=0)
+
+    def reference(points: Float64Array) -> tuple[Float64Array, Float64Array]:
+        _, nearest = first.tree.query(points + shift)
+        return inside[nearest], outside[nearest]
+
+    line = _without(snap(food.lab[1], rings, SNAP_SECOND_PX, reference), food.hidden_by[1])
+    return replace(line, weights=SECOND_WEIGHT * line.weights)
+
+
+def _by_evidence(fits: Sequence[tuple[FormFit, Seen]]) -> list[tuple[FormFit, Seen, float]]:
+    most = max((fit.observations for fit, _ in fits), default=0.0)
+    costs = [
+        fit.cost
+        + UNEXPLAINED_WEIGHT * unexplained(fit, seen, FINE)
+        + OCCAM_WEIGHT * fit.log_occam
+        + UNMEASURED_COST * (most - fit.observations)
+        for fit, seen in fits
+    ]
+    order = np.argsort(costs)
+    return [(fits[index][0], fits[index][1], costs[index]) for index in order]
+
+
+def _item(
+    region: Region,
+    food: _Food,
+    fits: Sequence[tuple[FormFit, float]],
+    disparity: DisparityMap,
+    *,
+    is_refined: bool,
+) -> MeasuredItem:
+    best = fits[0][0]
+    costs = np.array([cost for _, cost in fits])
+    temper = max(1.0, costs[0] / max(best.observations, 1.0))  # the misfit's own size tells what a difference is worth
+    weights = np.exp(-0.5 * (costs - costs[0]) / temper)
+    weights /= weights.sum()
+    logs = np.log([fit.volume_ml for fit, _ in fits])
+    spreads = np.array([fit.volume_sd_ml / fit.volume_ml for fit, _ in fits]) * np.sqrt(temper)
+    mean = float(weights @ logs)
+    item_sd = float(np.sqrt(weights @ (spreads**2 + (logs - mean) ** 2)))
+    relative_sd = {
+        "pair": float(np.hypot(3 * SCALE_SD, POSE_SD if is_refined else POSE_SD_MARKER_ALONE)),
+        "item": max(DOUBT_SCALE * item_sd, LEAST_SD),
+    }
+    volume_ml = float(np.exp(mean))
+    factor = float(np.exp(NORMAL_90 * np.hypot(relative_sd["pair"], relative_sd["item"])))
+    vertices, mesh = best.form.vertices(best.unknowns, EXACT), best.form.topology(EXACT)
+    support_mm = float(vertices[:, 2].min())
+    slices = cut_sections(vertices, mesh.faces, support_mm)
+    volume = Volume(
+        volume_ml=volume_ml,
+        interval_ml=(volume_ml / factor, volume_ml * factor),
+        relative_sd=relative_sd,
+        form="ellipse",
+        axis=SymmetryAxis(vertices[:, :2].mean(axis=0), 0.0, 1.0),
+        slices=slices,
+        completed_mm=vertices - [0.0, 0.0, support_mm],
+    )
+    is_measured = np.isfinite(disparity.parallax_px) & region.mask
+    is_plain = np.count_nonzero(is_measured) < LOW_COVER * np.count_nonzero(region.mask)
+    return MeasuredItem(region, food.points, support_mm, volume, ("low_texture",) if is_plain else ())
