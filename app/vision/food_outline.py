@@ -9,7 +9,15 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from app.vision.food_pixels import SHADES, Scene, colour_bins, colour_histogram, contrast_features, shaded_lab
+from app.vision.food_pixels import (
+    FINE_REACH_PX,
+    SHADES,
+    Scene,
+    colour_bins,
+    colour_histogram,
+    contrast_features,
+    shaded_lab,
+)
 from app.vision.min_cut import cut_in_two
 from app.vision.model import Float32Array, MaskArray
 
@@ -25,24 +33,29 @@ MAX_ALIEN_SHARE = 0.25  # of the pixels inside; where more are, food and surroun
 MIN_HOLE_MM2 = 60.0
 HOLE_DEPTH = 0.6  # of the food's height around it, below which a hole is one and not gloss or a pale spot
 MIN_HOLE_POINTS = 8
+RAISED_MM = 5.0
+RAISED_NATS = 1.5
 ROUNDS = 2
 
 
-def correct_outlines(masks: Sequence[MaskArray], scene: Scene) -> list[MaskArray]:
-    """(h, w) masks of the scene's grid, in their order; none of them comes to overlap another."""
+def correct_outlines(masks: Sequence[MaskArray], scene: Scene, floor_mm: float) -> list[MaskArray]:
+    """(h, w) masks of the scene's grid, in their order; none of them comes to overlap another.
+
+    floor_mm: of a board over the table, else 0.
+    """
     taken = np.zeros(scene.is_ignored.shape, np.uint8)
     for mask in masks:
         taken += mask
     corrected = []
     for mask in masks:
         others = (taken - mask) > 0
-        own = _correct(mask, others, scene)
+        own = _correct(mask, others, scene, floor_mm)
         taken = taken - mask + own
         corrected.append(own)
     return corrected
 
 
-def _correct(mask: MaskArray, others: MaskArray, scene: Scene) -> MaskArray:
+def _correct(mask: MaskArray, others: MaskArray, scene: Scene, floor_mm: float) -> MaskArray:
     margin = round((MARGIN_MM + GROWTH_MM) / scene.pixel_mm)
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     if len(rows) == 0:
@@ -60,6 +73,10 @@ def _correct(mask: MaskArray, others: MaskArray, scene: Scene) -> MaskArray:
     place = _signed_depth_px(mask[window]) * scene.pixel_mm
     is_never |= place < -GROWTH_MM
     place = np.clip(place / PLACE_MM, *PLACE_NATS)
+    # A side in shade looks like the shaded support; where a fine window saw that it is raised, it stays.
+    height = np.nan_to_num(scene.height_mm[window], nan=-99.0)
+    is_raised = (height > floor_mm + RAISED_MM) & (scene.reach_px[window] < FINE_REACH_PX)
+    place += np.where(is_raised & mask[window], RAISED_NATS, 0.0)
     found = mask[window]
     nothing = np.zeros(found.shape, np.bool_)
     for _ in range(ROUNDS):

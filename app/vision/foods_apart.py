@@ -28,6 +28,8 @@ NOTCH_RADIUS_MM = 7.0
 COLOUR_NOISE = 3.0
 FULL_NOTCH = 0.25  # of the disc around a corner of the outline, beyond the half that a smooth outline fills
 SHORT_CUT = 0.5  # of the narrower part's width: so short a cut has its notches at one place
+SMALL_PART = 0.12  # of both parts' area, below which it takes more to be a food of its own
+SMALL_PART_WEIGHT = 5.0
 CREASE_WEIGHT = 0.4
 THRESHOLD = 1.35  # of the judgement below; see its comment
 MAX_TRIAL_SCALE = 0.85  # nearly full size is tried at full size
@@ -218,6 +220,8 @@ class _Piece:
         valley = self._valley(one, two, border)
         crease = CREASE_WEIGHT * float(np.clip(self._crease(one | two, border) - 0.7, -0.5, 0.8))
         look = min(contrast / 3 + crease, 4 / 3)  # however clear a border is, looks alone make no two foods
+        share = min(np.count_nonzero(part) for part in (one, two)) / np.count_nonzero(one | two)
+        look -= SMALL_PART_WEIGHT * max(0.0, SMALL_PART - share)  # a dark end, a leaf, a lump
         return look + 6.0 * float(np.clip(notch, 0.0, FULL_NOTCH)) - 0.35 * length + 0.5 * valley
 
     def _notch(self, mask: MaskArray, border: MaskArray) -> float:
