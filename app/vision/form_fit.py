@@ -24,14 +24,15 @@ OUTLINE_RUN_PX = 10.0  # along an outline, over which its errors are one
 DENSE_SD_PX, DENSE_AREA_PX = 0.5, 100.0  # of the dense parallax, and the area over which its errors are one
 SURFACE_SD_PX = 0.12  # that parallax along a surface has beside its noise: interpolation, gloss, the poses' rest
 MAX_SD_PX = 1.0
+UNMEASURED_LOSS = 2.0  # of an observation that could not be made: more than a good one's, less than a bad one's
 LOSS_SCALE = 2.5  # sd, beyond which a misfit counts less and less
 FACING = 0.2  # cosine of the slant up to which parallax is compared
 FACING_SECOND = 0.15
 FOOT_MM = 0.5  # over the support, from which on a point is not the foot's
 HIDDEN_PX = 3.0  # within its own outline, a crossing line is hidden by the form itself
 MIN_OUTLINE = 8
-DAMPING = (1e-2, 1e-6, 1e4)  # start, least, most
-TRIES = 4
+DAMPING = (0.1, 1e-4, 1e4)  # start, least, most
+TRIES = 5
 CONVERGED = 2e-3  # relative fall of the cost
 UNEXPLAINED_PX = 4.0  # from the form's outline, beyond which a point of the food's is not explained
 
@@ -72,15 +73,18 @@ class FormFit:
 
 @dataclass(frozen=True, slots=True)
 class _Terms:
+    """unmeasured: how many observations more the form would show if parallax were known everywhere."""
+
     jacobian: Float64Array
     residual_px: Float64Array
     sd_px: Float64Array
     weight: Float64Array
+    unmeasured: float = 0.0
 
     @property
     def loss(self) -> float:
         scaled = (self.residual_px / self.sd_px / LOSS_SCALE) ** 2
-        return float(LOSS_SCALE**2 * (self.weight * np.log1p(scaled)).sum())
+        return float(LOSS_SCALE**2 * (self.weight * np.log1p(scaled)).sum()) + UNMEASURED_LOSS * self.unmeasured
 
     @property
     def precision(self) -> Float64Array:
@@ -105,12 +109,12 @@ def fit_form(form: Form, seen: Seen, cells: int, rounds: int, start: Float64Arra
             if trial is not None and trial.cost < before.cost:
                 found = trial
                 break
-            damping = min(damping * 8, most)
-        damping = max(damping / 5, least)
+            damping = min(damping * 5, most)
+        damping = max(damping / 4, least)
         if before.cost - found.cost < CONVERGED * before.cost:
             break
     vertices, jacobian = form.jacobian(found.unknowns, cells)
-    gradient = np.einsum("kna,na->k", jacobian, enclosed_gradient_mm2(vertices, form.topology(cells).faces))
+    gradient = np.einsum("kna,na->k", jacobian, enclosed_gradient_mm2(vertices, form.topology(cells)))
     variance = float(gradient @ np.linalg.solve(found.normal, gradient))
     return FormFit(
         form=form,
@@ -171,7 +175,7 @@ def _posterior(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _P
 def _terms(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Terms | None:
     vertices, jacobian = form.jacobian(unknowns, cells)
     mesh = form.topology(cells)
-    normals = vertex_normals(vertices, mesh.faces)
+    normals = vertex_normals(vertices, mesh)
     parts = [_outline_terms(form, vertices, jacobian, cells, seen, view) for view in (0, 1)]
     support_mm = float(vertices[:, 2].min())
     parts.append(_parallax_terms(vertices, normals, jacobian, seen, support_mm))
@@ -183,6 +187,7 @@ def _terms(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Terms
         np.concatenate([part.residual_px for part in kept]),
         np.concatenate([part.sd_px for part in kept]),
         np.concatenate([part.weight for part in kept]),
+        sum(part.unmeasured for part in kept),
     )
 
 
@@ -250,17 +255,18 @@ def _parallax_terms(
         return None
     pixels, parallax = sight.project(vertices[index])
     measured, sd, area_px = _measured(seen, pixels)
+    # A vertex speaks for a third of the triangles around it.
+    seen_mm2 = np.abs(np.einsum("ij,ij->i", normals[index], ray[index])) / 6
+    weight = seen_mm2 * (sight.pair.focal_px / depth[index]) ** 2 / area_px
     known = np.isfinite(measured) & (sd < MAX_SD_PX)
     if not known.any():
         return None
+    unmeasured = float(weight[~known].sum())
     index, measured, sd, parallax = index[known], measured[known], sd[known], parallax[known]
     # A surface that moves by its normals' component changes the depth along a ray by that over the slant.
     depth_moves = np.einsum("nb,knb->nk", outward[index], jacobian[:, index]) / slant[index][:, None]
     moves = depth_moves * sight.parallax_per_mm(depth[index])[:, None]
-    seen_area = (
-        np.abs(np.einsum("ij,ij->i", normals[index], ray[index])) / 6 * (sight.pair.focal_px / depth[index]) ** 2
-    )
-    return _Terms(moves, parallax - measured, sd, seen_area / area_px)
+    return _Terms(moves, parallax - measured, sd, weight[known], unmeasured)
 
 
 def _measured(seen: Seen, pixels: Float64Array) -> tuple[Float64Array, Float64Array, float]:

@@ -28,7 +28,7 @@ LATHE_SD, REST_SD, HEAP_SD = (
 RING_SD = 0.04
 RING_WAVES = 3
 DEGREE_ONE = 0.3  # of the spread that the degree would have
-WEIGHT_STEP = 1e-3
+WEIGHT_STEP, WEIGHT_STRIDE = 1e-3, 0.05
 
 # Indices into a form's parameters. Lengths mm, angles radians, exponents and half-axes as logarithms.
 X, Y, SUPPORT, SUNK, A, B, C, E1, E2, TURN_X, TURN_Y, TURN_Z, TAPER, BEND = range(14)
@@ -36,6 +36,7 @@ STEP = np.full(14, 1e-3)  # of the finite differences
 STEP[[X, Y, SUPPORT, SUNK]] = 0.05
 STRIDE = np.array([3, 3, 1, 3, 0.15, 0.15, 0.15, 0.3, 0.3, 0.15, 0.15, 0.15, 0.1, 0.2])  # the most at one step
 SPREAD = np.array([np.inf, np.inf, 1, 20, np.inf, np.inf, np.inf, 0.35, 0.35, 0.5, 0.5, 0.5, 0.25, 0.5])  # prior
+SUPPORT_BOUND = 2.0  # sd, within which the support stays
 AT_FOOT = 1e-6  # of a unit direction's height: on the equator
 LEAST_CUT = 0.98  # of half the height: the cut stays between both ends
 LOG_EXPONENTS = (np.log(0.1), np.log(1.5))  # a box with rounded edges to a form pointed like a lemon
@@ -88,18 +89,25 @@ class Form(ABC):
     @property
     def stride(self) -> Float64Array:
         """(k,) the most that an unknown may change at one step."""
-        return np.concatenate([STRIDE[list(self.free)], np.full(len(self._weight_sd), np.inf)])
+        return np.concatenate([STRIDE[list(self.free)], np.full(len(self._weight_sd), WEIGHT_STRIDE)])
 
     @property
     def _weight_sd(self) -> Float64Array:
         return self.weight_sd if self.has_displacement else np.empty(0)
 
     def bounded(self, unknowns: Float64Array) -> Float64Array:
-        """The unknowns with exponents and depth within what they may be."""
+        """The unknowns with support, exponents and depth within what they may be."""
         p, weights = self.split(unknowns)
+        p[SUPPORT] = self._bounded_support(p[SUPPORT])
         p[[E1, E2]] = np.clip(p[[E1, E2]], *LOG_EXPONENTS)
         p[SUNK] = np.clip(p[SUNK], 0.0, 2 * np.exp(p[C]))
         return np.concatenate([p[list(self.free)], weights])
+
+    def _bounded_support(self, support_mm: float) -> float:
+        """What was measured beside the food bounds it: no misfit of a form may sink it into the table."""
+        apart = support_mm - self.parameters[SUPPORT]
+        limit = SUPPORT_BOUND * self.support_sd_mm
+        return float(self.parameters[SUPPORT] + np.clip(apart, -limit, limit))
 
     def split(self, unknowns: Float64Array) -> tuple[Float64Array, Float64Array]:
         """(14,) all parameters, and the weights."""
@@ -111,20 +119,9 @@ class Form(ABC):
         """(n, 3) mm, table frame."""
         return self.shaped(*self.split(unknowns), cells)
 
+    @abstractmethod
     def jacobian(self, unknowns: Float64Array, cells: int) -> tuple[Float64Array, Float64Array]:
         """Vertices (n, 3) and their derivatives (k, n, 3)."""
-        at = self.vertices(unknowns, cells)
-        steps = np.concatenate([STEP[list(self.free)], np.full(len(unknowns) - len(self.free), WEIGHT_STEP)])
-        out = np.empty((len(unknowns), *at.shape))
-        for row in range(self._differenced(unknowns)):
-            moved = unknowns.copy()
-            moved[row] += steps[row]
-            out[row] = (self.vertices(moved, cells) - at) / steps[row]
-        return at, out
-
-    def _differenced(self, unknowns: Float64Array) -> int:
-        """How many unknowns, from the first, are differentiated by differences."""
-        return len(unknowns)
 
 
 @lru_cache
@@ -157,8 +154,8 @@ class Superellipsoid(Form):
 
     @property
     def is_folded(self) -> bool:
-        """A bent one may."""
-        return BEND in self.free
+        """A bent one may, and a heap whose far foot lies behind it."""
+        return BEND in self.free or self._is_cut
 
     @property
     def weight_sd(self) -> Float64Array:
@@ -176,38 +173,67 @@ class Superellipsoid(Form):
 
     def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
         """See Form. Displaced along the normals, by the weights in mean radii, but never below the support."""
-        at, normals = self._plain(p, cells)
-        if len(weights):
-            at = at + normals * (_mean_radius(p) * (harmonics(cells) @ weights))[:, None]
-            at[:, 2] = np.maximum(at[:, 2], p[SUPPORT])
-        return at
+        return self._displaced(p, weights, self._plain(p, cells), cells)
 
     def jacobian(self, unknowns: Float64Array, cells: int) -> tuple[Float64Array, Float64Array]:
-        """See Form. The normals count as fixed for the weights' derivatives."""
-        at, out = super(Superellipsoid, self).jacobian(unknowns, cells)
+        """See Form. What the displacement moves along counts as fixed, and the vertex that rests stays the same one."""
         p, weights = self.split(unknowns)
+        plain = self._plain(p, cells)
+        at = self._displaced(p, weights, plain, cells)
+        out = np.zeros((len(unknowns), *at.shape))
+        lowest = int(np.argmin(plain.at[:, 2]))
+        for row, index in enumerate(self.free):
+            if index in (X, Y, SUPPORT):
+                out[row, :, (X, Y, SUPPORT).index(index)] = 1.0
+                continue
+            moved = p.copy()
+            moved[index] += STEP[index]
+            own = plain.own if index in (TURN_X, TURN_X + 1, TURN_Z) else self._own(moved, cells)
+            out[row] = (own @ self._turn(moved).T - plain.turned) / STEP[index]
+            out[row, :, 2] -= out[row, lowest, 2]
         if len(weights):
-            normals = self._plain(p, cells)[1]
-            moves = harmonics(cells).T[:, :, None] * (_mean_radius(p) * normals)[None]
-            moves[:, at[:, 2] <= p[SUPPORT]] = 0.0  # what lies on the support stays there
+            moves = harmonics(cells).T[:, :, None] * (_mean_radius(p) * plain.normals)[None]
+            moves[:, at[:, 2] <= p[SUPPORT], 2] = 0.0  # what lies on the support stays there
             out[len(self.free) :] = moves
         return at, out
 
-    def _differenced(self, unknowns: Float64Array) -> int:  # noqa: ARG002 -- the weights are not
-        return len(self.free)
+    def _displaced(self, p: Float64Array, weights: Float64Array, plain: "_Plain", cells: int) -> Float64Array:
+        if not len(weights):
+            return plain.at
+        at = plain.at + plain.normals * (_mean_radius(p) * (harmonics(cells) @ weights))[:, None]
+        at[:, 2] = np.maximum(at[:, 2], p[SUPPORT])
+        return at
 
-    def _plain(self, p: Float64Array, cells: int) -> tuple[Float64Array, Float64Array]:
-        """Vertices without displacement, and the directions in which they are displaced."""
+    def _plain(self, p: Float64Array, cells: int) -> "_Plain":
         mesh = sphere(cells)
-        is_cut = SUNK in self.free
-        own = _cut(p, mesh.places) if is_cut else _whole(p, mesh.places)
-        at = own @ (cv2.Rodrigues(p[TURN_X : TURN_Z + 1])[0] @ self.axes).T
-        at += np.array([p[X], p[Y], p[SUPPORT] - at[:, 2].min()])
-        normals = unit(vertex_normals(at, mesh.faces))
-        if is_cut:  # the foot moves on its support, the base within it does not matter
+        own = self._own(p, cells)
+        turned = own @ self._turn(p).T
+        at = turned + np.array([p[X], p[Y], p[SUPPORT] - turned[:, 2].min()])
+        normals = unit(vertex_normals(at, mesh))
+        if self._is_cut:  # the foot moves on its support, the base within it does not matter
             normals[mesh.places[:, 2] < AT_FOOT] *= np.array([1.0, 1.0, 0.0])
             normals[mesh.places[:, 2] < -AT_FOOT] = 0.0
-        return at, normals
+        return _Plain(own, turned, at, normals)
+
+    def _own(self, p: Float64Array, cells: int) -> Float64Array:
+        return (_cut if self._is_cut else _whole)(p, sphere(cells).places)
+
+    def _turn(self, p: Float64Array) -> Float64Array:
+        return np.asarray(cv2.Rodrigues(p[TURN_X : TURN_Z + 1])[0] @ self.axes, np.float64)
+
+    @property
+    def _is_cut(self) -> bool:
+        return SUNK in self.free
+
+
+@dataclass(frozen=True, slots=True)
+class _Plain:
+    """A form without displacement, (n, 3) each: in its own axes, turned, in its place, and its outward directions."""
+
+    own: Float64Array
+    turned: Float64Array
+    at: Float64Array
+    normals: Float64Array
 
 
 def _mean_radius(p: Float64Array) -> float:
@@ -280,8 +306,10 @@ class Ring(Form):
         return ring(int(3.3 * cells), int(1.7 * cells))
 
     def bounded(self, unknowns: Float64Array) -> Float64Array:
-        """As they are."""
-        return unknowns
+        """The unknowns with the support within what it may be."""
+        p, weights = self.split(unknowns)
+        p[SUPPORT] = self._bounded_support(p[SUPPORT])
+        return np.concatenate([p[list(self.free)], weights])
 
     def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
         """See Form. The weights change the tube's width."""
@@ -300,3 +328,14 @@ class Ring(Form):
         at = np.asarray(own @ (cv2.Rodrigues(p[TURN_X : TURN_Z + 1])[0] @ self.axes).T, np.float64)
         at += np.array([p[X], p[Y], p[SUPPORT] - at[:, 2].min()])
         return at
+
+    def jacobian(self, unknowns: Float64Array, cells: int) -> tuple[Float64Array, Float64Array]:
+        """See Form. By differences."""
+        at = self.vertices(unknowns, cells)
+        steps = np.concatenate([STEP[list(self.free)], np.full(len(unknowns) - len(self.free), WEIGHT_STEP)])
+        out = np.empty((len(unknowns), *at.shape))
+        for row, step in enumerate(steps):
+            moved = unknowns.copy()
+            moved[row] += step
+            out[row] = (self.vertices(moved, cells) - at) / step
+        return at, out

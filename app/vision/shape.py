@@ -37,13 +37,12 @@ from app.vision.topview import TableTrend, fit_table_trend, usable_points
 from app.vision.volume import NORMAL_90, POSE_SD, POSE_SD_MARKER_ALONE, SCALE_SD, Volume
 
 MARGIN_PX = 25  # around a food's mask
-FIRST_ROUNDS, ROUNDS = 12, 8
+FIRST_ROUNDS, ROUNDS = 12, 10
 KEPT = 4  # families that are fitted finely
 KEPT_LAST = 2  # of these, those that are measured along once more
 SNAP_PX, SNAP_SECOND_PX = 4.0, 5.0
 SECOND_WEIGHT = 0.5  # of the second view's outline, which was sought where the form was
-UNEXPLAINED_WEIGHT, OCCAM_WEIGHT = 0.3, 0.5  # in the evidence: outlines err alike over longer runs than are assumed
-UNMEASURED_COST = 2.0  # of an observation that another family could use and this could not
+UNEXPLAINED_WEIGHT, OCCAM_WEIGHT = 0.3, 0.25  # in the evidence: outlines err alike over longer runs than are assumed
 TOUCHING_PX = 7  # within which two foods' outlines are one
 IN_FRONT_MM = 2.0  # by which the farther of two touching foods may still seem nearer
 BEYOND_PX = 3.0  # across an outline, where the other food is looked for
@@ -254,12 +253,10 @@ def _second_outline(food: _Food, vertices: Float64Array, mesh: Topology) -> Outl
 
 
 def _by_evidence(fits: Sequence[tuple[FormFit, Seen]]) -> list[tuple[FormFit, Seen, float]]:
-    most = max((fit.observations for fit, _ in fits), default=0.0)
     costs = [
         fit.cost
         + UNEXPLAINED_WEIGHT * unexplained(fit, seen, FINE)
         + OCCAM_WEIGHT * fit.log_occam
-        + UNMEASURED_COST * (most - fit.observations)
         for fit, seen in fits
     ]
     order = np.argsort(costs)
