@@ -129,7 +129,9 @@ def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.ran
     ring = best[1]
     centre = np.array([ring.x_mm, ring.y_mm])
     inward = ring.radius_mm - np.linalg.norm(view.centres_mm() - centre, axis=-1)
-    return _with_floor(inward.astype(np.float32), ring.height_mm, view, is_solid, centre, ring.radius_mm)
+    dish = _with_floor(inward.astype(np.float32), ring.height_mm, view, is_solid, centre, ring.radius_mm)
+    # A flat top no larger than a slice of bread or a steak is food, not a board.
+    return None if dish.floor_mm > 0 and np.pi * ring.radius_mm**2 < MIN_SLAB_MM2 else dish
 
 
 def _with_floor(

@@ -64,6 +64,10 @@ def test_board_with_something_on_it_is_a_slab_with_its_floor():
     assert dish.floor_mm == pytest.approx(15, abs=0.5)
 
 
+def test_round_flat_food_on_the_bare_table_is_no_dish():
+    assert found_in(view_of(lambda x, y: np.where(np.hypot(x, y) < 55, 15.0, 0.0))) is None
+
+
 def test_mound_is_no_dish():
     assert found_in(view_of(lambda x, y: 40 * np.sqrt(np.clip(1 - (x**2 + y**2) / 70**2, 0, 1)))) is None
 
