@@ -1,7 +1,7 @@
 """The default method's volume: closed forms of several families fitted to both views, averaged by their evidence.
 
 Regions of the rectified grid, its parallax and points -> measured items with their volume and its doubt. See
-docs/decisions/0006-closed-forms-in-both-views.md.
+docs/decisions/0007-closed-forms-in-both-views.md.
 """
 
 from collections.abc import Sequence
@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from app.errors import Failure
+from app.vision.bowl import measure_content
 from app.vision.disparity import DisparityMap
 from app.vision.families import families
 from app.vision.form_fit import FormFit, Seen, fit_form, unexplained
@@ -31,6 +32,7 @@ from app.vision.rectification import RectifiedPair
 from app.vision.sections import cut_sections
 from app.vision.segmentation import Region
 from app.vision.sight import Sight, sight_of
+from app.vision.slices import Slice
 from app.vision.surface_match import draw_mask, measure_along
 from app.vision.symmetry import SymmetryAxis
 from app.vision.topview import TableTrend, fit_table_trend, usable_points
@@ -50,6 +52,7 @@ SUPPORT_UNKNOWN_MM, SUPPORT_UNKNOWN_SD_MM = 1.5, 2.0  # over the table: a plate 
 LEAST_SUPPORT_SD_MM = 0.3  # crumbs, cloth
 LOW_COVER = 0.5
 DOUBT_SCALE = 1.0  # by which the posterior's spread is multiplied; see benchmarks/accuracy.py
+UNKNOWN_INSIDE_SD = 0.25  # of a volume, relative: more, and a bowl's inside is not measured but imagined
 LEAST_SD = 0.015  # of a volume, relative: outlines and forms never agree better
 
 
@@ -84,10 +87,9 @@ def measure_shapes(
     items = []
     for number, region in enumerate(regions):
         food = scene.food(number)
-        fits = _fit_families(food) if food is not None else []
-        if food is None or not fits:
+        item = None if food is None else _measured(region, food, scene, is_refined=is_refined)
+        if item is None:
             continue
-        item = _item(region, food, fits, disparity, is_refined=is_refined)
         if region.hint is not None or item.volume.volume_ml >= MIN_VOLUME_ML:
             items.append(item)
     return items or Failure(
@@ -254,23 +256,31 @@ def _second_outline(food: _Food, vertices: Float64Array, mesh: Topology) -> Outl
 
 def _by_evidence(fits: Sequence[tuple[FormFit, Seen]]) -> list[tuple[FormFit, Seen, float]]:
     costs = [
-        fit.cost
-        + UNEXPLAINED_WEIGHT * unexplained(fit, seen, FINE)
-        + OCCAM_WEIGHT * fit.log_occam
+        fit.cost + UNEXPLAINED_WEIGHT * unexplained(fit, seen, FINE) + OCCAM_WEIGHT * fit.log_occam
         for fit, seen in fits
     ]
     order = np.argsort(costs)
     return [(fits[index][0], fits[index][1], costs[index]) for index in order]
 
 
-def _item(
-    region: Region,
-    food: _Food,
-    fits: Sequence[tuple[FormFit, float]],
-    disparity: DisparityMap,
-    *,
-    is_refined: bool,
-) -> MeasuredItem:
+def _measured(region: Region, food: _Food, scene: _Scene, *, is_refined: bool) -> MeasuredItem | None:
+    """One food: what fills a bowl by the bowl, everything else by its form."""
+    pair_sd = float(np.hypot(3 * SCALE_SD, POSE_SD if is_refined else POSE_SD_MARKER_ALONE))
+    found = _of_bowl(region, food, scene, pair_sd) if region.vessel is not None else None
+    if found is None:
+        fits = _fit_families(food)
+        if not fits:
+            return None
+        found = _of_forms(fits, pair_sd)
+    volume, support_mm, flags = found
+    is_seen = np.isfinite(scene.disparity.parallax_px) & region.mask
+    if np.count_nonzero(is_seen) < LOW_COVER * np.count_nonzero(region.mask):
+        flags = (*flags, "low_texture")
+    return MeasuredItem(region, food.points, support_mm, volume, flags)
+
+
+def _of_forms(fits: Sequence[tuple[FormFit, float]], pair_sd: float) -> tuple[Volume, float, tuple[str, ...]]:
+    """The families' volumes averaged by their evidence; slices and hidden side are the best one's."""
     best = fits[0][0]
     costs = np.array([cost for _, cost in fits])
     temper = max(1.0, costs[0] / max(best.observations, 1.0))  # the misfit's own size tells what a difference is worth
@@ -279,25 +289,47 @@ def _item(
     logs = np.log([fit.volume_ml for fit, _ in fits])
     spreads = np.array([fit.volume_sd_ml / fit.volume_ml for fit, _ in fits]) * np.sqrt(temper)
     mean = float(weights @ logs)
-    item_sd = float(np.sqrt(weights @ (spreads**2 + (logs - mean) ** 2)))
-    relative_sd = {
-        "pair": float(np.hypot(3 * SCALE_SD, POSE_SD if is_refined else POSE_SD_MARKER_ALONE)),
-        "item": max(DOUBT_SCALE * item_sd, LEAST_SD),
-    }
-    volume_ml = float(np.exp(mean))
-    factor = float(np.exp(NORMAL_90 * np.hypot(relative_sd["pair"], relative_sd["item"])))
+    item_sd = max(DOUBT_SCALE * float(np.sqrt(weights @ (spreads**2 + (logs - mean) ** 2))), LEAST_SD)
     vertices, mesh = best.form.vertices(best.unknowns, EXACT), best.form.topology(EXACT)
     support_mm = float(vertices[:, 2].min())
     slices = cut_sections(vertices, mesh.faces, support_mm)
-    volume = Volume(
+    middle, rest = vertices[:, :2].mean(axis=0), vertices - [0.0, 0.0, support_mm]
+    return _volume(float(np.exp(mean)), pair_sd, item_sd, slices, middle, rest), support_mm, ()
+
+
+def _of_bowl(
+    region: Region, food: _Food, scene: _Scene, pair_sd: float
+) -> tuple[Volume, float, tuple[str, ...]] | None:
+    """What fills the bowl that holds the food; None where too little of it is measured to say."""
+    vessel = region.vessel
+    if vessel is None:
+        return None
+    table_mm = float(scene.trend.height_mm(vessel.centre_mm))
+    content = measure_content(food.points, vessel, table_mm, food.support_mm, food.support_sd_mm)
+    if content is None:
+        return None
+    item_sd = content.sd_ml / content.volume_ml
+    flags = ("inside_guessed",) if item_sd < UNKNOWN_INSIDE_SD else ("inside_guessed", "not_measurable")
+    rest = food.points - [0.0, 0.0, food.support_mm]
+    volume = _volume(content.volume_ml, pair_sd, item_sd, content.slices, vessel.centre_mm, rest)
+    return volume, food.support_mm, flags
+
+
+def _volume(
+    volume_ml: float,
+    pair_sd: float,
+    item_sd: float,
+    slices: tuple[Slice, ...],
+    middle_mm: Float64Array,
+    completed_mm: Float64Array,
+) -> Volume:
+    factor = float(np.exp(NORMAL_90 * np.hypot(pair_sd, item_sd)))
+    return Volume(
         volume_ml=volume_ml,
         interval_ml=(volume_ml / factor, volume_ml * factor),
-        relative_sd=relative_sd,
+        relative_sd={"pair": pair_sd, "item": item_sd},
         form="ellipse",
-        axis=SymmetryAxis(vertices[:, :2].mean(axis=0), 0.0, 1.0),
+        axis=SymmetryAxis(middle_mm, 0.0, 1.0),
         slices=slices,
-        completed_mm=vertices - [0.0, 0.0, support_mm],
+        completed_mm=completed_mm,
     )
-    is_measured = np.isfinite(disparity.parallax_px) & region.mask
-    is_plain = np.count_nonzero(is_measured) < LOW_COVER * np.count_nonzero(region.mask)
-    return MeasuredItem(region, food.points, support_mm, volume, ("low_texture",) if is_plain else ())
