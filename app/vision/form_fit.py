@@ -34,6 +34,7 @@ MIN_OUTLINE = 8
 DAMPING = (0.1, 1e-4, 1e4)  # start, least, most
 TRIES = 5
 CONVERGED = 2e-3  # relative fall of the cost
+COVERAGE_WEIGHT = 0.5  # of a point of the food's outline against one of the form's
 UNEXPLAINED_PX = 4.0  # from the form's outline, beyond which a point of the food's is not explained
 
 
@@ -128,24 +129,6 @@ def fit_form(form: Form, seen: Seen, cells: int, rounds: int, start: Float64Arra
     )
 
 
-def unexplained(fit: FormFit, seen: Seen, cells: int) -> float:
-    """What the food's outline shows and the form's does not (the hole of a ring), as a cost like FormFit.cost."""
-    vertices = fit.form.vertices(fit.unknowns, cells)
-    mesh = fit.form.topology(cells)
-    cost = 0.0
-    for view, line in enumerate(seen.outlines):
-        if line is None:
-            continue
-        index, _ = outline_vertices(vertices, mesh, seen.sight.cameras_mm[view])
-        if len(index) < MIN_OUTLINE:
-            continue
-        points = seen.sight.in_view(*seen.sight.project(vertices[index]), view)
-        distance, _ = cKDTree(points).query(line.points_px)
-        scaled = (np.maximum(distance - UNEXPLAINED_PX, 0) / OUTLINE_SD_PX / LOSS_SCALE) ** 2
-        cost += float((line.weights * STEP_PX / OUTLINE_RUN_PX * LOSS_SCALE**2 * np.log1p(scaled)).sum())
-    return cost
-
-
 @dataclass(frozen=True, slots=True)
 class _Posterior:
     """cost: -2 log of the posterior at the unknowns. normal: (k, k) Gauss-Newton's matrix. slope: (k,) gradient / 2."""
@@ -178,6 +161,7 @@ def _terms(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Terms
     normals = vertex_normals(vertices, mesh)
     parts = [_outline_terms(form, vertices, jacobian, cells, seen, view) for view in (0, 1)]
     support_mm = float(vertices[:, 2].min())
+    parts.append(_coverage_terms(form, vertices, jacobian, cells, seen))
     parts.append(_parallax_terms(vertices, normals, jacobian, seen, support_mm))
     kept = [part for part in parts if part is not None]
     if not kept:
@@ -218,6 +202,31 @@ def _outline_terms(
     return _Terms(
         np.einsum("nb,knb->nk", by_point, jacobian[:, index]), residual, np.full(len(residual), OUTLINE_SD_PX), weight
     )
+
+
+def _coverage_terms(
+    form: Form, vertices: Float64Array, jacobian: Float64Array, cells: int, seen: Seen
+) -> _Terms | None:
+    """Points of the food's outline in the first view, px, that the form's does not come near: a banana's end, a hole.
+
+    They draw the nearest point of the form's outline towards them.
+    """
+    line, mesh, sight = seen.outlines[0], form.topology(cells), seen.sight
+    index, _ = outline_vertices(vertices, mesh, sight.cameras_mm[0])
+    if line is None or len(index) < MIN_OUTLINE:
+        return None
+    pixels, _ = sight.project(vertices[index])
+    distance, nearest = cKDTree(pixels).query(line.points_px)
+    apart = np.flatnonzero((distance > UNEXPLAINED_PX) & (line.weights > 0))
+    if len(apart) == 0:
+        return None
+    towards = (pixels[nearest[apart]] - line.points_px[apart]) / distance[apart][:, None]
+    at = index[nearest[apart]]
+    by_point = np.einsum("na,nab->nb", towards, sight.pixel_gradient(vertices[at], 0))
+    moves = np.einsum("nb,knb->nk", by_point, jacobian[:, at])
+    weight = COVERAGE_WEIGHT * line.weights[apart] * STEP_PX / OUTLINE_RUN_PX
+    residual = distance[apart] - UNEXPLAINED_PX
+    return _Terms(moves, residual, np.full(len(apart), OUTLINE_SD_PX), weight)
 
 
 def _is_hidden(

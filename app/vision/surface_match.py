@@ -108,7 +108,7 @@ def _correlate(
 ) -> tuple[Float32Array, Float32Array]:
     """(h, w) by how much the parallax differs from the surface's, and its sd, by masked NCC and a parabola.
 
-    The sd is what noise of the size that the correlation shows makes of a shift over the window's gradients.
+    The sd is what noise of the size that the correlation shows makes of the place of a peak so sharp.
     """
     on_food = (np.isfinite(surface) & mask).astype(np.float32)
     height, width = surface.shape
@@ -135,9 +135,9 @@ def _correlate(
     less, here, more = (np.take_along_axis(stack, (peak + side)[None], axis=0)[0] for side in (-1, 0, 1))
     curvature = np.minimum(less - 2 * here + more, -1e-6)
     offset = peak - REACH_PX + np.clip(0.5 * (less - more) / curvature, -1, 1)
-    gradient = 0.5 * cv2.Sobel(cv2.GaussianBlur(first, (0, 0), 0.7), cv2.CV_32F, 1, 0, ksize=1)
-    noise = np.maximum((1 - np.clip(here, 0, 1)) * variance, MIN_NOISE)
-    sd = 2 * np.sqrt(noise / np.maximum(_sum(gradient * gradient * on_food), 1e-3))
+    # How sharp the peak is tells of the gradients that both views share; those of noise alone make no peak.
+    noise = np.maximum((1 - np.clip(here, 0, 1)), MIN_NOISE / np.maximum(variance, MIN_VARIANCE))
+    sd = 2 * np.sqrt(noise / (share * -curvature))
     is_good = (on_food > 0) & (best == peak) & (here > MIN_CORRELATION) & (share > MIN_SHARE * WINDOW_PX**2)
     nan = np.float32(np.nan)
     return np.where(is_good, offset, nan).astype(np.float32), np.where(is_good, sd, nan).astype(np.float32)
