@@ -41,6 +41,7 @@ from app.vision.volume import NORMAL_90, POSE_SD, POSE_SD_MARKER_ALONE, SCALE_SD
 MARGIN_PX = 25  # around a food's mask
 FIRST_ROUNDS, ROUNDS = 12, 10
 KEPT = 4  # families that are fitted finely
+KEPT_RATIO = 2.0  # of the best one's cost: a family that fits so much worse coarsely is not fitted finely
 KEPT_LAST = 2  # of these, those that are measured along once more
 SNAP_PX, SNAP_SECOND_PX = 4.0, 5.0
 SECOND_WEIGHT = 0.5  # of the second view's outline, which was sought where the form was
@@ -214,7 +215,8 @@ def _fit_families(food: _Food) -> list[tuple[FormFit, float]]:
         if fit is not None:
             coarse.append((fit.cost, fit, form))
     coarse.sort(key=lambda each: each[0])
-    fine = [found for _, fit, form in coarse[:KEPT] if (found := _refit(food, form, fit)) is not None]
+    kept = [each for each in coarse[:KEPT] if each[0] < KEPT_RATIO * coarse[0][0]]
+    fine = [found for _, fit, form in kept if (found := _refit(food, form, fit)) is not None]
     ranked = _by_evidence(fine)
     again = [_refit(food, fit.form, fit) or (fit, seen) for fit, seen, _ in ranked[:KEPT_LAST]]
     return [(fit, cost) for fit, _, cost in _by_evidence([*again, *(each[:2] for each in ranked[KEPT_LAST:])])]
