@@ -40,7 +40,8 @@ MIN_DENSITY = 0.15  # of the points that a cell facing the camera would show
 MIN_SLAB_MM2 = 15000.0  # larger than a slice of bread or a steak
 BEYOND_CIRCLE = 1.15  # times a circle's area: a slab so much larger is not that circle
 TOP_BAND_MM = (6.0, 35.0)  # inward from the outline, where a board is as high as at its edge
-MIN_TOP_SHARE = 0.5  # of that band's cells
+MIN_TOP_SHARE = 0.2  # of that band's cells
+MAX_LOW_SHARE = 0.15  # of a board's measured cells that no food stands on: a plate's floor lies lower than its rim
 DEEP_SHARE = 0.3  # of the radius: a dish whose rim is higher over the table is a bowl
 
 
@@ -102,9 +103,9 @@ def find_dish(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.rando
     round_dish, slab = _find_round(view, is_solid, noise_mm, rng), _find_slab(view, is_solid, noise_mm)
     if round_dish is None or slab is None:
         return round_dish or slab
-    # A circle fits into any board: it is one only if nothing much of the board lies outside.
+    # A circle fits into any board: it is one only if nothing much of the board lies outside. A round rim is not flat.
     areas = [np.count_nonzero(dish.inward_mm > 0) for dish in (slab, round_dish)]
-    return slab if areas[0] > BEYOND_CIRCLE * areas[1] else round_dish
+    return slab if slab.floor_mm > 0 and areas[0] > BEYOND_CIRCLE * areas[1] else round_dish
 
 
 def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator) -> Dish | None:
@@ -142,12 +143,17 @@ def _with_floor(
     centre_mm: Float64Array | None = None,
     radius_mm: float | None = None,
 ) -> Dish:
-    band = (inward_mm > TOP_BAND_MM[0]) & (inward_mm < TOP_BAND_MM[1])
     with np.errstate(invalid="ignore"):
-        at_level = band & is_solid & (np.abs(view.height_mm - rim_mm) < RISE_MM)
-    is_flat = bool(np.count_nonzero(at_level) > MIN_TOP_SHARE * np.count_nonzero(band))
-    if radius_mm is not None and rim_mm > DEEP_SHARE * radius_mm:
-        is_flat = False  # a bowl filled to its rim
+        is_level = is_solid & (np.abs(view.height_mm - rim_mm) < RISE_MM)
+        is_low = is_solid & (view.height_mm < rim_mm - RISE_MM)
+    band, inside = (inward_mm > TOP_BAND_MM[0]) & (inward_mm < TOP_BAND_MM[1]), inward_mm > INSIDE_MM[0]
+    low, level = np.count_nonzero(is_low & inside), np.count_nonzero(is_level & inside)
+    is_flat = (
+        np.count_nonzero(is_level & band) > MIN_TOP_SHARE * np.count_nonzero(band)
+        and low <= MAX_LOW_SHARE * (low + level)
+        # a bowl filled to its rim is none
+        and not (radius_mm is not None and rim_mm > DEEP_SHARE * radius_mm)
+    )
     return Dish(inward_mm, rim_mm, rim_mm if is_flat else 0.0, centre_mm, radius_mm)
 
 

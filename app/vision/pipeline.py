@@ -99,17 +99,17 @@ def _run(
         places = photograph_px(rectified, points, trace.views[0], is_swapped=trace.is_swapped)
         size = (pair.left.pixels_bgr.shape[1], pair.left.pixels_bgr.shape[0])
         hints = draw_hints(options.hints, places, size)
-        regions = segment_foods(rectified, trace.disparity, points, ignored, hints)
-        if isinstance(regions, Failure):
-            return regions
+        foods = segment_foods(rectified, trace.disparity, points, ignored, hints)
+        if isinstance(foods, Failure):
+            return foods
     with stage("volume"):
         is_refined = trace.refined.matches > 0
         if options.method == "paper":
             measured = measure_items(
-                regions, rectified, trace.disparity, points, ignored, options.hints, is_refined=is_refined
+                foods.regions, rectified, trace.disparity, points, ignored, options.hints, is_refined=is_refined
             )
         else:
-            measured = measure_shapes(regions, rectified, trace.disparity, points, ignored, is_refined=is_refined)
+            measured = measure_shapes(foods, rectified, trace.disparity, points, is_refined=is_refined)
         if isinstance(measured, Failure):
             return measured
         trace.items = measured

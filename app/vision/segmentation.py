@@ -47,6 +47,14 @@ class Region:
 
 
 @dataclass(frozen=True, slots=True)
+class Foods:
+    """The foods of a meal, and the table they stand on, which has no part of any dish."""
+
+    regions: list[Region]
+    table: TableTrend
+
+
+@dataclass(frozen=True, slots=True)
 class HintMask:
     """A hint drawn on the rectified grid. index: into the hints. is_exact: the mask is the food (polygon).
 
@@ -65,7 +73,7 @@ def segment_foods(
     points_table: Float32Array,
     ignored: MaskArray,
     hints: Sequence[HintMask] = (),
-) -> list[Region] | Failure:
+) -> Foods | Failure:
     """Foods in the order of their size, those of hints first.
 
     points_table: (H, W, 3) mm, NaN. ignored: (H, W) marker sheet and what is not seen. With hints only what they point
@@ -81,7 +89,7 @@ def segment_foods(
     if view is not None and dish is not None:
         scene, trend, dish = _over_the_table_alone(scene, trend, view, dish)
     if view is None:
-        return drawn or no_food_found()
+        return Foods(drawn, trend) if drawn else no_food_found()
     found: list[Region] = []
     if sought or not hints:
         found = _found(replace(scene, is_ignored=_reduced(taken, scene)), dish, view, sought)
@@ -90,11 +98,12 @@ def segment_foods(
     vessel = describe_vessel(scene, view, dish, trend)
     small = [_reduced(region.mask, scene) for region in regions]
     foods = np.any(small, axis=0) if small else np.zeros(scene.is_ignored.shape, np.bool_)
-    return [
+    regions = [
         replace(region, support=find_support(scene, view, dish, trend, mask, foods), vessel=vessel)
         for region, mask in zip(regions, small, strict=True)
         if mask.any()
-    ] or no_food_found()
+    ]
+    return Foods(regions, trend) if regions else no_food_found()
 
 
 def _found(scene: Scene, dish: Dish | None, view: TopView, hints: Sequence[HintMask]) -> list[Region]:

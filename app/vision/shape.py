@@ -30,12 +30,12 @@ from app.vision.outline_snap import (
 from app.vision.reconstruction import plane_points
 from app.vision.rectification import RectifiedPair
 from app.vision.sections import cut_sections
-from app.vision.segmentation import Region
+from app.vision.segmentation import Foods, Region
 from app.vision.sight import Sight, sight_of
 from app.vision.slices import Slice
 from app.vision.surface_match import draw_mask, measure_along
 from app.vision.symmetry import SymmetryAxis
-from app.vision.topview import TableTrend, fit_table_trend, usable_points
+from app.vision.topview import TableTrend
 from app.vision.volume import NORMAL_90, POSE_SD, POSE_SD_MARKER_ALONE, SCALE_SD, Volume
 
 MARGIN_PX = 25  # around a food's mask
@@ -72,21 +72,20 @@ class _Food:
 
 
 def measure_shapes(
-    regions: Sequence[Region],
+    foods: Foods,
     pair: RectifiedPair,
     disparity: DisparityMap,
     points_table: Float32Array,
-    ignored: MaskArray,
     *,
     is_refined: bool,
 ) -> list[MeasuredItem] | Failure:
     """Volumes of the foods that can be measured, in the regions' order. Failure "food_not_measured" if there is none.
 
-    ignored: (H, W) the sheet and what is not seen. is_refined: whether the poses rest on more than the marker.
+    points_table: (H, W, 3) mm, NaN. is_refined: whether the poses rest on more than the marker.
     """
-    scene = _scene_of(regions, pair, disparity, points_table, ignored)
+    scene = _scene_of(foods, pair, disparity, points_table)
     items = []
-    for number, region in enumerate(regions):
+    for number, region in enumerate(foods.regions):
         food = scene.food(number)
         item = None if food is None else _measured(region, food, scene, is_refined=is_refined)
         if item is None:
@@ -106,8 +105,7 @@ class _Scene:
     pair: RectifiedPair
     disparity: DisparityMap
     points_table: Float32Array
-    ignored: MaskArray
-    trend: TableTrend
+    table: TableTrend
     plane_xy_mm: Float32Array
     grey: tuple[Float32Array, Float32Array]
     lab: tuple[Float32Array, Float32Array]
@@ -119,7 +117,7 @@ class _Scene:
             slice(max(rows[0] - MARGIN_PX, 0), min(rows[-1] + MARGIN_PX, mask.shape[0] - 1) + 1),
             slice(max(columns[0] - MARGIN_PX, 0), min(columns[-1] + MARGIN_PX, mask.shape[1] - 1) + 1),
         )
-        sight = sight_of(self.pair, self.trend, self.plane_xy_mm, window)
+        sight = sight_of(self.pair, self.table, self.plane_xy_mm, window)
         rings = rings_of_mask(mask)
         if not rings:
             return None
@@ -140,7 +138,7 @@ class _Scene:
         support = self.regions[number].support
         if support is None:
             return SUPPORT_UNKNOWN_MM, SUPPORT_UNKNOWN_SD_MM
-        table_mm = float(self.trend.height_mm(np.median(points[:, :2], axis=0)))
+        table_mm = float(self.table.height_mm(np.median(points[:, :2], axis=0)))
         return support.height_mm - table_mm, max(support.sd_mm, LEAST_SUPPORT_SD_MM)
 
     def _in_front(self, number: int) -> tuple[MaskArray, MaskArray]:
@@ -171,25 +169,16 @@ class _Scene:
         return float(np.median(np.linalg.norm(points - self.pair.first_centre_mm, axis=1)))
 
 
-def _scene_of(
-    regions: Sequence[Region],
-    pair: RectifiedPair,
-    disparity: DisparityMap,
-    points_table: Float32Array,
-    ignored: MaskArray,
-) -> _Scene:
+def _scene_of(foods: Foods, pair: RectifiedPair, disparity: DisparityMap, points_table: Float32Array) -> _Scene:
     images = (pair.first_bgr, pair.second_bgr)
     grey = [np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.float32) for image in images]
     lab = [lab_of(image) for image in images]
-    thin = (slice(None, None, 2), slice(None, None, 2))
-    points = points_table[thin]
     return _Scene(
-        regions=regions,
+        regions=foods.regions,
         pair=pair,
         disparity=disparity,
         points_table=points_table,
-        ignored=ignored,
-        trend=fit_table_trend(points[usable_points(points, ignored[thin])]),
+        table=foods.table,
         plane_xy_mm=plane_points(pair)[..., :2],
         grey=(grey[0], grey[1]),
         lab=(lab[0], lab[1]),
@@ -303,7 +292,7 @@ def _of_bowl(
     vessel = region.vessel
     if vessel is None:
         return None
-    table_mm = float(scene.trend.height_mm(vessel.centre_mm))
+    table_mm = float(scene.table.height_mm(vessel.centre_mm))
     content = measure_content(food.points, vessel, table_mm, food.support_mm, food.support_sd_mm)
     if content is None:
         return None

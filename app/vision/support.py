@@ -19,19 +19,19 @@ RANGE_MM = (-4.0, 20.0)  # what a support may measure; other points belong to ot
 QUANTILE = 0.3  # of the ring's heights: rims and neighbours lie higher, nothing lies lower
 MIN_POINTS = 100
 
-NEAR_TABLE_MM = (4.0, 60.0)  # from the food's outline, where the table under it is looked for
-TABLE_STEP_MM = 4.0  # from the trend: what lies farther is no table
-TABLE_SD_MM = 0.4  # of a table's trend: unevenness, and what the poses leave
-TREND_SD_MM = 1.2  # where no table is measured near the food
+NEAR_MM = (4.0, 60.0)  # from the food's outline, where a table or a board's top is looked for
+LEVEL_STEP_MM = 4.0  # from where it should be; what lies farther is no table
+TABLE_SD_MM = 0.5  # of a table about its trend: unevenness, and what the poses leave
+BOARD_SD_MM = 1.2  # of a board's top about its edge
+LEVEL_SD_MM = 0.4  # that measuring leaves beside the heights' spread
 FLOOR_INWARD_MM = 35.0  # from the dish's outline, where a plate is flat
 FLOOR_CLEAR_MM = 5.0  # from any food
 FLOOR_LEAST_MM = -3.0
+FLOOR_SD_MM = 1.2  # as LEVEL_SD_MM: a plain glossy floor mirrors what stands on it
+LOW_QUANTILE = 0.35  # of the heights: windows that lie across what stands on a support lift it, nothing lowers it
 PIXELS_PER_FACT = 50.0  # neighbouring heights come of overlapping windows and err alike
-SHARED_SHARE = 0.5  # of the spread of a floor's heights that no number of them averages away
-FLOOR_PRIOR = (
-    0.3,
-    0.17,
-)  # mean and spread of a plate's floor, as shares of its rim's height: anywhere in the lower half
+SHARED_SHARE = 0.5  # of the spread of heights that no number of them averages away
+FLOOR_PRIOR = (0.3, 0.17)  # mean and spread of a plate's floor, shares of its rim's height: anywhere in the lower half
 BOWL_PRIOR = (0.125, 0.07)  # the same of a bowl's inside, which its food hides
 
 
@@ -56,33 +56,36 @@ def find_support(
     middle = np.median(scene.points_table[inside][:, :2] if inside.any() else scene.plane_xy_mm[mask], axis=0)
     table_mm = float(trend.height_mm(middle))
     clear_mm = scene.pixel_mm * cv2.distanceTransform((~foods).astype(np.uint8), cv2.DIST_L2, 3)
-    is_fine = (scene.reach_px < FINE_REACH_PX) & np.isfinite(scene.height_mm) & ~scene.is_ignored
-    flat_mm = 0.0 if dish is None else dish.floor_mm
-    if dish is None or (flat_mm > 0 and not dish.is_deep):
-        own_mm = scene.pixel_mm * cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3)
-        near = is_fine & (own_mm < NEAR_TABLE_MM[1]) & (clear_mm > NEAR_TABLE_MM[0])
-        heights = scene.height_mm[near]
-        heights = heights[np.abs(heights - flat_mm) < TABLE_STEP_MM]
-        source: Literal["table", "board"] = "table" if dish is None else "board"
-        if len(heights) < MIN_POINTS:
-            return Support(table_mm + flat_mm, TREND_SD_MM, source)
-        return Support(table_mm + float(np.median(heights)), TABLE_SD_MM, source)
-    if dish.is_deep:
+    if dish is not None and dish.is_deep:
         return Support(table_mm + BOWL_PRIOR[0] * dish.rim_mm, BOWL_PRIOR[1] * dish.rim_mm, "bowl")
-    inward = dish.inward_at(view, scene.points_table[..., :2])
-    with np.errstate(invalid="ignore"):
-        in_range = (scene.height_mm > FLOOR_LEAST_MM) & (scene.height_mm < dish.rim_mm)
-    is_floor = np.isfinite(scene.height_mm) & in_range & (inward > FLOOR_INWARD_MM) & (clear_mm > FLOOR_CLEAR_MM)
-    prior_mm, prior_sd = (share * dish.rim_mm for share in FLOOR_PRIOR)
-    heights = scene.height_mm[is_floor]
-    if len(heights) < MIN_POINTS:
-        return Support(table_mm + prior_mm, prior_sd, "floor")
-    measured_mm = float(np.median(heights))
-    spread = 1.48 * float(np.median(np.abs(heights - measured_mm)))
-    variance = spread**2 * (PIXELS_PER_FACT / len(heights) + SHARED_SHARE**2) + TREND_SD_MM**2
-    weight = prior_sd**2 / (prior_sd**2 + variance)
-    floor_mm = weight * measured_mm + (1.0 - weight) * prior_mm
-    return Support(table_mm + max(0.0, floor_mm), float(np.sqrt(weight * variance)), "floor")
+    heights = np.nan_to_num(scene.height_mm, nan=np.inf)
+    if dish is not None and dish.floor_mm == 0.0:
+        inward = dish.inward_at(view, scene.points_table[..., :2])
+        is_floor = (heights > FLOOR_LEAST_MM) & (heights < dish.rim_mm)
+        is_floor &= (inward > FLOOR_INWARD_MM) & (clear_mm > FLOOR_CLEAR_MM)
+        prior_mm, prior_sd = (share * dish.rim_mm for share in FLOOR_PRIOR)
+        floor_mm, sd = _reconciled(heights[is_floor], prior_mm, prior_sd, FLOOR_SD_MM)
+        return Support(table_mm + max(0.0, floor_mm), sd, "floor")
+    expected_mm = 0.0 if dish is None else dish.floor_mm
+    own_mm = scene.pixel_mm * cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3)
+    is_near = (scene.reach_px < FINE_REACH_PX) & ~scene.is_ignored & (np.abs(heights - expected_mm) < LEVEL_STEP_MM)
+    is_near &= (own_mm < NEAR_MM[1]) & (clear_mm > NEAR_MM[0])
+    expected_sd = TABLE_SD_MM if dish is None else BOARD_SD_MM
+    level_mm, sd = _reconciled(heights[is_near], expected_mm, expected_sd, LEVEL_SD_MM)
+    return Support(table_mm + level_mm, sd, "table" if dish is None else "board")
+
+
+def _reconciled(
+    heights_mm: Float32Array, expected_mm: float, expected_sd: float, least_sd: float
+) -> tuple[float, float]:
+    """Level and its sd, mm, of what was expected and what was measured. heights_mm: (n,). least_sd: of measuring."""
+    if len(heights_mm) < MIN_POINTS:
+        return expected_mm, expected_sd
+    low_mm = float(np.quantile(heights_mm, LOW_QUANTILE))
+    spread = 1.48 * float(np.median(np.abs(heights_mm - np.median(heights_mm))))
+    variance = spread**2 * (PIXELS_PER_FACT / len(heights_mm) + SHARED_SHARE**2) + least_sd**2
+    weight = expected_sd**2 / (expected_sd**2 + variance)
+    return weight * low_mm + (1.0 - weight) * expected_mm, float(np.sqrt(weight * variance))
 
 
 def support_height_mm(points_table: Float32Array, mask: MaskArray, others: MaskArray) -> float | None:

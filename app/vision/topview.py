@@ -6,6 +6,7 @@ small error of the poses or a soft cloth makes, so that heights can be taken ove
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,12 +21,17 @@ REACH_MM = 600.0  # from the marker: farther points are background or strays
 MARGIN_MM = 40.0
 TREND_UNIT_MM = 200.0
 TREND_LIMIT = 2.5  # units; the trend is not carried on beyond
-TREND_SD_MM = (2.0, 3.0, 3.0, 2.0, 2.0, 2.0)  # prior of the coefficients: constant, linear, quadratic
+# Prior of the coefficients, constant, linear, quadratic: a sheet lies on the table and its edges curl up; what errors
+# of the poses make of a plane is nearly one.
+TREND_MM = (-0.3, 0.0, 0.0, 0.0, 0.0, 0.0)
+TREND_SD_MM = (0.7, 1.5, 1.5, 0.7, 0.7, 0.7)
 CELLS_PER_FACT = 150.0  # neighbouring cells err alike, so many count as one measurement
 INLIER_MM = (6.0, 6.0, 5.0, 5.0, 4.0, 4.0)  # narrowing: what lies farther from the trend is no table
 TABLE_RANGE_MM = 40.0
 MIN_TABLE_POINTS = 500
 MIN_POINTS_PER_TABLE_CELL = 4
+STANDING_MM = 10.0  # over the marker's plane: no trend of a table
+BESIDE_CELLS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,12 +101,14 @@ def usable_points(points_table: Float32Array, ignored: MaskArray) -> MaskArray:
 
 def fit_table_trend(points_table: Float32Array) -> TableTrend:
     """Ridge regression on the cells near the marker's plane, gathered anew as it improves. points_table: (n, 3)."""
-    coefficients: Float64Array = np.zeros(6)
+    expected = np.array(TREND_MM)
+    coefficients: Float64Array = expected
     near = points_table[np.abs(points_table[:, 2]) < TABLE_RANGE_MM]
     view = view_from_above(near, near[:, 2], TABLE_CELL_MM) if len(near) >= MIN_TABLE_POINTS else None
     if view is None:
         return TableTrend(coefficients, 1.0)
     kept = view.count >= MIN_POINTS_PER_TABLE_CELL
+    kept &= ~_beside_what_stands(view)
     heights = view.height_mm[kept].astype(np.float64)
     unit = view.centres_mm()[kept] / TREND_UNIT_MM
     design = _terms(unit[:, 0], unit[:, 1]).T
@@ -109,10 +117,18 @@ def fit_table_trend(points_table: Float32Array) -> TableTrend:
     for limit in INLIER_MM:
         is_table = np.abs(heights - design @ coefficients) < limit
         rows = design[is_table]
-        solved = np.linalg.solve(rows.T @ rows + prior, rows.T @ heights[is_table])
+        solved = np.linalg.solve(rows.T @ rows + prior, rows.T @ heights[is_table] + prior @ expected)
         coefficients = np.asarray(solved, np.float64)
     residuals = np.abs(heights - design @ coefficients)[is_table]
     return TableTrend(coefficients, 1.48 * float(np.median(residuals)) if residuals.size else 1.0)
+
+
+def _beside_what_stands(view: TopView) -> MaskArray:
+    """(rows, columns) cells at the foot of something higher, whose windows may lie across its outline."""
+    with np.errstate(invalid="ignore"):
+        stands = view.height_mm > STANDING_MM
+    side = 2 * BESIDE_CELLS + 1
+    return np.asarray(cv2.dilate(stands.astype(np.uint8), np.ones((side, side), np.uint8)) > 0, np.bool_)
 
 
 def _terms(x: Float64Array, y: Float64Array) -> Float64Array:

@@ -64,6 +64,17 @@ def test_board_with_something_on_it_is_a_slab_with_its_floor():
     assert dish.floor_mm == pytest.approx(15, abs=0.5)
 
 
+def test_wide_rimmed_plate_is_no_board_since_its_floor_lies_lower():
+    def heights(x, y):
+        r = np.hypot(x, y)
+        plain = np.where(r < 70, 3.0, np.where(r < 120, 15.0, 0.0))
+        return np.where(np.hypot(x - 20, y) < 35, 50.0, plain)
+
+    dish = found_in(view_of(heights))
+    assert dish.floor_mm == 0
+    assert dish.radius_mm is not None
+
+
 def test_round_flat_food_on_the_bare_table_is_no_dish():
     assert found_in(view_of(lambda x, y: np.where(np.hypot(x, y) < 55, 15.0, 0.0))) is None
 

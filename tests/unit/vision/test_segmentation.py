@@ -76,7 +76,8 @@ class Meal:
         pair = self.pair()
         disparity = DisparityMap(np.zeros(SHAPE, np.float32), np.full(SHAPE, 4.5, np.float32))
         ignored = np.zeros(SHAPE, bool) if ignored is None else ignored
-        return segment_foods(pair, disparity, self.points(pair), ignored, hints)
+        found = segment_foods(pair, disparity, self.points(pair), ignored, hints)
+        return found if isinstance(found, Failure) else found.regions
 
 
 def iou(a, b):

@@ -9,12 +9,14 @@ from app.errors import Failure
 from app.vision.disparity import DisparityMap
 from app.vision.reconstruction import DepthModel, back_project
 from app.vision.rectification import rectify_by_poses
-from app.vision.segmentation import Region
+from app.vision.segmentation import Foods, Region
 from app.vision.shape import measure_shapes
 from app.vision.support import Support
+from app.vision.topview import TableTrend
 from tests.unit.vision.stereo_scene import Ball, rendered_views, true_depth
 
 BALL = Ball((115.0, 15.0), 33.0)
+TABLE = TableTrend(np.zeros(6), 0.1)
 ON_TABLE = Support(0.0, 0.4, "table")
 TOLERANCE = 0.05  # of one ball, whose lower third no view shows
 
@@ -41,7 +43,7 @@ def measure(region, scale=1.0, dense=None, *, is_refined=True):
     pair = replace(pair, first_centre_mm=scale * pair.first_centre_mm, baseline_mm=scale * pair.baseline_mm)
     ideal = DepthModel(0.0, pair.focal_px * pair.baseline_mm)
     points = back_project(pair, ideal.depth_mm(pair.disparity_from_parallax(dense.parallax_px)))
-    return measure_shapes([region], pair, dense, points, ~pair.is_seen, is_refined=is_refined)
+    return measure_shapes(Foods([region], TABLE), pair, dense, points, is_refined=is_refined)
 
 
 @lru_cache

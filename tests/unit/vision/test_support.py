@@ -4,7 +4,7 @@ import pytest
 from app.vision.dish import find_dish, solid_cells
 from app.vision.food_pixels import Scene
 from app.vision.support import find_support
-from app.vision.topview import fit_table_trend, view_from_above
+from app.vision.topview import TableTrend, fit_table_trend, view_from_above
 from app.vision.vessel import describe_vessel
 
 SHAPE = (300, 400)
@@ -40,7 +40,7 @@ def measured(scene):
 
 def support_of(scene, mask):
     view, dish, _ = measured(scene)
-    return find_support(scene, view, dish, fit_table_trend(np.empty((0, 3), np.float32)), mask, mask)
+    return find_support(scene, view, dish, TableTrend(np.zeros(6), 0.1), mask, mask)
 
 
 def test_bare_table_is_measured_around_the_food():

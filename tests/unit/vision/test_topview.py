@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.vision.topview import fit_table_trend, usable_points, view_from_above
+from app.vision.topview import TREND_MM, fit_table_trend, usable_points, view_from_above
 
 
 def scattered(height_of, count=40000, reach=200.0, seed=0):
@@ -45,8 +45,19 @@ def test_trend_is_not_lifted_by_what_stands_on_the_table():
     assert np.abs(fit_table_trend(points).height_mm(points[:, :2])).max() < 0.5
 
 
-def test_trend_without_points_is_the_markers_plane():
-    assert fit_table_trend(np.empty((0, 3), np.float32)).height_mm(np.array([[50.0, -70.0]])) == 0.0
+def test_trend_takes_no_low_slope_at_a_foods_foot_for_table():
+    def heights(x, y):  # a plain table shows nothing but the halo of what stands on it
+        r = np.hypot(x, y)
+        return np.where(r < 40, 30.0, np.where(r < 52, 4.0, np.nan))
+
+    points = scattered(heights)
+    points = points[np.isfinite(points[:, 2])]
+    assert abs(float(fit_table_trend(points).height_mm(np.zeros(2))) - TREND_MM[0]) < 0.3
+
+
+def test_trend_without_points_is_a_table_just_under_the_sheet():
+    height_mm = fit_table_trend(np.empty((0, 3), np.float32)).height_mm(np.array([50.0, -70.0]))
+    assert -0.5 < height_mm < 0.0
 
 
 def test_points_far_from_the_marker_or_ignored_are_not_used():
