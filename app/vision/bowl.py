@@ -59,10 +59,12 @@ def measure_content(
     heap_mm = _mean_height(content) - level_mm
 
     def volume_ml(level: float, floor: float, inset: float, wall: _Wall) -> float:
-        heights = np.arange(floor, max(level, floor + STEP_MM), STEP_MM) + STEP_MM / 2
+        depth = max(level - floor, STEP_MM)
+        step = depth / np.ceil(depth / STEP_MM)  # whole steps to the level: a last one beyond it would be content too
+        heights = floor + np.arange(step / 2, depth, step)
         radii = np.maximum(wall.radius_mm(heights) - inset, 0.0)
         top = np.pi * max(float(wall.radius_mm(level)) - inset, 0.0) ** 2
-        return ml_from_mm3(float((np.pi * radii**2).sum()) * STEP_MM + top * heap_mm)
+        return ml_from_mm3(float((np.pi * radii**2).sum()) * step + top * heap_mm)
 
     found = volume_ml(level_mm, floor_mm, inset_mm, wall)
     changes = [
