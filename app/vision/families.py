@@ -37,6 +37,7 @@ MIN_HALF_MM = 4.0
 MAX_ASPECT = 5.0
 TOP_QUANTILE = 0.99
 BEHIND_SHARE = 0.4  # of the smaller of radius and half height, by which the middle lies behind the visible points'
+ROUND = ("ball", "lying", "bent")  # families whose section across C is
 STRAY_SHARE = 3.0  # of the radius: points farther from the middle are not the food's
 MIN_POINTS = 50
 
@@ -77,7 +78,8 @@ def families(
         p = place.copy()
         for key, value in values.items():
             p[_KEYS[key]] = value
-        return Superellipsoid(name, p, free, axes, support_sd_mm, rest_sd=HEAP_SD if name == "heap" else REST_SD)
+        rest_sd = HEAP_SD if name == "heap" else REST_SD
+        return Superellipsoid(name, p, free, axes, support_sd_mm, rest_sd=rest_sd, is_round=name in ROUND)
 
     half = np.log(height / 2)
     found: list[Form] = [

@@ -96,7 +96,6 @@ class _Terms:
 
 def fit_form(form: Form, seen: Seen, cells: int, rounds: int, start: Float64Array | None = None) -> FormFit | None:
     """Fit from `start` (or the form's own); None where nothing of the food meets the form."""
-    prior_sd = form.prior_sd
     found = _posterior(form, form.start if start is None else start, cells, seen)
     if found is None:
         return None
@@ -125,7 +124,7 @@ def fit_form(form: Form, seen: Seen, cells: int, rounds: int, start: Float64Arra
         observations=found.observations,
         volume_ml=ml_from_mm3(enclosed_mm3(form.vertices(found.unknowns, EXACT), form.topology(EXACT).faces)),
         volume_sd_ml=ml_from_mm3(float(np.sqrt(max(variance, 0.0)))),
-        log_occam=float(np.linalg.slogdet(found.normal)[1] + 2 * np.log(prior_sd[np.isfinite(prior_sd)]).sum()),
+        log_occam=float(np.linalg.slogdet(found.normal)[1]) - form.prior_log_determinant,
     )
 
 
@@ -144,13 +143,13 @@ def _posterior(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _P
     terms = _terms(form, unknowns, cells, seen)
     if terms is None:
         return None
-    apart, prior_sd = unknowns - form.start, form.prior_sd
+    apart, prior = unknowns - form.expected, form.prior_precision
     weighted = terms.jacobian * terms.precision[:, None]
     return _Posterior(
         unknowns=unknowns,
-        cost=terms.loss + float(((apart / prior_sd) ** 2).sum()),
-        normal=terms.jacobian.T @ weighted + np.diag(1.0 / prior_sd**2),
-        slope=weighted.T @ terms.residual_px + apart / prior_sd**2,
+        cost=terms.loss + float(apart @ prior @ apart),
+        normal=terms.jacobian.T @ weighted + prior,
+        slope=weighted.T @ terms.residual_px + prior @ apart,
         observations=float(terms.weight.sum()),
     )
 

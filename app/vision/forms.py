@@ -20,11 +20,10 @@ from app.vision.model import Float64Array
 
 COARSE, FINE, EXACT = 6, 12, 24  # cells a side of the cube: to find a form, to fit it, to take its volume
 DEGREE = 6  # of the spherical harmonics: features of a sixth of the circumference
-LATHE_SD, REST_SD, HEAP_SD = (
-    0.06,
-    0.03,
-    0.08,
-)  # of the displacement in mean radii at degree one, all round the axis or not
+# Of the displacement in mean radii at degree one, all round the axis or not.
+LATHE_SD, REST_SD, HEAP_SD = 0.06, 0.03, 0.08
+ROUND_SD = 0.04  # of a round section: the ratio of its half-axes, logarithm
+ROUND_EXPONENT_SD = 0.15
 RING_SD = 0.04
 RING_WAVES = 3
 DEGREE_ONE = 0.3  # of the spread that the degree would have
@@ -47,7 +46,8 @@ class Form(ABC):
     """A family with its start. Unknowns are a vector (k,): the free parameters, then weights of the displacement.
 
     parameters: (14,) start, see the indices above. free: those that are fitted. support_sd_mm: spread of SUPPORT.
-    axes: (3, 3) the form's own axes as columns, table frame.
+    axes: (3, 3) the form's own axes as columns, table frame. is_round: whether its section across C is, as of what
+    grows round a stalk; the side that nobody sees is as deep as the one that is seen is wide.
     """
 
     name: str
@@ -56,6 +56,7 @@ class Form(ABC):
     axes: Float64Array
     support_sd_mm: float
     has_displacement: bool = True
+    is_round: bool = False
 
     @property
     @abstractmethod
@@ -77,13 +78,41 @@ class Form(ABC):
 
     @property
     def start(self) -> Float64Array:
-        """(k,) where fitting begins, and the prior's middle."""
+        """(k,) where fitting begins."""
         return np.concatenate([self.parameters[list(self.free)], np.zeros(len(self._weight_sd))])
 
     @property
-    def prior_sd(self) -> Float64Array:
-        """(k,) spread of the prior; infinite for place and size."""
-        spread = np.where(np.arange(len(SPREAD)) == SUPPORT, self.support_sd_mm, SPREAD)
+    def expected(self) -> Float64Array:
+        """(k,) the prior's middle; places and sizes have none of their own."""
+        out = self.start
+        if self.is_round:
+            section = [self.free.index(A), self.free.index(B)]
+            out[section] = out[section].mean()
+        return out
+
+    @property
+    def prior_precision(self) -> Float64Array:
+        """(k, k) inverse covariance of the prior; places and sizes are free, but for a round section's ratio."""
+        out = np.diag(1.0 / self._prior_sd**2)
+        if self.is_round:
+            tie = np.zeros(len(out))
+            tie[self.free.index(A)], tie[self.free.index(B)] = 1.0 / ROUND_SD, -1.0 / ROUND_SD
+            out += np.outer(tie, tie)
+        return out
+
+    @property
+    def prior_log_determinant(self) -> float:
+        """Of prior_precision, over what is not free."""
+        spread = self._prior_sd
+        bound = -2 * float(np.log(spread[np.isfinite(spread)]).sum())
+        return bound - 2 * float(np.log(ROUND_SD)) if self.is_round else bound
+
+    @property
+    def _prior_sd(self) -> Float64Array:
+        spread = SPREAD.copy()
+        spread[SUPPORT] = self.support_sd_mm
+        if self.is_round:
+            spread[E2] = ROUND_EXPONENT_SD
         return np.concatenate([spread[list(self.free)], self._weight_sd])
 
     @property
@@ -172,7 +201,7 @@ class Superellipsoid(Form):
         return sphere(cells)
 
     def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
-        """See Form. Displaced along the normals, by the weights in mean radii, but never below the support."""
+        """See Form. Displaced along the normals, by the weights in mean radii, and let down on the support."""
         return self._displaced(p, weights, self._plain(p, cells), cells)
 
     def jacobian(self, unknowns: Float64Array, cells: int) -> tuple[Float64Array, Float64Array]:
@@ -181,7 +210,7 @@ class Superellipsoid(Form):
         plain = self._plain(p, cells)
         at = self._displaced(p, weights, plain, cells)
         out = np.zeros((len(unknowns), *at.shape))
-        lowest = int(np.argmin(plain.at[:, 2]))
+        lowest = int(np.argmin(at[:, 2]))
         for row, index in enumerate(self.free):
             if index in (X, Y, SUPPORT):
                 out[row, :, (X, Y, SUPPORT).index(index)] = 1.0
@@ -193,7 +222,7 @@ class Superellipsoid(Form):
             out[row, :, 2] -= out[row, lowest, 2]
         if len(weights):
             moves = harmonics(cells).T[:, :, None] * (_mean_radius(p) * plain.normals)[None]
-            moves[:, at[:, 2] <= p[SUPPORT], 2] = 0.0  # what lies on the support stays there
+            moves[:, :, 2] -= moves[:, lowest, 2, None]
             out[len(self.free) :] = moves
         return at, out
 
@@ -201,7 +230,7 @@ class Superellipsoid(Form):
         if not len(weights):
             return plain.at
         at = plain.at + plain.normals * (_mean_radius(p) * (harmonics(cells) @ weights))[:, None]
-        at[:, 2] = np.maximum(at[:, 2], p[SUPPORT])
+        at[:, 2] += p[SUPPORT] - at[:, 2].min()
         return at
 
     def _plain(self, p: Float64Array, cells: int) -> "_Plain":

@@ -215,8 +215,9 @@ def _refit(food: _Food, form: Form, before: FormFit) -> tuple[FormFit, Seen] | N
     """The form fitted finely to the parallax along the form found before and to its outline in the second view."""
     vertices = before.form.vertices(before.unknowns, FINE)
     mesh = form.topology(FINE)
-    surface = measure_along(food.sight, food.grey, food.seen.mask, vertices, mesh)
-    second = _second_outline(food, vertices, mesh)
+    covered = _covered_in_second(food, vertices, mesh)
+    second = _second_outline(food, covered)
+    surface = measure_along(food.sight, food.grey, (food.seen.mask, covered), vertices, mesh)
     seen = replace(food.seen, surface=surface, outlines=(food.seen.outlines[0], second))
     start = np.zeros(len(form.start))
     start[: len(before.unknowns)] = before.unknowns
@@ -224,13 +225,19 @@ def _refit(food: _Food, form: Form, before: FormFit) -> tuple[FormFit, Seen] | N
     return None if fit is None else (fit, seen)
 
 
-def _second_outline(food: _Food, vertices: Float64Array, mesh: Topology) -> Outline | None:
-    """The food's outline in the second view, sought around the form's, by the colours beside the first view's."""
-    first = food.seen.outlines[0]
+def _covered_in_second(food: _Food, vertices: Float64Array, mesh: Topology) -> MaskArray:
+    """(H, W) what the form covers in the second view."""
     pixels = food.sight.in_view(*food.sight.project(vertices), 1)
-    covered = draw_mask(
-        pixels, mesh.faces[faces_towards(vertices, mesh.faces, food.sight.cameras_mm[1])], food.seen.mask.shape
-    )
+    faces = mesh.faces[faces_towards(vertices, mesh.faces, food.sight.cameras_mm[1])]
+    return draw_mask(pixels, faces, food.seen.mask.shape)
+
+
+def _second_outline(food: _Food, covered: MaskArray) -> Outline | None:
+    """The food's outline in the second view, sought around the form's, by the colours beside the first view's.
+
+    covered: (H, W) by the form.
+    """
+    first = food.seen.outlines[0]
     rings = rings_of_mask(covered)
     if not rings or first is None:
         return None

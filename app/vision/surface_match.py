@@ -17,6 +17,7 @@ from app.vision.sight import Sight
 
 WINDOW_PX = 21
 REACH_PX = 4  # of the search about the surface
+CLEAR_PX = 3  # of the food's outline, which blur, resampling and compression spread
 MIN_CORRELATION = 0.5
 MIN_SHARE = 0.35  # of a window that must lie on the food
 MIN_VARIANCE = 0.05  # grey levels squared: below it is rounding
@@ -46,18 +47,23 @@ class SurfaceParallax:
 def measure_along(
     sight: Sight,
     grey: tuple[Float32Array, Float32Array],
-    mask: MaskArray,
+    masks: tuple[MaskArray, MaskArray],
     vertices: Float64Array,
     mesh: Topology,
 ) -> SurfaceParallax | None:
-    """The parallax near the surface within the mask; None where it is out of sight. grey: both views, (H, W)."""
-    drawn = draw_parallax(sight, vertices, mesh, mask.shape)
+    """The parallax near the surface; None where it is out of sight. grey, masks: both views, (H, W).
+
+    Only what lies clear of the food's outline in both views takes part: a horizon is another place in either, but it
+    is what correlates best.
+    """
+    drawn = draw_parallax(sight, vertices, mesh, masks[0].shape)
     if drawn is None:
         return None
     surface, (left, top) = drawn
     height, width = surface.shape
     window = (slice(top, top + height), slice(left, left + width))
-    offset, sd = _correlate(grey[0][window], grey[1], surface, mask[window], (left, top))
+    clear = _eroded(masks[0], CLEAR_PX), _eroded(masks[1], CLEAR_PX + REACH_PX)
+    offset, sd = _correlate(grey[0][window], grey[1], surface, (clear[0][window], clear[1]), (left, top))
     return SurfaceParallax(surface + offset, sd, (left, top))
 
 
@@ -91,6 +97,12 @@ def draw_parallax(
     return out, (int(low[0]), int(low[1]))
 
 
+def _eroded(mask: MaskArray, across_px: int) -> MaskArray:
+    """The mask less CLEAR_PX above and below, and across_px along the rows, which are searched."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * across_px + 1, 2 * CLEAR_PX + 1))
+    return cv2.erode(mask.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+
+
 def draw_mask(pixels: Float64Array, faces: IntArray, shape: tuple[int, ...]) -> MaskArray:
     """(H, W) what triangles with corners at (n, 2) px cover."""
     out = np.zeros(shape, np.uint8)
@@ -104,19 +116,25 @@ def _fixed(pixels: Float64Array) -> NDArray[np.int32]:
 
 
 def _correlate(
-    first: Float32Array, second: Float32Array, surface: Float32Array, mask: MaskArray, origin: tuple[int, int]
+    first: Float32Array,
+    second: Float32Array,
+    surface: Float32Array,
+    masks: tuple[MaskArray, MaskArray],
+    origin: tuple[int, int],
 ) -> tuple[Float32Array, Float32Array]:
     """(h, w) by how much the parallax differs from the surface's, and its sd, by masked NCC and a parabola.
 
-    The sd is what noise of the size that the correlation shows makes of the place of a peak so sharp.
+    The sd is what noise of the size that the correlation shows makes of the place of a peak so sharp. masks: of the
+    first view's window and of the whole second view.
     """
-    on_food = (np.isfinite(surface) & mask).astype(np.float32)
     height, width = surface.shape
     rows, columns = (
         np.ascontiguousarray(each, np.float32)
         for each in np.meshgrid(np.arange(height) + origin[1], np.arange(width) + origin[0], indexing="ij")
     )
     columns -= np.nan_to_num(surface)
+    on_second = cv2.remap(masks[1].astype(np.uint8), columns, rows, cv2.INTER_NEAREST) > 0
+    on_food = (np.isfinite(surface) & masks[0] & on_second).astype(np.float32)
     share = np.maximum(_sum(on_food), np.float32(1e-3))
     mean = _sum(first * on_food) / share
     variance = _sum(first * first * on_food) / share - mean * mean

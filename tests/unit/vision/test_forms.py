@@ -13,6 +13,7 @@ from app.vision.forms import (
     E2,
     EXACT,
     FINE,
+    ROUND_SD,
     SUNK,
     SUPPORT,
     TAPER,
@@ -38,7 +39,9 @@ def parameters(a, b, c, **values):
     p = np.zeros(14)
     p[[X, Y, SUPPORT, A, B, C]] = 40.0, -15.0, SUPPORT_MM, np.log(a), np.log(b), np.log(c)
     for key, value in values.items():
-        p[{"e1": E1, "e2": E2, "taper": TAPER, "bend": BEND, "sunk": SUNK, "turn_x": TURN_X}[key]] = value
+        p[{"e1": E1, "e2": E2, "taper": TAPER, "bend": BEND, "sunk": SUNK, "turn_x": TURN_X, "turn_y": TURN_Y}[key]] = (
+            value
+        )
     return p
 
 
@@ -55,7 +58,7 @@ FORMS = {
     "lying": superellipsoid(parameters(15.0, 18.0, 50.0, taper=0.1), (*PLACE, TAPER), LYING),
     "bent": superellipsoid(parameters(15.0, 18.0, 60.0, bend=0.6), (*PLACE, TAPER, BEND), LYING),
     "heap": heap(parameters(40.0, 30.0, 25.0, sunk=20.0)),
-    "slab": superellipsoid(parameters(40.0, 30.0, 10.0, e1=-1.2, e2=-1.2, turn_x=0.05)),
+    "slab": superellipsoid(parameters(40.0, 30.0, 10.0, e1=-1.2, e2=-1.2, turn_x=0.05, turn_y=0.03)),
     "ring": Ring(
         "ring",
         parameters(30.0, 12.0, 10.0, e1=0.1, turn_x=0.05),
@@ -114,8 +117,7 @@ def test_form_rests_on_its_support(form):
     for weights in (np.zeros(len(form.weight_sd)), rng.normal(0, form.weight_sd)):
         unknowns = form.start
         unknowns[len(form.free) :] = weights
-        assert np.isclose(form.vertices(unknowns, FINE)[:, 2].min(), SUPPORT_MM, atol=1.0)
-        assert form.vertices(unknowns, FINE)[:, 2].min() > SUPPORT_MM - 1e-9
+        assert np.isclose(form.vertices(unknowns, FINE)[:, 2].min(), SUPPORT_MM, atol=1e-9)
 
 
 @every_form
@@ -181,9 +183,32 @@ def test_bounded_keeps_the_support_within_what_was_measured():
 
 
 @every_form
-def test_start_is_the_middle_of_its_prior_and_all_vectors_have_one_length(form):
+def test_all_vectors_have_one_length_and_without_weights_nothing_is_displaced(form):
     bare = replace(form, has_displacement=False)
     assert len(bare.start) == len(form.free)
-    assert len(form.start) == len(form.prior_sd) == len(form.stride) == len(form.free) + len(form.weight_sd)
+    assert len(form.start) == len(form.expected) == len(form.stride) == len(form.free) + len(form.weight_sd)
     assert np.allclose(form.bounded(form.start), form.start)
     assert np.allclose(form.vertices(form.start, COARSE), bare.vertices(bare.start, COARSE))
+
+
+@every_form
+def test_prior_is_least_where_it_is_expected_and_its_determinant_is_over_what_is_bound(form):
+    precision = form.prior_precision
+    values = np.linalg.eigvalsh(precision)
+    bound = values > 1e-9
+    assert (values > -1e-9).all()
+    assert np.isclose(np.log(values[bound]).sum(), form.prior_log_determinant)
+    apart = form.start - form.expected
+    assert apart @ precision @ apart >= 0
+
+
+def test_round_section_is_dear_to_flatten_and_free_to_grow():
+    form = replace(FORMS["ball"], is_round=True)
+    free, precision = list(form.free), form.prior_precision
+    flatter, larger = np.zeros(len(form.start)), np.zeros(len(form.start))
+    flatter[[free.index(A), free.index(B)]] = ROUND_SD / 2, -ROUND_SD / 2
+    larger[[free.index(A), free.index(B)]] = 1.0
+    assert np.isclose(flatter @ precision @ flatter, 1.0)
+    assert np.isclose(larger @ precision @ larger, 0.0)
+    section = form.expected[[free.index(A), free.index(B)]]
+    assert section[0] == section[1]
