@@ -8,12 +8,21 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from app.units import ml_from_mm3
 from app.vision.disparity import DisparityMap
 from app.vision.forms import EXACT, Form
-from app.vision.mesh import enclosed_gradient_mm2, enclosed_mm3, faces_towards, outline_vertices, unit, vertex_normals
+from app.vision.mesh import (
+    IntArray,
+    Topology,
+    enclosed_gradient_mm2,
+    enclosed_mm3,
+    face_normals,
+    normals_towards,
+    outline_vertices,
+    unit,
+)
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.outline_snap import STEP_PX, Outline
 from app.vision.sight import Sight
@@ -74,9 +83,13 @@ class FormFit:
 
 @dataclass(frozen=True, slots=True)
 class _Terms:
-    """unmeasured: how many observations more the form would show if parallax were known everywhere."""
+    """Misfits that hang on one vertex each. vertex: (n,). by_point: (n, 3) derivative by its place, px/mm.
 
-    jacobian: Float64Array
+    unmeasured: how many observations more the form would show if parallax were known everywhere.
+    """
+
+    vertex: IntArray
+    by_point: Float64Array
     residual_px: Float64Array
     sd_px: Float64Array
     weight: Float64Array
@@ -96,25 +109,26 @@ class _Terms:
 
 def fit_form(form: Form, seen: Seen, cells: int, rounds: int, start: Float64Array | None = None) -> FormFit | None:
     """Fit from `start` (or the form's own); None where nothing of the food meets the form."""
-    found = _posterior(form, form.start if start is None else start, cells, seen)
-    if found is None:
+    first = _misfit(form, form.start if start is None else start, cells, seen)
+    if first is None:
         return None
+    found = _linearised(form, first, cells)
     damping, least, most = DAMPING
     for _ in range(rounds):
         before = found
         for _ in range(TRIES):
             step = -np.linalg.solve(before.normal + damping * np.diag(np.diag(before.normal)), before.slope)
             step /= max(1.0, float(np.abs(step / form.stride).max()))
-            trial = _posterior(form, form.bounded(before.unknowns + step), cells, seen)
+            trial = _misfit(form, form.bounded(before.unknowns + step), cells, seen)
             if trial is not None and trial.cost < before.cost:
-                found = trial
+                found = _linearised(form, trial, cells)
                 break
             damping = min(damping * 5, most)
         damping = max(damping / 4, least)
         if before.cost - found.cost < CONVERGED * before.cost:
             break
-    vertices, jacobian = form.jacobian(found.unknowns, cells)
-    gradient = np.einsum("kna,na->k", jacobian, enclosed_gradient_mm2(vertices, form.topology(cells)))
+    by_vertex = enclosed_gradient_mm2(form.vertices(found.unknowns, cells), form.topology(cells))
+    gradient = np.tensordot(form.jacobian(found.unknowns, cells), by_vertex, 2)
     variance = float(gradient @ np.linalg.solve(found.normal, gradient))
     return FormFit(
         form=form,
@@ -129,8 +143,17 @@ def fit_form(form: Form, seen: Seen, cells: int, rounds: int, start: Float64Arra
 
 
 @dataclass(frozen=True, slots=True)
+class _Misfit:
+    """cost: -2 log of the posterior at the unknowns, all that a step is judged by."""
+
+    unknowns: Float64Array
+    terms: _Terms
+    cost: float
+
+
+@dataclass(frozen=True, slots=True)
 class _Posterior:
-    """cost: -2 log of the posterior at the unknowns. normal: (k, k) Gauss-Newton's matrix. slope: (k,) gradient / 2."""
+    """cost: see _Misfit. normal: (k, k) Gauss-Newton's matrix. slope: (k,) gradient / 2."""
 
     unknowns: Float64Array
     cost: float
@@ -139,34 +162,69 @@ class _Posterior:
     observations: float
 
 
-def _posterior(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Posterior | None:
+def _misfit(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Misfit | None:
     terms = _terms(form, unknowns, cells, seen)
     if terms is None:
         return None
-    apart, prior = unknowns - form.expected, form.prior_precision
-    weighted = terms.jacobian * terms.precision[:, None]
+    apart = unknowns - form.expected
+    return _Misfit(unknowns, terms, terms.loss + float(apart @ form.prior_precision @ apart))
+
+
+def _linearised(form: Form, misfit: _Misfit, cells: int) -> _Posterior:
+    """With derivatives, which take longer than the misfit itself and only accepted steps need."""
+    terms, prior = misfit.terms, form.prior_precision
+    used, place = np.unique(terms.vertex, return_inverse=True)
+    moves = form.jacobian(misfit.unknowns, cells, used)[:, place]
+    jacobian = np.einsum("knb,nb->kn", moves, terms.by_point)
+    weighted = jacobian * terms.precision
     return _Posterior(
-        unknowns=unknowns,
-        cost=terms.loss + float(apart @ prior @ apart),
-        normal=terms.jacobian.T @ weighted + prior,
-        slope=weighted.T @ terms.residual_px + prior @ apart,
+        unknowns=misfit.unknowns,
+        cost=misfit.cost,
+        normal=weighted @ jacobian.T + prior,
+        slope=weighted @ terms.residual_px + prior @ (misfit.unknowns - form.expected),
         observations=float(terms.weight.sum()),
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Placed:
+    """A form's mesh where the unknowns place it, as both views see it.
+
+    normals: (m, 3) see face_normals. pixels: (n, 2) of either view. parallax_px: (n,). is_facing: (m,) towards either.
+    """
+
+    mesh: Topology
+    vertices: Float64Array
+    normals: Float64Array
+    pixels: tuple[Float64Array, Float64Array]
+    parallax_px: Float64Array
+    is_facing: tuple[MaskArray, MaskArray]
+
+
+def _placed(form: Form, unknowns: Float64Array, cells: int, sight: Sight) -> _Placed:
+    mesh, vertices = form.topology(cells), form.vertices(unknowns, cells)
+    normals, corners = face_normals(vertices, mesh.faces), vertices[mesh.faces[:, 0]]
+    first, second = (normals_towards(normals, corners, camera) for camera in sight.cameras_mm)
+    pixels, parallax = sight.project(vertices)
+    return _Placed(mesh, vertices, normals, (pixels, sight.in_view(pixels, parallax, 1)), parallax, (first, second))
+
+
 def _terms(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Terms | None:
-    vertices, jacobian = form.jacobian(unknowns, cells)
-    mesh = form.topology(cells)
-    normals = vertex_normals(vertices, mesh)
-    parts = [_outline_terms(form, vertices, jacobian, cells, seen, view) for view in (0, 1)]
-    support_mm = float(vertices[:, 2].min())
-    parts.append(_coverage_terms(form, vertices, jacobian, cells, seen))
-    parts.append(_parallax_terms(vertices, normals, jacobian, seen, support_mm))
+    placed = _placed(form, unknowns, cells, seen.sight)
+    parts = [_parallax_terms(placed, seen)]
+    for view in (0, 1):
+        index, share = outline_vertices(placed.vertices, placed.mesh, placed.is_facing[view])
+        if len(index) < MIN_OUTLINE:
+            continue
+        parts.append(_outline_terms(placed, index, share, seen, view, is_folded=form.is_folded))
+        if view == 0:
+            parts.append(_coverage_terms(placed, index, seen))
     kept = [part for part in parts if part is not None]
     if not kept:
         return None
     return _Terms(
-        np.concatenate([part.jacobian for part in kept]),
+        np.concatenate([part.vertex for part in kept]),
+        np.concatenate([part.by_point for part in kept]),
         np.concatenate([part.residual_px for part in kept]),
         np.concatenate([part.sd_px for part in kept]),
         np.concatenate([part.weight for part in kept]),
@@ -175,81 +233,70 @@ def _terms(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Terms
 
 
 def _outline_terms(
-    form: Form,
-    vertices: Float64Array,
-    jacobian: Float64Array,
-    cells: int,
-    seen: Seen,
-    view: int,
+    placed: _Placed, index: IntArray, share: Float64Array, seen: Seen, view: int, *, is_folded: bool
 ) -> _Terms | None:
     """Distance of the form's outline from the nearest point of the food's, along that point's normal, px."""
-    line, mesh, sight = seen.outlines[view], form.topology(cells), seen.sight
+    line = seen.outlines[view]
     if line is None:
         return None
-    index, share = outline_vertices(vertices, mesh, sight.cameras_mm[view])
-    if len(index) < MIN_OUTLINE:
-        return None
-    pixels = sight.in_view(*sight.project(vertices[index]), view)
+    pixels = placed.pixels[view][index]
     _, nearest = line.tree.query(pixels)
     towards = line.normals[nearest]
     residual = ((pixels - line.points_px[nearest]) * towards).sum(axis=1)
-    by_point = np.einsum("na,nab->nb", towards, sight.pixel_gradient(vertices[index], view))
+    by_point = np.einsum("na,nab->nb", towards, seen.sight.pixel_gradient(placed.vertices[index], view))
     length = cv2.arcLength(cv2.convexHull(pixels.astype(np.float32)), closed=True)
     weight = line.weights[nearest] * share * length / OUTLINE_RUN_PX
-    if form.is_folded:
-        weight = np.where(_is_hidden(vertices, form, cells, seen, view, pixels), 0.0, weight)
-    return _Terms(
-        np.einsum("nb,knb->nk", by_point, jacobian[:, index]), residual, np.full(len(residual), OUTLINE_SD_PX), weight
-    )
+    if is_folded:
+        weight = np.where(_is_hidden(placed, seen, view, pixels), 0.0, weight)
+    return _Terms(index, by_point, residual, np.full(len(residual), OUTLINE_SD_PX), weight)
 
 
-def _coverage_terms(
-    form: Form, vertices: Float64Array, jacobian: Float64Array, cells: int, seen: Seen
-) -> _Terms | None:
+def _coverage_terms(placed: _Placed, index: IntArray, seen: Seen) -> _Terms | None:
     """Points of the food's outline in the first view, px, that the form's does not come near: a banana's end, a hole.
 
     They draw the nearest point of the form's outline towards them.
     """
-    line, mesh, sight = seen.outlines[0], form.topology(cells), seen.sight
-    index, _ = outline_vertices(vertices, mesh, sight.cameras_mm[0])
-    if line is None or len(index) < MIN_OUTLINE:
+    line = seen.outlines[0]
+    if line is None:
         return None
-    pixels, _ = sight.project(vertices[index])
-    distance, nearest = cKDTree(pixels).query(line.points_px)
+    pixels = placed.pixels[0][index]
+    squared = cdist(line.points_px, pixels, "sqeuclidean")  # the form's outline has too few points for a tree to pay
+    nearest = squared.argmin(axis=1)
+    distance = np.sqrt(squared[np.arange(len(squared)), nearest])
     apart = np.flatnonzero((distance > UNEXPLAINED_PX) & (line.weights > 0))
     if len(apart) == 0:
         return None
     towards = (pixels[nearest[apart]] - line.points_px[apart]) / distance[apart][:, None]
-    at = index[nearest[apart]]
-    by_point = np.einsum("na,nab->nb", towards, sight.pixel_gradient(vertices[at], 0))
-    moves = np.einsum("nb,knb->nk", by_point, jacobian[:, at])
+    gradient = seen.sight.pixel_gradient(placed.vertices[index], 0)[nearest[apart]]
     weight = COVERAGE_WEIGHT * line.weights[apart] * STEP_PX / OUTLINE_RUN_PX
-    residual = distance[apart] - UNEXPLAINED_PX
-    return _Terms(moves, residual, np.full(len(apart), OUTLINE_SD_PX), weight)
+    return _Terms(
+        index[nearest[apart]],
+        np.einsum("na,nab->nb", towards, gradient),
+        distance[apart] - UNEXPLAINED_PX,
+        np.full(len(apart), OUTLINE_SD_PX),
+        weight,
+    )
 
 
-def _is_hidden(
-    vertices: Float64Array, form: Form, cells: int, seen: Seen, view: int, pixels: Float64Array
-) -> MaskArray:
+def _is_hidden(placed: _Placed, seen: Seen, view: int, pixels: Float64Array) -> MaskArray:
     """(n,) whether points of the contour generator lie well within what the form covers."""
-    sight, mesh = seen.sight, form.topology(cells)
-    corners = sight.in_view(*sight.project(vertices), view)
+    corners = placed.pixels[view]
     low = np.floor(corners.min(axis=0)) - 3
     size = np.ceil(np.ptp(corners, axis=0)).astype(np.int64) + 8
-    faces = mesh.faces[faces_towards(vertices, mesh.faces, sight.cameras_mm[view])]
     if (size > max(seen.mask.shape)).any():
         return np.zeros(len(pixels), np.bool_)
+    faces = placed.mesh.faces[placed.is_facing[view]]
     covered = draw_mask(corners - low, faces, (int(size[1]), int(size[0])))
     depth = cv2.distanceTransform(covered.astype(np.uint8), cv2.DIST_L2, 3)
     column, row = np.rint(pixels - low).astype(np.int64).T
     return np.asarray(depth[row, column] > HIDDEN_PX, np.bool_)
 
 
-def _parallax_terms(
-    vertices: Float64Array, normals: Float64Array, jacobian: Float64Array, seen: Seen, support_mm: float
-) -> _Terms | None:
+def _parallax_terms(placed: _Placed, seen: Seen) -> _Terms | None:
     """Parallax of the form's points less the measured one, px; each point speaks for the area around it."""
-    sight = seen.sight
+    sight, vertices = seen.sight, placed.vertices
+    normals = np.asarray(placed.mesh.around @ placed.normals, np.float64)
+    support_mm = float(vertices[:, 2].min())
     first, second = sight.cameras_mm
     ray = vertices - first
     depth = ray @ sight.pair.rotation[2]
@@ -261,8 +308,7 @@ def _parallax_terms(
     index = np.flatnonzero(is_open)
     if len(index) == 0:
         return None
-    pixels, parallax = sight.project(vertices[index])
-    measured, sd, area_px = _measured(seen, pixels)
+    measured, sd, area_px = _measured(seen, placed.pixels[0][index])
     # A vertex speaks for a third of the triangles around it.
     seen_mm2 = np.abs(np.einsum("ij,ij->i", normals[index], ray[index])) / 6
     weight = seen_mm2 * (sight.pair.focal_px / depth[index]) ** 2 / area_px
@@ -270,11 +316,11 @@ def _parallax_terms(
     if not known.any():
         return None
     unmeasured = float(weight[~known].sum())
-    index, measured, sd, parallax = index[known], measured[known], sd[known], parallax[known]
+    index, measured, sd = index[known], measured[known], sd[known]
     # A surface that moves by its normals' component changes the depth along a ray by that over the slant.
-    depth_moves = np.einsum("nb,knb->nk", outward[index], jacobian[:, index]) / slant[index][:, None]
-    moves = depth_moves * sight.parallax_per_mm(depth[index])[:, None]
-    return _Terms(moves, parallax - measured, sd, weight[known], unmeasured)
+    per_mm = sight.parallax_per_mm(depth[index]) / slant[index]
+    by_point = outward[index] * per_mm[:, None]
+    return _Terms(index, by_point, placed.parallax_px[index] - measured, sd, weight[known], unmeasured)
 
 
 def _measured(seen: Seen, pixels: Float64Array) -> tuple[Float64Array, Float64Array, float]:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from scipy.special import sph_harm_y
 
-from app.vision.mesh import Topology, ring, sphere, unit, vertex_normals
+from app.vision.mesh import IntArray, Topology, ring, sphere, unit, vertex_normals
 from app.vision.model import Float64Array
 
 COARSE, FINE, EXACT = 6, 12, 24  # cells a side of the cube: to find a form, to fit it, to take its volume
@@ -149,8 +149,8 @@ class Form(ABC):
         return self.shaped(*self.split(unknowns), cells)
 
     @abstractmethod
-    def jacobian(self, unknowns: Float64Array, cells: int) -> tuple[Float64Array, Float64Array]:
-        """Vertices (n, 3) and their derivatives (k, n, 3)."""
+    def jacobian(self, unknowns: Float64Array, cells: int, index: IntArray | None = None) -> Float64Array:
+        """(k, n, 3) derivatives of the vertices, or (k, m, 3) of those at index (m,)."""
 
 
 @lru_cache
@@ -204,48 +204,54 @@ class Superellipsoid(Form):
         """See Form. Displaced along the normals, by the weights in mean radii, and let down on the support."""
         return self._displaced(p, weights, self._plain(p, cells), cells)
 
-    def jacobian(self, unknowns: Float64Array, cells: int) -> tuple[Float64Array, Float64Array]:
+    def jacobian(self, unknowns: Float64Array, cells: int, index: IntArray | None = None) -> Float64Array:
         """See Form. What the displacement moves along counts as fixed, and the vertex that rests stays the same one."""
         p, weights = self.split(unknowns)
         plain = self._plain(p, cells)
-        at = self._displaced(p, weights, plain, cells)
-        out = np.zeros((len(unknowns), *at.shape))
-        lowest = int(np.argmin(at[:, 2]))
-        for row, index in enumerate(self.free):
-            if index in (X, Y, SUPPORT):
-                out[row, :, (X, Y, SUPPORT).index(index)] = 1.0
+        lowest = int(np.argmin(self._displaced(p, weights, plain, cells)[:, 2]))
+        places = sphere(cells).places
+        chosen = np.append(np.arange(len(places)) if index is None else index, lowest)
+        directions, turned = places[chosen], plain.turned[chosen]
+        out = np.zeros((len(unknowns), len(chosen), 3))
+        for row, free in enumerate(self.free):
+            if free in (X, Y, SUPPORT):
+                out[row, :, (X, Y, SUPPORT).index(free)] = 1.0
                 continue
             moved = p.copy()
-            moved[index] += STEP[index]
-            own = plain.own if index in (TURN_X, TURN_X + 1, TURN_Z) else self._own(moved, cells)
-            out[row] = (own @ self._turn(moved).T - plain.turned) / STEP[index]
-            out[row, :, 2] -= out[row, lowest, 2]
+            moved[free] += STEP[free]
+            own = plain.own[chosen] if free in (TURN_X, TURN_X + 1, TURN_Z) else self._own(moved, directions)
+            out[row] = (own @ self._turn(moved).T - turned) / STEP[free]
+            out[row, :, 2] -= out[row, -1, 2]
         if len(weights):
-            moves = harmonics(cells).T[:, :, None] * (_mean_radius(p) * plain.normals)[None]
-            moves[:, :, 2] -= moves[:, lowest, 2, None]
+            normals = _mean_radius(p) * self._normals(plain, cells)[chosen]
+            moves = harmonics(cells)[chosen].T[:, :, None] * normals
+            moves[:, :, 2] -= moves[:, -1, 2, None]
             out[len(self.free) :] = moves
-        return at, out
+        return out[:, :-1]
 
     def _displaced(self, p: Float64Array, weights: Float64Array, plain: "_Plain", cells: int) -> Float64Array:
         if not len(weights):
             return plain.at
-        at = plain.at + plain.normals * (_mean_radius(p) * (harmonics(cells) @ weights))[:, None]
+        at = plain.at + self._normals(plain, cells) * (_mean_radius(p) * (harmonics(cells) @ weights))[:, None]
         at[:, 2] += p[SUPPORT] - at[:, 2].min()
         return at
 
     def _plain(self, p: Float64Array, cells: int) -> "_Plain":
-        mesh = sphere(cells)
-        own = self._own(p, cells)
+        own = self._own(p, sphere(cells).places)
         turned = own @ self._turn(p).T
-        at = turned + np.array([p[X], p[Y], p[SUPPORT] - turned[:, 2].min()])
-        normals = unit(vertex_normals(at, mesh))
+        return _Plain(own, turned, turned + np.array([p[X], p[Y], p[SUPPORT] - turned[:, 2].min()]))
+
+    def _normals(self, plain: "_Plain", cells: int) -> Float64Array:
+        """(n, 3) outward directions, along which the form is displaced."""
+        mesh = sphere(cells)
+        normals = unit(vertex_normals(plain.at, mesh))
         if self._is_cut:  # the foot moves on its support, the base within it does not matter
             normals[mesh.places[:, 2] < AT_FOOT] *= np.array([1.0, 1.0, 0.0])
             normals[mesh.places[:, 2] < -AT_FOOT] = 0.0
-        return _Plain(own, turned, at, normals)
+        return normals
 
-    def _own(self, p: Float64Array, cells: int) -> Float64Array:
-        return (_cut if self._is_cut else _whole)(p, sphere(cells).places)
+    def _own(self, p: Float64Array, directions: Float64Array) -> Float64Array:
+        return (_cut if self._is_cut else _whole)(p, directions)
 
     def _turn(self, p: Float64Array) -> Float64Array:
         return np.asarray(cv2.Rodrigues(p[TURN_X : TURN_Z + 1])[0] @ self.axes, np.float64)
@@ -257,12 +263,11 @@ class Superellipsoid(Form):
 
 @dataclass(frozen=True, slots=True)
 class _Plain:
-    """A form without displacement, (n, 3) each: in its own axes, turned, in its place, and its outward directions."""
+    """A form without displacement, (n, 3) each: in its own axes, turned, and in its place."""
 
     own: Float64Array
     turned: Float64Array
     at: Float64Array
-    normals: Float64Array
 
 
 def _mean_radius(p: Float64Array) -> float:
@@ -358,7 +363,7 @@ class Ring(Form):
         at += np.array([p[X], p[Y], p[SUPPORT] - at[:, 2].min()])
         return at
 
-    def jacobian(self, unknowns: Float64Array, cells: int) -> tuple[Float64Array, Float64Array]:
+    def jacobian(self, unknowns: Float64Array, cells: int, index: IntArray | None = None) -> Float64Array:
         """See Form. By differences."""
         at = self.vertices(unknowns, cells)
         steps = np.concatenate([STEP[list(self.free)], np.full(len(unknowns) - len(self.free), WEIGHT_STEP)])
@@ -367,4 +372,4 @@ class Ring(Form):
             moved = unknowns.copy()
             moved[row] += step
             out[row] = (self.vertices(moved, cells) - at) / step
-        return at, out
+        return out if index is None else out[:, index]

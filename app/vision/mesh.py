@@ -116,17 +116,20 @@ def enclosed_gradient_mm2(vertices: Float64Array, mesh: Topology) -> Float64Arra
 
 def faces_towards(vertices: Float64Array, faces: IntArray, camera_mm: Float64Array) -> MaskArray:
     """(m,) whether each triangle turns its outside towards a camera."""
-    away = np.einsum("ij,ij->i", face_normals(vertices, faces), vertices[faces[:, 0]] - camera_mm)
-    return np.asarray(away < 0, np.bool_)
+    return normals_towards(face_normals(vertices, faces), vertices[faces[:, 0]], camera_mm)
 
 
-def outline_vertices(vertices: Float64Array, mesh: Topology, camera_mm: Float64Array) -> tuple[IntArray, Float64Array]:
+def normals_towards(normals: Float64Array, corners: Float64Array, camera_mm: Float64Array) -> MaskArray:
+    """(m,) the same of triangles whose face_normals are known. corners: (m, 3) any corner of each."""
+    return np.asarray(np.einsum("ij,ij->i", normals, corners - camera_mm) < 0, np.bool_)
+
+
+def outline_vertices(vertices: Float64Array, mesh: Topology, is_facing: MaskArray) -> tuple[IntArray, Float64Array]:
     """Vertices on the outline (contour generator) towards a camera, (k,), and each one's share of its length, (k,).
 
-    The outline runs along the edges between a triangle that is seen from outside and one that is not: exact where the
-    form has an edge, and within half a triangle where it is smooth.
+    is_facing: (m,) see faces_towards. The outline runs along the edges between a triangle that is seen from outside
+    and one that is not: exact where the form has an edge, and within half a triangle where it is smooth.
     """
-    is_facing = faces_towards(vertices, mesh.faces, camera_mm)
     crossed = mesh.edges[is_facing[mesh.edge_faces[:, 0]] != is_facing[mesh.edge_faces[:, 1]]]
     length = np.linalg.norm(vertices[crossed[:, 0]] - vertices[crossed[:, 1]], axis=1)
     share = np.bincount(crossed.ravel(), np.repeat(0.5 * length, 2), len(vertices))

@@ -106,7 +106,7 @@ def test_outline_of_a_sphere_lies_on_the_cone_from_the_camera():
     cells, radius = 16, 20.0
     mesh = sphere(cells)
     vertices = radius * mesh.places
-    index, share = outline_vertices(vertices, mesh, CAMERA_MM)
+    index, share = outline_vertices(vertices, mesh, faces_towards(vertices, mesh.faces, CAMERA_MM))
     distance = np.linalg.norm(CAMERA_MM)
     # The line of sight touches the sphere where direction . towards camera = radius / distance.
     off_rad = np.arccos(mesh.places[index] @ CAMERA_MM / distance) - np.arccos(radius / distance)
@@ -120,7 +120,7 @@ def test_outline_of_a_box_is_its_edges():
     mesh = sphere(6)
     half = np.array([30.0, 20.0, 10.0])
     vertices = box(mesh, half)
-    index, share = outline_vertices(vertices, mesh, CAMERA_MM)
+    index, share = outline_vertices(vertices, mesh, faces_towards(vertices, mesh.faces, CAMERA_MM))
     at_limit = np.isclose(np.abs(vertices[index]), half)
     assert (at_limit.sum(axis=1) >= 2).all()
     assert len(index) == 6 * 6  # of the twelve edges six, of six cells each
