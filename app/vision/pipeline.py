@@ -12,18 +12,19 @@ import numpy as np
 from app.errors import Failure
 from app.vision.camera import estimate_views
 from app.vision.disparity import match_dense
-from app.vision.epipolar import compare_fundamentals
-from app.vision.features import is_on_sheet, match_features
+from app.vision.epipolar import Epipolar, compare_fundamentals
+from app.vision.features import Matches, is_on_sheet, match_features
 from app.vision.figures import draw_artefacts
 from app.vision.marker import agree_on_corners, find_marker
 from app.vision.measure import measure_items
-from app.vision.model import EstimateOptions, ItemEstimate, MealEstimate, PhotoPair
+from app.vision.model import EstimateOptions, ItemEstimate, MealEstimate, PhotoPair, View
 from app.vision.outlines import draw_hints, photograph_px, rings_of
 from app.vision.reconstruction import back_project, fit_to_marker, plane_points
 from app.vision.rectification import is_swapped, rectify_by_poses
 from app.vision.relative_pose import refine_views
 from app.vision.segmentation import segment_foods
 from app.vision.shape import measure_shapes
+from app.vision.stillness import judge_matches, judge_table
 from app.vision.trace import Trace
 
 PIPELINE_VERSION = "2"  # changes whenever the same photographs may give another answer
@@ -80,7 +81,7 @@ def _run(
         trace.matches, trace.refined = matches, refine_views(first, second, matches)
         first, second = trace.refined.first, trace.refined.second
         trace.views = (second, first) if trace.is_swapped else (first, second)
-        epipolar = compare_fundamentals(first, second, matches, np.random.default_rng(options.seed))
+        epipolar = _compare(first, second, matches, np.random.default_rng(options.seed))
         if isinstance(epipolar, Failure):
             return epipolar
         trace.epipolar = epipolar
@@ -94,6 +95,9 @@ def _run(
         trace.depth = fit_to_marker(rectified, trace.refined)
         disparity = rectified.disparity_from_parallax(trace.disparity.parallax_px)
         trace.points_table = points = back_project(rectified, trace.depth.depth_mm(disparity))
+        moved = judge_table(options.marker, plane_points(rectified), points)
+        if moved is not None:
+            return moved
     with stage("segment"):
         ignored = is_on_sheet(options.marker, plane_points(rectified)) | ~rectified.is_seen
         places = photograph_px(rectified, points, trace.views[0], is_swapped=trace.is_swapped)
@@ -124,6 +128,14 @@ def _run(
             )
             for item in measured
         )
+
+
+def _compare(first: View, second: View, matches: Matches, rng: np.random.Generator) -> Epipolar | Failure:
+    epipolar = compare_fundamentals(first, second, matches, rng)
+    if isinstance(epipolar, Failure):
+        return epipolar
+    moved = judge_matches(matches, epipolar.is_good)
+    return epipolar if moved is None else moved
 
 
 class _Stages:

@@ -40,3 +40,24 @@ def codes_in_the_source():
 def test_every_code_stands_in_the_documents_and_no_other():
     listed = set(re.findall(r"^\| `([a-z_]+)` \|", (DOCS / "errors.md").read_text(), re.MULTILINE))
     assert codes_in_the_source() == listed
+
+
+def flags_in_the_source():
+    """Every flag that an item can carry: the words in what is assigned to `flags`, or appended to it."""
+    flags = set()
+    for path in (DOCS.parent / "app" / "vision").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Assign) and [ast.unparse(target) for target in node.targets] == ["flags"]:
+                told = node.value
+            elif isinstance(node, ast.Call) and ast.unparse(node.func) == "flags.append":
+                told = node.args[0]
+            else:
+                continue
+            words = [each.value for each in ast.walk(told) if isinstance(each, ast.Constant)]
+            flags |= {word for word in words if isinstance(word, str)}
+    return flags
+
+
+def test_every_flag_stands_in_the_documents_and_no_other():
+    listed = set(re.findall(r"^\| `([a-z_]+)` \|", (DOCS / "flags.md").read_text(), re.MULTILINE))
+    assert flags_in_the_source() == listed

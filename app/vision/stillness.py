@@ -1,0 +1,56 @@
+"""Whether nothing moved between the two photographs: the table must lie at the marker, the matches on their lines.
+
+A marker that was pushed along the line between the cameras leaves every match on its epipolar line, and lifts or sinks
+all that is measured; pushed in any other way, it leaves few matches there. Either way volumes would be nonsense.
+"""
+
+import numpy as np
+
+from app.errors import Failure
+from app.vision.features import SHEET_MARGIN_SQUARES, Matches
+from app.vision.model import Float32Array, MarkerSpec, MaskArray
+
+RING_MM = (0.0, 50.0)  # around the sheet: on the table, and seldom much of a plate
+AT_MARKER_MM = 8.0  # over or under its plane: a bent sheet, or one on a place mat
+MIN_SHARE_AT_MARKER = 0.4  # of what is measured in the ring; a plate's rim beside the sheet takes some of it
+MIN_MEASURED = 500  # pixels of the ring
+MIN_SHARE_ON_LINES = 0.25  # of the matches beside the board; repeated patterns make wrong ones
+MIN_JUDGED_MATCHES = 20
+ADVICE = "Lay the marker flat on the table beside the plate, and move nothing between the two photographs."
+
+
+def judge_matches(matches: Matches, is_good: MaskArray) -> Failure | None:
+    """Failure "scene_moved" if hardly a match beside the board lies on its epipolar line; None if enough do.
+
+    is_good: (n,) whether a match does.
+    """
+    beside = ~matches.is_board
+    judged, good = int(np.count_nonzero(beside)), int(np.count_nonzero(beside & is_good))
+    if judged < MIN_JUDGED_MATCHES or good >= MIN_SHARE_ON_LINES * judged:
+        return None
+    return Failure(
+        "scene_moved",
+        f"The marker and the rest of the meal moved against each other: {judged} points were found again in the other "
+        f"photograph, but only {good} of them where the marker puts them.",
+        ADVICE,
+    )
+
+
+def judge_table(spec: MarkerSpec, plane_mm: Float32Array, points_table: Float32Array) -> Failure | None:
+    """Failure "scene_moved" if what surrounds the sheet does not lie at its height; None if it does or is not seen.
+
+    plane_mm: (H, W, 3) where each line of sight meets the marker's plane. points_table: (H, W, 3) mm, NaN.
+    """
+    half = (np.array([spec.columns, spec.rows]) / 2 + SHEET_MARGIN_SQUARES) * spec.square_mm
+    beyond = np.linalg.norm(np.maximum(np.abs(plane_mm[..., :2]) - half, 0.0), axis=-1)
+    height = points_table[..., 2]
+    around = height[(beyond > RING_MM[0]) & (beyond < RING_MM[1]) & np.isfinite(height)]
+    if len(around) < MIN_MEASURED or np.mean(np.abs(around) < AT_MARKER_MM) >= MIN_SHARE_AT_MARKER:
+        return None
+    middle = float(np.median(around))
+    return Failure(
+        "scene_moved",
+        f"The table around the marker seems to lie {abs(middle):.0f} mm {'over' if middle > 0 else 'under'} it: one of "
+        "them was moved between the two photographs, or the marker does not lie on the table.",
+        ADVICE,
+    )
