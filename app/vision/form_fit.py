@@ -39,6 +39,8 @@ FACING = 0.2  # cosine of the slant up to which parallax is compared
 FACING_SECOND = 0.15
 FOOT_MM = 0.5  # over the support, from which on a point is not the foot's
 HIDDEN_PX = 3.0  # within its own outline, a crossing line is hidden by the form itself
+HULL_PX = 1.0  # within the hull of its outline, up to which a point lies on the outline of the whole
+NEAR_PX = HIDDEN_PX + 2.0  # of a point, beyond which it does not matter what the form covers
 MIN_OUTLINE = 8
 DAMPING = (0.1, 1e-4, 1e4)  # start, least, most
 TRIES = 5
@@ -279,17 +281,40 @@ def _coverage_terms(placed: _Placed, index: IntArray, seen: Seen) -> _Terms | No
 
 
 def _is_hidden(placed: _Placed, seen: Seen, view: int, pixels: Float64Array) -> MaskArray:
-    """(n,) whether points of the contour generator lie well within what the form covers."""
+    """(n,) whether points of the contour generator lie well within what the form covers.
+
+    What lies at its convex hull cannot, and of the others only the triangles near them tell: drawing takes longest.
+    """
+    out = np.zeros(len(pixels), np.bool_)
     corners = placed.pixels[view]
     low = np.floor(corners.min(axis=0)) - 3
     size = np.ceil(np.ptp(corners, axis=0)).astype(np.int64) + 8
-    if (size > max(seen.mask.shape)).any():
-        return np.zeros(len(pixels), np.bool_)
+    inner = np.flatnonzero(_depth_in_hull_px(pixels) > HULL_PX)
+    if len(inner) == 0 or (size > max(seen.mask.shape)).any():
+        return out
     faces = placed.mesh.faces[placed.is_facing[view]]
+    faces = faces[_is_near(corners[faces], pixels[inner])]
     covered = draw_mask(corners - low, faces, (int(size[1]), int(size[0])))
     depth = cv2.distanceTransform(covered.astype(np.uint8), cv2.DIST_L2, 3)
-    column, row = np.rint(pixels - low).astype(np.int64).T
-    return np.asarray(depth[row, column] > HIDDEN_PX, np.bool_)
+    column, row = np.rint(pixels[inner] - low).astype(np.int64).T
+    out[inner] = depth[row, column] > HIDDEN_PX
+    return out
+
+
+def _depth_in_hull_px(pixels: Float64Array) -> Float64Array:
+    """(n,) distance of each point from the convex hull of all."""
+    hull = cv2.convexHull(pixels.astype(np.float32)).reshape(-1, 2).astype(np.float64)
+    along = unit(np.roll(hull, -1, axis=0) - hull)
+    square = np.column_stack([along[:, 1], -along[:, 0]])
+    apart = pixels @ square.T - (hull * square).sum(axis=1)
+    return np.asarray(np.abs(apart).min(axis=1), np.float64)
+
+
+def _is_near(triangles: Float64Array, pixels: Float64Array) -> MaskArray:
+    """(m,) whether the box around each triangle (m, 3, 2) comes within reach of any of the points (n, 2)."""
+    low, high = triangles.min(axis=1) - NEAR_PX, triangles.max(axis=1) + NEAR_PX
+    near = [(low[:, axis, None] < pixels[:, axis]) & (pixels[:, axis] < high[:, axis, None]) for axis in (0, 1)]
+    return np.asarray((near[0] & near[1]).any(axis=1), np.bool_)
 
 
 def _parallax_terms(placed: _Placed, seen: Seen) -> _Terms | None:
