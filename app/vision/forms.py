@@ -202,13 +202,16 @@ class Superellipsoid(Form):
 
     def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
         """See Form. Displaced along the normals, by the weights in mean radii, and let down on the support."""
-        return self._displaced(p, weights, self._plain(p, cells), cells)
+        plain = self._plain(p, cells)
+        return self._displaced(p, weights, plain.at, self._normals(plain, cells), cells) if len(weights) else plain.at
 
     def jacobian(self, unknowns: Float64Array, cells: int, index: IntArray | None = None) -> Float64Array:
         """See Form. What the displacement moves along counts as fixed, and the vertex that rests stays the same one."""
         p, weights = self.split(unknowns)
         plain = self._plain(p, cells)
-        lowest = int(np.argmin(self._displaced(p, weights, plain, cells)[:, 2]))
+        normals = self._normals(plain, cells) if len(weights) else np.empty_like(plain.at)
+        at = self._displaced(p, weights, plain.at, normals, cells) if len(weights) else plain.at
+        lowest = int(np.argmin(at[:, 2]))
         places = sphere(cells).places
         chosen = np.append(np.arange(len(places)) if index is None else index, lowest)
         directions, turned = places[chosen], plain.turned[chosen]
@@ -223,16 +226,15 @@ class Superellipsoid(Form):
             out[row] = (own @ self._turn(moved).T - turned) / STEP[free]
             out[row, :, 2] -= out[row, -1, 2]
         if len(weights):
-            normals = _mean_radius(p) * self._normals(plain, cells)[chosen]
-            moves = harmonics(cells)[chosen].T[:, :, None] * normals
+            moves = harmonics(cells)[chosen].T[:, :, None] * (_mean_radius(p) * normals[chosen])
             moves[:, :, 2] -= moves[:, -1, 2, None]
             out[len(self.free) :] = moves
         return out[:, :-1]
 
-    def _displaced(self, p: Float64Array, weights: Float64Array, plain: "_Plain", cells: int) -> Float64Array:
-        if not len(weights):
-            return plain.at
-        at = plain.at + self._normals(plain, cells) * (_mean_radius(p) * (harmonics(cells) @ weights))[:, None]
+    def _displaced(
+        self, p: Float64Array, weights: Float64Array, plain_at: Float64Array, normals: Float64Array, cells: int
+    ) -> Float64Array:
+        at = plain_at + normals * (_mean_radius(p) * (harmonics(cells) @ weights))[:, None]
         at[:, 2] += p[SUPPORT] - at[:, 2].min()
         return at
 

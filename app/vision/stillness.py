@@ -42,7 +42,8 @@ def judge_table(spec: MarkerSpec, plane_mm: Float32Array, points_table: Float32A
     plane_mm: (H, W, 3) where each line of sight meets the marker's plane. points_table: (H, W, 3) mm, NaN.
     """
     half = (np.array([spec.columns, spec.rows]) / 2 + SHEET_MARGIN_SQUARES) * spec.square_mm
-    beyond = np.linalg.norm(np.maximum(np.abs(plane_mm[..., :2]) - half, 0.0), axis=-1)
+    x, y = (np.maximum(np.abs(plane_mm[..., axis]) - np.float32(half[axis]), 0) for axis in (0, 1))
+    beyond = np.sqrt(x * x + y * y)
     height = points_table[..., 2]
     around = height[(beyond > RING_MM[0]) & (beyond < RING_MM[1]) & np.isfinite(height)]
     if len(around) < MIN_MEASURED or np.mean(np.abs(around) < AT_MARKER_MM) >= MIN_SHARE_AT_MARKER:

@@ -62,8 +62,8 @@ def measure_along(
     surface, (left, top) = drawn
     height, width = surface.shape
     window = (slice(top, top + height), slice(left, left + width))
-    clear = _eroded(masks[0], CLEAR_PX), _eroded(masks[1], CLEAR_PX + REACH_PX)
-    offset, sd = _correlate(grey[0][window], grey[1], surface, (clear[0][window], clear[1]), (left, top))
+    clear = _eroded(masks[0][window], CLEAR_PX), _eroded(masks[1], CLEAR_PX + REACH_PX)
+    offset, sd = _correlate(grey[0][window], grey[1], surface, clear, (left, top))
     return SurfaceParallax(surface + offset, sd, (left, top))
 
 

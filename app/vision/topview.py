@@ -74,11 +74,12 @@ def view_from_above(points_table: Float32Array, heights_mm: Float32Array, cell_m
     """The top view of (n, 3) points with (n,) heights (over the table or the marker); None without points."""
     if len(points_table) == 0:
         return None
-    xy = points_table[:, :2].astype(np.float64)
-    origin = xy.min(axis=0) - MARGIN_MM
-    columns, rows = (np.ceil((xy.max(axis=0) + MARGIN_MM - origin) / cell_mm)).astype(np.int64)
-    cells = np.floor((xy - origin) / cell_mm).astype(np.int64)
-    index = cells[:, 1] * columns + cells[:, 0]
+    x, y = (np.ascontiguousarray(points_table[:, axis], np.float64) for axis in (0, 1))
+    origin = np.array([x.min(), y.min()]) - MARGIN_MM
+    columns, rows = (np.ceil((np.array([x.max(), y.max()]) + MARGIN_MM - origin) / cell_mm)).astype(np.int64)
+    # Both are positive, so that cutting off the fraction is rounding down.
+    column, row = ((each - least) / cell_mm for each, least in ((x, origin[0]), (y, origin[1])))
+    index = row.astype(np.int64) * columns + column.astype(np.int64)
     count = np.bincount(index, minlength=int(rows * columns))
     # One sort of whole numbers, the cell before the height, is several times as fast as sorting by two keys.
     steps = np.rint(np.clip(heights_mm, -HEIGHT_LIMIT_MM, HEIGHT_LIMIT_MM) / HEIGHT_STEP_MM).astype(np.int64)
@@ -95,7 +96,7 @@ def view_from_above(points_table: Float32Array, heights_mm: Float32Array, cell_m
 def usable_points(points_table: Float32Array, ignored: MaskArray) -> MaskArray:
     """(H, W) where a point is measured, not ignored and within reach."""
     with np.errstate(invalid="ignore"):
-        near = (np.abs(points_table[..., :2]) < REACH_MM).all(axis=-1)
+        near = (np.abs(points_table[..., 0]) < REACH_MM) & (np.abs(points_table[..., 1]) < REACH_MM)
     return np.asarray(np.isfinite(points_table[..., 2]) & near & ~ignored, np.bool_)
 
 
