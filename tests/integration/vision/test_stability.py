@@ -69,7 +69,7 @@ def test_left_and_right_swapped(scene, as_it_is, name):
             "meal-01",
             marks=pytest.mark.xfail(
                 strict=False,
-                reason="twice as large, its plate is wider than any dish that is looked for, and is taken for the table",
+                reason="twice as large, its plate is wider than any dish looked for, and taken for the table",
             ),
         ),
     ],
