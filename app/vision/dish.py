@@ -32,9 +32,12 @@ MIN_EDGE_COVER = 0.4  # of the sectors in which it is seen and nothing as high l
 MIN_HOLLOW = 0.6  # of the sectors in which the inside does not rise
 HOLLOW_WEIGHT = 2.0
 SLOPE_WEIGHT = 5.0
+REFINEMENTS = 6
 TRIALS = 4000
+LEVELS = 8  # parts of the cells by their height: three of one rim come from two neighbouring ones at most
 MAX_CELLS = 700
-MAX_CANDIDATES = 12
+MAX_CANDIDATES, MAX_TRIED = 12, 40
+SAME_RADIUS_MM, SAME_PLACE_MM = 6.0, 8.0  # within which two circles are one
 MIN_DETERMINANT_MM2 = 800.0
 MIN_DENSITY = 0.15  # of the points that a cell facing the camera would show
 MIN_SLAB_MM2 = 15000.0  # larger than a slice of bread or a steak
@@ -91,6 +94,16 @@ class _Ring:
     cover: float
     edge_cover: float
 
+    @property
+    def circle(self) -> tuple[float, float, float]:
+        return self.x_mm, self.y_mm, self.radius_mm
+
+    def holds(self, other: "_Ring") -> bool:
+        """Whether the other lies within this one, and lower: as what fills a bowl lies within its rim."""
+        apart = float(np.hypot(self.x_mm - other.x_mm, self.y_mm - other.y_mm))
+        is_within = apart + other.radius_mm < self.radius_mm + SAME_RADIUS_MM
+        return is_within and self.radius_mm > other.radius_mm and self.height_mm > other.height_mm + RISE_MM
+
 
 def solid_cells(view: TopView, points_per_mm2: float) -> MaskArray:
     """(rows, columns) cells with enough points to be a surface. points_per_mm2: of one that faces the camera."""
@@ -116,18 +129,19 @@ def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.ran
     cells = np.column_stack([view.centres_mm()[raised], view.height_mm[raised]])
     if len(cells) < SECTORS // 2:
         return None
-    best: tuple[float, _Ring] | None = None
+    rims: list[tuple[float, _Ring]] = []
     for ring in _candidates(cells, rng):
         is_rim = ring.cover >= MIN_COVER and ring.edge_cover >= MIN_EDGE_COVER
         hollow = _hollow_share(view, is_solid, ring) if is_rim else 0.0
-        # Of nested circles, a bowl's rim and the edge of what fills it, the outer is the dish.
         merit = ring.cover + ring.edge_cover + HOLLOW_WEIGHT * hollow + ring.radius_mm / (2 * RADII_MM[1])
         merit -= SLOPE_WEIGHT * float(np.hypot(*ring.slope))
-        if hollow >= MIN_HOLLOW and (best is None or merit > best[0]):
-            best = merit, ring
-    if best is None:
+        if hollow >= MIN_HOLLOW:
+            rims.append((merit, ring))
+    if not rims:
         return None
-    ring = best[1]
+    ring = max(rims, key=lambda rim: rim[0])[1]
+    # What fills a bowl may show a whole edge, where the rim around it shows only parts.
+    ring = max((rim for rim in rims if rim[1].holds(ring)), default=(0.0, ring), key=lambda rim: rim[0])[1]
     centre = np.array([ring.x_mm, ring.y_mm])
     inward = ring.radius_mm - np.linalg.norm(view.centres_mm() - centre, axis=-1)
     dish = _with_floor(inward.astype(np.float32), ring.height_mm, view, is_solid, centre, ring.radius_mm)
@@ -160,7 +174,10 @@ def _with_floor(
 def _candidates(cells: Float64Array, rng: np.random.Generator) -> list[_Ring]:
     """Circles through three cells of one height, those that most sectors support, each fitted to its cells."""
     few = cells if len(cells) <= MAX_CELLS else cells[rng.choice(len(cells), MAX_CELLS, replace=False)]
-    picks = cells[rng.integers(len(cells), size=(TRIALS, 3))]
+    by_height = cells[np.argsort(cells[:, 2])]
+    first = rng.integers(len(cells), size=(TRIALS, 1))
+    others = first + rng.integers(-len(cells) // LEVELS, len(cells) // LEVELS + 1, size=(TRIALS, 2))
+    picks = by_height[np.clip(np.hstack([first, others]), 0, len(cells) - 1)]
     picks = picks[np.ptp(picks[..., 2], axis=1) < MAX_STEP_MM]
     one, two = picks[:, 1, :2] - picks[:, 0, :2], picks[:, 2, :2] - picks[:, 0, :2]
     determinant = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
@@ -196,16 +213,27 @@ def _candidates(cells: Float64Array, rng: np.random.Generator) -> list[_Ring]:
     walled[which, sector[which, where]] = True
     score = hits.sum(axis=1) + (hits & ~walled).sum(axis=1)
     found: list[_Ring] = []
-    for place in np.argsort(-score)[: 8 * MAX_CANDIDATES]:
-        x, y, r = rings[place]
-        if any(abs(r - o.radius_mm) < 6 and np.hypot(x - o.x_mm, y - o.y_mm) < 8 for o in found):
+    tried: list[tuple[float, float, float]] = []
+    for place in np.argsort(-score):
+        x, y, r = (float(value) for value in rings[place])
+        if _is_among((x, y, r), tried):
             continue
-        ring = _refined(cells, (float(x), float(y), float(r)), np.array([heights[place], *slopes[place]]))
-        if ring is not None:
+        tried.append((x, y, r))
+        ring = _refined(cells, (x, y, r), np.array([heights[place], *slopes[place]]))
+        if ring is not None and not _is_among(ring.circle, [other.circle for other in found]):
             found.append(ring)
-        if len(found) >= MAX_CANDIDATES:
+        if len(found) >= MAX_CANDIDATES or len(tried) >= MAX_TRIED:
             break
     return found
+
+
+def _is_among(circle: tuple[float, float, float], others: list[tuple[float, float, float]]) -> bool:
+    """Whether a circle (x, y, radius, mm) is nearly one of the others."""
+    return any(
+        abs(circle[2] - other[2]) < SAME_RADIUS_MM
+        and np.hypot(circle[0] - other[0], circle[1] - other[1]) < SAME_PLACE_MM
+        for other in others
+    )
 
 
 def _refined(cells: Float64Array, circle: tuple[float, float, float], plane: Float64Array) -> _Ring | None:
@@ -214,7 +242,7 @@ def _refined(cells: Float64Array, circle: tuple[float, float, float], plane: Flo
     circle: x, y, radius, mm. plane: (3,) height at its centre, mm, and slopes.
     """
     x, y, radius = circle
-    for _ in range(3):
+    for _ in range(REFINEMENTS):
         delta = cells[:, :2] - [x, y]
         distance = np.hypot(delta[:, 0], delta[:, 1])
         over = cells[:, 2] - plane[0] - delta @ plane[1:]

@@ -45,6 +45,7 @@ KEPT_RATIO = 2.0  # of the best one's cost: a family that fits so much worse coa
 KEPT_LAST = 2  # of these, those that are measured along once more
 SNAP_PX, SNAP_SECOND_PX = 4.0, 5.0
 SECOND_WEIGHT = 0.5  # of the second view's outline, which was sought where the form was
+TEMPER = 4.0  # by which differences of evidence count less: what no family can be errs alike all over a food
 OCCAM_WEIGHT = 0.25  # in the evidence: of the price of what had to be fitted, since priors of weights are wide
 TOUCHING_PX = 7  # within which two foods' outlines are one
 IN_FRONT_MM = 2.0  # by which the farther of two touching foods may still seem nearer
@@ -52,9 +53,8 @@ BEYOND_PX = 3.0  # across an outline, where the other food is looked for
 SUPPORT_UNKNOWN_MM, SUPPORT_UNKNOWN_SD_MM = 1.5, 2.0  # over the table: a plate or none
 LEAST_SUPPORT_SD_MM = 0.3  # crumbs, cloth
 LOW_COVER = 0.5
-DOUBT_SCALE = 1.35  # split-conformal, on 98 foods in 64 scenes of other seeds than those it is scored on
 UNKNOWN_INSIDE_SD = 0.25  # of a volume, relative: more, and a bowl's inside is not measured but imagined
-LEAST_SD = 0.02  # of a volume, relative: outlines and forms never agree better
+REST_SD = 0.02  # of a volume, relative: what families and their spreads leave out, by 96 foods of other scenes
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,13 +278,13 @@ def _of_forms(fits: Sequence[tuple[FormFit, float]], pair_sd: float) -> tuple[Vo
     """The families' volumes averaged by their evidence; slices and hidden side are the best one's."""
     best = fits[0][0]
     costs = np.array([cost for _, cost in fits])
-    temper = max(1.0, costs[0] / max(best.observations, 1.0))  # the misfit's own size tells what a difference is worth
-    weights = np.exp(-0.5 * (costs - costs[0]) / temper)
+    misfit = max(1.0, costs[0] / max(best.observations, 1.0))  # its own size tells what a difference is worth
+    weights = np.exp(-0.5 * (costs - costs[0]) / (TEMPER * misfit))
     weights /= weights.sum()
     logs = np.log([fit.volume_ml for fit, _ in fits])
-    spreads = np.array([fit.volume_sd_ml / fit.volume_ml for fit, _ in fits]) * np.sqrt(temper)
+    spreads = np.array([fit.volume_sd_ml / fit.volume_ml for fit, _ in fits]) * np.sqrt(misfit)
     mean = float(weights @ logs)
-    item_sd = max(DOUBT_SCALE * float(np.sqrt(weights @ (spreads**2 + (logs - mean) ** 2))), LEAST_SD)
+    item_sd = float(np.hypot(np.sqrt(weights @ (spreads**2 + (logs - mean) ** 2)), REST_SD))
     vertices, mesh = best.form.vertices(best.unknowns, EXACT), best.form.topology(EXACT)
     support_mm = float(vertices[:, 2].min())
     slices = cut_sections(vertices, mesh.faces, support_mm)

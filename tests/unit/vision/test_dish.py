@@ -54,6 +54,17 @@ def test_filled_bowl_is_deep_and_its_rim_not_its_content_is_found():
     assert dish.rim_mm == pytest.approx(48, abs=1)
 
 
+def test_rim_that_is_seen_in_part_holds_a_content_that_is_seen_whole():
+    def heights(x, y):
+        r = np.hypot(x, y)
+        rim = np.where(np.abs(np.arctan2(y, x)) < 0.65 * np.pi, 48.0, np.nan)
+        return np.where(r < 55, 27.0, np.where(r < 68, np.nan, np.where(r < 73, rim, np.where(r < 80, np.nan, 0.0))))
+
+    dish = found_in(view_of(heights))
+    assert dish.radius_mm == pytest.approx(70, abs=4)
+    assert dish.rim_mm == pytest.approx(48, abs=1)
+
+
 def test_board_with_something_on_it_is_a_slab_with_its_floor():
     def heights(x, y):
         board = np.where((np.abs(x) < 90) & (np.abs(y) < 120), 15.0, 0.0)
