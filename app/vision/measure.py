@@ -44,18 +44,18 @@ def measure_items(
     ignored: MaskArray,
     hints: Sequence[Hint],
     *,
-    is_refined: bool,
+    pose_sd: float,
 ) -> list[MeasuredItem] | Failure:
     """Volumes of the foods that can be measured, in the regions' order. Failure "food_not_measured" if there is none.
 
-    ignored: (H, W) the sheet and what is not seen. is_refined: see volume.estimate_volume.
+    ignored: (H, W) the sheet and what is not seen. pose_sd: see volume.estimate_volume.
     """
     foods = np.zeros(ignored.shape, np.bool_)
     for region in regions:
         foods |= region.mask
     items = []
     for region in regions:
-        item = _measure(region, pair, disparity, points_table, ignored | (foods & ~region.mask), hints, is_refined)
+        item = _measure(region, pair, disparity, points_table, ignored | (foods & ~region.mask), hints, pose_sd)
         if item is not None and (region.hint is not None or item.volume.volume_ml >= MIN_VOLUME_ML):
             items.append(item)
     return items or Failure(
@@ -72,7 +72,7 @@ def _measure(
     points_table: Float32Array,
     others: MaskArray,
     hints: Sequence[Hint],
-    is_refined: bool,
+    pose_sd: float,
 ) -> MeasuredItem | None:
     is_measured = np.isfinite(points_table[..., 2])
     # Near the outline a window may have matched what lies behind; the larger the window, the further in.
@@ -87,7 +87,7 @@ def _measure(
         form,
         pair.first_centre_mm,
         outline_test(pair, region.mask),
-        is_refined=is_refined,
+        pose_sd=pose_sd,
     )
     if volume is None:
         return None

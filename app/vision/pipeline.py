@@ -19,6 +19,7 @@ from app.vision.marker import agree_on_corners, find_marker
 from app.vision.measure import measure_items
 from app.vision.model import EstimateOptions, ItemEstimate, MealEstimate, PhotoPair, View
 from app.vision.outlines import draw_hints, photograph_px, rings_of
+from app.vision.pose_doubt import volume_sd
 from app.vision.reconstruction import back_project, fit_to_marker, plane_points
 from app.vision.rectification import is_swapped, rectify_by_poses
 from app.vision.relative_pose import refine_views
@@ -27,7 +28,7 @@ from app.vision.shape import measure_shapes
 from app.vision.stillness import judge_matches, judge_table
 from app.vision.trace import Trace
 
-PIPELINE_VERSION = "2"  # changes whenever the same photographs may give another answer
+PIPELINE_VERSION = "3"  # changes whenever the same photographs may give another answer
 
 
 def estimate_meal(
@@ -107,13 +108,13 @@ def _run(
         if isinstance(foods, Failure):
             return foods
     with stage("volume"):
-        is_refined = trace.refined.matches > 0
+        pose_sd = volume_sd(trace.refined, points[foods.mask])
         if options.method == "paper":
             measured = measure_items(
-                foods.regions, rectified, trace.disparity, points, ignored, options.hints, is_refined=is_refined
+                foods.regions, rectified, trace.disparity, points, ignored, options.hints, pose_sd=pose_sd
             )
         else:
-            measured = measure_shapes(foods, rectified, trace.disparity, points, is_refined=is_refined)
+            measured = measure_shapes(foods, rectified, trace.disparity, points, pose_sd=pose_sd)
         if isinstance(measured, Failure):
             return measured
         trace.items = measured

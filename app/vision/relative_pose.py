@@ -42,13 +42,15 @@ LENS_UNKNOWNS = 5  # a view: log of f over its guess, the principal point's shif
 class RefinedViews:
     """first, second: with pose, focal length and principal point refined.
 
-    bend_mm: (3,), see pose.bent_points. matches: how many took part beside the marker; 0: the marker alone.
+    bend_mm: (3,), see pose.bent_points. matches: how many took part beside the marker; 0: the marker alone. doubts:
+    the views one standard deviation along each axis of their covariance; none before a fit.
     """
 
     first: View
     second: View
     bend_mm: Float64Array
     matches: int
+    doubts: tuple[tuple[View, View], ...] = ()
 
 
 def refine_views(first: View, second: View, matches: Matches) -> RefinedViews:
@@ -111,15 +113,20 @@ def fit_views(
         parts.append(sampson * ((bases[0].fx + bases[1].fx) / 2 / (MATCH_SD_PX_AT_12MP * unit)))
         return np.concatenate(parts)
 
-    solved = _minimise(residual, start)
-    refined = []
-    for index, (view, base) in enumerate(zip(views, bases, strict=True)):
-        pose = solved[6 * index : 6 * index + 6]
-        lens = solved[15 + LENS_UNKNOWNS * index : 15 + LENS_UNKNOWNS * (index + 1)]
-        rotation = np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64)
-        camera = _camera_with(base, lens)
-        refined.append(replace(view, camera=camera, rotation=rotation, translation_mm=pose[3:]))
-    return RefinedViews(refined[0], refined[1], solved[12:15], len(first_px))
+    def views_at(unknowns: Float64Array) -> tuple[View, View]:
+        moved = []
+        for index, (view, base) in enumerate(zip(views, bases, strict=True)):
+            pose = unknowns[6 * index : 6 * index + 6]
+            lens = unknowns[15 + LENS_UNKNOWNS * index : 15 + LENS_UNKNOWNS * (index + 1)]
+            rotation = np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64)
+            camera = _camera_with(base, lens)
+            moved.append(replace(view, camera=camera, rotation=rotation, translation_mm=pose[3:]))
+        return moved[0], moved[1]
+
+    solved, normal = _minimise(residual, start)
+    spread = np.linalg.cholesky(np.linalg.inv(normal)).T
+    doubts = tuple(views_at(solved + axis) for axis in spread)
+    return RefinedViews(*views_at(solved), solved[12:15], len(first_px), doubts)
 
 
 def _prior_camera(view: View) -> Camera:
@@ -199,12 +206,16 @@ def _lens_prior(first: Camera, second: Camera) -> Float64Array:
     return np.array(rows)
 
 
-def _minimise(residual: Callable[[Float64Array], Float64Array], start: Float64Array) -> Float64Array:
-    """Levenberg and Marquardt on sum of rho(r^2), rho(s) = 2 (sqrt(1 + s) - 1) in units of OUTLIER_SD (soft l1).
+def _minimise(
+    residual: Callable[[Float64Array], Float64Array], start: Float64Array
+) -> tuple[Float64Array, Float64Array]:
+    """The least of a sum and its Gauss-Newton matrix before the last step, which is the covariance's inverse.
+
+    Levenberg and Marquardt on sum of rho(r^2), rho(s) = 2 (sqrt(1 + s) - 1) in units of OUTLIER_SD (soft l1).
 
     Differences stand for derivatives. Few unknowns, near the optimum: a general solver takes three times as long.
     """
-    unknowns, damping = start, 1e-4
+    unknowns, damping, normal = start, 1e-4, np.eye(len(start))
     now = residual(unknowns)
     cost = _soft_cost(now)
     steps = 1e-6 * np.maximum(1.0, np.abs(start))
@@ -224,7 +235,7 @@ def _minimise(residual: Callable[[Float64Array], Float64Array], start: Float64Ar
             damping *= 10
         if progress < LEAST_PROGRESS:
             break
-    return unknowns
+    return unknowns, normal
 
 
 def _soft_cost(residuals: Float64Array) -> float:

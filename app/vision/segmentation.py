@@ -53,6 +53,11 @@ class Foods:
     regions: list[Region]
     table: TableTrend
 
+    @property
+    def mask(self) -> MaskArray:
+        """(H, W) all of them."""
+        return np.asarray(np.any([region.mask for region in self.regions], axis=0), np.bool_)
+
 
 @dataclass(frozen=True, slots=True)
 class HintMask:

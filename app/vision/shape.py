@@ -36,7 +36,7 @@ from app.vision.slices import Slice
 from app.vision.surface_match import draw_mask, measure_along
 from app.vision.symmetry import SymmetryAxis
 from app.vision.topview import TableTrend
-from app.vision.volume import NORMAL_90, POSE_SD, POSE_SD_MARKER_ALONE, SCALE_SD, Volume
+from app.vision.volume import NORMAL_90, SCALE_SD, Volume
 
 MARGIN_PX = 25  # around a food's mask
 FIRST_ROUNDS, ROUNDS = 12, 10
@@ -77,17 +77,17 @@ def measure_shapes(
     disparity: DisparityMap,
     points_table: Float32Array,
     *,
-    is_refined: bool,
+    pose_sd: float,
 ) -> list[MeasuredItem] | Failure:
     """Volumes of the foods that can be measured, in the regions' order. Failure "food_not_measured" if there is none.
 
-    points_table: (H, W, 3) mm, NaN. is_refined: whether the poses rest on more than the marker.
+    points_table: (H, W, 3) mm, NaN. pose_sd: relative, of a volume, see pose_doubt.py.
     """
     scene = _scene_of(foods, pair, disparity, points_table)
     items = []
     for number, region in enumerate(foods.regions):
         food = scene.food(number)
-        item = None if food is None else _measured(region, food, scene, is_refined=is_refined)
+        item = None if food is None else _measured(region, food, scene, pose_sd)
         if item is None:
             continue
         if region.hint is not None or item.volume.volume_ml >= MIN_VOLUME_ML:
@@ -258,9 +258,9 @@ def _by_evidence(fits: Sequence[tuple[FormFit, Seen]]) -> list[tuple[FormFit, Se
     return [(fits[index][0], fits[index][1], costs[index]) for index in order]
 
 
-def _measured(region: Region, food: _Food, scene: _Scene, *, is_refined: bool) -> MeasuredItem | None:
+def _measured(region: Region, food: _Food, scene: _Scene, pose_sd: float) -> MeasuredItem | None:
     """One food: what fills a bowl by the bowl, everything else by its form."""
-    pair_sd = float(np.hypot(3 * SCALE_SD, POSE_SD if is_refined else POSE_SD_MARKER_ALONE))
+    pair_sd = float(np.hypot(3 * SCALE_SD, pose_sd))
     found = _of_bowl(region, food, scene, pair_sd) if region.vessel is not None else None
     if found is None:
         fits = _fit_families(food)

@@ -15,10 +15,6 @@ from app.vision.symmetry import SymmetryAxis, complete, fit_axis, main_body
 
 METHOD_SD = 0.077 * 1.2533  # the paper's mean error over six fruit (Table I); times sqrt(pi / 2) a mean error is an sd
 SCALE_SD = 0.005  # of the print's side, relative; cubed in a volume
-POSE_SD = 0.01  # of a volume: what refined poses leave
-POSE_SD_MARKER_ALONE = (
-    0.04  # the same where no match beside the marker could help: its corners span a tenth of the view
-)
 HIDDEN_SD = 0.15  # of the volume that no view shows, relative
 SUPPORT_SD_MM = 1.5  # height of the support under a food
 NORMAL_90 = 1.645
@@ -47,12 +43,12 @@ def estimate_volume(
     camera_mm: Float64Array,
     is_in_outline: Callable[[Float64Array], MaskArray] | None = None,
     *,
-    is_refined: bool = True,
+    pose_sd: float = 0.0,
 ) -> Volume | None:
     """Volume over the support by symmetric completion and slices. points_table: (n, 3) mm, z up; None if too few.
 
     camera_mm: (3,) first camera's centre. is_in_outline: (n, 3) mm, table frame -> (n,) whether the points project into
-    the food's mask; None: not known. is_refined: whether the poses rest on more than the marker. The interval is 90 %,
+    the food's mask; None: not known. pose_sd: relative, see pose_doubt.py. The interval is 90 %,
     log-normal: sd by part, "pair" (the print's scale, cubed; the poses) and "item": the slices' residuals, the hidden
     share, the support's height over the food's, and the method's own error, which is taken from the paper's Table I.
     """
@@ -75,7 +71,6 @@ def estimate_volume(
     if len(slices) < MIN_SLICES:
         return None
     volume_ml = sum(each.volume_ml for each in slices)
-    pose_sd = POSE_SD if is_refined else POSE_SD_MARKER_ALONE
     relative_sd = {"pair": float(np.hypot(3 * SCALE_SD, pose_sd)), "item": _item_sd(slices, volume_ml)}
     spread = float(np.exp(NORMAL_90 * np.hypot(relative_sd["pair"], relative_sd["item"])))
     return Volume(

@@ -37,13 +37,13 @@ def scene():
     return pair, with_ball < without - 1e-6, dense
 
 
-def measure(region, scale=1.0, dense=None, *, is_refined=True):
+def measure(region, scale=1.0, dense=None, pose_sd=0.01):
     pair, _, known = scene()
     dense = dense or known
     pair = replace(pair, first_centre_mm=scale * pair.first_centre_mm, baseline_mm=scale * pair.baseline_mm)
     ideal = DepthModel(0.0, pair.focal_px * pair.baseline_mm)
     points = back_project(pair, ideal.depth_mm(pair.disparity_from_parallax(dense.parallax_px)))
-    return measure_shapes(Foods([region], TABLE), pair, dense, points, is_refined=is_refined)
+    return measure_shapes(Foods([region], TABLE), pair, dense, points, pose_sd=pose_sd)
 
 
 @lru_cache
@@ -54,8 +54,8 @@ def ball_item():
 
 @lru_cache
 def twice_as_large_item():
-    """By poses that rest on the marker alone, which no length depends on."""
-    (item,) = measure(Region(scene()[1], support=Support(0.0, 0.8, "table")), 2.0, is_refined=False)
+    """By poses that are less sure, which no length depends on."""
+    (item,) = measure(Region(scene()[1], support=Support(0.0, 0.8, "table")), 2.0, pose_sd=0.04)
     return item
 
 

@@ -54,9 +54,9 @@ def test_known_form_is_fitted():
     assert estimate_volume(cloud.points_mm, 0.0, None, CAMERA_MM).form == "ellipse"
 
 
-def test_poses_by_the_marker_alone_widen_the_interval():
+def test_unsure_poses_widen_the_interval():
     points = ellipsoid(35.0, 35.0, 35.0).points_mm
-    sure, unsure = (estimate_volume(points, 0.0, None, CAMERA_MM, is_refined=known) for known in (True, False))
+    sure, unsure = (estimate_volume(points, 0.0, None, CAMERA_MM, pose_sd=sd) for sd in (0.01, 0.04))
     assert unsure.relative_sd["pair"] > sure.relative_sd["pair"]
     assert np.ptp(unsure.interval_ml) > np.ptp(sure.interval_ml)
 
