@@ -12,7 +12,7 @@ from scipy.spatial.distance import cdist
 
 from app.units import ml_from_mm3
 from app.vision.disparity import DisparityMap
-from app.vision.forms import EXACT, Form
+from app.vision.forms import COARSE, EXACT, FINE, Form
 from app.vision.mesh import (
     IntArray,
     Topology,
@@ -44,7 +44,7 @@ NEAR_PX = HIDDEN_PX + 2.0  # of a point, beyond which it does not matter what th
 MIN_OUTLINE = 8
 DAMPING = (0.1, 1e-4, 1e4)  # start, least, most
 TRIES = 5
-CONVERGED = 2e-3  # relative fall of the cost
+CONVERGED = {COARSE: 1e-2, FINE: 2e-3}  # relative fall of the cost in a round; a coarse fit only ranks families
 COVERAGE_WEIGHT = 0.5  # of a point of the food's outline against one of the form's
 UNEXPLAINED_PX = 4.0  # from the form's outline, beyond which a point of the food's is not explained
 
@@ -110,7 +110,7 @@ class _Terms:
 
 
 def fit_form(form: Form, seen: Seen, cells: int, rounds: int, start: Float64Array | None = None) -> FormFit | None:
-    """Fit from `start` (or the form's own); None where nothing of the food meets the form."""
+    """Fit from `start` (or the form's own); None where nothing of the food meets the form. cells: COARSE or FINE."""
     first = _misfit(form, form.start if start is None else start, cells, seen)
     if first is None:
         return None
@@ -127,7 +127,7 @@ def fit_form(form: Form, seen: Seen, cells: int, rounds: int, start: Float64Arra
                 break
             damping = min(damping * 5, most)
         damping = max(damping / 4, least)
-        if before.cost - found.cost < CONVERGED * before.cost:
+        if before.cost - found.cost < CONVERGED[cells] * before.cost:
             break
     by_vertex = enclosed_gradient_mm2(form.vertices(found.unknowns, cells), form.topology(cells))
     gradient = np.tensordot(form.jacobian(found.unknowns, cells), by_vertex, 2)
