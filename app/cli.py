@@ -282,10 +282,14 @@ def print_estimate(answer: dict[str, Any], debug: Path | None) -> None:
     if failure:
         print(f"Not measured ({failure['code']}): {failure['message']} {failure['advice']}".strip())
     for number, item in enumerate(answer["items"], 1):
-        low, high = item["volume_interval_ml"]
-        line = f"item {number}: {item['volume_ml']:.1f} ml (90 %: {low:.1f} to {high:.1f})"
+        line = f"item {number}: not measured"
+        if item["volume_ml"] is not None:
+            low, high = item["volume_interval_ml"]
+            line = f"item {number}: {item['volume_ml']:.1f} ml (90 %: {low:.1f} to {high:.1f})"
         if item["food"]:
-            line += f", {item['food']['name']}: {item['mass_g']:.0f} g, {item['energy_kcal']:.0f} kcal"
+            line += f", {item['food']['name']}"
+        if item["mass_g"] is not None:
+            line += f": {item['mass_g']:.0f} g, {item['energy_kcal']:.0f} kcal"
         print(line + (f"  [{', '.join(item['flags'])}]" if item["flags"] else ""))
     print(f"{answer['seconds']:.2f} s, method {answer['method']} {answer['pipeline_version']}")
     if debug is not None:

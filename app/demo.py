@@ -144,9 +144,12 @@ def send_meal(client: httpx2.Client, token: str) -> dict[str, Any]:
 def show_meal(meal: dict[str, Any]) -> None:
     """Print what was found."""
     for item in meal["items"]:
-        low, high = item["volume_interval_ml"]
         food = item["food"]["name"] if item["food"] else "unknown food"
         print(f"\n   {food}")
+        if item["volume_ml"] is None:
+            print(f"     not measured: {', '.join(item['flags'])}")
+            continue
+        low, high = item["volume_interval_ml"]
         print(f"     volume      {item['volume_ml']:8.1f} ml   (90 % interval {low:.1f} to {high:.1f})")
         if item["mass_g"] is None:
             continue

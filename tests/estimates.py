@@ -21,6 +21,12 @@ def found_item(volume_ml=185.0, hint=0, **changes):
     return item | changes
 
 
+def unmeasured_item(hint=0):
+    """An item that is there, and how much of it cannot be told."""
+    unknown = {"volume_ml": None, "volume_interval_ml": None, "relative_sd": {}, "flags": ["not_measurable"]}
+    return found_item(hint=hint) | unknown
+
+
 def answer(*items, **changes):
     body = {
         "items": list(items),

@@ -102,13 +102,11 @@ def _item(view: ItemView) -> ItemOut:
             for food, probability, source in view.candidates
         ],
         volume_ml=record.volume_ml,
-        volume_interval_ml=(record.volume_low_ml, record.volume_high_ml),
+        volume_interval_ml=_interval(record.volume_low_ml, record.volume_high_ml),
         density_g_per_ml=record.density_g_per_ml,
         density_source=record.density_source,
         mass_g=record.mass_g,
-        mass_interval_g=(record.mass_low_g, record.mass_high_g)
-        if record.mass_low_g is not None and record.mass_high_g is not None
-        else None,
+        mass_interval_g=_interval(record.mass_low_g, record.mass_high_g),
         edible_g=record.edible_g,
         nutrients=[
             NutrientAmount(tagname=tagname, name=name, unit=unit, amount=content_of_mass(amount, record.edible_g))
@@ -117,3 +115,7 @@ def _item(view: ItemView) -> ItemOut:
         ],
         flags=view.item.flags,
     )
+
+
+def _interval(low: float | None, high: float | None) -> tuple[float, float] | None:
+    return (low, high) if low is not None and high is not None else None

@@ -27,7 +27,11 @@ def migrations_folder() -> Path:
 def upgrade(database: Database, revision: str = "head") -> None:
     """Migrate up to `revision`, one migrator at a time: the others wait and then find nothing to do."""
     with database.write_engine.connect() as connection:
-        if not database.is_sqlite:
+        if database.is_sqlite:
+            # It alters a table by making it anew, and dropping the old one would count as deleting its rows. Only
+            # outside a transaction can this be set.
+            _set_foreign_keys(connection, "OFF")
+        else:
             connection.execute(sa.text("SELECT pg_advisory_lock(:n)"), {"n": ADVISORY_LOCK})
             connection.commit()
         try:
@@ -35,9 +39,14 @@ def upgrade(database: Database, revision: str = "head") -> None:
                 if not database.is_sqlite:
                     connection.execute(sa.text(f"SET LOCAL lock_timeout = {LOCK_TIMEOUT_MS}"))
                     connection.execute(sa.text("SET LOCAL statement_timeout = 0"))
+                before = _revision_of(connection)
                 command.upgrade(_config(connection), revision)
+                if database.is_sqlite and _revision_of(connection) != before:
+                    _require_whole_references(connection)
         finally:
-            if not database.is_sqlite:
+            if database.is_sqlite:
+                _set_foreign_keys(connection, "ON")
+            else:
                 connection.execute(sa.text("SELECT pg_advisory_unlock(:n)"), {"n": ADVISORY_LOCK})
                 connection.commit()
 
@@ -46,7 +55,25 @@ def is_current(database: Database) -> bool:
     """Whether the schema is the one that this code was written for."""
     head = ScriptDirectory(str(migrations_folder())).get_current_head()
     with database.read_engine.connect() as connection:
-        return MigrationContext.configure(connection).get_current_revision() == head
+        return _revision_of(connection) == head
+
+
+def _revision_of(connection: sa.Connection) -> str | None:
+    return MigrationContext.configure(connection).get_current_revision()
+
+
+def _set_foreign_keys(connection: sa.Connection, state: str) -> None:
+    """On the driver's own connection: SQLAlchemy's would begin a transaction."""
+    cursor = connection.connection.cursor()
+    cursor.execute(f"PRAGMA foreign_keys = {state}")
+    cursor.close()
+
+
+def _require_whole_references(connection: sa.Connection) -> None:
+    """Raises sa.exc.IntegrityError, before the commit, if a migration left a reference to a row that is not there."""
+    broken = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
+    if broken:
+        raise sa.exc.IntegrityError("PRAGMA foreign_key_check", None, ValueError(f"rows refer to none: {broken[:5]}"))
 
 
 def _config(connection: sa.Connection) -> Config:

@@ -1,6 +1,7 @@
 """Edible grams to nutrients: amounts of one item, totals over items with the share of the mass that they cover.
 
-What the table does not know is absent, never 0: a total says for how much of the edible mass its figure is known.
+What the table does not know is absent, never 0: a total says for how much of the edible mass its figure is known, and
+a portion whose mass is not known makes every total an incomplete one.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,20 +18,37 @@ from app.units import content_of_mass
 
 @dataclass(frozen=True, slots=True)
 class Portion:
-    """One item in a total. pair: names its pair of photographs, whose doubt is shared. sign: -1 for what was left."""
+    """One item in a total. pair: names its pair of photographs, whose doubt is shared. sign: -1 for what was left.
+
+    mass: None where it is not known; such a portion is left out of the sum, and the total says so.
+    """
 
     food: Food
-    mass: Mass
+    mass: Mass | None
     pair: str
     sign: Literal[1, -1] = 1
 
 
 @dataclass(frozen=True, slots=True)
 class NutrientTotal:
-    """A total in its component's unit, and the share (0 to 1) of the edible mass for which the content is known."""
+    """A total in its component's unit, and the share (0 to 1) of the edible mass for which the content is known.
+
+    coverage: None where a portion's mass is not known: then the total is incomplete, nobody knows by how much.
+    """
 
     amount: Estimate
-    coverage: float
+    coverage: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class MassTotal:
+    """Edible grams, and how many portions are left out because their mass is not known: above 0, it is incomplete.
+
+    edible_g: None where there are portions and the mass of none is known.
+    """
+
+    edible_g: Estimate | None
+    unmeasured: int
 
 
 def nutrient_amounts(food: Food, mass: Mass) -> Mapping[str, Estimate]:
@@ -46,23 +64,33 @@ def nutrient_amounts(food: Food, mass: Mass) -> Mapping[str, Estimate]:
 def total_nutrients(portions: Sequence[Portion]) -> Mapping[str, NutrientTotal]:
     """Tagname -> total over the portions, for each component that at least one of them knows; in the table's order."""
     totals = {}
-    whole_g = sum(portion.mass.edible_g.value for portion in portions)
+    measured = _measured(portions)
+    whole_g = sum(mass.edible_g.value for _, mass in measured)
+    is_whole = len(measured) == len(portions)
     for tagname in COMPONENT_BY_TAGNAME:
-        known = [portion for portion in portions if tagname in portion.food.per_100_g]
+        known = [(portion, mass) for portion, mass in measured if tagname in portion.food.per_100_g]
         if known:
-            covered_g = sum(portion.mass.edible_g.value for portion in known)
-            totals[tagname] = NutrientTotal(combine([_term(p, tagname) for p in known]), covered_g / whole_g)
+            covered_g = sum(mass.edible_g.value for _, mass in known)
+            terms = [
+                _term(portion, mass, content_of_mass(portion.food.per_100_g[tagname], mass.edible_g.value))
+                for portion, mass in known
+            ]
+            totals[tagname] = NutrientTotal(combine(terms), covered_g / whole_g if is_whole else None)
     return MappingProxyType(totals)
 
 
-def total_mass(portions: Sequence[Portion]) -> Estimate:
+def total_mass(portions: Sequence[Portion]) -> MassTotal:
     """Edible grams of all portions together, with the interval."""
-    return combine([_edible_term(portion, portion.mass.edible_g.value) for portion in portions])
+    measured = _measured(portions)
+    if portions and not measured:
+        return MassTotal(None, len(portions))
+    total_g = combine([_term(portion, mass, mass.edible_g.value) for portion, mass in measured])
+    return MassTotal(total_g, len(portions) - len(measured))
 
 
-def _term(portion: Portion, tagname: str) -> Term:
-    return _edible_term(portion, content_of_mass(portion.food.per_100_g[tagname], portion.mass.edible_g.value))
+def _measured(portions: Sequence[Portion]) -> list[tuple[Portion, Mass]]:
+    return [(portion, portion.mass) for portion in portions if portion.mass is not None]
 
 
-def _edible_term(portion: Portion, value: float) -> Term:
-    return Term(value, portion.mass.doubt, portion.pair, portion.food.key, portion.sign)
+def _term(portion: Portion, mass: Mass, value: float) -> Term:
+    return Term(value, mass.doubt, portion.pair, portion.food.key, portion.sign)

@@ -104,10 +104,11 @@ def with_forms(options: EstimateOptions, forms: Mapping[str, Any]) -> EstimateOp
 
 def _item(item: ItemEstimate) -> dict[str, Any]:
     rings = [_ring(ring) for ring in item.rings]
+    volume_ml, interval_ml = item.volume_ml, item.volume_interval_ml
     return {
         "polygon": rings[0] if len(rings) == 1 else rings,
-        "volume_ml": round(item.volume_ml, 3),
-        "volume_interval_ml": [round(bound, 3) for bound in item.volume_interval_ml],
+        "volume_ml": round(volume_ml, 3) if volume_ml is not None else None,
+        "volume_interval_ml": [round(bound, 3) for bound in interval_ml] if interval_ml is not None else None,
         "relative_sd": {part: round(sd, 5) for part, sd in item.relative_sd.items()},
         "candidates": [],
         "hint": item.hint,

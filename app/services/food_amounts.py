@@ -30,53 +30,58 @@ RECORD_COLUMNS = dict(  # the headline components as columns of effective_record
     )
 )
 
+NO_FOOD: Mapping[str, None] = dict.fromkeys(
+    ("density_g_per_ml", "density_source", "mass_g", "mass_low_g", "mass_high_g", "edible_g", *RECORD_COLUMNS.values())
+)
+
 
 @dataclass(frozen=True, slots=True)
 class FoodAmounts:
-    """What a volume of a food amounts to. nutrients: INFOODS tagname to amount in the edible mass."""
+    """What a volume of a food amounts to. nutrients: INFOODS tagname to amount in the edible mass.
+
+    mass: None, and no nutrients, where the volume is not known.
+    """
 
     density: DensityChoice
-    mass: Mass
+    mass: Mass | None
     nutrients: Mapping[str, Estimate]
 
     def record_columns(self) -> dict[str, float | str | None]:
         """The columns of effective_record that follow from the food."""
         chosen = self.density.chosen
         columns: dict[str, float | str | None] = {
+            **NO_FOOD,
             "density_g_per_ml": chosen.g_per_ml,
             "density_source": chosen.source,
-            "mass_g": self.mass.as_seen_g.value,
-            "mass_low_g": self.mass.as_seen_g.low,
-            "mass_high_g": self.mass.as_seen_g.high,
-            "edible_g": self.mass.edible_g.value,
         }
+        if self.mass is not None:
+            seen = self.mass.as_seen_g
+            columns |= {"mass_g": seen.value, "mass_low_g": seen.low, "mass_high_g": seen.high}
+            columns["edible_g"] = self.mass.edible_g.value
         for tagname, column in RECORD_COLUMNS.items():
             found = self.nutrients.get(tagname)
             columns[column] = found.value if found is not None else None
         return columns
 
 
-NO_FOOD: Mapping[str, None] = dict.fromkeys(
-    ("density_g_per_ml", "density_source", "mass_g", "mass_low_g", "mass_high_g", "edible_g", *RECORD_COLUMNS.values())
-)
-
-
-def food_amounts(food: Food, volume_ml: float, relative_sd: Mapping[str, float]) -> FoodAmounts:
+def food_amounts(food: Food, volume_ml: float | None, relative_sd: Mapping[str, float]) -> FoodAmounts:
     """Grams and nutrients of a volume; relative_sd: the volume's doubt by part ("pair", "item")."""
     density = resolve_density(food)
+    if volume_ml is None:
+        return FoodAmounts(density, None, {})
     doubt = Doubt(pair=relative_sd.get("pair", 0.0), item=relative_sd.get("item", 0.0))
     mass = estimate_mass(volume_ml, doubt, density.chosen, edible_share=edible_share(food))
     return FoodAmounts(density, mass, nutrient_amounts(food, mass))
 
 
 def amounts_of(item: Mapping[str, Any], food: Food | None) -> dict[str, Any]:
-    """What `tada estimate` adds to an item: food, grams, energy; null without a food."""
-    if food is None:
-        return {"food": None, "mass_g": None, "mass_interval_g": None, "edible_g": None, "energy_kcal": None}
-    amounts = food_amounts(food, item["volume_ml"], item["relative_sd"])
+    """What `tada estimate` adds to an item: food, grams, energy; null without a food, amounts also without a volume."""
+    named = {"food": {"key": food.key, "name": food.name} if food is not None else None}
+    amounts = food_amounts(food, item["volume_ml"], item["relative_sd"]) if food is not None else None
+    if amounts is None or amounts.mass is None:
+        return named | {"mass_g": None, "mass_interval_g": None, "edible_g": None, "energy_kcal": None}
     seen, energy = amounts.mass.as_seen_g, amounts.nutrients.get("ENERC_KCAL")
-    return {
-        "food": {"key": food.key, "name": food.name},
+    return named | {
         "mass_g": round(seen.value, 2),
         "mass_interval_g": [round(seen.low, 2), round(seen.high, 2)],
         "edible_g": round(amounts.mass.edible_g.value, 2),

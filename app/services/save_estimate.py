@@ -59,8 +59,9 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
         if food is not None
     )
     session.flush()
-    session.add_all(build_records(session, meal, items, chosen))
-    meal.status = status_of(failure, chosen)
+    built = list(build_records(session, meal, items, chosen))
+    session.add_all(built)
+    meal.status = status_of(failure, built)
     meal.stage = None
     if failure:
         meal.failure_code, meal.failure_message = failure["code"], failure["message"]
@@ -71,14 +72,15 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
 def item_row(run_id: uuid.UUID, position: int, found: Mapping[str, Any]) -> Item:
     """An item of the answer as a row; its id follows from run and position, so building it again gives the same."""
     polygon = found["polygon"]
+    low_ml, high_ml = found["volume_interval_ml"] or (None, None)
     return Item(
         id=uuid.uuid5(ITEM_NAMESPACE, f"{run_id}/{position}"),
         run_id=run_id,
         position=position,
         rings=polygon if polygon and isinstance(polygon[0][0], list) else [polygon],
         volume_ml=found["volume_ml"],
-        volume_low_ml=found["volume_interval_ml"][0],
-        volume_high_ml=found["volume_interval_ml"][1],
+        volume_low_ml=low_ml,
+        volume_high_ml=high_ml,
         relative_sd=found["relative_sd"],
         flags=found["flags"],
     )
@@ -107,7 +109,7 @@ def record_values(session: Session, meal: Meal, item: Item, food: Food | None) -
         "participant_id": meal.participant_id,
         "captured_at": meal.captured_at,
         "local_date": meal.local_date,
-        "status": "proposed" if food is not None else "needs_review",
+        "status": "proposed" if food is not None and item.volume_ml is not None else "needs_review",
         "food_id": food.id if food is not None else None,
         "volume_ml": item.volume_ml,
         "volume_low_ml": item.volume_low_ml,
@@ -116,11 +118,11 @@ def record_values(session: Session, meal: Meal, item: Item, food: Food | None) -
     }
 
 
-def status_of(failure: Mapping[str, Any] | None, chosen: list[Food | None]) -> str:
-    """The meal's status: without a food for every item a person must look."""
+def status_of(failure: Mapping[str, Any] | None, built: list[EffectiveRecord]) -> str:
+    """The meal's status: without a food and a volume for every item a person must look."""
     if failure:
         return "failed"
-    return "estimated" if chosen and all(food is not None for food in chosen) else "needs_review"
+    return "estimated" if built and all(record.status == "proposed" for record in built) else "needs_review"
 
 
 def _chosen_foods(

@@ -12,12 +12,14 @@ from app.vision.model import Artefact, Float32Array, Float64Array, ImageArray, I
 from app.vision.pointcloud import write_ply
 from app.vision.rectification import rectify_by_fundamental
 from app.vision.trace import Trace
+from app.vision.volume import Volume
 
 WIDTH_PX = 1600
 JPEG_QUALITY = 88
 SHOWN_MATCHES = 60  # beside the sixteen; more hide the photograph
 CLOUD_POINTS = 150_000
 CLOUD_VIEW_PX = 900
+SHOWN_ITEMS = 3  # side by side
 ROW_LINES = 12  # drawn across a rectified pair
 WHITE, BLACK, RED, GREEN, GREY = (255, 255, 255), (0, 0, 0), (40, 40, 220), (60, 190, 60), (170, 170, 170)
 ITEM_COLOURS = ((40, 40, 220), (60, 170, 40), (220, 120, 30), (30, 160, 230), (190, 50, 170))
@@ -163,29 +165,35 @@ def _cloud(trace: Trace) -> tuple[Float64Array, ImageArray]:
 
 def _point_cloud(trace: Trace) -> ImageArray | None:
     """The foods' points, measured in their colours and completed in grey, from the camera's side at a low slant."""
-    if not trace.items or trace.rectified is None or trace.points_table is None:
+    measured = _with_volume(trace)
+    if not measured or trace.rectified is None or trace.points_table is None:
         return None
     panels = []
-    for item in trace.items[:3]:
+    for item, volume in measured:
         keep = item.region.mask & np.isfinite(trace.points_table[..., 2])
         seen, colours = trace.points_table[keep].astype(np.float64), trace.rectified.first_bgr[keep]
-        hidden = item.volume.completed_mm + np.array([0.0, 0.0, item.support_mm])
+        hidden = volume.completed_mm + np.array([0.0, 0.0, item.support_mm])
         grey = np.full((len(hidden), 3), GREY, np.uint8)
         points, paint = np.concatenate([hidden, seen]), np.concatenate([grey, colours])
-        panels.append(_render(points, paint, item, trace.rectified.first_centre_mm))
+        panels.append(_render(points, paint, volume, trace.rectified.first_centre_mm))
     return np.asarray(np.hstack(panels), np.uint8)
 
 
-def _render(points: Float64Array, paint: ImageArray, item: MeasuredItem, camera_mm: Float64Array) -> ImageArray:
+def _with_volume(trace: Trace) -> list[tuple[MeasuredItem, Volume]]:
+    """The first foods whose volume is known, as many as have room."""
+    return [(item, item.volume) for item in trace.items if item.volume is not None][:SHOWN_ITEMS]
+
+
+def _render(points: Float64Array, paint: ImageArray, volume: Volume, camera_mm: Float64Array) -> ImageArray:
     """Orthographic picture from 60 degrees beside the camera, 20 degrees above the table."""
-    centre = np.array([*item.volume.axis.centre_mm, 0.0])
+    centre = np.array([*volume.axis.centre_mm, 0.0])
     away = camera_mm[:2] - centre[:2]
     azimuth, slant = np.arctan2(away[1], away[0]) + np.radians(60.0), np.radians(20.0)
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     towards = np.array([np.cos(azimuth) * np.cos(slant), np.sin(azimuth) * np.cos(slant), np.sin(slant)])
     up = np.cross(towards, right)
     offsets = points - centre
-    largest = max(item.volume.slices[-1].high_mm, *(each.half_axes_mm[0] for each in item.volume.slices))
+    largest = max(volume.slices[-1].high_mm, *(each.half_axes_mm[0] for each in volume.slices))
     scale = 0.4 * CLOUD_VIEW_PX / largest
     x = np.rint(offsets @ right * scale + CLOUD_VIEW_PX / 2).astype(np.int64)
     y = np.rint(CLOUD_VIEW_PX * 0.7 - offsets @ up * scale).astype(np.int64)
@@ -200,12 +208,12 @@ def _render(points: Float64Array, paint: ImageArray, item: MeasuredItem, camera_
 
 def _slices(trace: Trace) -> ImageArray | None:
     """Every slice from above: points seen, points completed, and the fitted form, coloured by height."""
-    if not trace.items:
+    measured = _with_volume(trace)
+    if not measured:
         return None
     panels = []
     side = WIDTH_PX // 2
-    for item in trace.items[:3]:
-        volume = item.volume
+    for _, volume in measured:
         top = volume.slices[-1].high_mm
         extent = max(each.half_axes_mm[0] for each in volume.slices) * 1.2
         scale = side / (2 * extent)
@@ -243,10 +251,12 @@ def _overlay(left: Photo, items: tuple[ItemEstimate, ...]) -> ImageArray:
         cv2.polylines(picture, rings, True, colour, 3, cv2.LINE_AA)
         if not rings:
             continue
-        low, high = item.volume_interval_ml
+        words = "not measurable"
+        if item.volume_ml is not None and item.volume_interval_ml is not None:
+            words = f"{item.volume_ml:.0f} ml ({item.volume_interval_ml[0]:.0f} - {item.volume_interval_ml[1]:.0f})"
         x, y = rings[0].min(axis=0)
         place = (int(np.clip(x, 5, picture.shape[1] - 380)), int(max(y - 12, 30)))
-        _write(picture, f"{item.volume_ml:.0f} ml ({low:.0f} - {high:.0f})", place, 0.9, colour)
+        _write(picture, words, place, 0.9, colour)
     return picture
 
 

@@ -143,14 +143,15 @@ class ItemEstimate:
     """One food: its outline, its volume and the doubt about it.
 
     rings: (n, 2) outlines in the left photograph, px, outer ring first, then holes (even-odd rule).
+    volume_ml: None where too little is seen to tell (flag "not_measurable"): the interval is None, relative_sd empty.
     volume_interval_ml: 90 %. relative_sd: the volume's relative standard deviations by part, which add up in squares:
     "pair" is shared by all items of the pair (pose, scale), "item" is its own.
     hint: index into options.hints of the hint that this item answers, or None. flags: stable codes.
     """
 
     rings: tuple[Float64Array, ...]
-    volume_ml: float
-    volume_interval_ml: tuple[float, float]
+    volume_ml: float | None
+    volume_interval_ml: tuple[float, float] | None
     relative_sd: Mapping[str, float]
     hint: int | None = None
     flags: tuple[str, ...] = ()

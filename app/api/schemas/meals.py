@@ -160,7 +160,7 @@ class CandidateOut(BaseModel):
 
 
 class ItemOut(BaseModel):
-    """One food on the plate. Without a food, mass and nutrients are null and the meal needs review."""
+    """One food on the plate. Without a food or a volume, mass and nutrients are null and the meal needs review."""
 
     id: uuid.UUID
     status: str
@@ -169,8 +169,8 @@ class ItemOut(BaseModel):
     )
     food: FoodRef | None
     candidates: list[CandidateOut]
-    volume_ml: float
-    volume_interval_ml: tuple[float, float] = Field(description="90 % interval.")
+    volume_ml: float | None = Field(description="Null where it could not be measured: flag `not_measurable`.")
+    volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
     density_g_per_ml: float | None
     density_source: str | None
     mass_g: float | None = Field(description="As seen, with peel, core and bone.")

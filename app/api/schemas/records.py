@@ -23,7 +23,10 @@ class NutrientAmount(BaseModel):
 
 
 class RecordOut(BaseModel):
-    """What holds for one item now. A component that the food table does not know is null, never 0."""
+    """What holds for one item now. What is not known is null, never 0.
+
+    That is a component that the food table lacks, and all that follows from a volume that could not be measured.
+    """
 
     id: uuid.UUID = Field(description="The item's id.")
     meal_id: uuid.UUID
@@ -35,9 +38,9 @@ class RecordOut(BaseModel):
     status: str
     food: FoodRef | None
     food_table: str | None
-    volume_ml: float
-    volume_low_ml: float
-    volume_high_ml: float
+    volume_ml: float | None = Field(description="Null where it could not be measured: a person must set an amount.")
+    volume_low_ml: float | None
+    volume_high_ml: float | None
     density_g_per_ml: float | None
     density_source: str | None
     mass_g: float | None

@@ -47,7 +47,10 @@ class RunArtefact(Base):
 
 
 class Item(Base):
-    """One food that a run found: its outline, its volume and the doubt about it."""
+    """One food that a run found: its outline, its volume and the doubt about it.
+
+    Without a volume (flag "not_measurable") the interval is NULL too, and relative_sd empty.
+    """
 
     __tablename__ = "item"
 
@@ -55,13 +58,19 @@ class Item(Base):
     run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"))
     position: Mapped[int]
     rings: Mapped[list[Any]]
-    volume_ml: Mapped[float]
-    volume_low_ml: Mapped[float]
-    volume_high_ml: Mapped[float]
+    volume_ml: Mapped[float | None]
+    volume_low_ml: Mapped[float | None]
+    volume_high_ml: Mapped[float | None]
     relative_sd: Mapped[dict[str, Any]]
     flags: Mapped[list[Any]]
 
-    __table_args__ = (sa.UniqueConstraint("run_id", "position"),)
+    __table_args__ = (
+        sa.UniqueConstraint("run_id", "position"),
+        sa.CheckConstraint(
+            "(volume_ml IS NULL) = (volume_low_ml IS NULL) AND (volume_ml IS NULL) = (volume_high_ml IS NULL)",
+            name="volume_with_interval",
+        ),
+    )
 
 
 class ItemCandidate(Base):
@@ -79,8 +88,8 @@ class ItemCandidate(Base):
 class EffectiveRecord(Base):
     """What holds for an item now: food, grams, ten headline components. Rebuilt from runs and events at any time.
 
-    Components that the food table does not know are NULL, never 0. The columns of the day's and the page's filters are
-    copied from the meal, which never changes them.
+    Components that the food table does not know are NULL, never 0; so is all that follows from an unknown volume.
+    The columns of the day's and the page's filters are copied from the meal, which never changes them.
     """
 
     __tablename__ = "effective_record"
@@ -93,9 +102,9 @@ class EffectiveRecord(Base):
     local_date: Mapped[date]
     status: Mapped[str] = mapped_column(sa.String(16))
     food_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food.id"))
-    volume_ml: Mapped[float]
-    volume_low_ml: Mapped[float]
-    volume_high_ml: Mapped[float]
+    volume_ml: Mapped[float | None]
+    volume_low_ml: Mapped[float | None]
+    volume_high_ml: Mapped[float | None]
     density_g_per_ml: Mapped[float | None]
     density_source: Mapped[str | None] = mapped_column(sa.String(300))
     mass_g: Mapped[float | None]

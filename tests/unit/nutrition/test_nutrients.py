@@ -3,7 +3,7 @@ import pytest
 from app.nutrition.doubt import Doubt
 from app.nutrition.foods import load_starter_table
 from app.nutrition.mass import estimate_mass
-from app.nutrition.nutrients import Portion, nutrient_amounts, total_mass, total_nutrients
+from app.nutrition.nutrients import MassTotal, Portion, nutrient_amounts, total_mass, total_nutrients
 from tests.unit.nutrition.make_food import make_density, make_food
 
 
@@ -49,9 +49,28 @@ def test_what_was_left_is_taken_away():
     rice = make_food("rice", per_100_g={"ENERC_KCAL": 130.0})
     eaten = [portion(rice, 200.0, "before"), portion(rice, 60.0, "after", -1)]
     assert total_nutrients(eaten)["ENERC_KCAL"].amount.value == pytest.approx(130.0 * 1.4)
-    assert total_mass(eaten).value == pytest.approx(140.0)
+    assert total_mass(eaten).edible_g.value == pytest.approx(140.0)
 
 
 def test_total_of_nothing_is_empty():
     assert dict(total_nutrients([])) == {}
-    assert total_mass([]).value == 0.0
+    assert total_mass([]).edible_g.value == 0.0
+    assert total_mass([]).unmeasured == 0
+
+
+def test_portion_of_unknown_mass_is_left_out_and_the_total_says_so():
+    apple = make_food("apple", per_100_g={"ENERC_KCAL": 52.0})
+    soup = make_food("soup", per_100_g={"ENERC_KCAL": 40.0, "FAT": 1.0})
+    portions = [portion(apple, 100.0), Portion(soup, None, "a")]
+    totals = total_nutrients(portions)
+    assert totals["ENERC_KCAL"].amount.value == pytest.approx(52.0)
+    assert totals["ENERC_KCAL"].coverage is None
+    assert "FAT" not in totals
+    assert total_mass(portions).edible_g.value == pytest.approx(100.0)
+    assert total_mass(portions).unmeasured == 1
+
+
+def test_total_of_unknown_masses_alone_is_unknown_and_not_zero():
+    portions = [Portion(make_food("soup", per_100_g={"ENERC_KCAL": 40.0}), None, "a")]
+    assert dict(total_nutrients(portions)) == {}
+    assert total_mass(portions) == MassTotal(None, 1)
