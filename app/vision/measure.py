@@ -27,12 +27,15 @@ LOW_COVER = 0.5  # share of the mask that was measured, below which the estimate
 
 @dataclass(frozen=True, slots=True)
 class MeasuredItem:
-    """A food with its mask on the rectified grid, the points measured, its support's height and its volume."""
+    """A food with its mask on the rectified grid, the points measured, its support's height and its volume.
+
+    volume: None where the food is there and how much of it is not to be seen.
+    """
 
     region: Region
     points_table: Float64Array
     support_mm: float
-    volume: Volume
+    volume: Volume | None
     flags: tuple[str, ...]
 
 
@@ -56,13 +59,18 @@ def measure_items(
     items = []
     for region in regions:
         item = _measure(region, pair, disparity, points_table, ignored | (foods & ~region.mask), hints, pose_sd)
-        if item is not None and (region.hint is not None or item.volume.volume_ml >= MIN_VOLUME_ML):
+        if item is not None and not is_clutter(item):
             items.append(item)
     return items or Failure(
         "food_not_measured",
         "Food was found, but its surface could not be measured: it looks too plain or too different in the two views.",
         "Take both photographs closer together, sharp, in even light, and avoid glare on the food.",
     )
+
+
+def is_clutter(item: MeasuredItem) -> bool:
+    """Whether it is too small to be a food, and nobody pointed at it."""
+    return item.region.hint is None and item.volume is not None and item.volume.volume_ml < MIN_VOLUME_ML
 
 
 def _measure(

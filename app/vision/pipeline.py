@@ -121,9 +121,9 @@ def _run(
         return tuple(
             ItemEstimate(
                 rings=rings_of(item.region.mask, places, is_swapped=trace.is_swapped),
-                volume_ml=item.volume.volume_ml,
-                volume_interval_ml=item.volume.interval_ml,
-                relative_sd=item.volume.relative_sd,
+                volume_ml=item.volume.volume_ml if item.volume is not None else None,
+                volume_interval_ml=item.volume.interval_ml if item.volume is not None else None,
+                relative_sd=item.volume.relative_sd if item.volume is not None else {},
                 hint=item.region.hint,
                 flags=item.flags,
             )

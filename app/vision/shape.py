@@ -16,7 +16,7 @@ from app.vision.disparity import DisparityMap
 from app.vision.families import families
 from app.vision.form_fit import FormFit, Seen, fit_form
 from app.vision.forms import COARSE, EXACT, FINE, Form
-from app.vision.measure import MIN_VOLUME_ML, MeasuredItem
+from app.vision.measure import MeasuredItem, is_clutter
 from app.vision.mesh import Topology, faces_towards
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.outline_snap import (
@@ -36,6 +36,7 @@ from app.vision.slices import Slice
 from app.vision.surface_match import draw_mask, measure_along
 from app.vision.symmetry import SymmetryAxis
 from app.vision.topview import TableTrend
+from app.vision.vessel import Vessel
 from app.vision.volume import NORMAL_90, SCALE_SD, Volume
 
 MARGIN_PX = 25  # around a food's mask
@@ -53,7 +54,7 @@ BEYOND_PX = 3.0  # across an outline, where the other food is looked for
 SUPPORT_UNKNOWN_MM, SUPPORT_UNKNOWN_SD_MM = 1.5, 2.0  # over the table: a plate or none
 LEAST_SUPPORT_SD_MM = 0.3  # crumbs, cloth
 LOW_COVER = 0.5
-UNKNOWN_INSIDE_SD = 0.25  # of a volume, relative: more, and a bowl's inside is not measured but imagined
+UNKNOWN_INSIDE_SD = 0.25  # of a volume, relative: more, and a bowl's inside would be imagined, so no volume is given
 REST_SD = 0.02  # of a volume, relative: what families and their spreads leave out, by 96 foods of other scenes
 
 
@@ -88,9 +89,7 @@ def measure_shapes(
     for number, region in enumerate(foods.regions):
         food = scene.food(number)
         item = None if food is None else _measured(region, food, scene, pose_sd)
-        if item is None:
-            continue
-        if region.hint is not None or item.volume.volume_ml >= MIN_VOLUME_ML:
+        if item is not None and not is_clutter(item):
             items.append(item)
     return items or Failure(
         "food_not_measured",
@@ -294,20 +293,28 @@ def _of_forms(fits: Sequence[tuple[FormFit, float]], pair_sd: float) -> tuple[Vo
 
 def _of_bowl(
     region: Region, food: _Food, scene: _Scene, pair_sd: float
-) -> tuple[Volume, float, tuple[str, ...]] | None:
-    """What fills the bowl that holds the food; None where too little of it is measured to say."""
+) -> tuple[Volume | None, float, tuple[str, ...]] | None:
+    """What fills the bowl that holds the food, without a volume where that would be a guess; None for one beside it."""
     vessel = region.vessel
     if vessel is None:
         return None
     table_mm = float(scene.table.height_mm(vessel.centre_mm))
     content = measure_content(food.points, vessel, table_mm, food.support_mm, food.support_sd_mm)
-    if content is None:
+    if content is None and _is_beside(food.points, vessel):
         return None
-    item_sd = content.sd_ml / content.volume_ml
-    flags = ("inside_guessed",) if item_sd < UNKNOWN_INSIDE_SD else ("inside_guessed", "not_measurable")
+    is_known = content is not None and content.sd_ml < UNKNOWN_INSIDE_SD * content.volume_ml
+    flags = ("inside_guessed",) if is_known else ("not_measurable",)
+    if content is None or not is_known:
+        return None, food.support_mm, flags
     rest = food.points - [0.0, 0.0, food.support_mm]
+    item_sd = content.sd_ml / content.volume_ml
     volume = _volume(content.volume_ml, pair_sd, item_sd, content.slices, vessel.centre_mm, rest)
     return volume, food.support_mm, flags
+
+
+def _is_beside(points_table: Float64Array, vessel: Vessel) -> bool:
+    """Whether most of a food lies outside the bowl's rim."""
+    return bool(np.median(np.linalg.norm(points_table[:, :2] - vessel.centre_mm, axis=1)) >= vessel.radius_mm)
 
 
 def _volume(
