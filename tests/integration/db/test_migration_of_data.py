@@ -1,5 +1,6 @@
 """A database with meals in it is brought up to date: rows that others refer to survive, on both kinds."""
 
+import sqlite3
 import uuid
 from datetime import UTC, date, datetime
 
@@ -74,6 +75,21 @@ def test_references_are_enforced_after_the_upgrade(database):
     upgrade(database)
     with pytest.raises(sa.exc.IntegrityError), database.write() as session:
         session.execute(sa.text("DELETE FROM item"))
+
+
+def test_broken_reference_stops_the_upgrade_and_nothing_is_changed(database):
+    if not database.is_sqlite:
+        return  # PostgreSQL alters tables in place and lets no reference break
+    with sqlite3.connect(database.write_engine.url.database) as connection:  # foreign keys are off
+        connection.execute("DELETE FROM run")
+    connection.close()
+    before = rows_of(database)
+    with pytest.raises(sa.exc.IntegrityError, match="refer to none"):
+        upgrade(database)
+    assert not is_current(database)
+    assert rows_of(database) == before
+    with pytest.raises(sa.exc.IntegrityError), database.write() as session:
+        session.execute(sa.text("DELETE FROM study"))
 
 
 def test_volume_may_be_unknown_but_only_with_its_interval(database):

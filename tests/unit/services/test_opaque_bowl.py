@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.cli import print_estimate
 from app.nutrition.foods import load_starter_table
 from app.services.estimate_json import estimate_to_json
 from app.services.food_amounts import amounts_of
@@ -61,6 +62,12 @@ def test_amounts_of_an_unknown_volume_are_null_and_the_food_stays(item):
         "edible_g": None,
         "energy_kcal": None,
     }
+
+
+def test_command_line_says_in_words_that_it_was_not_measured(estimate, item, capsys):
+    amounts = amounts_of(item, load_starter_table().food("apple"))
+    print_estimate(estimate_to_json(estimate, OPTIONS) | {"items": [item | amounts]}, None)
+    assert "item 1: not measured, Apple, raw, with skin  [not_measurable]" in capsys.readouterr().out
 
 
 def test_pictures_are_drawn_without_those_of_a_volume(estimate):
