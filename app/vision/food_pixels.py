@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.vision.dish import Dish
+from app.vision.gaps import find_gaps
 from app.vision.min_cut import cut_in_two
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 from app.vision.topview import TopView
@@ -72,10 +73,15 @@ class Scene:
 
 @dataclass(frozen=True, slots=True)
 class FoodPixels:
-    """is_food: (h, w) of the scene's grid. is_core: (h, w) parts that geometry alone calls food."""
+    """Masks of the scene's grid, (h, w).
+
+    is_core: parts that geometry alone calls food. is_gap: parts of is_food through which the support shows after all;
+    they stay in it, for foods are told apart by their outer outlines.
+    """
 
     is_food: MaskArray
     is_core: MaskArray
+    is_gap: MaskArray
 
 
 def find_food_pixels(scene: Scene, dish: Dish | None, view: TopView, points: Sequence[MaskArray] = ()) -> FoodPixels:
@@ -104,7 +110,7 @@ def find_food_pixels(scene: Scene, dish: Dish | None, view: TopView, points: Seq
         pointed |= point & ~scene.is_ignored
     sure |= pointed
     if not sure.any():
-        return FoodPixels(sure, sure)
+        return FoodPixels(sure, sure, np.zeros_like(sure))
     core, deep = _cores(sure, scene)
     core, deep = core | pointed, deep | pointed
     roi |= _distance_px(sure) * scene.pixel_mm < reach_mm
@@ -148,22 +154,34 @@ def _cut(
 
     band &= ~sure
     others = ((~roi & ~is_ignored) | band | is_flat) & ~core
-    food = core
-    for _ in range(ROUNDS):
+
+    def cut(food: MaskArray, others: MaskArray, never: MaskArray) -> tuple[MaskArray, Float32Array]:
         colour = _ratio(colour_histogram([bins], food), colour_histogram([bins, *shaded], others), bins)
-        fine = _texture_ratio(texture_bins, food, others)
-        ratio = np.clip(colour, -COLOUR_LIMIT_NATS, COLOUR_LIMIT_NATS) + fine
-        is_never = ~roi | is_ignored | (band & (ratio < 1.0))
-        found = cut_in_two((ratio + evidence).astype(np.float32), features, is_never, deep | (core & (ratio > 2.0)))
-        food = found & (_distance_px(~found) > 2)
-        others = ~found & ~is_ignored & (_distance_px(found) > 2)
+        ratio = np.clip(colour, -COLOUR_LIMIT_NATS, COLOUR_LIMIT_NATS) + _texture_ratio(texture_bins, food, others)
+        is_never = ~roi | is_ignored | never | (band & (ratio < 1.0))
+        is_always = deep | (core & (ratio > 2.0))
+        return cut_in_two((ratio + evidence).astype(np.float32), features, is_never, is_always), colour
+
+    found, colour = cut(core, others, np.zeros_like(core))
+    over_floor = np.where(is_measured, height - np.float32(0.0 if dish is None else dish.floor_mm), np.float32(np.nan))
+    gaps = find_gaps(sure, over_floor, colour, scene.pixel_mm / scale)
+    for _ in range(ROUNDS - 1):
+        food, others = _apart(found, is_ignored)
         if not food.any():
             break
+        found, _ = cut(food, others, np.zeros_like(core))
+    # Where food and support are alike the cut closes a gap, for its border is longer than the colours are worth.
+    gaps &= found
+    open_found = found & ~gaps
+    if gaps.any():
+        food, others = _apart(open_found, is_ignored)
+        open_found, _ = cut(food, others | gaps, gaps)
+    gaps = _touching(found & ~open_found, gaps)
     out = np.zeros(scene.is_ignored.shape, np.bool_)
     out[window] = cv2.resize(found.astype(np.float32), shape, interpolation=cv2.INTER_LINEAR) > 0.5
-    whole_core = np.zeros(out.shape, np.bool_)
-    whole_core[window] = cv2.resize(core.astype(np.uint8), shape, interpolation=cv2.INTER_NEAREST) > 0
-    return FoodPixels(out & ~scene.is_ignored, whole_core)
+    whole_core, whole_gaps = np.zeros_like(out), np.zeros_like(out)
+    whole_core[window], whole_gaps[window] = (_reduced(mask, shape) for mask in (core, gaps))
+    return FoodPixels(out & ~scene.is_ignored, whole_core, whole_gaps)
 
 
 def contrast_features(lab: Float32Array) -> ImageArray:
@@ -236,6 +254,17 @@ def colour_histogram(versions: list[NDArray[np.int64]], where: MaskArray) -> Flo
         along_a.reshape(BIN_COUNTS[0], -1), -1, np.ones((1, 1), np.float32), kernel, borderType=cv2.BORDER_CONSTANT
     )
     return np.asarray(smooth.ravel() / max(1.0, float(smooth.sum())), np.float32)
+
+
+def _apart(found: MaskArray, is_ignored: MaskArray) -> tuple[MaskArray, MaskArray]:
+    """What teaches the colours of food and of the rest: either side of the border, without its mixed pixels."""
+    return found & (_distance_px(~found) > 2), ~found & ~is_ignored & (_distance_px(found) > 2)
+
+
+def _touching(mask: MaskArray, seeds: MaskArray) -> MaskArray:
+    """The connected parts of the mask that hold a seed."""
+    _, labels = cv2.connectedComponents(mask.astype(np.uint8))
+    return mask & np.isin(labels, np.unique(labels[seeds]))
 
 
 def _ratio(first: Float32Array, second: Float32Array, bins: NDArray[np.int64]) -> Float32Array:

@@ -121,7 +121,10 @@ def _found(scene: Scene, dish: Dish | None, view: TopView, hints: Sequence[HintM
     else:
         regions = [Region(mask) for mask in masks if _is_food(mask, food.is_core, scene)]
         regions.sort(key=lambda region: -int(np.count_nonzero(region.mask)))
-    corrected = correct_outlines([region.mask for region in regions], scene, dish.floor_mm if dish else 0.0)
+    # Gaps are opened only now, and stay open: each outline alone knows less of them than all heights did.
+    masks = [region.mask & ~food.is_gap for region in regions]
+    beside = replace(scene, is_ignored=scene.is_ignored | food.is_gap)
+    corrected = correct_outlines(masks, beside, dish.floor_mm if dish else 0.0)
     return [replace(region, mask=mask) for region, mask in zip(regions, corrected, strict=True)]
 
 

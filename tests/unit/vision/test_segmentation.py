@@ -153,6 +153,25 @@ def test_hole_of_a_ring_is_no_food():
     assert iou(found[0].mask, disc(210, 280, 80) & ~hole) > 0.93
 
 
+def test_hole_of_a_ring_of_nearly_the_tables_colour_is_no_food():
+    meal = Meal().food(210, 280, 60, 24.0, tuple(0.8 * value for value in TABLE_BGR))
+    hole = disc(210, 280, 22)
+    meal.height[hole], meal.image[hole] = 3.0, TABLE_BGR
+    meal.image[hole] *= 0.92
+    found = meal.segment()
+    assert len(found) == 1
+    assert not found[0].mask[210, 280]
+    assert np.count_nonzero(found[0].mask & hole) < 0.3 * np.count_nonzero(hole)
+
+
+def test_dark_spot_within_a_food_is_no_hole():
+    meal = Meal().food(210, 280, 60, 40.0, tuple(0.8 * value for value in TABLE_BGR))
+    meal.image[disc(210, 280, 20)] = TABLE_BGR
+    found = meal.segment()
+    assert len(found) == 1
+    assert found[0].mask[210, 280]
+
+
 def test_empty_plate_gives_no_food_found():
     found = Meal().plate().segment()
     assert isinstance(found, Failure)
