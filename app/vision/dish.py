@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.topview import TopView
 
-RADII_MM = (50.0, 190.0)  # of a round dish: a dessert bowl to a serving plate
+RADII_MM = (50.0, 260.0)  # of a round dish: a dessert bowl to a serving platter
 RIM_RANGE_MM = (4.0, 90.0)  # over the table
 RIM_NOISE = 2.5  # standard deviations of a cell of table, which a rim must exceed
 SAME_HEIGHT_MM = 4.0  # of the rim's plane

@@ -43,7 +43,7 @@ MARGIN_PX = 25  # around a food's mask
 FIRST_ROUNDS, ROUNDS = 12, 10
 KEPT = 4  # families that are fitted finely
 KEPT_RATIO = 2.0  # of the best one's cost: a family that fits so much worse coarsely is not fitted finely
-KEPT_LAST = 2  # of these, those that are measured along once more
+PASSES = 2  # of fine fits
 SNAP_PX, SNAP_SECOND_PX = 4.0, 5.0
 SECOND_WEIGHT = 0.5  # of the second view's outline, which was sought where the form was
 TEMPER = 4.0  # by which differences of evidence count less: what no family can be errs alike all over a food
@@ -203,25 +203,33 @@ def _fit_families(food: _Food) -> list[tuple[FormFit, float]]:
         if fit is not None:
             coarse.append((fit.cost, fit, form))
     coarse.sort(key=lambda each: each[0])
-    kept = [each for each in coarse[:KEPT] if each[0] < KEPT_RATIO * coarse[0][0]]
-    fine = [found for _, fit, form in kept if (found := _refit(food, form, fit)) is not None]
-    ranked = _by_evidence(fine)
-    again = [_refit(food, fit.form, fit) or (fit, seen) for fit, seen, _ in ranked[:KEPT_LAST]]
-    return [(fit, cost) for fit, _, cost in _by_evidence([*again, *(each[:2] for each in ranked[KEPT_LAST:])])]
+    fits = [(form, fit) for cost, fit, form in coarse[:KEPT] if cost < KEPT_RATIO * coarse[0][0]]
+    for number in range(PASSES):
+        # First each family as it is seen along itself; then all along the best one, so that their evidence compares.
+        common = None if number == 0 or not fits else _seen_along(food, fits[0][1])
+        found = [(form, _refit(food, common, form, fit)) for form, fit in fits]
+        fits = sorted(((form, fit) for form, fit in found if fit is not None), key=lambda each: _evidence(each[1]))
+    return [(fit, _evidence(fit)) for _, fit in fits]
 
 
-def _refit(food: _Food, form: Form, before: FormFit) -> tuple[FormFit, Seen] | None:
-    """The form fitted finely to the parallax along the form found before and to its outline in the second view."""
-    vertices = before.form.vertices(before.unknowns, FINE)
-    mesh = form.topology(FINE)
-    covered = _covered_in_second(food, vertices, mesh)
-    second = _second_outline(food, covered)
-    surface = measure_along(food.sight, food.grey, (food.seen.mask, covered), vertices, mesh)
-    seen = replace(food.seen, surface=surface, outlines=(food.seen.outlines[0], second))
+def _evidence(fit: FormFit) -> float:
+    """As a cost, -2 log."""
+    return fit.cost + OCCAM_WEIGHT * fit.log_occam
+
+
+def _refit(food: _Food, seen: Seen | None, form: Form, before: FormFit) -> FormFit | None:
+    """The form fitted finely from where it was found before, to what is seen along that or along another form."""
     start = np.zeros(len(form.start))
     start[: len(before.unknowns)] = before.unknowns
-    fit = fit_form(form, seen, FINE, ROUNDS, start)
-    return None if fit is None else (fit, seen)
+    return fit_form(form, seen or _seen_along(food, before), FINE, ROUNDS, start)
+
+
+def _seen_along(food: _Food, near: FormFit) -> Seen:
+    """The food with its parallax along a form near it, and its outline in the second view around that form's."""
+    vertices, mesh = near.form.vertices(near.unknowns, FINE), near.form.topology(FINE)
+    covered = _covered_in_second(food, vertices, mesh)
+    surface = measure_along(food.sight, food.grey, (food.seen.mask, covered), vertices, mesh)
+    return replace(food.seen, surface=surface, outlines=(food.seen.outlines[0], _second_outline(food, covered)))
 
 
 def _covered_in_second(food: _Food, vertices: Float64Array, mesh: Topology) -> MaskArray:
@@ -249,12 +257,6 @@ def _second_outline(food: _Food, covered: MaskArray) -> Outline | None:
 
     line = _without(snap(food.lab[1], rings, SNAP_SECOND_PX, reference), food.hidden_by[1])
     return replace(line, weights=SECOND_WEIGHT * line.weights)
-
-
-def _by_evidence(fits: Sequence[tuple[FormFit, Seen]]) -> list[tuple[FormFit, Seen, float]]:
-    costs = [fit.cost + OCCAM_WEIGHT * fit.log_occam for fit, _ in fits]
-    order = np.argsort(costs)
-    return [(fits[index][0], fits[index][1], costs[index]) for index in order]
 
 
 def _measured(region: Region, food: _Food, scene: _Scene, pose_sd: float) -> MeasuredItem | None:
@@ -303,6 +305,7 @@ def _of_bowl(
     if content is None and _is_beside(food.points, vessel):
         return None
     is_known = content is not None and content.sd_ml < UNKNOWN_INSIDE_SD * content.volume_ml
+    is_known &= len(vessel.wall_mm) > 0  # with no wall in view, what is like bowls alone would speak
     flags = ("inside_guessed",) if is_known else ("not_measurable",)
     if content is None or not is_known:
         return None, food.support_mm, flags
