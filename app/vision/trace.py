@@ -37,6 +37,8 @@ class Trace:
         if self.refined is not None:
             for name, view in (("first", self.refined.first), ("second", self.refined.second)):
                 out[f"focal_{name}_px"] = round(view.camera.fx, 2)
+                out[f"k1_{name}"], out[f"k2_{name}"] = (round(each, 4) for each in view.camera.distortion[:2])
+                out[f"lens_{name}"] = "given" if view.camera.source == "given" else "estimated"
                 out[f"camera_height_{name}_mm"] = round(float(view.centre_mm[2]), 2)
             out |= {"swapped": int(self.is_swapped), "pose_matches": self.refined.matches}
             out["sheet_bend_mm"] = round(float(max(self.refined.bend_mm, key=abs)), 3)
