@@ -65,9 +65,7 @@ def test_left_and_right_swapped(scene, as_it_is, name):
     assert_same(each.estimate(PhotoPair(each.pair.right, each.pair.left)), as_it_is(name), STABLE)
 
 
-@pytest.mark.parametrize(
-    "name", but_for_meal_01("what plates are like is known in mm, not in sizes of the marker")
-)
+@pytest.mark.parametrize("name", but_for_meal_01("what plates are like is known in mm, not in sizes of the marker"))
 def test_marker_declared_twice_as_large_gives_eight_times_the_volume(scene, as_it_is, name):
     each = scene(name)
     twice = replace(each.spec, square_mm=2 * each.spec.square_mm)
