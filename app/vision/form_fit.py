@@ -67,7 +67,7 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class FormFit:
-    """unknowns: (k,) at the maximum. precision: (k, k), inverse covariance. cost: -2 log of the posterior there.
+    """unknowns: (k,) at the maximum. cost: -2 log of the posterior there.
 
     observations: how many independent ones took part. volume_ml, volume_sd_ml: with the covariance's sd.
     log_occam: log of the determinant of precision times prior variance, the price of what had to be fitted.
@@ -75,7 +75,6 @@ class FormFit:
 
     form: Form
     unknowns: Float64Array
-    precision: Float64Array
     cost: float
     observations: float
     volume_ml: float
@@ -135,7 +134,6 @@ def fit_form(form: Form, seen: Seen, cells: int, rounds: int, start: Float64Arra
     return FormFit(
         form=form,
         unknowns=found.unknowns,
-        precision=found.normal,
         cost=found.cost,
         observations=found.observations,
         volume_ml=ml_from_mm3(enclosed_mm3(form.vertices(found.unknowns, EXACT), form.topology(EXACT).faces)),

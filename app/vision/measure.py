@@ -59,8 +59,13 @@ def measure_items(
     items = []
     for region in regions:
         item = _measure(region, pair, disparity, points_table, ignored | (foods & ~region.mask), hints, pose_sd)
-        if item is not None and not is_clutter(item):
-            items.append(item)
+        items.append(item)
+    return without_clutter(items)
+
+
+def without_clutter(found: Sequence[MeasuredItem | None]) -> list[MeasuredItem] | Failure:
+    """The foods that were measured, less what is too small to be one and nobody pointed at; or "food_not_measured"."""
+    items = [item for item in found if item is not None and not _is_clutter(item)]
     return items or Failure(
         "food_not_measured",
         "Food was found, but its surface could not be measured: it looks too plain or too different in the two views.",
@@ -68,8 +73,12 @@ def measure_items(
     )
 
 
-def is_clutter(item: MeasuredItem) -> bool:
-    """Whether it is too small to be a food, and nobody pointed at it."""
+def is_low_texture(is_measured: MaskArray, mask: MaskArray) -> bool:
+    """Whether so little of a food's mask was measured that its volume is flagged. Both (H, W)."""
+    return bool(np.count_nonzero(is_measured & mask) < LOW_COVER * np.count_nonzero(mask))
+
+
+def _is_clutter(item: MeasuredItem) -> bool:
     return item.region.hint is None and item.volume is not None and item.volume.volume_ml < MIN_VOLUME_ML
 
 
@@ -102,7 +111,7 @@ def _measure(
     flags = []
     if support is None:
         flags.append("support_not_measured")
-    if np.count_nonzero(is_measured & region.mask) < LOW_COVER * np.count_nonzero(region.mask):
+    if is_low_texture(is_measured, region.mask):
         flags.append("low_texture")
     return MeasuredItem(region, points, support or 0.0, volume, tuple(flags))
 

@@ -96,11 +96,12 @@ def _run(
         trace.depth = fit_to_marker(rectified, trace.refined)
         disparity = rectified.disparity_from_parallax(trace.disparity.parallax_px)
         trace.points_table = points = back_project(rectified, trace.depth.depth_mm(disparity))
-        moved = judge_table(options.marker, plane_points(rectified), points)
+        plane = plane_points(rectified)
+        moved = judge_table(options.marker, plane, points)
         if moved is not None:
             return moved
     with stage("segment"):
-        ignored = is_on_sheet(options.marker, plane_points(rectified)) | ~rectified.is_seen
+        ignored = is_on_sheet(options.marker, plane) | ~rectified.is_seen
         places = photograph_px(rectified, points, trace.views[0], is_swapped=trace.is_swapped)
         size = (pair.left.pixels_bgr.shape[1], pair.left.pixels_bgr.shape[0])
         hints = draw_hints(options.hints, places, size)
