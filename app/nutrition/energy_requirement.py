@@ -15,6 +15,7 @@ from app.nutrition.life_stage import Sex, check_age, completed_months, life_stag
 Activity = Literal["sedentary", "low_active", "active", "very_active"]
 Trimester = Literal[1, 2, 3]
 
+TRIMESTERS: tuple[Trimester, ...] = get_args(Trimester)
 ACTIVITIES: tuple[Activity, ...] = get_args(Activity)  # PAL 1.0-1.39, 1.4-1.59, 1.6-1.89, 1.9-2.5
 
 EER_SOURCE = "IOM 2002/2005: Dietary Reference Intakes for Energy (EER)"

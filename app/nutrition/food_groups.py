@@ -31,7 +31,8 @@ FOOD_GROUPS: tuple[FoodGroup, ...] = get_args(FoodGroup)
 BASES: tuple[Basis, ...] = get_args(Basis)
 
 # What makes a dish of a food, or takes its water, so that its grams are no longer the food's own.
-_DISH = r"breaded|battered|au gratin|scalloped|souffle|(?<!corn)salad|sauce|gravy|candied|creamed|stuffed|dry (mix|form)|flour"
+_DISH = r"breaded|battered|au gratin|scalloped|souffle|(?<!corn)salad|sauce|gravy|candied|creamed|stuffed"
+_DRY = r"dry (mix|form)|flour"
 _TUBERS = r"^(sweet )?potato|^cassava|^(mountain )?yam\b|^taro\b|^yautia|^poi\b|^arrowhead|^winged bean tuber"
 
 _Rules = tuple[tuple[str, FoodGroup | None], ...]
@@ -46,11 +47,11 @@ _RULES: Mapping[str, _Rules] = {
     ),
     "Vegetables and Vegetable Products": (
         (rf"({_TUBERS}).*(leaves|shoots)", "vegetables"),
-        (rf"({_TUBERS}).*({_DISH}|pancakes)", None),
+        (rf"({_TUBERS}).*({_DISH}|{_DRY}|pancakes)", None),
         (_TUBERS, "starchy_tubers"),
         (r"smoothie|onion rings|catsup|relish|pickles|pie mix|powder|paste|dehydrated|dried|spread|^pace", None),
         (r"(?<!packed in tomato )juice", "vegetable_juice"),
-        (_DISH, None),
+        (rf"{_DISH}|{_DRY}", None),
         (r"soybeans|edamame", "soy"),
         (r"", "vegetables"),
     ),
