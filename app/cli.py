@@ -4,10 +4,12 @@ Commands import what they need when they run: `tada estimate` must not wait for 
 Errors are sentences on standard error; exit status 0: done, 1: an answer that says no, 2: wrong use or input.
 """
 
+import getpass
 import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -186,19 +188,94 @@ def foods_search(words: list[str], as_json: JsonOption = False) -> None:
 
 
 @foods_cli.command("show")
-def foods_show(key: str) -> None:
-    """All that the table knows of one food."""
+def foods_show(
+    key: Annotated[str, typer.Argument(help="The food's key, or its number in a published table, such as 09003.")],
+    as_json: JsonOption = False,
+) -> None:
+    """All that the tables in force know of one food; the density that is chosen, and what it was chosen over."""
     from app.services.foods import read_food
 
     with opened_database() as database:
         found = read_food(database, key)
-    print(f"{found.food.name} ({found.food.key}), {found.release}")
-    for density in found.densities:
-        print(f"  density  {density.g_per_ml:.3f} +- {density.sd_g_per_ml:.3f} g/ml  {density.source}")
-    for part in found.food.refuse:
-        print(f"  refuse   {part['percent']:g} %  {part['part']}")
-    for _, component, unit, amount in found.nutrients:
-        print(f"  {component:<28} {amount:g} {unit} in 100 g edible")
+    if as_json:
+        from app.api.foods import render_food
+
+        print(render_food(found).model_dump_json())
+        return
+    value = found.value
+    print(f"{value.name} ({value.key}), {found.release}, version {found.food.version}")
+    print(f"  {value.food_group}; {value.form}, {value.state or 'state not known'}")
+    if found.density is None:
+        print("  density  none is known: its volumes become no grams")
+    else:
+        chosen = found.density.chosen
+        print(f"  density  {chosen.g_per_ml:.3f} +- {chosen.sd_g_per_ml:.3f} g/ml  {chosen.source}")
+        print(f"           {found.density.reason}")
+        for other in found.density.alternatives:
+            density = other.density
+            print(f"    not    {density.g_per_ml:.3f} +- {density.sd_g_per_ml:.3f} g/ml  {density.source}")
+            print(f"           {other.reason}")
+    for part in value.refuse:
+        print(f"  refuse   {part.percent:g} %  {part.part}")
+    for portion in value.portions:
+        print(f"  portion  {portion.amount:g} {portion.measure}: {portion.mass_g:g} g")
+    for row in found.nutrients:
+        print(f"  {row.component.name:<40} {row.per_100_g:g} {row.component.unit} in 100 g edible")
+
+
+@foods_cli.command("import")
+def foods_import(
+    source: Annotated[str, typer.Argument(metavar="FORMAT", help="sr28, fdc, fao-density or csv.")],
+    path: Annotated[Path, typer.Argument(help="The release: a zip, a folder or a file.")],
+    name: Annotated[str | None, typer.Option(help="csv: the table's name, such as bls.")] = None,
+    version: Annotated[str | None, typer.Option(help="csv: the table's version.")] = None,
+    released_on: Annotated[datetime | None, typer.Option(formats=["%Y-%m-%d"], help="csv: when it came out.")] = None,
+) -> None:
+    """Import a published food table: checked whole, then written, then in force by one row. Again changes nothing."""
+    from app.services.import_foods import import_foods
+    from app.services.read_food_release import read_food_release
+
+    print(f"reading {path} ...", file=sys.stderr, flush=True)
+    imported = read_food_release(
+        source, path, name=name, version=version, released_on=released_on.date() if released_on else None
+    )
+
+    def tell(written: int, total: int) -> None:
+        ending = "\n" if written == total else "\r"
+        print(f"  {written} of {total} foods written", end=ending, file=sys.stderr, flush=True)
+
+    with opened_database() as database:
+        report = import_foods(database, imported, author=f"command line: {getpass.getuser()}", on_progress=tell)
+    done = "was there already: nothing changed" if report.was_there else "imported and in force"
+    print(f"{report.name} {report.version}: {report.foods} foods, {report.values} nutrient values, {done}")
+    print(f"checksum {report.checksum}")
+    for sentence in report.skipped.sentences():
+        print(f"skipped: {sentence}")
+
+
+@foods_cli.command("releases")
+def foods_releases() -> None:
+    """The releases in the database, those in force marked, the one that goes first at the head."""
+    from app.services.food_releases import list_releases
+
+    with opened_database() as database:
+        found = list_releases(database)
+    for release in found:
+        mark = "in force" if release.is_in_force else "complete" if release.is_complete else "broken off"
+        print(f"{release.name:<24} {release.version:<12} {release.released_on}  {mark:<10}  {release.checksum[:12]}")
+
+
+@foods_cli.command("use")
+def foods_use(
+    name: str,
+    version: Annotated[str | None, typer.Argument(help="Left out: no release of this name is in force.")] = None,
+) -> None:
+    """Put another release of a table in force, or none. Records stay as they are: see `tada records recompute`."""
+    from app.services.food_releases import use_release
+
+    with opened_database() as database:
+        use_release(database, name, version, author=f"command line: {getpass.getuser()}")
+    print(f"{name} {version}: in force" if version else f"{name}: no release is in force")
 
 
 @records_cli.command("rebuild")

@@ -1,14 +1,14 @@
 """The only conversions: volumes, masses and energies, each unit with its quantity; what cannot be converted raises.
 
-A volume never becomes a mass here: that takes a density (nutrition/mass.py). International units (IU) are absent on
-purpose: their size depends on the vitamin and on its form.
+A volume never becomes a mass here: that takes a density (nutrition/mass.py). International units (IU) become nothing
+else: their size depends on the vitamin and on its form.
 """
 
 import math
 from enum import StrEnum
 from typing import Literal
 
-Quantity = Literal["volume", "mass", "energy"]
+Quantity = Literal["volume", "mass", "energy", "activity"]
 
 KJ_PER_KCAL = 4.184  # thermochemical calorie, as INFOODS and USDA use it
 
@@ -28,6 +28,7 @@ class Unit(StrEnum):
     UG = "ug"
     KCAL = "kcal"
     KJ = "kJ"
+    IU = "IU"
 
 
 # What one of it is in the quantity's own unit: ml, g, kcal. The inch is 25.4 mm by definition, a US gallon 231 cubic
@@ -46,6 +47,7 @@ _SIZES: dict[Unit, tuple[Quantity, float]] = {
     Unit.UG: ("mass", 1e-6),
     Unit.KCAL: ("energy", 1.0),
     Unit.KJ: ("energy", 1.0 / KJ_PER_KCAL),
+    Unit.IU: ("activity", 1.0),
 }
 
 

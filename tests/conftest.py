@@ -6,6 +6,7 @@ import pathlib
 import shutil
 import tempfile
 import uuid
+import zipfile
 import warnings
 from collections.abc import Iterator
 
@@ -45,6 +46,15 @@ def shared_data() -> pathlib.Path:
     if not SHARED_DATA.is_dir():
         pytest.skip(f"needs the data in TADA_SHARED_DATA, and {SHARED_DATA} is no folder")
     return SHARED_DATA
+
+
+@pytest.fixture(scope="session")
+def sr28_folder(shared_data, tmp_path_factory) -> pathlib.Path:
+    """The SR28 release, unpacked."""
+    folder = tmp_path_factory.mktemp("sr28")
+    with zipfile.ZipFile(shared_data / "food_tables" / "sr28asc.zip") as archive:
+        archive.extractall(folder)
+    return folder
 
 
 @pytest.fixture(scope="session")

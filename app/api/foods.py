@@ -1,15 +1,30 @@
-"""/v1/foods: the active food table."""
+"""/v1/foods: the food tables in force."""
 
+from dataclasses import asdict
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Query
 
 from app.api.deps import CurrentCaller, State
 from app.api.problems import problem_responses
-from app.api.schemas.records import DensityOut, FoodList, FoodOut, FoodSummary, NutrientOut
-from app.services.foods import read_food, search_foods
+from app.api.schemas.foods import (
+    DensityChoiceOut,
+    DensityOut,
+    FoodList,
+    FoodOut,
+    FoodSummary,
+    NutrientOut,
+    PortionOut,
+    RefuseOut,
+    RejectedDensityOut,
+)
+from app.nutrition.density import DensityChoice
+from app.services.caller import DeviceCaller
+from app.services.foods import FoodView, read_food, search_foods
 
 router = APIRouter(prefix="/v1/foods", tags=["foods"])
+
+FoodKey = Annotated[str, Path(max_length=100, description="The food's key, or its number in a published table.")]
 
 
 @router.get("", responses=problem_responses(401, 422))
@@ -31,21 +46,58 @@ def get_foods(
 
 
 @router.get("/{key}", responses=problem_responses(401, 404, 422))
-def get_food(state: State, _: CurrentCaller, key: Annotated[str, Path(max_length=100)]) -> FoodOut:
-    """One food: nutrients per 100 g edible portion, densities with their sources, refuse by part."""
-    view = read_food(state.database, key)
+def get_food(state: State, caller: CurrentCaller, key: FoodKey) -> FoodOut:
+    """One food: nutrients per 100 g edible portion, refuse by part, the density chosen and what it was chosen over.
+
+    A participant's device sees the density that its study uses.
+    """
+    study_id = caller.study_id if isinstance(caller, DeviceCaller) else None
+    return render_food(read_food(state.database, key, study_id))
+
+
+def render_food(view: FoodView) -> FoodOut:
+    """A food as the API shows it."""
+    value = view.value
     return FoodOut(
-        key=view.food.key,
-        name=view.food.name,
-        aliases=view.food.aliases,
-        group=view.food.food_group,
-        form=view.food.form,
-        refuse=view.food.refuse,
-        source_ids=view.food.source_ids,
+        key=value.key,
+        name=value.name,
+        aliases=list(value.aliases),
+        group=value.food_group,
+        form=value.form,
+        version=view.food.version,
+        state=value.state,
+        is_mixed_dish=value.is_mixed_dish,
+        refuse=[RefuseOut(**asdict(part)) for part in value.refuse],
+        edible_share=view.edible_share,
+        probes=list(value.probes),
+        source_ids=dict(value.source_ids),
         release=view.release,
-        densities=[DensityOut.model_validate(density, from_attributes=True) for density in view.densities],
+        density=_density_choice(view.density),
         nutrients=[
-            NutrientOut(tagname=tagname, name=name, unit=unit, per_100_g=amount)
-            for tagname, name, unit, amount in view.nutrients
+            NutrientOut(
+                number=row.component.number,
+                tagname=row.component.tagname,
+                name=row.component.name,
+                unit=row.component.unit,
+                expression=row.component.expression,
+                per_100_g=row.per_100_g,
+            )
+            for row in view.nutrients
+        ],
+        portions=[
+            PortionOut(amount=portion.amount, measure=portion.measure, mass_g=portion.mass_g)
+            for portion in value.portions
+        ],
+    )
+
+
+def _density_choice(choice: DensityChoice | None) -> DensityChoiceOut | None:
+    if choice is None:
+        return None
+    return DensityChoiceOut(
+        chosen=DensityOut(**asdict(choice.chosen)),
+        reason=choice.reason,
+        alternatives=[
+            RejectedDensityOut(**asdict(rejected.density), reason=rejected.reason) for rejected in choice.alternatives
         ],
     )

@@ -1,7 +1,9 @@
 """From the services' views to the wire's models."""
 
+from collections.abc import Mapping
 from typing import Any
 
+from app.api.schemas.foods import FoodRef, NutrientAmount, NutrientTotal
 from app.api.schemas.meals import (
     ArtefactOut,
     CandidateOut,
@@ -10,13 +12,14 @@ from app.api.schemas.meals import (
     ItemOut,
     MealOut,
     RunOut,
+    TotalsOut,
 )
-from app.api.schemas.records import FoodRef, NutrientAmount, RecordOut
-from app.db.models import EffectiveRecord, Food, RunArtefact
+from app.api.schemas.records import RecordOut
+from app.db.models import Component, EffectiveRecord, Food, RunArtefact
 from app.db.models.meal import SLOTS
 from app.db.queries.records import RecordRow
+from app.nutrition.doubt import Estimate
 from app.services.read_meal import ItemView, MealView
-from app.units import content_of_mass
 
 SHARED_COLUMNS = tuple(
     column.name for column in EffectiveRecord.__table__.columns if column.name in RecordOut.model_fields
@@ -43,7 +46,8 @@ def render_meal(view: MealView) -> MealOut:
         failure=FailureOut(code=meal.failure_code, message=meal.failure_message or "", advice=meal.failure_advice or "")
         if meal.failure_code
         else None,
-        items=[_item(item) for item in view.items],
+        items=[_item(item, view.components) for item in view.items],
+        totals=_totals(view),
         run=RunOut(
             id=run.id,
             method=run.method,
@@ -53,7 +57,7 @@ def render_meal(view: MealView) -> MealOut:
             parameters=run.parameters,
             stages=run.stages,
             seconds=run.seconds,
-            food_table=next((item.record.food_release for item in view.items if item.record.food_release), None),
+            food_tables=run.food_releases,
             created_at=run.created_at,
             artefacts=[_artefact(view, artefact) for artefact in view.artefacts],
         )
@@ -90,8 +94,9 @@ def _artefact(view: MealView, artefact: RunArtefact) -> ArtefactOut:
     )
 
 
-def _item(view: ItemView) -> ItemOut:
-    record = view.record.record
+def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
+    record, its = view.record.record, view.taken_for
+    nutrients = view.amounts.nutrients if view.amounts is not None else {}
     return ItemOut(
         id=view.item.id,
         status=record.status,
@@ -104,17 +109,46 @@ def _item(view: ItemView) -> ItemOut:
         volume_ml=record.volume_ml,
         volume_interval_ml=_interval(record.volume_low_ml, record.volume_high_ml),
         density_g_per_ml=record.density_g_per_ml,
+        density_sd_g_per_ml=its.density_sd_g_per_ml if its else None,
+        density_basis=its.density_basis if its else None,
         density_source=record.density_source,
         mass_g=record.mass_g,
         mass_interval_g=_interval(record.mass_low_g, record.mass_high_g),
+        edible_share=its.edible_share if its else None,
         edible_g=record.edible_g,
         nutrients=[
-            NutrientAmount(tagname=tagname, name=name, unit=unit, amount=content_of_mass(amount, record.edible_g))
-            for tagname, name, unit, amount in view.nutrients
-            if record.edible_g is not None
+            NutrientAmount(**_component(components[number]), amount=found.value, interval=(found.low, found.high))
+            for number, found in nutrients.items()
         ],
         flags=view.item.flags,
     )
+
+
+def _totals(view: MealView) -> TotalsOut:
+    mass: Estimate | None = view.total_mass.edible_g
+    return TotalsOut(
+        edible_g=mass.value if mass is not None else None,
+        edible_interval_g=(mass.low, mass.high) if mass is not None else None,
+        unmeasured_items=view.total_mass.unmeasured,
+        nutrients=[
+            NutrientTotal(
+                **_component(view.components[number]),
+                amount=total.amount.value,
+                interval=(total.amount.low, total.amount.high),
+                coverage=total.coverage,
+            )
+            for number, total in view.totals.items()
+        ],
+    )
+
+
+def _component(component: Component) -> dict[str, Any]:
+    return {
+        "number": component.number,
+        "tagname": component.tagname,
+        "name": component.name,
+        "unit": component.unit,
+    }
 
 
 def _interval(low: float | None, high: float | None) -> tuple[float, float] | None:

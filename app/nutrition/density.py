@@ -58,11 +58,11 @@ class DensityChoice:
 
 def resolve_density(
     food: Food, *, form: FoodForm | None = None, study_densities: Iterable[Density] = ()
-) -> DensityChoice:
+) -> DensityChoice | None:
     """The density for an item of this food that lies in this form (None: the food's usual form).
 
-    study_densities: the study's own measurements of this food; they are put first.
-    Raises ValueError if the food has no density at all.
+    study_densities: the study's own measurements of this food; they are put first, the newest first.
+    None if nothing is known of the food's density: then no volume of it becomes grams.
     """
     form = form or food.form
     kind = KIND_OF_FORM[form]
@@ -70,7 +70,7 @@ def resolve_density(
     # sorted() is stable: within one basis the table's order holds, which names the usual state first.
     by_worth = sorted([*own, *food.densities], key=lambda density: DENSITY_BASES.index(density.basis))
     if not by_worth:
-        raise ValueError(f"the food table has no density for {food.key}")
+        return None
     chosen = next((density for density in by_worth if density.kind == kind), None)
     if chosen is not None:
         reason = f"{_WORDS[chosen.basis]}; {kind}, as for {_form_words(form)}"

@@ -16,16 +16,22 @@ from importlib import resources
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
-from app.nutrition.components import COMPONENT_BY_TAGNAME
+from app.nutrition.components import NUMBER_BY_TAGNAME
+from app.nutrition.portions import Portion
 
 FoodForm = Literal["whole", "lying", "slab", "heap", "liquid", "in_vessel"]
 SliceForm = Literal["circle", "ellipse"]
 DensityKind = Literal["solid", "bulk"]
 DensityBasis = Literal["study", "measured", "fao", "portion", "related", "group"]
+WeighedPart = Literal["as_seen", "edible"]
+FoodState = Literal["raw", "cooked", "as_eaten"]
 
 FOOD_FORMS: tuple[FoodForm, ...] = get_args(FoodForm)
+FOOD_STATES: tuple[FoodState, ...] = get_args(FoodState)
+SLICE_FORMS: tuple[SliceForm, ...] = get_args(SliceForm)
 DENSITY_KINDS: tuple[DensityKind, ...] = get_args(DensityKind)
 DENSITY_BASES: tuple[DensityBasis, ...] = get_args(DensityBasis)
+WEIGHED_PARTS: tuple[WeighedPart, ...] = get_args(WeighedPart)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +49,9 @@ class Density:
 
     kind: "solid", of the piece or the liquid itself; "bulk", of a heap with the air between its pieces.
     state: how the food was when weighed (raw, boiled, mashed, sliced ...). basis: how it was come by, best first in
-    DENSITY_BASES. source: for a person, with the source's ids.
+    DENSITY_BASES. source: for a person, with the source's ids. weighs: what the grams are of; "edible" where a table
+    gives the edible mass that a volume with its waste in it holds ("1 cup, with pits, yields"): no refuse comes off
+    again.
     """
 
     g_per_ml: float
@@ -52,12 +60,14 @@ class Density:
     kind: DensityKind
     basis: DensityBasis
     source: str
+    weighs: WeighedPart = "as_seen"
 
     def __post_init__(self) -> None:
         if not (0.0 < self.g_per_ml < math.inf and 0.0 <= self.sd_g_per_ml < math.inf):
             raise ValueError(f"no density: {self.g_per_ml} +- {self.sd_g_per_ml} g/ml ({self.source})")
-        if self.kind not in DENSITY_KINDS or self.basis not in DENSITY_BASES:
-            raise ValueError(f"unknown density kind {self.kind!r} or basis {self.basis!r} ({self.source})")
+        known = self.kind in DENSITY_KINDS and self.basis in DENSITY_BASES and self.weighs in WEIGHED_PARTS
+        if not known:
+            raise ValueError(f"unknown kind {self.kind!r}, basis {self.basis!r} or {self.weighs!r} ({self.source})")
 
     @property
     def relative_sd(self) -> float:
@@ -69,10 +79,14 @@ class Density:
 class Food:
     """One food of a release.
 
-    key: a slug that names the same food across releases. form: how it usually lies on the plate. slice_form: what the
-    paper's method fits to its slices (section V), None where its slices decide. refuse: parts of the whole food that
-    are not eaten. densities: in the order of their worth. per_100_g: tagname -> content of 100 g edible portion in the
-    component's unit; what is not known is absent, never 0. source_ids: such as {"sr28_ndb": "09003"}.
+    key: names the same food across releases: a slug, or SOURCE:ID for a food of an imported table. form: how it usually
+    lies on the plate. slice_form: what the paper's method fits to its slices (section V), None where its slices decide.
+    state: raw (dry goods too), cooked, or as_eaten (bread, milk, a dish); None where the source does not tell: raw and
+    cooked are never interchangeable. refuse: parts of the whole food that are not eaten. densities: in the order of
+    their worth. portions: as the source gives them, of edible mass. per_100_g: component number -> content of 100 g
+    edible portion in the component's unit; what is not known is absent, never 0. source_ids: such as {"sr28_ndb":
+    "09003"}. probes: what no camera sees and a participant is asked (fat_added, sweetened, drained, dressing ...).
+    Raises ValueError if the values cannot be.
     """
 
     key: str
@@ -85,15 +99,23 @@ class Food:
     densities: tuple[Density, ...]
     per_100_g: Mapping[str, float]
     source_ids: Mapping[str, str]
+    state: FoodState | None = None
+    is_mixed_dish: bool = False
+    portions: tuple[Portion, ...] = ()
+    probes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.form not in FOOD_FORMS:
             raise ValueError(f"{self.key}: unknown form {self.form!r}")
+        if self.slice_form is not None and self.slice_form not in SLICE_FORMS:
+            raise ValueError(f"{self.key}: unknown slice form {self.slice_form!r}")
+        if self.state is not None and self.state not in FOOD_STATES:
+            raise ValueError(f"{self.key}: unknown state {self.state!r}")
         if any(part.percent < 0.0 for part in self.refuse) or sum(part.percent for part in self.refuse) >= 100.0:
             raise ValueError(f"{self.key}: its refuse leaves nothing to eat")
-        for tagname, content in self.per_100_g.items():
-            if tagname not in COMPONENT_BY_TAGNAME or not 0.0 <= content < math.inf:
-                raise ValueError(f"{self.key}: no content of a known component: {tagname} {content}")
+        for number, content in self.per_100_g.items():
+            if not 0.0 <= content < math.inf:
+                raise ValueError(f"{self.key}: component {number} cannot be {content}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +150,9 @@ def parse_table(foods_json: bytes, nutrients_csv: bytes) -> FoodTable:
     """
     document = json.loads(foods_json)
     contents = {
-        row.pop("key"): MappingProxyType({tagname: float(text) for tagname, text in row.items() if text})
+        row.pop("key"): MappingProxyType(
+            {NUMBER_BY_TAGNAME[tagname]: float(text) for tagname, text in row.items() if text}
+        )
         for row in csv.DictReader(io.StringIO(nutrients_csv.decode()))
     }
     release = document["release"]
@@ -153,4 +177,8 @@ def _food(entry: dict[str, Any], per_100_g: Mapping[str, float]) -> Food:
         densities=tuple(Density(**density) for density in entry["densities"]),
         per_100_g=per_100_g,
         source_ids=MappingProxyType(entry["source_ids"]),
+        state=entry["state"],
+        is_mixed_dish=entry["is_mixed_dish"],
+        portions=tuple(Portion(**portion) for portion in entry["portions"]),
+        probes=tuple(entry["probes"]),
     )

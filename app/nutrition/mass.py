@@ -22,16 +22,19 @@ class Mass:
 def estimate_mass(volume_ml: float, volume_doubt: Doubt, density: Density, *, edible_share: float = 1.0) -> Mass:
     """Mass of an item: volume (ml) x density (g/ml), and its edible share (0 to 1, from `edible_share`).
 
-    The density's spread is added to the doubt's part "density". The refuse figures have no published spread; none is
-    made up. Raises ValueError if volume or share is not positive and finite, or the share passes 1.
+    The density's spread is added to the doubt's part "density". A density of edible mass (Density.weighs) gives the
+    edible grams, from which the mass as seen follows. The refuse figures have no published spread; none is made up.
+    Raises ValueError if volume or share is not positive and finite, or the share passes 1.
     """
     if not 0.0 < volume_ml < math.inf:
         raise ValueError(f"a volume is positive and finite, not {volume_ml} ml")
     if not 0.0 < edible_share <= 1.0:
         raise ValueError(f"an edible share is above 0 and at most 1, not {edible_share}")
     doubt = Doubt(volume_doubt.pair, math.hypot(volume_doubt.density, density.relative_sd), volume_doubt.item)
-    as_seen_g = estimate(volume_ml * density.g_per_ml, doubt)
-    return Mass(as_seen_g, as_seen_g.scaled(edible_share), edible_share, doubt)
+    weighed_g = estimate(volume_ml * density.g_per_ml, doubt)
+    if density.weighs == "edible":
+        return Mass(weighed_g.scaled(1.0 / edible_share), weighed_g, edible_share, doubt)
+    return Mass(weighed_g, weighed_g.scaled(edible_share), edible_share, doubt)
 
 
 def edible_share(food: Food, *, form: FoodForm | None = None, without: Collection[str] | None = None) -> float:

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
-from app.nutrition.components import COMPONENT_BY_TAGNAME
+from app.nutrition.components import COMPONENT_BY_NUMBER
 from app.nutrition.doubt import Estimate, Term, combine
-from app.nutrition.foods import Food
 from app.nutrition.mass import Mass
 from app.units import content_of_mass
 
@@ -20,10 +19,12 @@ from app.units import content_of_mass
 class Portion:
     """One item in a total. pair: names its pair of photographs, whose doubt is shared. sign: -1 for what was left.
 
-    mass: None where it is not known; such a portion is left out of the sum, and the total says so.
+    per_100_g: component number -> content of 100 g edible portion of the food. mass: None where it is not known; such a
+    portion is left out of the sum, and the total says so.
     """
 
-    food: Food
+    food_key: str
+    per_100_g: Mapping[str, float]
     mass: Mass | None
     pair: str
     sign: Literal[1, -1] = 1
@@ -51,31 +52,32 @@ class MassTotal:
     unmeasured: int
 
 
-def nutrient_amounts(food: Food, mass: Mass) -> Mapping[str, Estimate]:
-    """Tagname -> amount in the item's edible mass, with its interval, in the component's unit; unknown ones absent."""
+def nutrient_amounts(per_100_g: Mapping[str, float], mass: Mass) -> Mapping[str, Estimate]:
+    """Component number -> amount in the item's edible mass, with its interval, in the component's unit."""
     return MappingProxyType(
-        {
-            tagname: mass.edible_g.scaled(content_of_mass(per_100_g, 1.0))
-            for tagname, per_100_g in food.per_100_g.items()
-        }
+        {number: mass.edible_g.scaled(content_of_mass(content, 1.0)) for number, content in per_100_g.items()}
     )
 
 
 def total_nutrients(portions: Sequence[Portion]) -> Mapping[str, NutrientTotal]:
-    """Tagname -> total over the portions, for each component that at least one of them knows; in the table's order."""
+    """Component number -> total over the portions, for each component that at least one of them knows.
+
+    In the order of components.csv; those that it does not list come last.
+    """
     totals = {}
     measured = _measured(portions)
     whole_g = sum(mass.edible_g.value for _, mass in measured)
     is_whole = len(measured) == len(portions)
-    for tagname in COMPONENT_BY_TAGNAME:
-        known = [(portion, mass) for portion, mass in measured if tagname in portion.food.per_100_g]
+    numbers = dict.fromkeys([*COMPONENT_BY_NUMBER, *(n for portion, _ in measured for n in portion.per_100_g)])
+    for number in numbers:
+        known = [(portion, mass) for portion, mass in measured if number in portion.per_100_g]
         if known:
             covered_g = sum(mass.edible_g.value for _, mass in known)
             terms = [
-                _term(portion, mass, content_of_mass(portion.food.per_100_g[tagname], mass.edible_g.value))
+                _term(portion, mass, content_of_mass(portion.per_100_g[number], mass.edible_g.value))
                 for portion, mass in known
             ]
-            totals[tagname] = NutrientTotal(combine(terms), covered_g / whole_g if is_whole else None)
+            totals[number] = NutrientTotal(combine(terms), covered_g / whole_g if is_whole else None)
     return MappingProxyType(totals)
 
 
@@ -93,4 +95,4 @@ def _measured(portions: Sequence[Portion]) -> list[tuple[Portion, Mass]]:
 
 
 def _term(portion: Portion, mass: Mass, value: float) -> Term:
-    return Term(value, mass.doubt, portion.pair, portion.food.key, portion.sign)
+    return Term(value, mass.doubt, portion.pair, portion.food_key, portion.sign)

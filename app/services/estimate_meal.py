@@ -83,9 +83,8 @@ class EstimateMeal:
         options = options_from_json(
             {"marker": details["marker"] or study.marker, "camera": details["camera"], "hints": details["hints"]}
         )
-        release = foods.active_release(session)
         keys = {hint.food for hint in options.hints if hint.food}
-        known: Mapping[str, Food] = foods.foods_by_key(session, release.id, keys) if release and keys else {}
+        known: Mapping[str, Food] = foods.foods_by_key(session, keys) if keys else {}
         return with_forms(options, {key: food.slice_form for key, food in known.items()})
 
     def _fetch(self, image: MealImage, folder: Path) -> Path:

@@ -4,16 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from app.nutrition.components import HEADLINE_COMPONENTS
+from app.nutrition.components import HEADLINE_NUMBERS
 from app.nutrition.density import DensityChoice, resolve_density
 from app.nutrition.doubt import Doubt, Estimate
-from app.nutrition.foods import Food
+from app.nutrition.foods import Density, Food
 from app.nutrition.mass import Mass, edible_share, estimate_mass
 from app.nutrition.nutrients import nutrient_amounts
 
-RECORD_COLUMNS = dict(  # the headline components as columns of effective_record, units in their names
+RECORD_COLUMNS = dict(  # columns of effective_record, units in their names -> component numbers, the best first
     zip(
-        HEADLINE_COMPONENTS,
         (
             "energy_kcal",
             "protein_g",
@@ -26,64 +25,94 @@ RECORD_COLUMNS = dict(  # the headline components as columns of effective_record
             "potassium_mg",
             "vitamin_c_mg",
         ),
+        HEADLINE_NUMBERS,
         strict=True,
     )
 )
 
 NO_FOOD: Mapping[str, None] = dict.fromkeys(
-    ("density_g_per_ml", "density_source", "mass_g", "mass_low_g", "mass_high_g", "edible_g", *RECORD_COLUMNS.values())
+    ("density_g_per_ml", "density_source", "mass_g", "mass_low_g", "mass_high_g", "edible_g", *RECORD_COLUMNS)
 )
 
 
 @dataclass(frozen=True, slots=True)
-class FoodAmounts:
-    """What a volume of a food amounts to. nutrients: INFOODS tagname to amount in the edible mass.
+class Weighing:
+    """What turns an item's volume into grams: the density that was chosen (None: none is known), the edible share."""
 
-    mass: None, and no nutrients, where the volume is not known.
+    density: Density | None
+    edible_share: float
+
+
+@dataclass(frozen=True, slots=True)
+class FoodAmounts:
+    """What a volume of a food amounts to.
+
+    per_100_g: component number -> content of 100 g edible portion; nutrients: -> amount in the edible mass.
+
+    mass: None, and no nutrients, where the volume or the density is not known.
     """
 
-    density: DensityChoice
+    per_100_g: Mapping[str, float]
+    weighing: Weighing
     mass: Mass | None
     nutrients: Mapping[str, Estimate]
 
+    def headline(self, column: str) -> float | None:
+        """One of RECORD_COLUMNS; None where it is not known."""
+        known = [self.nutrients[number] for number in RECORD_COLUMNS[column] if number in self.nutrients]
+        return known[0].value if known else None
+
     def record_columns(self) -> dict[str, float | str | None]:
         """The columns of effective_record that follow from the food."""
-        chosen = self.density.chosen
-        columns: dict[str, float | str | None] = {
-            **NO_FOOD,
-            "density_g_per_ml": chosen.g_per_ml,
-            "density_source": chosen.source,
-        }
+        columns: dict[str, float | str | None] = {**NO_FOOD}
+        if self.weighing.density is not None:
+            chosen = self.weighing.density
+            columns |= {"density_g_per_ml": chosen.g_per_ml, "density_source": chosen.source}
         if self.mass is not None:
             seen = self.mass.as_seen_g
             columns |= {"mass_g": seen.value, "mass_low_g": seen.low, "mass_high_g": seen.high}
             columns["edible_g"] = self.mass.edible_g.value
-        for tagname, column in RECORD_COLUMNS.items():
-            found = self.nutrients.get(tagname)
-            columns[column] = found.value if found is not None else None
-        return columns
+        return columns | {column: self.headline(column) for column in RECORD_COLUMNS}
 
 
-def food_amounts(food: Food, volume_ml: float | None, relative_sd: Mapping[str, float]) -> FoodAmounts:
-    """Grams and nutrients of a volume; relative_sd: the volume's doubt by part ("pair", "item")."""
-    density = resolve_density(food)
-    if volume_ml is None:
-        return FoodAmounts(density, None, {})
+def weigh(food: Food, choice: DensityChoice | None) -> Weighing:
+    """How an item of this food is weighed, lying as it usually does."""
+    return Weighing(choice.chosen if choice is not None else None, edible_share(food))
+
+
+def food_amounts(
+    per_100_g: Mapping[str, float], weighing: Weighing, volume_ml: float | None, relative_sd: Mapping[str, float]
+) -> FoodAmounts:
+    """Grams and nutrients of a volume.
+
+    per_100_g: component number -> content; relative_sd: the volume's doubt by part ("pair", "item").
+    """
+    mass = mass_of(weighing, volume_ml, relative_sd)
+    return FoodAmounts(per_100_g, weighing, mass, nutrient_amounts(per_100_g, mass) if mass is not None else {})
+
+
+def mass_of(weighing: Weighing, volume_ml: float | None, relative_sd: Mapping[str, float]) -> Mass | None:
+    """Grams of a volume; None where it, or the density, is not known."""
+    if volume_ml is None or weighing.density is None:
+        return None
     doubt = Doubt(pair=relative_sd.get("pair", 0.0), item=relative_sd.get("item", 0.0))
-    mass = estimate_mass(volume_ml, doubt, density.chosen, edible_share=edible_share(food))
-    return FoodAmounts(density, mass, nutrient_amounts(food, mass))
+    return estimate_mass(volume_ml, doubt, weighing.density, edible_share=weighing.edible_share)
 
 
 def amounts_of(item: Mapping[str, Any], food: Food | None) -> dict[str, Any]:
     """What `tada estimate` adds to an item: food, grams, energy; null without a food, amounts also without a volume."""
     named = {"food": {"key": food.key, "name": food.name} if food is not None else None}
-    amounts = food_amounts(food, item["volume_ml"], item["relative_sd"]) if food is not None else None
-    if amounts is None or amounts.mass is None:
-        return named | {"mass_g": None, "mass_interval_g": None, "edible_g": None, "energy_kcal": None}
-    seen, energy = amounts.mass.as_seen_g, amounts.nutrients.get("ENERC_KCAL")
+    unknown = {"mass_g": None, "mass_interval_g": None, "edible_g": None, "energy_kcal": None}
+    if food is None:
+        return named | unknown
+    weighing = weigh(food, resolve_density(food))
+    amounts = food_amounts(food.per_100_g, weighing, item["volume_ml"], item["relative_sd"])
+    if amounts.mass is None:
+        return named | unknown
+    seen, energy_kcal = amounts.mass.as_seen_g, amounts.headline("energy_kcal")
     return named | {
         "mass_g": round(seen.value, 2),
         "mass_interval_g": [round(seen.low, 2), round(seen.high, 2)],
         "edible_g": round(amounts.mass.edible_g.value, 2),
-        "energy_kcal": round(energy.value, 2) if energy is not None else None,
+        "energy_kcal": round(energy_kcal, 2) if energy_kcal is not None else None,
     }

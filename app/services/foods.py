@@ -1,46 +1,77 @@
-"""The active food table for readers: search, one food with all that is known of it."""
+"""The food tables in force, for readers: search; one food with all that is known of it and the density chosen."""
 
-from collections.abc import Sequence
+import uuid
 from dataclasses import dataclass
 
-from app.db.models import Food, FoodDensity
-from app.db.queries import foods, records
+from sqlalchemy.orm import Session
+
+from app.db.models import Food, FoodRelease
+from app.db.queries import foods
+from app.db.queries.foods import NutrientRow
 from app.db.session import Database
 from app.errors import NotFoundError
+from app.nutrition.density import DensityChoice
+from app.nutrition.foods import Food as FoodValue
+from app.nutrition.mass import edible_share
 from app.nutrition.search import rank_labels
+from app.services.food_values import choose_density, food_value
 
 
 @dataclass(frozen=True, slots=True)
 class FoodView:
-    """A food with its densities, nutrients (tagname, name, unit, per 100 g edible) and the release it is of."""
+    """A food with its nutrients per 100 g edible and the release it is of.
+
+    density: the one that its volumes are weighed with, with its alternatives; None if none is known.
+    """
 
     food: Food
+    value: FoodValue
     release: str
-    densities: Sequence[FoodDensity]
-    nutrients: Sequence[tuple[str, str, str, float]]
+    density: DensityChoice | None
+    edible_share: float
+    nutrients: list[NutrientRow]
 
 
 def search_foods(database: Database, words: str | None = None, limit: int = 50) -> list[Food]:
-    """Foods of the active release, best match first; without words, in the table's order."""
+    """Foods in force, best match first; without words, in the tables' order."""
     with database.read() as session:
-        release = foods.active_release(session)
-        rows = foods.foods_of(session, release.id) if release is not None else []
+        releases = [release.id for release in foods.releases_in_force(session)]
+        rows = foods.foods_in_order(session, releases, limit if words is None else 10_000)
     if words is None:
-        return rows[:limit]
+        return rows
     labels = [(row.name, *row.aliases, row.key) for row in rows]
     return [rows[position] for position in rank_labels(labels, words)][:limit]
 
 
-def read_food(database: Database, key: str) -> FoodView:
-    """One food of the active release. Raises NotFoundError."""
+def read_food(database: Database, key: str, study_id: uuid.UUID | None = None) -> FoodView:
+    """One food in force, by its key or by the number that a published table gives it. Raises NotFoundError.
+
+    study_id: whose own density measurements count.
+    """
     with database.read() as session:
-        release = foods.active_release(session)
-        found = foods.foods_by_key(session, release.id, [key]) if release is not None else {}
-        if release is None or key not in found:
-            raise NotFoundError(f"The food table has no food {key!r}: search it for the key.", code="food_not_found")
-        return FoodView(
-            food=found[key],
-            release=f"{release.name} {release.version}",
-            densities=foods.densities_of(session, found[key].id),
-            nutrients=records.nutrients_of(session, found[key].id),
-        )
+        return view_of(session, require_food(session, key), study_id)
+
+
+def require_food(session: Session, key: str) -> Food:
+    """The food in force of this key, or of this number in a published table. Raises NotFoundError."""
+    found = foods.foods_by_key(session, [key]).get(key)
+    if found is not None:
+        return found
+    by_code = foods.foods_by_code(session, key)
+    if not by_code:
+        raise NotFoundError(f"The food table has no food {key!r}: search it for the key.", code="food_not_found")
+    return by_code[0]
+
+
+def view_of(session: Session, food: Food, study_id: uuid.UUID | None) -> FoodView:
+    """All that is known of a food."""
+    value = food_value(session, food)
+    release = session.get_one(FoodRelease, food.release_id)
+    return FoodView(
+        food=food,
+        value=value,
+        release=f"{release.name} {release.version}",
+        density=choose_density(session, value, study_id),
+        edible_share=edible_share(value),
+        nutrients=foods.nutrients_of(session, food.id),
+    )

@@ -3,7 +3,7 @@
 from app.db.migrate import upgrade
 from app.db.session import Database
 from app.jobs.engine import prepare_job_tables
-from app.services.load_food_table import load_starter
+from app.services.import_foods import load_starter
 from app.settings import Settings
 
 

@@ -1,28 +1,31 @@
 """One meal as the phone or a researcher sees it: what has arrived, where it stands, what was found."""
 
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from sqlalchemy.orm import Session
 
-from app.db.models import Food, Item, Meal, MealImage, Run, RunArtefact
-from app.db.queries import meals, records
+from app.db.models import Component, Food, Item, ItemFood, Meal, MealImage, Run, RunArtefact
+from app.db.queries import foods, meals, records
 from app.db.session import Database
 from app.errors import ConflictError, NotFoundError
+from app.nutrition.nutrients import MassTotal, NutrientTotal, Portion, total_mass, total_nutrients
 from app.services.caller import Caller, DeviceCaller
+from app.services.food_amounts import FoodAmounts, food_amounts
+from app.services.item_foods import weighing_of
 from app.storage.blob_store import BlobStore
 
 
 @dataclass(frozen=True, slots=True)
 class ItemView:
-    """An item with its effective record (None only for a moment that no reader sees), food and candidates."""
+    """An item with its effective record and candidates; taken_for and amounts are None where it is no food yet."""
 
     item: Item
     record: records.RecordRow
     candidates: tuple[tuple[Food, float | None, str], ...]
-    nutrients: tuple[tuple[str, str, str, float], ...]  # tagname, name, unit, per 100 g edible
+    taken_for: ItemFood | None
+    amounts: FoodAmounts | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +39,9 @@ class MealView:
     run: Run | None
     artefacts: tuple[RunArtefact, ...]
     items: tuple[ItemView, ...]
+    components: Mapping[str, Component]  # by number: those that the items have figures of
+    total_mass: MassTotal
+    totals: Mapping[str, NutrientTotal]
 
 
 def find_meal(
@@ -64,6 +70,9 @@ def read_meal(
     with database.read() as session:
         meal, participant, study = find_meal(session, caller, client_id, participant_code)
         run = records.last_run(session, meal.id)
+        components: dict[str, Component] = {}
+        items = tuple(_items(session, run, components)) if run else ()
+        portions = list(_portions(items))
         return MealView(
             meal=meal,
             participant_code=participant,
@@ -71,7 +80,10 @@ def read_meal(
             images=tuple(meals.images_of(session, meal.id)),
             run=run,
             artefacts=tuple(records.artefacts_of(session, run.id)) if run else (),
-            items=tuple(_items(session, run)) if run else (),
+            items=items,
+            components=components,
+            total_mass=total_mass(portions),
+            totals=total_nutrients(portions),
         )
 
 
@@ -88,17 +100,33 @@ def open_artefact(
     return found[0], blobs.stream(found[0].blob_key)
 
 
-def _items(session: Session, run: Run) -> Iterator[ItemView]:
-    rows = records.records_of_run(session, run.id)
+def _items(session: Session, run: Run, components: dict[str, Component]) -> Iterator[ItemView]:
     candidates = records.candidates_of_run(session, run.id)
-    nutrients: dict[int, tuple[tuple[str, str, str, Any], ...]] = {}
-    for item, row in rows:
-        food = row.food
-        if food is not None and food.id not in nutrients:
-            nutrients[food.id] = tuple(records.nutrients_of(session, food.id))
+    taken_for = records.taken_for_of_run(session, run.id)
+    contents: dict[int, dict[str, float]] = {}
+    for item, row in records.records_of_run(session, run.id):
+        its = taken_for.get(item.id)
+        if its is not None and its.food_id not in contents:
+            known = foods.nutrients_of(session, its.food_id)
+            contents[its.food_id] = {one.component.number: one.per_100_g for one in known}
+            components |= {one.component.number: one.component for one in known}
         yield ItemView(
             item=item,
             record=row,
             candidates=tuple(candidates.get(item.id, ())),
-            nutrients=nutrients[food.id] if food is not None else (),
+            taken_for=its,
+            amounts=food_amounts(contents[its.food_id], weighing_of(its), item.volume_ml, item.relative_sd)
+            if its is not None
+            else None,
         )
+
+
+def _portions(items: Iterable[ItemView]) -> Iterator[Portion]:
+    """The items as terms of the meal's totals; one without a food counts as one whose mass is not known."""
+    for view in items:
+        food = view.record.food
+        if food is None or view.amounts is None:
+            yield Portion("", {}, None, "pair")
+        else:
+            contents = view.amounts.per_100_g
+            yield Portion(food.key, contents, view.amounts.mass, "pair")

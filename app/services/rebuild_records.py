@@ -39,7 +39,7 @@ def rebuild_records(database: Database, *, write: bool) -> Rebuilt:
 def _mend(session: Session, batch: list[records.ItemSource], *, write: bool) -> Iterator[EffectiveRecord]:
     """The records that differ, put right if `write`."""
     for source in batch:
-        wanted = record_values(session, source.meal, source.item, source.food)
+        wanted = record_values(session, source.meal, source.item, source.taken_for)
         record = session.get(EffectiveRecord, source.item.id)
         if record is not None and all(getattr(record, name) == value for name, value in wanted.items()):
             continue

@@ -10,10 +10,10 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from app.db.models import EffectiveRecord, Food, Item, ItemCandidate, Job, Meal, Run, RunArtefact
+from app.db.models import EffectiveRecord, Food, Item, ItemCandidate, ItemFood, Job, Meal, Run, RunArtefact
 from app.db.queries import foods, meals, records
 from app.services.food_amounts import NO_FOOD, food_amounts
-from app.services.load_food_table import food_value
+from app.services.item_foods import item_food, weighing_of
 
 ITEM_NAMESPACE = uuid.UUID("3f2ad0a5-93ce-4f0f-8f39-4f1f1d1b7f6e")  # drawn once; item ids are derived under it
 FROM_HINT = "hint"
@@ -27,7 +27,6 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
     meal = meals.lock_meal(session, job.meal_id)
     if meal is None or meal.deleted_at is not None:
         return  # the meal went while it was estimated: nothing of it may come back
-    release = foods.active_release(session)
     now, failure = datetime.now(UTC), answer["failure"]
     session.add(
         Run(
@@ -40,7 +39,7 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
             parameters=answer["parameters"],
             stages=answer["stages"],
             seconds=answer["seconds"],
-            food_release_id=release.id if release is not None else None,
+            food_releases=[f"{release.name} {release.version}" for release in foods.releases_in_force(session)],
             failure_code=failure["code"] if failure else None,
             failure_message=failure["message"] if failure else None,
             result_key=result_key,
@@ -52,14 +51,19 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
     items = [item_row(job_id, position, found) for position, found in enumerate(answer["items"])]
     session.add_all(items)
     session.flush()
-    chosen = _chosen_foods(session, meal, release.id if release is not None else None, answer["items"])
+    chosen = _chosen_foods(session, meal, answer["items"])
     session.add_all(
         ItemCandidate(item_id=item.id, position=0, food_id=food.id, probability=None, source=FROM_HINT)
         for item, food in zip(items, chosen, strict=True)
         if food is not None
     )
+    taken_for = [
+        item_food(session, item, food, meal.study_id) if food is not None else None
+        for item, food in zip(items, chosen, strict=True)
+    ]
+    session.add_all(row for row in taken_for if row is not None)
     session.flush()
-    built = list(build_records(session, meal, items, chosen))
+    built = list(build_records(session, meal, items, taken_for))
     session.add_all(built)
     meal.status = status_of(failure, built)
     meal.stage = None
@@ -87,21 +91,20 @@ def item_row(run_id: uuid.UUID, position: int, found: Mapping[str, Any]) -> Item
 
 
 def build_records(
-    session: Session, meal: Meal, items: list[Item], chosen: list[Food | None]
+    session: Session, meal: Meal, items: list[Item], taken_for: list[ItemFood | None]
 ) -> Iterator[EffectiveRecord]:
     """The effective record of each item: what its volume and its food come to."""
     change_seq = records.next_change_seq(session, meal.study_id) if items else 0
-    for item, food in zip(items, chosen, strict=True):
-        yield EffectiveRecord(**record_values(session, meal, item, food), change_seq=change_seq)
+    for item, row in zip(items, taken_for, strict=True):
+        yield EffectiveRecord(**record_values(session, meal, item, row), change_seq=change_seq)
 
 
-def record_values(session: Session, meal: Meal, item: Item, food: Food | None) -> dict[str, Any]:
+def record_values(session: Session, meal: Meal, item: Item, taken_for: ItemFood | None) -> dict[str, Any]:
     """An effective record's columns, but for its place in the order of changes."""
-    amounts = (
-        food_amounts(food_value(session, food), item.volume_ml, item.relative_sd).record_columns()
-        if food is not None
-        else NO_FOOD
-    )
+    amounts: Mapping[str, Any] = NO_FOOD
+    if taken_for is not None:
+        contents = {row.component.number: row.per_100_g for row in foods.nutrients_of(session, taken_for.food_id)}
+        amounts = food_amounts(contents, weighing_of(taken_for), item.volume_ml, item.relative_sd).record_columns()
     return {
         "item_id": item.id,
         "meal_id": meal.id,
@@ -109,8 +112,8 @@ def record_values(session: Session, meal: Meal, item: Item, food: Food | None) -
         "participant_id": meal.participant_id,
         "captured_at": meal.captured_at,
         "local_date": meal.local_date,
-        "status": "proposed" if food is not None and item.volume_ml is not None else "needs_review",
-        "food_id": food.id if food is not None else None,
+        "status": "proposed" if amounts["mass_g"] is not None else "needs_review",
+        "food_id": taken_for.food_id if taken_for is not None else None,
         "volume_ml": item.volume_ml,
         "volume_low_ml": item.volume_low_ml,
         "volume_high_ml": item.volume_high_ml,
@@ -125,12 +128,10 @@ def status_of(failure: Mapping[str, Any] | None, built: list[EffectiveRecord]) -
     return "estimated" if built and all(record.status == "proposed" for record in built) else "needs_review"
 
 
-def _chosen_foods(
-    session: Session, meal: Meal, release_id: int | None, found: list[Mapping[str, Any]]
-) -> list[Food | None]:
+def _chosen_foods(session: Session, meal: Meal, found: list[Mapping[str, Any]]) -> list[Food | None]:
     """Each item's food by the hint that it answers; None without a hint or where the table lacks the food."""
     hints = meal.details["hints"]
     keys = [hints[item["hint"]].get("food") if item["hint"] is not None else None for item in found]
     wanted = {key for key in keys if key is not None}
-    known = foods.foods_by_key(session, release_id, wanted) if release_id is not None and wanted else {}
+    known = foods.foods_by_key(session, wanted) if wanted else {}
     return [known.get(key) if key is not None else None for key in keys]

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from app.api.schemas.records import FoodRef, NutrientAmount
+from app.api.schemas.foods import FoodRef, NutrientAmount, NutrientTotal
 from app.api.schemas.text import Number, Text, only_text
 
 Pixel = Annotated[Number, Field(ge=-1e6, le=1e6)]
@@ -146,7 +146,7 @@ class RunOut(BaseModel):
     parameters: dict[str, Any]
     stages: dict[str, float] = Field(description="Seconds a step.")
     seconds: float
-    food_table: str | None
+    food_tables: list[str] = Field(description="The releases in force, the one that goes first at the head.")
     created_at: datetime
     artefacts: list[ArtefactOut]
 
@@ -172,13 +172,34 @@ class ItemOut(BaseModel):
     volume_ml: float | None = Field(description="Null where it could not be measured: flag `not_measurable`.")
     volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
     density_g_per_ml: float | None
+    density_sd_g_per_ml: float | None = Field(description="What the next item of this food may differ from it.")
+    density_basis: str | None = Field(description="study, measured, fao, portion, related or group.")
     density_source: str | None
     mass_g: float | None = Field(description="As seen, with peel, core and bone.")
     mass_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
+    edible_share: float | None = Field(description="Edible mass / mass as seen.")
     edible_g: float | None
     nutrients: list[NutrientAmount]
     flags: list[str]
 
+
+class TotalsOut(BaseModel):
+    """The meal's items together; doubt that they share (the pair's, a food's density) is not averaged away."""
+
+    edible_g: float | None
+    edible_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
+    unmeasured_items: int = Field(description="Items whose mass is not known; above 0, the totals are incomplete.")
+    nutrients: list[NutrientTotal]
+
+
+ENERGY_EXAMPLE: dict[str, Any] = {
+    "number": "208",
+    "tagname": "ENERC_KCAL",
+    "name": "Energy",
+    "unit": "kcal",
+    "amount": 68.3,
+    "interval": [57.6, 81.1],
+}
 
 MEAL_EXAMPLE: dict[str, Any] = {
     "id": "0b0ccda4-7f0e-4e34-9a39-1f0c6d3bb9c1",
@@ -225,14 +246,23 @@ MEAL_EXAMPLE: dict[str, Any] = {
             "volume_ml": 185.0,
             "volume_interval_ml": [158.0, 216.0],
             "density_g_per_ml": 0.789,
+            "density_sd_g_per_ml": 0.03,
+            "density_basis": "measured",
             "density_source": "ECUSTFD (Liang and Li 2017)",
             "mass_g": 146.0,
             "mass_interval_g": [123.0, 173.0],
+            "edible_share": 0.9,
             "edible_g": 131.4,
-            "nutrients": [{"tagname": "ENERC_KCAL", "name": "Energy", "unit": "kcal", "amount": 68.3}],
+            "nutrients": [ENERGY_EXAMPLE],
             "flags": [],
         }
     ],
+    "totals": {
+        "edible_g": 131.4,
+        "edible_interval_g": [110.8, 155.9],
+        "unmeasured_items": 0,
+        "nutrients": [ENERGY_EXAMPLE | {"coverage": 1.0}],
+    },
     "run": None,
 }
 
@@ -256,4 +286,5 @@ class MealOut(BaseModel):
     missing: list[str] = Field(description="Slots whose photographs have not arrived.")
     failure: FailureOut | None
     items: list[ItemOut]
+    totals: TotalsOut
     run: RunOut | None

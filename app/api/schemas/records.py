@@ -1,25 +1,11 @@
-"""Records, foods and their parts over the wire."""
+"""Records over the wire."""
 
 import uuid
 from datetime import date, datetime
 
 from pydantic import BaseModel, Field
 
-
-class FoodRef(BaseModel):
-    """A food by key and name."""
-
-    key: str
-    name: str
-
-
-class NutrientAmount(BaseModel):
-    """How much of a component the edible portion holds; tagname: INFOODS."""
-
-    tagname: str
-    name: str
-    unit: str
-    amount: float
+from app.api.schemas.foods import FoodRef
 
 
 class RecordOut(BaseModel):
@@ -65,47 +51,3 @@ class RecordPage(BaseModel):
 
     items: list[RecordOut]
     next: str | None = Field(description="The next page's path and query.")
-
-
-class NutrientOut(BaseModel):
-    """Content of 100 g edible portion."""
-
-    tagname: str
-    name: str
-    unit: str
-    per_100_g: float
-
-
-class DensityOut(BaseModel):
-    """A density with its source; kind: solid (the food itself) or bulk (with the air in a heap)."""
-
-    g_per_ml: float
-    sd_g_per_ml: float
-    state: str
-    kind: str
-    basis: str
-    source: str
-
-
-class FoodSummary(FoodRef):
-    """A food in a list."""
-
-    aliases: list[str]
-    group: str
-    form: str
-
-
-class FoodOut(FoodSummary):
-    """A food with all that the table knows of it; a component that is not listed is not known."""
-
-    refuse: list[dict[str, object]]
-    source_ids: dict[str, object]
-    release: str
-    densities: list[DensityOut]
-    nutrients: list[NutrientOut]
-
-
-class FoodList(BaseModel):
-    """Foods, best match first."""
-
-    items: list[FoodSummary]

@@ -1,4 +1,4 @@
-"""What the pipeline found, append-only, and the effective record of each item, a projection of it."""
+"""What the pipeline found and what it was taken for, append-only; the effective record of each item, a projection."""
 
 import uuid
 from datetime import date, datetime
@@ -26,7 +26,7 @@ class Run(Base):
     parameters: Mapped[dict[str, Any]]
     stages: Mapped[dict[str, Any]]
     seconds: Mapped[float]
-    food_release_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food_release.id"))
+    food_releases: Mapped[list[Any]]  # the tables in force, "name version", the one that goes first at the head
     failure_code: Mapped[str | None] = mapped_column(sa.String(64))
     failure_message: Mapped[str | None] = mapped_column(sa.Text)
     result_key: Mapped[str] = mapped_column(sa.String(300), unique=True)  # the pipeline's whole answer, in the store
@@ -83,6 +83,42 @@ class ItemCandidate(Base):
     food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"))
     probability: Mapped[float | None]
     source: Mapped[str] = mapped_column(sa.String(16))
+
+
+class ItemFood(Base):
+    """Which food an item is taken for, and what turns its volume into grams; append-only, the highest version holds.
+
+    The density and the edible share are kept as they were chosen, so that a record can always be built again. Without a
+    density (the table knows none) the density's columns are NULL. recompute_id: the recomputation that wrote it.
+    """
+
+    __tablename__ = "item_food"
+
+    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
+    version: Mapped[int] = mapped_column(primary_key=True)
+    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"))
+    density_g_per_ml: Mapped[float | None]
+    density_sd_g_per_ml: Mapped[float | None]
+    density_state: Mapped[str | None] = mapped_column(sa.String(32))
+    density_kind: Mapped[str | None] = mapped_column(sa.String(8))
+    density_basis: Mapped[str | None] = mapped_column(sa.String(32))
+    density_source: Mapped[str | None] = mapped_column(sa.String(300))
+    density_weighs: Mapped[str | None] = mapped_column(sa.String(8))
+    edible_share: Mapped[float]
+    recompute_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("recompute.id"))
+    created_at: Mapped[datetime]
+
+
+class Recompute(Base):
+    """One `tada records recompute --nutrients`: who, when, why, and how many records changed."""
+
+    __tablename__ = "recompute"
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    author: Mapped[str] = mapped_column(sa.String(200))
+    reason: Mapped[str] = mapped_column(sa.Text)
+    food_releases: Mapped[list[Any]]
+    started_at: Mapped[datetime]
 
 
 class EffectiveRecord(Base):

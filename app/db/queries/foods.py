@@ -1,46 +1,158 @@
-"""SQL of the food table: the active release, its foods, their nutrients and densities."""
+"""SQL of the food table: the releases in force, foods by key or code, their nutrients, densities and portions.
 
-from collections.abc import Collection
+A key may stand in several releases: local corrections go before national tables, those before the starter table, then
+FoodData Central, SR28, and last the tables that give densities only.
+"""
+
+import uuid
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import Component, Food, FoodDensity, FoodNutrient, FoodRelease
+from app.db.models import (
+    Component,
+    Food,
+    FoodActivation,
+    FoodCode,
+    FoodDensity,
+    FoodNutrient,
+    FoodPortion,
+    FoodRelease,
+    StudyDensity,
+)
+
+LOCAL = "local"
+DENSITIES_ONLY = "fao-density"
+_PRECEDENCE = (LOCAL, "csv", "starter", "fdc", "sr28", DENSITIES_ONLY)
 
 
-def active_release(session: Session) -> FoodRelease | None:
-    """The release that new volumes are turned into grams with."""
-    return session.scalars(sa.select(FoodRelease).where(FoodRelease.is_active)).one_or_none()
+@dataclass(frozen=True, slots=True)
+class NutrientRow:
+    """One component of a food. per_100_g: content of 100 g edible portion, in the component's unit."""
+
+    component: Component
+    per_100_g: float
+
+
+def releases_in_force(session: Session) -> list[FoodRelease]:
+    """The releases that foods are looked up in, the one that goes first at the head."""
+    newest = sa.select(sa.func.max(FoodActivation.id)).group_by(FoodActivation.name)
+    query = (
+        sa.select(FoodRelease)
+        .join(FoodActivation, FoodActivation.release_id == FoodRelease.id)
+        .where(FoodActivation.id.in_(newest))
+    )
+    return sorted(session.scalars(query), key=_precedence)
+
+
+def all_releases(session: Session) -> list[FoodRelease]:
+    """Every release, whole or not, the newest import first."""
+    return list(session.scalars(sa.select(FoodRelease).order_by(FoodRelease.id.desc())))
 
 
 def release_by_checksum(session: Session, checksum: str) -> FoodRelease | None:
-    """The release that was made from exactly these files."""
+    """The release that was made from exactly these files, whole or not."""
     return session.scalars(sa.select(FoodRelease).where(FoodRelease.checksum == checksum)).one_or_none()
 
 
-def foods_of(session: Session, release_id: int) -> list[Food]:
-    """A release's foods in the table's order."""
-    return list(session.scalars(sa.select(Food).where(Food.release_id == release_id).order_by(Food.id)))
+def foods_by_key(session: Session, keys: Collection[str]) -> dict[str, Food]:
+    """Key -> the food in force, for the keys that there are."""
+    order = {release.id: position for position, release in enumerate(releases_in_force(session))}
+    query = sa.select(Food).where(Food.key.in_(keys), Food.release_id.in_(order), Food.superseded_by_id.is_(None))
+    found: dict[str, Food] = {}
+    for food in sorted(session.scalars(query), key=lambda food: order[food.release_id]):
+        found.setdefault(food.key, food)
+    return found
 
 
-def foods_by_key(session: Session, release_id: int, keys: Collection[str]) -> dict[str, Food]:
-    """The foods of these keys."""
-    query = sa.select(Food).where(Food.release_id == release_id, Food.key.in_(keys))
-    return {food.key: food for food in session.scalars(query)}
+def foods_by_code(session: Session, code: str) -> list[Food]:
+    """The foods in force that a published table knows by this number, best first."""
+    return _in_force(session, FoodCode.code == code, FoodCode.system != "label")
 
 
-def densities_of(session: Session, food_id: int) -> list[FoodDensity]:
-    """A food's densities in the table's order."""
-    query = sa.select(FoodDensity).where(FoodDensity.food_id == food_id).order_by(FoodDensity.position)
+def same_foods(session: Session, food: Food, labels: Collection[str]) -> list[Food]:
+    """Other foods in force that share a code with this one, and density rows that go by one of its labels."""
+    shared = sa.select(FoodCode.system, FoodCode.code).where(FoodCode.food_id == food.id, FoodCode.system != "label")
+    return _in_force(
+        session,
+        sa.or_(
+            sa.tuple_(FoodCode.system, FoodCode.code).in_(shared),
+            sa.and_(FoodCode.system == "label", FoodCode.code.in_(labels)),
+        ),
+        FoodCode.food_id != food.id,
+    )
+
+
+def foods_in_order(session: Session, release_ids: Sequence[int], limit: int) -> list[Food]:
+    """Foods of the releases in the tables' order."""
+    query = (
+        sa.select(Food)
+        .where(Food.release_id.in_(release_ids), Food.superseded_by_id.is_(None))
+        .order_by(Food.id)
+        .limit(limit)
+    )
     return list(session.scalars(query))
 
 
-def contents_of(session: Session, food_id: int) -> dict[str, float]:
-    """Tagname to content of 100 g edible portion."""
-    query = sa.select(FoodNutrient.tagname, FoodNutrient.per_100_g).where(FoodNutrient.food_id == food_id)
-    return {row.tagname: row.per_100_g for row in session.execute(query)}
+def densities_of(session: Session, food_ids: Collection[int]) -> dict[int, list[FoodDensity]]:
+    """Food -> its densities in the table's order."""
+    query = (
+        sa.select(FoodDensity)
+        .where(FoodDensity.food_id.in_(food_ids))
+        .order_by(FoodDensity.food_id, FoodDensity.position)
+    )
+    found: dict[int, list[FoodDensity]] = {}
+    for density in session.scalars(query):
+        found.setdefault(density.food_id, []).append(density)
+    return found
 
 
-def known_components(session: Session) -> set[str]:
-    """Tagnames that are there."""
-    return set(session.scalars(sa.select(Component.tagname)))
+def study_densities_of(session: Session, study_id: uuid.UUID, food_key: str) -> list[StudyDensity]:
+    """The study's own measurements of a food, the newest first, without withdrawn ones."""
+    query = (
+        sa.select(StudyDensity)
+        .where(
+            StudyDensity.study_id == study_id, StudyDensity.food_key == food_key, StudyDensity.withdrawn_at.is_(None)
+        )
+        .order_by(StudyDensity.measured_at.desc(), StudyDensity.id)
+    )
+    return list(session.scalars(query))
+
+
+def nutrients_of(session: Session, food_id: int) -> list[NutrientRow]:
+    """All components that are known of a food, in the order of components.csv."""
+    query = (
+        sa.select(Component, FoodNutrient.per_100_g)
+        .join(FoodNutrient, FoodNutrient.component_id == Component.id)
+        .where(FoodNutrient.food_id == food_id)
+        .order_by(Component.id)
+    )
+    return [NutrientRow(component, per_100_g) for component, per_100_g in session.execute(query)]
+
+
+def portions_of(session: Session, food_id: int) -> list[FoodPortion]:
+    """A food's household measures in the source's order."""
+    query = sa.select(FoodPortion).where(FoodPortion.food_id == food_id).order_by(FoodPortion.position)
+    return list(session.scalars(query))
+
+
+def components_by_number(session: Session) -> dict[str, Component]:
+    """Number -> component, all that are there."""
+    return {component.number: component for component in session.scalars(sa.select(Component))}
+
+
+def _in_force(session: Session, *conditions: sa.ColumnElement[bool]) -> list[Food]:
+    order = {release.id: position for position, release in enumerate(releases_in_force(session))}
+    query = (
+        sa.select(Food)
+        .join(FoodCode, FoodCode.food_id == Food.id)
+        .where(*conditions, Food.release_id.in_(order), Food.superseded_by_id.is_(None))
+        .distinct()
+    )
+    return sorted(session.scalars(query), key=lambda food: (order[food.release_id], food.id))
+
+
+def _precedence(release: FoodRelease) -> tuple[int, int]:
+    return (_PRECEDENCE.index(release.source), -release.id)

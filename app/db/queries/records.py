@@ -7,16 +7,15 @@ from datetime import date, datetime
 from typing import Any
 
 import sqlalchemy as sa
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, aliased
 
 from app.db.models import (
-    Component,
     EffectiveRecord,
     Food,
-    FoodNutrient,
     FoodRelease,
     Item,
     ItemCandidate,
+    ItemFood,
     Meal,
     Participant,
     Run,
@@ -57,7 +56,7 @@ class ItemSource:
 
     item: Item
     meal: Meal
-    food: Food | None
+    taken_for: ItemFood | None
 
 
 def page_of_records(
@@ -123,31 +122,29 @@ def artefacts_of(session: Session, run_id: uuid.UUID) -> list[RunArtefact]:
     return list(session.scalars(sa.select(RunArtefact).where(RunArtefact.run_id == run_id).order_by(RunArtefact.name)))
 
 
-def nutrients_of(session: Session, food_id: int) -> list[tuple[str, str, str, float]]:
-    """(tagname, name, unit, amount in 100 g edible portion) of all components that are known of a food."""
-    query = (
-        sa.select(Component.tagname, Component.name, Component.unit, FoodNutrient.per_100_g)
-        .join(FoodNutrient, FoodNutrient.tagname == Component.tagname)
-        .where(FoodNutrient.food_id == food_id)
-        .order_by(Component.tagname)
-    )
-    return [(tagname, name, unit, amount) for tagname, name, unit, amount in session.execute(query)]
-
-
 def items_after(session: Session, after: uuid.UUID | None, limit: int) -> list[ItemSource]:
     """Items by id, behind `after`, with the meal and the food that their effective records follow from."""
     query = (
-        sa.select(Item, Meal, Food)
+        sa.select(Item, Meal, ItemFood)
         .join(Run, Run.id == Item.run_id)
         .join(Meal, Meal.id == Run.meal_id)
-        .outerjoin(ItemCandidate, sa.and_(ItemCandidate.item_id == Item.id, ItemCandidate.position == 0))
-        .outerjoin(Food, Food.id == ItemCandidate.food_id)
+        .outerjoin(ItemFood, sa.and_(ItemFood.item_id == Item.id, ItemFood.version == _newest_version()))
         .order_by(Item.id)
         .limit(limit)
     )
     if after is not None:
         query = query.where(Item.id > after)
-    return [ItemSource(item, meal, food) for item, meal, food in session.execute(query)]
+    return [ItemSource(item, meal, taken_for) for item, meal, taken_for in session.execute(query)]
+
+
+def taken_for_of_run(session: Session, run_id: uuid.UUID) -> dict[uuid.UUID, ItemFood]:
+    """Item -> what it is taken for now, of those items that are taken for a food."""
+    query = (
+        sa.select(ItemFood)
+        .join(Item, Item.id == ItemFood.item_id)
+        .where(Item.run_id == run_id, ItemFood.version == _newest_version())
+    )
+    return {row.item_id: row for row in session.scalars(query)}
 
 
 def next_change_seq(session: Session, study_id: uuid.UUID) -> int:
@@ -156,6 +153,12 @@ def next_change_seq(session: Session, study_id: uuid.UUID) -> int:
         sa.update(Study).where(Study.id == study_id).values(change_seq=Study.change_seq + 1).returning(Study.change_seq)
     )
     return session.execute(query).scalar_one()
+
+
+def _newest_version() -> sa.ScalarSelect[int]:
+    """The version of ItemFood that holds for the item of the query around it."""
+    other = aliased(ItemFood)
+    return sa.select(sa.func.max(other.version)).where(other.item_id == Item.id).scalar_subquery()
 
 
 def _rows() -> sa.Select[*tuple[Any, ...]]:

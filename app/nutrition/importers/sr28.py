@@ -1,30 +1,40 @@
-"""USDA National Nutrient Database for Standard Reference, release 28, ASCII: zip or folder -> its records.
+"""USDA National Nutrient Database for Standard Reference, release 28, ASCII: zip or folder -> its table, checked whole.
 
 Fields are separated by ^, texts stand in ~, lines end in CR LF (in WEIGHT.txt CR CR LF), the encoding is Windows-1252
-(only NUTR_DEF.txt uses it, for the micro sign). Documented in sr28_doc.pdf of the release.
+(only NUTR_DEF.txt uses it, for the micro sign). Documented in sr28_doc.pdf of the release. In the published release every
+food has nutrient values and every value its food, so anything else means a file that was cut off or altered.
 """
 
 import re
-import zipfile
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
-from typing import IO
+from types import MappingProxyType
 
-from app.nutrition.components import TAGNAME_BY_SR28_NUMBER
-from app.units import Unit, density_from_portion
-
-# Measures that open with a volume. Teaspoons are left out: their weights are rounded to a tenth of themselves.
-_VOLUME_MEASURES = (
-    (re.compile(r"(?:serving )?cups?\b"), Unit.CUP),
-    (re.compile(r"(?:serving )?1/2 cup\b"), Unit.CUP),
-    (re.compile(r"fl oz\b"), Unit.FLUID_OUNCE),
-    (re.compile(r"tbsp\b"), Unit.TABLESPOON),
-    (re.compile(r"cubic inch\b"), Unit.CUBIC_INCH),
+from app.nutrition.foods import Density, Food, FoodForm, FoodTable, RefusePart, load_starter_table
+from app.nutrition.group_density import GroupDensities, GroupMember
+from app.nutrition.importers.imported import (
+    ImportedTable,
+    Skipped,
+    SourceComponent,
+    key_once,
+    number_in,
+    sorted_components,
+    source_component,
 )
-_SERVING = re.compile(r"^serving 1 (?=cup\b)")
+from app.nutrition.importers.source_files import ImportFileError, SourceFiles
+from app.nutrition.portion_density import portion_densities
+from app.nutrition.portions import Portion
+from app.nutrition.usual_form import is_mixed_dish, packs_without_air, usual_form, usual_state
+
+FORMAT = "sr28"
+FILES = ("FD_GROUP.txt", "NUTR_DEF.txt", "FOOD_DES.txt", "NUT_DATA.txt", "WEIGHT.txt")
+RELEASED_ON = date(2016, 5, 1)  # September 2015, revised May 2016
+ENCODING = "cp1252"
+
 _PERCENT_FIRST = re.compile(r"^(?P<percent>\d+(?:\.\d+)?)\s*%\s*(?P<part>.+)$")
+_NO_ALIAS = re.compile(r"URMIS|commodity|\d{3}", re.IGNORECASE)  # codes of the meat trade and of government programmes
 _PERCENT_LAST = re.compile(r"^(?P<part>.+?),?\s*(?P<percent>\d+(?:\.\d+)?)\s*%$")
 
 
@@ -35,98 +45,153 @@ class Sr28Food:
     ndb_number: str
     group_code: str
     name: str
+    common_names: str
     refuse_percent: float
     refuse_words: str
 
 
-@dataclass(frozen=True, slots=True)
-class Sr28Portion:
-    """A line of WEIGHT.txt whose measure is a volume: `amount` `unit`s of the food, as `measure` says, weigh mass_g."""
-
-    ndb_number: str
-    sequence: str
-    amount: float
-    unit: Unit
-    measure: str
-    mass_g: float
-
-    @property
-    def density_g_per_ml(self) -> float:
-        """Grams of edible portion a millilitre of the measure."""
-        return density_from_portion(self.mass_g, self.amount, self.unit)
-
-
 class Sr28Release:
-    """The release at a path, a zip or a folder. Raises FileNotFoundError or ValueError if it is no such release."""
+    """The release at a path, a zip or a folder. Raises ImportFileError if it is no such release.
+
+    Each method reads one file, whole, and checks it: fields, figures, references, duplicates.
+    """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        if not path.exists():
-            raise FileNotFoundError(f"{path} does not exist; give the SR28 ASCII release as a zip or a folder")
-        if path.is_file() and not zipfile.is_zipfile(path):
-            raise ValueError(f"{path} is no zip file, or only a part of one; download the release again")
+        self._files = SourceFiles(path)
+        self._files.require(FILES)
+
+    def checksum(self) -> str:
+        """SHA-256 of what is read of it, hex."""
+        return self._files.checksum(FILES)
 
     def groups(self) -> dict[str, str]:
         """FD_GROUP.txt: code -> name of each food group."""
-        return {fields[0]: fields[1] for fields in self._records("FD_GROUP.txt", 2)}
+        name, groups = "FD_GROUP.txt", dict[str, str]()
+        for line, (code, group) in self._records(name, 2):
+            groups[key_once(name, line, "group", code, groups)] = group
+        return groups
 
-    def nutrient_definitions(self) -> dict[str, tuple[str, str, str]]:
-        """NUTR_DEF.txt: Nutr_No -> tagname, name, unit (the micro sign as u)."""
-        return {
-            fields[0]: (fields[2], fields[3], fields[1].replace("\u00b5", "u"))
-            for fields in self._records("NUTR_DEF.txt", 6)
-        }
+    def components(self) -> dict[str, SourceComponent]:
+        """NUTR_DEF.txt: Nutr_No -> component, with the factor that its figures take."""
+        name, components = "NUTR_DEF.txt", dict[str, SourceComponent]()
+        for line, fields in self._records(name, 6):
+            number = key_once(name, line, "nutrient", fields[0], components)
+            components[number] = source_component(name, line, number, fields[3], fields[1])
+        return components
 
     def foods(self) -> dict[str, Sr28Food]:
         """FOOD_DES.txt: NDB number -> food."""
-        foods = {}
-        for fields in self._records("FOOD_DES.txt", 14):
-            refuse_percent = float(fields[8] or 0.0)
-            foods[fields[0]] = Sr28Food(fields[0], fields[1], fields[2], refuse_percent, fields[7])
+        name, groups, foods = "FOOD_DES.txt", self.groups(), dict[str, Sr28Food]()
+        for line, fields in self._records(name, 14):
+            number = key_once(name, line, "food", fields[0], foods)
+            if not fields[2]:
+                raise ImportFileError(name, line, f"food {number} has no name")
+            if fields[1] not in groups:
+                raise ImportFileError(name, line, f"food {number} is of group {fields[1]}, which FD_GROUP.txt lacks")
+            percent = number_in(name, line, "the refuse", fields[8] or "0")
+            if percent >= 100.0:
+                raise ImportFileError(name, line, f"a refuse of {percent:g} % leaves nothing of food {number}")
+            foods[number] = Sr28Food(number, fields[1], fields[2], fields[4], percent, fields[7])
         return foods
 
     def contents(self, ndb_numbers: Collection[str]) -> dict[str, dict[str, float]]:
-        """NUT_DATA.txt: NDB number -> tagname -> content of 100 g edible portion, for these foods."""
+        """NUT_DATA.txt: NDB number -> component number -> content of 100 g edible portion, for these foods."""
+        name, components, foods = "NUT_DATA.txt", self.components(), self.foods()
         contents: dict[str, dict[str, float]] = {number: {} for number in ndb_numbers}
-        for fields in self._records("NUT_DATA.txt", 18):
-            tagname = TAGNAME_BY_SR28_NUMBER.get(fields[1])
-            if tagname and fields[0] in contents:
-                contents[fields[0]][tagname] = float(fields[2])
+        for line, fields in self._records(name, 18):
+            if fields[0] not in foods:
+                raise ImportFileError(name, line, f"food {fields[0]} is none of FOOD_DES.txt; is one of them cut off?")
+            found = components.get(fields[1])
+            if found is None:
+                raise ImportFileError(name, line, f"nutrient {fields[1]} is none of NUTR_DEF.txt")
+            of_food = contents.get(fields[0])
+            if of_food is None:
+                continue
+            number = found.component.number
+            if number in of_food:
+                raise ImportFileError(name, line, f"nutrient {number} of food {fields[0]} is there twice")
+            of_food[number] = number_in(name, line, f"nutrient {number}", fields[2]) * found.factor
+        for ndb_number, of_food in contents.items():
+            if not of_food:
+                raise ImportFileError(name, None, f"it has no value of food {ndb_number}; is the file cut off?")
         return contents
 
-    def volume_portions(self) -> dict[str, list[Sr28Portion]]:
-        """WEIGHT.txt: NDB number -> the portions that are volumes, in the file's order."""
-        portions: dict[str, list[Sr28Portion]] = {}
-        for fields in self._records("WEIGHT.txt", 7):
-            measure = _SERVING.sub("", fields[3])
-            for pattern, unit in _VOLUME_MEASURES:
-                if pattern.match(measure):
-                    amount = float(fields[2]) * (0.5 if "1/2 cup" in measure else 1.0)
-                    portion = Sr28Portion(fields[0], fields[1], amount, unit, fields[3], float(fields[4]))
-                    portions.setdefault(fields[0], []).append(portion)
-                    break
+    def portions(self, skipped: Skipped) -> dict[str, list[Portion]]:
+        """WEIGHT.txt: NDB number -> its household measures, in the file's order."""
+        name, foods, seen = "WEIGHT.txt", self.foods(), set[str]()
+        portions: dict[str, list[Portion]] = {}
+        for line, fields in self._records(name, 7):
+            if fields[0] not in foods:
+                raise ImportFileError(name, line, f"food {fields[0]} is none of FOOD_DES.txt; is one of them cut off?")
+            seen.add(key_once(name, line, "portion", f"{fields[0]} {fields[1]}", seen))
+            amount = number_in(name, line, "the amount", fields[2])
+            mass_g = number_in(name, line, "the weight", fields[4])
+            if amount == 0.0 or mass_g == 0.0:
+                skipped.add("portions of no amount or weight", f"{fields[0]} {fields[3]}")
+                continue
+            portions.setdefault(fields[0], []).append(Portion(fields[1], amount, fields[3], mass_g))
         return portions
 
-    def _records(self, name: str, fields_per_line: int) -> Iterator[list[str]]:
-        with self._open(name) as lines:
-            for number, line in enumerate(lines, start=1):
-                fields = [field.strip().strip("~") for field in line.decode("cp1252").strip().split("^")]
-                if len(fields) != fields_per_line:
-                    raise ValueError(f"{name}, line {number}: {len(fields)} fields where SR28 has {fields_per_line}")
-                yield fields
+    def _records(self, name: str, fields_per_line: int) -> Iterator[tuple[int, list[str]]]:
+        number = 0
+        for number, line in self._files.lines(name, ENCODING):
+            raw = [field.strip() for field in line.split("^")]
+            if len(raw) != fields_per_line:
+                why = f"{len(raw)} fields where SR28 has {fields_per_line}; is the file cut off?"
+                raise ImportFileError(name, number, why)
+            # The last field of FD_GROUP.txt is a text: cut within it the count is still right.
+            if raw[-1].startswith("~") and (raw[-1] == "~" or not raw[-1].endswith("~")):
+                raise ImportFileError(name, number, f"the text {raw[-1]} has no end; is the file cut off?")
+            yield number, [field.strip("~") for field in raw]
+        if number == 0:
+            raise ImportFileError(name, None, "it is empty")
 
-    @contextmanager
-    def _open(self, name: str) -> Iterator[IO[bytes]]:
-        if self._path.is_dir():
-            with (self._path / name).open("rb") as lines:
-                yield lines
-            return
-        with zipfile.ZipFile(self._path) as archive:
-            inside = [entry for entry in archive.namelist() if entry.rpartition("/")[2].upper() == name.upper()]
-            if not inside:
-                raise FileNotFoundError(f"{self._path} holds no {name}")
-            with archive.open(inside[0]) as lines:
-                yield lines
+
+def read_sr28(path: Path) -> ImportedTable:
+    """The whole release, checked. Raises ImportFileError, which names file and line, at the first thing that is wrong."""
+    release, skipped = Sr28Release(path), Skipped()
+    groups, sources = release.groups(), release.foods()
+    contents, portions = release.contents(sources), release.portions(skipped)
+    own, forms = dict[str, list[Density]](), dict[str, FoodForm]()
+    for number, source in sources.items():
+        forms[number] = usual_form(source.name, groups[source.group_code])
+        own[number] = portion_densities(
+            portions.get(number, []),
+            forms[number],
+            usual_state(source.name),
+            f"USDA SR28, NDB {number}",
+            cup_kind="solid" if packs_without_air(source.name, groups[source.group_code]) else None,
+        )
+    measured = _starter_densities()
+    medians = GroupDensities(
+        (
+            GroupMember(groups[source.group_code], forms[number], portions.get(number, []),
+                        (*measured.get(number, ()), *own[number]))
+            for number, source in sources.items()
+        ),
+        "USDA SR28 and the starter table",
+    )  # fmt: skip
+    foods = tuple(
+        Food(
+            key=f"sr28:{number}",
+            name=source.name,
+            aliases=_aliases(source),
+            food_group=groups[source.group_code],
+            form=forms[number],
+            slice_form=None,
+            refuse=tuple(RefusePart(part, percent) for part, percent in _refuse(source)),
+            densities=(*own[number], *medians.of(groups[source.group_code], forms[number])),
+            per_100_g=MappingProxyType(contents[number]),
+            source_ids={"sr28_ndb": number},
+            state=usual_state(source.name),
+            is_mixed_dish=is_mixed_dish(source.name, groups[source.group_code]),
+            portions=tuple(portions.get(number, [])),
+        )
+        for number, source in sources.items()
+    )
+    components = {found.component.number: found.component for found in release.components().values()}
+    table = FoodTable("sr28", "28", RELEASED_ON, release.checksum(), foods)
+    return ImportedTable(FORMAT, table, sorted_components(components), skipped)
 
 
 def parse_refuse(words: str, percent: float) -> list[tuple[str, float]]:
@@ -140,7 +205,7 @@ def parse_refuse(words: str, percent: float) -> list[tuple[str, float]]:
     parts: list[tuple[str, float]] = []
     for piece in re.split(r"[,;]", re.sub(r",\s*(?=\d+(?:\.\d+)?\s*%\s*(?:,|;|$))", " ", words)):
         match = _PERCENT_FIRST.match(piece.strip()) or _PERCENT_LAST.match(piece.strip())
-        if match is None:
+        if match is None or float(match["percent"]) == 0.0:
             parts = []
             break
         parts.append((match["part"].strip().lower(), float(match["percent"])))
@@ -148,3 +213,25 @@ def parse_refuse(words: str, percent: float) -> list[tuple[str, float]]:
         return [(words.strip().lower() or "refuse", percent)]
     scale = percent / sum(share for _, share in parts)
     return [(part, round(share * scale, 2)) for part, share in parts]
+
+
+def _refuse(source: Sr28Food) -> list[tuple[str, float]]:
+    return parse_refuse(source.refuse_words, source.refuse_percent)
+
+
+def _starter_densities() -> Mapping[str, tuple[Density, ...]]:
+    """NDB number -> what the packaged table knows of that food's density, for the medians of the groups."""
+    return {food.source_ids["sr28_ndb"]: food.densities for food in load_starter_table().foods}
+
+
+def _aliases(source: Sr28Food) -> tuple[str, ...]:
+    """The common names, but codes and words that the name has anyway ("Beef" of "Beef, chuck, short ribs ...")."""
+    words = set(re.findall(r"\w+", source.name.lower()))
+    names = (name.strip() for name in re.split(r"[,;]", source.common_names))
+    return tuple(
+        dict.fromkeys(
+            name
+            for name in names
+            if name and not _NO_ALIAS.search(name) and not set(re.findall(r"\w+", name.lower())) <= words
+        )
+    )

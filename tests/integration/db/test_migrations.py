@@ -33,7 +33,7 @@ def test_empty_database_is_not_current(database_url):
 def test_write_in_a_read_session_is_refused_by_the_database(database):
     with database.read() as session:
         try:
-            session.execute(sa.text("INSERT INTO component (tagname, name, unit) VALUES ('X', 'x', 'g')"))
+            session.execute(sa.text("INSERT INTO component (number, name, unit) VALUES ('X', 'x', 'g')"))
         except sa.exc.DBAPIError:
             session.rollback()
         else:
@@ -46,7 +46,7 @@ def test_failed_transaction_leaves_nothing(database):
 
     try:
         with database.write() as session:
-            session.execute(sa.text("INSERT INTO component (tagname, name, unit) VALUES ('X', 'x', 'g')"))
+            session.execute(sa.text("INSERT INTO component (number, name, unit) VALUES ('X', 'x', 'g')"))
             raise Stop
     except Stop:
         pass

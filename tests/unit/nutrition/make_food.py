@@ -1,5 +1,6 @@
 """Foods for tests: plausible, small, with only the named parts of interest."""
 
+from app.nutrition.components import NUMBER_BY_TAGNAME
 from app.nutrition.foods import Density, Food, RefusePart
 
 
@@ -17,6 +18,6 @@ def make_food(key="apple", form="whole", densities=(), refuse=(), per_100_g=None
         slice_form=None,
         refuse=tuple(RefusePart(*part) for part in refuse),
         densities=tuple(densities),
-        per_100_g=per_100_g or {},
+        per_100_g={NUMBER_BY_TAGNAME[tagname]: content for tagname, content in (per_100_g or {}).items()},
         source_ids={},
     )

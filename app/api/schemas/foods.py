@@ -1,0 +1,115 @@
+"""Foods, their nutrients and densities over the wire."""
+
+from pydantic import BaseModel, Field
+
+
+class FoodRef(BaseModel):
+    """A food by key and name."""
+
+    key: str
+    name: str
+
+
+class ComponentOut(BaseModel):
+    """A component by its source's number; tagname: INFOODS, null where there is none."""
+
+    number: str
+    tagname: str | None
+    name: str
+    unit: str
+
+
+class NutrientAmount(ComponentOut):
+    """How much of a component the edible portion holds, with its 90 % interval."""
+
+    amount: float
+    interval: tuple[float, float]
+
+
+class NutrientTotal(NutrientAmount):
+    """A meal's total of a component; coverage: for which share of the edible mass it is known."""
+
+    coverage: float | None = Field(description="Null where an item's mass is not known: the total is incomplete.")
+
+
+class NutrientOut(ComponentOut):
+    """Content of 100 g edible portion."""
+
+    expression: str | None = Field(description="What kind of figure it is, where the name leaves a choice.")
+    per_100_g: float
+
+
+class DensityOut(BaseModel):
+    """A density with its source.
+
+    kind: solid (the food itself) or bulk (with the air in a heap). basis: how it was come by. weighs: as_seen, or
+    edible where the source gives the edible mass in a volume.
+    """
+
+    g_per_ml: float
+    sd_g_per_ml: float
+    state: str
+    kind: str
+    basis: str
+    source: str
+    weighs: str
+
+
+class RejectedDensityOut(DensityOut):
+    """A density that was not chosen, and why."""
+
+    reason: str
+
+
+class DensityChoiceOut(BaseModel):
+    """The density that turns a volume of this food into grams, why, and what it was chosen over, best first."""
+
+    chosen: DensityOut
+    reason: str
+    alternatives: list[RejectedDensityOut]
+
+
+class PortionOut(BaseModel):
+    """A household measure; mass_g: of edible food."""
+
+    amount: float
+    measure: str
+    mass_g: float
+
+
+class RefuseOut(BaseModel):
+    """A part that is not eaten, percent of the whole food; is_served: usually still on it in a photograph."""
+
+    part: str
+    percent: float
+    is_served: bool
+
+
+class FoodSummary(FoodRef):
+    """A food in a list."""
+
+    aliases: list[str]
+    group: str
+    form: str
+
+
+class FoodOut(FoodSummary):
+    """A food with all that the tables in force know of it; a component that is not listed is not known, not 0."""
+
+    version: int
+    state: str | None
+    is_mixed_dish: bool
+    refuse: list[RefuseOut]
+    edible_share: float = Field(description="Of an item as it is usually seen.")
+    probes: list[str] = Field(description="What no camera sees and a participant is asked.")
+    source_ids: dict[str, str]
+    release: str
+    density: DensityChoiceOut | None
+    nutrients: list[NutrientOut]
+    portions: list[PortionOut]
+
+
+class FoodList(BaseModel):
+    """Foods, best match first."""
+
+    items: list[FoodSummary]

@@ -1,0 +1,152 @@
+"""The files of a published release, in a zip or in a folder: lines with their numbers, and one checksum for either.
+
+Whatever is wrong with a file is an ImportFileError that names the file and, where there is one, the line.
+"""
+
+import csv
+import hashlib
+import re
+import zipfile
+import zlib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from app.errors import InvalidInputError
+
+_CHUNK = 1 << 20
+
+
+class ImportFileError(InvalidInputError):
+    """A file that cannot be imported: which, in which line, and why."""
+
+    code = "food_import_invalid"
+
+    def __init__(self, file: str, line: int | None, why: str) -> None:
+        place = file if line is None else f"{file}, line {line}"
+        super().__init__(f"{place}: {why}", file=file, line=line)
+
+
+class SourceFiles:
+    """The files at a path: a zip, a folder, or one plain file. Names are matched without their folder, case aside.
+
+    Raises ImportFileError if there is nothing at the path, or a zip there is damaged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        if not path.exists():
+            raise ImportFileError(str(path), None, "there is no such file or folder")
+        self._is_zip = path.is_file() and (path.suffix.lower() == ".zip" or zipfile.is_zipfile(path))
+        if path.is_dir():
+            members = [str(file) for file in sorted(path.rglob("*")) if file.is_file()]
+        else:
+            members = _members_of_zip(path) if self._is_zip else [str(path)]
+        self._members: dict[str, list[str]] = {}
+        for member in members:
+            self._members.setdefault(_plain_name(member), []).append(member)
+
+    def has(self, name: str) -> bool:
+        """Whether there is a file of this name."""
+        return name.upper() in self._members
+
+    def require(self, names: Iterable[str]) -> None:
+        """Raises ImportFileError if one of these files is missing, or there more than once (two releases in a folder)."""
+        for name in names:
+            if not self.has(name):
+                raise ImportFileError(str(self._path), None, f"it holds no {name}; give the release whole")
+            found = self._members[name.upper()]
+            if len(found) > 1:
+                raise ImportFileError(str(self._path), None, f"it holds {name} more than once: {', '.join(found)}")
+
+    def checksum(self, names: Iterable[str]) -> str:
+        """SHA-256, hex, over these files' names and bytes: the same for a zip and for the folder it unpacks to."""
+        digest = hashlib.sha256()
+        for name in sorted(name.upper() for name in names if self.has(name)):
+            digest.update(f"{name}\n".encode())
+            with self.open(name) as file:
+                while chunk := file.read(_CHUNK):
+                    digest.update(hashlib.sha256(chunk).digest())
+        return digest.hexdigest()
+
+    def lines(self, name: str, encoding: str) -> Iterator[tuple[int, str]]:
+        """Each line with its number, from 1, without its end; bytes of another encoding raise ImportFileError."""
+        with self.open(name) as file:
+            for number, raw in enumerate(file, start=1):
+                yield number, _decode(raw, encoding, name, number)
+
+    def csv_rows(self, name: str, columns: Iterable[str] = ()) -> Iterator[tuple[int, dict[str, str]]]:
+        """Each row of a UTF-8 CSV file by its header, with the line that it ends in.
+
+        Raises ImportFileError if a column of `columns` is missing, a row is longer or shorter than the header, or a
+        quote is never closed.
+        """
+        lines = (line + "\n" for _, line in self.lines(name, "utf-8-sig"))
+        reader = csv.reader(lines, strict=True)
+        try:
+            header = [column.strip() for column in next(reader, [])]
+            missing = [column for column in columns if column not in header]
+            if missing:
+                raise ImportFileError(name, 1, f"no column {', '.join(missing)}; there are {', '.join(header)}")
+            if len(set(header)) != len(header):
+                raise ImportFileError(name, 1, "a column is there twice")
+            for row in reader:
+                if not row:
+                    continue
+                if len(row) != len(header):
+                    raise ImportFileError(name, reader.line_num, f"{len(row)} fields under {len(header)} columns")
+                yield reader.line_num, dict(zip(header, row, strict=True))
+        except csv.Error as error:
+            raise ImportFileError(name, reader.line_num, f"no proper CSV: {error}") from None
+
+    @contextmanager
+    def open(self, name: str) -> Iterator[IO[bytes]]:
+        """One file, to be read as bytes. Raises ImportFileError if it is missing, or the zip is damaged there."""
+        self.require([name])
+        (member,) = self._members[name.upper()]
+        try:
+            if self._is_zip:
+                with zipfile.ZipFile(self._path) as archive, archive.open(member) as file:
+                    yield file
+            else:
+                with Path(member).open("rb") as file:
+                    yield file
+        except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+            raise ImportFileError(str(self._path), None, f"{member} in it cannot be unpacked: {error}") from None
+        except OSError as error:
+            raise ImportFileError(member, None, f"it cannot be read: {error.strerror}") from None
+
+
+def _members_of_zip(path: Path) -> list[str]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return [entry.filename for entry in archive.infolist() if not entry.is_dir()]
+    except (zipfile.BadZipFile, OSError):
+        why = "it is no zip file, or only a part of one; download the release again"
+        raise ImportFileError(str(path), None, why) from None
+
+
+def _plain_name(member: str) -> str:
+    return re.split(r"[/\\]", member)[-1].upper()
+
+
+def _decode(raw: bytes, encoding: str, name: str, number: int) -> str:
+    try:
+        text = raw.decode("utf-8-sig" if encoding == "utf-8-sig" and number == 1 else encoding.removesuffix("-sig"))
+    except UnicodeDecodeError as error:
+        why = f"byte {error.object[error.start]:#04x} is not {encoding.removesuffix('-sig')}: another encoding"
+        raise ImportFileError(name, number, why) from None
+    if "\0" in text:
+        raise ImportFileError(name, number, "it holds NUL bytes: another encoding (UTF-16?), or no text")
+    if encoding == "cp1252" and not raw.isascii() and _is_utf8(raw):
+        raise ImportFileError(name, number, "it is UTF-8, the release is Windows-1252: give it as published")
+    return text.rstrip("\r\n")
+
+
+def _is_utf8(raw: bytes) -> bool:
+    try:
+        raw.decode()
+    except UnicodeDecodeError:
+        return False
+    return True

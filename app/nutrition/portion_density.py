@@ -1,0 +1,139 @@
+"""Densities from household volumes: which kind and state a portion's words say, and a food group's median of them.
+
+A portion counts only for the form that its words fit: mashed, pureed and melted food and the cubic inch give the
+density of the food itself, chopped and sliced food that of a heap. Portion weights are of edible food, so a heap's
+density is of what is eaten.
+"""
+
+import re
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
+
+from app.nutrition.density import KIND_OF_FORM
+from app.nutrition.foods import Density, DensityBasis, DensityKind, FoodForm, WeighedPart
+from app.nutrition.portions import Portion
+from app.units import Unit
+
+# No table publishes a spread. Judged (docs/food-table.md, "Spread"): liquids differ little; two tables' figures for the
+# same cooked, heaped food differ by 2 to 12 %, to which the next heap's own packing is added.
+_RELATIVE_SD: Mapping[str, float] = {"liquid": 0.02, "solid": 0.08, "bulk": 0.12}
+GROUP_RELATIVE_SD = 0.25  # at least
+MIN_GROUP_FOODS = 5
+SMALL_UNITS = frozenset({Unit.TABLESPOON, Unit.FLUID_OUNCE})  # their weights are rounded more coarsely than a cup's
+_ROBUST_SD = 0.7413  # standard deviation of a normal distribution a unit of interquartile range
+POSSIBLE_G_PER_ML = (0.01, 3.0)  # popped grain to salt; beyond, a weight or a measure is misprinted
+
+_SOLID_WORDS = re.compile(r"\b(mashed|pureed|melted)\b", re.IGNORECASE)
+_GROUP_SOLID_WORDS = re.compile(r"\b(mashed|pureed|cubic inch)\b", re.IGNORECASE)
+_GROUP_BULK_WORDS = re.compile(
+    r"\b(chopped|diced|sliced|slices|cubes|chunks|pieces|whole|halves|shredded)\b", re.IGNORECASE
+)
+_MEASURE_NOISE = re.compile(r"\b(serving|1/2|1|cups?|fl|oz|tbsp|tablespoons?|ml|8|4|NLEA|no ice)\b|[(),.]")
+
+
+def usual_relative_sd(form: FoodForm, kind: DensityKind) -> float:
+    """The judged spread of a density of this kind, as a share of it."""
+    return _RELATIVE_SD["liquid" if form == "liquid" else kind]
+
+
+def portion_densities(
+    portions: Sequence[Portion],
+    form: FoodForm,
+    state: str,
+    source: str,
+    *,
+    usual_portion: str | None = None,
+    cup_kind: DensityKind | None = None,
+) -> list[Density]:
+    """One density a kind and state, the usual portion's first; of a cup and a tablespoon of the same, the cup's.
+
+    state: how the food usually is, and so what a plain cup of it holds. source: whose portions, with the id.
+    usual_portion: the sequence of the one whose state is nearest to that. cup_kind: the kind of a plain cup's density
+    where it is not the one that the form takes.
+    """
+    found: dict[tuple[DensityKind, str], Density] = {}
+    for portion in sorted(portions, key=lambda one: (one.sequence != usual_portion, _is_small(one))):
+        if portion.density_g_per_ml is None or not is_possible(portion.density_g_per_ml):
+            continue
+        kind, its_state = kind_and_state(portion, form, state, cup_kind)
+        density = portion_density(portion, source, kind, its_state, "portion", usual_relative_sd(form, kind))
+        found.setdefault((kind, its_state), density)
+    return list(found.values())
+
+
+def portion_density(
+    portion: Portion, source: str, kind: DensityKind, state: str, basis: DensityBasis, relative_sd: float
+) -> Density:
+    """The density that a volume portion gives. Raises ValueError if its measure is no volume."""
+    volume, g_per_ml = portion.volume, portion.density_g_per_ml
+    if volume is None or g_per_ml is None:
+        raise ValueError(f"{source}, portion {portion.sequence} ({portion.measure}) is no volume")
+    text = f"{source}, portion {portion.sequence}: {volume[0]:g} {volume[1]} ({portion.measure}) {portion.mass_g:g} g"
+    return Density(
+        round(g_per_ml, 3), round(relative_sd * g_per_ml, 4), state, kind, basis, text[:300], weighed_part(kind)
+    )
+
+
+def group_medians(
+    foods: Iterable[tuple[str, Sequence[Portion]]], source: str
+) -> Mapping[tuple[str, DensityKind], Density]:
+    """(food group, portions) of all foods -> (group, kind) -> the group's density, with a wide spread.
+
+    A food counts once, by its median; a group with fewer than MIN_GROUP_FOODS such foods has none.
+    """
+    found: dict[tuple[str, DensityKind], list[float]] = {}
+    for group, portions in foods:
+        for kind, words in (("solid", _GROUP_SOLID_WORDS), ("bulk", _GROUP_BULK_WORDS)):
+            its = [
+                portion.density_g_per_ml
+                for portion in portions
+                if portion.density_g_per_ml is not None
+                and is_possible(portion.density_g_per_ml)
+                and words.search(portion.measure)
+            ]
+            if its:
+                found.setdefault((group, kind), []).append(statistics.median(its))  # type: ignore[arg-type]
+    return {
+        (group, kind): group_median(
+            densities, kind, f"{source}, volume portions: median of {len(densities)} foods of the group {group}"
+        )
+        for (group, kind), densities in found.items()
+        if len(densities) >= MIN_GROUP_FOODS
+    }
+
+
+def group_median(densities: Sequence[float], kind: DensityKind, source: str) -> Density:
+    """The median of at least two foods' densities, g/ml, with a spread that is never small."""
+    lower, median, upper = statistics.quantiles(densities, n=4)
+    sd = max(GROUP_RELATIVE_SD * median, _ROBUST_SD * (upper - lower))
+    return Density(round(median, 3), round(sd, 3), "any", kind, "group", source[:300], weighed_part(kind))
+
+
+def kind_and_state(
+    portion: Portion, form: FoodForm, state: str, cup_kind: DensityKind | None = None
+) -> tuple[DensityKind, str]:
+    """What a volume portion's words say: mashed is solid, chopped a heap, a plain cup the food as it usually is."""
+    if portion.volume is not None and portion.volume[1] == Unit.CUBIC_INCH:
+        return "solid", state
+    pressed = _SOLID_WORDS.search(portion.measure)
+    if pressed:
+        return "solid", pressed[1].lower()
+    words = " ".join(_MEASURE_NOISE.sub(" ", portion.measure).split())
+    if words:
+        return "bulk", words[:32]
+    usual = KIND_OF_FORM[form] if form in {"liquid", "heap", "in_vessel"} else "bulk"
+    return cup_kind or usual, state
+
+
+def weighed_part(kind: DensityKind) -> WeighedPart:
+    """What the grams of a portion's density are of: of a heap, its edible part; of pressed food, the food itself."""
+    return "edible" if kind == "bulk" else "as_seen"
+
+
+def is_possible(g_per_ml: float) -> bool:
+    """Whether food can be of this density at all."""
+    return POSSIBLE_G_PER_ML[0] <= g_per_ml <= POSSIBLE_G_PER_ML[1]
+
+
+def _is_small(portion: Portion) -> bool:
+    return portion.volume is not None and portion.volume[1] in SMALL_UNITS

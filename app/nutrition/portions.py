@@ -1,0 +1,56 @@
+"""Household measures: "1 cup, sliced" weighs 109 g; and what volume such a measure is, where it is one.
+
+The words of USDA's tables: SR's Msre_Desc, FoodData Central's measure unit, portion description and modifier.
+"""
+
+import math
+import re
+from dataclasses import dataclass
+
+from app.units import Unit, density_from_portion
+
+# Measures that open with a volume. Teaspoons are left out: their weights are rounded to a tenth of themselves.
+_VOLUMES = (
+    (re.compile(r"(?:serving )?cups?\b", re.IGNORECASE), Unit.CUP, 1.0),
+    (re.compile(r"(?:serving )?1/2 cup\b", re.IGNORECASE), Unit.CUP, 0.5),
+    (re.compile(r"fl\.? oz\b", re.IGNORECASE), Unit.FLUID_OUNCE, 1.0),
+    (re.compile(r"(?:tbsp|tablespoons?)\b", re.IGNORECASE), Unit.TABLESPOON, 1.0),
+    (re.compile(r"cubic inch(?:es)?\b", re.IGNORECASE), Unit.CUBIC_INCH, 1.0),
+    (re.compile(r"(?:ml|milliliters?|millilitres?)\b", re.IGNORECASE), Unit.ML, 1.0),
+)
+# A cup that tells of something else than what it holds: the dry food before cooking, or a drink together with its ice.
+_NOT_THE_FOOD = re.compile(
+    r"\b(?:dry|raw|uncooked|unprepared|frozen|unpopped)\b.*\byields?\b|with ice|\(NFS\)|guideline", re.IGNORECASE
+)
+_SERVING = re.compile(r"^serving 1 (?=cup\b)")
+
+
+@dataclass(frozen=True, slots=True)
+class Portion:
+    """`amount` of `measure` hold mass_g grams of edible food. sequence: the portion's number in its source."""
+
+    sequence: str
+    amount: float
+    measure: str
+    mass_g: float
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.amount < math.inf and 0.0 < self.mass_g < math.inf):
+            raise ValueError(f"no portion: {self.amount} {self.measure} of {self.mass_g} g")
+
+    @property
+    def volume(self) -> tuple[float, Unit] | None:
+        """How many of which unit of volume the portion fills; None where the measure is no volume (a slice)."""
+        if _NOT_THE_FOOD.search(self.measure):
+            return None
+        measure = _SERVING.sub("", self.measure)
+        for pattern, unit, size in _VOLUMES:
+            if pattern.match(measure):
+                return self.amount * size, unit
+        return None
+
+    @property
+    def density_g_per_ml(self) -> float | None:
+        """Grams of edible portion a millilitre of the measure; None where it is no volume."""
+        volume = self.volume
+        return None if volume is None else density_from_portion(self.mass_g, *volume)

@@ -1,0 +1,75 @@
+"""A food's rows as the value that nutrition/ works with; its density pooled from all that is known of the same food."""
+
+import uuid
+from collections.abc import Iterable
+
+from sqlalchemy.orm import Session
+
+from app.db.models import Food, FoodDensity, StudyDensity
+from app.db.queries import foods
+from app.nutrition.density import DensityChoice, resolve_density
+from app.nutrition.foods import Density, RefusePart
+from app.nutrition.foods import Food as FoodValue
+from app.nutrition.portions import Portion
+from app.nutrition.search import label_key
+
+_BASES_OF_OTHERS = ("measured", "fao", "portion")  # a relative or a group's median is each table's own judgement
+
+
+def food_value(session: Session, row: Food) -> FoodValue:
+    """A food's row as a value. Its densities: its own, and behind them those of the same food in other tables.
+
+    The same food is one that shares a source's code; of a table of densities only, one of the same name (the order of
+    its words and plurals aside) whose state does not contradict.
+    """
+    labels = {label_key(label)[:300] for label in (row.name, *row.aliases)}
+    others = [other for other in foods.same_foods(session, row, labels) if _agree(row, other)]
+    densities = foods.densities_of(session, [row.id, *(other.id for other in others)])
+    pooled = {density.source: density for density in map(density_value, densities.get(row.id, []))}
+    for other in others:
+        for density in map(density_value, densities.get(other.id, [])):
+            if density.basis in _BASES_OF_OTHERS:
+                pooled.setdefault(density.source, density)
+    return FoodValue(
+        key=row.key,
+        name=row.name,
+        aliases=tuple(row.aliases),
+        food_group=row.food_group,
+        form=row.form,  # type: ignore[arg-type]  # FoodValue checks it, as it does the next two
+        slice_form=row.slice_form,  # type: ignore[arg-type]
+        refuse=tuple(RefusePart(**part) for part in row.refuse),
+        densities=tuple(pooled.values()),
+        per_100_g={found.component.number: found.per_100_g for found in foods.nutrients_of(session, row.id)},
+        source_ids=row.source_ids,
+        state=row.state,  # type: ignore[arg-type]
+        is_mixed_dish=row.is_mixed_dish,
+        portions=tuple(
+            Portion(portion.sequence, portion.amount, portion.measure, portion.mass_g)
+            for portion in foods.portions_of(session, row.id)
+        ),
+        probes=tuple(row.probes),
+    )
+
+
+def density_value(row: FoodDensity | StudyDensity) -> Density:
+    """A density's row as a value."""
+    return Density(
+        g_per_ml=row.g_per_ml,
+        sd_g_per_ml=row.sd_g_per_ml,
+        state=row.state,
+        kind=row.kind,  # type: ignore[arg-type]  # Density checks all three
+        basis=row.basis if isinstance(row, FoodDensity) else "study",  # type: ignore[arg-type]
+        source=row.source,
+        weighs=row.weighs,  # type: ignore[arg-type]
+    )
+
+
+def choose_density(session: Session, food: FoodValue, study_id: uuid.UUID | None) -> DensityChoice | None:
+    """The density for this food in this study; None if none is known."""
+    own: Iterable[StudyDensity] = foods.study_densities_of(session, study_id, food.key) if study_id is not None else ()
+    return resolve_density(food, study_densities=[density_value(row) for row in own])
+
+
+def _agree(row: Food, other: Food) -> bool:
+    """Raw and cooked are never interchangeable."""
+    return row.state is None or other.state is None or row.state == other.state

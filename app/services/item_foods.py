@@ -1,0 +1,57 @@
+"""Which food an item is taken for, as a row that is never changed: density and edible share as they were chosen."""
+
+import uuid
+from datetime import UTC, datetime
+
+from sqlalchemy.orm import Session
+
+from app.db.models import Food, Item, ItemFood
+from app.nutrition.foods import Density
+from app.services.food_amounts import Weighing, weigh
+from app.services.food_values import choose_density, food_value
+
+
+def item_food(
+    session: Session,
+    item: Item,
+    food: Food,
+    study_id: uuid.UUID,
+    *,
+    version: int = 1,
+    recompute_id: uuid.UUID | None = None,
+) -> ItemFood:
+    """The row for an item that is this food, weighed by what is known of it now in this study."""
+    value = food_value(session, food)
+    weighing = weigh(value, choose_density(session, value, study_id))
+    density = weighing.density
+    return ItemFood(
+        item_id=item.id,
+        version=version,
+        food_id=food.id,
+        density_g_per_ml=density.g_per_ml if density else None,
+        density_sd_g_per_ml=density.sd_g_per_ml if density else None,
+        density_state=density.state if density else None,
+        density_kind=density.kind if density else None,
+        density_basis=density.basis if density else None,
+        density_source=density.source if density else None,
+        density_weighs=density.weighs if density else None,
+        edible_share=weighing.edible_share,
+        recompute_id=recompute_id,
+        created_at=datetime.now(UTC),
+    )
+
+
+def weighing_of(row: ItemFood) -> Weighing:
+    """The row as the value that grams follow from."""
+    if row.density_g_per_ml is None:
+        return Weighing(None, row.edible_share)
+    density = Density(
+        g_per_ml=row.density_g_per_ml,
+        sd_g_per_ml=row.density_sd_g_per_ml or 0.0,
+        state=row.density_state or "",
+        kind=row.density_kind,  # type: ignore[arg-type]  # Density checks all three
+        basis=row.density_basis,  # type: ignore[arg-type]
+        source=row.density_source or "",
+        weighs=row.density_weighs,  # type: ignore[arg-type]
+    )
+    return Weighing(density, row.edible_share)
