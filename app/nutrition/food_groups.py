@@ -169,6 +169,8 @@ class Comparison:
 
 def food_group_of(food: Food) -> FoodGroup | None:
     """The group of a food, or None (unassigned). SR28's own name of the food is read where the food keeps it."""
+    if food.is_mixed_dish:
+        return None
     return classify(food.food_group, food.source_ids.get("sr28_name", food.name))
 
 

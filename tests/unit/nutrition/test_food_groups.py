@@ -101,6 +101,11 @@ def test_starter_foods_are_placed_by_the_name_that_sr28_gives_them():
     assert placed["lasagna"] is None
 
 
+def test_a_mixed_dish_is_in_no_group_whatever_its_name():
+    dish = replace(make_food(), food_group=VEGETABLES, name="Carrots, cooked", is_mixed_dish=True)
+    assert food_group_of(dish) is None
+
+
 def eaten(key, group, name, edible_g):
     return Eaten(replace(make_food(key=key), food_group=group, name=name), edible_g)
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from app.nutrition.components import COMPONENT_BY_NUMBER
 from app.nutrition.life_stage import LifeStage, life_stage
 from app.nutrition.reference_intakes import distribution_ranges, reference_intakes
 
@@ -181,3 +182,16 @@ def test_distribution_ranges_follow_age(age_years, fat, protein):
 
 def test_infants_have_no_distribution_range():
     assert distribution_ranges(0.99) == ()
+
+
+def test_figures_are_in_the_unit_of_the_component_that_they_are_compared_with():
+    for _, intake in EVERY_INTAKE:
+        component = COMPONENT_BY_NUMBER[intake.number]
+        assert (intake.unit, intake.tagname) == (component.unit, component.tagname)
+        assert intake.ul_number is None or COMPONENT_BY_NUMBER[intake.ul_number].unit == intake.unit
+
+
+def test_expressions_are_those_of_the_reference_values():
+    numbers = {intake.number for _, intake in EVERY_INTAKE}
+    assert {"435", "320", "328", "323", "430"} <= numbers
+    assert not numbers & {"417", "431", "318", "324", "319", "205.2"}
