@@ -52,7 +52,7 @@ class SourceFiles:
         return name.upper() in self._members
 
     def require(self, names: Iterable[str]) -> None:
-        """Raises ImportFileError if one of these files is missing, or there more than once (two releases in a folder)."""
+        """Raises ImportFileError if one of these files is missing, or is there more than once (two releases)."""
         for name in names:
             if not self.has(name):
                 raise ImportFileError(str(self._path), None, f"it holds no {name}; give the release whole")

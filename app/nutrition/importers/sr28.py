@@ -1,8 +1,8 @@
 """USDA National Nutrient Database for Standard Reference, release 28, ASCII: zip or folder -> its table, checked whole.
 
 Fields are separated by ^, texts stand in ~, lines end in CR LF (in WEIGHT.txt CR CR LF), the encoding is Windows-1252
-(only NUTR_DEF.txt uses it, for the micro sign). Documented in sr28_doc.pdf of the release. In the published release every
-food has nutrient values and every value its food, so anything else means a file that was cut off or altered.
+(only NUTR_DEF.txt uses it, for the micro sign). Documented in sr28_doc.pdf of the release. In the published release
+every food has nutrient values and every value its food; anything else is a file that was cut off or altered.
 """
 
 import re
@@ -148,7 +148,7 @@ class Sr28Release:
 
 
 def read_sr28(path: Path) -> ImportedTable:
-    """The whole release, checked. Raises ImportFileError, which names file and line, at the first thing that is wrong."""
+    """The whole release, checked. Raises ImportFileError, with file and line, at the first thing that is wrong."""
     release, skipped = Sr28Release(path), Skipped()
     groups, sources = release.groups(), release.foods()
     contents, portions = release.contents(sources), release.portions(skipped)
@@ -221,7 +221,8 @@ def _refuse(source: Sr28Food) -> list[tuple[str, float]]:
 
 def _starter_densities() -> Mapping[str, tuple[Density, ...]]:
     """NDB number -> what the packaged table knows of that food's density, for the medians of the groups."""
-    return {food.source_ids["sr28_ndb"]: food.densities for food in load_starter_table().foods}
+    foods = load_starter_table().foods
+    return {food.source_ids["sr28_ndb"]: food.densities for food in foods if "sr28_ndb" in food.source_ids}
 
 
 def _aliases(source: Sr28Food) -> tuple[str, ...]:

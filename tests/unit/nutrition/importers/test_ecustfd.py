@@ -1,0 +1,34 @@
+"""Measured densities of ECUSTFD's specimens."""
+
+import pytest
+
+from app.nutrition.importers.ecustfd import Specimen, measured_density, read_measured, write_measured
+
+
+def specimens(*densities, volume_ml=200.0):
+    return [Specimen(str(number), volume_ml, volume_ml * density) for number, density in enumerate(densities)]
+
+
+def test_impossible_fruit_is_left_out_and_counted():
+    found = measured_density("orange", specimens(0.85, 0.90, 0.95, 1.38, 0.5))
+    assert (found.specimens, found.excluded, found.g_per_ml) == (3, 2, 0.9)
+    assert found.sd_g_per_ml == pytest.approx(0.05)
+
+
+def test_food_that_is_no_fruit_keeps_all_its_specimens():
+    assert measured_density("bread", specimens(0.17, 0.19, 0.21)).g_per_ml == 0.19
+
+
+def test_spread_is_never_less_than_rounding_allows():
+    found = measured_density("egg", specimens(1.0, 1.0, 1.0, volume_ml=50.0))
+    assert found.sd_g_per_ml == pytest.approx(10.0 / 12.0**0.5 / 50.0, abs=5e-4)
+
+
+def test_too_few_possible_specimens_are_refused():
+    with pytest.raises(ValueError, match="takes two"):
+        measured_density("orange", specimens(0.9, 1.4))
+
+
+def test_measured_densities_survive_writing_and_reading():
+    measured = [measured_density("orange", specimens(0.85, 0.9, 0.95)), measured_density("egg", specimens(1.0, 1.1))]
+    assert read_measured(write_measured(measured)) == {density.food: density for density in measured}

@@ -1,0 +1,61 @@
+"""How a food usually lies, and how it was prepared, by the words of published names."""
+
+import pytest
+
+from app.nutrition.usual_form import is_mixed_dish, packs_without_air, usual_form, usual_state
+
+
+@pytest.mark.parametrize(
+    ("name", "group", "form"),
+    [
+        ("Apples, raw, with skin", "Fruits and Fruit Juices", "whole"),
+        ("Grapes, red or green, raw", "Fruits and Fruit Juices", "heap"),
+        ("Pineapple, canned, juice pack, solids and liquids", "Fruits and Fruit Juices", "heap"),
+        ("Peaches, canned in light syrup, drained", "Fruits and Fruit Juices", "heap"),
+        ("Orange juice, raw", "Fruits and Fruit Juices", "liquid"),
+        ("Tomatoes, red, ripe, canned, packed in tomato juice", "Vegetables and Vegetable Products", "heap"),
+        ("Carrot juice, canned", "Vegetables and Vegetable Products", "liquid"),
+        ("Potatoes, mashed, prepared from granules with milk, water", "Vegetables and Vegetable Products", "heap"),
+        ("Tomatoes, red, ripe, raw", "Vegetables and Vegetable Products", "whole"),
+        ("Fish, tuna, light, canned in water, drained solids", "Finfish and Shellfish Products", "heap"),
+        ("Pork, cured, ham with natural juices, rump", "Pork Products", "slab"),
+        ("Beef, ground, 93% lean, patty, cooked", "Beef Products", "slab"),
+        ("Cereals ready-to-eat, GENERAL MILLS, COCOA PUFFS", "Breakfast Cereals", "heap"),
+        ("Ice creams, vanilla", "Sweets", "heap"),
+        ("Ice cream sandwich", "Dairy and Egg Products", "slab"),
+        ("Milk, dry, whole", "Dairy and Egg Products", "heap"),
+        ("Milk, whole, 3.25% milkfat", "Dairy and Egg Products", "liquid"),
+        ("Egg, whole, cooked, hard-boiled", "Dairy and Egg Products", "whole"),
+        ("Soup, cream of potato, canned", "Soups, Sauces, and Gravies", "liquid"),
+        ("Leavening agents, baking powder, low-sodium", "Baked Products", "heap"),
+        ("Bread, white", "Baked Products", "slab"),
+        ("Fast foods, hamburger; single, large patty", "Fast Foods", "slab"),
+    ],
+)
+def test_form_follows_the_group_and_the_words(name, group, form):
+    assert usual_form(name, group) == form
+
+
+@pytest.mark.parametrize(
+    ("name", "state"),
+    [
+        ("Rice, white, long-grain, parboiled, dry", "raw"),
+        ("Rice, white, long-grain, cooked", "cooked"),
+        ("Bread, white", "as_eaten"),
+        ("Cookies, chocolate chip, refrigerated dough", "raw"),
+    ],
+)
+def test_dry_goods_and_dough_are_raw_and_never_cooked(name, state):
+    assert usual_state(name) == state
+
+
+def test_dishes_are_known_by_their_group_or_by_their_words():
+    assert is_mixed_dish("Lasagna with meat sauce", "Meals, Entrees, and Side Dishes")
+    assert is_mixed_dish("Fast foods, burrito, with beans", "Fast Foods")
+    assert not is_mixed_dish("Fast foods, potato, french fried", "Fast Foods")
+
+
+def test_spoon_of_fat_or_of_peanut_butter_holds_no_air_and_one_of_sugar_does():
+    assert packs_without_air("Butter, salted", "Fats and Oils")
+    assert packs_without_air("Peanut butter, smooth style", "Legumes and Legume Products")
+    assert not packs_without_air("Sugars, granulated", "Sweets")
