@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from app.nutrition.life_stage import Sex, check_age, completed_months, life_stage
+from app.nutrition.life_stage import SEXES, Sex, check_age, completed_months, life_stage
 
 Activity = Literal["sedentary", "low_active", "active", "very_active"]
 Trimester = Literal[1, 2, 3]
@@ -49,8 +49,9 @@ class Person:
         check_age(self.age_years)
         _check_limits("weight", self.weight_kg, WEIGHT_LIMITS_KG, "kg")
         _check_limits("height", self.height_m, HEIGHT_LIMITS_M, "m")
-        if self.activity is not None and self.activity not in ACTIVITIES:
-            raise ValueError(f"unknown activity {self.activity!r}: one of {', '.join(ACTIVITIES)}")
+        _check_choice("sex", self.sex, SEXES)
+        _check_choice("activity", self.activity, ACTIVITIES)
+        _check_choice("trimester", self.trimester, TRIMESTERS)
         if self.lactation_months is not None and self.lactation_months < 0:
             raise ValueError(f"months of lactation cannot be {self.lactation_months}")
         if self.trimester is not None and not self.is_pregnant:
@@ -217,6 +218,11 @@ def _missing(person: Person, *names: str) -> tuple[str, ...]:
 
 def _left_out_missing(inputs: tuple[str, ...]) -> LeftOut:
     return LeftOut("missing", inputs, f"Not known: {', '.join(inputs)}.")
+
+
+def _check_choice(name: str, value: object, choices: tuple[object, ...]) -> None:
+    if value is not None and value not in choices:
+        raise ValueError(f"no {name} {value!r}: one of {', '.join(map(str, choices))}")
 
 
 def _check_limits(name: str, value: float | None, limits: tuple[float, float], unit: str) -> None:

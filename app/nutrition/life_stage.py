@@ -7,9 +7,11 @@ mean of two.
 
 import math
 from enum import StrEnum
-from typing import Literal
+from typing import Literal, get_args
 
 Sex = Literal["female", "male"]
+
+SEXES: tuple[Sex, ...] = get_args(Sex)
 
 MAX_AGE_YEARS = 120.0  # beyond any person; a greater one is a slip of the pen
 PREGNANCY_YEARS = (14, 50)  # the columns of pregnancy and lactation, first and last completed year
@@ -62,8 +64,8 @@ def life_stage(
         return LifeStage.INFANT_0_6_MONTHS if completed_months(age_years) < 6 else LifeStage.INFANT_7_12_MONTHS
     if age_years < 9.0:
         return LifeStage.CHILD_1_3 if age_years < 4.0 else LifeStage.CHILD_4_8
-    if sex is None:
-        raise ValueError("from 9 years on the reference intakes differ by sex: give it")
+    if sex not in SEXES:
+        raise ValueError("from 9 years on the reference intakes differ by sex: give female or male")
     return LifeStage(f"{sex}_{_age_group(age_years)}")
 
 

@@ -7,7 +7,6 @@ its UL counts, and with which component of the food table its figures compare. K
 """
 
 import csv
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -116,6 +115,7 @@ def _figure(text: str) -> float | None:
     return float(text) if text else None
 
 
-def _rows(name: str) -> Iterator[dict[str, str]]:
+@cache
+def _rows(name: str) -> tuple[dict[str, str], ...]:
     text = (resources.files("app.nutrition") / "reference" / name).read_text(encoding="utf-8")
-    yield from csv.DictReader(text.splitlines())
+    return tuple(csv.DictReader(text.splitlines()))

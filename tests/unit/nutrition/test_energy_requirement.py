@@ -3,6 +3,8 @@
 from dataclasses import replace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.nutrition.energy_requirement import ACTIVITIES, Person, basal_metabolic_rate, estimated_energy_requirement
 from app.units import kj_from_kcal
@@ -97,6 +99,24 @@ def test_lactation_adds_by_half_year(months, added_kcal):
     assert estimated_energy_requirement(nursing).kcal_per_day == pytest.approx(plain_kcal + added_kcal)
 
 
+@given(
+    age_years=st.floats(3, 120),
+    sex=st.sampled_from(["female", "male"]),
+    height_m=st.floats(1.0, 2.0),
+    bmi=st.floats(18.6, 40.0),
+)
+def test_more_activity_and_more_weight_need_more_energy(age_years, sex, height_m, bmi):
+    def energy(weight_kg, activity):
+        return estimated_energy_requirement(Person(age_years, sex, weight_kg, height_m, activity))
+
+    weight_kg = bmi * height_m**2
+    by_activity = [energy(weight_kg, activity).kcal_per_day for activity in ACTIVITIES]
+    assert by_activity == sorted(by_activity)
+    heavier = energy(weight_kg + 0.01, "active")
+    if heavier.equation == energy(weight_kg, "active").equation:  # the equations do not meet at 25 kg/m2
+        assert heavier.kcal_per_day > energy(weight_kg, "active").kcal_per_day
+
+
 @pytest.mark.parametrize("name", ["sex", "weight_kg", "height_m", "activity"])
 def test_a_missing_input_is_named_and_nothing_is_assumed(name):
     found = estimated_energy_requirement(adult(**{name: None}))
@@ -140,6 +160,8 @@ def test_what_an_equation_was_not_made_for_is_left_out():
         {"sex": "female", "age_years": 60, "is_pregnant": True},
         {"sex": "female", "is_lactating": True, "lactation_months": -1},
         {"activity": "lazy"},
+        {"sex": "unknown"},
+        {"sex": "female", "is_pregnant": True, "trimester": 4},
     ],
 )
 def test_values_that_cannot_be_are_refused(changes):

@@ -1,6 +1,8 @@
 """Figures against the published tables (NASEM 2019, appendix J; IOM 2011), and what must hold of every line."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.nutrition.components import COMPONENT_BY_NUMBER
 from app.nutrition.life_stage import LifeStage, life_stage
@@ -37,6 +39,14 @@ def intake_of(stage, number, per="day"):
 )
 def test_age_and_sex_give_the_column(age_years, sex, stage):
     assert life_stage(age_years, sex) == stage
+
+
+@given(age_years=st.floats(0, 120), sex=st.sampled_from(["female", "male"]))
+def test_every_age_has_one_column_and_its_nutrients(age_years, sex):
+    stage = life_stage(age_years, sex)
+    assert (
+        len({(intake.number, intake.per) for intake in reference_intakes(stage)}) == len(reference_intakes(stage)) >= 31
+    )
 
 
 def test_pregnancy_and_lactation_have_their_own_columns_also_without_a_sex():
