@@ -6,8 +6,8 @@ import pathlib
 import shutil
 import tempfile
 import uuid
-import zipfile
 import warnings
+import zipfile
 from collections.abc import Iterator
 
 import pytest

@@ -11,7 +11,15 @@ def test_food_shows_nutrients_densities_and_sources(phone):
     contents = {nutrient["tagname"]: nutrient["per_100_g"] for nutrient in food["nutrients"]}
     assert (contents["ENERC_KCAL"], contents["CHOCDF"]) == (52.0, 13.81)
     assert food["source_ids"]["sr28_ndb"] == "09003"
-    assert all(density["source"] for density in food["densities"])
+    density = food["density"]
+    assert density["chosen"]["basis"] == "measured"
+    assert density["reason"].startswith("measured for this food")
+    assert density["alternatives"]
+    assert all(other["source"] and other["reason"] for other in density["alternatives"])
+
+
+def test_food_is_found_by_its_number_in_a_published_table(phone):
+    assert phone.get("/v1/foods/09003").json()["key"] == "apple"
 
 
 def test_unknown_food_is_404(phone):
