@@ -48,7 +48,8 @@ _ROUND_BREAD = _words("rolls?", "buns?", "muffins?", "bagels?", "doughnuts?", "b
 _HANDHELD = _words(
     "pizza", "sandwich(?:es)?", "hamburger", "cheeseburger", "burger", "burritos?", "tacos?", "enchiladas?",
     "quesadilla", "hotdog", "submarine", "lasagna", "pie", "pot pie", "egg rolls?", "tamales?", "pupusas?", "wrap",
-    "biscuit", "croissant", "corndog", "frankfurter", "fillet", "steak", "ribs?", "patty", "breast", "drumstick", "wing", "thigh",
+    "biscuit", "croissant", "corndog", "frankfurter", "fillet", "steak", "ribs?", "patty", "breast",
+    "drumstick", "wing", "thigh",
 )  # fmt: skip
 _SMALL_FRUIT = _words(
     "blueberries", "raspberries", "strawberries", "blackberries", "cranberries", "grapes", "cherries", "raisins",
