@@ -40,10 +40,10 @@ _HEADER = ("food name", "density", "specific gravity", "biblioid")
 _NUMBER_OR_RANGE = re.compile(r"^\s*(\d+(?:\.\d+)?)\s*(?:-\s*(\d+(?:\.\d+)?))?\s*$")
 
 _BULK = _words(
-    "flour", "meal", "starch", "powders?", "powdered", "flakes", "beans", "leaves", "grated", "chopped", "cubed", "cubes",
-    "rings", "dry", "dried", "chips", "puffed", "breadcrumbs", "cereal", "sugar", "table",
+    "flour", "meal", "starch", "powders?", "powdered", "flakes", "beans", "leaves", "grated", "chopped", "cubed",
+    "cubes", "rings", "dry", "dried", "chips", "puffed", "breadcrumbs", "cereal", "sugar", "table",
 )  # fmt: skip
-_POWDER = _words("powders?", "powdered", r"\(.*dry\)")
+_POWDER = _words("powders?", "powdered")
 _CRUMB = re.compile(r"^(bread|cake)\b", re.IGNORECASE)
 _LEAVES = _words("leaves")
 _LIQUID = re.compile(
