@@ -1,9 +1,10 @@
 """Which of a food's densities turns this item's volume into grams, and which it was chosen over.
 
 The order: the study's own measurement; a measurement of this food; a row of the FAO/INFOODS table; a volume portion
-(cup, cubic inch) of this food; one of a close relative; the food group's median with a wide spread. Worth counts only
-among densities of the right kind: a camera sees the volume with the air in it, so a heap takes a bulk density and a
-whole piece a solid one. A cup of sliced apple (0.5 g/ml) says nothing about an apple (0.79).
+(cup, cubic inch) of this food; one of a close relative; an estimate from what the food is made of; the food group's
+median with a wide spread. Worth counts only among densities of the right kind: a camera sees the volume with the air in
+it, so a heap takes a bulk density and a whole piece a solid one. A cup of sliced apple (0.5 g/ml) says nothing about an
+apple (0.79).
 """
 
 from collections.abc import Iterable
@@ -34,6 +35,7 @@ _WORDS = MappingProxyType(
         "fao": "from the FAO/INFOODS density table",
         "portion": "from a volume portion of this food",
         "related": "from a close relative of this food",
+        "composition": "estimated from what it is made of",
         "group": "the median of its food group",
     }
 )

@@ -22,7 +22,7 @@ from app.nutrition.portions import Portion
 FoodForm = Literal["whole", "lying", "slab", "heap", "liquid", "in_vessel"]
 SliceForm = Literal["circle", "ellipse"]
 DensityKind = Literal["solid", "bulk"]
-DensityBasis = Literal["study", "measured", "fao", "portion", "related", "group"]
+DensityBasis = Literal["study", "measured", "fao", "portion", "related", "composition", "group"]
 WeighedPart = Literal["as_seen", "edible"]
 FoodState = Literal["raw", "cooked", "as_eaten"]
 
@@ -173,12 +173,12 @@ def _food(entry: dict[str, Any], per_100_g: Mapping[str, float]) -> Food:
         food_group=entry["food_group"],
         form=entry["form"],
         slice_form=entry["slice_form"],
-        refuse=tuple(RefusePart(**part) for part in entry["refuse"]),
-        densities=tuple(Density(**density) for density in entry["densities"]),
+        refuse=tuple(RefusePart(*part) for part in entry["refuse"]),
+        densities=tuple(Density(*density) for density in entry["densities"]),
         per_100_g=per_100_g,
         source_ids=MappingProxyType(entry["source_ids"]),
         state=entry["state"],
         is_mixed_dish=entry["is_mixed_dish"],
-        portions=tuple(Portion(**portion) for portion in entry["portions"]),
+        portions=tuple(Portion(*portion) for portion in entry["portions"]),
         probes=tuple(entry["probes"]),
     )

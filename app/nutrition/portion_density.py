@@ -28,7 +28,7 @@ _GROUP_SOLID_WORDS = re.compile(r"\b(mashed|pureed|cubic inch)\b", re.IGNORECASE
 _GROUP_BULK_WORDS = re.compile(
     r"\b(chopped|diced|sliced|slices|cubes|chunks|pieces|whole|halves|shredded)\b", re.IGNORECASE
 )
-_MEASURE_NOISE = re.compile(r"\b(serving|1/2|1|cups?|fl|oz|tbsp|tablespoons?|ml|8|4|NLEA|no ice)\b|[(),.]")
+_MEASURE_NOISE = re.compile(r'\b(serving|1/2|1|cups?|fl|oz|tbsp|tablespoons?|ml|8|4|NLEA|no ice)\b|[(),."/]')
 
 
 def usual_relative_sd(form: FoodForm, kind: DensityKind) -> float:
