@@ -9,6 +9,7 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -174,16 +175,21 @@ def marker_command(
 
 
 @foods_cli.command("search")
-def foods_search(words: list[str], as_json: JsonOption = False) -> None:
-    """Foods by name or alias, best match first."""
-    from app.services.foods import search_foods
+def foods_search(
+    words: list[str],
+    group: Annotated[str | None, typer.Option(help="Only foods of this group: its exact name, case aside.")] = None,
+    limit: Annotated[int, typer.Option(min=1, max=1000, help="How many foods at most.")] = 20,
+    as_json: JsonOption = False,
+) -> None:
+    """Foods by name, alias or code, mistyped or begun, best match first."""
+    from app.services.search_foods import search_foods
 
     with opened_database() as database:
-        found = search_foods(database, " ".join(words))
+        found = search_foods(database, " ".join(words), group=group, limit=limit)
     if as_json:
-        print(json.dumps([{"key": food.key, "name": food.name, "group": food.food_group} for food in found]))
+        print(json.dumps([asdict(food) for food in found]))
     else:
-        print("\n".join(f"{food.key:<32} {food.name}" for food in found) or "No food of that name.")
+        print("\n".join(f"{food.key:<32} {food.name}  [{food.release}]" for food in found) or "No food of that name.")
     raise SystemExit(0 if found else 1)
 
 
@@ -291,6 +297,46 @@ def records_rebuild(
     raise SystemExit(1 if check and found.different else 0)
 
 
+@records_cli.command("recompute")
+def records_recompute(
+    nutrients: Annotated[
+        bool, typer.Option("--nutrients", help="Grams and nutrients by the tables in force now.")
+    ] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would change.")] = False,
+    study: Annotated[str | None, typer.Option(help="Only this study's records.")] = None,
+    reason: Annotated[str, typer.Option(help="Why, for the history.")] = "",
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line, the summary last.")] = False,
+) -> None:
+    """Make new records where foods, densities or figures have changed; volumes, foods chosen and old records stay."""
+    from app.services.recompute_records import RecordDifference, recompute_nutrients
+
+    if not nutrients:
+        raise InvalidInputError("Say what to compute anew: --nutrients.")
+
+    def tell(found: RecordDifference) -> None:
+        if as_json:
+            columns = {name: {"before": before, "after": after} for name, (before, after) in found.columns.items()}
+            document = {"item": str(found.item_id), "meal": str(found.meal_id), "food": found.food_key}
+            print(json.dumps(document | {"changes": columns}))
+            return
+        shown = ", ".join(
+            f"{name} {_figure(before)} -> {_figure(after)}" for name, (before, after) in found.columns.items()
+        )
+        print(f"meal {found.meal_id}  {found.food_key}: {shown or 'other components, or their source'}")
+
+    with opened_database() as database:
+        author = f"command line: {getpass.getuser()}"
+        done = recompute_nutrients(
+            database, write=not dry_run, author=author, reason=reason, study_code=study, tell=tell
+        )
+    if as_json:
+        print(json.dumps({"compared": done.compared, "changed": done.changed, "dry_run": dry_run, "gone": done.gone}))
+        return
+    print(f"{done.compared} records compared, {done.changed} {'would change' if dry_run else 'made anew'}")
+    for key, count in done.gone.items():
+        print(f"left as they are: {count} records of {key}, which is in no table in force")
+
+
 @db_cli.command("upgrade")
 def db_upgrade() -> None:
     """Bring the schema up to date and load the starter food table."""
@@ -351,6 +397,10 @@ def read_photo_or_fail(path: Path) -> "Photo":
     if isinstance(photo, Failure):
         raise InvalidInputError(f"{path}: {photo.message} {photo.advice}".strip(), code=photo.code)
     return photo
+
+
+def _figure(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.4g}"
 
 
 def print_estimate(answer: dict[str, Any], debug: Path | None) -> None:

@@ -26,7 +26,6 @@ from app.db.models import (
     FoodRelease,
 )
 from app.db.queries import foods
-from app.db.queries.food_index import index_foods
 from app.db.session import Database
 from app.errors import ConflictError
 from app.nutrition.components import COMPONENT_BY_NUMBER
@@ -34,6 +33,7 @@ from app.nutrition.foods import Food as FoodValue
 from app.nutrition.foods import load_starter_table
 from app.nutrition.importers.imported import ImportedTable, Skipped
 from app.nutrition.search import label_key
+from app.services.index_foods import index_foods
 
 BATCH_FOODS = 100
 PAUSE_SECONDS = 0.02  # between batches, so that whoever waits for the database gets it
@@ -66,19 +66,26 @@ def import_foods(
     """
     table = imported.table
     importer_id = uuid.uuid4()
-    with database.write() as session:
-        release, done = _begin(session, imported, importer_id)
+    try:
+        with database.write() as session:
+            release, done = _begin(session, imported, importer_id)
+    except IntegrityError:  # another process began at the same moment
+        raise _running() from None
     was_there = release.completed_at is not None
     if not was_there:
-        component_ids = _component_ids(database, imported)
-        for start in range(done, len(table.foods), BATCH_FOODS):
-            batch = table.foods[start : start + BATCH_FOODS]
-            with database.write() as session:
-                _claim(session, release.id, importer_id)
-                _write_foods(session, release, batch, component_ids)
-            if on_progress is not None:
-                on_progress(start + len(batch), len(table.foods))
-            time.sleep(PAUSE_SECONDS)
+        try:
+            component_ids = _component_ids(database, imported)
+            for start in range(done, len(table.foods), BATCH_FOODS):
+                batch = table.foods[start : start + BATCH_FOODS]
+                with database.write() as session:
+                    _claim(session, release.id, importer_id)
+                    _write_foods(session, release, batch, component_ids)
+                if on_progress is not None:
+                    on_progress(start + len(batch), len(table.foods))
+                time.sleep(PAUSE_SECONDS)
+        except BaseException:  # Ctrl-C too: whoever comes next need not wait
+            _let_go(database, release.id, importer_id)
+            raise
     with database.write() as session:
         _put_in_force(session, session.get_one(FoodRelease, release.id), author)
     return ImportReport(
@@ -126,7 +133,7 @@ def write_food(session: Session, release: FoodRelease, value: FoodValue, *, vers
 def _begin(session: Session, imported: ImportedTable, importer_id: uuid.UUID | None) -> tuple[FoodRelease, int]:
     """The release to write into, and how many of its foods are there already."""
     table, now = imported.table, datetime.now(UTC)
-    release = foods.release_by_checksum(session, table.checksum)
+    release = foods.release_by_checksum(session, table.checksum, lock=True)
     if release is None:
         release = FoodRelease(
             source=imported.source,
@@ -144,14 +151,18 @@ def _begin(session: Session, imported: ImportedTable, importer_id: uuid.UUID | N
     if release.completed_at is not None:
         return release, len(table.foods)
     if release.written_at is not None and now - release.written_at < ABANDONED_AFTER:
-        raise ConflictError(
-            "These files are being imported by another process at this moment; if that one has died, try again in "
-            f"{int(ABANDONED_AFTER.total_seconds())} seconds.",
-            code="food_import_running",
-        )
+        raise _running()
     release.importer_id, release.written_at = importer_id, now
     written = session.scalar(sa.select(sa.func.count()).where(Food.release_id == release.id))
     return release, int(written or 0)
+
+
+def _running() -> ConflictError:
+    return ConflictError(
+        "These files are being imported by another process at this moment; if that one has died, try again in "
+        f"{int(ABANDONED_AFTER.total_seconds())} seconds.",
+        code="food_import_running",
+    )
 
 
 def _claim(session: Session, release_id: int, importer_id: uuid.UUID) -> None:
@@ -164,6 +175,15 @@ def _claim(session: Session, release_id: int, importer_id: uuid.UUID) -> None:
     )
     if claimed.scalar_one_or_none() is None:
         raise ConflictError("Another process has taken over this import.", code="food_import_running")
+
+
+def _let_go(database: Database, release_id: int, importer_id: uuid.UUID) -> None:
+    with database.write() as session:
+        session.execute(
+            sa.update(FoodRelease)
+            .where(FoodRelease.id == release_id, FoodRelease.importer_id == importer_id)
+            .values(importer_id=None, written_at=None)
+        )
 
 
 def _put_in_force(session: Session, release: FoodRelease, author: str) -> None:

@@ -5,29 +5,32 @@ from datetime import UTC, datetime
 
 from sqlalchemy.orm import Session
 
-from app.db.models import Food, Item, ItemFood
+from app.db.models import Food, ItemFood
 from app.nutrition.foods import Density
 from app.services.food_amounts import Weighing, weigh
 from app.services.food_values import choose_density, food_value
 
 
+def weighing_for(session: Session, food: Food, study_id: uuid.UUID) -> Weighing:
+    """How an item that is this food is weighed, by what is known of the food now in this study."""
+    value = food_value(session, food)
+    return weigh(value, choose_density(session, value, study_id))
+
+
 def item_food(
-    session: Session,
-    item: Item,
-    food: Food,
-    study_id: uuid.UUID,
+    item_id: uuid.UUID,
+    food_id: int,
+    weighing: Weighing,
     *,
     version: int = 1,
     recompute_id: uuid.UUID | None = None,
 ) -> ItemFood:
-    """The row for an item that is this food, weighed by what is known of it now in this study."""
-    value = food_value(session, food)
-    weighing = weigh(value, choose_density(session, value, study_id))
+    """The row of an item that is taken for this food and weighed so."""
     density = weighing.density
     return ItemFood(
-        item_id=item.id,
+        item_id=item_id,
         version=version,
-        food_id=food.id,
+        food_id=food_id,
         density_g_per_ml=density.g_per_ml if density else None,
         density_sd_g_per_ml=density.sd_g_per_ml if density else None,
         density_state=density.state if density else None,

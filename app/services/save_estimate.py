@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 from app.db.models import EffectiveRecord, Food, Item, ItemCandidate, ItemFood, Job, Meal, Run, RunArtefact
 from app.db.queries import foods, meals, records
 from app.services.food_amounts import NO_FOOD, food_amounts
-from app.services.item_foods import item_food, weighing_of
+from app.services.item_foods import item_food, weighing_for, weighing_of
 
 ITEM_NAMESPACE = uuid.UUID("3f2ad0a5-93ce-4f0f-8f39-4f1f1d1b7f6e")  # drawn once; item ids are derived under it
 FROM_HINT = "hint"
@@ -58,7 +58,7 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
         if food is not None
     )
     taken_for = [
-        item_food(session, item, food, meal.study_id) if food is not None else None
+        item_food(item.id, food.id, weighing_for(session, food, meal.study_id)) if food is not None else None
         for item, food in zip(items, chosen, strict=True)
     ]
     session.add_all(row for row in taken_for if row is not None)

@@ -52,9 +52,10 @@ def all_releases(session: Session) -> list[FoodRelease]:
     return list(session.scalars(sa.select(FoodRelease).order_by(FoodRelease.id.desc())))
 
 
-def release_by_checksum(session: Session, checksum: str) -> FoodRelease | None:
-    """The release that was made from exactly these files, whole or not."""
-    return session.scalars(sa.select(FoodRelease).where(FoodRelease.checksum == checksum)).one_or_none()
+def release_by_checksum(session: Session, checksum: str, *, lock: bool = False) -> FoodRelease | None:
+    """The release that was made from exactly these files, whole or not; locked until commit if so wanted."""
+    query = sa.select(FoodRelease).where(FoodRelease.checksum == checksum)
+    return session.scalars(query.with_for_update() if lock else query).one_or_none()
 
 
 def foods_by_key(session: Session, keys: Collection[str]) -> dict[str, Food]:
@@ -65,6 +66,11 @@ def foods_by_key(session: Session, keys: Collection[str]) -> dict[str, Food]:
     for food in sorted(session.scalars(query), key=lambda food: order[food.release_id]):
         found.setdefault(food.key, food)
     return found
+
+
+def foods_by_id(session: Session, ids: Collection[int]) -> list[Food]:
+    """These versions of foods, in force or not."""
+    return list(session.scalars(sa.select(Food).where(Food.id.in_(ids))))
 
 
 def foods_by_code(session: Session, code: str) -> list[Food]:

@@ -122,7 +122,9 @@ def artefacts_of(session: Session, run_id: uuid.UUID) -> list[RunArtefact]:
     return list(session.scalars(sa.select(RunArtefact).where(RunArtefact.run_id == run_id).order_by(RunArtefact.name)))
 
 
-def items_after(session: Session, after: uuid.UUID | None, limit: int) -> list[ItemSource]:
+def items_after(
+    session: Session, after: uuid.UUID | None, limit: int, *, study_id: uuid.UUID | None = None
+) -> list[ItemSource]:
     """Items by id, behind `after`, with the meal and the food that their effective records follow from."""
     query = (
         sa.select(Item, Meal, ItemFood)
@@ -134,6 +136,8 @@ def items_after(session: Session, after: uuid.UUID | None, limit: int) -> list[I
     )
     if after is not None:
         query = query.where(Item.id > after)
+    if study_id is not None:
+        query = query.where(Meal.study_id == study_id)
     return [ItemSource(item, meal, taken_for) for item, meal, taken_for in session.execute(query)]
 
 
