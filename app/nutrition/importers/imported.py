@@ -17,6 +17,13 @@ _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*\Z", re.ASCII)
 _UNIT_BY_NAME = {unit.value.lower(): unit for unit in Unit} | {"\u00b5g": Unit.UG, "\u03bcg": Unit.UG, "mcg": Unit.UG}
 
 
+# What the database has room for.
+MAX_KEY = 100
+MAX_NAME = 300
+MAX_GROUP = 100
+MAX_MEASURE = 200
+
+
 @dataclass(frozen=True, slots=True)
 class ImportedTable:
     """A release, ready to be written. source: the importer's format. components: all that its foods have figures of.
@@ -59,13 +66,18 @@ class SourceComponent:
     factor: float
 
 
+def unit_of(name: str) -> Unit | None:
+    """A unit by the name that a table gives it (KCAL, µg, mcg ...), or None."""
+    return _UNIT_BY_NAME.get(name.strip().lower())
+
+
 def source_component(file: str, line: int, number: str, name: str, unit_name: str) -> SourceComponent:
     """A source's component by its number, its unit made to fit the one that is used here.
 
     A number that is not known here yet becomes a component without a tagname. Raises ImportFileError if the unit is
     unknown, or measures another quantity than the component's.
     """
-    unit = _UNIT_BY_NAME.get(unit_name.strip().lower())
+    unit = unit_of(unit_name)
     if unit is None:
         raise ImportFileError(file, line, f"component {number} ({name}): unknown unit {unit_name!r}")
     known = COMPONENT_BY_NUMBER.get(number)
@@ -87,6 +99,16 @@ def number_in(file: str, line: int, what: str, text: str) -> float:
     if not 0.0 <= value < math.inf:
         raise ImportFileError(file, line, f"{what} is {text.strip()}, which cannot be")
     return value
+
+
+def text_in(file: str, line: int, what: str, text: str, limit: int) -> str:
+    """A text of at most `limit` characters, in one line. Raises ImportFileError if it is empty or longer."""
+    words = " ".join(text.split())
+    if not words:
+        raise ImportFileError(file, line, f"{what} is empty")
+    if len(words) > limit:
+        raise ImportFileError(file, line, f"{what} has {len(words)} characters; at most {limit} are kept")
+    return words
 
 
 def key_once(file: str, line: int, what: str, key: str, seen: Container[str]) -> str:

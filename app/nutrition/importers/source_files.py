@@ -8,8 +8,8 @@ import hashlib
 import re
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import IO
 
@@ -31,6 +31,8 @@ class ImportFileError(InvalidInputError):
 class SourceFiles:
     """The files at a path: a zip, a folder, or one plain file. Names are matched without their folder, case aside.
 
+    plain_file: the name of the one plain file, None for a zip or a folder.
+
     Raises ImportFileError if there is nothing at the path, or a zip there is damaged.
     """
 
@@ -43,6 +45,7 @@ class SourceFiles:
             members = [str(file) for file in sorted(path.rglob("*")) if file.is_file()]
         else:
             members = _members_of_zip(path) if self._is_zip else [str(path)]
+        self.plain_file = None if self._is_zip or path.is_dir() else path.name
         self._members: dict[str, list[str]] = {}
         for member in members:
             self._members.setdefault(_plain_name(member), []).append(member)
@@ -76,27 +79,43 @@ class SourceFiles:
             for number, raw in enumerate(file, start=1):
                 yield number, _decode(raw, encoding, name, number)
 
+    def csv_header(self, name: str, columns: Iterable[str] = ()) -> list[str]:
+        """The columns of a UTF-8 CSV file.
+
+        Raises ImportFileError if a column of `columns` is missing, or a column is there twice.
+        """
+        with closing(self._csv_records(name)) as records:
+            _, header = next(records, (1, []))
+        header = [column.strip() for column in header]
+        missing = [column for column in columns if column not in header]
+        if missing:
+            raise ImportFileError(name, 1, f"no column {', '.join(missing)}; there are {', '.join(header)}")
+        twice = sorted({column for column in header if header.count(column) > 1})
+        if twice:
+            raise ImportFileError(name, 1, f"column {', '.join(twice)} is there twice")
+        return header
+
     def csv_rows(self, name: str, columns: Iterable[str] = ()) -> Iterator[tuple[int, dict[str, str]]]:
         """Each row of a UTF-8 CSV file by its header, with the line that it ends in.
 
-        Raises ImportFileError if a column of `columns` is missing, a row is longer or shorter than the header, or a
-        quote is never closed.
+        Raises ImportFileError as csv_header does, and if a row is longer or shorter than the header, or a quote is
+        never closed.
         """
-        lines = (line + "\n" for _, line in self.lines(name, "utf-8-sig"))
-        reader = csv.reader(lines, strict=True)
+        header = self.csv_header(name, columns)
+        records = self._csv_records(name)
+        next(records, None)
+        for line, row in records:
+            if not row:
+                continue
+            if len(row) != len(header):
+                raise ImportFileError(name, line, f"{len(row)} fields under {len(header)} columns")
+            yield line, dict(zip(header, row, strict=True))
+
+    def _csv_records(self, name: str) -> Generator[tuple[int, list[str]]]:
+        reader = csv.reader((line + "\n" for _, line in self.lines(name, "utf-8-sig")), strict=True)
         try:
-            header = [column.strip() for column in next(reader, [])]
-            missing = [column for column in columns if column not in header]
-            if missing:
-                raise ImportFileError(name, 1, f"no column {', '.join(missing)}; there are {', '.join(header)}")
-            if len(set(header)) != len(header):
-                raise ImportFileError(name, 1, "a column is there twice")
             for row in reader:
-                if not row:
-                    continue
-                if len(row) != len(header):
-                    raise ImportFileError(name, reader.line_num, f"{len(row)} fields under {len(header)} columns")
-                yield reader.line_num, dict(zip(header, row, strict=True))
+                yield reader.line_num, row
         except csv.Error as error:
             raise ImportFileError(name, reader.line_num, f"no proper CSV: {error}") from None
 

@@ -15,6 +15,9 @@ from types import MappingProxyType
 from app.nutrition.foods import Density, Food, FoodForm, FoodTable, RefusePart, load_starter_table
 from app.nutrition.group_density import GroupDensities, GroupMember
 from app.nutrition.importers.imported import (
+    MAX_GROUP,
+    MAX_MEASURE,
+    MAX_NAME,
     ImportedTable,
     Skipped,
     SourceComponent,
@@ -22,6 +25,7 @@ from app.nutrition.importers.imported import (
     number_in,
     sorted_components,
     source_component,
+    text_in,
 )
 from app.nutrition.importers.source_files import ImportFileError, SourceFiles
 from app.nutrition.portion_density import portion_densities
@@ -68,7 +72,7 @@ class Sr28Release:
         """FD_GROUP.txt: code -> name of each food group."""
         name, groups = "FD_GROUP.txt", dict[str, str]()
         for line, (code, group) in self._records(name, 2):
-            groups[key_once(name, line, "group", code, groups)] = group
+            groups[key_once(name, line, "group", code, groups)] = text_in(name, line, "the group", group, MAX_GROUP)
         return groups
 
     def components(self) -> dict[str, SourceComponent]:
@@ -84,14 +88,13 @@ class Sr28Release:
         name, groups, foods = "FOOD_DES.txt", self.groups(), dict[str, Sr28Food]()
         for line, fields in self._records(name, 14):
             number = key_once(name, line, "food", fields[0], foods)
-            if not fields[2]:
-                raise ImportFileError(name, line, f"food {number} has no name")
+            food_name = text_in(name, line, f"the name of food {number}", fields[2], MAX_NAME)
             if fields[1] not in groups:
                 raise ImportFileError(name, line, f"food {number} is of group {fields[1]}, which FD_GROUP.txt lacks")
             percent = number_in(name, line, "the refuse", fields[8] or "0")
             if percent >= 100.0:
                 raise ImportFileError(name, line, f"a refuse of {percent:g} % leaves nothing of food {number}")
-            foods[number] = Sr28Food(number, fields[1], fields[2], fields[4], percent, fields[7])
+            foods[number] = Sr28Food(number, fields[1], food_name, fields[4], percent, fields[7])
         return foods
 
     def contents(self, ndb_numbers: Collection[str]) -> dict[str, dict[str, float]]:
@@ -129,7 +132,8 @@ class Sr28Release:
             if amount == 0.0 or mass_g == 0.0:
                 skipped.add("portions of no amount or weight", f"{fields[0]} {fields[3]}")
                 continue
-            portions.setdefault(fields[0], []).append(Portion(fields[1], amount, fields[3], mass_g))
+            measure = text_in(name, line, "the measure", fields[3], MAX_MEASURE)
+            portions.setdefault(fields[0], []).append(Portion(fields[1], amount, measure, mass_g))
         return portions
 
     def _records(self, name: str, fields_per_line: int) -> Iterator[tuple[int, list[str]]]:

@@ -94,7 +94,7 @@ def test_csv_rows_carry_the_line_that_they_end_in(tmp_path):
     ("text", "message"),
     [
         ("number,name\n1,a\n", r"t.csv, line 1: no column id; there are number, name"),
-        ("id,id\n1,2\n", r"t.csv, line 1: a column is there twice"),
+        ("id,id\n1,2\n", r"t.csv, line 1: column id is there twice"),
         ("id,name\n1,a\n2\n", r"t.csv, line 3: 1 fields under 2 columns"),
         ('id,name\n1,"a\n', r"t.csv, line 2: no proper CSV"),
         ("", r"t.csv, line 1: no column id"),

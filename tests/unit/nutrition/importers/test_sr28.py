@@ -106,7 +106,7 @@ def replaced(old, new):
         ("FOOD_DES", replaced("~0900~", "~0800~"), r"FOOD_DES.txt, line 1: food 09003 is of group 0800, which FD"),
         ("FOOD_DES", replaced("^10^", "^-10^"), r"FOOD_DES.txt, line 1: the refuse is -10, which cannot be"),
         ("FOOD_DES", replaced("^10^", "^100^"), r"FOOD_DES.txt, line 1: a refuse of 100 % leaves nothing"),
-        ("FOOD_DES", replaced("~Apples, raw~", "~~"), r"FOOD_DES.txt, line 1: food 09003 has no name"),
+        ("FOOD_DES", replaced("~Apples, raw~", "~~"), r"FOOD_DES.txt, line 1: the name of food 09003 is empty"),
         ("FOOD_DES", replaced("~15237~", "~~"), r"FOOD_DES.txt, line 2: food has no id"),
         ("FOOD_DES", lambda text: text[:150], r"FOOD_DES.txt, line 2: \d+ fields where SR28 has 14; is the file cut"),
         ("FOOD_DES", lambda text: text.splitlines(keepends=True)[0], r"NUT_DATA.txt, line 4: food 15237 is none of"),
@@ -194,7 +194,8 @@ def imported(release_path):
 
 def test_every_food_value_and_portion_of_the_release_is_there_and_none_is_skipped(imported, plainly):
     foods = {food.source_ids["sr28_ndb"]: food for food in imported.table.foods}
-    assert {ndb: food.name for ndb, food in foods.items()} == {row[0]: row[2] for row in plainly["FOOD_DES"]}
+    names = {row[0]: " ".join(row[2].split()) for row in plainly["FOOD_DES"]}
+    assert {ndb: food.name for ndb, food in foods.items()} == names
     contents = {(row[0], row[1]): float(row[2]) for row in plainly["NUT_DATA"]}
     assert {(ndb, number): v for ndb, food in foods.items() for number, v in food.per_100_g.items()} == contents
     assert sum(len(food.portions) for food in foods.values()) == len(plainly["WEIGHT"])

@@ -1,0 +1,324 @@
+"""Our own template for national and local tables: a CSV file, a row a food; more densities and portions beside it.
+
+What the columns mean is in docs/importers.md; template_csv() writes an example. An empty cell is "not known" and never
+0. Figures are per 100 g edible portion; each component's column says its unit, which is converted within its quantity.
+"""
+
+import csv
+import hashlib
+import io
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from datetime import date
+from pathlib import Path
+from types import MappingProxyType
+from typing import TypeVar
+
+from app.errors import InvalidInputError
+from app.nutrition.components import COMPONENTS, Component
+from app.nutrition.foods import DENSITY_KINDS, FOOD_FORMS, FOOD_STATES, Density, Food, FoodForm, FoodTable, RefusePart
+from app.nutrition.group_density import GroupDensities, GroupMember
+from app.nutrition.importers.imported import (
+    MAX_GROUP,
+    MAX_KEY,
+    MAX_MEASURE,
+    MAX_NAME,
+    ImportedTable,
+    Skipped,
+    SourceComponent,
+    key_once,
+    number_in,
+    sorted_components,
+    text_in,
+    unit_of,
+)
+from app.nutrition.importers.source_files import ImportFileError, SourceFiles
+from app.nutrition.portion_density import is_possible, portion_densities, usual_relative_sd
+from app.nutrition.portions import Portion
+from app.nutrition.usual_form import packs_without_air, usual_form
+from app.units import Unit, UnitMismatchError, convert
+
+FORMAT = "csv"
+FOODS, DENSITIES, PORTIONS = "foods.csv", "densities.csv", "portions.csv"
+RESERVED_NAMES = frozenset({"sr28", "fdc", "fao-infoods-density", "tada-starter", "local"})
+
+REQUIRED = ("key", "name", "food_group")
+DENSITY_COLUMNS = ("g_per_ml", "sd_g_per_ml", "density_kind", "density_state", "density_source")
+ID_COLUMNS = ("foodex2", "fndds", "fdc_id", "sr28_ndb")
+COLUMNS = (*REQUIRED, "aliases", "form", "state", "is_mixed_dish", "refuse", *DENSITY_COLUMNS, *ID_COLUMNS)
+
+TRACES = frozenset({"tr", "tr.", "trace", "traces"})
+MAX_ENERGY_KCAL = 950.0  # of 100 g: pure fat has 884 to 902
+_NAME = re.compile(r"[a-z0-9][a-z0-9._-]{1,49}")
+_COMPONENT = re.compile(r"(?P<which>\S+)\s*\((?P<unit>[^()]+)\)")
+_REFUSE = re.compile(r"(?P<part>\([^()]+\)|[^()\d]+?)\s+(?P<percent>\d+(?:\.\d+)?)\s*%?")
+_YES_OR_NO = {"": False, "no": False, "0": False, "false": False, "yes": True, "1": True, "true": True}
+
+Choice = TypeVar("Choice", bound=str)
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """A line of a file, its cells by column."""
+
+    file: str
+    line: int
+    cells: Mapping[str, str]
+
+    def cell(self, column: str) -> str:
+        return self.cells.get(column, "").strip()
+
+    def choice(self, column: str, choices: tuple[Choice, ...]) -> Choice | None:
+        text = self.cell(column)
+        for choice in choices:
+            if choice == text:
+                return choice
+        if text:
+            raise self.error(f"{column} is {text!r}; give one of {', '.join(choices)}")
+        return None
+
+    def number(self, column: str) -> float:
+        return number_in(self.file, self.line, column, self.cell(column))
+
+    def error(self, why: str) -> ImportFileError:
+        return ImportFileError(self.file, self.line, why)
+
+
+def read_csv_table(path: Path, *, name: str, version: str, released_on: date) -> ImportedTable:
+    """The table in a CSV file, or in the foods.csv, densities.csv and portions.csv of a folder or zip, checked whole.
+
+    name: of the release, and the first part of each food's key. Raises ImportFileError, which names file, line and
+    column, at the first thing that is wrong; InvalidInputError if name or version cannot be.
+    """
+    if not _NAME.fullmatch(name) or name in RESERVED_NAMES:
+        why = "lower-case letters, digits, '.', '_' and '-', 2 to 50 of them, and no name of a published table"
+        raise InvalidInputError(f"The table's name cannot be {name!r}: {why}.")
+    if not 0 < len(version.strip()) <= 32:
+        raise InvalidInputError("The table's version has 1 to 32 characters.")
+    files, skipped = SourceFiles(path), Skipped()
+    foods_file = files.plain_file or FOODS
+    files.require([foods_file])
+    rows = [_Row(foods_file, line, cells) for line, cells in files.csv_rows(foods_file)]
+    components = _components(files, foods_file)
+    keys: dict[str, None] = {}
+    for row in rows:
+        key = text_in(row.file, row.line, "key", row.cell("key"), MAX_KEY - len(name) - 1)
+        keys[key_once(row.file, row.line, "food", key, keys)] = None
+    if not rows:
+        raise ImportFileError(foods_file, None, "it holds no food")
+    portions, densities = _portions(files, keys), _densities(files, keys)
+    foods = [
+        _food(row, name, components, portions.get(row.cell("key"), []), densities.get(row.cell("key"), []), skipped)
+        for row in rows
+    ]
+    medians = GroupDensities(
+        (GroupMember(food.food_group, food.form, food.portions, food.densities) for food in foods), name
+    )
+    whole = tuple(_with_median(food, medians) for food in foods)
+    checksum = _checksum(files, foods_file, f"{name} {version} {released_on}")
+    table = FoodTable(name, version.strip(), released_on, checksum, whole)
+    given = {found.component.number: found.component for found in components.values()}
+    return ImportedTable(FORMAT, table, sorted_components(given), skipped)
+
+
+def template_csv() -> str:
+    """An example of foods.csv, with every column that is not a component's and a few that are."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    components = ("ENERC_KCAL (kcal)", "PROCNT (g)", "FAT (g)", "CHOAVL (g)", "FIBTG (g)", "NA (mg)", "VITC (mg)")
+    writer.writerow((*COLUMNS, *components))
+    writer.writerow((
+        "A001", "Apple, raw, with skin", "Fruits", "apple; dessert apple", "whole", "raw", "no", "core and stem 10",
+        "0.79", "0.03", "solid", "raw, whole", "own measurement, 20 apples", "", "", "", "09003",
+        "52", "0.3", "0.2", "11.4", "2.4", "1", "4.6",
+    ))  # fmt: skip
+    writer.writerow((
+        "B014", "Goulash with dumplings", "Mixed dishes", "beef goulash", "in_vessel", "as_eaten", "yes", "",
+        "", "", "", "", "", "", "", "", "",
+        "146", "9.8", "6.1", "12.7", "", "320", "tr",
+    ))  # fmt: skip
+    return text.getvalue()
+
+
+def _components(files: SourceFiles, file: str) -> dict[str, SourceComponent]:
+    """Column -> component, for each column that is not one of COLUMNS."""
+    _, header = next(files.lines(file, "utf-8-sig"), (1, ""))
+    if ";" in header and "," not in header:
+        raise ImportFileError(file, 1, "the columns are separated by semicolons; save the table with commas")
+    components: dict[str, SourceComponent] = {}
+    for column in files.csv_header(file, REQUIRED):
+        if column not in COLUMNS:
+            found = _component(file, column)
+            if any(found.component == other.component for other in components.values()):
+                raise ImportFileError(file, 1, f"column {column!r}: {found.component.name} has a column already")
+            components[column] = found
+    return components
+
+
+def _component(file: str, column: str) -> SourceComponent:
+    match = _COMPONENT.fullmatch(column)
+    if match is None:
+        why = f"column {column!r} is neither one of {', '.join(COLUMNS)} nor a component such as 'CA (mg)'"
+        raise ImportFileError(file, 1, why)
+    which, unit = match["which"], unit_of(match["unit"])
+    if unit is None:
+        raise ImportFileError(file, 1, f"column {column!r}: unknown unit {match['unit']!r}")
+    known = [one for one in COMPONENTS if which in (one.number, one.tagname)]
+    if not known:
+        near = [one.tagname for one in COMPONENTS if one.tagname and one.tagname.startswith(which.upper())]
+        hint = f"; did you mean {' or '.join(near[:3])}?" if near else ""
+        raise ImportFileError(file, 1, f"column {column!r}: unknown component {which!r}{hint}")
+    for component in known:  # VITD is 328 in ug and 324 in IU
+        try:
+            return SourceComponent(component, convert(1.0, unit, component.unit))
+        except UnitMismatchError:
+            continue
+    units = " or ".join(component.unit for component in known)
+    raise ImportFileError(file, 1, f"column {column!r}: {unit} does not fit {which}, which is given in {units}")
+
+
+def _food(
+    row: _Row,
+    name: str,
+    components: Mapping[str, SourceComponent],
+    portions: list[Portion],
+    densities: list[_Row],
+    skipped: Skipped,
+) -> Food:
+    key, title = row.cell("key"), text_in(row.file, row.line, "name", row.cell("name"), MAX_NAME)
+    group = text_in(row.file, row.line, "food_group", row.cell("food_group"), MAX_GROUP)
+    form = row.choice("form", FOOD_FORMS) or usual_form(title, group)
+    state = row.choice("state", FOOD_STATES)
+    mixed = row.cell("is_mixed_dish").lower()
+    if mixed not in _YES_OR_NO:
+        raise row.error(f"is_mixed_dish is {mixed!r}; give yes or no")
+    measured = [_density(one, form, state or "not told") for one in (row, *densities) if one.cell("g_per_ml")]
+    if not row.cell("g_per_ml") and any(row.cell(column) for column in DENSITY_COLUMNS):
+        raise row.error("there is a density's kind, spread, state or source, but no g_per_ml")
+    of_portions = portion_densities(
+        portions,
+        form,
+        state or "not told",
+        f"{name}, {key}",
+        cup_kind="solid" if packs_without_air(title, group) else None,
+    )
+    return Food(
+        key=f"{name}:{key}",
+        name=title,
+        aliases=tuple(dict.fromkeys(alias.strip() for alias in row.cell("aliases").split(";") if alias.strip())),
+        food_group=group,
+        form=form,
+        slice_form=None,
+        refuse=tuple(_refuse(row)),
+        densities=(*measured, *of_portions),
+        per_100_g=MappingProxyType(dict(_contents(row, components, skipped))),
+        source_ids={column: row.cell(column) for column in ID_COLUMNS if row.cell(column)},
+        state=state,
+        is_mixed_dish=_YES_OR_NO[mixed],
+        portions=tuple(portions),
+    )
+
+
+def _contents(row: _Row, components: Mapping[str, SourceComponent], skipped: Skipped) -> Iterator[tuple[str, float]]:
+    for column, found in components.items():
+        text = row.cell(column)
+        if not text:
+            continue
+        if text.lower() in TRACES:
+            skipped.add("traces, taken as 0", f"{row.cell('key')} {column}")
+            yield found.component.number, 0.0
+            continue
+        value = number_in(row.file, row.line, column, text) * found.factor
+        if value > _most(found.component):
+            raise row.error(f"{column} is {text}: more than 100 g of any food can hold; is the unit right?")
+        yield found.component.number, value
+
+
+def _most(component: Component) -> float:
+    if component.unit == Unit.IU:
+        return float("inf")
+    try:
+        return convert(MAX_ENERGY_KCAL, Unit.KCAL, component.unit)
+    except UnitMismatchError:
+        return convert(100.0, Unit.G, component.unit)
+
+
+def _density(row: _Row, form: FoodForm, usual_state: str) -> Density:
+    kind = row.choice("density_kind", DENSITY_KINDS)
+    if kind is None:
+        raise row.error(f"a density needs its density_kind: {' or '.join(DENSITY_KINDS)}")
+    g_per_ml = row.number("g_per_ml")
+    if not is_possible(g_per_ml):
+        raise row.error(f"g_per_ml is {g_per_ml:g}, which no food has")
+    spread = row.number("sd_g_per_ml") if row.cell("sd_g_per_ml") else usual_relative_sd(form, kind) * g_per_ml
+    state = text_in(row.file, row.line, "density_state", row.cell("density_state") or usual_state, 32)
+    source = text_in(row.file, row.line, "density_source", row.cell("density_source"), 300)
+    return Density(g_per_ml, spread, state, kind, "measured", source)
+
+
+def _refuse(row: _Row) -> Iterator[RefusePart]:
+    total = 0.0
+    for piece in filter(None, (piece.strip() for piece in row.cell("refuse").split(";"))):
+        match = _REFUSE.fullmatch(piece)
+        if match is None:
+            raise row.error(f"refuse {piece!r} is no part with its percent, such as 'peel 30; core 10'")
+        total += float(match["percent"])
+        part = match["part"]
+        yield RefusePart(part.strip("()").strip(), float(match["percent"]), is_served=not part.startswith("("))
+    if total >= 100.0:
+        raise row.error(f"a refuse of {total:g} % leaves nothing to eat")
+
+
+def _portions(files: SourceFiles, keys: Mapping[str, None]) -> dict[str, list[Portion]]:
+    portions: dict[str, list[Portion]] = {}
+    for row in _beside(files, PORTIONS, ("key", "amount", "measure", "mass_g"), (), keys):
+        of_food = portions.setdefault(row.cell("key"), [])
+        amount, mass_g = row.number("amount"), row.number("mass_g")
+        if amount == 0.0 or mass_g == 0.0:
+            raise row.error("amount and mass_g are more than 0")
+        measure = text_in(row.file, row.line, "measure", row.cell("measure"), MAX_MEASURE)
+        of_food.append(Portion(str(len(of_food) + 1), amount, measure, mass_g))
+    return portions
+
+
+def _densities(files: SourceFiles, keys: Mapping[str, None]) -> dict[str, list[_Row]]:
+    densities: dict[str, list[_Row]] = {}
+    required = ("key", "g_per_ml", "density_kind", "density_source")
+    for row in _beside(files, DENSITIES, required, ("sd_g_per_ml", "density_state"), keys):
+        if not row.cell("g_per_ml"):
+            raise row.error("g_per_ml is empty")
+        densities.setdefault(row.cell("key"), []).append(row)
+    return densities
+
+
+def _beside(
+    files: SourceFiles, file: str, required: tuple[str, ...], optional: tuple[str, ...], keys: Mapping[str, None]
+) -> Iterator[_Row]:
+    """The rows of a file beside foods.csv, where there is one, each of a food that foods.csv has."""
+    if not files.has(file):
+        return
+    unknown = [column for column in files.csv_header(file, required) if column not in (*required, *optional)]
+    if unknown:
+        raise ImportFileError(
+            file, 1, f"unknown column {', '.join(unknown)}; there are {', '.join(required + optional)}"
+        )
+    for line, cells in files.csv_rows(file, required):
+        row = _Row(file, line, cells)
+        if row.cell("key") not in keys:
+            raise row.error(f"food {row.cell('key')!r} is none of {FOODS}")
+        yield row
+
+
+def _with_median(food: Food, medians: GroupDensities) -> Food:
+    return replace(food, densities=(*food.densities, *medians.of(food.food_group, food.form)))
+
+
+def _checksum(files: SourceFiles, foods_file: str, release: str) -> str:
+    """Of what is read and what the caller says of it, whatever the file is called."""
+    digest = hashlib.sha256(release.encode())
+    for role, file in ((FOODS, foods_file), (DENSITIES, DENSITIES), (PORTIONS, PORTIONS)):
+        if files.has(file):
+            with files.open(file) as content:
+                digest.update(f"\n{role} {hashlib.sha256(content.read()).hexdigest()}".encode())
+    return digest.hexdigest()
