@@ -178,10 +178,16 @@ def _crumb_and_rest(
     contents: Mapping[str, float], of_crumb: Mapping[str, float], share: float, crumb_g_per_ml: float
 ) -> float:
     """Density of a dish that is crumb by `share` of its mass: volumes add up. Raises ValueError if there is no rest."""
-    rest = {number: max(0.0, content - share * of_crumb.get(number, 0.0)) for number, content in contents.items()}
-    rest_g_per_ml = pore_free_density({number: content / (1.0 - share) for number, content in rest.items()})
-    if not 0.0 < share < 1.0 or rest_g_per_ml is None:
-        raise ValueError(f"a share of {share:.2f} crumb leaves no rest of known composition")
+    if not 0.0 < share < 1.0:
+        raise ValueError(f"a share of {share:.2f} crumb leaves no rest")
+    rest_g_per_ml = pore_free_density(
+        {
+            number: max(0.0, content - share * of_crumb.get(number, 0.0)) / (1.0 - share)
+            for number, content in contents.items()
+        }
+    )
+    if rest_g_per_ml is None:
+        raise ValueError("the rest of the crumb is of unknown composition")
     return 1.0 / (share / crumb_g_per_ml + (1.0 - share) / rest_g_per_ml)
 
 

@@ -72,8 +72,7 @@ def measured_density(food: str, specimens: Sequence[Specimen]) -> MeasuredDensit
     The spread is the specimens' standard deviation, and never less than what rounding the volume to 10 ml can do to
     all of them alike (uniform, 10 / sqrt(12) ml of the mean volume). Raises ValueError if fewer than two are possible.
     """
-    low, high = POSSIBLE_FRUIT_G_PER_ML if food in WHOLE_FRUIT else (0.0, math.inf)
-    kept = [specimen for specimen in specimens if low <= specimen.g_per_ml <= high]
+    kept = [specimen for specimen in specimens if is_possible(food, specimen)]
     if len(kept) < 2:
         raise ValueError(f"{food}: {len(kept)} specimens are possible; a spread takes two")
     densities = [specimen.g_per_ml for specimen in kept]
@@ -81,6 +80,12 @@ def measured_density(food: str, specimens: Sequence[Specimen]) -> MeasuredDensit
     rounding = VOLUME_STEP_ML / math.sqrt(12.0) / statistics.fmean(specimen.volume_ml for specimen in kept)
     sd_g_per_ml = max(statistics.stdev(densities), rounding * g_per_ml)
     return MeasuredDensity(food, len(kept), len(specimens) - len(kept), round(g_per_ml, 3), round(sd_g_per_ml, 3))
+
+
+def is_possible(food: str, specimen: Specimen) -> bool:
+    """Whether the specimen of this sheet can be: whole fruit is between 0.65 and 1.15 g/ml."""
+    low, high = POSSIBLE_FRUIT_G_PER_ML
+    return food not in WHOLE_FRUIT or low <= specimen.g_per_ml <= high
 
 
 def write_measured(measured: Sequence[MeasuredDensity]) -> str:

@@ -17,9 +17,9 @@ from app.nutrition.starter_densities import StarterSources
 
 COMPACT_BYTES = 620_000  # of the two built files
 
-# Whole tomato and cherry tomatoes, corn on the cob and its kernels, long and short pasta, cream and whipped cream,
-# chocolate in chips and as a bar.
-SHOWN_IN_TWO_FORMS = {"11529", "11168", "20121", "01053", "19120"}
+# English muffin and steamed bun, whole and cherry tomatoes, corn on the cob and its kernels, long and short pasta, cream
+# and whipped cream, chocolate in chips and as a bar.
+SHOWN_IN_TWO_FORMS = {"18258", "11529", "11168", "20121", "01053", "19120"}
 NAMED_ALIKE = {("chocolate", "milk"): {"milk-chocolate", "chocolate-chips"}}  # one order of the words each
 
 
@@ -170,6 +170,57 @@ def test_no_name_or_alias_names_two_foods():
         for label in (food.name, *food.aliases):
             foods_of[tuple(sorted(re.findall(r"\w+", label.casefold())))].add(food.key)
     assert {label: keys for label, keys in foods_of.items() if len(keys) > 1} == NAMED_ALIKE
+
+
+def density_of(key, basis):
+    return next(density for density in load_starter_table().food(key).densities if density.basis == basis)
+
+
+def test_piece_of_known_size_gives_the_foods_own_density():
+    # SR28, 18151: "1 square, large (2-3/4" sq x 7/8")" weighs 56 g.
+    brownie = density_of("brownie", "portion")
+    assert brownie.kind == "solid"
+    assert brownie.g_per_ml == pytest.approx(56.0 / (2.75**2 * 0.875 * 16.387), abs=0.001)
+
+
+def test_relatives_density_has_twice_the_spread_of_the_foods_own():
+    orange, tangerine = density_of("orange", "measured"), density_of("tangerine", "related")
+    assert tangerine.g_per_ml == orange.g_per_ml
+    assert tangerine.sd_g_per_ml == pytest.approx(2.0 * orange.sd_g_per_ml, abs=0.001)
+
+
+def test_dish_of_crumb_and_filling_lies_between_the_two():
+    bun = density_of("hamburger-bun", "fao")
+    assert bun.g_per_ml < density_of("hamburger", "composition").g_per_ml < density_of("beef-steak", "related").g_per_ml
+    assert density_of("hamburger", "composition").g_per_ml < density_of("hamburger-large", "composition").g_per_ml
+
+
+def test_groups_median_stands_only_for_want_of_a_better_density():
+    for food in load_starter_table().foods:
+        kind = KIND_OF_FORM[food.form]
+        bases = {density.basis for density in food.densities if density.kind == kind}
+        assert "group" not in bases or bases == {"group"}, food.key
+
+
+def test_dropped_portion_is_neither_a_portion_nor_a_density():
+    jello = load_starter_table().food("jello")  # 270 g in a cup would be 1.14 g/ml, which no jelly is
+    assert "1" not in {portion.sequence for portion in jello.portions}
+    assert {density.basis for density in jello.densities} == {"composition"}
+
+
+def test_crumb_that_leaves_no_rest_is_refused(shared_data):
+    changed = selection()
+    changed["food"] = [food for food in changed["food"] if food["key"] in {"hamburger", "hamburger-bun"}]
+    next(food for food in changed["food"] if food["key"] == "hamburger")["crumb"]["share"] = 1.0
+    with pytest.raises(ValueError, match="leaves no rest"):
+        build(sources_of(shared_data, changed), changed)
+
+
+def test_measure_without_a_size_is_refused_as_a_piece(shared_data):
+    changed = only("brownie")
+    changed["food"][0]["pieces"] = [["18151", "1"]]
+    with pytest.raises(ValueError, match="gives no size"):
+        build(sources_of(shared_data, changed), changed)
 
 
 def test_the_papers_fruit_have_its_slice_forms():
