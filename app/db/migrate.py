@@ -1,8 +1,9 @@
-"""Brings the schema up to date with Alembic: `upgrade(database)`; and tells whether it is: `is_current(database)`.
+"""Brings the schema up to date with Alembic, or back: `upgrade`, `downgrade`; tells whether it is: `is_current`.
 
 The migrations lie in migrations/ of the checkout and inside the wheel as app/_migrations.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
 import sqlalchemy as sa
@@ -26,6 +27,22 @@ def migrations_folder() -> Path:
 
 def upgrade(database: Database, revision: str = "head") -> None:
     """Migrate up to `revision`, one migrator at a time: the others wait and then find nothing to do."""
+    _migrate(database, command.upgrade, revision)
+
+
+def downgrade(database: Database, revision: str) -> None:
+    """Migrate down to `revision`; what the older schema cannot hold is lost, as its migration says."""
+    _migrate(database, command.downgrade, revision)
+
+
+def is_current(database: Database) -> bool:
+    """Whether the schema is the one that this code was written for."""
+    head = ScriptDirectory(str(migrations_folder())).get_current_head()
+    with database.read_engine.connect() as connection:
+        return _revision_of(connection) == head
+
+
+def _migrate(database: Database, run: Callable[[Config, str], None], revision: str) -> None:
     with database.write_engine.connect() as connection:
         if database.is_sqlite:
             # It alters a table by making it anew, and dropping the old one would count as deleting its rows. Only
@@ -40,7 +57,7 @@ def upgrade(database: Database, revision: str = "head") -> None:
                     connection.execute(sa.text(f"SET LOCAL lock_timeout = {LOCK_TIMEOUT_MS}"))
                     connection.execute(sa.text("SET LOCAL statement_timeout = 0"))
                 before = _revision_of(connection)
-                command.upgrade(_config(connection), revision)
+                run(_config(connection), revision)
                 if database.is_sqlite and _revision_of(connection) != before:
                     _require_whole_references(connection)
         finally:
@@ -49,13 +66,6 @@ def upgrade(database: Database, revision: str = "head") -> None:
             else:
                 connection.execute(sa.text("SELECT pg_advisory_unlock(:n)"), {"n": ADVISORY_LOCK})
                 connection.commit()
-
-
-def is_current(database: Database) -> bool:
-    """Whether the schema is the one that this code was written for."""
-    head = ScriptDirectory(str(migrations_folder())).get_current_head()
-    with database.read_engine.connect() as connection:
-        return _revision_of(connection) == head
 
 
 def _revision_of(connection: sa.Connection) -> str | None:
