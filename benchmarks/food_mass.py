@@ -127,12 +127,15 @@ def lines(errors: Sequence[FoodErrors], specimens: Mapping[str, Sequence[Specime
         for food in errors
         for specimen in food.excluded
     )
+    summary = (
+        f"Whole fruit and eggs: {means['specimens']:.1f} % over the specimens, {means['foods']:.1f} % over the foods; "
+        f"bar {BAR_PERCENT:g} %: {verdict}. With each food's own median {means['floor']:.1f} %, with the median of the "
+        f"other specimens {means['others']:.1f} %."
+    )
     return [
         *("| " + " | ".join(row) + " |" for row in rows),
         "",
-        f"Whole fruit and eggs: {means['specimens']:.1f} % over the specimens, {means['foods']:.1f} % over the foods; bar "
-        + f"{BAR_PERCENT:g} %: {verdict}. With each food's own median {means['floor']:.1f} %, with the median of the "
-        + f"other specimens {means['others']:.1f} %.",
+        summary,
         "",
         f"Left out, as whole fruit is between 0.65 and 1.15 g/ml: {excluded}.",
         "",

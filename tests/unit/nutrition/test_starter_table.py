@@ -17,8 +17,8 @@ from app.nutrition.starter_densities import StarterSources
 
 COMPACT_BYTES = 620_000  # of the two built files
 
-# English muffin and steamed bun, whole and cherry tomatoes, corn on the cob and its kernels, long and short pasta, cream
-# and whipped cream, chocolate in chips and as a bar.
+# English muffin and steamed bun, whole and cherry tomatoes, corn on the cob and its kernels, long and short pasta,
+# cream and whipped cream, chocolate in chips and as a bar.
 SHOWN_IN_TWO_FORMS = {"18258", "11529", "11168", "20121", "01053", "19120"}
 NAMED_ALIKE = {("chocolate", "milk"): {"milk-chocolate", "chocolate-chips"}}  # one order of the words each
 
