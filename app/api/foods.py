@@ -11,8 +11,8 @@ from app.api.schemas.foods import (
     DensityChoiceOut,
     DensityOut,
     FoodList,
+    FoodMatch,
     FoodOut,
-    FoodSummary,
     NutrientOut,
     PortionOut,
     RefuseOut,
@@ -20,7 +20,8 @@ from app.api.schemas.foods import (
 )
 from app.nutrition.density import DensityChoice
 from app.services.caller import DeviceCaller
-from app.services.foods import FoodView, read_food, search_foods
+from app.services.foods import FoodView, read_food
+from app.services.search_foods import search_foods
 
 router = APIRouter(prefix="/v1/foods", tags=["foods"])
 
@@ -32,17 +33,17 @@ def get_foods(
     state: State,
     _: CurrentCaller,
     q: Annotated[
-        str | None, Query(min_length=1, max_length=100, description="Words of a name or alias, begun or whole.")
+        str | None,
+        Query(max_length=100, description="Words of a name or alias, begun or whole; or a published table's number."),
+    ] = None,
+    group: Annotated[
+        str | None, Query(max_length=100, description="A food group's exact name, case aside: GET /v1/food-groups.")
     ] = None,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
 ) -> FoodList:
-    """Foods, best match first; without `q`, in the table's order."""
-    return FoodList(
-        items=[
-            FoodSummary(key=row.key, name=row.name, aliases=row.aliases, group=row.food_group, form=row.form)
-            for row in search_foods(state.database, q, limit)
-        ]
-    )
+    """Foods, best match first; without `q`, in the tables' order. An unknown group has no foods."""
+    found = search_foods(state.database, q, group=group, limit=limit)
+    return FoodList(items=[FoodMatch.model_validate(food, from_attributes=True) for food in found])
 
 
 @router.get("/{key}", responses=problem_responses(401, 404, 422))

@@ -1,4 +1,4 @@
-"""The food tables in force, for readers: search; one food with all that is known of it and the density chosen."""
+"""The food tables in force, for readers: one food with all that is known of it and the density chosen."""
 
 import uuid
 from dataclasses import dataclass
@@ -13,7 +13,6 @@ from app.errors import NotFoundError
 from app.nutrition.density import DensityChoice
 from app.nutrition.foods import Food as FoodValue
 from app.nutrition.mass import edible_share
-from app.nutrition.search import rank_labels
 from app.services.food_values import choose_density, food_value
 
 
@@ -30,17 +29,6 @@ class FoodView:
     density: DensityChoice | None
     edible_share: float
     nutrients: list[NutrientRow]
-
-
-def search_foods(database: Database, words: str | None = None, limit: int = 50) -> list[Food]:
-    """Foods in force, best match first; without words, in the tables' order."""
-    with database.read() as session:
-        releases = [release.id for release in foods.releases_in_force(session)]
-        rows = foods.foods_in_order(session, releases, limit if words is None else 10_000)
-    if words is None:
-        return rows
-    labels = [(row.name, *row.aliases, row.key) for row in rows]
-    return [rows[position] for position in rank_labels(labels, words)][:limit]
 
 
 def read_food(database: Database, key: str, study_id: uuid.UUID | None = None) -> FoodView:

@@ -301,32 +301,29 @@ def create_search_tables() -> None:
         sa.PrimaryKeyConstraint("system", "code", "food_id", name=op.f("pk_food_code")),
     )
     op.create_index("ix_food_code_food_id", "food_code", ["food_id"])
+    op.create_index("ix_food_code_code", "food_code", ["code"])
     op.create_table(
         "food_word",
-        sa.Column("id", sa.Integer(), nullable=False),
         sa.Column("word", WORD, nullable=False),
-        sa.PrimaryKeyConstraint("id", name=op.f("pk_food_word")),
-        sa.UniqueConstraint("word", name=op.f("uq_food_word_word")),
+        sa.PrimaryKeyConstraint("word", name=op.f("pk_food_word")),
     )
     op.create_table(
         "food_word_trigram",
         sa.Column("trigram", TRIGRAM, nullable=False),
-        sa.Column("word_id", sa.Integer(), nullable=False),
-        sa.ForeignKeyConstraint(["word_id"], ["food_word.id"], name=op.f("fk_food_word_trigram_word_id_food_word")),
-        sa.PrimaryKeyConstraint("trigram", "word_id", name=op.f("pk_food_word_trigram")),
+        sa.Column("word", WORD, nullable=False),
+        sa.ForeignKeyConstraint(["word"], ["food_word.word"], name=op.f("fk_food_word_trigram_word_food_word")),
+        sa.PrimaryKeyConstraint("trigram", "word", name=op.f("pk_food_word_trigram")),
     )
     op.create_table(
         "food_posting",
-        sa.Column("word_id", sa.Integer(), nullable=False),
+        sa.Column("word", WORD, nullable=False),
+        sa.Column("rank", sa.Integer(), nullable=False),
         sa.Column("food_id", sa.Integer(), nullable=False),
-        sa.Column("label", sa.Integer(), nullable=False),
-        sa.Column("place", sa.Integer(), nullable=False),
-        sa.Column("label_words", sa.Integer(), nullable=False),
         sa.ForeignKeyConstraint(["food_id"], ["food.id"], name=op.f("fk_food_posting_food_id_food")),
-        sa.ForeignKeyConstraint(["word_id"], ["food_word.id"], name=op.f("fk_food_posting_word_id_food_word")),
-        sa.PrimaryKeyConstraint("word_id", "food_id", "label", "place", name=op.f("pk_food_posting")),
+        sa.PrimaryKeyConstraint("word", "rank", "food_id", name=op.f("pk_food_posting")),
+        sqlite_with_rowid=False,
     )
-    op.create_index("ix_food_posting_food_id", "food_posting", ["food_id"])
+    op.create_index("ix_food_posting_food_id_word", "food_posting", ["food_id", "word"])
 
 
 def create_item_food(connection: sa.Connection) -> None:

@@ -109,7 +109,29 @@ class FoodOut(FoodSummary):
     portions: list[PortionOut]
 
 
+class FoodMatch(FoodSummary):
+    """A food in a list, and why it is there."""
+
+    state: str | None = Field(description="raw (dry goods too), cooked or as_eaten; null: not told.")
+    is_mixed_dish: bool
+    release: str = Field(description="The food table that it is of, and its version.")
+    matched: str | None = Field(description="The name, alias or code that the words were found in; null without words.")
+
+
 class FoodList(BaseModel):
     """Foods, best match first."""
 
-    items: list[FoodSummary]
+    items: list[FoodMatch]
+
+
+class FoodGroupOut(BaseModel):
+    """A food group and how many foods it has, over all tables in force."""
+
+    name: str
+    foods: int
+
+
+class FoodGroupList(BaseModel):
+    """Food groups by name."""
+
+    items: list[FoodGroupOut]

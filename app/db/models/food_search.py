@@ -1,4 +1,4 @@
-"""The index of the foods: their codes, words of names and aliases, their trigrams for typos, where each word stands.
+"""The index of the foods: their codes, words of names and aliases, their trigrams for typos, which foods have a word.
 
 Made from the foods, no truth of its own; the same on SQLite and PostgreSQL, without an extension.
 """
@@ -22,17 +22,16 @@ class FoodCode(Base):
     __tablename__ = "food_code"
 
     system: Mapped[str] = mapped_column(sa.String(32), primary_key=True)
-    code: Mapped[str] = mapped_column(sa.String(300), primary_key=True)
+    code: Mapped[str] = mapped_column(sa.String(300), primary_key=True, index=True)
     food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), primary_key=True, index=True)
 
 
 class FoodWord(Base):
-    """A word that stands in a label of some food, folded (nutrition/search.py)."""
+    """A word, or a form of one, that stands in a label of some food, folded (nutrition/words.py)."""
 
     __tablename__ = "food_word"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
-    word: Mapped[str] = mapped_column(Word, unique=True)
+    word: Mapped[str] = mapped_column(Word, primary_key=True)
 
 
 class FoodWordTrigram(Base):
@@ -41,16 +40,20 @@ class FoodWordTrigram(Base):
     __tablename__ = "food_word_trigram"
 
     trigram: Mapped[str] = mapped_column(Trigram, primary_key=True)
-    word_id: Mapped[int] = mapped_column(sa.ForeignKey("food_word.id"), primary_key=True)
+    word: Mapped[str] = mapped_column(Word, sa.ForeignKey("food_word.word"), primary_key=True)
 
 
 class FoodPosting(Base):
-    """Where a word stands: in which label of a food (0: its name), at which place of how many words."""
+    """A food has this word in a label. rank: how good an answer the food is to that word alone, the lowest best.
+
+    The word "ba*" stands for all words that begin with ba, so that the best few foods of a short beginning are read in
+    order (nutrition/search.py, posting_ranks). Rows lie in the order of the key: the best foods of a word side by side.
+    """
 
     __tablename__ = "food_posting"
 
-    word_id: Mapped[int] = mapped_column(sa.ForeignKey("food_word.id"), primary_key=True)
-    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), primary_key=True, index=True)
-    label: Mapped[int] = mapped_column(primary_key=True)
-    place: Mapped[int] = mapped_column(primary_key=True)
-    label_words: Mapped[int]
+    word: Mapped[str] = mapped_column(Word, primary_key=True)
+    rank: Mapped[int] = mapped_column(primary_key=True)
+    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), primary_key=True)
+
+    __table_args__ = (sa.Index(None, "food_id", "word"), {"sqlite_with_rowid": False})

@@ -1,76 +1,116 @@
+from dataclasses import replace
+
 import pytest
 
-from app.nutrition.foods import load_starter_table
-from app.nutrition.search import find_food, rank_labels, search_foods
+from app.nutrition.search import Candidate, Query, QueryWord, label_key, posting_ranks, rank
+from app.nutrition.words import split_words
 
 
-def keys(words):
-    return [food.key for food in search_foods(load_starter_table(), words)]
+def query(text, joined=0, **typos):
+    return Query(tuple(QueryWord(word, typos.get(word, {})) for word in split_words(text)), joined)
 
 
-@pytest.mark.parametrize(
-    ("words", "first"),
-    [
-        ("apple", "apple"),
-        ("Apples", "apple"),
-        ("orange", "orange"),
-        ("orange juice", "orange-juice"),
-        ("potatoes", "potato-baked"),
-        ("mashed", "potato-mashed"),
-        ("rice", "rice-white-cooked"),
-        ("ban", "banana"),
-        ("cheese", "cheese-cheddar"),
-        ("chocolate cake", "cake-chocolate"),
-        ("chocolate", "chocolate-chips"),
-        ("egg", "egg-boiled"),
-        ("chicken soup", "soup-chicken-noodle"),
-    ],
-)
-def test_the_food_that_a_person_means_comes_first(words, first):
-    assert keys(words)[0] == first
+def food(*labels, group="Fruits and Fruit Juices", **changes):
+    plain = Candidate(labels, group, None, is_mixed_dish=False, is_curated=False, is_fndds=False, order=(0,))
+    return replace(plain, **changes)
 
 
-def test_apple_does_not_bring_up_foods_that_merely_contain_the_letters():
-    assert keys("apple") == ["apple", "apple-green"]
-
-
-def test_no_words_and_unknown_words_find_nothing():
-    assert keys("") == keys("  ,") == keys("xyzzy") == []
-
-
-def test_raw_apple_ranks_before_apple_strudel():
-    assert rank_labels([("Strudel, apple",), ("Apple pie",), ("Apple, raw", "apple")], "apple") == [2, 1, 0]
+def ranked(text, *foods, **typos):
+    return [foods[match.position].labels[0] for match in rank([query(text, **typos)], foods)]
 
 
 @pytest.mark.parametrize(
-    ("label", "key"),
+    ("words", "better", "worse"),
     [
-        ("apple", "apple"),
-        ("green apple", "apple-green"),
-        ("kiwi", "kiwifruit"),
-        ("bread, slice", "bread-white"),
-        ("cake, slice", "cake-chocolate"),
-        ("egg, boiled", "egg-boiled"),
-        ("potato, baked", "potato-baked"),
-        ("mashed potato", "potato-mashed"),
-        ("rice, cooked", "rice-white-cooked"),
-        ("salad greens", "salad-greens"),
-        ("Baked Potatoes", "potato-baked"),
+        ("apple", "Apples, raw, with skin", "Strudel, apple"),
+        ("apple", "Apples, raw, with skin", "Apple juice, canned"),
+        ("apple", "Apples, raw, with skin", "Apples, dried, sulfured, uncooked"),
+        ("apple", "Apples, raw, with skin", "Apples, raw, golden delicious, with skin"),
+        ("apple", "Apples, raw, with skin", "Applesauce"),
+        ("apple juice", "Apple juice, canned", "Apples, canned, packed in juice"),
+        ("egg", "Egg, whole, cooked, hard-boiled", "Eggnog"),
+        ("coffee", "Beverages, coffee, brewed", "Coffeecake, cheese"),
+        ("coffee", "Beverages, coffee, brewed", "Liqueur, coffee"),
+        ("pumpkin pie", "Pie, pumpkin", "Pie crust, pumpkin spice"),
+        ("corn flakes", "Cereals ready-to-eat, corn flakes", "KELLOGG'S Corn Flakes"),
+        ("milk", "Milk, whole", "Milk chocolate"),
+        ("milk", "Milk, whole", "Milk, dry, whole"),
     ],
 )
-def test_labels_that_phones_send_find_their_food(label, key):
-    food = find_food(load_starter_table(), label)
-    assert food is not None
-    assert food.key == key
+def test_what_a_person_means_goes_first_whatever_the_tables_order(words, better, worse):
+    assert ranked(words, food(worse), food(better)) == [better, worse]
 
 
-def test_a_label_that_is_no_foods_name_finds_none():
-    assert find_food(load_starter_table(), "appl") is None
-    assert find_food(load_starter_table(), "") is None
+def test_grain_is_eaten_cooked_and_fruit_raw():
+    rice = [food(f"Rice, {state}", group="Cereal Grains and Pasta", state=state) for state in ("raw", "cooked")]
+    assert ranked("rice", *rice) == ["Rice, cooked", "Rice, raw"]
 
 
-def test_each_food_is_found_by_its_own_name_and_no_two_share_a_label():
-    table = load_starter_table()
-    for food in table.foods:
-        for label in (food.key, food.name, *food.aliases):
-            assert find_food(table, label) is food, label
+def test_food_for_babies_goes_behind_unless_asked_for():
+    foods = food("Bananas, with tapioca, strained", group="Baby Foods"), food("Bananas, sliced, with apple and mango")
+    assert ranked("banana", *foods)[0] == "Bananas, sliced, with apple and mango"
+
+
+def test_foods_without_one_of_the_words_are_left_out():
+    assert ranked("apple pie", food("Apples, raw"), food("Pie, cherry")) == []
+
+
+def test_words_match_in_one_label_not_across_labels():
+    assert ranked("red banana", food("Bananas, raw", "red fruit")) == []
+
+
+def test_a_word_as_typed_goes_before_a_mistyped_one():
+    foods = food("Pears, raw"), food("Peas, green, strained, canned, condensed, dried")
+    assert ranked("peas", *foods, peas={"pear": 1, "pears": 1})[0].startswith("Peas")
+
+
+def test_one_wrong_letter_goes_before_two():
+    assert ranked("aple", food("Ales"), food("Apples"), aple={"apple": 1, "ale": 2}) == ["Apples", "Ales"]
+
+
+def test_equal_foods_keep_the_tables_order():
+    foods = food("Cheese, brie", order=(1,)), food("Cheese, edam", order=(0,))
+    assert ranked("cheese", *foods) == ["Cheese, edam", "Cheese, brie"]
+
+
+def test_the_matching_label_is_told():
+    (match,) = rank([query("courgette")], [food("Squash, summer, zucchini", "Courgettes")])
+    assert match.label == "Courgettes"
+
+
+def test_figures_match_whole():
+    assert ranked("2% milk", food("Milk, 20 g protein"), food("Milk, reduced fat, 2%")) == ["Milk, reduced fat, 2%"]
+
+
+def test_parts_of_a_word_match_in_a_script_without_blanks():
+    assert ranked("果", food("苹果")) == ["苹果"]
+
+
+def test_a_dish_of_fndds_takes_the_place_of_the_first_dish():
+    ours = food("Lasagna with meat sauce", "lasagna", is_mixed_dish=True, is_curated=True)
+    fndds = food("Lasagna with meat and spinach, frozen", is_mixed_dish=True, is_fndds=True)
+    assert ranked("lasagna", ours, fndds)[0] == fndds.labels[0]
+
+
+def test_a_dish_of_fndds_does_not_go_before_what_is_no_dish_or_matches_better():
+    egg, creamed = food("Egg, boiled"), food("Egg, creamed", is_mixed_dish=True, is_fndds=True)
+    assert ranked("egg", creamed, egg)[0] == "Egg, boiled"
+    soup, stew = food("Soup, tomato", is_mixed_dish=True), food("Stew, tomato", is_mixed_dish=True, is_fndds=True)
+    assert ranked("tomato soup", stew, soup) == ["Soup, tomato"]
+
+
+def test_index_holds_forms_of_words_and_short_beginnings_of_heads():
+    ranks = posting_ranks("Apples, raw", ["Golden one"], "Fruits", "raw")
+    assert {"apples", "apple", "a*", "ap*", "raw", "golden", "g*", "go*", "one"} <= ranks.keys()
+    assert "r*" not in ranks
+
+
+def test_index_ranks_a_food_by_its_head_before_one_that_has_the_word_further_on():
+    ranks = [posting_ranks(name, [], "", None)["apple"] for name in ("Apples, raw", "Apple juice", "Strudel, apple")]
+    assert ranks == sorted(ranks)
+    assert len(set(ranks)) == 3
+
+
+def test_label_key_is_equal_for_labels_that_mean_the_same():
+    assert label_key("Potatoes, Baked") == label_key("baked potato")
+    assert label_key("Pear") != label_key("Pears, dried")

@@ -1,0 +1,177 @@
+"""SQL of the food search: how often words stand, words like a mistyped one, the foods that have all words, by rank."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session, aliased
+
+from app.db.models import Food, FoodCode, FoodPosting, FoodWordTrigram
+
+COUNTED = 2000  # postings: what has more is as good as all
+_LAST = "\U0010ffff"  # behind every letter
+
+
+@dataclass(frozen=True, slots=True)
+class FoundRow:
+    """What is needed of a food to rank it and to list it."""
+
+    id: int
+    release_id: int
+    key: str
+    name: str
+    aliases: list[str]
+    food_group: str
+    form: str
+    state: str | None
+    is_mixed_dish: bool
+    source_ids: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What the word of a posting may be: one of `words`, or any that begins with `begun`.
+
+    short: the starred word that holds the best foods of a beginning of a letter or two, to walk through in their place.
+    """
+
+    words: frozenset[str]
+    begun: str | None
+    short: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Scope:
+    """Where foods are looked for: releases in force in their order, groups by exact name (None: all)."""
+
+    release_ids: tuple[int, ...]
+    groups: tuple[str, ...] | None
+
+    def holds(self) -> tuple[sa.ColumnElement[bool], ...]:
+        """Conditions on Food."""
+        conditions = [Food.release_id.in_(self.release_ids), Food.superseded_by_id.is_(None)]
+        if self.groups is not None:
+            conditions.append(Food.food_group.in_(self.groups))
+        return tuple(conditions)
+
+
+def count_postings(session: Session, words: Sequence[Wanted]) -> list[int]:
+    """How many postings each word has, COUNTED at most."""
+    counts = [
+        sa.select(sa.literal(position).label("position"), sa.func.count().label("n")).select_from(
+            sa.select(FoodPosting.food_id).where(_walked(word)).limit(COUNTED).subquery()
+        )
+        for position, word in enumerate(words)
+    ]
+    rows = session.execute(sa.union_all(*counts).order_by("position")) if counts else ()
+    return [count for _, count in rows]
+
+
+def similar_words(session: Session, trigrams: Collection[str], limit: int) -> list[str]:
+    """Words that have the most of these trigrams, shorter ones first among equals."""
+    shared = sa.func.count()
+    query = (
+        sa.select(FoodWordTrigram.word)
+        .where(FoodWordTrigram.trigram.in_(sorted(trigrams)))
+        .group_by(FoodWordTrigram.word)
+        .order_by(shared.desc(), sa.func.length(FoodWordTrigram.word), FoodWordTrigram.word)
+        .limit(limit)
+    )
+    return list(session.scalars(query))
+
+
+def foods_with_words(session: Session, words: Sequence[Wanted], scope: Scope, limit: int) -> list[int]:
+    """Ids of the foods that have all the words, by their rank for the first of them, the best `limit`.
+
+    words: the rarest first, since that one is walked through.
+    """
+    first, *others = words
+    rank = sa.func.min(FoodPosting.rank)
+    query = (
+        sa.select(FoodPosting.food_id)
+        .where(_walked(first), sa.exists().where(Food.id == FoodPosting.food_id, *scope.holds()))
+        .group_by(FoodPosting.food_id)
+        .order_by(rank, FoodPosting.food_id)
+        .limit(limit)
+    )
+    for other in others:
+        posting = aliased(FoodPosting)
+        query = query.where(sa.exists().where(posting.food_id == FoodPosting.food_id, _has(_by_food(posting), other)))
+    return list(session.scalars(query))
+
+
+def foods_with_code(session: Session, code: str, scope: Scope) -> list[int]:
+    """Ids of the foods that a published table knows by this number."""
+    query = (
+        sa.select(FoodCode.food_id)
+        .join(Food, Food.id == FoodCode.food_id)
+        .where(FoodCode.code == code, FoodCode.system != "label", *scope.holds())
+        .distinct()
+    )
+    return list(session.scalars(query))
+
+
+def foods_to_rank(session: Session, food_ids: Collection[int], key: str | None, scope: Scope) -> list[FoundRow]:
+    """These foods and the one with this key, without those in whose place another release in force has a food."""
+    wanted = Food.id.in_(food_ids) if key is None else sa.or_(Food.id.in_(food_ids), Food.key == key)
+    return [FoundRow(*row) for row in session.execute(_rows(scope).where(wanted))]
+
+
+def foods_in_order(session: Session, scope: Scope, limit: int) -> list[FoundRow]:
+    """The first foods of the releases, in the tables' order."""
+    found: list[FoundRow] = []
+    for release_id in scope.release_ids:
+        if len(found) < limit:
+            query = _rows(scope).where(Food.release_id == release_id).order_by(Food.id).limit(limit - len(found))
+            found += [FoundRow(*row) for row in session.execute(query)]
+    return found
+
+
+def groups_in_force(session: Session, release_ids: Collection[int]) -> list[tuple[str, int]]:
+    """Food group -> how many foods it has, by name."""
+    query = (
+        sa.select(Food.food_group, sa.func.count(Food.key.distinct()))
+        .where(Food.release_id.in_(release_ids), Food.superseded_by_id.is_(None))
+        .group_by(Food.food_group)
+    )
+    return sorted((group, count) for group, count in session.execute(query))
+
+
+def _by_food(posting: type[FoodPosting]) -> sa.SQLColumnExpression[str]:
+    """The word of a posting that is found by its food: else SQLite would walk through all foods of the word."""
+    return posting.word.concat("")
+
+
+def _rows(scope: Scope) -> sa.Select[Any]:
+    columns = (
+        Food.id, Food.release_id, Food.key, Food.name, Food.aliases, Food.food_group, Food.form, Food.state,
+        Food.is_mixed_dish, Food.source_ids,
+    )  # fmt: skip
+    query: sa.Select[Any] = sa.select(*columns).where(*scope.holds())
+    if len(scope.release_ids) > 1:
+        order = {release_id: position for position, release_id in enumerate(scope.release_ids)}
+        better = aliased(Food)
+        query = query.where(
+            ~sa.exists().where(
+                better.key == Food.key,
+                better.superseded_by_id.is_(None),
+                better.release_id.in_(scope.release_ids),
+                sa.case(order, value=better.release_id) < sa.case(order, value=Food.release_id),
+            )
+        )
+    return query
+
+
+def _walked(wanted: Wanted) -> sa.ColumnElement[bool]:
+    if wanted.short is not None:
+        return FoodPosting.word.in_(sorted({*wanted.words, wanted.short}))
+    return _has(FoodPosting.word, wanted)
+
+
+def _has(column: sa.SQLColumnExpression[str], wanted: Wanted) -> sa.ColumnElement[bool]:
+    one_of = column.in_(sorted(wanted.words))
+    if wanted.begun is None:
+        return one_of
+    begun = sa.and_(column >= wanted.begun, column < wanted.begun + _LAST)
+    return begun if wanted.words <= {wanted.begun} else sa.or_(begun, one_of)

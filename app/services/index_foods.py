@@ -1,0 +1,36 @@
+"""Foods into the search index: the words they are found by, how well, and the trigrams that mistyped words meet by."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.db.models import Food
+from app.db.queries import food_index
+from app.nutrition.search import posting_ranks
+from app.nutrition.words import trigrams
+
+
+def index_foods(session: Session, rows: Sequence[Food]) -> None:
+    """Add these foods' names and aliases to the index; they must have their ids."""
+    ranks = {
+        row.id: posting_ranks(row.name, other_names(row.aliases, row.source_ids), row.food_group, row.state)
+        for row in rows
+    }
+    typed = {word for of_words in ranks.values() for word in of_words if not word.endswith("*") and not word.isdigit()}
+    missing = sorted(typed - food_index.known_words(session, typed))
+    food_index.add_words(session, [(word, trigrams(word)) for word in missing])
+    food_index.add_postings(session, ranks)
+
+
+def other_names(aliases: Sequence[str], source_ids: Mapping[str, Any]) -> Iterator[str]:
+    """The labels that a food goes by beside its name: what a source calls it stands among the source's ids."""
+    yield from aliases
+    for system, name in source_ids.items():
+        if is_name(system):
+            yield str(name)
+
+
+def is_name(system: str) -> bool:
+    """Whether what stands under this system among a food's source ids is a name for a person, no code."""
+    return system.endswith("_name")

@@ -1,0 +1,240 @@
+"""The search on both databases, over small tables of known foods."""
+
+import csv
+import re
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+
+from app.db.session import Database, normalise_url
+from app.nutrition.foods import Food, FoodTable
+from app.nutrition.importers.imported import ImportedTable, Skipped
+from app.nutrition.importers.sr28 import read_sr28
+from app.services.import_foods import import_foods, load_starter
+from app.services.search_foods import food_groups, search_foods
+
+JUDGED = Path(__file__).parents[2] / "data" / "food_search" / "judged.csv"
+FRUIT, DISHES = "Fruits and Fruit Juices", "Meals, Entrees, and Side Dishes"
+
+
+def food(name, key=None, group=FRUIT, **changes):
+    plain = Food(
+        key=key or name.lower().replace(" ", "-"),
+        name=name,
+        aliases=(),
+        food_group=group,
+        form="whole",
+        slice_form=None,
+        refuse=(),
+        densities=(),
+        per_100_g={},
+        source_ids={},
+    )
+    return replace(plain, **changes)
+
+
+def put(database, *foods, source="sr28", name=None, version="1"):
+    table = FoodTable(name or source, version, date(2026, 1, 1), f"{name or source} {version}", foods)
+    import_foods(database, ImportedTable(source, table, (), Skipped()), "test")
+
+
+def names(database, words, **arguments):
+    return [found.name for found in search_foods(database, words, **arguments)]
+
+
+ORCHARD = (
+    food("Strudel, apple", group="Baked Products"),
+    food("Apples, dried, uncooked"),
+    food("Apples, raw, with skin", source_ids={"sr28_ndb": "09003"}, state="raw"),
+    food("Bananas, raw"),
+    food("Spaghetti, cooked", group="Cereal Grains and Pasta"),
+    food("Soup, chicken noodle, canned", group="Soups"),
+    food("Ice cream, vanilla", group="Dairy"),
+    food("Popcorn", group="Snacks"),
+    food("Squash, zucchini, raw", aliases=("courgette", "苹果瓜", "кабачок"), group="Vegetables"),
+    food("Crème fraîche", group="Dairy"),
+    food("Broccoli, raw", group="Vegetables"),
+    food("Blackberries, raw"),
+)
+
+
+@pytest.fixture
+def orchard(database):
+    put(database, *ORCHARD)
+    return database
+
+
+@pytest.mark.parametrize(
+    ("words", "first"),
+    [
+        ("apple", "Apples, raw, with skin"),
+        ("APPLES", "Apples, raw, with skin"),
+        ("app", "Apples, raw, with skin"),
+        ("a", "Apples, raw, with skin"),
+        ("skin apple", "Apples, raw, with skin"),
+        ("09003", "Apples, raw, with skin"),
+        ("aple", "Apples, raw, with skin"),
+        ("bannana", "Bananas, raw"),
+        ("spagetti", "Spaghetti, cooked"),
+        ("chiken noodel soup", "Soup, chicken noodle, canned"),
+        ("icecream", "Ice cream, vanilla"),
+        ("pop corn", "Popcorn"),
+        ("courgettes", "Squash, zucchini, raw"),
+        ("瓜", "Squash, zucchini, raw"),
+        ("КАБАЧОК", "Squash, zucchini, raw"),
+        ("кабачек", "Squash, zucchini, raw"),
+        ("creme", "Crème fraîche"),
+        ("brocc", "Broccoli, raw"),
+        ("brocolli", "Broccoli, raw"),
+        ("blackberr", "Blackberries, raw"),
+        ("squash,-zucchini,-raw", "Squash, zucchini, raw"),
+    ],
+)
+def test_what_is_meant_is_found_first(orchard, words, first):
+    assert names(orchard, words)[0] == first
+
+
+@pytest.mark.parametrize(
+    "words", ["%", "_", "\x00", "\U0001f34e", ",;!", "xyzzy", "apple xyzzyx qqq", "'; --", "\udcff"]
+)
+def test_what_no_food_has_finds_nothing(orchard, words):
+    assert names(orchard, words) == []
+
+
+@pytest.mark.parametrize("words", ["apple\x00", "%apple_", "🍎 apple"])
+def test_signs_around_a_word_do_not_matter(orchard, words):
+    assert names(orchard, words)[0] == "Apples, raw, with skin"
+
+
+def test_a_hundred_letters_and_a_hundred_words_are_answered(orchard):
+    assert names(orchard, "a" * 100) == []
+    assert names(orchard, "a " * 50)[0] == "Apples, raw, with skin"
+
+
+@pytest.mark.parametrize("words", [None, "", "  "])
+def test_without_words_foods_come_in_the_tables_order(orchard, words):
+    assert names(orchard, words, limit=3) == [one.name for one in ORCHARD[:3]]
+
+
+def test_limit_is_kept(orchard):
+    assert len(names(orchard, "apple", limit=1)) == 1
+
+
+def test_group_narrows_down_case_aside_and_an_unknown_one_is_empty(orchard):
+    assert names(orchard, "apple", group="baked products") == ["Strudel, apple"]
+    assert names(orchard, None, group=" FRUITS and fruit juices") == [f.name for f in ORCHARD if f.food_group == FRUIT]
+    assert names(orchard, "apple", group="Baked") == names(orchard, None, group="\x00") == []
+
+
+def test_groups_are_counted(orchard):
+    assert [(group.name, group.foods) for group in food_groups(orchard)][:2] == [
+        ("Baked Products", 1),
+        ("Cereal Grains and Pasta", 1),
+    ]
+
+
+def test_summary_says_what_matched_and_where_the_food_is_from(orchard):
+    (found, *_) = search_foods(orchard, "courgette")
+    assert (found.matched, found.release, found.is_mixed_dish, found.state) == ("courgette", "sr28 1", False, None)
+    assert search_foods(orchard, "09003")[0].matched == "09003"
+    assert search_foods(orchard, None)[0].matched is None
+
+
+def test_empty_database_finds_nothing(database):
+    assert search_foods(database, "apple") == search_foods(database) == food_groups(database) == []
+
+
+def test_same_food_of_two_releases_is_listed_once_from_the_one_that_goes_first(orchard):
+    put(orchard, food("Apple", key="apple", source_ids={"sr28_ndb": "09003"}), source="starter")
+    assert [(f.key, f.name) for f in search_foods(orchard, "apple raw")] == [
+        ("apples,-raw,-with-skin", "Apples, raw, with skin")
+    ]
+    assert names(orchard, "apple")[:2] == ["Apple", "Apples, dried, uncooked"]
+
+
+def test_name_that_a_source_gives_a_food_finds_it(orchard):
+    ids = {"sr28_ndb": "09003", "sr28_name": "Apples, raw, with skin"}
+    put(orchard, food("Apple", key="apple", source_ids=ids), source="starter")
+    assert [found.key for found in search_foods(orchard, "apples raw with skin")] == ["apple"]
+
+
+def test_a_food_whose_key_stands_in_a_release_that_goes_first_is_found_there_only(orchard):
+    put(orchard, food("Popcorn, salted", key="popcorn", group="Snacks"), source="csv")
+    assert names(orchard, "popcorn") == ["Popcorn, salted"]
+
+
+def test_a_release_that_is_replaced_is_searched_no_more(orchard):
+    put(orchard, food("Quince, raw"), version="2")
+    assert names(orchard, "apple") == []
+    assert names(orchard, "quinces") == ["Quince, raw"]
+
+
+def test_a_dish_defaults_to_fndds_once_that_is_imported(database):
+    ours = food("Lasagna with meat sauce", aliases=("lasagna",), group=DISHES, is_mixed_dish=True)
+    put(database, ours, source="starter")
+    assert names(database, "lasagna") == [ours.name]
+    fndds = food(
+        "Lasagna, meat, frozen", group="Pasta mixed dishes", is_mixed_dish=True, source_ids={"fndds_code": "58130011"}
+    )
+    put(database, fndds, source="fdc")
+    assert names(database, "lasagna") == [fndds.name, ours.name]
+
+
+def test_both_databases_give_the_same_order(sqlite_template, postgres_template, postgres_server):
+    urls = (
+        f"sqlite:///{sqlite_template}",
+        sa.make_url(normalise_url(postgres_server))
+        .set(database=postgres_template)
+        .render_as_string(hide_password=False),
+    )
+    queries = [row["query"] for row in judged()] + [
+        *"abcprst",
+        "ch",
+        "co",
+        "with",
+        "raw",
+        "cooked",
+        "chese",
+        "bred",
+        "e g",
+    ]
+    answers = []
+    for url in urls:
+        database = Database(url)
+        answers.append({query: [found.key for found in search_foods(database, query, limit=100)] for query in queries})
+        database.dispose()
+    assert answers[0] == answers[1]
+    assert sum(bool(keys) for keys in answers[0].values()) > 80
+
+
+@pytest.mark.slow
+def test_judged_queries_find_what_a_person_expects(database, shared_data):
+    import_foods(database, read_sr28(shared_data / "food_tables" / "sr28asc.zip"), "test")
+    alone = judge(database)
+    load_starter(database)
+    both = judge(database)
+    assert search_foods(database, "apple")[0].key == "apple"
+    assert (alone["first"], alone["three"]) >= (0.85, 0.95)
+    assert (both["first"], both["three"]) >= (0.9, 0.97)
+
+
+def judged():
+    return list(csv.DictReader(JUDGED.read_text(encoding="utf-8").splitlines()))
+
+
+def judge(database):
+    rows = judged()
+    hits = [
+        [
+            bool(re.search(row["first"], found.name, re.IGNORECASE))
+            for found in search_foods(database, row["query"], limit=3)
+        ]
+        for row in rows
+    ]
+    return {
+        "first": sum(any(hit[:1]) for hit in hits) / len(rows),
+        "three": sum(any(hit) for hit in hits) / len(rows),
+    }
