@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from app.nutrition.density import KIND_OF_FORM
-from app.nutrition.foods import DENSITY_KINDS, Density, DensityKind, FoodForm
+from app.nutrition.foods import DENSITY_KINDS, Density, DensityKind, Food, FoodForm, load_starter_table
 from app.nutrition.portion_density import MIN_GROUP_FOODS, group_median, group_medians
 from app.nutrition.portions import Portion
 
@@ -73,6 +73,11 @@ class GroupDensities:
         else:
             names = sorted(DENSITY_KINDS, key=lambda kind: kind != KIND_OF_FORM[form])
         return tuple(self._medians[group, name] for name in names if (group, name) in self._medians)
+
+
+def packaged_by_ndb() -> Mapping[str, Food]:
+    """NDB number -> that food of the packaged table, which knows measured densities and what of a food is refuse."""
+    return {food.source_ids["sr28_ndb"]: food for food in load_starter_table().foods if "sr28_ndb" in food.source_ids}
 
 
 _WHAT: Mapping[str, str] = {"solid": "pieces", "bulk": "heaps", "liquid": "liquids"}

@@ -111,6 +111,20 @@ class SourceFiles:
                 raise ImportFileError(name, line, f"{len(row)} fields under {len(header)} columns")
             yield line, dict(zip(header, row, strict=True))
 
+    def csv_fields(self, name: str, columns: Iterable[str]) -> Iterator[tuple[int, tuple[str, ...]]]:
+        """Each row's fields of these columns, trimmed: csv_rows for files of millions of rows."""
+        columns = tuple(columns)
+        header = self.csv_header(name, columns)
+        wanted = [header.index(column) for column in columns]
+        records = self._csv_records(name)
+        next(records, None)
+        for line, row in records:
+            if len(row) != len(header):
+                if not row:
+                    continue
+                raise ImportFileError(name, line, f"{len(row)} fields under {len(header)} columns")
+            yield line, tuple([row[index].strip() for index in wanted])
+
     def _csv_records(self, name: str) -> Generator[tuple[int, list[str]]]:
         reader = csv.reader((line + "\n" for _, line in self.lines(name, "utf-8-sig")), strict=True)
         try:

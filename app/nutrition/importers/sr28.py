@@ -6,14 +6,14 @@ every food has nutrient values and every value its food; anything else is a file
 """
 
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from types import MappingProxyType
 
-from app.nutrition.foods import Density, Food, FoodForm, FoodTable, RefusePart, load_starter_table
-from app.nutrition.group_density import GroupDensities, GroupMember
+from app.nutrition.foods import Density, Food, FoodForm, FoodTable, RefusePart
+from app.nutrition.group_density import GroupDensities, GroupMember, packaged_by_ndb
 from app.nutrition.importers.imported import (
     MAX_GROUP,
     MAX_MEASURE,
@@ -166,11 +166,11 @@ def read_sr28(path: Path) -> ImportedTable:
             f"USDA SR28, NDB {number}",
             cup_kind="solid" if packs_without_air(source.name, groups[source.group_code]) else None,
         )
-    measured = _starter_densities()
+    packaged = packaged_by_ndb()
     medians = GroupDensities(
         (
             GroupMember(groups[source.group_code], forms[number], portions.get(number, []),
-                        (*measured.get(number, ()), *own[number]))
+                        (*(packaged[number].densities if number in packaged else ()), *own[number]))
             for number, source in sources.items()
         ),
         "USDA SR28 and the starter table",
@@ -221,12 +221,6 @@ def parse_refuse(words: str, percent: float) -> list[tuple[str, float]]:
 
 def _refuse(source: Sr28Food) -> list[tuple[str, float]]:
     return parse_refuse(source.refuse_words, source.refuse_percent)
-
-
-def _starter_densities() -> Mapping[str, tuple[Density, ...]]:
-    """NDB number -> what the packaged table knows of that food's density, for the medians of the groups."""
-    foods = load_starter_table().foods
-    return {food.source_ids["sr28_ndb"]: food.densities for food in foods if "sr28_ndb" in food.source_ids}
 
 
 def _aliases(source: Sr28Food) -> tuple[str, ...]:

@@ -175,7 +175,7 @@ def test_what_is_wrong_is_named_with_file_line_and_column(table, text, message):
     [
         ({"densities.csv": DENSITIES + "Z,1,solid,own\n"}, r"densities.csv, line 4: food 'Z' is none of foods.csv"),
         ({"densities.csv": DENSITIES + "A,,solid,own\n"}, r"densities.csv, line 4: g_per_ml is empty"),
-        ({"densities.csv": "key,g_per_ml,density_kind,density_source,mood\n"}, r"densities.csv, line 1: unknown column"),
+        ({"densities.csv": "key,g_per_ml,density_kind,density_source,mood\n"}, r"densities.csv, line 1: unknown"),
         ({"portions.csv": "key,amount,measure\n"}, r"portions.csv, line 1: no column mass_g"),
         ({"portions.csv": PORTIONS + "B,0,cup,10\n"}, r"portions.csv, line 4: amount and mass_g are more than 0"),
         ({"foods.csv": FOODS.encode("utf-16")}, r"foods.csv, line 1: byte 0xff is not utf-8"),
