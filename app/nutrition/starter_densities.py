@@ -24,6 +24,7 @@ from app.nutrition.portions import Portion
 RELATED_FACTOR = 2.0  # another food's figure is worth half
 PIECE_RELATIVE_SD = 0.15  # nominal sizes against cubic inches of the same food: 2 to 15 %
 PORE_FREE_RELATIVE_SD = 0.10
+PORE_FREE_LIQUID_RELATIVE_SD = 0.03  # drinks: 1 to 2 % off their fluid ounce
 CRUMB_RELATIVE_SD = 0.30
 
 _CARBOHYDRATE = NUMBER_BY_TAGNAME["CHOCDF"]
@@ -161,7 +162,8 @@ def _from_composition(sources: StarterSources, entry: Entry) -> list[Density]:
         g_per_ml = pore_free_density(contents)
         if g_per_ml is None:
             raise ValueError(f"{entry['key']}: SR28 does not give its composition")
-        solid = _solid(g_per_ml, PORE_FREE_RELATIVE_SD, entry["state"], "composition", words)
+        relative_sd = PORE_FREE_LIQUID_RELATIVE_SD if entry["form"] == "liquid" else PORE_FREE_RELATIVE_SD
+        solid = _solid(g_per_ml, relative_sd, entry["state"], "composition", words)
         return [replace(solid, kind=KIND_OF_FORM[entry["form"]])]  # without air a bowl of it is as dense as a piece
     if "crumb" not in entry:
         return []
