@@ -1,6 +1,5 @@
 """The starter table as it ships, and its rebuilding from the public releases."""
 
-import re
 import tomllib
 from collections import Counter, defaultdict
 
@@ -13,28 +12,26 @@ from app.nutrition.foods import load_starter_table, parse_table
 from app.nutrition.importers.ecustfd import read_measured
 from app.nutrition.importers.fao_density import read_fao_rows
 from app.nutrition.importers.sr28 import Sr28Release
+from app.nutrition.search import Candidate, Query, QueryWord, label_key, rank
 from app.nutrition.starter_densities import StarterSources
+from app.nutrition.words import split_words, word_forms
 
 COMPACT_BYTES = 620_000  # of the two built files
 
 # English muffin and steamed bun, whole and cherry tomatoes, corn on the cob and its kernels, long and short pasta,
 # cream and whipped cream, chocolate in chips and as a bar.
 SHOWN_IN_TWO_FORMS = {"18258", "11529", "11168", "20121", "01053", "19120"}
-NAMED_ALIKE = {("chocolate", "milk"): {"milk-chocolate", "chocolate-chips"}}  # one order of the words each
+NAMED_ALIKE = {"chocolate milk": {"milk-chocolate", "chocolate-chips"}}  # one order of the words each
 
 
 @pytest.fixture(scope="module")
 def sources(shared_data):
-    return sources_of(shared_data, selection())
-
-
-def sources_of(shared_data, chosen):
     tables = shared_data / "food_tables"
     return StarterSources(
         Sr28Release(tables / "sr28asc.zip"),
         read_fao_rows(tables / "fao_infoods_density_v2.xlsx"),
         read_measured((STARTER_DIR / "ecustfd.csv").read_text()),
-        chosen,
+        selection(),
     )
 
 
@@ -168,8 +165,30 @@ def test_no_name_or_alias_names_two_foods():
     foods_of = defaultdict(set)
     for food in load_starter_table().foods:
         for label in (food.name, *food.aliases):
-            foods_of[tuple(sorted(re.findall(r"\w+", label.casefold())))].add(food.key)
+            foods_of[label_key(label)].add(food.key)
     assert {label: keys for label, keys in foods_of.items() if len(keys) > 1} == NAMED_ALIKE
+
+
+def test_each_name_and_alias_finds_its_own_food_among_the_first_three():
+    foods = load_starter_table().foods
+    candidates = [
+        Candidate((food.name, *food.aliases), food.food_group, food.state, food.is_mixed_dish, True, False, (order,))
+        for order, food in enumerate(foods)
+    ]
+    foods_with = defaultdict(set)  # only foods that have a query's first word, else a tenth of a second a query
+    for position, candidate in enumerate(candidates):
+        for word in {word for label in candidate.labels for word in split_words(label)}:
+            for form in word_forms(word):
+                foods_with[form].add(position)
+    lost = []
+    for food in foods:
+        for label in (food.name, *food.aliases):
+            words = split_words(label)
+            possible = [candidates[position] for position in sorted(foods_with[words[0]])]
+            found = rank([Query(tuple(QueryWord(word, {}) for word in words))], possible)[:3]
+            if food.name not in {possible[match.position].labels[0] for match in found}:
+                lost.append((food.key, label))
+    assert lost == []
 
 
 def density_of(key, basis):
@@ -208,19 +227,18 @@ def test_dropped_portion_is_neither_a_portion_nor_a_density():
     assert {density.basis for density in jello.densities} == {"composition"}
 
 
-def test_crumb_that_leaves_no_rest_is_refused(shared_data):
-    changed = selection()
-    changed["food"] = [food for food in changed["food"] if food["key"] in {"hamburger", "hamburger-bun"}]
-    next(food for food in changed["food"] if food["key"] == "hamburger")["crumb"]["share"] = 1.0
+def test_crumb_that_leaves_no_rest_is_refused(sources):
+    changed = only("hamburger")
+    changed["food"][0]["crumb"]["share"] = 1.0
     with pytest.raises(ValueError, match="leaves no rest"):
-        build(sources_of(shared_data, changed), changed)
+        build(sources, changed)
 
 
-def test_measure_without_a_size_is_refused_as_a_piece(shared_data):
+def test_measure_without_a_size_is_refused_as_a_piece(sources):
     changed = only("brownie")
     changed["food"][0]["pieces"] = [["18151", "1"]]
     with pytest.raises(ValueError, match="gives no size"):
-        build(sources_of(shared_data, changed), changed)
+        build(sources, changed)
 
 
 def test_the_papers_fruit_have_its_slice_forms():
