@@ -21,7 +21,7 @@ GROUP_RELATIVE_SD = 0.25  # at least
 MIN_GROUP_FOODS = 5
 SMALL_UNITS = frozenset({Unit.TABLESPOON, Unit.FLUID_OUNCE})  # their weights are rounded more coarsely than a cup's
 _ROBUST_SD = 0.7413  # standard deviation of a normal distribution a unit of interquartile range
-POSSIBLE_G_PER_ML = (0.01, 3.0)  # popped grain to salt; beyond, a weight or a measure is misprinted
+POSSIBLE_G_PER_ML = (0.012, 1.6)  # freeze-dried chives to honey; beyond, a weight or a measure is misprinted
 
 _SOLID_WORDS = re.compile(r"\b(mashed|pureed|melted)\b", re.IGNORECASE)
 _GROUP_SOLID_WORDS = re.compile(r"\b(mashed|pureed|cubic inch)\b", re.IGNORECASE)

@@ -7,7 +7,7 @@ better, and a person who knows the item overrules it. Words are those of USDA's 
 import re
 from collections.abc import Callable
 
-from app.nutrition.foods import FoodForm, FoodState
+from app.nutrition.foods import DensityKind, FoodForm, FoodState
 
 
 def _words(*words: str) -> re.Pattern[str]:
@@ -20,7 +20,7 @@ _COOKED = _words(
     "toasted", "heated", "simmered", "poached", "scrambled", "hard-boiled", "pan-fried", "pan-broiled", "barbecued",
     "rotisserie", "prepared", "blanched", "sauteed",
 )  # fmt: skip
-_POWDER = _words("powder", "powdered", "dry", "mix", "dehydrated", "granules", "flour")
+_POWDER = _words("powder", "powdered", "dry", "mix", "dehydrated", "granules", "flour", "instant")
 _DRINK = _words(
     "juices?", "nectar", "drinks?", "beverage", "coffee", "tea", "water", "beer", "wine", "ale", "cider", "shake",
     "milkshake", "smoothie", "soda", "cola", "lemonade", "eggnog", "cocoa", "liqueur", "whiskey", "vodka",
@@ -41,8 +41,7 @@ _ICE_CREAM = _words("ice creams?", "sherbet", "frozen yogurts?")
 _IN_THE_HAND = _words("sandwich", "bars?", "cone")
 _PACKS = _words(
     "peanut butter", "almond butter", "cashew butter", "sunflower seed butter", "sesame butter", "tahini", "spread",
-    "frostings?", "icings?", "puddings?", "hummus", "paste", "puree", "fudge", "cream cheese", "ice creams?", "sherbet",
-    "yogurts?", "custard",
+    "frostings?", "icings?", "puddings?", "toppings?", "hummus", "paste", "puree", "cream cheese", "custard",
 )  # fmt: skip
 _ROUND_BREAD = _words("rolls?", "buns?", "muffins?", "bagels?", "doughnuts?", "biscuits?", "scones?", "croissants?")
 _HANDHELD = _words(
@@ -74,6 +73,7 @@ _WHOLE_VEGETABLE = re.compile(r"^(?:tomato|tomatoes|potato|potatoes|sweet potato
 _MINCED = _words("crumbles", "ground", "minced", "shredded", "flaked", "canned")
 _WHOLE_EGG = re.compile(r"^egg, (?:whole|duck|goose|quail|turkey)", re.IGNORECASE)
 _LOOSE_DAIRY = _words("cottage", "ricotta", "scrambled", "grated", "shredded")
+_WHIPPED_OR_DRIED = _words("whipped", "topping", "pressurized", "dried", "whip")
 _DISH = _words(
     "pizza", "sandwich(?:es)?", "hamburger", "cheeseburger", "burrito", "taco", "enchilada", "quesadilla", "lasagna",
     "casserole", "stew", "chili", "with .* sauce", "pot pie", "egg rolls?", "fried rice", "macaroni and cheese",
@@ -112,9 +112,14 @@ def is_mixed_dish(name: str, group: str) -> bool:
     return of.startswith(_DISH_GROUPS) and _DISH.search(name) is not None
 
 
-def packs_without_air(name: str, group: str) -> bool:
-    """Whether a cup or spoon of the food holds no air, so that its weight gives the density of the food itself."""
-    return group.lower().startswith("fats") or _PACKS.search(name) is not None
+def cup_kind(name: str, group: str, form: FoodForm) -> DensityKind | None:
+    """The kind of density that a plain cup or spoon of the food gives, where it is not the one that is usual for cups.
+
+    A cup of butter or of peanut butter holds no air: its weight gives the density of a slab of it.
+    """
+    if form in {"whole", "lying", "slab"} and (group.lower().startswith("fats") or _PACKS.search(name)):
+        return "solid"
+    return None
 
 
 def _meat(name: str) -> FoodForm:
@@ -156,6 +161,8 @@ def _dairy(name: str) -> FoodForm:
         return _ice_cream(name)
     if _WHOLE_EGG.match(name):
         return "whole"
+    if _WHIPPED_OR_DRIED.search(name):
+        return "heap"
     if name.lower().startswith(("egg", "cheese")) and not _is_drink(name):
         return "heap" if _LOOSE_DAIRY.search(name) else "slab"
     return "liquid"

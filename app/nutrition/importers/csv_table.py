@@ -36,7 +36,7 @@ from app.nutrition.importers.imported import (
 from app.nutrition.importers.source_files import ImportFileError, SourceFiles
 from app.nutrition.portion_density import is_possible, portion_densities, usual_relative_sd
 from app.nutrition.portions import Portion
-from app.nutrition.usual_form import packs_without_air, usual_form
+from app.nutrition.usual_form import cup_kind, usual_form
 from app.units import Unit, UnitMismatchError, convert
 
 FORMAT = "csv"
@@ -201,7 +201,7 @@ def _food(
         form,
         state or "not told",
         f"{name}, {key}",
-        cup_kind="solid" if packs_without_air(title, group) else None,
+        cup_kind=cup_kind(title, group, form),
     )
     return Food(
         key=f"{name}:{key}",

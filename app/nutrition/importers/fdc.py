@@ -14,7 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from app.nutrition.components import Component
-from app.nutrition.foods import Density, DensityKind, Food, FoodForm, FoodState, FoodTable, RefusePart
+from app.nutrition.foods import Density, Food, FoodForm, FoodState, FoodTable, RefusePart
 from app.nutrition.group_density import GroupDensities, GroupMember, packaged_by_ndb
 from app.nutrition.importers.fdc_portions import portion_of
 from app.nutrition.importers.imported import (
@@ -34,7 +34,7 @@ from app.nutrition.importers.source_files import ImportFileError, SourceFiles
 from app.nutrition.importers.wweia import group_of_category, is_mixed_category
 from app.nutrition.portion_density import portion_densities
 from app.nutrition.portions import Portion
-from app.nutrition.usual_form import is_mixed_dish, packs_without_air, usual_form, usual_state
+from app.nutrition.usual_form import cup_kind, is_mixed_dish, usual_form, usual_state
 
 FORMAT = "fdc"
 
@@ -340,8 +340,9 @@ def _food(
     # FNDDS codes foods as they are eaten; "raw" in its names is how they are eaten then.
     state: FoodState = "as_eaten" if food.data_type == SURVEY else usual_state(food.name)
     refuse: tuple[RefusePart, ...] = () if packaged is None else packaged.refuse  # FoodData Central has none
-    cup_kind: DensityKind | None = "solid" if packs_without_air(food.name, category.form_group) else None
-    densities = portion_densities(portions, form, state, f"USDA FDC {food.fdc_id}", cup_kind=cup_kind)
+    densities = portion_densities(
+        portions, form, state, f"USDA FDC {food.fdc_id}", cup_kind=cup_kind(food.name, category.form_group, form)
+    )
     return Food(
         key=f"fdc:{food.fdc_id}",
         name=food.name,

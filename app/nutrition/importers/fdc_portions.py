@@ -16,6 +16,7 @@ FILE = "food_portion.csv"
 NO_UNIT = "undetermined"
 # What the laboratory weighed: pairs of raw and cooked cuts, drippings.
 LABORATORY_UNITS = frozenset({"paired cooked w", "paired raw w", "dripping w", "orig ckd g", "orig rw g"})
+NOT_EDIBLE = frozenset({"peel", "unpeeled", "whole in shell", "in shell"})  # modifiers of weights with waste, or of it
 
 _LEADING = re.compile(r"^(?:(?P<whole>\d+(?:\.\d+)?)(?![\d/]))?\s*(?:(?P<part>\d+)/(?P<of>[1-9]\d*))?\s+(?=\S)")
 
@@ -34,6 +35,9 @@ def portion_of(
     what = f"{fdc_id} {description or modifier or unit}"
     if unit in LABORATORY_UNITS:
         skipped.add("portions that only the laboratory weighed", what)
+        return None
+    if modifier.lower() in NOT_EDIBLE:
+        skipped.add("portions that hold waste", what)
         return None
     if description == "Quantity not specified":
         skipped.add("portions of a quantity that is not specified", what)

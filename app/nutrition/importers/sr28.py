@@ -30,7 +30,7 @@ from app.nutrition.importers.imported import (
 from app.nutrition.importers.source_files import ImportFileError, SourceFiles
 from app.nutrition.portion_density import portion_densities
 from app.nutrition.portions import Portion
-from app.nutrition.usual_form import is_mixed_dish, packs_without_air, usual_form, usual_state
+from app.nutrition.usual_form import cup_kind, is_mixed_dish, usual_form, usual_state
 
 FORMAT = "sr28"
 FILES = ("FD_GROUP.txt", "NUTR_DEF.txt", "FOOD_DES.txt", "NUT_DATA.txt", "WEIGHT.txt")
@@ -164,7 +164,7 @@ def read_sr28(path: Path) -> ImportedTable:
             forms[number],
             usual_state(source.name),
             f"USDA SR28, NDB {number}",
-            cup_kind="solid" if packs_without_air(source.name, groups[source.group_code]) else None,
+            cup_kind=cup_kind(source.name, groups[source.group_code], forms[number]),
         )
     packaged = packaged_by_ndb()
     medians = GroupDensities(

@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.nutrition.usual_form import is_mixed_dish, packs_without_air, usual_form, usual_state
+from app.nutrition.usual_form import cup_kind, is_mixed_dish, usual_form, usual_state
 
 
 @pytest.mark.parametrize(
@@ -23,6 +23,8 @@ from app.nutrition.usual_form import is_mixed_dish, packs_without_air, usual_for
         ("Cereals ready-to-eat, GENERAL MILLS, COCOA PUFFS", "Breakfast Cereals", "heap"),
         ("Ice creams, vanilla", "Sweets", "heap"),
         ("Ice cream sandwich", "Dairy and Egg Products", "slab"),
+        ("Cream, whipped, cream topping, pressurized", "Dairy and Egg Products", "heap"),
+        ("Beverages, tea, green, instant, unsweetened", "Beverages", "heap"),
         ("Milk, dry, whole", "Dairy and Egg Products", "heap"),
         ("Milk, whole, 3.25% milkfat", "Dairy and Egg Products", "liquid"),
         ("Egg, whole, cooked, hard-boiled", "Dairy and Egg Products", "whole"),
@@ -55,7 +57,8 @@ def test_dishes_are_known_by_their_group_or_by_their_words():
     assert not is_mixed_dish("Fast foods, potato, french fried", "Fast Foods")
 
 
-def test_spoon_of_fat_or_of_peanut_butter_holds_no_air_and_one_of_sugar_does():
-    assert packs_without_air("Butter, salted", "Fats and Oils")
-    assert packs_without_air("Peanut butter, smooth style", "Legumes and Legume Products")
-    assert not packs_without_air("Sugars, granulated", "Sweets")
+def test_cup_of_butter_or_peanut_butter_tells_of_the_slab_and_one_of_sugar_or_cereal_of_a_heap():
+    assert cup_kind("Butter, salted", "Fats and Oils", "slab") == "solid"
+    assert cup_kind("Peanut butter, smooth style", "Legumes and Legume Products", "slab") == "solid"
+    assert cup_kind("Sugars, granulated", "Sweets", "slab") is None
+    assert cup_kind("Cereals ready-to-eat, PEANUT BUTTER TOAST CRUNCH", "Breakfast Cereals", "heap") is None

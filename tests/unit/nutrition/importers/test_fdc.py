@@ -88,6 +88,7 @@ FILES = {
         ("171688", "1.0", "9999", "", "cup, quartered or chopped", "125.0"),
         ("1750340", "0.5", "1000", "", "sliced", "54.5"),
         ("1750340", "1", "1010", "", "", "70"),
+        ("1750340", "1", "1119", "", "Unpeeled", "130"),
         ("2709223", "", "9999", "1 cup", "10205", "245"),
         ("2709223", "", "9999", "Quantity not specified", "90000", "245"),
         ("2705385", "", "9999", "1/2 fl oz (no ice)", "30001", "15.25"),
@@ -211,6 +212,7 @@ def test_everything_left_out_is_counted_with_its_reason(tmp_path):
         "1 values without an amount (1750340 529 Taurine)",
         "1 values below zero (by difference) (1750340 205 Carbohydrate, by difference)",
         "1 portions that only the laboratory weighed (1750340 paired cooked w)",
+        "1 portions that hold waste (1750340 Unpeeled)",
         "1 portions of a quantity that is not specified (2709223 Quantity not specified)",
         "1 portions without an amount, a measure or a weight (2705385 Guideline amount per cereal)",
     }
