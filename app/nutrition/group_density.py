@@ -13,7 +13,8 @@ from app.nutrition.foods import DENSITY_KINDS, Density, DensityKind, Food, FoodF
 from app.nutrition.portion_density import MIN_GROUP_FOODS, group_median, group_medians
 from app.nutrition.portions import Portion
 
-# Groups that hold the same kind of tissue or dish. Baked goods, snacks and sweets are like nothing else.
+# Groups that hold the same tissue. Baked goods, snacks, sweets and dishes are like nothing else: a lasagna's density
+# says nothing about a hamburger's.
 KINDRED_GROUPS: tuple[frozenset[str], ...] = (
     frozenset({
         "Beef Products",
@@ -23,7 +24,6 @@ KINDRED_GROUPS: tuple[frozenset[str], ...] = (
         "Sausages and Luncheon Meats",
         "Finfish and Shellfish Products",
     }),
-    frozenset({"Meals, Entrees, and Side Dishes", "Fast Foods", "Restaurant Foods"}),
 )  # fmt: skip
 
 # What says how dense the food itself is. A relative's figure or another group's median would count somebody else twice.

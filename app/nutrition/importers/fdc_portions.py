@@ -51,7 +51,7 @@ def portion_of(
     if not amount or not mass_g or not words:
         skipped.add("portions without an amount, a measure or a weight", what)
         return None
-    return Portion(portion_id, amount, ", ".join(words)[:MAX_MEASURE], mass_g)
+    return Portion(portion_id, amount, " ".join(", ".join(words).split())[:MAX_MEASURE], mass_g)
 
 
 def _leading_amount(description: str) -> tuple[float | None, str]:

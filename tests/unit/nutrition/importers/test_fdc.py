@@ -7,7 +7,10 @@ import io
 import pytest
 
 from app.nutrition.importers.fdc import read_fdc
+from app.nutrition.importers.fdc_portions import portion_of
+from app.nutrition.importers.imported import Skipped
 from app.nutrition.importers.source_files import ImportFileError
+from app.nutrition.importers.sr28 import read_sr28
 from tests.unit.nutrition.importers.release_files import write_folder, write_zip
 
 CUP_ML = 236.5882365
@@ -313,3 +316,25 @@ def test_what_is_wrong_is_named_with_its_file_and_line(tmp_path, file, change, m
 def test_excerpts_that_are_no_release_are_refused_with_what_is_missing(shared_data):
     with pytest.raises(ImportFileError, match=r"it holds no food.csv; give the release whole"):
         read_fdc(shared_data / "food_tables")
+
+
+def test_portions_of_the_sr_legacy_excerpt_weigh_what_sr28_says(shared_data):
+    """The same foods, published in two layouts: an independent check of how a row becomes a measure."""
+    tables = shared_data / "food_tables"
+    sr28 = {food.name: food for food in read_sr28(tables / "sr28asc.zip").table.foods}
+    with (tables / "fdc_sr_legacy_food.csv").open(newline="") as file:
+        names = {row["fdc_id"]: row["description"] for row in csv.DictReader(file)}
+    compared = agreeing = 0
+    with (tables / "fdc_food_portion.csv").open(newline="") as file:
+        for line, row in enumerate(csv.DictReader(file), start=2):
+            same = sr28.get(names.get(row["fdc_id"], ""))
+            if same is None or not same.portions:
+                continue
+            fields = [row["amount"], "9999", row["portion_description"], row["modifier"], row["gram_weight"]]
+            portion = portion_of(line, row["id"], row["fdc_id"], fields, {"9999": "undetermined"}, Skipped())
+            weights = {(other.amount, other.measure): other.mass_g for other in same.portions}
+            if portion is not None and (portion.amount, portion.measure) in weights:
+                compared += 1
+                agreeing += weights[portion.amount, portion.measure] == portion.mass_g
+    assert compared > 12_800  # of 13,600: SR Legacy is a later edition, with measures of its own
+    assert agreeing / compared > 0.99  # and some weights revised
