@@ -12,7 +12,7 @@ from app.nutrition.components import NUMBER_BY_TAGNAME
 from app.nutrition.density import KIND_OF_FORM
 from app.nutrition.foods import DENSITY_BASES, Density, DensityBasis, FoodForm
 from app.nutrition.importers.ecustfd import MeasuredDensity
-from app.nutrition.importers.fao_density import FaoRow
+from app.nutrition.importers.fao_density import FaoRow, fao_density
 from app.nutrition.importers.imported import Skipped
 from app.nutrition.importers.sr28 import Sr28Release
 from app.nutrition.piece_sizes import piece_volume_ml
@@ -136,10 +136,7 @@ def _fao(rows: Mapping[int, FaoRow], form: FoodForm, choice: Mapping[str, Any]) 
     row, kind = rows[choice["row"]], choice["kind"]
     if row.name != choice["name"]:
         raise ValueError(f"FAO row {row.row} is {row.name!r}, the selection says {choice['name']!r}")
-    relative_sd = choice.get("relative_sd", usual_relative_sd(form, kind))
-    sd = max(relative_sd * row.g_per_ml, row.half_range_g_per_ml)
-    text = f'FAO/INFOODS 2012, Density Database 2.0, row {row.row} "{row.name}" ({row.biblio_id})'
-    return Density(round(row.g_per_ml, 3), round(sd, 3), choice["state"], kind, "fao", text)
+    return fao_density(row, form, kind, choice["state"], relative_sd=choice.get("relative_sd"))
 
 
 def _piece(sources: StarterSources, entry: Entry, ndb_number: str, sequence: str) -> Density:
