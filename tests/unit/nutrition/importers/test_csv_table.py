@@ -1,14 +1,16 @@
 """Our own template: what each column means, units, traces, files beside it, and everything that is refused."""
 
 import datetime as dt
+import pathlib
 
 import pytest
 
 from app.errors import InvalidInputError
-from app.nutrition.importers.csv_table import read_csv_table, template_csv
+from app.nutrition.importers.csv_table import COLUMNS, read_csv_table, template_csv
 from app.nutrition.importers.source_files import ImportFileError
 from tests.unit.nutrition.importers.release_files import write_folder, write_zip
 
+DOCS = pathlib.Path(__file__).parents[4] / "docs"
 RELEASED_ON = dt.date(2024, 3, 1)
 
 
@@ -47,6 +49,15 @@ def test_template_imports_and_says_what_its_columns_say(table):
     assert [component.tagname for component in imported.components] == [
         "ENERC_KCAL", "PROCNT", "FAT", "FIBTG", "NA", "VITC", "CHOAVL",
     ]  # fmt: skip
+
+
+def test_template_in_the_documents_is_the_one_that_imports():
+    assert (DOCS / "food-template.csv").read_text() == template_csv()
+
+
+def test_every_column_stands_in_the_documents():
+    text = (DOCS / "importers.md").read_text()
+    assert [column for column in COLUMNS if f"`{column}`" not in text] == []
 
 
 def test_empty_is_not_known_zero_is_zero_and_a_trace_is_zero_and_told(table):
