@@ -103,7 +103,8 @@ def starter_densities(sources: StarterSources, entry: Entry) -> list[Density]:
 def _measured(sources: StarterSources, entry: Entry) -> list[Density]:
     found = [_literature(sources.literature[name], "measured") for name in entry.get("literature", [])]
     if "ecustfd" in entry:
-        found.append(_ecustfd(sources.ecustfd[entry["ecustfd"]], entry["ecustfd_state"], "measured"))
+        measured, least_sd = sources.ecustfd[entry["ecustfd"]], entry.get("ecustfd_relative_sd", 0.0)
+        found.append(_ecustfd(measured, entry["ecustfd_state"], "measured", least_sd))
     return found
 
 
@@ -125,11 +126,12 @@ def _literature(work: Mapping[str, Any], basis: DensityBasis) -> Density:
     return _solid(work["g_per_ml"], factor * work["relative_sd"], work["state"], basis, work["source"])
 
 
-def _ecustfd(measured: MeasuredDensity, state: str, basis: DensityBasis) -> Density:
+def _ecustfd(measured: MeasuredDensity, state: str, basis: DensityBasis, least_relative_sd: float = 0.0) -> Density:
     text = f'ECUSTFD (Liang and Li 2017), sheet "{measured.food}": median of {measured.specimens} specimens'
     text += f", {measured.excluded} impossible ones left out" if measured.excluded else ""
     factor = RELATED_FACTOR if basis == "related" else 1.0
-    return _solid(measured.g_per_ml, factor * measured.sd_g_per_ml / measured.g_per_ml, state, basis, text)
+    relative_sd = max(factor * measured.sd_g_per_ml / measured.g_per_ml, least_relative_sd)
+    return _solid(measured.g_per_ml, relative_sd, state, basis, text)
 
 
 def _fao(rows: Mapping[int, FaoRow], form: FoodForm, choice: Mapping[str, Any]) -> Density:
