@@ -15,6 +15,7 @@ import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
+from app.db.bulk import insert_rows
 from app.db.models import (
     Component,
     Food,
@@ -35,8 +36,8 @@ from app.nutrition.importers.imported import ImportedTable, Skipped
 from app.nutrition.search import label_key
 from app.services.index_foods import index_foods
 
-BATCH_FOODS = 100
-PAUSE_SECONDS = 0.02  # between batches, so that whoever waits for the database gets it
+BATCH_FOODS = 50
+PAUSE_SHARE = 0.5  # SQLite, one writer at a time: of a batch's own time, so that who waits gets a third of all
 ABANDONED_AFTER = timedelta(seconds=60)  # no batch for so long: whoever wrote it is dead, and another may go on
 _NAMES = ("sr28_name",)  # among source_ids, for a person; no codes
 
@@ -77,12 +78,14 @@ def import_foods(
             component_ids = _component_ids(database, imported)
             for start in range(done, len(table.foods), BATCH_FOODS):
                 batch = table.foods[start : start + BATCH_FOODS]
+                began = time.monotonic()
                 with database.write() as session:
                     _claim(session, release.id, importer_id)
                     _write_foods(session, release, batch, component_ids)
                 if on_progress is not None:
                     on_progress(start + len(batch), len(table.foods))
-                time.sleep(PAUSE_SECONDS)
+                if database.is_sqlite:
+                    time.sleep(PAUSE_SHARE * (time.monotonic() - began))
         except BaseException:  # Ctrl-C too: whoever comes next need not wait
             _let_go(database, release.id, importer_id)
             raise
@@ -233,7 +236,7 @@ def _write_foods(
     rows = [_food_row(release.id, value, version) for value in values]
     session.add_all(rows)
     session.flush()
-    _insert(
+    insert_rows(
         session,
         FoodNutrient,
         [
@@ -242,7 +245,7 @@ def _write_foods(
             for number, content in value.per_100_g.items()
         ],
     )
-    _insert(
+    insert_rows(
         session,
         FoodDensity,
         [
@@ -251,7 +254,7 @@ def _write_foods(
             for position, density in enumerate(value.densities)
         ],
     )
-    _insert(
+    insert_rows(
         session,
         FoodPortion,
         [
@@ -260,7 +263,7 @@ def _write_foods(
             for position, portion in enumerate(value.portions)
         ],
     )
-    _insert(session, FoodCode, [code for row in rows for code in _codes(row, release.source)])
+    insert_rows(session, FoodCode, [code for row in rows for code in _codes(row, release.source)])
     if release.source != foods.DENSITIES_ONLY:
         index_foods(session, rows)
     return rows
@@ -293,8 +296,3 @@ def _codes(row: Food, source: str) -> list[dict[str, object]]:
     if source == foods.DENSITIES_ONLY:
         codes.append({"system": "label", "code": label_key(row.name)[:300], "food_id": row.id})
     return codes
-
-
-def _insert(session: Session, model: type, rows: list[dict[str, object]]) -> None:
-    if rows:
-        session.connection().execute(sa.insert(model), rows)

@@ -6,18 +6,18 @@ import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 
-from app.db.models import FoodPosting, FoodWord, FoodWordTrigram
+from app.db.bulk import insert_rows
+from app.db.models import Food, FoodPosting, FoodWord, FoodWordTrigram
 
 
-def add_postings(session: Session, ranks: Mapping[int, Mapping[str, int]]) -> None:
-    """Food id -> word -> rank into the index."""
+def add_postings(session: Session, ranks: Sequence[tuple[Food, Mapping[str, int]]]) -> None:
+    """Foods, each with the rank that it has for each of its words, into the index."""
     rows = [
-        {"word": word, "rank": rank, "food_id": food_id}
-        for food_id, of_words in ranks.items()
+        {"word": word, "rank": rank, "food_id": food.id, "release_id": food.release_id}
+        for food, of_words in ranks
         for word, rank in of_words.items()
     ]
-    if rows:
-        session.connection().execute(sa.insert(FoodPosting), rows)
+    insert_rows(session, FoodPosting, rows)
 
 
 def known_words(session: Session, words: Collection[str]) -> set[str]:
