@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.nutrition.density import resolve_density
+from app.nutrition.doubt import Doubt, estimate
 from app.nutrition.foods import Density, load_starter_table
 from app.nutrition.importers.ecustfd import WHOLE_FRUIT, Specimen, is_possible, read_specimens
 
@@ -45,7 +46,10 @@ TABLE_FOODS = {  # sheet of density.xls -> key of the starter table
 
 @dataclass(frozen=True)
 class FoodErrors:
-    """One food's specimens against the table. others_percent: each predicted by the median of the others."""
+    """One food's specimens against the table.
+
+    others_percent: each predicted by the median of the others. inside: how many lie in the density's 90 % interval.
+    """
 
     sheet: str
     key: str
@@ -55,6 +59,7 @@ class FoodErrors:
     table_percent: float
     floor_percent: float
     others_percent: float
+    inside: int
 
     @property
     def counts_for_the_bar(self) -> bool:
@@ -78,7 +83,13 @@ def food_errors(sheet: str, key: str, specimens: Sequence[Specimen], density: De
         _mean_error_percent(kept, [density.g_per_ml] * len(kept)),
         _mean_error_percent(kept, [median] * len(kept)),
         _mean_error_percent(kept, medians_of_others),
+        sum(_is_inside(density, specimen) for specimen in kept),
     )
+
+
+def _is_inside(density: Density, specimen: Specimen) -> bool:
+    predicted = estimate(density.g_per_ml * specimen.volume_ml, Doubt(0.0, density.relative_sd, 0.0))
+    return predicted.low <= specimen.mass_g <= predicted.high
 
 
 def _mean_error_percent(specimens: Sequence[Specimen], g_per_ml: Sequence[float]) -> float:
@@ -111,14 +122,14 @@ def over_the_bar(errors: Sequence[FoodErrors]) -> Mapping[str, float]:
 
 
 def lines(errors: Sequence[FoodErrors], specimens: Mapping[str, Sequence[Specimen]]) -> list[str]:
-    head = ("ECUSTFD", "table", "n", "out", "g/ml", "from", "table %", "own median %", "median of the others %")
-    rows = [head, ("---",) * 2 + ("---:",) * 3 + ("---",) + ("---:",) * 3]
+    head = ("ECUSTFD", "table", "n", "out", "g/ml", "from", "table %", "own median %", "others' median %", "in 90 %")
+    rows = [head, ("---",) * 2 + ("---:",) * 3 + ("---",) + ("---:",) * 4]
     for food in sorted(errors, key=lambda food: (not food.counts_for_the_bar, food.sheet)):
         density = food.density
         rows.append((
             food.sheet, food.key, str(len(food.kept)), str(len(food.excluded)), f"{density.g_per_ml:.3f}",
             density.source.split(" (")[0].split(",")[0], f"{food.table_percent:.1f}", f"{food.floor_percent:.1f}",
-            f"{food.others_percent:.1f}",
+            f"{food.others_percent:.1f}", f"{food.inside} of {len(food.kept)}",
         ))  # fmt: skip
     means = over_the_bar(errors)
     verdict = "met" if means["specimens"] <= BAR_PERCENT else "missed"

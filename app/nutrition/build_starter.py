@@ -4,7 +4,7 @@
 
 --sr28 is the ASCII release, zip or folder; --fao the density workbook; --ecustfd its density.xls, whose medians are
 otherwise taken from starter/ecustfd.csv. Writes foods.json, nutrients.csv and, with --ecustfd, ecustfd.csv. The same
-inputs give the same bytes. Needs the development tool openpyxl, for --ecustfd also xlrd.
+inputs give the same bytes. --ecustfd needs the development tool xlrd.
 """
 
 import argparse

@@ -48,11 +48,11 @@ class MeasuredDensity:
 
 
 def read_specimens(path: Path) -> Mapping[str, list[Specimen]]:
-    """density.xls -> food -> specimens. Needs the package xlrd. Raises ValueError if the columns are others."""
+    """density.xls -> food -> specimens. Needs xlrd, of the dev extra. Raises ValueError if the columns are others."""
     try:
         xlrd = importlib.import_module("xlrd")
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError("reading density.xls needs the package xlrd: pip install xlrd") from error
+        raise ModuleNotFoundError("reading density.xls needs xlrd, which is in the dev extra") from error
     specimens: dict[str, list[Specimen]] = {}
     for sheet in xlrd.open_workbook(path).sheets():
         if sheet.name == _MIXED_SHEET:

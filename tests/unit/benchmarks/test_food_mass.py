@@ -24,6 +24,10 @@ def test_each_specimen_is_predicted_by_the_median_of_the_others():
     assert found.floor_percent == pytest.approx(100 * (0.2 / 0.8 + 0.0 + 0.1 / 1.1) / 3)
 
 
+def test_specimens_within_the_densitys_interval_are_counted():
+    assert errors(1.0, 1.16, 1.2, sheet="egg").inside == 2  # exp(1.645 x 0.1) = 1.18
+
+
 def test_impossible_fruit_is_left_out_and_listed():
     found = errors(0.8, 0.9, 1.38)
     assert [specimen.name for specimen in found.excluded] == ["apple2"]
