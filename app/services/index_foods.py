@@ -13,11 +13,11 @@ from app.nutrition.words import trigrams
 
 def index_foods(session: Session, rows: Sequence[Food]) -> None:
     """Add these foods' names and aliases to the index; they must have their ids."""
-    ranks = {
-        row.id: posting_ranks(row.name, other_names(row.aliases, row.source_ids), row.food_group, row.state)
+    ranks = [
+        (row, posting_ranks(row.name, other_names(row.aliases, row.source_ids), row.food_group, row.state))
         for row in rows
-    }
-    typed = {word for of_words in ranks.values() for word in of_words if not word.endswith("*") and not word.isdigit()}
+    ]
+    typed = {word for _, of_words in ranks for word in of_words if not word.endswith("*") and not word.isdigit()}
     missing = sorted(typed - food_index.known_words(session, typed))
     food_index.add_words(session, [(word, trigrams(word)) for word in missing])
     food_index.add_postings(session, ranks)

@@ -29,6 +29,7 @@ from app.nutrition.words import is_unspaced, split_words, trigrams, typo_distanc
 from app.services.index_foods import is_name, other_names
 
 RANKED = 150  # foods that are ranked in full: the best by the index's rank
+SHADOWED = 25  # foods more than asked for, in place of those that local corrections stand before
 SIMILAR = 60  # words that are compared letter by letter with a mistyped one
 MEANT = 8  # words that a mistyped one may stand for
 _CURATED = (LOCAL, "csv", "starter")
@@ -72,8 +73,11 @@ def search_foods(
         if not releases or scope.groups == ():
             return []
         if words is None or not words.strip():
-            return [_found(row, releases, None) for row in index.foods_in_order(session, scope, limit)]
-        found = _find(session, words.strip(), scope, releases, max(RANKED, limit))
+            rows = index.foods_in_order(session, scope, limit + SHADOWED)
+            found: list[tuple[index.FoundRow, str | None]] = [(row, None) for row in rows]
+        else:
+            found = list(_find(session, words.strip(), scope, releases, max(RANKED, limit)))
+        found = _without_shadowed(session, found[: limit + SHADOWED], scope)
     return [_found(row, releases, label) for row, label in found[:limit]]
 
 
@@ -82,6 +86,14 @@ def food_groups(database: Database) -> list[FoodGroup]:
     with database.read() as session:
         found = index.groups_in_force(session, [release.id for release in _searched(session)])
     return [FoodGroup(name, count) for name, count in found]
+
+
+def _without_shadowed(
+    session: Session, found: list[tuple[index.FoundRow, str | None]], scope: index.Scope
+) -> list[tuple[index.FoundRow, str | None]]:
+    """Without foods in whose place a release that goes first has another: whoever asks for the key gets that one."""
+    places = index.places_of_keys(session, {row.key for row, _ in found}, scope)
+    return [(row, label) for row, label in found if places[row.key] == row.release_id]
 
 
 def _searched(session: Session) -> list[FoodRelease]:

@@ -319,8 +319,9 @@ def create_search_tables() -> None:
         sa.Column("word", WORD, nullable=False),
         sa.Column("rank", sa.Integer(), nullable=False),
         sa.Column("food_id", sa.Integer(), nullable=False),
+        sa.Column("release_id", sa.Integer(), nullable=False),
         sa.ForeignKeyConstraint(["food_id"], ["food.id"], name=op.f("fk_food_posting_food_id_food")),
-        sa.PrimaryKeyConstraint("word", "rank", "food_id", name=op.f("pk_food_posting")),
+        sa.PrimaryKeyConstraint("word", "rank", "food_id", "release_id", name=op.f("pk_food_posting")),
         sqlite_with_rowid=False,
     )
     op.create_index("ix_food_posting_food_id_word", "food_posting", ["food_id", "word"])

@@ -47,7 +47,8 @@ class FoodPosting(Base):
     """A food has this word in a label. rank: how good an answer the food is to that word alone, the lowest best.
 
     The word "ba*" stands for all words that begin with ba, so that the best few foods of a short beginning are read in
-    order (nutrition/search.py, posting_ranks). Rows lie in the order of the key: the best foods of a word side by side.
+    order (nutrition/search.py, posting_ranks). The key holds all that a search walks through, the food's release too:
+    the best foods of a word lie side by side, and no other table is looked at.
     """
 
     __tablename__ = "food_posting"
@@ -55,5 +56,6 @@ class FoodPosting(Base):
     word: Mapped[str] = mapped_column(Word, primary_key=True)
     rank: Mapped[int] = mapped_column(primary_key=True)
     food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), primary_key=True)
+    release_id: Mapped[int] = mapped_column(primary_key=True)
 
     __table_args__ = (sa.Index(None, "food_id", "word"), {"sqlite_with_rowid": False})

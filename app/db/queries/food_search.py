@@ -90,7 +90,7 @@ def foods_with_words(session: Session, words: Sequence[Wanted], scope: Scope, li
     rank = sa.func.min(FoodPosting.rank)
     query = (
         sa.select(FoodPosting.food_id)
-        .where(_walked(first), sa.exists().where(Food.id == FoodPosting.food_id, *scope.holds()))
+        .where(_walked(first), FoodPosting.release_id.in_(scope.release_ids))
         .group_by(FoodPosting.food_id)
         .order_by(rank, FoodPosting.food_id)
         .limit(limit)
@@ -98,6 +98,8 @@ def foods_with_words(session: Session, words: Sequence[Wanted], scope: Scope, li
     for other in others:
         posting = aliased(FoodPosting)
         query = query.where(sa.exists().where(posting.food_id == FoodPosting.food_id, _has(_by_food(posting), other)))
+    if scope.groups is not None:
+        query = query.where(sa.exists().where(Food.id == FoodPosting.food_id, Food.food_group.in_(scope.groups)))
     return list(session.scalars(query))
 
 
@@ -113,9 +115,21 @@ def foods_with_code(session: Session, code: str, scope: Scope) -> list[int]:
 
 
 def foods_to_rank(session: Session, food_ids: Collection[int], key: str | None, scope: Scope) -> list[FoundRow]:
-    """These foods and the one with this key, without those in whose place another release in force has a food."""
+    """Those of these foods that hold, and the one with this key."""
     wanted = Food.id.in_(food_ids) if key is None else sa.or_(Food.id.in_(food_ids), Food.key == key)
     return [FoundRow(*row) for row in session.execute(_rows(scope).where(wanted))]
+
+
+def places_of_keys(session: Session, keys: Collection[str], scope: Scope) -> dict[str, int]:
+    """Key -> the release whose food goes by it, the first of those in force, whatever the group."""
+    order = {release_id: position for position, release_id in enumerate(scope.release_ids)}
+    query = sa.select(Food.key, Food.release_id).where(
+        Food.key.in_(keys), Food.release_id.in_(scope.release_ids), Food.superseded_by_id.is_(None)
+    )
+    found: dict[str, int] = {}
+    for key, release_id in sorted(session.execute(query), key=lambda row: order[row.release_id]):
+        found.setdefault(key, release_id)
+    return found
 
 
 def foods_in_order(session: Session, scope: Scope, limit: int) -> list[FoundRow]:
@@ -148,19 +162,7 @@ def _rows(scope: Scope) -> sa.Select[Any]:
         Food.id, Food.release_id, Food.key, Food.name, Food.aliases, Food.food_group, Food.form, Food.state,
         Food.is_mixed_dish, Food.source_ids,
     )  # fmt: skip
-    query: sa.Select[Any] = sa.select(*columns).where(*scope.holds())
-    if len(scope.release_ids) > 1:
-        order = {release_id: position for position, release_id in enumerate(scope.release_ids)}
-        better = aliased(Food)
-        query = query.where(
-            ~sa.exists().where(
-                better.key == Food.key,
-                better.superseded_by_id.is_(None),
-                better.release_id.in_(scope.release_ids),
-                sa.case(order, value=better.release_id) < sa.case(order, value=Food.release_id),
-            )
-        )
-    return query
+    return sa.select(*columns).where(*scope.holds())
 
 
 def _walked(wanted: Wanted) -> sa.ColumnElement[bool]:

@@ -5,7 +5,7 @@ FoodData Central, SR28, and last the tables that give densities only.
 """
 
 import uuid
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import sqlalchemy as sa
@@ -89,17 +89,6 @@ def same_foods(session: Session, food: Food, labels: Collection[str]) -> list[Fo
         ),
         FoodCode.food_id != food.id,
     )
-
-
-def foods_in_order(session: Session, release_ids: Sequence[int], limit: int) -> list[Food]:
-    """Foods of the releases in the tables' order."""
-    query = (
-        sa.select(Food)
-        .where(Food.release_id.in_(release_ids), Food.superseded_by_id.is_(None))
-        .order_by(Food.id)
-        .limit(limit)
-    )
-    return list(session.scalars(query))
 
 
 def densities_of(session: Session, food_ids: Collection[int]) -> dict[int, list[FoodDensity]]:
