@@ -7,8 +7,6 @@ names and headings. Where these do not settle it the row is left out: a density 
 import hashlib
 import io
 import re
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date
@@ -20,7 +18,7 @@ from openpyxl.utils.exceptions import InvalidFileException
 
 from app.nutrition.foods import Density, DensityKind, Food, FoodForm, FoodState, FoodTable
 from app.nutrition.importers.imported import ImportedTable, Skipped
-from app.nutrition.importers.source_files import ImportFileError
+from app.nutrition.importers.source_files import DAMAGED_ZIP, ImportFileError
 from app.nutrition.portion_density import usual_relative_sd
 
 FORMAT = "fao-density"
@@ -136,7 +134,7 @@ def read_fao_rows(path: Path) -> Mapping[int, FaoRow]:
         cells = [*_cells(path)]
     except FileNotFoundError:
         raise ImportFileError(str(path), None, "there is no such file or folder") from None
-    except (zipfile.BadZipFile, zlib.error, InvalidFileException, ParseError, KeyError, EOFError, OSError) as error:
+    except (*DAMAGED_ZIP, InvalidFileException, ParseError, TypeError, OSError) as error:
         why = f"it is no Excel workbook (.xlsx), or only a part of one: {error}"
         raise ImportFileError(path.name, None, why) from None
     header = [str(cell or "").strip().lower() for cell in cells[0]] if cells else []

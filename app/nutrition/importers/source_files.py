@@ -6,6 +6,7 @@ Whatever is wrong with a file is an ImportFileError that names the file and, whe
 import csv
 import hashlib
 import re
+import struct
 import zipfile
 import zlib
 from collections.abc import Generator, Iterable, Iterator
@@ -16,6 +17,11 @@ from typing import IO
 from app.errors import InvalidInputError
 
 _CHUNK = 1 << 20
+
+# What zipfile raises on damaged bytes: its own error mostly, but also what a wrong offset, length or flag leads to.
+DAMAGED_ZIP = (
+    zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError, ValueError, LookupError,
+)  # fmt: skip
 
 
 class ImportFileError(InvalidInputError):
@@ -145,7 +151,7 @@ class SourceFiles:
             else:
                 with Path(member).open("rb") as file:
                     yield file
-        except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+        except DAMAGED_ZIP as error:
             raise ImportFileError(str(self._path), None, f"{member} in it cannot be unpacked: {error}") from None
         except OSError as error:
             raise ImportFileError(member, None, f"it cannot be read: {error.strerror}") from None
@@ -155,7 +161,7 @@ def _members_of_zip(path: Path) -> list[str]:
     try:
         with zipfile.ZipFile(path) as archive:
             return [entry.filename for entry in archive.infolist() if not entry.is_dir()]
-    except (zipfile.BadZipFile, OSError):
+    except (*DAMAGED_ZIP, OSError):
         why = "it is no zip file, or only a part of one; download the release again"
         raise ImportFileError(str(path), None, why) from None
 
