@@ -7,7 +7,7 @@ costs what, and why: docs/food-search.md.
 
 import csv
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
@@ -132,14 +132,13 @@ def posting_ranks(name: str, others: Iterable[str], group: str, state: str | Non
     burden = _burden(name, group, state)
     for number, text in enumerate((name, *others)):
         label = _label(text)
-        unasked = sum(part.cost for part in label.parts) // 2
-        for place, part in enumerate(label.parts):
-            is_head = part.segment == label.head
-            cost = burden + unasked + (OTHER_LABEL if number else 0)
-            cost += (place and HEAD_BEGUN) if is_head else HEAD_MISSED + part.segment * FURTHER_SEGMENT
-            words = list(part.forms)
-            if is_head and not is_unspaced(part.forms[0]):
-                words += [f"{part.forms[0][:letters]}*" for letters in range(1, STARRED_LETTERS + 1)]
+        of_label = burden + label.unasked() // 2 + (OTHER_LABEL if number else 0)
+        for place, (forms, segment) in enumerate(zip(label.forms, label.segments, strict=True)):
+            is_head = segment == label.head
+            cost = of_label + ((place and HEAD_BEGUN) if is_head else HEAD_MISSED + segment * FURTHER_SEGMENT)
+            words = list(forms)
+            if is_head and may_be_begun(forms[0]):
+                words += [f"{forms[0][:letters]}*" for letters in range(1, STARRED_LETTERS + 1)]
             for word in words:
                 ranks[word] = min(ranks.get(word, cost), cost)
     return {word: max(0, cost) for word, cost in ranks.items()}
@@ -151,26 +150,29 @@ def label_key(label: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class _Part:
-    """A word of a label. segment: the how manieth part between commas it stands in. cost: if it was not asked for."""
-
-    forms: tuple[str, ...]
-    segment: int
-    cost: int
-
-
-@dataclass(frozen=True, slots=True)
 class _Label:
-    """A label taken apart. head: the segment that says what it is."""
+    """A label taken apart: of each word its forms, the how manieth part between commas it stands in, its cost unasked.
 
-    parts: tuple[_Part, ...]
+    places: form -> the first word that has it. head: the segment that says what the food is.
+    """
+
+    forms: tuple[tuple[str, ...], ...]
+    segments: tuple[int, ...]
+    costs: tuple[int, ...]
+    places: Mapping[str, int]
     head: int
     brand: int
+
+    def unasked(self, asked: Collection[int] = ()) -> int:
+        """What the words cost that were not asked for."""
+        return sum(self.costs) - sum(self.costs[place] for place in asked)
 
 
 @lru_cache(maxsize=4096)
 def _label(text: str) -> _Label:
-    parts: list[_Part] = []
+    forms: list[tuple[str, ...]] = []
+    segments: list[int] = []
+    costs: list[int] = []
     segment, brackets = 0, 0
     for piece in _PIECE.findall(text):
         if piece in "(),;":
@@ -178,14 +180,24 @@ def _label(text: str) -> _Label:
             segment += piece in ",;" and not brackets
             continue
         for word in split_words(piece):
-            segment += word in _DETAILS_FOLLOW and bool(parts)
-            parts.append(_Part(word_forms(word), segment, UNASKED_IN_BRACKETS if brackets else _unasked(word)))
-    classes = tuple(singular(part.forms[0]) for part in parts if part.segment == 0)
-    head = 1 if classes in CLASSES and any(part.segment == 1 for part in parts) else 0
-    if head:
-        parts = [_Part(part.forms, part.segment, 0 if part.segment == 0 else part.cost) for part in parts]
-    brands = 0 if text.isupper() else len(_BRAND.findall(text))
-    return _Label(tuple(parts), head, min(brands * BRAND_WORD, MOST_BRAND))
+            segment += word in _DETAILS_FOLLOW and bool(forms)
+            forms.append(word_forms(word))
+            segments.append(segment)
+            costs.append(UNASKED_IN_BRACKETS if brackets else _unasked(word))
+    first_segment = tuple(singular(of_word[0]) for of_word, place in zip(forms, segments, strict=True) if place == 0)
+    head = 1 if first_segment in CLASSES and 1 in segments else 0
+    places: dict[str, int] = {}
+    for place, of_word in enumerate(forms):
+        for form in of_word:
+            places.setdefault(form, place)
+    return _Label(
+        tuple(forms),
+        tuple(segments),
+        tuple(0 if segment < head else cost for segment, cost in zip(segments, costs, strict=True)),
+        places,
+        head,
+        brand=0 if text.isupper() else min(len(_BRAND.findall(text)) * BRAND_WORD, MOST_BRAND),
+    )
 
 
 def _unasked(word: str) -> int:
@@ -219,7 +231,8 @@ def _best(queries: Sequence[Query], position: int, food: Candidate) -> Ranked | 
                 cost += WHOLE_LABEL
             if number:  # an alias: the name's own words still tell how plain the food is
                 cost += OTHER_LABEL if food.is_curated else SHARED_LABEL
-                cost += sum(part.cost for part in _missed(query, _label(food.labels[0]).parts))
+                name = _label(food.labels[0])
+                cost += name.unasked({found[1] for word in query.words if (found := _cheapest(word, name))})
             if best is None or cost < best.cost:
                 best = Ranked(position, cost, text, names_it)
     return best
@@ -227,58 +240,54 @@ def _best(queries: Sequence[Query], position: int, food: Candidate) -> Ranked | 
 
 def _match(query: Query, label: _Label) -> tuple[int, bool, bool] | None:
     """Cost of the label, whether the query names what it is, whether it is all of it; None if a word is missing."""
-    cost, places = 0, []
+    cost, order = 0, []
     for wanted in query.words:
-        found = _cheapest(wanted, label.parts)
+        found = _cheapest(wanted, label)
         if found is None:
             return None
         cost += found[0]
-        places.append(found[1])
+        order.append(found[1])
     is_exact = cost == 0
-    asked = set(places)
-    head = [i for i, part in enumerate(label.parts) if part.segment == label.head]
-    head_missed = [i for i in head if i not in asked]
-    if len(head_missed) == len(head):
+    asked = set(order)
+    head = [place for place, segment in enumerate(label.segments) if segment == label.head]
+    head_missed = len([place for place in head if place not in asked])
+    if head_missed == len(head):
         cost += HEAD_MISSED
     elif head_missed:
         cost += HEAD_BEGUN if head[0] in asked else HEAD_SHARED
-        cost += HEAD_WORD_UNASKED * len(head_missed)
+        cost += HEAD_WORD_UNASKED * head_missed
     if label.head:
         cost += CLASS_BEFORE_HEAD
-    cost += sum(FURTHER_SEGMENT * abs(label.parts[i].segment - label.head) for i in places)
-    cost += sum(part.cost for i, part in enumerate(label.parts) if i not in asked)
-    if places != sorted(places):
+    cost += FURTHER_SEGMENT * sum(abs(label.segments[place] - label.head) for place in order)
+    cost += label.unasked(asked)
+    if order != sorted(order):
         cost += OTHER_ORDER
-    return cost, not head_missed, len(asked) == len(label.parts) and is_exact
+    return cost, not head_missed, len(asked) == len(label.forms) and is_exact
 
 
-def _cheapest(wanted: QueryWord, parts: Sequence[_Part]) -> tuple[int, int] | None:
+def _cheapest(wanted: QueryWord, label: _Label) -> tuple[int, int] | None:
     """(cost, place) of the label's word that the typed word is best taken for, the first of equals; None if of none."""
-    word, typos = wanted.word, wanted.typos
-    forms, is_open = word_forms(word), may_be_begun(word)
-    best: tuple[int, int] | None = None
-    for place, part in enumerate(parts):
-        if any(form in part.forms for form in forms):
-            return 0, place
-        if is_open and part.forms[0].startswith(word):
-            cost = BEGUN + BEGUN_PER_LETTER * min(len(part.forms[0]) - len(word), 10)
-        elif typos and (wrong := [typos[form] for form in part.forms if form in typos]):
-            cost = TYPO + (min(wrong) - 1) * FURTHER_TYPO
-        else:
-            continue
-        if best is None or cost < best[0]:
-            best = cost, place
-    return best
+    word = wanted.word
+    for form in word_forms(word):
+        if form in label.places:
+            return 0, label.places[form]
+    found = [
+        (TYPO + (wrong - 1) * FURTHER_TYPO, label.places[other])
+        for other, wrong in wanted.typos.items()
+        if other in label.places
+    ]
+    if may_be_begun(word):
+        found += [
+            (BEGUN + BEGUN_PER_LETTER * min(len(forms[0]) - len(word), 10), place)
+            for place, forms in enumerate(label.forms)
+            if forms[0].startswith(word)
+        ]
+    return min(found, default=None)
 
 
 def may_be_begun(word: str) -> bool:
     """Whether a typed word may be the beginning of a longer one: figures, and words of one character, match whole."""
     return not word.isdigit() and not is_unspaced(word)
-
-
-def _missed(query: Query, parts: Sequence[_Part]) -> list[_Part]:
-    asked = {found[1] for wanted in query.words if (found := _cheapest(wanted, parts)) is not None}
-    return [part for i, part in enumerate(parts) if i not in asked]
 
 
 def _fndds_dishes_first(found: list[Ranked], candidates: Sequence[Candidate]) -> list[Ranked]:
