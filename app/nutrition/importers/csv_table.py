@@ -51,6 +51,7 @@ COLUMNS = (*REQUIRED, "aliases", "form", "state", "is_mixed_dish", "refuse", *DE
 TRACES = frozenset({"tr", "tr.", "trace", "traces"})
 MAX_ENERGY_KCAL = 950.0  # of 100 g: pure fat has 884 to 902
 _NAME = re.compile(r"[a-z0-9][a-z0-9._-]{1,49}")
+_KEY = re.compile(r"[A-Za-z0-9._-]+")
 _COMPONENT = re.compile(r"(?P<which>\S+)\s*\((?P<unit>[^()]+)\)")
 _REFUSE = re.compile(r"(?P<part>\([^()]+\)|[^()\d]+?)\s+(?P<percent>\d+(?:\.\d+)?)\s*%?")
 _YES_OR_NO = {"": False, "no": False, "0": False, "false": False, "yes": True, "1": True, "true": True}
@@ -104,6 +105,8 @@ def read_csv_table(path: Path, *, name: str, version: str, released_on: date) ->
     keys: dict[str, None] = {}
     for row in rows:
         key = text_in(row.file, row.line, "key", row.cell("key"), MAX_KEY - len(name) - 1)
+        if not _KEY.fullmatch(key):
+            raise row.error(f"key {key!r} has more in it than letters, digits, '.', '_' and '-'")
         keys[key_once(row.file, row.line, "food", key, keys)] = None
     if not rows:
         raise ImportFileError(foods_file, None, "it holds no food")

@@ -22,6 +22,7 @@ MAX_KEY = 100
 MAX_NAME = 300
 MAX_GROUP = 100
 MAX_MEASURE = 200
+MAX_COMPONENT_NUMBER = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +78,8 @@ def source_component(file: str, line: int, number: str, name: str, unit_name: st
     A number that is not known here yet becomes a component without a tagname. Raises ImportFileError if the unit is
     unknown, or measures another quantity than the component's.
     """
+    if len(number) > MAX_COMPONENT_NUMBER:
+        raise ImportFileError(file, line, f"component number {number!r} is too long to be one")
     unit = unit_of(unit_name)
     if unit is None:
         raise ImportFileError(file, line, f"component {number} ({name}): unknown unit {unit_name!r}")

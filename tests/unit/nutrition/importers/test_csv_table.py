@@ -154,6 +154,7 @@ def test_checksum_follows_the_bytes_and_the_release_and_not_the_files_name(tmp_p
         ("key,name,food_group\n", r"table.csv: it holds no food"),
         ("key,name,food_group\n1,a,g\n1,b,g\n", r"table.csv, line 3: food 1 is there twice"),
         ("key,name,food_group\n,a,g\n", r"table.csv, line 2: key is empty"),
+        ("key,name,food_group\na/b,a,g\n", r"table.csv, line 2: key 'a/b' has more in it than letters"),
         ("key,name,food_group\n1,,g\n", r"table.csv, line 2: name is empty"),
         ("key,name,food_group\n1,a,\n", r"table.csv, line 2: food_group is empty"),
         (f"key,name,food_group\n1,{'a' * 301},g\n", r"table.csv, line 2: name has 301 characters; at most 300"),
