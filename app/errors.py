@@ -85,6 +85,20 @@ class GoneError(TadaError):
     status = 410
 
 
+class PreconditionFailedError(TadaError):
+    """It has changed since the caller read it: what `If-Match` names is not its state any more."""
+
+    code = "precondition_failed"
+    status = 412
+
+
+class PreconditionRequiredError(TadaError):
+    """A change that must say what it is a change of, in `If-Match`."""
+
+    code = "precondition_required"
+    status = 428
+
+
 class TooLargeError(TadaError):
     """A body, a part or a picture passes a limit; `facts` name the limit."""
 

@@ -9,7 +9,18 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from app import __version__
-from app.api import enrolments, food_groups, foods, health, meals, records, reference_intakes, studies
+from app.api import (
+    enrolments,
+    food_edits,
+    food_groups,
+    foods,
+    health,
+    meals,
+    records,
+    reference_intakes,
+    studies,
+    study_densities,
+)
 from app.api.body_limit import BodyLimit
 from app.api.problems import Problem, install_problem_handlers
 from app.api.rate_limit import RateLimit
@@ -69,7 +80,18 @@ def create_app(settings: Settings) -> FastAPI:
     install_problem_handlers(app)
     app.add_middleware(BodyLimit)
     app.add_middleware(RequestLog)
-    for resource in (meals, records, foods, food_groups, reference_intakes, enrolments, studies, health):
+    for resource in (
+        meals,
+        records,
+        foods,
+        food_edits,
+        food_groups,
+        reference_intakes,
+        enrolments,
+        studies,
+        study_densities,
+        health,
+    ):
         app.include_router(resource.router)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]  # FastAPI's own way to extend the document
     return app

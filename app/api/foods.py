@@ -3,7 +3,7 @@
 from dataclasses import asdict
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query
+from fastapi import APIRouter, Path, Query, Response
 
 from app.api.deps import CurrentCaller, State
 from app.api.problems import problem_responses
@@ -13,14 +13,18 @@ from app.api.schemas.foods import (
     FoodList,
     FoodMatch,
     FoodOut,
+    IngredientOut,
     NutrientOut,
     PortionOut,
+    RecipeOut,
     RefuseOut,
     RejectedDensityOut,
+    UnknownComponentOut,
 )
 from app.nutrition.density import DensityChoice
 from app.services.caller import DeviceCaller
 from app.services.foods import FoodView, read_food
+from app.services.recipes import RecipeView
 from app.services.search_foods import search_foods
 
 router = APIRouter(prefix="/v1/foods", tags=["foods"])
@@ -47,13 +51,20 @@ def get_foods(
 
 
 @router.get("/{key}", responses=problem_responses(401, 404, 422))
-def get_food(state: State, caller: CurrentCaller, key: FoodKey) -> FoodOut:
+def get_food(state: State, caller: CurrentCaller, key: FoodKey, response: Response) -> FoodOut:
     """One food: nutrients per 100 g edible portion, refuse by part, the density chosen and what it was chosen over.
 
-    A participant's device sees the density that its study uses.
+    A participant's device sees the density that its study uses. `ETag` names the food's version, for `If-Match`.
     """
     study_id = caller.study_id if isinstance(caller, DeviceCaller) else None
-    return render_food(read_food(state.database, key, study_id))
+    view = read_food(state.database, key, study_id)
+    response.headers["ETag"] = etag_of(view)
+    return render_food(view)
+
+
+def etag_of(view: FoodView) -> str:
+    """The tag of this version of the food: versions never change."""
+    return f'"{view.food.id}"'
 
 
 def render_food(view: FoodView) -> FoodOut:
@@ -88,6 +99,38 @@ def render_food(view: FoodView) -> FoodOut:
         portions=[
             PortionOut(amount=portion.amount, measure=portion.measure, mass_g=portion.mass_g)
             for portion in value.portions
+        ],
+        recipe=_recipe(view.recipe),
+    )
+
+
+def _recipe(recipe: RecipeView | None) -> RecipeOut | None:
+    if recipe is None:
+        return None
+    return RecipeOut(
+        yield_factor=recipe.recipe_yield,
+        ingredients=[
+            IngredientOut(
+                key=part.food.key,
+                name=part.food.name,
+                version=part.food.version,
+                state=part.food.state,
+                mass_g=part.mass_g,
+                retention=dict(part.retention),
+                retention_source=part.retention_source,
+                is_current=part.is_current,
+            )
+            for part in recipe.ingredients
+        ],
+        unknown=[
+            UnknownComponentOut(
+                number=component.number,
+                tagname=component.tagname,
+                name=component.name,
+                unit=component.unit,
+                coverage=coverage,
+            )
+            for component, coverage in recipe.unknown
         ],
     )
 

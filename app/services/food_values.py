@@ -20,16 +20,29 @@ def food_value(session: Session, row: Food) -> FoodValue:
     """A food's row as a value. Its densities: its own, and behind them those of the same food in other tables.
 
     The same food is one that shares a source's code; of a table of densities only, one of the same name (the order of
-    its words and plurals aside) whose state does not contradict.
+    its words and plurals aside) whose state does not contradict. What a correction of this key replaces is no other
+    food.
     """
     labels = {label_key(label)[:300] for label in (row.name, *row.aliases)}
-    others = [other for other in foods.same_foods(session, row, labels) if _agree(row, other)]
+    others = [other for other in foods.same_foods(session, row, labels) if other.key != row.key and _agree(row, other)]
     densities = foods.densities_of(session, [row.id, *(other.id for other in others)])
-    pooled = {density.source: density for density in map(density_value, densities.get(row.id, []))}
+    own = [density_value(density) for density in densities.get(row.id, [])]
+    named = {density.source for density in own}
+    pooled: dict[str, Density] = {}
     for other in others:
         for density in map(density_value, densities.get(other.id, [])):
-            if density.basis in _BASES_OF_OTHERS:
+            if density.basis in _BASES_OF_OTHERS and density.source not in named:
                 pooled.setdefault(density.source, density)
+    return _value(session, row, (*own, *pooled.values()))
+
+
+def own_value(session: Session, row: Food) -> FoodValue:
+    """A food's row as a value with no densities but its own: what a correction of it starts from."""
+    own = foods.densities_of(session, [row.id]).get(row.id, [])
+    return _value(session, row, tuple(map(density_value, own)))
+
+
+def _value(session: Session, row: Food, densities: tuple[Density, ...]) -> FoodValue:
     return FoodValue(
         key=row.key,
         name=row.name,
@@ -38,7 +51,7 @@ def food_value(session: Session, row: Food) -> FoodValue:
         form=row.form,  # type: ignore[arg-type]  # FoodValue checks it, as it does the next two
         slice_form=row.slice_form,  # type: ignore[arg-type]
         refuse=tuple(RefusePart(**part) for part in row.refuse),
-        densities=tuple(pooled.values()),
+        densities=densities,
         per_100_g={found.component.number: found.per_100_g for found in foods.nutrients_of(session, row.id)},
         source_ids=row.source_ids,
         state=row.state,  # type: ignore[arg-type]

@@ -14,13 +14,15 @@ from app.nutrition.density import DensityChoice
 from app.nutrition.foods import Food as FoodValue
 from app.nutrition.mass import edible_share
 from app.services.food_values import choose_density, food_value
+from app.services.recipes import RecipeView, read_recipe
 
 
 @dataclass(frozen=True, slots=True)
 class FoodView:
     """A food with its nutrients per 100 g edible and the release it is of.
 
-    density: the one that its volumes are weighed with, with its alternatives; None if none is known.
+    density: the one that its volumes are weighed with, with its alternatives; None if none is known. recipe: of a dish
+    that was made from one.
     """
 
     food: Food
@@ -29,6 +31,7 @@ class FoodView:
     density: DensityChoice | None
     edible_share: float
     nutrients: list[NutrientRow]
+    recipe: RecipeView | None
 
 
 def read_food(database: Database, key: str, study_id: uuid.UUID | None = None) -> FoodView:
@@ -62,4 +65,5 @@ def view_of(session: Session, food: Food, study_id: uuid.UUID | None) -> FoodVie
         density=choose_density(session, value, study_id),
         edible_share=edible_share(value),
         nutrients=foods.nutrients_of(session, food.id),
+        recipe=read_recipe(session, food),
     )

@@ -93,6 +93,34 @@ class FoodSummary(FoodRef):
     form: str
 
 
+class IngredientOut(FoodRef):
+    """An ingredient: this version of a food, edible grams. is_current: the food has not been corrected since.
+
+    retention: component number -> share that cooking leaves; 1 where not named.
+    """
+
+    version: int
+    state: str | None
+    mass_g: float
+    retention: dict[str, float]
+    retention_source: str | None
+    is_current: bool
+
+
+class UnknownComponentOut(ComponentOut):
+    """A component that some ingredients lack, so that the dish has no figure."""
+
+    coverage: float = Field(description="For which share of the ingredients' mass it is known.")
+
+
+class RecipeOut(BaseModel):
+    """What a dish is made of. yield_factor: its mass as eaten / that of its ingredients."""
+
+    yield_factor: float
+    ingredients: list[IngredientOut]
+    unknown: list[UnknownComponentOut]
+
+
 class FoodOut(FoodSummary):
     """A food with all that the tables in force know of it; a component that is not listed is not known, not 0."""
 
@@ -107,6 +135,7 @@ class FoodOut(FoodSummary):
     density: DensityChoiceOut | None
     nutrients: list[NutrientOut]
     portions: list[PortionOut]
+    recipe: RecipeOut | None = Field(description="Null for a food that was not made from one.")
 
 
 class FoodMatch(FoodSummary):

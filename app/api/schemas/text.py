@@ -1,4 +1,7 @@
-"""Text and numbers that every database can hold: no NUL in text, no number beyond what a measurement can be."""
+"""Text and numbers that every database can hold.
+
+No NUL or lone surrogate in text, no number beyond what a measurement can be.
+"""
 
 import math
 from typing import Annotated
@@ -15,9 +18,11 @@ def only_text(value: object) -> object:
     return value
 
 
-def _without_nul(value: str) -> str:
+def _storable(value: str) -> str:
     if "\0" in value:
         raise ValueError("must not contain the character NUL")
+    if any("\ud800" <= character <= "\udfff" for character in value):
+        raise ValueError("must not contain half of a character (a lone surrogate)")
     return value
 
 
@@ -27,5 +32,5 @@ def _finite(value: float) -> float:
     return value
 
 
-Text = Annotated[str, AfterValidator(_without_nul)]
+Text = Annotated[str, AfterValidator(_storable)]
 Number = Annotated[float, AfterValidator(_finite)]

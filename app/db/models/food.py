@@ -152,6 +152,7 @@ class FoodIngredient(Base):
     ingredient_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), index=True)
     mass_g: Mapped[float]
     retention: Mapped[dict[str, Any]]  # component number -> share; 1 where not named
+    retention_source: Mapped[str | None] = mapped_column(sa.String(300))
 
 
 class FoodChange(Base):
@@ -168,7 +169,10 @@ class FoodChange(Base):
 
 
 class StudyDensity(Base):
-    """A study's own measurement of a food's density: it goes before all others there. Withdrawn, not deleted."""
+    """A study's own measurement of a food's density: it goes before all others there. Withdrawn, not deleted.
+
+    specimens: [volume_ml, mass_g] of each that it was computed from; NULL where the figures came computed.
+    """
 
     __tablename__ = "study_density"
 
@@ -181,9 +185,11 @@ class StudyDensity(Base):
     kind: Mapped[str] = mapped_column(sa.String(8))
     weighs: Mapped[str] = mapped_column(sa.String(8))
     source: Mapped[str] = mapped_column(sa.String(300))
+    specimens: Mapped[list[Any] | None]
     author: Mapped[str] = mapped_column(sa.String(200))
     reason: Mapped[str] = mapped_column(sa.Text)
     measured_at: Mapped[datetime]
+    created_at: Mapped[datetime]
     withdrawn_by: Mapped[str | None] = mapped_column(sa.String(200))
     withdrawn_at: Mapped[datetime | None]
     withdrawal_reason: Mapped[str | None] = mapped_column(sa.Text)

@@ -146,7 +146,10 @@ def _in_force(session: Session, *conditions: sa.ColumnElement[bool]) -> list[Foo
         .where(*conditions, Food.release_id.in_(order), Food.superseded_by_id.is_(None))
         .distinct()
     )
-    return sorted(session.scalars(query), key=lambda food: (order[food.release_id], food.id))
+    found: dict[str, Food] = {}
+    for food in sorted(session.scalars(query), key=lambda food: (order[food.release_id], food.id)):
+        found.setdefault(food.key, food)  # a correction stands for what it corrects
+    return list(found.values())
 
 
 def _precedence(release: FoodRelease) -> tuple[int, int]:

@@ -1,0 +1,208 @@
+"""/v1/foods, the writing part: an admin makes and corrects foods, each change a version with author and reason."""
+
+import re
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Response
+
+from app.api.deps import CurrentAdmin, State
+from app.api.foods import FoodKey, etag_of, render_food
+from app.api.problems import problem_responses
+from app.api.schemas.food_edits import (
+    ChangeList,
+    ChangeOut,
+    FigureIn,
+    FoodFieldsIn,
+    FoodIn,
+    FoodPatch,
+    MeasuredDensityIn,
+    RecipeIn,
+    RestoreIn,
+)
+from app.api.schemas.foods import FoodOut
+from app.errors import PreconditionRequiredError
+from app.nutrition.foods import Density, RefusePart
+from app.nutrition.portions import Portion
+from app.nutrition.specimens import Specimen
+from app.services import edit_food
+from app.services.caller import StaffCaller
+from app.services.component_names import Figure
+from app.services.edit_food import Editor, FoodEdit, author_of
+from app.services.foods import FoodView
+from app.services.recipes import NamedIngredient, NamedRecipe
+from app.services.study_densities import density_of_specimens
+from app.units import Unit
+
+router = APIRouter(prefix="/v1/foods", tags=["foods"])
+
+IfMatch = Annotated[
+    str | None, Header(max_length=1000, description="The ETag of the version that was read; * for whatever is there.")
+]
+_ETAG = re.compile(r'\s*(?:W/"[^"]*"|"(?P<strong>[^"]*)")\s*(?:,|\Z)')
+_CHANGED: dict[int | str, dict[str, Any]] = {200: {"headers": {"ETag": {"schema": {"type": "string"}}}}}
+
+
+@router.post("", status_code=201, responses=problem_responses(401, 403, 409, 413, 422))
+def post_food(body: FoodIn, state: State, admin: CurrentAdmin, response: Response) -> FoodOut:
+    """Make a food; with a recipe its figures follow from the ingredients, their retention and the yield."""
+    view = edit_food.create_food(state.database, body.key, new_food_edit(body), _editor(state, admin, body.reason))
+    response.headers["Location"] = f"/v1/foods/{body.key}"
+    return _tagged(view, response)
+
+
+@router.patch("/{key}", responses=_CHANGED | problem_responses(401, 403, 404, 409, 412, 413, 422, 428))
+def patch_food(
+    key: FoodKey, body: FoodPatch, state: State, admin: CurrentAdmin, response: Response, if_match: IfMatch = None
+) -> FoodOut:
+    """Correct a food: only the fields that are named. `If-Match` names the version that the correction is of."""
+    view = edit_food.edit_food(
+        state.database, key, food_edit(body), _editor(state, admin, body.reason), expected=expected_versions(if_match)
+    )
+    return _tagged(view, response)
+
+
+@router.post("/{key}/densities", status_code=201, responses=problem_responses(401, 403, 404, 409, 412, 413, 422))
+def post_density(
+    key: FoodKey,
+    body: MeasuredDensityIn,
+    state: State,
+    admin: CurrentAdmin,
+    response: Response,
+    if_match: IfMatch = None,
+) -> FoodOut:
+    """Add a measured density to a food, before its others. For one study's own use `/v1/studies/{study}/densities`."""
+    density, _ = measured_density(body)
+    expected = None if if_match is None else expected_versions(if_match)
+    view = edit_food.add_density(state.database, key, density, _editor(state, admin, body.reason), expected=expected)
+    response.headers["Location"] = f"/v1/foods/{view.value.key}"
+    return _tagged(view, response)
+
+
+@router.post("/{key}/restore", responses=_CHANGED | problem_responses(401, 403, 404, 409, 412, 422, 428))
+def post_restore(
+    key: FoodKey, body: RestoreIn, state: State, admin: CurrentAdmin, response: Response, if_match: IfMatch = None
+) -> FoodOut:
+    """Put a food back to an earlier version, by a new one that equals it."""
+    view = edit_food.restore_food(
+        state.database,
+        key,
+        body.version,
+        _editor(state, admin, body.reason),
+        expected=expected_versions(if_match),
+    )
+    return _tagged(view, response)
+
+
+@router.get("/{key}/changes", responses=problem_responses(401, 403, 404, 422))
+def get_changes(key: FoodKey, state: State, _: CurrentAdmin) -> ChangeList:
+    """Who changed a food, when and why, and what; the newest change first."""
+    return ChangeList(
+        items=[
+            ChangeOut(
+                version=found.food.version,
+                previous_version=found.previous.version if found.previous else None,
+                previous_release=(
+                    f"{found.previous_release.name} {found.previous_release.version}"
+                    if found.previous_release
+                    else None
+                ),
+                author=found.change.author,
+                reason=found.change.reason,
+                changed_at=found.change.changed_at,
+                differences={name: (old, new) for name, (old, new) in found.change.differences.items()},
+            )
+            for found in edit_food.list_changes(state.database, key)
+        ]
+    )
+
+
+def new_food_edit(body: FoodIn) -> FoodEdit:
+    """A new food's body as the edit that makes it. A dish with a recipe is a mixed dish unless it says otherwise."""
+    edit = food_edit(body)
+    if body.recipe is None or "is_mixed_dish" in body.model_fields_set:
+        return edit
+    return FoodEdit({**edit.fields, "is_mixed_dish": True}, edit.nutrients, edit.recipe)
+
+
+def food_edit(body: FoodIn | FoodPatch) -> FoodEdit:
+    """The fields that a body names, as values of the food table."""
+    named = body.model_fields_set
+    return FoodEdit(
+        fields={field: value for name, (field, value) in _fields(body).items() if name in named},
+        nutrients={name: None if figure is None else _figure(figure) for name, figure in body.nutrients.items()},
+        recipe=_recipe(body.recipe) if body.recipe is not None else None,
+        without_recipe="recipe" in named and body.recipe is None,
+    )
+
+
+def measured_density(body: MeasuredDensityIn) -> tuple[Density, list[Specimen]]:
+    """A measured density's body as a value, and the specimens that it follows from."""
+    specimens = [Specimen("", specimen.volume_ml, specimen.mass_g) for specimen in body.specimens or ()]
+    source = body.method
+    if specimens:
+        g_per_ml, sd_g_per_ml = density_of_specimens(specimens, body.volume_step_ml)
+        source = f"{body.method}: median of {len(specimens)} specimens"
+    else:
+        g_per_ml, sd_g_per_ml = body.g_per_ml or 0.0, body.sd_g_per_ml or 0.0  # the schema has seen that both are there
+    return Density(g_per_ml, sd_g_per_ml, body.state, body.kind, "measured", source, body.weighs), specimens
+
+
+def expected_versions(if_match: str | None) -> frozenset[int] | None:
+    """The versions that `If-Match` names; None for *. Raises PreconditionRequiredError without the header.
+
+    What is no tag of ours names a version that no food has.
+    """
+    if if_match is None:
+        raise PreconditionRequiredError(
+            "Send `If-Match` with the ETag that GET gave, so that nobody's change is overwritten unseen.",
+        )
+    if if_match.strip() == "*":
+        return None
+    tags = (found["strong"] or "" for found in _ETAG.finditer(if_match))
+    return frozenset(int(tag) for tag in tags if tag.isascii() and tag.isdigit() and len(tag) < 19)
+
+
+def _tagged(view: FoodView, response: Response) -> FoodOut:
+    response.headers["ETag"] = etag_of(view)
+    return render_food(view)
+
+
+def _editor(state: State, admin: StaffCaller, reason: str) -> Editor:
+    return Editor(author_of(state.database, admin), reason)
+
+
+def _fields(body: FoodFieldsIn) -> dict[str, tuple[str, object]]:
+    return {
+        "name": ("name", body.name),
+        "aliases": ("aliases", tuple(body.aliases)),
+        "group": ("food_group", body.group),
+        "form": ("form", body.form),
+        "slice_form": ("slice_form", body.slice_form),
+        "state": ("state", body.state),
+        "is_mixed_dish": ("is_mixed_dish", body.is_mixed_dish),
+        "refuse": ("refuse", tuple(RefusePart(**part.model_dump()) for part in body.refuse)),
+        "densities": ("densities", tuple(Density(**density.model_dump()) for density in body.densities)),
+        "portions": (
+            "portions",
+            tuple(
+                Portion(str(number), portion.amount, portion.measure, portion.mass_g)
+                for number, portion in enumerate(body.portions, start=1)
+            ),
+        ),
+        "probes": ("probes", tuple(body.probes)),
+        "source_ids": ("source_ids", dict(body.source_ids)),
+    }
+
+
+def _figure(body: FigureIn) -> Figure:
+    return Figure(body.per_100_g, Unit(body.unit))
+
+
+def _recipe(body: RecipeIn) -> NamedRecipe:
+    return NamedRecipe(
+        body.yield_factor,
+        [
+            NamedIngredient(part.food, part.mass_g, part.state, part.retention, part.retention_source)
+            for part in body.ingredients
+        ],
+    )

@@ -1,0 +1,295 @@
+"""Making and correcting foods and densities over the wire."""
+
+import uuid
+from datetime import datetime
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, StrictInt, model_validator
+
+from app.api.schemas.text import Number, Text, only_text
+from app.nutrition.foods import DensityKind, FoodForm, FoodState, SliceForm, WeighedPart
+
+MAX_G_PER_ML = 3.0
+NOT_BLANK = r"\S"
+
+Reason = Annotated[Text, Field(min_length=1, max_length=1000, pattern=NOT_BLANK, description="Why, for the history.")]
+Name = Annotated[Text, Field(min_length=1, max_length=300, pattern=NOT_BLANK)]
+NewKey = Annotated[
+    str,
+    Field(
+        min_length=1, max_length=100, pattern=r"^[a-z][a-z0-9_-]*$", description="A letter, then letters, digits, - _"
+    ),
+]
+AnyKey = Annotated[Text, Field(min_length=1, max_length=100, description="A food's key, or its published number.")]
+ComponentName = Annotated[
+    Text, Field(min_length=1, max_length=64, description="The component's number or INFOODS tagname, such as VITC.")
+]
+Grams = Annotated[Number, Field(strict=True, gt=0.0, le=1e6)]
+Density = Annotated[Number, Field(strict=True, gt=0.0, le=MAX_G_PER_ML)]
+Spread = Annotated[Number, Field(strict=True, ge=0.0, le=MAX_G_PER_ML)]
+Share = Annotated[Number, Field(strict=True, ge=0.0, le=1.0)]
+State = Annotated[Text, Field(min_length=1, max_length=32, pattern=NOT_BLANK, description="Such as raw, sliced.")]
+Basis = Literal["measured", "fao", "portion", "related", "composition", "group"]
+
+
+class _In(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class FigureIn(_In):
+    """Content of 100 g edible portion; the unit must fit the component's and is converted to it."""
+
+    per_100_g: Annotated[Number, Field(strict=True, ge=0.0)]
+    unit: Literal["g", "mg", "ug", "kcal", "kJ", "IU"]
+
+
+class RefuseIn(_In):
+    """A part that is not eaten, percent of the whole food."""
+
+    part: Annotated[Text, Field(min_length=1, max_length=100, pattern=NOT_BLANK)]
+    percent: Annotated[Number, Field(strict=True, ge=0.0, lt=100.0)]
+    is_served: StrictBool = True
+
+
+class DensityIn(_In):
+    """A density of a food with its source."""
+
+    g_per_ml: Density
+    sd_g_per_ml: Spread
+    state: State
+    kind: DensityKind
+    basis: Basis = "measured"
+    source: Name
+    weighs: WeighedPart = "as_seen"
+
+
+class PortionIn(_In):
+    """`amount` of `measure` hold mass_g of edible food."""
+
+    amount: Grams
+    measure: Annotated[Text, Field(min_length=1, max_length=200, pattern=NOT_BLANK)]
+    mass_g: Grams
+
+
+class IngredientIn(_In):
+    """Edible grams of a food, in the state in which it goes into the dish.
+
+    retention: component -> share that cooking leaves, with its source; none is made up, 1 where not named.
+    """
+
+    food: AnyKey
+    mass_g: Grams
+    state: FoodState
+    retention: Annotated[dict[ComponentName, Share], Field(max_length=300)] = {}
+    retention_source: Name | None = None
+
+    @model_validator(mode="after")
+    def _name_the_source(self) -> Self:
+        if self.retention and self.retention_source is None:
+            raise ValueError("retention factors need a retention_source")
+        return self
+
+
+class RecipeIn(_In):
+    """What a dish is made of. yield_factor: its mass as eaten / that of its ingredients."""
+
+    yield_factor: Annotated[Number, Field(strict=True, gt=0.0, le=50.0)]
+    ingredients: Annotated[list[IngredientIn], Field(min_length=1, max_length=200)]
+
+
+class FoodFieldsIn(_In):
+    """The fields of a food that can be given. What is not known of its nutrients is left out, never 0."""
+
+    name: Name = ""
+    aliases: Annotated[list[Name], Field(max_length=100)] = []
+    group: Annotated[Text, Field(min_length=1, max_length=100, pattern=NOT_BLANK)] = ""
+    form: FoodForm = "whole"
+    slice_form: SliceForm | None = None
+    state: FoodState | None = None
+    is_mixed_dish: StrictBool = False
+    refuse: Annotated[list[RefuseIn], Field(max_length=50)] = []
+    densities: Annotated[list[DensityIn], Field(max_length=100, description="All of them, the best first.")] = []
+    portions: Annotated[list[PortionIn], Field(max_length=200)] = []
+    probes: Annotated[
+        list[Annotated[str, Field(pattern=r"^[a-z][a-z_]{0,31}$")]],
+        Field(max_length=50, description="What no camera sees and a participant is asked, such as fat_added."),
+    ] = []
+    source_ids: Annotated[
+        dict[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$")], Name],
+        Field(max_length=50, description="Its numbers in published tables, such as sr28_ndb."),
+    ] = {}
+    recipe: RecipeIn | None = Field(default=None, description="The figures follow from it.")
+
+    @model_validator(mode="after")
+    def _name_parts_once(self) -> Self:
+        parts = [refuse.part for refuse in self.refuse]
+        if len(set(parts)) < len(parts):
+            raise ValueError("refuse names a part twice")
+        return self
+
+
+class FoodIn(FoodFieldsIn):
+    """A new food."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "example": {
+                "key": "quark-low-fat",
+                "name": "Quark, low fat",
+                "group": "Dairy and Egg Products",
+                "form": "in_vessel",
+                "state": "as_eaten",
+                "nutrients": {"ENERC_KCAL": {"per_100_g": 67, "unit": "kcal"}},
+                "reason": "Asked for by the pilot study; figures from the package",
+            }
+        },
+    )
+
+    key: NewKey
+    name: Name
+    group: Annotated[Text, Field(min_length=1, max_length=100, pattern=NOT_BLANK)]
+    form: FoodForm
+    nutrients: Annotated[dict[ComponentName, FigureIn], Field(max_length=400)] = {}
+    reason: Reason
+
+
+class FoodPatch(FoodFieldsIn):
+    """Changes of a food: the fields that are named. Lists are replaced whole; nutrients are merged one by one.
+
+    A nutrient of null is taken away: its content is not known, which is not 0. A recipe of null takes the recipe away
+    and leaves the figures.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "example": {
+                "nutrients": {"VITC": {"per_100_g": 4.6, "unit": "mg"}, "CAFFN": None},
+                "reason": "Vitamin C as analysed in 2026",
+            }
+        },
+    )
+
+    nutrients: Annotated[dict[ComponentName, FigureIn | None], Field(max_length=400)] = {}
+    reason: Reason
+
+
+class SpecimenIn(_In):
+    """One specimen: its volume and what it weighs."""
+
+    volume_ml: Grams
+    mass_g: Grams
+
+
+class MeasuredDensityIn(_In):
+    """A measured density: either g_per_ml and sd_g_per_ml, or the specimens, of which median and spread are taken."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "example": {
+                "specimens": [{"volume_ml": 200, "mass_g": 168}, {"volume_ml": 250, "mass_g": 204}],
+                "volume_step_ml": 10,
+                "state": "raw, whole",
+                "kind": "solid",
+                "method": "water displacement, kitchen scale of 1 g",
+                "reason": "The cultivar served in this study",
+            }
+        },
+    )
+
+    g_per_ml: Density | None = None
+    sd_g_per_ml: Spread | None = Field(default=None, description="What the next specimen may differ by.")
+    specimens: Annotated[list[SpecimenIn], Field(min_length=2, max_length=1000)] | None = None
+    volume_step_ml: Annotated[Number, Field(strict=True, gt=0.0, le=1e4)] = Field(
+        default=1.0, description="To what the volumes were read: their rounding is part of the spread."
+    )
+    state: State
+    kind: DensityKind
+    weighs: WeighedPart = "as_seen"
+    method: Annotated[Text, Field(min_length=1, max_length=250, pattern=NOT_BLANK, description="How it was measured.")]
+    reason: Reason
+
+    @model_validator(mode="after")
+    def _tell_it_one_way(self) -> Self:
+        computed = (self.g_per_ml is not None, self.sd_g_per_ml is not None)
+        if self.specimens is None and computed != (True, True):
+            raise ValueError("give g_per_ml and sd_g_per_ml, or specimens")
+        if self.specimens is not None and any(computed):
+            raise ValueError("give either specimens or g_per_ml and sd_g_per_ml, not both")
+        return self
+
+
+class StudyDensityIn(MeasuredDensityIn):
+    """A study's own measurement."""
+
+    food: AnyKey
+    measured_at: Annotated[datetime | None, BeforeValidator(lambda v: v if v is None else only_text(v))] = None
+
+    @model_validator(mode="after")
+    def _tell_the_offset(self) -> Self:
+        if self.measured_at is not None and self.measured_at.tzinfo is None:
+            raise ValueError("measured_at needs an offset, such as +08:00")
+        return self
+
+
+class StudyDensityOut(BaseModel):
+    """A study's own measurement; it counts while withdrawn_at is null."""
+
+    id: uuid.UUID
+    food: str
+    g_per_ml: float
+    sd_g_per_ml: float
+    state: str
+    kind: str
+    weighs: str
+    source: str
+    specimens: list[SpecimenIn] | None
+    author: str
+    reason: str
+    measured_at: datetime
+    created_at: datetime
+    withdrawn_by: str | None
+    withdrawn_at: datetime | None
+    withdrawal_reason: str | None
+
+
+class StudyDensityList(BaseModel):
+    """A study's own measurements, withdrawn ones too, the newest entry first."""
+
+    items: list[StudyDensityOut]
+
+
+class WithdrawalIn(_In):
+    """Why a measurement is taken out of use."""
+
+    reason: Reason
+
+
+class RestoreIn(_In):
+    """Which version a food is put back to; it becomes a new version."""
+
+    version: Annotated[StrictInt, Field(ge=1, le=1_000_000)]
+    reason: Reason
+
+
+class ChangeOut(BaseModel):
+    """One change. differences: field -> [old, new]; a nutrient's field is nutrients.NUMBER; empty for a new food.
+
+    previous_release: of the version that was changed; null for a new food.
+    """
+
+    version: int
+    previous_version: int | None
+    previous_release: str | None
+    author: str
+    reason: str
+    changed_at: datetime
+    differences: dict[str, tuple[Any, Any]]
+
+
+class ChangeList(BaseModel):
+    """A food's changes, the newest first; a food that is as it was imported has none."""
+
+    items: list[ChangeOut]

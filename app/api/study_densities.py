@@ -1,0 +1,81 @@
+"""/v1/studies/{study}/densities: a study's own measurements of foods, which go first in that study and nowhere else."""
+
+import uuid
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Query, Response
+
+from app.api.deps import CurrentAdmin, State
+from app.api.food_edits import measured_density
+from app.api.problems import problem_responses
+from app.api.schemas.food_edits import SpecimenIn, StudyDensityIn, StudyDensityList, StudyDensityOut, WithdrawalIn
+from app.db.models import StudyDensity
+from app.services import study_densities
+from app.services.edit_food import Editor, author_of
+from app.services.study_densities import Measurement
+
+router = APIRouter(prefix="/v1/studies/{study}/densities", tags=["studies"])
+
+StudyCode = Annotated[str, Path(max_length=64)]
+
+
+@router.post("", status_code=201, responses=problem_responses(401, 403, 404, 413, 422))
+def post_study_density(
+    study: StudyCode, body: StudyDensityIn, state: State, admin: CurrentAdmin, response: Response
+) -> StudyDensityOut:
+    """Keep a measurement. Records stay as they are: `tada records recompute --nutrients` makes new ones."""
+    density, specimens = measured_density(body)
+    row = study_densities.add_study_density(
+        state.database,
+        study,
+        Measurement(body.food, density, specimens, body.measured_at),
+        Editor(author_of(state.database, admin), body.reason),
+    )
+    response.headers["Location"] = f"/v1/studies/{study}/densities"
+    return _density_out(row)
+
+
+@router.get("", responses=problem_responses(401, 403, 404, 422))
+def get_study_densities(
+    study: StudyCode,
+    state: State,
+    _: CurrentAdmin,
+    food: Annotated[str | None, Query(max_length=100, description="Only this food's: its key.")] = None,
+) -> StudyDensityList:
+    """The study's measurements, withdrawn ones too, the newest entry first."""
+    found = study_densities.list_study_densities(state.database, study, food)
+    return StudyDensityList(items=[_density_out(row) for row in found])
+
+
+@router.post("/{density}/withdrawal", responses=problem_responses(401, 403, 404, 409, 422))
+def post_withdrawal(
+    study: StudyCode, density: uuid.UUID, body: WithdrawalIn, state: State, admin: CurrentAdmin
+) -> StudyDensityOut:
+    """Take a measurement out of use. It stays to be seen, with who withdrew it and why."""
+    editor = Editor(author_of(state.database, admin), body.reason)
+    return _density_out(study_densities.withdraw_study_density(state.database, study, density, editor))
+
+
+def _density_out(row: StudyDensity) -> StudyDensityOut:
+    return StudyDensityOut(
+        id=row.id,
+        food=row.food_key,
+        g_per_ml=row.g_per_ml,
+        sd_g_per_ml=row.sd_g_per_ml,
+        state=row.state,
+        kind=row.kind,
+        weighs=row.weighs,
+        source=row.source,
+        specimens=(
+            None
+            if row.specimens is None
+            else [SpecimenIn(volume_ml=volume_ml, mass_g=mass_g) for volume_ml, mass_g in row.specimens]
+        ),
+        author=row.author,
+        reason=row.reason,
+        measured_at=row.measured_at,
+        created_at=row.created_at,
+        withdrawn_by=row.withdrawn_by,
+        withdrawn_at=row.withdrawn_at,
+        withdrawal_reason=row.withdrawal_reason,
+    )

@@ -1,0 +1,33 @@
+"""Figures that no food can have: more than 100 g in 100 g, more energy than pure fat."""
+
+import math
+from collections.abc import Mapping
+
+from app.nutrition.components import COMPONENT_BY_NUMBER, ENERGY_NUMBERS, NUMBER_BY_TAGNAME
+from app.units import Unit, convert, kj_from_kcal
+
+LARGEST_SUM_G = 107.0  # of the macronutrients in 100 g: analysed each on its own, those of a salmon in SR28 make 106.5
+LARGEST_ENERGY_KCAL = 930.0  # of 100 g; pure fat has 902 in SR28
+
+_KJ = NUMBER_BY_TAGNAME["ENERC_KJ"]
+_CARBOHYDRATE = ("205", "205.2", "CHOAVLDF", "CHOAVL")  # one of them, the most inclusive first
+_OTHERS = tuple(NUMBER_BY_TAGNAME[tagname] for tagname in ("WATER", "PROCNT", "FAT", "ASH", "ALC"))
+_MASSES = (Unit.G, Unit.MG, Unit.UG)
+
+
+def why_impossible(per_100_g: Mapping[str, float]) -> str | None:
+    """Why no food can hold this, in a sentence; None if one can. What is not known is taken for nothing."""
+    for number, content in per_100_g.items():
+        component = COMPONENT_BY_NUMBER.get(number)
+        if component is not None and component.unit in _MASSES and convert(content, component.unit, Unit.G) > 100.0:
+            return f"100 g hold {content:g} {component.unit} of {component.name.lower()}, more than there is."
+    for number in (*ENERGY_NUMBERS, _KJ):
+        most = kj_from_kcal(LARGEST_ENERGY_KCAL) if number == _KJ else LARGEST_ENERGY_KCAL
+        if per_100_g.get(number, 0.0) > most:
+            unit = COMPONENT_BY_NUMBER[number].unit
+            return f"100 g have {per_100_g[number]:g} {unit}, more than pure fat: is it another unit?"
+    carbohydrate = next((per_100_g[number] for number in _CARBOHYDRATE if number in per_100_g), 0.0)
+    total = math.fsum([carbohydrate, *(per_100_g.get(number, 0.0) for number in _OTHERS)])
+    if total > LARGEST_SUM_G:
+        return f"Water, protein, fat, carbohydrate, ash and alcohol of 100 g add up to {total:.1f} g."
+    return None

@@ -1,0 +1,233 @@
+"""Recipes: known truths, balance of mass, scaling, nesting, and what is refused."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from app.errors import InvalidInputError
+from app.nutrition.components import NUMBER_BY_TAGNAME
+from app.nutrition.foods import Food, load_starter_table
+from app.nutrition.plausible import why_impossible
+from app.nutrition.recipe import Ingredient, cycle_through, prepare_dish
+
+N = NUMBER_BY_TAGNAME
+
+
+def food(key, state="raw", **contents):
+    """A food of these contents by tagname."""
+    return Food(
+        key=key,
+        name=key,
+        aliases=(),
+        food_group="test",
+        form="heap",
+        slice_form=None,
+        refuse=(),
+        densities=(),
+        per_100_g={N[tagname]: content for tagname, content in contents.items()},
+        source_ids={},
+        state=state,
+    )
+
+
+POTATO = food("potato", WATER=79.0, PROCNT=2.0, FAT=0.1, CHOCDF=17.5, ASH=1.1, ENERC_KCAL=77.0, VITC=20.0, K=425.0)
+MINCE = food("mince", WATER=60.0, PROCNT=18.0, FAT=20.0, CHOCDF=0.0, ASH=1.0, ENERC_KCAL=254.0, FASAT=8.0, CHOLE=70.0)
+WINE = food("wine", "as_eaten", WATER=86.0, PROCNT=0.1, FAT=0.0, CHOCDF=2.6, ALC=10.6, ASH=0.3, ENERC_KCAL=85.0)
+
+
+def part(food, mass_g=100.0, state=None, **retention):
+    return Ingredient(food, mass_g, state or food.state, {N[tagname]: share for tagname, share in retention.items()})
+
+
+def dish(*ingredients, y=1.0):
+    return {
+        tagname: content
+        for number, content in prepare_dish(ingredients, y).per_100_g.items()
+        for tagname in [next(name for name, n in N.items() if n == number)]
+    }
+
+
+def as_dish(key, ingredients, y, state="as_eaten"):
+    return replace(food(key, state), per_100_g=prepare_dish(ingredients, y).per_100_g)
+
+
+def test_one_ingredient_that_nothing_happens_to_stays_what_it_is():
+    assert prepare_dish([part(POTATO, 250.0)], 1.0).per_100_g == pytest.approx(dict(POTATO.per_100_g))
+
+
+def test_baked_potato_loses_water_and_vitamin_c_and_concentrates_the_rest():
+    baked = dish(part(POTATO, VITC=0.75), y=0.8)
+    assert baked["WATER"] == pytest.approx((79.0 - 20.0) / 0.8)
+    assert baked["VITC"] == pytest.approx(20.0 * 0.75 / 0.8)
+    assert baked["K"] == pytest.approx(425.0 / 0.8)
+    assert baked["ENERC_KCAL"] == pytest.approx(77.0 / 0.8)
+
+
+def test_boiled_rice_gains_water_only():
+    rice = food("rice", WATER=12.0, CHOCDF=80.0, PROCNT=7.0, FAT=0.5, ASH=0.5)
+    boiled = dish(part(rice), y=2.8)
+    assert boiled["WATER"] == pytest.approx((12.0 + 180.0) / 2.8)
+    assert boiled["CHOCDF"] == pytest.approx(80.0 / 2.8)
+
+
+@pytest.mark.parametrize("y", [0.7, 0.85, 1.0, 1.4])
+def test_macronutrients_add_up_to_what_they_added_up_to_before(y):
+    """100 g in, 100 g out: whatever is lost, no gram comes from nowhere."""
+    ingredients = [part(POTATO, 300.0, PROCNT=0.95, ASH=0.7), part(MINCE, 200.0, FAT=0.7), part(WINE, 50.0, ALC=0.3)]
+    made = prepare_dish([*ingredients], y)
+    whole_g = 550.0
+    before = sum(
+        i.mass_g
+        / 100.0
+        * sum(i.food.per_100_g.get(N[t], 0.0) for t in ("WATER", "PROCNT", "FAT", "CHOCDF", "ASH", "ALC"))
+        for i in ingredients
+    )
+    after = sum(
+        content for number, content in made.per_100_g.items() if number in {N[t] for t in ("WATER", "PROCNT", "FAT")}
+    )
+    after += made.per_100_g[N["CHOCDF"]] + made.per_100_g[N["ASH"]]
+    assert N["ALC"] not in made.per_100_g  # potato and mince do not say that they have none
+    alcohol_left = 50.0 * 0.106 * 0.3
+    assert after / 100.0 * whole_g * y + alcohol_left == pytest.approx(before + (y - 1.0) * whole_g)
+
+
+def test_fat_that_drips_off_takes_its_fatty_acids_and_its_energy_with_it_and_is_not_counted_as_water():
+    fried = dish(part(MINCE, FAT=0.6), y=0.7)
+    assert fried["FAT"] == pytest.approx(20.0 * 0.6 / 0.7)
+    assert fried["FASAT"] == pytest.approx(8.0 * 0.6 / 0.7)
+    assert fried["CHOLE"] == pytest.approx(70.0 / 0.7)
+    assert fried["ENERC_KCAL"] == pytest.approx((254.0 - 8.0 * 9.0) / 0.7)
+    assert fried["WATER"] == pytest.approx((60.0 - 30.0 + 8.0) / 0.7)
+
+
+def test_alcohol_that_boils_off_takes_its_energy_with_it():
+    reduced = dish(part(WINE, ALC=0.25), y=0.5)
+    assert reduced["ALC"] == pytest.approx(10.6 * 0.25 / 0.5)
+    assert reduced["ENERC_KCAL"] == pytest.approx((85.0 - 10.6 * 0.75 * 7.0) / 0.5)
+
+
+def test_a_fatty_acids_own_factor_goes_before_that_of_the_fat():
+    assert dish(part(MINCE, FAT=0.5, FASAT=1.0), y=0.8)["FASAT"] == pytest.approx(8.0 / 0.8)
+
+
+def test_energy_is_unknown_where_what_is_lost_is_unknown():
+    lard = food("lard", ENERC_KCAL=900.0, WATER=0.0)
+    assert "ENERC_KCAL" not in dish(part(lard, FAT=0.5))
+
+
+def test_a_component_that_one_ingredient_lacks_is_unknown_for_the_dish_and_its_coverage_told():
+    made = prepare_dish([part(POTATO, 300.0), part(MINCE, 100.0)], 1.0)
+    assert N["VITC"] not in made.per_100_g
+    assert made.coverage[N["VITC"]] == pytest.approx(0.75)
+    assert made.coverage[N["FAT"]] == 1.0
+    assert N["CA"] not in made.coverage
+
+
+def test_zero_is_known():
+    assert dish(part(MINCE), part(WINE))["CHOCDF"] == pytest.approx(1.3)
+
+
+def test_masses_count_only_by_their_ratio():
+    small = prepare_dish([part(POTATO, 30.0, VITC=0.8), part(MINCE, 20.0)], 0.9).per_100_g
+    large = prepare_dish([part(POTATO, 3000.0, VITC=0.8), part(MINCE, 2000.0)], 0.9).per_100_g
+    assert small == pytest.approx(large)
+
+
+def test_an_ingredient_in_two_portions_is_the_same_dish():
+    once = prepare_dish([part(POTATO, 100.0, VITC=0.8), part(WINE, 30.0)], 0.9).per_100_g
+    twice = prepare_dish([part(POTATO, 40.0, VITC=0.8), part(WINE, 30.0), part(POTATO, 60.0, VITC=0.8)], 0.9).per_100_g
+    assert once == pytest.approx(twice)
+
+
+def test_a_dish_within_a_dish_is_the_dish_of_all_its_parts():
+    inner = as_dish("mash", [part(POTATO, 200.0), part(WINE, 100.0)], 1.0)
+    nested = prepare_dish([part(inner, 300.0), part(WINE, 50.0)], 1.0).per_100_g
+    flat = prepare_dish([part(POTATO, 200.0), part(WINE, 150.0)], 1.0).per_100_g
+    assert nested == pytest.approx(flat)
+
+
+def test_against_a_slow_reference_over_the_starter_table():
+    foods = [f for f in load_starter_table().foods if f.state != "cooked" and len(f.per_100_g) > 20][:12]
+    ingredients = [Ingredient(f, 10.0 + 7.0 * i, f.state, {N["VITC"]: 0.5}) for i, f in enumerate(foods)]
+    made = prepare_dish(ingredients, 0.9)
+    for tagname, share in (("K", 1.0), ("VITC", 0.5), ("PROCNT", 1.0)):
+        grams, total = 0.0, 0.0
+        for each in ingredients:
+            grams += each.mass_g
+            total += each.mass_g * each.food.per_100_g.get(N[tagname], math.nan) / 100.0 * share
+        assert made.per_100_g.get(N[tagname], math.nan) == pytest.approx(total / (0.9 * grams) * 100.0, nan_ok=True)
+
+
+def refusal(ingredients, y=1.0):
+    with pytest.raises(InvalidInputError) as caught:
+        prepare_dish(ingredients, y)
+    return caught.value.code
+
+
+@pytest.mark.parametrize(("in_table", "in_recipe"), [("raw", "cooked"), ("cooked", "raw"), (None, "raw")])
+def test_raw_and_cooked_are_never_interchangeable(in_table, in_recipe):
+    assert refusal([part(replace(POTATO, state=in_table), state=in_recipe)]) == "ingredient_state_differs"
+
+
+def test_what_is_cooked_takes_no_retention_and_no_yield():
+    cooked = replace(POTATO, state="cooked")
+    assert refusal([part(cooked, VITC=0.8)]) == "ingredient_is_cooked"
+    assert refusal([part(cooked)], y=0.8) == "ingredient_is_cooked"
+    assert prepare_dish([part(cooked), part(WINE)], 0.9).per_100_g
+
+
+@pytest.mark.parametrize("tagname", ["WATER", "ENERC_KCAL", "ENERC_KJ"])
+def test_what_follows_from_the_rest_takes_no_factor(tagname):
+    assert refusal([part(POTATO, **{tagname: 0.9})]) == "retention_invalid"
+
+
+def test_a_yield_that_takes_more_water_than_there_is_is_refused():
+    assert refusal([part(POTATO)], y=0.2) == "recipe_impossible"
+
+
+@pytest.mark.parametrize("y", [0.0, -1.0, math.nan, math.inf])
+def test_a_yield_that_cannot_be_is_an_error(y):
+    with pytest.raises(ValueError, match="a yield"):
+        prepare_dish([part(POTATO)], y)
+
+
+@pytest.mark.parametrize("mass_g", [0.0, -1.0, math.nan, math.inf])
+def test_a_mass_that_cannot_be_is_an_error(mass_g):
+    with pytest.raises(ValueError, match="a mass"):
+        prepare_dish([part(POTATO, mass_g)], 1.0)
+
+
+def test_a_share_above_one_is_an_error():
+    with pytest.raises(ValueError, match="share"):
+        prepare_dish([part(POTATO, VITC=1.01)], 1.0)
+
+
+def test_a_recipe_without_ingredients_is_an_error():
+    with pytest.raises(ValueError, match="ingredients"):
+        prepare_dish([], 1.0)
+
+
+def test_a_dish_that_contains_itself_is_found_with_the_way_there():
+    parts = {"stew": ["sauce"], "sauce": ["stock", "salt"], "stock": ["stew"]}
+    assert cycle_through("stew", ["sauce"], parts) == ["stew", "sauce", "stock", "stew"]
+    assert cycle_through("soup", ["sauce"], parts) is None
+    assert cycle_through("stew", ["stew"], {}) == ["stew", "stew"]
+
+
+@pytest.mark.parametrize(
+    ("contents", "said"),
+    [
+        ({"WATER": 60.0, "PROCNT": 30.0, "FAT": 20.0}, "add up"),
+        ({"CHOAVL": 90.0, "WATER": 20.0}, "add up"),
+        ({"NA": 100_001.0}, "sodium"),
+        ({"ENERC_KCAL": 2000.0}, "pure fat"),
+        ({"ENERC_KJ": 4000.0}, "pure fat"),
+    ],
+)
+def test_figures_that_no_food_has_are_told(contents, said):
+    assert said in why_impossible({N[tagname]: content for tagname, content in contents.items()})
+
+
+def test_no_food_of_the_starter_table_is_impossible():
+    assert [f.key for f in load_starter_table().foods if why_impossible(f.per_100_g)] == []
