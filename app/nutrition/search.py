@@ -33,7 +33,8 @@ CLASS_BEFORE_HEAD = 15  # "beverages, coffee" after "coffee"
 FURTHER_SEGMENT = 2
 OTHER_ORDER = 3
 UNASKED, UNASKED_IN_BRACKETS = 10, 1
-UNASKED_OF_KIND = {"plain": 1, "common": 3, "unusual": 20, "processed": 30}  # descriptors.csv
+UNASKED_OF_KIND = {"plain": 1, "common": 3, "part": 1, "unusual": 20, "processed": 30}  # descriptors.csv
+LONE_PART = 40  # "chicken, skin" is no chicken; "with skin" is
 BRAND_WORD, MOST_BRAND = 30, 60
 UNEXPECTED_STATE = 25
 SPECIAL_GROUP = 50
@@ -50,7 +51,7 @@ CLASSES = frozenset(
     )
 )  # fmt: skip
 
-# What a word that nobody asked for adds to a food's name: nothing, the usual sort, a variant, another food made of it.
+# What a word that nobody asked for makes of a food: nothing else, the usual sort, a part, a variant, another food.
 _KIND_OF_WORD = {
     row["word"]: row["kind"]
     for row in csv.DictReader(
@@ -181,9 +182,10 @@ def _label(text: str) -> _Label:
             continue
         for word in split_words(piece):
             segment += word in _DETAILS_FOLLOW and bool(forms)
+            is_lone = segment > 0 and segment not in segments
             forms.append(word_forms(word))
             segments.append(segment)
-            costs.append(UNASKED_IN_BRACKETS if brackets else _unasked(word))
+            costs.append(UNASKED_IN_BRACKETS if brackets else _unasked(word, is_lone=is_lone))
     first_segment = tuple(singular(of_word[0]) for of_word, place in zip(forms, segments, strict=True) if place == 0)
     head = 1 if first_segment in CLASSES and 1 in segments else 0
     places: dict[str, int] = {}
@@ -200,10 +202,11 @@ def _label(text: str) -> _Label:
     )
 
 
-def _unasked(word: str) -> int:
-    if word.isdigit():
-        return UNASKED_OF_KIND["plain"]
-    return UNASKED_OF_KIND[kind] if (kind := _KIND_OF_WORD.get(singular(word))) else UNASKED
+def _unasked(word: str, *, is_lone: bool) -> int:
+    kind = "plain" if word.isdigit() else _KIND_OF_WORD.get(singular(word))
+    if kind is None:
+        return UNASKED
+    return LONE_PART if kind == "part" and is_lone else UNASKED_OF_KIND[kind]
 
 
 def _burden(name: str, group: str, state: str | None) -> int:
@@ -251,6 +254,8 @@ def _match(query: Query, label: _Label) -> tuple[int, bool, bool] | None:
     asked = set(order)
     head = [place for place, segment in enumerate(label.segments) if segment == label.head]
     head_missed = len([place for place in head if place not in asked])
+    if label.head and 0 in {label.segments[place] for place in asked}:
+        head_missed = 0  # the class was asked for, so each of its foods is meant
     if head_missed == len(head):
         cost += HEAD_MISSED
     elif head_missed:

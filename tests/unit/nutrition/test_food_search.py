@@ -35,6 +35,9 @@ def ranked(text, *foods, **typos):
         ("corn flakes", "Cereals ready-to-eat, corn flakes", "KELLOGG'S Corn Flakes"),
         ("milk", "Milk, whole", "Milk chocolate"),
         ("milk", "Milk, whole", "Milk, dry, whole"),
+        ("chicken", "Chicken, broilers or fryers, breast, meat and skin, roasted", "Chicken, skin, roasted"),
+        ("fish", "Fish, salmon, Atlantic, cooked", "Fish oil, salmon"),
+        ("hamburger", "Fast foods, hamburger; single patty; plain", "Pickle relish, hamburger"),
     ],
 )
 def test_what_a_person_means_goes_first_whatever_the_tables_order(words, better, worse):
@@ -76,6 +79,11 @@ def test_equal_foods_keep_the_tables_order():
 def test_the_matching_label_is_told():
     (match,) = rank([query("courgette")], [food("Squash, summer, zucchini", "Courgettes")])
     assert match.label == "Courgettes"
+
+
+def test_an_alias_that_a_published_table_gives_many_foods_goes_behind_a_name():
+    foods = food("Beef, ground, raw", "hamburger"), food("Fast foods, hamburger; single, regular patty; plain")
+    assert ranked("hamburger", *foods)[0] == foods[1].labels[0]
 
 
 def test_figures_match_whole():
