@@ -137,9 +137,8 @@ class FdcRelease:
         """food_nutrient.csv: FDC id -> component number -> content of 100 g; and the components that occur."""
         file, contents, used = "food_nutrient.csv", _Contents(), dict[str, Component]()
         contradicted: set[tuple[str, str]] = set()
-        for line, (fdc_id, nutrient_id, amount) in self._files.csv_fields(file, ("fdc_id", "nutrient_id", "amount")):
-            if fdc_id not in foods:
-                continue
+        columns = ("fdc_id", "nutrient_id", "amount")
+        for line, (fdc_id, nutrient_id, amount) in self._files.csv_fields(file, columns, of=foods):
             if nutrient_id not in components:
                 raise ImportFileError(file, line, f"nutrient {nutrient_id} of food {fdc_id} is none of nutrient.csv")
             found = components[nutrient_id]
@@ -167,13 +166,12 @@ class FdcRelease:
     def portions(self, foods: Mapping[str, FdcFood], skipped: Skipped) -> dict[str, list[Portion]]:
         """food_portion.csv: FDC id -> its household measures, in the file's order."""
         units = {unit_id: name for _, (unit_id, name) in self._files.csv_fields("measure_unit.csv", ("id", "name"))}
-        columns = ("id", "fdc_id", "amount", "measure_unit_id", "portion_description", "modifier", "gram_weight")
+        columns = ("fdc_id", "id", "amount", "measure_unit_id", "portion_description", "modifier", "gram_weight")
         portions: dict[str, list[Portion]] = {}
-        for line, (portion_id, fdc_id, *fields) in self._files.csv_fields("food_portion.csv", columns):
-            if fdc_id in foods:
-                portion = portion_of(line, portion_id, fdc_id, fields, units, skipped)
-                if portion is not None:
-                    portions.setdefault(fdc_id, []).append(portion)
+        for line, (fdc_id, portion_id, *fields) in self._files.csv_fields("food_portion.csv", columns, of=foods):
+            portion = portion_of(line, portion_id, fdc_id, fields, units, skipped)
+            if portion is not None:
+                portions.setdefault(fdc_id, []).append(portion)
         return portions
 
     def ndb_numbers(self, foods: Mapping[str, FdcFood]) -> dict[str, str]:
@@ -182,10 +180,10 @@ class FdcRelease:
         for data_type, file in NDB_FILES.items():
             if not any(food.data_type == data_type for food in foods.values()):
                 continue
-            for line, (fdc_id, number) in self._files.csv_fields(file, ("fdc_id", "NDB_number")):
-                if fdc_id in foods and number:
-                    if not number.isdecimal():
-                        raise ImportFileError(file, line, f"NDB_number is {number!r}, no number")
+            for line, (fdc_id, number) in self._files.csv_fields(file, ("fdc_id", "NDB_number"), of=foods):
+                if number and not number.isdecimal():
+                    raise ImportFileError(file, line, f"NDB_number is {number!r}, no number")
+                if number:
                     numbers[fdc_id] = number.zfill(5)
         return numbers
 
@@ -196,9 +194,9 @@ class FdcRelease:
         if not wanted:
             return codes
         category = self._one_of(file, ("wweia_category_code", "wweia_category_number"))
-        for line, (fdc_id, code, category_id) in self._files.csv_fields(file, ("fdc_id", "food_code", category)):
-            if fdc_id in foods:
-                codes[key_once(file, line, "food", fdc_id, codes)] = (code, category_id)
+        columns = ("fdc_id", "food_code", category)
+        for line, (fdc_id, code, category_id) in self._files.csv_fields(file, columns, of=foods):
+            codes[key_once(file, line, "food", fdc_id, codes)] = (code, category_id)
         for food in wanted:
             if food.fdc_id not in codes:
                 raise ImportFileError("food.csv", food.line, f"survey food {food.fdc_id} is none of {file}")
@@ -238,8 +236,8 @@ class FdcRelease:
             if name.lower() in ALIAS_ATTRIBUTES
         }
         columns = ("fdc_id", "food_attribute_type_id", "value")
-        for _, (fdc_id, type_id, value) in self._files.csv_fields("food_attribute.csv", columns):
-            if fdc_id in foods and type_id in types:
+        for _, (fdc_id, type_id, value) in self._files.csv_fields("food_attribute.csv", columns, of=foods):
+            if type_id in types:
                 names = (name.strip() for name in value.split(";"))
                 aliases.setdefault(fdc_id, []).extend(name for name in names if 0 < len(name) <= MAX_NAME)
         return aliases
