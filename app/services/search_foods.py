@@ -33,7 +33,7 @@ SHADOWED = 25  # foods more than asked for, in place of those that local correct
 SIMILAR = 60  # words that are compared letter by letter with a mistyped one
 MEANT = 8  # words that a mistyped one may stand for
 _CURATED = (LOCAL, "csv", "starter")
-_CODE = re.compile(r"[0-9A-Za-z][0-9A-Za-z._-]{2,39}")
+_CODE = re.compile(r"(?=.*[0-9])[0-9A-Za-z][0-9A-Za-z._-]{2,39}")
 _KEY = re.compile(r"[a-z0-9]+(?:[:-][a-z0-9_.]+)+")
 
 
@@ -115,7 +115,7 @@ def _find(
     if not typed:
         return []
     key = text.casefold() if _KEY.fullmatch(text.casefold()) else None
-    codes = index.foods_with_code(session, text, scope) if _CODE.fullmatch(text) else []
+    codes = index.foods_with_code(session, text) if _CODE.fullmatch(text) else []
     unique = list(dict.fromkeys(typed))
     counts = dict(
         zip(unique, index.count_postings(session, [_wanted(QueryWord(word, {})) for word in unique]), strict=True)

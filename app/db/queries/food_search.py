@@ -13,6 +13,12 @@ COUNTED = 2000  # postings: what has more is as good as all
 _LAST = "\U0010ffff"  # behind every letter
 
 
+_ROWS: sa.Select[Any] = sa.select(
+    Food.id, Food.release_id, Food.key, Food.name, Food.aliases, Food.food_group, Food.form, Food.state,
+    Food.is_mixed_dish, Food.source_ids, Food.superseded_by_id,
+)  # fmt: skip
+
+
 @dataclass(frozen=True, slots=True)
 class FoundRow:
     """What is needed of a food to rank it and to list it."""
@@ -27,6 +33,7 @@ class FoundRow:
     state: str | None
     is_mixed_dish: bool
     source_ids: dict[str, str]
+    superseded_by_id: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +55,10 @@ class Scope:
     release_ids: tuple[int, ...]
     groups: tuple[str, ...] | None
 
-    def holds(self) -> tuple[sa.ColumnElement[bool], ...]:
-        """Conditions on Food."""
-        conditions = [Food.release_id.in_(self.release_ids), Food.superseded_by_id.is_(None)]
-        if self.groups is not None:
-            conditions.append(Food.food_group.in_(self.groups))
-        return tuple(conditions)
+    def holds(self, row: FoundRow) -> bool:
+        """Whether a food is in it. Told here, not in SQL: a planner without statistics would walk through all foods."""
+        is_listed = self.groups is None or row.food_group in self.groups
+        return is_listed and row.superseded_by_id is None and row.release_id in self.release_ids
 
 
 def count_postings(session: Session, words: Sequence[Wanted]) -> list[int]:
@@ -103,42 +108,40 @@ def foods_with_words(session: Session, words: Sequence[Wanted], scope: Scope, li
     return list(session.scalars(query))
 
 
-def foods_with_code(session: Session, code: str, scope: Scope) -> list[int]:
-    """Ids of the foods that a published table knows by this number."""
-    query = (
-        sa.select(FoodCode.food_id)
-        .join(Food, Food.id == FoodCode.food_id)
-        .where(FoodCode.code == code, FoodCode.system != "label", *scope.holds())
-        .distinct()
-    )
-    return list(session.scalars(query))
+def foods_with_code(session: Session, code: str) -> list[int]:
+    """Ids of the foods, in force or not, that a published table knows by this number."""
+    return list(session.scalars(sa.select(FoodCode.food_id).where(FoodCode.code == code, FoodCode.system != "label")))
 
 
 def foods_to_rank(session: Session, food_ids: Collection[int], key: str | None, scope: Scope) -> list[FoundRow]:
-    """Those of these foods that hold, and the one with this key."""
+    """Those of these foods that the scope holds, and the one with this key."""
     wanted = Food.id.in_(food_ids) if key is None else sa.or_(Food.id.in_(food_ids), Food.key == key)
-    return [FoundRow(*row) for row in session.execute(_rows(scope).where(wanted))]
+    rows = (FoundRow(*row) for row in session.execute(_ROWS.where(wanted)))
+    return [row for row in rows if scope.holds(row)]
 
 
 def places_of_keys(session: Session, keys: Collection[str], scope: Scope) -> dict[str, int]:
     """Key -> the release whose food goes by it, the first of those in force, whatever the group."""
     order = {release_id: position for position, release_id in enumerate(scope.release_ids)}
-    query = sa.select(Food.key, Food.release_id).where(
-        Food.key.in_(keys), Food.release_id.in_(scope.release_ids), Food.superseded_by_id.is_(None)
-    )
-    found: dict[str, int] = {}
-    for key, release_id in sorted(session.execute(query), key=lambda row: order[row.release_id]):
-        found.setdefault(key, release_id)
-    return found
+    query = sa.select(Food.key, Food.release_id, Food.superseded_by_id).where(Food.key.in_(keys))
+    holding = [
+        (order[release_id], key)
+        for key, release_id, superseded_by_id in session.execute(query)
+        if release_id in order and superseded_by_id is None
+    ]
+    return {key: scope.release_ids[position] for position, key in sorted(holding, reverse=True)}
 
 
 def foods_in_order(session: Session, scope: Scope, limit: int) -> list[FoundRow]:
     """The first foods of the releases, in the tables' order."""
     found: list[FoundRow] = []
     for release_id in scope.release_ids:
+        query = _ROWS.where(Food.release_id == release_id, Food.superseded_by_id.is_(None))
+        if scope.groups is not None:
+            query = query.where(Food.food_group.in_(scope.groups))
         if len(found) < limit:
-            query = _rows(scope).where(Food.release_id == release_id).order_by(Food.id).limit(limit - len(found))
-            found += [FoundRow(*row) for row in session.execute(query)]
+            rows = session.execute(query.order_by(Food.id).limit(limit - len(found)))
+            found += [FoundRow(*row) for row in rows]
     return found
 
 
@@ -155,14 +158,6 @@ def groups_in_force(session: Session, release_ids: Collection[int]) -> list[tupl
 def _by_food(posting: type[FoodPosting]) -> sa.SQLColumnExpression[str]:
     """The word of a posting that is found by its food: else SQLite would walk through all foods of the word."""
     return posting.word.concat("")
-
-
-def _rows(scope: Scope) -> sa.Select[Any]:
-    columns = (
-        Food.id, Food.release_id, Food.key, Food.name, Food.aliases, Food.food_group, Food.form, Food.state,
-        Food.is_mixed_dish, Food.source_ids,
-    )  # fmt: skip
-    return sa.select(*columns).where(*scope.holds())
 
 
 def _walked(wanted: Wanted) -> sa.ColumnElement[bool]:

@@ -1,5 +1,6 @@
 """The search on both databases, over small tables of known foods."""
 
+import contextlib
 import csv
 import re
 from dataclasses import replace
@@ -9,12 +10,14 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 
+from app.db.migrate import upgrade
 from app.db.session import Database, normalise_url
 from app.nutrition.foods import Food, FoodTable
 from app.nutrition.importers.imported import ImportedTable, Skipped
 from app.nutrition.importers.sr28 import read_sr28
 from app.services.import_foods import import_foods, load_starter
 from app.services.search_foods import food_groups, search_foods
+from tests.conftest import postgres_database
 
 JUDGED = Path(__file__).parents[2] / "data" / "food_search" / "judged.csv"
 FRUIT, DISHES = "Fruits and Fruit Juices", "Meals, Entrees, and Side Dishes"
@@ -61,8 +64,24 @@ ORCHARD = (
 )
 
 
+@pytest.fixture(scope="module", params=["sqlite", "postgres"])
+def grown(request, tmp_path_factory):
+    """The orchard, for tests that only read."""
+    with contextlib.ExitStack() as stack:
+        if request.param == "sqlite":
+            url = f"sqlite:///{tmp_path_factory.mktemp('orchard') / 'tada.sqlite3'}"
+        else:
+            url = stack.enter_context(postgres_database(request.getfixturevalue("postgres_server")))
+        database = Database(url)
+        stack.callback(database.dispose)
+        upgrade(database)
+        put(database, *ORCHARD)
+        yield database
+
+
 @pytest.fixture
 def orchard(database):
+    """One of its own, for tests that add to it."""
     put(database, *ORCHARD)
     return database
 
@@ -93,54 +112,54 @@ def orchard(database):
         ("squash,-zucchini,-raw", "Squash, zucchini, raw"),
     ],
 )
-def test_what_is_meant_is_found_first(orchard, words, first):
-    assert names(orchard, words)[0] == first
+def test_what_is_meant_is_found_first(grown, words, first):
+    assert names(grown, words)[0] == first
 
 
 @pytest.mark.parametrize(
     "words", ["%", "_", "\x00", "\U0001f34e", ",;!", "xyzzy", "apple xyzzyx qqq", "'; --", "\udcff"]
 )
-def test_what_no_food_has_finds_nothing(orchard, words):
-    assert names(orchard, words) == []
+def test_what_no_food_has_finds_nothing(grown, words):
+    assert names(grown, words) == []
 
 
 @pytest.mark.parametrize("words", ["apple\x00", "%apple_", "🍎 apple"])
-def test_signs_around_a_word_do_not_matter(orchard, words):
-    assert names(orchard, words)[0] == "Apples, raw, with skin"
+def test_signs_around_a_word_do_not_matter(grown, words):
+    assert names(grown, words)[0] == "Apples, raw, with skin"
 
 
-def test_a_hundred_letters_and_a_hundred_words_are_answered(orchard):
-    assert names(orchard, "a" * 100) == []
-    assert names(orchard, "a " * 50)[0] == "Apples, raw, with skin"
+def test_a_hundred_letters_and_a_hundred_words_are_answered(grown):
+    assert names(grown, "a" * 100) == []
+    assert names(grown, "a " * 50)[0] == "Apples, raw, with skin"
 
 
 @pytest.mark.parametrize("words", [None, "", "  "])
-def test_without_words_foods_come_in_the_tables_order(orchard, words):
-    assert names(orchard, words, limit=3) == [one.name for one in ORCHARD[:3]]
+def test_without_words_foods_come_in_the_tables_order(grown, words):
+    assert names(grown, words, limit=3) == [one.name for one in ORCHARD[:3]]
 
 
-def test_limit_is_kept(orchard):
-    assert len(names(orchard, "apple", limit=1)) == 1
+def test_limit_is_kept(grown):
+    assert len(names(grown, "apple", limit=1)) == 1
 
 
-def test_group_narrows_down_case_aside_and_an_unknown_one_is_empty(orchard):
-    assert names(orchard, "apple", group="baked products") == ["Strudel, apple"]
-    assert names(orchard, None, group=" FRUITS and fruit juices") == [f.name for f in ORCHARD if f.food_group == FRUIT]
-    assert names(orchard, "apple", group="Baked") == names(orchard, None, group="\x00") == []
+def test_group_narrows_down_case_aside_and_an_unknown_one_is_empty(grown):
+    assert names(grown, "apple", group="baked products") == ["Strudel, apple"]
+    assert names(grown, None, group=" FRUITS and fruit juices") == [f.name for f in ORCHARD if f.food_group == FRUIT]
+    assert names(grown, "apple", group="Baked") == names(grown, None, group="\x00") == []
 
 
-def test_groups_are_counted(orchard):
-    assert [(group.name, group.foods) for group in food_groups(orchard)][:2] == [
+def test_groups_are_counted(grown):
+    assert [(group.name, group.foods) for group in food_groups(grown)][:2] == [
         ("Baked Products", 1),
         ("Cereal Grains and Pasta", 1),
     ]
 
 
-def test_summary_says_what_matched_and_where_the_food_is_from(orchard):
-    (found, *_) = search_foods(orchard, "courgette")
+def test_summary_says_what_matched_and_where_the_food_is_from(grown):
+    (found, *_) = search_foods(grown, "courgette")
     assert (found.matched, found.release, found.is_mixed_dish, found.state) == ("courgette", "sr28 1", False, None)
-    assert search_foods(orchard, "09003")[0].matched == "09003"
-    assert search_foods(orchard, None)[0].matched is None
+    assert search_foods(grown, "09003")[0].matched == "09003"
+    assert search_foods(grown, None)[0].matched is None
 
 
 def test_empty_database_finds_nothing(database):
