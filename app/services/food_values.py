@@ -20,11 +20,12 @@ def food_value(session: Session, row: Food) -> FoodValue:
     """A food's row as a value. Its densities: its own, and behind them those of the same food in other tables.
 
     The same food is one that shares a source's code; of a table of densities only, one of the same name (the order of
-    its words and plurals aside) whose state does not contradict. What a correction of this key replaces is no other
-    food.
+    its words and plurals aside) and the same state, which both tell: raw and cooked are never interchangeable.
     """
-    labels = {label_key(label)[:300] for label in (row.name, *row.aliases)}
-    others = [other for other in foods.same_foods(session, row, labels) if other.key != row.key and _agree(row, other)]
+    others = foods.same_foods(session, row)
+    if row.state is not None:
+        labels = {label_key(label)[:300] for label in (row.name, *row.aliases)}
+        others += foods.density_rows(session, labels, row.state)
     densities = foods.densities_of(session, [row.id, *(other.id for other in others)])
     own = [density_value(density) for density in densities.get(row.id, [])]
     named = {density.source for density in own}
@@ -81,8 +82,3 @@ def choose_density(session: Session, food: FoodValue, study_id: uuid.UUID | None
     """The density for this food in this study; None if none is known."""
     own: Iterable[StudyDensity] = foods.study_densities_of(session, study_id, food.key) if study_id is not None else ()
     return resolve_density(food, study_densities=[density_value(row) for row in own])
-
-
-def _agree(row: Food, other: Food) -> bool:
-    """Raw and cooked are never interchangeable."""
-    return row.state is None or other.state is None or row.state == other.state

@@ -78,17 +78,15 @@ def foods_by_code(session: Session, code: str) -> list[Food]:
     return _in_force(session, FoodCode.code == code, FoodCode.system != "label")
 
 
-def same_foods(session: Session, food: Food, labels: Collection[str]) -> list[Food]:
-    """Other foods in force that share a code with this one, and density rows that go by one of its labels."""
+def same_foods(session: Session, food: Food) -> list[Food]:
+    """Other foods in force that share a code with this one."""
     shared = sa.select(FoodCode.system, FoodCode.code).where(FoodCode.food_id == food.id, FoodCode.system != "label")
-    return _in_force(
-        session,
-        sa.or_(
-            sa.tuple_(FoodCode.system, FoodCode.code).in_(shared),
-            sa.and_(FoodCode.system == "label", FoodCode.code.in_(labels)),
-        ),
-        FoodCode.food_id != food.id,
-    )
+    return _in_force(session, sa.tuple_(FoodCode.system, FoodCode.code).in_(shared), FoodCode.food_id != food.id)
+
+
+def density_rows(session: Session, labels: Collection[str], state: str) -> list[Food]:
+    """Rows in force of tables that give densities only, of food in this state, by their folded names."""
+    return _in_force(session, FoodCode.system == "label", FoodCode.code.in_(labels), Food.state == state)
 
 
 def densities_of(session: Session, food_ids: Collection[int]) -> dict[int, list[FoodDensity]]:

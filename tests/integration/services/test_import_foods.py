@@ -98,7 +98,7 @@ def test_broken_off_import_is_seen_by_nobody_and_goes_on_where_it_stopped(databa
     assert counts(database)["food_activation"] == before["food_activation"]
     written = []
     report = import_foods(database, table(), "me", lambda done, _: written.append(done))
-    assert written == [200, 250]
+    assert written == [150, 200, 250]
     assert not report.was_there
     assert counts(database)["food"] == before["food"] + 250
     assert read_food(database, "bls:249").value.name == "Quince number 249"
@@ -182,8 +182,8 @@ def test_same_food_of_two_tables_shares_what_was_measured(database):
     assert (choice.chosen.basis, choice.chosen.g_per_ml) == ("measured", 0.789)
 
 
-@pytest.mark.parametrize(("state", "is_linked"), [("as_eaten", True), ("raw", False)])
-def test_density_row_of_the_same_name_is_linked_unless_its_state_contradicts(database, state, is_linked):
+@pytest.mark.parametrize(("state", "is_linked"), [("as_eaten", True), ("raw", False), (None, False)])
+def test_density_row_of_the_same_name_is_linked_if_its_state_is_known_to_be_the_same(database, state, is_linked):
     quince = food(1, name="Jam, quince", aliases=(), densities=(), state="as_eaten")
     imported = table()
     import_foods(
