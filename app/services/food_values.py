@@ -21,8 +21,9 @@ def food_value(session: Session, row: Food) -> FoodValue:
 
     The same food is one that shares a source's code; of a table of densities only, one of the same name (the order of
     its words and plurals aside) and the same state, which both tell: raw and cooked are never interchangeable.
+    What a correction of this key replaces is no other food.
     """
-    others = foods.same_foods(session, row)
+    others = [other for other in foods.same_foods(session, row) if other.key != row.key]
     if row.state is not None:
         labels = {label_key(label)[:300] for label in (row.name, *row.aliases)}
         others += foods.density_rows(session, labels, row.state)
