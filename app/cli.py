@@ -4,30 +4,25 @@ Commands import what they need when they run: `tada estimate` must not wait for 
 Errors are sentences on standard error; exit status 0: done, 1: an answer that says no, 2: wrong use or input.
 """
 
-import getpass
 import json
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import asdict
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from app import __version__
+from app.cli_database import JsonOption, author, opened_database
+from app.cli_foods import foods_cli
 from app.errors import Failure, InvalidInputError, TadaError
 from app.settings import Settings
 
 if TYPE_CHECKING:
-    from app.db.session import Database
     from app.vision.model import Photo
 
 cli = typer.Typer(
     name="tada", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help="Dietary assessment."
 )
-foods_cli = typer.Typer(no_args_is_help=True, help="The food table.")
 records_cli = typer.Typer(no_args_is_help=True, help="Effective records.")
 db_cli = typer.Typer(no_args_is_help=True, help="The database.")
 admin_cli = typer.Typer(no_args_is_help=True, help="People who run the server.")
@@ -36,7 +31,6 @@ for name, group in (("foods", foods_cli), ("records", records_cli), ("db", db_cl
 
 DEFAULT_MARKER = "plain:9x7:11"
 MarkerOption = Annotated[str, typer.Option("--marker", metavar="M", help="KIND:COLSxROWS:MM, such as plain:9x7:11.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="One JSON document on standard output.")]
 
 
 def main() -> None:
@@ -174,116 +168,6 @@ def marker_command(
     raise SystemExit(0 if corners is not None else 1)
 
 
-@foods_cli.command("search")
-def foods_search(
-    words: list[str],
-    group: Annotated[str | None, typer.Option(help="Only foods of this group: its exact name, case aside.")] = None,
-    limit: Annotated[int, typer.Option(min=1, max=1000, help="How many foods at most.")] = 20,
-    as_json: JsonOption = False,
-) -> None:
-    """Foods by name, alias or code, mistyped or begun, best match first."""
-    from app.services.search_foods import search_foods
-
-    with opened_database() as database:
-        found = search_foods(database, " ".join(words), group=group, limit=limit)
-    if as_json:
-        print(json.dumps([asdict(food) for food in found]))
-    else:
-        print("\n".join(f"{food.key:<32} {food.name}  [{food.release}]" for food in found) or "No food of that name.")
-    raise SystemExit(0 if found else 1)
-
-
-@foods_cli.command("show")
-def foods_show(
-    key: Annotated[str, typer.Argument(help="The food's key, or its number in a published table, such as 09003.")],
-    as_json: JsonOption = False,
-) -> None:
-    """All that the tables in force know of one food; the density that is chosen, and what it was chosen over."""
-    from app.services.foods import read_food
-
-    with opened_database() as database:
-        found = read_food(database, key)
-    if as_json:
-        from app.api.foods import render_food
-
-        print(render_food(found).model_dump_json())
-        return
-    value = found.value
-    print(f"{value.name} ({value.key}), {found.release}, version {found.food.version}")
-    print(f"  {value.food_group}; {value.form}, {value.state or 'state not known'}")
-    if found.density is None:
-        print("  density  none is known: its volumes become no grams")
-    else:
-        chosen = found.density.chosen
-        print(f"  density  {chosen.g_per_ml:.3f} +- {chosen.sd_g_per_ml:.3f} g/ml  {chosen.source}")
-        print(f"           {found.density.reason}")
-        for other in found.density.alternatives:
-            density = other.density
-            print(f"    not    {density.g_per_ml:.3f} +- {density.sd_g_per_ml:.3f} g/ml  {density.source}")
-            print(f"           {other.reason}")
-    for part in value.refuse:
-        print(f"  refuse   {part.percent:g} %  {part.part}")
-    for portion in value.portions:
-        print(f"  portion  {portion.amount:g} {portion.measure}: {portion.mass_g:g} g")
-    for row in found.nutrients:
-        print(f"  {row.component.name:<40} {row.per_100_g:g} {row.component.unit} in 100 g edible")
-
-
-@foods_cli.command("import")
-def foods_import(
-    source: Annotated[str, typer.Argument(metavar="FORMAT", help="sr28, fdc, fao-density or csv.")],
-    path: Annotated[Path, typer.Argument(help="The release: a zip, a folder or a file.")],
-    name: Annotated[str | None, typer.Option(help="csv: the table's name, such as bls.")] = None,
-    version: Annotated[str | None, typer.Option(help="csv: the table's version.")] = None,
-    released_on: Annotated[datetime | None, typer.Option(formats=["%Y-%m-%d"], help="csv: when it came out.")] = None,
-) -> None:
-    """Import a published food table: checked whole, then written, then in force by one row. Again changes nothing."""
-    from app.services.import_foods import import_foods
-    from app.services.read_food_release import read_food_release
-
-    print(f"reading {path} ...", file=sys.stderr, flush=True)
-    imported = read_food_release(
-        source, path, name=name, version=version, released_on=released_on.date() if released_on else None
-    )
-
-    def tell(written: int, total: int) -> None:
-        ending = "\n" if written == total else "\r"
-        print(f"  {written} of {total} foods written", end=ending, file=sys.stderr, flush=True)
-
-    with opened_database() as database:
-        report = import_foods(database, imported, author=f"command line: {getpass.getuser()}", on_progress=tell)
-    done = "was there already: nothing changed" if report.was_there else "imported and in force"
-    print(f"{report.name} {report.version}: {report.foods} foods, {report.values} nutrient values, {done}")
-    print(f"checksum {report.checksum}")
-    for sentence in report.skipped.sentences():
-        print(f"skipped: {sentence}")
-
-
-@foods_cli.command("releases")
-def foods_releases() -> None:
-    """The releases in the database, those in force marked, the one that goes first at the head."""
-    from app.services.food_releases import list_releases
-
-    with opened_database() as database:
-        found = list_releases(database)
-    for release in found:
-        mark = "in force" if release.is_in_force else "complete" if release.is_complete else "broken off"
-        print(f"{release.name:<24} {release.version:<12} {release.released_on}  {mark:<10}  {release.checksum[:12]}")
-
-
-@foods_cli.command("use")
-def foods_use(
-    name: str,
-    version: Annotated[str | None, typer.Argument(help="Left out: no release of this name is in force.")] = None,
-) -> None:
-    """Put another release of a table in force, or none. Records stay as they are: see `tada records recompute`."""
-    from app.services.food_releases import use_release
-
-    with opened_database() as database:
-        use_release(database, name, version, author=f"command line: {getpass.getuser()}")
-    print(f"{name} {version}: in force" if version else f"{name}: no release is in force")
-
-
 @records_cli.command("rebuild")
 def records_rebuild(
     check: Annotated[bool, typer.Option("--check", help="Only compare; change nothing.")] = False,
@@ -325,9 +209,8 @@ def records_recompute(
         print(f"meal {found.meal_id}  {found.food_key}: {shown or 'other components, or their source'}")
 
     with opened_database() as database:
-        author = f"command line: {getpass.getuser()}"
         done = recompute_nutrients(
-            database, write=not dry_run, author=author, reason=reason, study_code=study, tell=tell
+            database, write=not dry_run, author=author(), reason=reason, study_code=study, tell=tell
         )
     if as_json:
         print(json.dumps({"compared": done.compared, "changed": done.changed, "dry_run": dry_run, "gone": done.gone}))
@@ -368,21 +251,6 @@ def doctor(
     for finding in findings:
         print(f"{'ok ' if finding.is_ok else 'BAD'}  {finding.subject}: {finding.message}")
     raise SystemExit(0 if all(finding.is_ok for finding in findings) else 1)
-
-
-@contextmanager
-def opened_database() -> Iterator["Database"]:
-    """The configured database, up to date, for one command."""
-    from app.db.session import Database
-    from app.services.prepare import prepare
-
-    settings = Settings()
-    database = Database(settings.resolved_database_url)
-    try:
-        prepare(database, settings)
-        yield database
-    finally:
-        database.dispose()
 
 
 def read_photo_or_fail(path: Path) -> "Photo":

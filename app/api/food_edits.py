@@ -1,6 +1,7 @@
 """/v1/foods, the writing part: an admin makes and corrects foods, each change a version with author and reason."""
 
 import re
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Response
@@ -20,6 +21,7 @@ from app.api.schemas.food_edits import (
     RestoreIn,
 )
 from app.api.schemas.foods import FoodOut
+from app.db.queries.food_changes import Change
 from app.errors import PreconditionRequiredError
 from app.nutrition.foods import Density, RefusePart
 from app.nutrition.portions import Portion
@@ -96,6 +98,11 @@ def post_restore(
 @router.get("/{key}/changes", responses=problem_responses(401, 403, 404, 422))
 def get_changes(key: FoodKey, state: State, _: CurrentAdmin) -> ChangeList:
     """Who changed a food, when and why, and what; the newest change first."""
+    return render_changes(edit_food.list_changes(state.database, key))
+
+
+def render_changes(changes: Sequence[Change]) -> ChangeList:
+    """A food's changes as the API shows them."""
     return ChangeList(
         items=[
             ChangeOut(
@@ -111,7 +118,7 @@ def get_changes(key: FoodKey, state: State, _: CurrentAdmin) -> ChangeList:
                 changed_at=found.change.changed_at,
                 differences={name: (old, new) for name, (old, new) in found.change.differences.items()},
             )
-            for found in edit_food.list_changes(state.database, key)
+            for found in changes
         ]
     )
 

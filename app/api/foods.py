@@ -84,6 +84,7 @@ def render_food(view: FoodView) -> FoodOut:
         probes=list(value.probes),
         source_ids=dict(value.source_ids),
         release=view.release,
+        densities=[DensityOut(**asdict(density)) for density in view.own_densities],
         density=_density_choice(view.density),
         nutrients=[
             NutrientOut(

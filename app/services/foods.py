@@ -1,6 +1,7 @@
 """The food tables in force, for readers: one food with all that is known of it and the density chosen."""
 
 import uuid
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
@@ -11,9 +12,10 @@ from app.db.queries.foods import NutrientRow
 from app.db.session import Database
 from app.errors import NotFoundError
 from app.nutrition.density import DensityChoice
+from app.nutrition.foods import Density
 from app.nutrition.foods import Food as FoodValue
 from app.nutrition.mass import edible_share
-from app.services.food_values import choose_density, food_value
+from app.services.food_values import choose_density, food_value, own_value
 from app.services.recipes import RecipeView, read_recipe
 
 
@@ -21,13 +23,14 @@ from app.services.recipes import RecipeView, read_recipe
 class FoodView:
     """A food with its nutrients per 100 g edible and the release it is of.
 
-    density: the one that its volumes are weighed with, with its alternatives; None if none is known. recipe: of a dish
-    that was made from one.
+    value.densities are those that the density was chosen from, own_densities the food's own. density: the one that its
+    volumes are weighed with, with its alternatives; None if none is known. recipe: of a dish that was made from one.
     """
 
     food: Food
     value: FoodValue
     release: str
+    own_densities: Sequence[Density]
     density: DensityChoice | None
     edible_share: float
     nutrients: list[NutrientRow]
@@ -62,6 +65,7 @@ def view_of(session: Session, food: Food, study_id: uuid.UUID | None) -> FoodVie
         food=food,
         value=value,
         release=f"{release.name} {release.version}",
+        own_densities=own_value(session, food).densities,
         density=choose_density(session, value, study_id),
         edible_share=edible_share(value),
         nutrients=foods.nutrients_of(session, food.id),

@@ -132,6 +132,7 @@ class FoodOut(FoodSummary):
     probes: list[str] = Field(description="What no camera sees and a participant is asked.")
     source_ids: dict[str, str]
     release: str
+    densities: list[DensityOut] = Field(description="Its own. The choice has those of the same food elsewhere too.")
     density: DensityChoiceOut | None
     nutrients: list[NutrientOut]
     portions: list[PortionOut]

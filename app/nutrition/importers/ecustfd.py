@@ -8,11 +8,11 @@ computed here is committed as starter/ecustfd.csv; the workbook itself is not ou
 import csv
 import importlib
 import io
-import math
-import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
+
+from app.nutrition.specimens import Specimen, median_density
 
 VOLUME_STEP_ML = 10.0
 POSSIBLE_FRUIT_G_PER_ML = (0.65, 1.15)
@@ -20,20 +20,6 @@ WHOLE_FRUIT = frozenset({
     "apple", "banana", "grape", "lemon", "litchi", "mango", "orange", "peach", "pear", "plum", "qiwi", "tomato",
 })  # fmt: skip
 _MIXED_SHEET = "mix"  # pairs of specimens that are in their own sheets too
-
-
-@dataclass(frozen=True, slots=True)
-class Specimen:
-    """One measured piece of food."""
-
-    name: str
-    volume_ml: float
-    mass_g: float
-
-    @property
-    def g_per_ml(self) -> float:
-        """Its density."""
-        return self.mass_g / self.volume_ml
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,18 +53,14 @@ def read_specimens(path: Path) -> Mapping[str, list[Specimen]]:
 
 
 def measured_density(food: str, specimens: Sequence[Specimen]) -> MeasuredDensity:
-    """The median density of the possible specimens, and what the next one may differ from it.
+    """The median density of the possible specimens, and what the next one may differ from it (median_density).
 
-    The spread is the specimens' standard deviation, and never less than what rounding the volume to 10 ml can do to
-    all of them alike (uniform, 10 / sqrt(12) ml of the mean volume). Raises ValueError if fewer than two are possible.
+    Raises ValueError if fewer than two are possible.
     """
     kept = [specimen for specimen in specimens if is_possible(food, specimen)]
     if len(kept) < 2:
         raise ValueError(f"{food}: {len(kept)} specimens are possible; a spread takes two")
-    densities = [specimen.g_per_ml for specimen in kept]
-    g_per_ml = statistics.median(densities)
-    rounding = VOLUME_STEP_ML / math.sqrt(12.0) / statistics.fmean(specimen.volume_ml for specimen in kept)
-    sd_g_per_ml = max(statistics.stdev(densities), rounding * g_per_ml)
+    g_per_ml, sd_g_per_ml = median_density(kept, volume_step_ml=VOLUME_STEP_ML)
     return MeasuredDensity(food, len(kept), len(specimens) - len(kept), round(g_per_ml, 3), round(sd_g_per_ml, 3))
 
 

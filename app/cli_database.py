@@ -1,0 +1,35 @@
+"""What commands share that need the database: it, opened and up to date; and who runs the command."""
+
+import getpass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from app.settings import Settings
+
+if TYPE_CHECKING:
+    from app.db.session import Database
+
+JsonOption = Annotated[bool, typer.Option("--json", help="One JSON document on standard output.")]
+
+
+@contextmanager
+def opened_database() -> Iterator["Database"]:
+    """The configured database, up to date, for one command."""
+    from app.db.session import Database
+    from app.services.prepare import prepare
+
+    settings = Settings()
+    database = Database(settings.resolved_database_url)
+    try:
+        prepare(database, settings)
+        yield database
+    finally:
+        database.dispose()
+
+
+def author() -> str:
+    """How whoever runs the command stands in the history."""
+    return f"command line: {getpass.getuser()}"[:200]
