@@ -133,7 +133,7 @@ def posting_ranks(name: str, others: Iterable[str], group: str, state: str | Non
     burden = _burden(name, group, state)
     for number, text in enumerate((name, *others)):
         label = _label(text)
-        of_label = burden + label.unasked() // 2 + (OTHER_LABEL if number else 0)
+        of_label = burden + label.cost // 2 + (OTHER_LABEL if number else 0)
         for place, (forms, segment) in enumerate(zip(label.forms, label.segments, strict=True)):
             is_head = segment == label.head
             cost = of_label + ((place and HEAD_BEGUN) if is_head else HEAD_MISSED + segment * FURTHER_SEGMENT)
@@ -154,19 +154,23 @@ def label_key(label: str) -> str:
 class _Label:
     """A label taken apart: of each word its forms, the how manieth part between commas it stands in, its cost unasked.
 
-    places: form -> the first word that has it. head: the segment that says what the food is.
+    places: form -> the first word that has it. text: the words, each with a blank before it. head: the segment that
+    says what the food is, head_places its words. cost: of all the words.
     """
 
     forms: tuple[tuple[str, ...], ...]
     segments: tuple[int, ...]
     costs: tuple[int, ...]
     places: Mapping[str, int]
+    text: str
     head: int
+    head_places: frozenset[int]
+    cost: int
     brand: int
 
-    def unasked(self, asked: Collection[int] = ()) -> int:
+    def unasked(self, asked: Collection[int]) -> int:
         """What the words cost that were not asked for."""
-        return sum(self.costs) - sum(self.costs[place] for place in asked)
+        return self.cost - sum([self.costs[place] for place in asked])
 
 
 @lru_cache(maxsize=4096)
@@ -192,12 +196,16 @@ def _label(text: str) -> _Label:
     for place, of_word in enumerate(forms):
         for form in of_word:
             places.setdefault(form, place)
+    counted = tuple(0 if segment < head else cost for segment, cost in zip(segments, costs, strict=True))
     return _Label(
         tuple(forms),
         tuple(segments),
-        tuple(0 if segment < head else cost for segment, cost in zip(segments, costs, strict=True)),
+        counted,
         places,
-        head,
+        text="".join(f" {of_word[0]}" for of_word in forms),
+        head=head,
+        head_places=frozenset(place for place, segment in enumerate(segments) if segment == head),
+        cost=sum(counted),
         brand=0 if text.isupper() else min(len(_BRAND.findall(text)) * BRAND_WORD, MOST_BRAND),
     )
 
@@ -211,7 +219,12 @@ def _unasked(word: str, *, is_lone: bool) -> int:
 
 def _burden(name: str, group: str, state: str | None) -> int:
     """What speaks against a food whatever was asked for."""
-    cost = _label(name).brand
+    return _label(name).brand + _burden_of_group(group, state)
+
+
+@lru_cache(maxsize=1024)
+def _burden_of_group(group: str, state: str | None) -> int:
+    cost = 0
     if _SPECIAL_GROUPS.search(group):
         cost += SPECIAL_GROUP
     is_raw_food = group.lower().startswith(_EATEN_RAW_GROUPS)
@@ -252,18 +265,17 @@ def _match(query: Query, label: _Label) -> tuple[int, bool, bool] | None:
         order.append(found[1])
     is_exact = cost == 0
     asked = set(order)
-    head = [place for place, segment in enumerate(label.segments) if segment == label.head]
-    head_missed = len([place for place in head if place not in asked])
-    if label.head and 0 in {label.segments[place] for place in asked}:
+    head_missed = len(label.head_places - asked)
+    if label.head and 0 in [label.segments[place] for place in asked]:
         head_missed = 0  # the class was asked for, so each of its foods is meant
-    if head_missed == len(head):
+    if head_missed == len(label.head_places):
         cost += HEAD_MISSED
     elif head_missed:
-        cost += HEAD_BEGUN if head[0] in asked else HEAD_SHARED
+        cost += HEAD_BEGUN if min(label.head_places) in asked else HEAD_SHARED
         cost += HEAD_WORD_UNASKED * head_missed
     if label.head:
         cost += CLASS_BEFORE_HEAD
-    cost += FURTHER_SEGMENT * sum(abs(label.segments[place] - label.head) for place in order)
+    cost += FURTHER_SEGMENT * sum([abs(label.segments[place] - label.head) for place in order])
     cost += label.unasked(asked)
     if order != sorted(order):
         cost += OTHER_ORDER
@@ -276,12 +288,14 @@ def _cheapest(wanted: QueryWord, label: _Label) -> tuple[int, int] | None:
     for form in word_forms(word):
         if form in label.places:
             return 0, label.places[form]
-    found = [
-        (TYPO + (wrong - 1) * FURTHER_TYPO, label.places[other])
-        for other, wrong in wanted.typos.items()
-        if other in label.places
-    ]
-    if may_be_begun(word):
+    found = []
+    if wanted.typos:
+        found += [
+            (TYPO + (wrong - 1) * FURTHER_TYPO, label.places[other])
+            for other, wrong in wanted.typos.items()
+            if other in label.places
+        ]
+    if f" {word}" in label.text and may_be_begun(word):
         found += [
             (BEGUN + BEGUN_PER_LETTER * min(len(forms[0]) - len(word), 10), place)
             for place, forms in enumerate(label.forms)

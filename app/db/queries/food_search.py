@@ -19,6 +19,21 @@ _ROWS: sa.Select[Any] = sa.select(
 )  # fmt: skip
 
 
+# Statements are made once: to put one together takes longer than to run it.
+_ROWS_BY_ID = _ROWS.where(Food.id.in_(sa.bindparam("ids", expanding=True)))
+_PLACES = sa.select(Food.key, Food.release_id, Food.superseded_by_id).where(
+    Food.key.in_(sa.bindparam("keys", expanding=True))
+)
+_WITH_CODE = sa.select(FoodCode.food_id).where(FoodCode.code == sa.bindparam("code"), FoodCode.system != "label")
+_SIMILAR = (
+    sa.select(FoodWordTrigram.word)
+    .where(FoodWordTrigram.trigram.in_(sa.bindparam("trigrams", expanding=True)))
+    .group_by(FoodWordTrigram.word)
+    .order_by(sa.func.count().desc(), sa.func.length(FoodWordTrigram.word), FoodWordTrigram.word)
+    .limit(sa.bindparam("limit"))
+)
+
+
 @dataclass(frozen=True, slots=True)
 class FoundRow:
     """What is needed of a food to rank it and to list it."""
@@ -75,15 +90,7 @@ def count_postings(session: Session, words: Sequence[Wanted]) -> list[int]:
 
 def similar_words(session: Session, trigrams: Collection[str], limit: int) -> list[str]:
     """Words that have the most of these trigrams, shorter ones first among equals."""
-    shared = sa.func.count()
-    query = (
-        sa.select(FoodWordTrigram.word)
-        .where(FoodWordTrigram.trigram.in_(sorted(trigrams)))
-        .group_by(FoodWordTrigram.word)
-        .order_by(shared.desc(), sa.func.length(FoodWordTrigram.word), FoodWordTrigram.word)
-        .limit(limit)
-    )
-    return list(session.scalars(query))
+    return list(session.scalars(_SIMILAR, {"trigrams": sorted(trigrams), "limit": limit}))
 
 
 def foods_with_words(session: Session, words: Sequence[Wanted], scope: Scope, limit: int) -> list[int]:
@@ -110,23 +117,24 @@ def foods_with_words(session: Session, words: Sequence[Wanted], scope: Scope, li
 
 def foods_with_code(session: Session, code: str) -> list[int]:
     """Ids of the foods, in force or not, that a published table knows by this number."""
-    return list(session.scalars(sa.select(FoodCode.food_id).where(FoodCode.code == code, FoodCode.system != "label")))
+    return list(session.scalars(_WITH_CODE, {"code": code}))
 
 
 def foods_to_rank(session: Session, food_ids: Collection[int], key: str | None, scope: Scope) -> list[FoundRow]:
     """Those of these foods that the scope holds, and the one with this key."""
-    wanted = Food.id.in_(food_ids) if key is None else sa.or_(Food.id.in_(food_ids), Food.key == key)
-    rows = (FoundRow(*row) for row in session.execute(_ROWS.where(wanted)))
+    found = list(session.execute(_ROWS_BY_ID, {"ids": sorted(food_ids)})) if food_ids else []
+    if key is not None:
+        found += session.execute(_ROWS.where(Food.key == key, Food.id.not_in(food_ids)))
+    rows = [FoundRow(*row) for row in found]
     return [row for row in rows if scope.holds(row)]
 
 
 def places_of_keys(session: Session, keys: Collection[str], scope: Scope) -> dict[str, int]:
     """Key -> the release whose food goes by it, the first of those in force, whatever the group."""
     order = {release_id: position for position, release_id in enumerate(scope.release_ids)}
-    query = sa.select(Food.key, Food.release_id, Food.superseded_by_id).where(Food.key.in_(keys))
     holding = [
         (order[release_id], key)
-        for key, release_id, superseded_by_id in session.execute(query)
+        for key, release_id, superseded_by_id in session.execute(_PLACES, {"keys": sorted(keys)})
         if release_id in order and superseded_by_id is None
     ]
     return {key: scope.release_ids[position] for position, key in sorted(holding, reverse=True)}
