@@ -2,13 +2,19 @@
 
 import contextlib
 import csv
+import json
+import os
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from app.db.migrate import upgrade
 from app.db.session import Database, normalise_url
@@ -128,6 +134,14 @@ def test_signs_around_a_word_do_not_matter(grown, words):
     assert names(grown, words)[0] == "Apples, raw, with skin"
 
 
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(words=st.text(max_size=100) | st.text(alphabet="aeplr %_*'-,苹果", max_size=40))
+def test_whatever_is_typed_is_answered(grown, words):
+    found = search_foods(grown, words, limit=5)
+    assert len(found) <= 5
+    assert len({food.key for food in found}) == len(found)
+
+
 def test_a_hundred_letters_and_a_hundred_words_are_answered(grown):
     assert names(grown, "a" * 100) == []
     assert names(grown, "a " * 50)[0] == "Apples, raw, with skin"
@@ -200,6 +214,19 @@ def test_a_dish_defaults_to_fndds_once_that_is_imported(database):
     )
     put(database, fndds, source="fdc")
     assert names(database, "lasagna") == [fndds.name, ours.name]
+
+
+def test_command_finds_and_says_no(prepared_database_url, tmp_path):
+    environment = os.environ | {"TADA_DATABASE_URL": prepared_database_url, "TADA_DATA_DIR": str(tmp_path)}
+
+    def tada(*arguments):
+        command = [sys.executable, "-m", "app.cli", "foods", "search", *arguments]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+    answer = tada("red", "aple", "--limit", "1", "--json")
+    assert (answer.returncode, [food["key"] for food in json.loads(answer.stdout)]) == (0, ["apple"])
+    assert tada("apple", "--group", "Fruits and Fruit Juices").stdout.startswith("apple ")
+    assert (tada("xyzzy").returncode, tada("xyzzy").stdout) == (1, "No food of that name.\n")
 
 
 def test_both_databases_give_the_same_order(sqlite_template, postgres_template, postgres_server):
