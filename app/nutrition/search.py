@@ -175,41 +175,45 @@ class _Label:
 
 @lru_cache(maxsize=4096)
 def _label(text: str) -> _Label:
-    forms: list[tuple[str, ...]] = []
+    words: list[str] = []
     segments: list[int] = []
     costs: list[int] = []
-    segment, brackets = 0, 0
+    segment, brackets, last = 0, 0, 0
     for piece in _PIECE.findall(text):
         if piece in "(),;":
             brackets = max(0, brackets + (piece == "(") - (piece == ")"))
             segment += piece in ",;" and not brackets
             continue
         for word in split_words(piece):
-            segment += word in _DETAILS_FOLLOW and bool(forms)
-            is_lone = segment > 0 and segment not in segments
-            forms.append(word_forms(word))
+            if word in _DETAILS_FOLLOW and words:
+                segment += 1
+            words.append(word)
             segments.append(segment)
-            costs.append(UNASKED_IN_BRACKETS if brackets else _unasked(word, is_lone=is_lone))
-    first_segment = tuple(singular(of_word[0]) for of_word, place in zip(forms, segments, strict=True) if place == 0)
-    head = 1 if first_segment in CLASSES and 1 in segments else 0
+            costs.append(UNASKED_IN_BRACKETS if brackets else _unasked(word, is_lone=segment != last))
+            last = segment
+    heads = segments.count(0)
+    head = 1 if 1 in segments and tuple(map(singular, words[:heads])) in CLASSES else 0
+    if head:
+        costs[:heads] = [0] * heads
+    forms = tuple(map(word_forms, words))
     places: dict[str, int] = {}
     for place, of_word in enumerate(forms):
         for form in of_word:
             places.setdefault(form, place)
-    counted = tuple(0 if segment < head else cost for segment, cost in zip(segments, costs, strict=True))
     return _Label(
-        tuple(forms),
+        forms,
         tuple(segments),
-        counted,
+        tuple(costs),
         places,
-        text="".join(f" {of_word[0]}" for of_word in forms),
+        text=" " + " ".join(words),
         head=head,
-        head_places=frozenset(place for place, segment in enumerate(segments) if segment == head),
-        cost=sum(counted),
+        head_places=frozenset([place for place, segment in enumerate(segments) if segment == head]),
+        cost=sum(costs),
         brand=0 if text.isupper() else min(len(_BRAND.findall(text)) * BRAND_WORD, MOST_BRAND),
     )
 
 
+@lru_cache(maxsize=16384)
 def _unasked(word: str, *, is_lone: bool) -> int:
     kind = "plain" if word.isdigit() else _KIND_OF_WORD.get(singular(word))
     if kind is None:
