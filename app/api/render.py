@@ -102,6 +102,7 @@ def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
         status=record.status,
         polygon=view.item.rings,
         food=food_ref(view.record.food),
+        lies_as=its.lies_as if its else None,
         candidates=[
             CandidateOut(food=FoodRef(key=food.key, name=food.name), probability=probability, source=source)
             for food, probability, source in view.candidates

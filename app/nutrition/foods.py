@@ -34,6 +34,16 @@ DENSITY_BASES: tuple[DensityBasis, ...] = get_args(DensityBasis)
 WEIGHED_PARTS: tuple[WeighedPart, ...] = get_args(WeighedPart)
 
 
+def food_form(word: str | None) -> FoodForm | None:
+    """A word as one of FOOD_FORMS, or None. Raises ValueError if it is none of them."""
+    for form in FOOD_FORMS:
+        if form == word:
+            return form
+    if word is None:
+        return None
+    raise ValueError(f"unknown form {word!r}")
+
+
 @dataclass(frozen=True, slots=True)
 class RefusePart:
     """An inedible part: percent of the whole food's mass. is_served: usually still on it in a photograph."""

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any, get_args
 
 from app.errors import InvalidInputError
-from app.nutrition.foods import load_starter_table
+from app.nutrition.foods import FOOD_FORMS, load_starter_table
 from app.services.child_tasks import run_estimate
 from app.services.estimate_json import hint_from_json, options_from_json, with_forms
 from app.services.food_amounts import amounts_of
 from app.vision.model import EstimateOptions, Method
 
-HINT_KEYS = frozenset({"point", "box", "polygon", "food"})
+HINT_KEYS = frozenset({"point", "box", "polygon", "food", "lies_as"})
 
 
 def read_options(*, marker: str, camera: Path | None, method: str, hints: Sequence[str]) -> EstimateOptions:
@@ -60,7 +60,8 @@ def estimate_files(
             (debug / artefact.name).write_bytes(artefact.content)
     for item in answer["items"]:
         hint = options.hints[item["hint"]] if item["hint"] is not None else None
-        item.update(amounts_of(item, table[hint.food] if hint is not None and hint.food else None))
+        food = table[hint.food] if hint is not None and hint.food else None
+        item.update(amounts_of(item, food, hint.lies_as if hint is not None else None))
     return answer
 
 
@@ -69,6 +70,8 @@ def _read_hint(text: str) -> dict[str, Any]:
     unknown = set(value) - HINT_KEYS
     if unknown:
         raise InvalidInputError(f"--hint has unknown keys {sorted(unknown)}; known are {sorted(HINT_KEYS)}.")
+    if value.get("lies_as") not in (None, *FOOD_FORMS):
+        raise InvalidInputError(f"--hint: lies_as is one of {', '.join(FOOD_FORMS)}, not {value['lies_as']!r}.")
     try:
         hint_from_json(value)
     except (TypeError, ValueError):

@@ -57,6 +57,7 @@ def hint_to_json(hint: Hint) -> dict[str, Any]:
         "box": hint.box,
         "polygon": hint.polygon,
         "food": hint.food,
+        "lies_as": hint.lies_as,
         "form": hint.form,
     }
     return {name: value for name, value in fields.items() if value is not None}
@@ -70,6 +71,7 @@ def hint_from_json(value: Mapping[str, Any]) -> Hint:
         box=_tuple(value.get("box")),
         polygon=tuple((float(x), float(y)) for x, y in polygon) if polygon is not None else None,
         food=value.get("food"),
+        lies_as=value.get("lies_as"),
         form=value.get("form"),
     )
 

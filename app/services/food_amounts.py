@@ -7,7 +7,7 @@ from typing import Any
 from app.nutrition.components import HEADLINE_NUMBERS
 from app.nutrition.density import DensityChoice, resolve_density
 from app.nutrition.doubt import Doubt, Estimate
-from app.nutrition.foods import Density, Food
+from app.nutrition.foods import Density, Food, FoodForm, food_form
 from app.nutrition.mass import Mass, edible_share, estimate_mass
 from app.nutrition.nutrients import nutrient_amounts
 
@@ -75,9 +75,9 @@ class FoodAmounts:
         return columns | {column: self.headline(column) for column in RECORD_COLUMNS}
 
 
-def weigh(food: Food, choice: DensityChoice | None) -> Weighing:
-    """How an item of this food is weighed, lying as it usually does."""
-    return Weighing(choice.chosen if choice is not None else None, edible_share(food))
+def weigh(food: Food, choice: DensityChoice | None, lies_as: FoodForm | None) -> Weighing:
+    """How an item of this food is weighed; lies_as: in which form it lies (None: as it usually does)."""
+    return Weighing(choice.chosen if choice is not None else None, edible_share(food, form=lies_as))
 
 
 def food_amounts(
@@ -99,13 +99,14 @@ def mass_of(weighing: Weighing, volume_ml: float | None, relative_sd: Mapping[st
     return estimate_mass(volume_ml, doubt, weighing.density, edible_share=weighing.edible_share)
 
 
-def amounts_of(item: Mapping[str, Any], food: Food | None) -> dict[str, Any]:
+def amounts_of(item: Mapping[str, Any], food: Food | None, lies_as: str | None = None) -> dict[str, Any]:
     """What `tada estimate` adds to an item: food, grams, energy; null without a food, amounts also without a volume."""
     named = {"food": {"key": food.key, "name": food.name} if food is not None else None}
     unknown = {"mass_g": None, "mass_interval_g": None, "edible_g": None, "energy_kcal": None}
     if food is None:
         return named | unknown
-    weighing = weigh(food, resolve_density(food))
+    form = food_form(lies_as)
+    weighing = weigh(food, resolve_density(food, form=form), form)
     amounts = food_amounts(food.per_100_g, weighing, item["volume_ml"], item["relative_sd"])
     if amounts.mass is None:
         return named | unknown

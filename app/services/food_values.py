@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 from app.db.models import Food, FoodDensity, StudyDensity
 from app.db.queries import foods
 from app.nutrition.density import DensityChoice, resolve_density
-from app.nutrition.foods import Density, RefusePart
+from app.nutrition.foods import Density, FoodForm, RefusePart
 from app.nutrition.foods import Food as FoodValue
 from app.nutrition.portions import Portion
 from app.nutrition.search import label_key
@@ -79,7 +79,9 @@ def density_value(row: FoodDensity | StudyDensity) -> Density:
     )
 
 
-def choose_density(session: Session, food: FoodValue, study_id: uuid.UUID | None) -> DensityChoice | None:
-    """The density for this food in this study; None if none is known."""
+def choose_density(
+    session: Session, food: FoodValue, study_id: uuid.UUID | None, lies_as: FoodForm | None = None
+) -> DensityChoice | None:
+    """The density for this food in this study and form (None: as it usually lies); None if none is known."""
     own: Iterable[StudyDensity] = foods.study_densities_of(session, study_id, food.key) if study_id is not None else ()
-    return resolve_density(food, study_densities=[density_value(row) for row in own])
+    return resolve_density(food, form=lies_as, study_densities=[density_value(row) for row in own])

@@ -6,21 +6,22 @@ from datetime import UTC, datetime
 from sqlalchemy.orm import Session
 
 from app.db.models import Food, ItemFood
-from app.nutrition.foods import Density
+from app.nutrition.foods import Density, food_form
 from app.services.food_amounts import Weighing, weigh
 from app.services.food_values import choose_density, food_value
 
 
-def weighing_for(session: Session, food: Food, study_id: uuid.UUID) -> Weighing:
-    """How an item that is this food is weighed, by what is known of the food now in this study."""
-    value = food_value(session, food)
-    return weigh(value, choose_density(session, value, study_id))
+def weighing_for(session: Session, food: Food, study_id: uuid.UUID, lies_as: str | None) -> Weighing:
+    """How an item that is this food, in this form, is weighed by what is known of the food now in this study."""
+    value, form = food_value(session, food), food_form(lies_as)
+    return weigh(value, choose_density(session, value, study_id, form), form)
 
 
 def item_food(
     item_id: uuid.UUID,
     food_id: int,
     weighing: Weighing,
+    lies_as: str | None,
     *,
     version: int = 1,
     recompute_id: uuid.UUID | None = None,
@@ -31,6 +32,7 @@ def item_food(
         item_id=item_id,
         version=version,
         food_id=food_id,
+        lies_as=lies_as,
         density_g_per_ml=density.g_per_ml if density else None,
         density_sd_g_per_ml=density.sd_g_per_ml if density else None,
         density_state=density.state if density else None,

@@ -91,7 +91,7 @@ class _Recomputation:
             id=uuid.uuid4(), author=author, reason=reason, food_releases=[], started_at=datetime.now(UTC)
         )
         self._is_noted = False
-        self._weighings: dict[tuple[int, uuid.UUID], Weighing] = {}
+        self._weighings: dict[tuple[int, uuid.UUID, str | None], Weighing] = {}
         self._contents: dict[int, dict[str, float]] = {}
 
     def batch(self, session: Session, batch: list[ItemSource]) -> list[RecordDifference]:
@@ -115,11 +115,18 @@ class _Recomputation:
 
     def _compare(self, session: Session, source: ItemSource, food: Food) -> RecordDifference | None:
         taken_for, study_id = _taken(source), source.meal.study_id
-        weighing = self._weighing(session, food, study_id)
+        weighing = self._weighing(session, food, study_id, taken_for.lies_as)
         same_figures = self._content(session, food.id) == self._content(session, taken_for.food_id)
         if same_figures and weighing == weighing_of(taken_for):
             return None
-        row = item_food(source.item.id, food.id, weighing, version=taken_for.version + 1, recompute_id=self._row.id)
+        row = item_food(
+            source.item.id,
+            food.id,
+            weighing,
+            taken_for.lies_as,
+            version=taken_for.version + 1,
+            recompute_id=self._row.id,
+        )
         wanted = record_values(session, source.meal, source.item, row)
         record = session.get_one(EffectiveRecord, source.item.id)
         columns = {
@@ -144,10 +151,10 @@ class _Recomputation:
             session.flush()
             self._is_noted = True
 
-    def _weighing(self, session: Session, food: Food, study_id: uuid.UUID) -> Weighing:
-        key = (food.id, study_id)
+    def _weighing(self, session: Session, food: Food, study_id: uuid.UUID, lies_as: str | None) -> Weighing:
+        key = (food.id, study_id, lies_as)
         if key not in self._weighings:
-            self._weighings[key] = weighing_for(session, food, study_id)
+            self._weighings[key] = weighing_for(session, food, study_id, lies_as)
         return self._weighings[key]
 
     def _content(self, session: Session, food_id: int) -> dict[str, float]:

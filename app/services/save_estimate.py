@@ -4,7 +4,7 @@ Nothing is updated but the meal's status: a run is written once, under its job's
 """
 
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
@@ -51,15 +51,16 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
     items = [item_row(job_id, position, found) for position, found in enumerate(answer["items"])]
     session.add_all(items)
     session.flush()
-    chosen = _chosen_foods(session, meal, answer["items"])
+    hints = [meal.details["hints"][found["hint"]] if found["hint"] is not None else {} for found in answer["items"]]
+    chosen = _chosen_foods(session, hints)
     session.add_all(
         ItemCandidate(item_id=item.id, position=0, food_id=food.id, probability=None, source=FROM_HINT)
         for item, food in zip(items, chosen, strict=True)
         if food is not None
     )
     taken_for = [
-        item_food(item.id, food.id, weighing_for(session, food, meal.study_id)) if food is not None else None
-        for item, food in zip(items, chosen, strict=True)
+        _taken_for(session, meal, item, food, hint.get("lies_as"))
+        for item, food, hint in zip(items, chosen, hints, strict=True)
     ]
     session.add_all(row for row in taken_for if row is not None)
     session.flush()
@@ -128,10 +129,14 @@ def status_of(failure: Mapping[str, Any] | None, built: list[EffectiveRecord]) -
     return "estimated" if built and all(record.status == "proposed" for record in built) else "needs_review"
 
 
-def _chosen_foods(session: Session, meal: Meal, found: list[Mapping[str, Any]]) -> list[Food | None]:
-    """Each item's food by the hint that it answers; None without a hint or where the table lacks the food."""
-    hints = meal.details["hints"]
-    keys = [hints[item["hint"]].get("food") if item["hint"] is not None else None for item in found]
-    wanted = {key for key in keys if key is not None}
-    known = foods.foods_by_key(session, wanted) if wanted else {}
-    return [known.get(key) if key is not None else None for key in keys]
+def _chosen_foods(session: Session, hints: Sequence[Mapping[str, Any]]) -> list[Food | None]:
+    """The food of each item's hint; None without a hint or where the tables lack the food."""
+    keys = {hint["food"] for hint in hints if "food" in hint}
+    known = foods.foods_by_key(session, keys) if keys else {}
+    return [known.get(hint.get("food", "")) for hint in hints]
+
+
+def _taken_for(session: Session, meal: Meal, item: Item, food: Food | None, lies_as: str | None) -> ItemFood | None:
+    if food is None:
+        return None
+    return item_food(item.id, food.id, weighing_for(session, food, meal.study_id, lies_as), lies_as)

@@ -114,13 +114,15 @@ class Hint:
     """Where a food is in the left photograph, px upright, and what it is.
 
     point (x, y), box (x, y, width, height) or polygon. form: how its slices are fitted (paper, section V), known from
-    the food; None: decided from the slices themselves.
+    the food; None: decided from the slices themselves. food, lies_as: the food table's words, carried along for the
+    services that weigh the item.
     """
 
     point: tuple[float, float] | None = None
     box: tuple[float, float, float, float] | None = None
     polygon: tuple[tuple[float, float], ...] | None = None
     food: str | None = None
+    lies_as: str | None = None
     form: SliceForm | None = None
 
 

@@ -345,6 +345,7 @@ def create_item_food(connection: sa.Connection) -> None:
         sa.Column("item_id", sa.Uuid(), nullable=False),
         sa.Column("version", sa.Integer(), nullable=False),
         sa.Column("food_id", sa.Integer(), nullable=False),
+        sa.Column("lies_as", sa.String(length=16), nullable=True),
         sa.Column("density_g_per_ml", sa.Double(), nullable=True),
         sa.Column("density_sd_g_per_ml", sa.Double(), nullable=True),
         sa.Column("density_state", sa.String(length=32), nullable=True),

@@ -8,6 +8,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from app.api.schemas.foods import FoodRef, NutrientAmount, NutrientTotal
 from app.api.schemas.text import Number, Text, only_text
+from app.nutrition.foods import FoodForm
 
 Pixel = Annotated[Number, Field(ge=-1e6, le=1e6)]
 
@@ -21,6 +22,10 @@ class HintIn(BaseModel):
     box: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(default=None, description="x, y, width, height")
     polygon: list[tuple[Pixel, Pixel]] | None = Field(default=None, min_length=3, max_length=2000)
     food: Text | None = Field(default=None, min_length=1, max_length=100, description="A food's key (GET /v1/foods).")
+    lies_as: FoodForm | None = Field(
+        default=None,
+        description="How it lies there, where that is not as it usually does: an apple cut into slices is a `heap`.",
+    )
 
     @model_validator(mode="after")
     def _one_place(self) -> "HintIn":
@@ -168,6 +173,7 @@ class ItemOut(BaseModel):
         description="Rings in the left photograph's upright pixels, holes by the even-odd rule."
     )
     food: FoodRef | None
+    lies_as: str | None = Field(description="How it was said to lie; null: as it usually does.")
     candidates: list[CandidateOut]
     volume_ml: float | None = Field(description="Null where it could not be measured: flag `not_measurable`.")
     volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
@@ -243,6 +249,7 @@ MEAL_EXAMPLE: dict[str, Any] = {
             "candidates": [
                 {"food": {"key": "apple", "name": "Apple, raw, with skin"}, "probability": None, "source": "hint"}
             ],
+            "lies_as": None,
             "volume_ml": 185.0,
             "volume_interval_ml": [158.0, 216.0],
             "density_g_per_ml": 0.789,

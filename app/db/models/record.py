@@ -97,6 +97,7 @@ class ItemFood(Base):
     item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
     version: Mapped[int] = mapped_column(primary_key=True)
     food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"))
+    lies_as: Mapped[str | None] = mapped_column(sa.String(16))  # its form on the plate; NULL: as it usually lies
     density_g_per_ml: Mapped[float | None]
     density_sd_g_per_ml: Mapped[float | None]
     density_state: Mapped[str | None] = mapped_column(sa.String(32))

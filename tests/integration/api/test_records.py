@@ -37,6 +37,15 @@ def test_hinted_food_becomes_a_record_with_mass_and_nutrients(phone, state):
     assert (record["meal_id"], record["participant"]) == (meal_id, "P001")
 
 
+def test_apple_cut_into_slices_is_weighed_as_a_heap_and_all_of_it_is_eaten(phone, state):
+    hints = [{"point": [1, 2], "food": "apple", "lies_as": "heap"}]
+    item = phone.get(f"/v1/meals/{eaten(phone, state, hints=hints)}").json()["items"][0]
+    assert item["lies_as"] == "heap"
+    assert 0.4 < item["density_g_per_ml"] < 0.6  # SR28's cups of slices and of pieces; a whole apple has 0.79
+    assert (item["density_basis"], item["edible_share"]) == ("portion", 1.0)
+    assert item["edible_g"] == item["mass_g"] == pytest.approx(185 * item["density_g_per_ml"])
+
+
 def test_item_without_food_has_null_mass_and_the_meal_needs_review(phone, state):
     meal_id = eaten(phone, state, found_item(hint=None))
     meal = phone.get(f"/v1/meals/{meal_id}").json()
