@@ -19,10 +19,8 @@ STARRED_LETTERS = 2  # beginnings up to so short are looked for at the beginning
 
 # Costs, in tenths of an unasked word. They were set on half of the judged queries (tests/data/food_search/judged.csv).
 OTHER_LABEL = 10  # the label is an alias
-SHARED_LABEL = (
-    40  # an alias of a published table: what many foods share ("hamburger": ground beef) says less than a name
-)
-TYPO, FURTHER_TYPO = 120, 60  # no food with a mistyped word goes before one that has the word as typed
+SHARED_LABEL = 40  # an alias of a published table: many foods share it ("hamburger", of ground beef)
+TYPO, FURTHER_TYPO = 120, 60  # sought only where no food has the words as typed
 JOINED = 30  # "icecream" for "ice cream"
 BEGUN, BEGUN_PER_LETTER = 40, 2  # "app" for "apple"
 HEAD_WORD_UNASKED = 50  # "apple juice", "applesauce" for "apple"

@@ -209,7 +209,7 @@ def _ranked(
             state=row.state,
             is_mixed_dish=row.is_mixed_dish,
             is_curated=releases[row.release_id].source in _CURATED,
-            is_fndds=any("fndds" in system for system in row.source_ids),
+            is_fndds=releases[row.release_id].source == "fdc" and "fndds" in row.source_ids,
             order=(order[row.release_id], row.id),
         )
         for row in rows

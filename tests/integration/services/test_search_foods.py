@@ -210,7 +210,7 @@ def test_a_dish_defaults_to_fndds_once_that_is_imported(database):
     put(database, ours, source="starter")
     assert names(database, "lasagna") == [ours.name]
     fndds = food(
-        "Lasagna, meat, frozen", group="Pasta mixed dishes", is_mixed_dish=True, source_ids={"fndds_code": "58130011"}
+        "Lasagna, meat, frozen", group="Pasta mixed dishes", is_mixed_dish=True, source_ids={"fndds": "58130011"}
     )
     put(database, fndds, source="fdc")
     assert names(database, "lasagna") == [fndds.name, ours.name]
