@@ -29,6 +29,7 @@ from app.nutrition.words import is_unspaced, split_words, trigrams, typo_distanc
 from app.services.index_foods import is_name, other_names
 
 RANKED = 150  # foods that are ranked in full: the best by the index's rank
+WALKED = 600  # foods of the rarest word that are looked at first
 SHADOWED = 25  # foods more than asked for, in place of those that local corrections stand before
 SIMILAR = 60  # words that are compared letter by letter with a mistyped one
 MEANT = 8  # words that a mistyped one may stand for
@@ -126,7 +127,7 @@ def _find(
         queries = _readings(session, typed, counts, mistyped)
         food_ids = set(codes)
         for query in queries:
-            food_ids.update(index.foods_with_words(session, _rarest_first(session, query), scope, most))
+            food_ids.update(_foods_with(session, query, scope, most))
         rows = index.foods_to_rank(session, food_ids, key, scope)
         found = _ranked(queries, rows, releases, {text} if codes else set(), key)
         if found:
@@ -172,12 +173,18 @@ def _words_like(session: Session, word: str) -> dict[str, int]:
     return {}
 
 
-def _rarest_first(session: Session, query: Query) -> list[index.Wanted]:
+def _foods_with(session: Session, query: Query, scope: index.Scope, most: int) -> list[int]:
+    """Ids of the foods that have all the words, the best `most` by their rank for the rarest one."""
     words = [_wanted(word) for word in query.words]
     if len(words) == 1:
-        return words
+        return index.foods_with_words(session, words, scope, most)
     counts = index.count_postings(session, words)
-    return [words[i] for i in sorted(range(len(words)), key=counts.__getitem__)]
+    rarest_first = [words[i] for i in sorted(range(len(words)), key=counts.__getitem__)]
+    if min(counts) > WALKED:  # where many foods have all the words, enough of them are among the first
+        found = index.foods_with_words(session, rarest_first, scope, most, walked=max(WALKED, most))
+        if len(found) == most:
+            return found
+    return index.foods_with_words(session, rarest_first, scope, most)
 
 
 def _wanted(typed: QueryWord) -> index.Wanted:

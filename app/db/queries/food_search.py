@@ -93,25 +93,29 @@ def similar_words(session: Session, trigrams: Collection[str], limit: int) -> li
     return list(session.scalars(_SIMILAR, {"trigrams": sorted(trigrams), "limit": limit}))
 
 
-def foods_with_words(session: Session, words: Sequence[Wanted], scope: Scope, limit: int) -> list[int]:
+def foods_with_words(
+    session: Session, words: Sequence[Wanted], scope: Scope, limit: int, *, walked: int | None = None
+) -> list[int]:
     """Ids of the foods that have all the words, by their rank for the first of them, the best `limit`.
 
-    words: the rarest first, since that one is walked through.
+    words: the rarest first, since that one is walked through. walked: look only at that many foods of it, its best.
     """
     first, *others = words
-    rank = sa.func.min(FoodPosting.rank)
-    query = (
-        sa.select(FoodPosting.food_id)
+    rank = sa.func.min(FoodPosting.rank).label("rank")
+    of_first = (
+        sa.select(FoodPosting.food_id, rank)
         .where(_walked(first), FoodPosting.release_id.in_(scope.release_ids))
         .group_by(FoodPosting.food_id)
-        .order_by(rank, FoodPosting.food_id)
-        .limit(limit)
     )
+    if walked is not None:
+        of_first = of_first.order_by(rank, FoodPosting.food_id).limit(walked)
+    food = of_first.subquery()
+    query = sa.select(food.c.food_id).order_by(food.c.rank, food.c.food_id).limit(limit)
     for other in others:
         posting = aliased(FoodPosting)
-        query = query.where(sa.exists().where(posting.food_id == FoodPosting.food_id, _has(_by_food(posting), other)))
+        query = query.where(sa.exists().where(posting.food_id == food.c.food_id, _has(_by_food(posting), other)))
     if scope.groups is not None:
-        query = query.where(sa.exists().where(Food.id == FoodPosting.food_id, Food.food_group.in_(scope.groups)))
+        query = query.where(sa.exists().where(Food.id == food.c.food_id, Food.food_group.in_(scope.groups)))
     return list(session.scalars(query))
 
 

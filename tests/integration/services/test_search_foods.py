@@ -21,6 +21,7 @@ from app.db.session import Database, normalise_url
 from app.nutrition.foods import Food, FoodTable
 from app.nutrition.importers.imported import ImportedTable, Skipped
 from app.nutrition.importers.sr28 import read_sr28
+from app.services import search_foods as search
 from app.services.import_foods import import_foods, load_starter
 from app.services.search_foods import food_groups, search_foods
 from tests.conftest import postgres_database
@@ -227,6 +228,19 @@ def test_command_finds_and_says_no(prepared_database_url, tmp_path):
     assert (answer.returncode, [food["key"] for food in json.loads(answer.stdout)]) == (0, ["apple"])
     assert tada("apple", "--group", "Fruits and Fruit Juices").stdout.startswith("apple ")
     assert (tada("xyzzy").returncode, tada("xyzzy").stdout) == (1, "No food of that name.\n")
+
+
+def test_looking_at_the_first_foods_of_a_word_only_changes_no_answer(sqlite_template, monkeypatch):
+    database = Database(f"sqlite:///{sqlite_template}")
+    queries = ["raw skin", "with skin raw", "cheese w", "boiled beans", "chicken c", "sauce with", "rice cooked b"]
+    monkeypatch.setattr(search, "RANKED", 5)
+    answers = []
+    for walked in (5, 20, 10_000):
+        monkeypatch.setattr(search, "WALKED", walked)
+        answers.append([[found.key for found in search_foods(database, query, limit=5)] for query in queries])
+    database.dispose()
+    assert answers[0] == answers[1] == answers[2]
+    assert all(answers[0])
 
 
 def test_both_databases_give_the_same_order(sqlite_template, postgres_template, postgres_server):
