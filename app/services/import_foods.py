@@ -34,12 +34,11 @@ from app.nutrition.foods import Food as FoodValue
 from app.nutrition.foods import load_starter_table
 from app.nutrition.importers.imported import ImportedTable, Skipped
 from app.nutrition.search import label_key
-from app.services.index_foods import index_foods
+from app.services.index_foods import index_foods, is_code
 
 BATCH_FOODS = 50
 PAUSE_SHARE = 0.5  # SQLite, one writer at a time: of a batch's own time, so that who waits gets a third of all
 ABANDONED_AFTER = timedelta(seconds=60)  # no batch for so long: whoever wrote it is dead, and another may go on
-_NAMES = ("sr28_name",)  # among source_ids, for a person; no codes
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,7 +290,7 @@ def _codes(row: Food, source: str) -> list[dict[str, object]]:
     codes = [
         {"system": system, "code": str(code), "food_id": row.id}
         for system, code in row.source_ids.items()
-        if system not in _NAMES
+        if is_code(system)
     ]
     if source == foods.DENSITIES_ONLY:
         codes.append({"system": "label", "code": label_key(row.name)[:300], "food_id": row.id})

@@ -10,6 +10,8 @@ from app.db.queries import food_index
 from app.nutrition.search import posting_ranks
 from app.nutrition.words import trigrams
 
+_KINDS = frozenset({"fdc_data_type"})  # among source ids: which data set a food is of
+
 
 def index_foods(session: Session, rows: Sequence[Food]) -> None:
     """Add these foods' names and aliases to the index; they must have their ids."""
@@ -34,3 +36,8 @@ def other_names(aliases: Sequence[str], source_ids: Mapping[str, Any]) -> Iterat
 def is_name(system: str) -> bool:
     """Whether what stands under this system among a food's source ids is a name for a person, no code."""
     return system.endswith("_name")
+
+
+def is_code(system: str) -> bool:
+    """Whether what stands under this system is a number of this very food: no name, no kind that thousands share."""
+    return not is_name(system) and system not in _KINDS

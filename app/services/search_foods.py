@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 from app.db.models import FoodRelease
 from app.db.queries import food_search as index
 from app.db.queries.food_index import known_words
-from app.db.queries.foods import DENSITIES_ONLY, LOCAL, releases_in_force
+from app.db.queries.foods import DENSITIES_ONLY, LOCAL, SAME_FOOD_SYSTEMS, releases_in_force
 from app.db.session import Database
 from app.nutrition.search import (
     MAX_QUERY_WORDS,
@@ -26,7 +26,7 @@ from app.nutrition.search import (
     rank,
 )
 from app.nutrition.words import is_unspaced, split_words, trigrams, typo_distance, word_forms
-from app.services.index_foods import is_name, other_names
+from app.services.index_foods import other_names
 
 RANKED = 150  # foods that are ranked in full: the best by the index's rank
 WALKED = 600  # foods of the rarest word that are looked at first
@@ -233,7 +233,7 @@ def _each_once(
     entry_of: dict[tuple[str, str], int] = {}
     for match in ranked:
         row = rows[match.position]
-        codes = [(system, str(code)) for system, code in row.source_ids.items() if not is_name(system)]
+        codes = [(system, str(code)) for system, code in row.source_ids.items() if system in SAME_FOOD_SYSTEMS]
         same = [entry_of[code] for code in codes if code in entry_of]
         if same and row.release_id not in {twin.release_id for twin in entries[same[0]]}:
             entry = same[0]

@@ -25,6 +25,7 @@ from app.db.models import (
 
 LOCAL = "local"
 DENSITIES_ONLY = "fao-density"
+SAME_FOOD_SYSTEMS = ("sr28_ndb", "fdc_id", "fndds")  # one code, one food; a FoodEx2 code is a class of foods
 _PRECEDENCE = (LOCAL, "csv", "starter", "fdc", "sr28", DENSITIES_ONLY)
 
 
@@ -79,8 +80,10 @@ def foods_by_code(session: Session, code: str) -> list[Food]:
 
 
 def same_foods(session: Session, food: Food) -> list[Food]:
-    """Other foods in force that share a code with this one."""
-    shared = sa.select(FoodCode.system, FoodCode.code).where(FoodCode.food_id == food.id, FoodCode.system != "label")
+    """Other foods in force that share a code with this one, of the systems whose codes are each of one food."""
+    shared = sa.select(FoodCode.system, FoodCode.code).where(
+        FoodCode.food_id == food.id, FoodCode.system.in_(SAME_FOOD_SYSTEMS)
+    )
     return _in_force(session, sa.tuple_(FoodCode.system, FoodCode.code).in_(shared), FoodCode.food_id != food.id)
 
 

@@ -173,6 +173,23 @@ def test_release_that_is_not_whole_cannot_be_put_in_force(database):
         use_release(database, "bls", "1", "me")
 
 
+@pytest.mark.parametrize("shared", [{"fdc_data_type": "sr_legacy_food"}, {"foodex2": "A01DJ"}])
+def test_foods_of_one_kind_or_class_take_no_densities_from_each_other(database, shared):
+    foods = tuple(food(number, source_ids={"bls": str(number)} | shared) for number in range(3))
+    imported = table()
+    import_foods(database, dataclasses.replace(imported, table=dataclasses.replace(imported.table, foods=foods)), "me")
+    assert [density.source for density in read_food(database, "bls:1").value.densities] == ["a quince, 1"]
+
+
+def test_data_set_of_a_food_is_no_number_that_it_is_found_by(database):
+    imported = table()
+    foods = (food(1, source_ids={"fdc_id": "171688", "fdc_data_type": "sr_legacy_food"}),)
+    import_foods(database, dataclasses.replace(imported, table=dataclasses.replace(imported.table, foods=foods)), "me")
+    assert read_food(database, "171688").value.key == "bls:1"
+    with pytest.raises(NotFoundError):
+        read_food(database, "sr_legacy_food")
+
+
 def test_same_food_of_two_tables_shares_what_was_measured(database):
     """An SR28 apple is weighed by the starter's measured density: they share the NDB number."""
     apple = food(1, key="sr28:09003", source_ids={"sr28_ndb": "09003"}, densities=(), state="raw")

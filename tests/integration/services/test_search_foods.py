@@ -195,6 +195,14 @@ def test_name_that_a_source_gives_a_food_finds_it(orchard):
     assert [found.key for found in search_foods(orchard, "apples raw with skin")] == ["apple"]
 
 
+def test_foods_of_two_tables_that_share_a_class_or_a_data_set_stay_two(orchard):
+    """A FoodEx2 code is a class of foods, and the data set says nothing of the food: neither makes two foods one."""
+    ids = {"foodex2": "A01DJ", "fdc_data_type": "sr_legacy_food"}
+    put(orchard, food("Quince, pear-shaped", source_ids=ids), source="fdc", name="fdc-sr-legacy")
+    put(orchard, food("Quince, apple-shaped", source_ids=ids), source="csv", name="bls")
+    assert sorted(names(orchard, "quince")) == ["Quince, apple-shaped", "Quince, pear-shaped"]
+
+
 def test_a_food_whose_key_stands_in_a_release_that_goes_first_is_found_there_only(orchard):
     put(orchard, food("Popcorn, salted", key="popcorn", group="Snacks"), source="csv")
     assert names(orchard, "popcorn") == ["Popcorn, salted"]
