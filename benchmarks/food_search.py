@@ -82,7 +82,9 @@ def main() -> int:
             database.dispose()
             with running_server(settings) as address, httpx2.Client(base_url=address) as client:
                 headers = {"Authorization": f"Bearer {token}"}
-                ask = lambda q, c=client, h=headers: c.get("/v1/foods", params={"q": q, "limit": 50}, headers=h).read()  # noqa: E731
+                ask = lambda q, c=client, h=headers: c.get(
+                    "/v1/foods", params={"q": q, "limit": 50}, headers=h
+                ).raise_for_status()  # noqa: E731
                 report(f"{kind} | HTTP", {name: queries[::3] for name, queries in kinds.items()}, ask)
             print(f"| {kind} | service | memory grew by {grown_mb:.0f} MB | | | | | | |", flush=True)
     print("\n| judged queries | half | n | first | among three |\n|---|---|---|---|---|")
