@@ -124,11 +124,10 @@ def render_changes(changes: Sequence[Change]) -> ChangeList:
 
 
 def new_food_edit(body: FoodIn) -> FoodEdit:
-    """A new food's body as the edit that makes it. A dish with a recipe is a mixed dish unless it says otherwise."""
+    """A new food's body as the edit that makes it. With a recipe it is a mixed dish, as eaten, unless it says else."""
     edit = food_edit(body)
-    if body.recipe is None or "is_mixed_dish" in body.model_fields_set:
-        return edit
-    return FoodEdit({**edit.fields, "is_mixed_dish": True}, edit.nutrients, edit.recipe)
+    usual = {} if body.recipe is None else {"is_mixed_dish": True, "state": "as_eaten"}
+    return FoodEdit({**usual, **edit.fields}, edit.nutrients, edit.recipe)
 
 
 def food_edit(body: FoodIn | FoodPatch) -> FoodEdit:

@@ -1,4 +1,4 @@
-"""Figures that no food can have: more than 100 g in 100 g, more energy than pure fat."""
+"""Figures that no food can have: more than 100 g in 100 g, more energy than pure fat, more weight than salt."""
 
 import math
 from collections.abc import Mapping
@@ -8,6 +8,7 @@ from app.units import Unit, convert, kj_from_kcal
 
 LARGEST_SUM_G = 107.0  # of the macronutrients in 100 g: analysed each on its own, those of a salmon in SR28 make 106.5
 LARGEST_ENERGY_KCAL = 930.0  # of 100 g; pure fat has 902 in SR28
+MIN_G_PER_ML, MAX_G_PER_ML = 0.005, 3.0  # spun sugar has some ten times the one, crystals of salt 2.2
 
 _KJ = NUMBER_BY_TAGNAME["ENERC_KJ"]
 _CARBOHYDRATE = ("205", "205.2", "CHOAVLDF", "CHOAVL")  # one of them, the most inclusive first

@@ -40,8 +40,12 @@ def food_value(session: Session, row: Food) -> FoodValue:
 
 def own_value(session: Session, row: Food) -> FoodValue:
     """A food's row as a value with no densities but its own: what a correction of it starts from."""
-    own = foods.densities_of(session, [row.id]).get(row.id, [])
-    return _value(session, row, tuple(map(density_value, own)))
+    return _value(session, row, own_densities(session, row))
+
+
+def own_densities(session: Session, row: Food) -> tuple[Density, ...]:
+    """The densities that this food has itself, best first."""
+    return tuple(map(density_value, foods.densities_of(session, [row.id]).get(row.id, [])))
 
 
 def _value(session: Session, row: Food, densities: tuple[Density, ...]) -> FoodValue:

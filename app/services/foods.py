@@ -15,7 +15,7 @@ from app.nutrition.density import DensityChoice
 from app.nutrition.foods import Density
 from app.nutrition.foods import Food as FoodValue
 from app.nutrition.mass import edible_share
-from app.services.food_values import choose_density, food_value, own_value
+from app.services.food_values import choose_density, food_value, own_densities
 from app.services.recipes import RecipeView, read_recipe
 
 
@@ -65,7 +65,7 @@ def view_of(session: Session, food: Food, study_id: uuid.UUID | None) -> FoodVie
         food=food,
         value=value,
         release=f"{release.name} {release.version}",
-        own_densities=own_value(session, food).densities,
+        own_densities=own_densities(session, food),
         density=choose_density(session, value, study_id),
         edible_share=edible_share(value),
         nutrients=foods.nutrients_of(session, food.id),

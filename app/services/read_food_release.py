@@ -3,6 +3,7 @@
 from datetime import date
 from pathlib import Path
 
+from app.db.queries.foods import LOCAL
 from app.errors import InvalidInputError
 from app.nutrition.importers.csv_table import read_csv_table
 from app.nutrition.importers.fao_density import read_fao_density
@@ -23,6 +24,8 @@ def read_food_release(
             raise InvalidInputError(
                 "A csv table needs --name, --version and --released-on: the file tells none of them."
             )
+        if name == LOCAL:
+            raise InvalidInputError(f"{LOCAL!r} is the name of the corrections made here: give the table another one.")
         return read_csv_table(path, name=name, version=version, released_on=released_on)
     if source not in _PUBLISHED:
         raise InvalidInputError(f"There is no format {source!r}: give one of {', '.join([*_PUBLISHED, CSV])}.")

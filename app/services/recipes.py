@@ -8,10 +8,10 @@ from sqlalchemy.orm import Session
 from app.db.models import Component, Food, FoodIngredient
 from app.db.queries import food_changes, foods
 from app.errors import InvalidInputError
+from app.nutrition.foods import Food as FoodValue
 from app.nutrition.foods import FoodState
 from app.nutrition.recipe import Dish, Ingredient, cycle_through, prepare_dish
 from app.services.component_names import numbers_called
-from app.services.food_values import own_value
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ def cook(session: Session, key: str, recipe: NamedRecipe) -> tuple[PinnedRecipe,
 
     Raises InvalidInputError: `ingredient_unknown`, `recipe_cycle`, `component_unknown`, and what prepare_dish raises.
     """
-    rows = [_require_ingredient(session, named.food) for named in recipe.ingredients]
+    rows = _require_foods(session, [named.food for named in recipe.ingredients])
     way = cycle_through(key, [row.key for row in rows], food_changes.parts_of(session, [row.id for row in rows]))
     if way is not None:
         raise InvalidInputError(
@@ -99,8 +99,9 @@ def cook(session: Session, key: str, recipe: NamedRecipe) -> tuple[PinnedRecipe,
             for row, named in zip(rows, recipe.ingredients, strict=True)
         ),
     )
+    contents = food_changes.contents_of(session, {row.id for row in rows})
     ingredients = [
-        Ingredient(own_value(session, row), part.mass_g, named.state, part.retention)
+        Ingredient(_composition(row, contents[row.id]), part.mass_g, named.state, part.retention)
         for row, part, named in zip(rows, pinned.ingredients, recipe.ingredients, strict=True)
     ]
     return pinned, prepare_dish(ingredients, recipe.recipe_yield)
@@ -151,25 +152,41 @@ def read_recipe(session: Session, food: Food) -> RecipeView | None:
         )
         for part, row in kept
     ]
-    own = {found.component.number for found in foods.nutrients_of(session, food.id)}
-    whole_g = sum(part.mass_g for part, _ in kept)
-    known_g: dict[str, tuple[Component, float]] = {}
+    contents = food_changes.contents_of(session, {food.id, *(row.id for _, row in kept)})
+    known_g: dict[str, float] = {}
     for part, row in kept:
-        for found in foods.nutrients_of(session, row.id):
-            component = found.component
-            if component.number not in own:
-                known_g[component.number] = (
-                    component,
-                    known_g.get(component.number, (component, 0.0))[1] + part.mass_g,
-                )
-    unknown = sorted(known_g.values(), key=lambda found: found[0].id)
-    return RecipeView(food.recipe_yield, views, [(component, grams / whole_g) for component, grams in unknown])
+        for number in contents[row.id].keys() - contents[food.id].keys():
+            known_g[number] = known_g.get(number, 0.0) + part.mass_g
+    whole_g = sum(part.mass_g for part, _ in kept)
+    components = sorted(foods.components_by_number(session).values(), key=lambda component: component.id)
+    unknown = [(found, known_g[found.number] / whole_g) for found in components if found.number in known_g]
+    return RecipeView(food.recipe_yield, views, unknown)
 
 
-def _require_ingredient(session: Session, key: str) -> Food:
-    found = foods.foods_by_key(session, [key]).get(key) or next(iter(foods.foods_by_code(session, key)), None)
-    if found is None:
-        raise InvalidInputError(
-            f"The food table has no food {key!r}: search it for the key.", code="ingredient_unknown", food=key
-        )
-    return found
+def _require_foods(session: Session, keys: Sequence[str]) -> list[Food]:
+    found = foods.foods_by_key(session, set(keys))
+    for key in set(keys) - found.keys():
+        by_code = foods.foods_by_code(session, key)
+        if not by_code:
+            raise InvalidInputError(
+                f"The food table has no food {key!r}: search it for the key.", code="ingredient_unknown", food=key
+            )
+        found[key] = by_code[0]
+    return [found[key] for key in keys]
+
+
+def _composition(row: Food, per_100_g: Mapping[str, float]) -> FoodValue:
+    """A food as a recipe needs it: key, state and figures."""
+    return FoodValue(
+        key=row.key,
+        name=row.name,
+        aliases=(),
+        food_group=row.food_group,
+        form=row.form,  # type: ignore[arg-type]  # FoodValue checks it, as it does the state
+        slice_form=None,
+        refuse=(),
+        densities=(),
+        per_100_g=per_100_g,
+        source_ids={},
+        state=row.state,  # type: ignore[arg-type]
+    )

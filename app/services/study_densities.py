@@ -15,11 +15,10 @@ from app.db.queries import food_changes, people
 from app.db.session import Database
 from app.errors import ConflictError, InvalidInputError, NotFoundError
 from app.nutrition.foods import Density
+from app.nutrition.plausible import MAX_G_PER_ML, MIN_G_PER_ML
 from app.nutrition.specimens import Specimen, median_density
 from app.services.edit_food import Editor
 from app.services.foods import require_food
-
-MAX_G_PER_ML = 3.0  # no food is heavier: table salt's crystals have 2.2
 
 
 def density_of_specimens(specimens: Sequence[Specimen], volume_step_ml: float) -> tuple[float, float]:
@@ -31,9 +30,16 @@ def density_of_specimens(specimens: Sequence[Specimen], volume_step_ml: float) -
                 code="density_impossible",
             )
     try:
-        return median_density(specimens, volume_step_ml=volume_step_ml)
+        g_per_ml, sd_g_per_ml = median_density(specimens, volume_step_ml=volume_step_ml)
     except ValueError as error:
         raise InvalidInputError(f"No density follows: {error}.", code="density_impossible") from None
+    if g_per_ml < MIN_G_PER_ML or sd_g_per_ml > g_per_ml:
+        raise InvalidInputError(
+            f"The specimens give {g_per_ml:.3g} +- {sd_g_per_ml:.3g} g/ml, which no food has: are they of one food, "
+            "and their volumes read finely enough?",
+            code="density_impossible",
+        )
+    return g_per_ml, sd_g_per_ml
 
 
 @dataclass(frozen=True, slots=True)

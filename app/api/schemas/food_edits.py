@@ -8,8 +8,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, 
 
 from app.api.schemas.text import Number, Text, only_text
 from app.nutrition.foods import DensityKind, FoodForm, FoodState, SliceForm, WeighedPart
+from app.nutrition.plausible import MAX_G_PER_ML, MIN_G_PER_ML
 
-MAX_G_PER_ML = 3.0
 NOT_BLANK = r"\S"
 
 Reason = Annotated[Text, Field(min_length=1, max_length=1000, pattern=NOT_BLANK, description="Why, for the history.")]
@@ -24,8 +24,8 @@ AnyKey = Annotated[Text, Field(min_length=1, max_length=100, description="A food
 ComponentName = Annotated[
     Text, Field(min_length=1, max_length=64, description="The component's number or INFOODS tagname, such as VITC.")
 ]
-Grams = Annotated[Number, Field(strict=True, gt=0.0, le=1e6)]
-Density = Annotated[Number, Field(strict=True, gt=0.0, le=MAX_G_PER_ML)]
+Grams = Annotated[Number, Field(strict=True, ge=0.001, le=1e6)]
+Density = Annotated[Number, Field(strict=True, ge=MIN_G_PER_ML, le=MAX_G_PER_ML)]
 Spread = Annotated[Number, Field(strict=True, ge=0.0, le=MAX_G_PER_ML)]
 Share = Annotated[Number, Field(strict=True, ge=0.0, le=1.0)]
 State = Annotated[Text, Field(min_length=1, max_length=32, pattern=NOT_BLANK, description="Such as raw, sliced.")]
@@ -62,6 +62,12 @@ class DensityIn(_In):
     source: Name
     weighs: WeighedPart = "as_seen"
 
+    @model_validator(mode="after")
+    def _spread_less_than_itself(self) -> Self:
+        if self.sd_g_per_ml > self.g_per_ml:
+            raise ValueError("the spread is larger than the density")
+        return self
+
 
 class PortionIn(_In):
     """`amount` of `measure` hold mass_g of edible food."""
@@ -93,7 +99,7 @@ class IngredientIn(_In):
 class RecipeIn(_In):
     """What a dish is made of. yield_factor: its mass as eaten / that of its ingredients."""
 
-    yield_factor: Annotated[Number, Field(strict=True, gt=0.0, le=50.0)]
+    yield_factor: Annotated[Number, Field(strict=True, ge=0.01, le=50.0)]
     ingredients: Annotated[list[IngredientIn], Field(min_length=1, max_length=200)]
 
 
@@ -216,6 +222,8 @@ class MeasuredDensityIn(_In):
         computed = (self.g_per_ml is not None, self.sd_g_per_ml is not None)
         if self.specimens is None and computed != (True, True):
             raise ValueError("give g_per_ml and sd_g_per_ml, or specimens")
+        if self.g_per_ml is not None and self.sd_g_per_ml is not None and self.sd_g_per_ml > self.g_per_ml:
+            raise ValueError("the spread is larger than the density")
         if self.specimens is not None and any(computed):
             raise ValueError("give either specimens or g_per_ml and sd_g_per_ml, not both")
         return self

@@ -262,6 +262,18 @@ def test_specimens_of_a_study_s_density_are_kept(staff, enrol):
         {"specimens": [{"volume_ml": 1, "mass_g": 1}]},
         {"specimens": [{"volume_ml": 10, "mass_g": 100}] * 2},
         {"specimens": [{"volume_ml": 0, "mass_g": 1}] * 2},
+        {"specimens": [{"volume_ml": 1e6, "mass_g": 1e-320}] * 2},
+        {"specimens": [{"volume_ml": 1e6, "mass_g": 0.01}] * 2},
+        {
+            "specimens": [
+                {"volume_ml": 100, "mass_g": 1},
+                {"volume_ml": 100, "mass_g": 290},
+                {"volume_ml": 100, "mass_g": 9},
+            ]
+        },
+        {"specimens": [{"volume_ml": 1, "mass_g": 1}] * 2, "volume_step_ml": 100},
+        {"g_per_ml": 0.1, "sd_g_per_ml": 0.2},
+        {"g_per_ml": 1e-320, "sd_g_per_ml": 0.0},
         {"specimens": [{"volume_ml": 10, "mass_g": 9}] * 2, "g_per_ml": 1.0, "sd_g_per_ml": 0.1},
         {"g_per_ml": 9.0, "sd_g_per_ml": 0.1},
         {"g_per_ml": 1.0, "sd_g_per_ml": -0.1},
@@ -456,7 +468,7 @@ SALAD = {
     "name": "Fruit salad",
     "group": "Mixed",
     "form": "heap",
-    "state": "as_eaten",
+    "state": None,
     "nutrients": None,
     "densities": None,
 }
@@ -477,7 +489,7 @@ def test_a_dish_has_the_figures_of_its_recipe_and_shows_it(staff):
     made = staff.food(**SALAD, recipe=recipe)
     assert made.status_code == 201, made.json()
     body = made.json()
-    assert body["is_mixed_dish"] is True
+    assert (body["is_mixed_dish"], body["state"]) == (True, "as_eaten")
     assert body["density"] is None
     raw_apple, raw_banana, dish = (staff.nutrients(key) for key in ("apple", "banana", "fruit-salad-ours"))
     assert dish["306"] == pytest.approx((2 * raw_apple["306"] + raw_banana["306"]) / 2.4)

@@ -231,3 +231,10 @@ def test_wrong_use_is_told_in_a_sentence(tada, tmp_path):
         assert run.stderr.startswith("tada: "), run.stderr
         assert run.stderr.count("\n") == 1
     assert "as it was imported" in tada("changes", "apple").stdout
+
+
+def test_no_imported_table_takes_the_name_of_the_corrections(tada, tmp_path):
+    file = tmp_path / "table.csv"
+    file.write_text("key,name\n")
+    run = tada("import", "csv", file, "--name", "local", "--version", "2", "--released-on", "2026-01-01")
+    assert (run.returncode, "corrections" in run.stderr) == (2, True)
