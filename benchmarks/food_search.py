@@ -81,11 +81,8 @@ def main() -> int:
             token = create_admin(database, "benchmark")
             database.dispose()
             with running_server(settings) as address, httpx2.Client(base_url=address) as client:
-                headers = {"Authorization": f"Bearer {token}"}
-                ask = lambda q, c=client, h=headers: c.get(
-                    "/v1/foods", params={"q": q, "limit": 50}, headers=h
-                ).raise_for_status()  # noqa: E731
-                report(f"{kind} | HTTP", {name: queries[::3] for name, queries in kinds.items()}, ask)
+                client.headers["Authorization"] = f"Bearer {token}"
+                report(f"{kind} | HTTP", {name: queries[::3] for name, queries in kinds.items()}, asking(client))
             print(f"| {kind} | service | memory grew by {grown_mb:.0f} MB | | | | | | |", flush=True)
     print("\n| judged queries | half | n | first | among three |\n|---|---|---|---|---|")
     print("\n".join(judged))
@@ -129,6 +126,10 @@ def mistype(word: str, chance: random.Random) -> str:
     swapped = word[: i - 1] + word[i] + word[i - 1] + word[i + 1 :] if i else word
     replaced = word[:i] + chance.choice(LETTERS) + word[i + 1 :]
     return chance.choice((word[:i] + word[i + 1 :], word[:i] + word[i] + word[i:], swapped, replaced))
+
+
+def asking(client: httpx2.Client) -> Callable[[str], object]:
+    return lambda query: client.get("/v1/foods", params={"q": query, "limit": 50}).raise_for_status()
 
 
 def report(what: str, kinds: dict[str, list[str]], ask: Callable[[str], object]) -> float:
