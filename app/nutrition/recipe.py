@@ -29,7 +29,7 @@ KILOJOULES = NUMBER_BY_TAGNAME["ENERC_KJ"]
 DERIVED = frozenset({WATER, KILOJOULES, *ENERGY_NUMBERS})  # they follow from the rest, so no factor is theirs
 
 # kcal/g of what makes up a food's mass beside water: the Atwater general factors (FAO Food and Nutrition Paper 77,
-# 2003, table 3.1); 0 for ash. They price only what cooking takes away.
+# 2003); 0 for ash. They price only what cooking takes away.
 _KCAL_PER_G = MappingProxyType(
     {
         NUMBER_BY_TAGNAME["PROCNT"]: 4.0,

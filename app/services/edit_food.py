@@ -33,21 +33,23 @@ T = TypeVar("T")
 LOCAL_CHECKSUM = "local"  # the release of corrections is read from nothing, and there is one
 LOCAL_VERSION = "1"
 ATTEMPTS = 5  # an edit that does not say what it edits is made again on top of one that came in between
-_FIELDS = (
-    "name",
-    "aliases",
-    "food_group",
-    "form",
-    "slice_form",
-    "state",
-    "is_mixed_dish",
-    "refuse",
-    "densities",
-    "portions",
-    "probes",
-    "source_ids",
-)  # of a food's value, compared one by one; its figures are compared component by component
-
+# Fields of a food's value by the names that the API has for them; its figures are compared component by component.
+_FIELDS = MappingProxyType(
+    {
+        "name": "name",
+        "aliases": "aliases",
+        "food_group": "group",
+        "form": "form",
+        "slice_form": "slice_form",
+        "state": "state",
+        "is_mixed_dish": "is_mixed_dish",
+        "refuse": "refuse",
+        "densities": "densities",
+        "portions": "portions",
+        "probes": "probes",
+        "source_ids": "source_ids",
+    }
+)
 _BLANK: Mapping[str, Any] = MappingProxyType(
     {"aliases": (), "slice_form": None, "refuse": (), "densities": (), "source_ids": {}}
 )
@@ -206,7 +208,7 @@ def _edited(session: Session, draft: _Draft, edit: FoodEdit) -> _Draft:
         per_100_g.pop(number, None)
     if per_100_g != draft.value.per_100_g:
         why = why_impossible(per_100_g)
-        if why is not None:
+        if why is not None and why_impossible(draft.value.per_100_g) is None:  # else it came so, and gets no worse
             raise InvalidInputError(why, code="figures_impossible")
         value = _checked(lambda: replace(value, per_100_g=per_100_g))
     return _Draft(value, recipe)
@@ -249,7 +251,7 @@ def _differences(before: _Draft, after: _Draft) -> dict[str, Any]:
 
 def _as_json(draft: _Draft) -> dict[str, Any]:
     value = draft.value
-    plain: dict[str, Any] = {name: _plain(getattr(value, name)) for name in _FIELDS}
+    plain: dict[str, Any] = {name: _plain(getattr(value, field)) for field, name in _FIELDS.items()}
     plain |= {f"nutrients.{number}": content for number, content in value.per_100_g.items()}
     if draft.recipe is not None:
         plain["recipe"] = {

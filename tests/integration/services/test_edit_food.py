@@ -238,3 +238,22 @@ def test_no_imported_table_takes_the_name_of_the_corrections(tada, tmp_path):
     file.write_text("key,name\n")
     run = tada("import", "csv", file, "--name", "local", "--version", "2", "--released-on", "2026-01-01")
     assert (run.returncode, "corrections" in run.stderr) == (2, True)
+
+
+def test_figures_that_came_impossible_may_be_corrected_one_by_one(database):
+    edit = FoodEdit({"name": "n", "food_group": "g", "form": "whole"}, {"WATER": Figure(90.0, Unit.G)})
+    edit_food.create_food(database, "ours", edit, EDITOR)
+    with database.write() as session:  # as an import, which does not judge the sum, would have brought it
+        session.execute(
+            sa.update(FoodNutrient)
+            .where(FoodNutrient.food_id == foods.foods_by_key(session, ["ours"])["ours"].id)
+            .values(per_100_g=120.0)
+        )
+    vitamin = FoodEdit(nutrients={"VITC": Figure(5.0, Unit.MG)})
+    assert edit_food.edit_food(database, "ours", vitamin, EDITOR).value.per_100_g == {"255": 120.0, "401": 5.0}
+
+
+def test_the_history_calls_fields_what_the_api_calls_them(database):
+    correct(database, "apple", food_group="Ours")
+    (change,) = edit_food.list_changes(database, "apple")
+    assert change.change.differences == {"group": ["Fruits and Fruit Juices", "Ours"]}
