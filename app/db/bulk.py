@@ -1,4 +1,7 @@
-"""Many rows at once: PostgreSQL's COPY, several times as fast as its INSERTs; on SQLite one prepared statement."""
+"""Many rows at once: PostgreSQL's COPY, several times as fast as its INSERTs; on SQLite one prepared statement.
+
+And what the planner of PostgreSQL wants to know afterwards.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -24,3 +27,11 @@ def insert_rows(session: Session, model: type[Base], rows: Sequence[Mapping[str,
     with cursor.copy(f"COPY {quote(model.__tablename__)} ({names}) FROM STDIN") as copy:
         for row in rows:
             copy.write_row([row[name] for name in columns])
+
+
+def refresh_statistics(session: Session, models: Sequence[type[Base]]) -> None:
+    """Tell PostgreSQL's planner of many new rows at once, not when its own vacuum comes by; SQLite needs no telling."""
+    connection = session.connection()
+    if connection.dialect.name != "sqlite":
+        quote = connection.dialect.identifier_preparer.quote
+        connection.execute(sa.text(f"ANALYZE {', '.join(quote(model.__tablename__) for model in models)}"))

@@ -15,7 +15,7 @@ import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from app.db.bulk import insert_rows
+from app.db.bulk import insert_rows, refresh_statistics
 from app.db.models import (
     Component,
     Food,
@@ -24,6 +24,7 @@ from app.db.models import (
     FoodDensity,
     FoodNutrient,
     FoodPortion,
+    FoodPosting,
     FoodRelease,
 )
 from app.db.queries import foods
@@ -90,6 +91,8 @@ def import_foods(
             raise
     with database.write() as session:
         _put_in_force(session, session.get_one(FoodRelease, release.id), author)
+        if not was_there:
+            refresh_statistics(session, (Food, FoodNutrient, FoodDensity, FoodPortion, FoodCode, FoodPosting))
     return ImportReport(
         table.name,
         table.version,
