@@ -69,6 +69,8 @@ _CUT = _words(
     "mashed",
     "candied",
 )
+_ON_THE_COB = _words("on cob", "on the cob")
+_PITS = _words("pits?", "stones?")
 _WHOLE_VEGETABLE = re.compile(r"^(?:tomato|tomatoes|potato|potatoes|sweet potato|avocados?|corn)\b", re.IGNORECASE)
 _MINCED = _words("crumbles", "ground", "minced", "shredded", "flaked", "canned")
 _WHOLE_EGG = re.compile(r"^egg, (?:whole|duck|goose|quail|turkey)", re.IGNORECASE)
@@ -112,6 +114,15 @@ def is_mixed_dish(name: str, group: str) -> bool:
     return of.startswith(_DISH_GROUPS) and _DISH.search(name) is not None
 
 
+def is_served(part: str, form: FoodForm) -> bool:
+    """Whether a part that nobody eats lies on the plate all the same.
+
+    A piece has its peel, core and bone. What lies as a heap was trimmed, podded, shelled or cut first: of it only pits
+    are left.
+    """
+    return form not in {"heap", "in_vessel"} or _PITS.search(part) is not None
+
+
 def cup_kind(name: str, group: str, form: FoodForm) -> DensityKind | None:
     """The kind of density that a plain cup or spoon of the food gives, where it is not the one that is usual for cups.
 
@@ -153,6 +164,8 @@ def _fruit(name: str) -> FoodForm:
 def _vegetable(name: str) -> FoodForm:
     if _JUICE.search(_PACKED_IN.sub("", name)):
         return "liquid"
+    if _ON_THE_COB.search(name):
+        return "whole"
     return "whole" if _WHOLE_VEGETABLE.search(name) and not _CUT.search(name) else "heap"
 
 

@@ -30,7 +30,7 @@ from app.nutrition.importers.imported import (
 from app.nutrition.importers.source_files import ImportFileError, SourceFiles
 from app.nutrition.portion_density import portion_densities
 from app.nutrition.portions import Portion
-from app.nutrition.usual_form import cup_kind, is_mixed_dish, usual_form, usual_state
+from app.nutrition.usual_form import cup_kind, is_mixed_dish, is_served, usual_form, usual_state
 
 FORMAT = "sr28"
 FILES = ("FD_GROUP.txt", "NUTR_DEF.txt", "FOOD_DES.txt", "NUT_DATA.txt", "WEIGHT.txt")
@@ -183,7 +183,9 @@ def read_sr28(path: Path) -> ImportedTable:
             food_group=groups[source.group_code],
             form=forms[number],
             slice_form=None,
-            refuse=tuple(RefusePart(part, percent) for part, percent in _refuse(source)),
+            refuse=tuple(
+                RefusePart(part, percent, is_served=is_served(part, forms[number])) for part, percent in _refuse(source)
+            ),
             densities=(*own[number], *medians.of(groups[source.group_code], forms[number])),
             per_100_g=MappingProxyType(contents[number]),
             source_ids={"sr28_ndb": number},

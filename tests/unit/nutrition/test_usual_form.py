@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.nutrition.usual_form import cup_kind, is_mixed_dish, usual_form, usual_state
+from app.nutrition.usual_form import cup_kind, is_mixed_dish, is_served, usual_form, usual_state
 
 
 @pytest.mark.parametrize(
@@ -17,6 +17,7 @@ from app.nutrition.usual_form import cup_kind, is_mixed_dish, usual_form, usual_
         ("Carrot juice, canned", "Vegetables and Vegetable Products", "liquid"),
         ("Potatoes, mashed, prepared from granules with milk, water", "Vegetables and Vegetable Products", "heap"),
         ("Tomatoes, red, ripe, raw", "Vegetables and Vegetable Products", "whole"),
+        ("Corn, sweet, yellow, frozen, kernels on cob, unprepared", "Vegetables and Vegetable Products", "whole"),
         ("Fish, tuna, light, canned in water, drained solids", "Finfish and Shellfish Products", "heap"),
         ("Pork, cured, ham with natural juices, rump", "Pork Products", "slab"),
         ("Beef, ground, 93% lean, patty, cooked", "Beef Products", "slab"),
@@ -62,3 +63,18 @@ def test_cup_of_butter_or_peanut_butter_tells_of_the_slab_and_one_of_sugar_or_ce
     assert cup_kind("Peanut butter, smooth style", "Legumes and Legume Products", "slab") == "solid"
     assert cup_kind("Sugars, granulated", "Sweets", "slab") is None
     assert cup_kind("Cereals ready-to-eat, PEANUT BUTTER TOAST CRUNCH", "Breakfast Cereals", "heap") is None
+
+
+@pytest.mark.parametrize(
+    ("part", "form", "is_there"),
+    [
+        ("skin", "whole", True),
+        ("bone", "slab", True),
+        ("pits and stems", "heap", True),
+        ("shells", "heap", False),
+        ("outer leaves, core and trimmings", "heap", False),
+        ("pods and inedible peas", "in_vessel", False),
+    ],
+)
+def test_what_lies_as_a_heap_was_trimmed_and_shelled_before(part, form, is_there):
+    assert is_served(part, form) == is_there

@@ -7,6 +7,7 @@ import pytest
 from app.nutrition.density import KIND_OF_FORM, resolve_density
 from app.nutrition.importers.source_files import ImportFileError
 from app.nutrition.importers.sr28 import parse_refuse, read_sr28
+from app.nutrition.mass import edible_share
 from tests.unit.nutrition.importers.release_files import damage_member, write_folder, write_zip
 
 CUP_ML = 236.5882365
@@ -251,3 +252,13 @@ def test_meat_has_the_median_of_kindred_groups_with_a_wide_spread(imported):
     assert 0.95 < choice.chosen.g_per_ml < 1.1
     assert choice.chosen.relative_sd >= 0.24
     assert "groups like Beef Products" in choice.chosen.source
+
+
+def test_refuse_of_a_heap_is_off_before_the_plate_and_that_of_a_piece_is_not(tmp_path):
+    def berries(text):
+        return text.replace("Apples, raw", "Berries, raw").replace("Core and stem", "Stems")
+
+    piece, _ = read(tmp_path / "piece").table.foods
+    heap, _ = read(tmp_path / "heap", FOOD_DES=berries).table.foods
+    assert (piece.form, edible_share(piece)) == ("whole", pytest.approx(0.9))
+    assert (heap.form, edible_share(heap)) == ("heap", 1.0)
