@@ -31,6 +31,15 @@ NUMBERS = {
     "FOL": "417", "FOLAC": "431", "FOLDFE": "435", "VITB12": "418", "VITA_RAE": "320", "RETOL": "319", "CARTB": "321",
     "TOCPHA": "323", "VITD": "328", "VITK1": "430",
 }  # fmt: skip
+CUT_NAMES = "UPDATE food SET name = substr(name, 1, 200)"
+CUT_VERSIONS = "UPDATE food SET key = substr(key, 1, 85) || '#' || id WHERE superseded_by_id IS NOT NULL"
+CUT_CHECKSUMS = """
+    UPDATE food_release SET checksum = 'cut ' || id || ' ' || substr(checksum, 1, 40)
+    WHERE id IN (
+        SELECT release_id FROM food_posting
+        UNION SELECT f.release_id FROM food f JOIN food_code c ON c.food_id = f.id
+    )
+"""
 FROM_PORTIONS = ("portion", "related", "group")
 
 
@@ -46,7 +55,9 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
+    """Only the starter table stays in force. Of what was imported the foods stay, for the records that name them."""
     connection = op.get_bind()
+    fit_into_first_tables(connection)
     for table in (
         "item_food", "recompute", "food_code", "food_posting", "food_word_trigram", "food_word", "study_density",
         "food_change", "food_ingredient", "food_portion",
@@ -76,8 +87,8 @@ def downgrade() -> None:
             batch_op.drop_column(column)
     connection.execute(
         sa.text(
-            "UPDATE food_release SET is_active = :yes WHERE id = (SELECT release_id FROM food_activation "
-            "WHERE release_id IS NOT NULL ORDER BY id DESC LIMIT 1)"
+            "UPDATE food_release SET is_active = :yes WHERE id = (SELECT a.release_id FROM food_activation a "
+            "JOIN food_release r ON r.id = a.release_id WHERE r.name = 'tada-starter' ORDER BY a.id DESC LIMIT 1)"
         ),
         {"yes": True},
     )
@@ -85,6 +96,16 @@ def downgrade() -> None:
         batch_op.alter_column("is_active", existing_type=sa.Boolean(), server_default=None)
     op.drop_table("food_activation")
     key_components_by_tagname(connection)
+
+
+def fit_into_first_tables(connection: sa.Connection) -> None:
+    """What the first tables' widths and constraints refuse is cut: long names, several versions of a food.
+
+    A release loses its portions, codes, index and some components, so it is no longer the files that its checksum
+    names: without that, importing them again would find it there and mend nothing.
+    """
+    for statement in (CUT_NAMES, CUT_VERSIONS, CUT_CHECKSUMS):
+        connection.execute(sa.text(statement))
 
 
 def key_components_by_number(connection: sa.Connection) -> None:

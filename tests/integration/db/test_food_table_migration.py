@@ -8,6 +8,14 @@ import sqlalchemy as sa
 
 from app.db.migrate import downgrade, is_current, upgrade
 from app.db.session import Database
+from app.nutrition.components import COMPONENT_BY_NUMBER
+from app.nutrition.foods import Food as FoodValue
+from app.nutrition.foods import FoodTable
+from app.nutrition.importers.imported import ImportedTable, Skipped
+from app.services.edit_food import Editor, FoodEdit, edit_food
+from app.services.foods import read_food
+from app.services.import_foods import import_foods, load_starter
+from app.services.search_foods import search_foods
 
 BEFORE = "20261121_unknown_volume"
 ONE, NOW = uuid.UUID(int=1), datetime(2026, 11, 21, tzinfo=UTC)
@@ -69,6 +77,9 @@ def database(database_url):
         for name, row in ROWS.items():
             table = schema.tables[name]
             session.execute(sa.insert(table).values({key: fitting(table, key, value) for key, value in row.items()}))
+        if not database.is_sqlite:
+            for name in ("food_release", "food"):  # their next ids, behind the ones above
+                session.execute(sa.text(f"SELECT setval(pg_get_serial_sequence('{name}', 'id'), 100)"))
     yield database
     database.dispose()
 
@@ -121,3 +132,31 @@ def test_downgrade_gives_back_what_was(database):
             assert rows(database, f"SELECT * FROM {name}") == old, name
     assert rows(database, "SELECT id, is_active FROM food_release") == [(1, True)]
     assert rows(database, "SELECT id, key, name FROM food") == [(7, "pineapple", "Pineapple")]
+
+
+def test_downgrade_with_imports_and_corrections_leaves_the_starter_in_force_and_lets_all_be_imported_again(database):
+    upgrade(database)
+    load_starter(database)
+    table = FoodTable("fdc", "1", date(2026, 1, 1), "f" * 64, (imported_food("fdc:1", "x" * 300),))
+    imported = ImportedTable("fdc", table, (COMPONENT_BY_NUMBER["208"], COMPONENT_BY_NUMBER["262"]), Skipped())
+    import_foods(database, imported, "me")
+    for name in ("Apfel", "Apfel, rot"):
+        edit_food(database, "apple", FoodEdit({"name": name}), Editor("me", "German"))
+
+    downgrade(database, BEFORE)
+    in_force = "SELECT r.name, count(f.id) > 700 FROM food_release r JOIN food f ON f.release_id = r.id WHERE is_active"
+    assert rows(database, f"{in_force} GROUP BY r.name") == [("tada-starter", True)]
+    assert rows(database, "SELECT count(*) FROM food WHERE name IN ('Apfel', 'Apfel, rot')") == [(2,)]
+
+    upgrade(database)
+    load_starter(database)
+    assert not import_foods(database, imported, "me").was_there
+    assert read_food(database, "fdc:1").value.per_100_g == {"208": 50.0, "262": 3.0}
+    assert [found.key for found in search_foods(database, "apple", limit=1)] == ["apple"]
+
+
+def imported_food(key, name):
+    return FoodValue(
+        key=key, name=name, aliases=(), food_group="Fruits", form="whole", slice_form=None, refuse=(), densities=(),
+        per_100_g={"208": 50.0, "262": 3.0}, source_ids={"fdc_id": "1"},
+    )  # fmt: skip
