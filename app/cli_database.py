@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from app.errors import StorageFullError, UnavailableError
 from app.settings import Settings
 
 if TYPE_CHECKING:
@@ -17,8 +18,13 @@ JsonOption = Annotated[bool, typer.Option("--json", help="One JSON document on s
 
 @contextmanager
 def opened_database() -> Iterator["Database"]:
-    """The configured database, up to date, for one command."""
-    from app.db.session import Database
+    """The configured database, up to date, for one command.
+
+    Raises StorageFullError or UnavailableError, in words, if it has no room or does not answer.
+    """
+    from sqlalchemy.exc import OperationalError
+
+    from app.db.session import Database, is_disk_full
     from app.services.prepare import prepare
 
     settings = Settings()
@@ -26,6 +32,10 @@ def opened_database() -> Iterator["Database"]:
     try:
         prepare(database, settings)
         yield database
+    except OperationalError as error:
+        if is_disk_full(error):
+            raise StorageFullError("The database's disk is full: make room, then do the same again.") from error
+        raise UnavailableError(f"The database does not answer: {' '.join(str(error.orig).split())}") from error
     finally:
         database.dispose()
 

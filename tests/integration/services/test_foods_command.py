@@ -9,8 +9,10 @@ import zipfile
 import pytest
 import sqlalchemy as sa
 
+from app.cli_database import opened_database
 from app.db.models import Food, FoodActivation, FoodNutrient, FoodRelease
 from app.db.session import Database
+from app.errors import StorageFullError
 
 APPLE = {
     "FD_GROUP.txt": "~0900~^~Fruits and Fruit Juices~\r\n",
@@ -109,3 +111,29 @@ def test_unknown_format_and_missing_options_are_told(tada, tmp_path):
     assert "give one of sr28, fdc, fao-density, csv" in tada("foods", "import", "usda", tmp_path).stderr
     assert "--name, --version and --released-on" in tada("foods", "import", "csv", tmp_path).stderr
     assert "leave the options out" in tada("foods", "import", "sr28", tmp_path, "--name", "x").stderr
+
+
+def test_database_that_does_not_answer_is_told_in_a_sentence(tmp_path):
+    environment = os.environ | {
+        "TADA_DATABASE_URL": "postgresql://nobody@127.0.0.1:1/x",
+        "TADA_DATA_DIR": str(tmp_path),
+    }
+    command = [sys.executable, "-m", "app.cli", "foods", "releases"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("tada: The database does not answer: ")
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_full_disk_is_told_in_a_sentence(tmp_path, monkeypatch):
+    monkeypatch.setenv("TADA_DATA_DIR", str(tmp_path))
+    monkeypatch.delenv("TADA_DATABASE_URL", raising=False)
+    with pytest.raises(StorageFullError, match="make room"):
+        fill_database()
+
+
+def fill_database():
+    """SQLite's own limit of pages stands for the end of the disk."""
+    with opened_database() as database, database.write() as session:
+        session.execute(sa.text("PRAGMA max_page_count = 1"))
+        session.execute(sa.text("CREATE TABLE filler AS SELECT zeroblob(1000000)"))
