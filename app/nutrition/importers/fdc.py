@@ -32,6 +32,7 @@ from app.nutrition.importers.imported import (
 )
 from app.nutrition.importers.source_files import ImportFileError, SourceFiles
 from app.nutrition.importers.wweia import group_of_category, is_mixed_category
+from app.nutrition.kind_density import kind_density
 from app.nutrition.portion_density import portion_densities
 from app.nutrition.portions import Portion
 from app.nutrition.usual_form import cup_kind, is_mixed_dish, usual_form, usual_state
@@ -349,7 +350,7 @@ def _food(
         form=form,
         slice_form=None,
         refuse=refuse,
-        densities=tuple(densities),
+        densities=(*densities, *kind_density(food.name, category.form_group, form)),
         per_100_g=per_100_g,
         source_ids=source_ids,
         state=state,

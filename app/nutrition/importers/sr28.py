@@ -28,6 +28,7 @@ from app.nutrition.importers.imported import (
     text_in,
 )
 from app.nutrition.importers.source_files import ImportFileError, SourceFiles
+from app.nutrition.kind_density import kind_density
 from app.nutrition.portion_density import portion_densities
 from app.nutrition.portions import Portion
 from app.nutrition.usual_form import cup_kind, is_mixed_dish, is_served, usual_form, usual_state
@@ -186,7 +187,11 @@ def read_sr28(path: Path) -> ImportedTable:
             refuse=tuple(
                 RefusePart(part, percent, is_served=is_served(part, forms[number])) for part, percent in _refuse(source)
             ),
-            densities=(*own[number], *medians.of(groups[source.group_code], forms[number])),
+            densities=(
+                *own[number],
+                *kind_density(source.name, groups[source.group_code], forms[number]),
+                *medians.of(groups[source.group_code], forms[number]),
+            ),
             per_100_g=MappingProxyType(contents[number]),
             source_ids={"sr28_ndb": number},
             state=usual_state(source.name),
