@@ -48,8 +48,10 @@ _HANDHELD = _words(
     "pizza", "sandwich(?:es)?", "hamburger", "cheeseburger", "burger", "burritos?", "tacos?", "enchiladas?",
     "quesadilla", "hotdog", "submarine", "lasagna", "pie", "pot pie", "egg rolls?", "tamales?", "pupusas?", "wrap",
     "biscuit", "croissant", "corndog", "frankfurter", "fillet", "steak", "ribs?", "patty", "breast",
-    "drumstick", "wing", "thigh",
+    "drumstick", "wing", "thigh", "sub", "whopper", "big mac", "quarter pounder", "filet-o-fish",
+    "mcmuffin", "mcgriddles",
 )  # fmt: skip
+_NO_DISH = re.compile(r"\bburger king\b", re.IGNORECASE)
 _SMALL_FRUIT = _words(
     "blueberries", "raspberries", "strawberries", "blackberries", "cranberries", "grapes", "cherries", "raisins",
     "currants", "gooseberries", "mulberries", "elderberries", "olives", "dates", "berries",
@@ -192,7 +194,7 @@ def _dish(name: str) -> FoodForm:
         return _ice_cream(name)
     if _is_drink(name):
         return "liquid"
-    return "slab" if _HANDHELD.search(name) or _FIRM.search(name) else "heap"
+    return "slab" if _HANDHELD.search(_NO_DISH.sub("", name)) or _FIRM.search(name) else "heap"
 
 
 def _ice_cream(name: str) -> FoodForm:
