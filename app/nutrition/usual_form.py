@@ -72,6 +72,7 @@ _CUT = _words(
     "candied",
 )
 _ON_THE_COB = _words("on cob", "on the cob")
+_FREED = _words("meat only", "hard-boiled")
 _PITS = _words("pits?", "stones?")
 _WHOLE_VEGETABLE = re.compile(r"^(?:tomato|tomatoes|potato|potatoes|sweet potato|avocados?|corn)\b", re.IGNORECASE)
 _MINCED = _words("crumbles", "ground", "minced", "shredded", "flaked", "canned")
@@ -116,12 +117,14 @@ def is_mixed_dish(name: str, group: str) -> bool:
     return of.startswith(_DISH_GROUPS) and _DISH.search(name) is not None
 
 
-def is_served(part: str, form: FoodForm) -> bool:
-    """Whether a part that nobody eats lies on the plate all the same.
+def is_served(part: str, name: str, form: FoodForm) -> bool:
+    """Whether a part that nobody eats of a food of this name lies on the plate all the same.
 
-    A piece has its peel, core and bone. What lies as a heap was trimmed, podded, shelled or cut first: of it only pits
-    are left.
+    A piece has its peel, core and bone, unless the name says that it is without ("meat only"). What lies as a heap was
+    trimmed, podded, shelled or cut first: of it only pits are left.
     """
+    if _FREED.search(name):
+        return False
     return form not in {"heap", "in_vessel"} or _PITS.search(part) is not None
 
 

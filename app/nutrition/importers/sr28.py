@@ -185,7 +185,8 @@ def read_sr28(path: Path) -> ImportedTable:
             form=forms[number],
             slice_form=None,
             refuse=tuple(
-                RefusePart(part, percent, is_served=is_served(part, forms[number])) for part, percent in _refuse(source)
+                RefusePart(part, percent, is_served=is_served(part, source.name, forms[number]))
+                for part, percent in _refuse(source)
             ),
             densities=(
                 *own[number],

@@ -66,15 +66,17 @@ def test_cup_of_butter_or_peanut_butter_tells_of_the_slab_and_one_of_sugar_or_ce
 
 
 @pytest.mark.parametrize(
-    ("part", "form", "is_there"),
+    ("part", "name", "form", "is_there"),
     [
-        ("skin", "whole", True),
-        ("bone", "slab", True),
-        ("pits and stems", "heap", True),
-        ("shells", "heap", False),
-        ("outer leaves, core and trimmings", "heap", False),
-        ("pods and inedible peas", "in_vessel", False),
+        ("skin", "Bananas, raw", "whole", True),
+        ("bone", "Chicken, breast, meat and skin, roasted", "slab", True),
+        ("bone", "Chicken, breast, meat only, roasted", "slab", False),
+        ("shell", "Egg, whole, cooked, hard-boiled", "whole", False),
+        ("pits and stems", "Cherries, sweet, raw", "heap", True),
+        ("shells", "Nuts, almonds", "heap", False),
+        ("outer leaves, core and trimmings", "Lettuce, iceberg, raw", "heap", False),
+        ("pods and inedible peas", "Soup, of peas", "in_vessel", False),
     ],
 )
-def test_what_lies_as_a_heap_was_trimmed_and_shelled_before(part, form, is_there):
-    assert is_served(part, form) == is_there
+def test_heap_was_trimmed_and_meat_only_boned_before_the_plate(part, name, form, is_there):
+    assert is_served(part, name, form) == is_there
