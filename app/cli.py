@@ -216,8 +216,10 @@ def records_recompute(
         print(json.dumps({"compared": done.compared, "changed": done.changed, "dry_run": dry_run, "gone": done.gone}))
         return
     print(f"{done.compared} records compared, {done.changed} {'would change' if dry_run else 'made anew'}")
-    for key, count in done.gone.items():
-        print(f"left as they are: {count} records of {key}, which is in no table in force")
+    if done.gone:
+        shown = ", ".join(f"{key} ({count})" for key, count in done.gone.most_common(5))
+        more = ", ..." if len(done.gone) > 5 else ""
+        print(f"left as they are: {done.gone.total()} records of foods in no table in force: {shown}{more}")
 
 
 @db_cli.command("upgrade")

@@ -165,7 +165,11 @@ def foods_edit(
     ] = None,
     changes: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="FIELD=VALUE", help="VALUE is JSON or text; nutrients.VITC=null is a field too."),
+        typer.Option(
+            "--set",
+            metavar="FIELD=VALUE",
+            help='VALUE is JSON or text; nutrients.VITC={"per_100_g": 9, "unit": "mg"}, or =null: not known.',
+        ),
     ] = None,
     reason: ReasonOption = None,
 ) -> None:

@@ -81,7 +81,10 @@ def _food(sources: StarterSources, entry: Mapping[str, Any]) -> dict[str, Any]:
         "slice_form": entry.get("slice_form"),
         "refuse": [astuple(part) for part in _refuse(source, entry)],
         "densities": [astuple(density) for density in starter_densities(sources, entry)],
-        "source_ids": {"sr28_ndb": source.ndb_number, "sr28_name": source.name},
+        "source_ids": {
+            "sr28_figures" if entry.get("stand_in") else "sr28_ndb": source.ndb_number,
+            "sr28_name": source.name,
+        },
         "state": _state(sources.groups[source.group_code], entry),
         "is_mixed_dish": entry.get("mixed_dish", False),
         "portions": [astuple(portion) for portion in sources.own_portions(entry)],

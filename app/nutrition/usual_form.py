@@ -85,6 +85,8 @@ _DISH = _words(
     "potato salad", "coleslaw", "chow mein", "lo mein", "tamales?", "ravioli", "submarine", "nachos", "burger",
     "dumplings?", "chicken tenders", "curry", "paella", "risotto", "sushi",
 )  # fmt: skip
+_SOYMILK = _words("soymilk", "soy milk", "soy beverage")
+_MEATLESS = _words("meatless", "veggie", "vegetarian", "patty", "patties")
 _DISH_GROUPS = ("fast foods", "restaurant foods")
 
 
@@ -174,6 +176,12 @@ def _vegetable(name: str) -> FoodForm:
     return "whole" if _WHOLE_VEGETABLE.search(name) and not _CUT.search(name) else "heap"
 
 
+def _legume(name: str) -> FoodForm:
+    if _SOYMILK.search(name):
+        return "liquid"
+    return "slab" if _MEATLESS.search(name) or _FIRM.search(name) else _dish(name)
+
+
 def _dairy(name: str) -> FoodForm:
     if _ICE_CREAM.search(name):
         return _ice_cream(name)
@@ -181,6 +189,8 @@ def _dairy(name: str) -> FoodForm:
         return "whole"
     if _WHIPPED_OR_DRIED.search(name):
         return "heap"
+    if name.lower().startswith("butter,") and "oil" not in name.lower():
+        return "slab"
     if name.lower().startswith(("egg", "cheese")) and not _is_drink(name):
         return "heap" if _LOOSE_DAIRY.search(name) else "slab"
     return "liquid"
@@ -219,6 +229,7 @@ _FORM_OF_GROUP: dict[str, Callable[[str], FoodForm]] = {
     "baby": _soup,
     "fruit": _fruit,
     "vegetable": _vegetable,
+    "legume": _legume,
     "dairy": _dairy,
     "fats": _fat_or_sweet,
     "sweets": _fat_or_sweet,

@@ -15,27 +15,44 @@ from app.nutrition.search import label_key
 
 _BASES_OF_OTHERS = ("measured", "fao", "portion")  # a relative or a group's median is each table's own judgement
 
+# The starter table is made from SR28 and the FAO table: somebody has looked at what they say of each of its foods, and
+# taken it, or left it out and put something better in its place. FoodData Central carries SR28's measures on.
+_JUDGED = frozenset({"fdc", "sr28", "fao-density"})
+_JUDGES = frozenset({"local", "starter"})
+
 
 def food_value(session: Session, row: Food) -> FoodValue:
     """A food's row as a value. Its densities: its own, and behind them those of the same food in other tables.
 
     The same food is one that shares a source's code; of a table of densities only, one of the same name (the order of
     its words and plurals aside) and the same state, which both tell: raw and cooked are never interchangeable.
-    What a correction of this key replaces is no other food.
+    What a correction of this key replaces is no other food. Where the starter table has a density of a kind, it stands
+    for what the tables that it is made from say of that kind: a food weighs the same by whichever key.
     """
     others = [other for other in foods.same_foods(session, row) if other.key != row.key]
     if row.state is not None:
         labels = {label_key(label)[:300] for label in (row.name, *row.aliases)}
         others += foods.density_rows(session, labels, row.state)
-    densities = foods.densities_of(session, [row.id, *(other.id for other in others)])
-    own = [density_value(density) for density in densities.get(row.id, [])]
-    named = {density.source for density in own}
-    pooled: dict[str, Density] = {}
-    for other in others:
-        for density in map(density_value, densities.get(other.id, [])):
-            if density.basis in _BASES_OF_OTHERS and density.source not in named:
-                pooled.setdefault(density.source, density)
-    return _value(session, row, (*own, *pooled.values()))
+    same = [row, *others]
+    sources = foods.sources_of(session, {food.release_id for food in same})
+    found = {
+        food_id: tuple(map(density_value, its))
+        for food_id, its in foods.densities_of(session, [f.id for f in same]).items()
+    }
+    judge = next((food for food in same if sources[food.release_id] in _JUDGES), None)
+    judged = {density.kind for density in found.get(judge.id, ()) if density.basis != "group"} if judge else set()
+    pooled: list[Density] = []
+    for food in same:
+        is_judged, named = sources[food.release_id] in _JUDGED, {density.source for density in pooled}
+        pooled += [
+            density
+            for density in found.get(food.id, ())
+            if density.source not in named
+            and not (is_judged and density.kind in judged)
+            and (food in (row, judge) or density.basis in _BASES_OF_OTHERS)
+            and (food is row or density.basis != "group")
+        ]
+    return _value(session, row, tuple(pooled))
 
 
 def own_value(session: Session, row: Food) -> FoodValue:

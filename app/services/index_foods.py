@@ -10,7 +10,7 @@ from app.db.queries import food_index
 from app.nutrition.search import posting_ranks
 from app.nutrition.words import trigrams
 
-_KINDS = frozenset({"fdc_data_type"})  # among source ids: which data set a food is of
+_KINDS = frozenset({"fdc_data_type", "sr28_figures"})  # among source ids: which data set a food is of
 
 
 def index_foods(session: Session, rows: Sequence[Food]) -> None:
@@ -39,5 +39,5 @@ def is_name(system: str) -> bool:
 
 
 def is_code(system: str) -> bool:
-    """Whether what stands under this system is a number of this very food: no name, no kind that thousands share."""
+    """Whether what stands under this system is a number of this very food: no name, no kind, no relative's."""
     return not is_name(system) and system not in _KINDS

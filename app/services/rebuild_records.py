@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 from app.db.models import EffectiveRecord
 from app.db.queries import records
 from app.db.session import Database
-from app.services.save_estimate import record_values
+from app.services.save_estimate import keep_status, record_values
 
 BATCH = 200  # items a transaction: writers wait for no more than that
 
@@ -41,10 +41,12 @@ def _mend(session: Session, batch: list[records.ItemSource], *, write: bool) -> 
     for source in batch:
         wanted = record_values(session, source.meal, source.item, source.taken_for)
         record = session.get(EffectiveRecord, source.item.id)
-        if record is not None and all(getattr(record, name) == value for name, value in wanted.items()):
-            continue
         if record is None:
             record = EffectiveRecord(item_id=source.item.id, change_seq=0)
+        else:
+            wanted = keep_status(record, wanted)
+            if all(getattr(record, name) == value for name, value in wanted.items()):
+                continue
         if write:
             for name, value in wanted.items():
                 setattr(record, name, value)

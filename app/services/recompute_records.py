@@ -21,11 +21,10 @@ from app.db.session import Database
 from app.errors import ConflictError, NotFoundError
 from app.services.food_amounts import RECORD_COLUMNS, Weighing
 from app.services.item_foods import item_food, weighing_for, weighing_of
-from app.services.save_estimate import record_values
+from app.services.save_estimate import keep_status, record_values
 
 BATCH = 200  # items a transaction: writers wait for no more than that
 COMPARED = ("density_g_per_ml", "mass_g", "edible_g", *RECORD_COLUMNS)
-_SET_BY_A_PERSON = frozenset({"confirmed", "corrected", "rejected"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,9 +134,7 @@ class _Recomputation:
         if self._write:
             self._note(session)
             session.add(row)
-            if record.status in _SET_BY_A_PERSON:
-                wanted["status"] = record.status
-            for name, value in wanted.items():
+            for name, value in keep_status(record, wanted).items():
                 setattr(record, name, value)
             record.change_seq = records.next_change_seq(session, study_id)
         return RecordDifference(source.item.id, source.meal.client_id, food.key, columns)

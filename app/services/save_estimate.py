@@ -17,6 +17,7 @@ from app.services.item_foods import item_food, weighing_for, weighing_of
 
 ITEM_NAMESPACE = uuid.UUID("3f2ad0a5-93ce-4f0f-8f39-4f1f1d1b7f6e")  # drawn once; item ids are derived under it
 FROM_HINT = "hint"
+SET_BY_A_PERSON = frozenset({"confirmed", "corrected", "rejected"})
 
 
 def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any], result_key: str) -> None:
@@ -120,6 +121,11 @@ def record_values(session: Session, meal: Meal, item: Item, taken_for: ItemFood 
         "volume_high_ml": item.volume_high_ml,
         **amounts,
     }
+
+
+def keep_status(record: EffectiveRecord, wanted: dict[str, Any]) -> dict[str, Any]:
+    """The columns that a record is to have, but for a status that a person has set: that one stays."""
+    return wanted | {"status": record.status} if record.status in SET_BY_A_PERSON else wanted
 
 
 def status_of(failure: Mapping[str, Any] | None, built: list[EffectiveRecord]) -> str:

@@ -87,6 +87,12 @@ def same_foods(session: Session, food: Food) -> list[Food]:
     return _in_force(session, sa.tuple_(FoodCode.system, FoodCode.code).in_(shared), FoodCode.food_id != food.id)
 
 
+def sources_of(session: Session, release_ids: Collection[int]) -> dict[int, str]:
+    """Release -> the format that it was read from."""
+    query = sa.select(FoodRelease.id, FoodRelease.source).where(FoodRelease.id.in_(release_ids))
+    return {row.id: row.source for row in session.execute(query)}
+
+
 def density_rows(session: Session, labels: Collection[str], state: str) -> list[Food]:
     """Rows in force of tables that give densities only, of food in this state, by their folded names."""
     return _in_force(session, FoodCode.system == "label", FoodCode.code.in_(labels), Food.state == state)

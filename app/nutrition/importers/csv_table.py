@@ -8,7 +8,8 @@ import csv
 import hashlib
 import io
 import re
-from collections.abc import Iterator, Mapping
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
@@ -50,6 +51,9 @@ COLUMNS = (*REQUIRED, "aliases", "form", "state", "is_mixed_dish", "refuse", *DE
 
 TRACES = frozenset({"tr", "tr.", "trace", "traces"})
 MAX_ENERGY_KCAL = 950.0  # of 100 g: pure fat has 884 to 902
+MIN_FOODS_FOR_ENERGY = 10
+MIN_ATWATER_KCAL = 20.0  # below, rounding and fruit acids are a large part
+_CARBOHYDRATES = ("CHOAVL", "CHOAVLDF", "CHOAVLM", "205.2", "205")  # what is available first
 _NAME = re.compile(r"[a-z0-9][a-z0-9._-]{1,49}")
 _KEY = re.compile(r"[A-Za-z0-9._-]+")
 _COMPONENT = re.compile(r"(?P<which>\S+)\s*\((?P<unit>[^()]+)\)")
@@ -118,6 +122,7 @@ def read_csv_table(path: Path, *, name: str, version: str, released_on: date) ->
     medians = GroupDensities(
         (GroupMember(food.food_group, food.form, food.portions, food.densities) for food in foods), name
     )
+    _require_likely_energy(foods_file, foods)
     whole = tuple(_with_median(food, medians) for food in foods)
     checksum = _checksum(files, foods_file, f"{name} {version} {released_on}")
     table = FoodTable(name, version.strip(), released_on, checksum, whole)
@@ -133,7 +138,7 @@ def template_csv() -> str:
     writer.writerow((*COLUMNS, *components))
     writer.writerow((
         "A001", "Apple, raw, with skin", "Fruits", "apple; dessert apple", "whole", "raw", "no", "core and stem 10",
-        "0.79", "0.03", "solid", "raw, whole", "own measurement, 20 apples", "", "", "", "09003",
+        "0.79", "0.03", "solid", "raw, whole", "own measurement, 20 apples", "A01DJ", "", "", "",
         "52", "0.3", "0.2", "11.4", "2.4", "1", "4.6",
     ))  # fmt: skip
     writer.writerow((
@@ -311,6 +316,25 @@ def _beside(
         if row.cell("key") not in keys:
             raise row.error(f"food {row.cell('key')!r} is none of {FOODS}")
         yield row
+
+
+def _require_likely_energy(file: str, foods: Sequence[Food]) -> None:
+    """Raises ImportFileError if energies are far from what the macronutrients hold: kcal under a header of kJ.
+
+    By the median over the foods that have all of them, and of ten foods at least: single foods may be odd (polyols,
+    fibre, vinegar), and general Atwater factors are within some 20 % for most.
+    """
+    ratios = []
+    for food in foods:
+        held = food.per_100_g
+        carbohydrate = next((held[number] for number in _CARBOHYDRATES if number in held), None)
+        if "208" in held and "203" in held and "204" in held and carbohydrate is not None:
+            atwater = 4.0 * held["203"] + 9.0 * held["204"] + 4.0 * carbohydrate + 7.0 * held.get("221", 0.0)
+            if atwater > MIN_ATWATER_KCAL:
+                ratios.append(held["208"] / atwater)
+    if len(ratios) >= MIN_FOODS_FOR_ENERGY and not 0.5 < statistics.median(ratios) < 2.0:
+        why = f"the energies are {statistics.median(ratios):.2g} times what protein, fat and carbohydrate hold"
+        raise ImportFileError(file, 1, f"{why}: kcal under a header of kJ, or the reverse?")
 
 
 def _with_median(food: Food, medians: GroupDensities) -> Food:

@@ -199,6 +199,20 @@ def test_same_food_of_two_tables_shares_what_was_measured(database):
     assert (choice.chosen.basis, choice.chosen.g_per_ml) == ("measured", 0.789)
 
 
+def test_starters_judgement_stands_for_what_the_tables_that_it_is_made_from_say(database):
+    """SR28's cup of milk would come back behind a density that the starter's selection put in its place."""
+    cup = Density(2.0, 0.1, "raw", "solid", "portion", "USDA SR28, a cup that cannot be")
+    heap = Density(0.7, 0.1, "chopped", "bulk", "portion", "USDA SR28, a heap that the starter does not know")
+    milk = food(1, key="sr28:01077", source_ids={"sr28_ndb": "01077"}, form="liquid", densities=(cup, heap))
+    release = FoodTable("sr28", "28", date(2016, 5, 1), "s" * 64, (milk,))
+    import_foods(database, ImportedTable("sr28", release, table().components, Skipped()), "me")
+    ours, theirs = read_food(database, "milk-whole").value, read_food(database, "sr28:01077").value
+    assert cup not in (*ours.densities, *theirs.densities)
+    assert heap in ours.densities
+    assert heap in theirs.densities
+    assert read_food(database, "sr28:01077").density.chosen == read_food(database, "milk-whole").density.chosen
+
+
 @pytest.mark.parametrize(("state", "is_linked"), [("as_eaten", True), ("raw", False), (None, False)])
 def test_density_row_of_the_same_name_is_linked_if_its_state_is_known_to_be_the_same(database, state, is_linked):
     quince = food(1, name="Jam, quince", aliases=(), densities=(), state="as_eaten")

@@ -126,6 +126,8 @@ def test_status_that_a_person_set_survives(phone, state, status):
     correct_apple(state, per_100_g={"208": 104.0})
     recompute(state)
     assert {one["status"] for one in record_of(phone)} == {status}
+    assert rebuild_records(state.database, write=True).different == 0
+    assert {one["status"] for one in record_of(phone)} == {status}
 
 
 @pytest.mark.usefixtures("meal_id")

@@ -52,6 +52,21 @@ def test_dry_goods_and_dough_are_raw_and_never_cooked(name, state):
     assert usual_state(name) == state
 
 
+@pytest.mark.parametrize(
+    ("name", "group", "form"),
+    [
+        ("SILK Vanilla, soymilk", "Legumes and Legume Products", "liquid"),
+        ("Veggie burgers or soyburgers, unprepared", "Legumes and Legume Products", "slab"),
+        ("Beans, kidney, all types, mature seeds, cooked, boiled", "Legumes and Legume Products", "heap"),
+        ("Butter, salted", "Dairy and Egg Products", "slab"),
+        ("Butter oil, anhydrous", "Dairy and Egg Products", "liquid"),
+        ("Milk, buttermilk, fluid, whole", "Dairy and Egg Products", "liquid"),
+    ],
+)
+def test_soymilk_is_drunk_meatless_patties_and_butter_are_pieces(name, group, form):
+    assert usual_form(name, group) == form
+
+
 def test_dishes_are_known_by_their_group_or_by_their_words():
     assert is_mixed_dish("Lasagna with meat sauce", "Meals, Entrees, and Side Dishes")
     assert is_mixed_dish("Fast foods, burrito, with beans", "Fast Foods")

@@ -42,7 +42,7 @@ def test_template_imports_and_says_what_its_columns_say(table):
     assert [(part.part, part.percent, part.is_served) for part in apple.refuse] == [("core and stem", 10.0, True)]
     (density,) = apple.densities
     assert (density.g_per_ml, density.sd_g_per_ml, density.kind, density.basis) == (0.79, 0.03, "solid", "measured")
-    assert apple.source_ids == {"sr28_ndb": "09003"}
+    assert apple.source_ids == {"foodex2": "A01DJ"}
     assert apple.per_100_g["208"] == 52.0
     assert (goulash.is_mixed_dish, goulash.form, goulash.densities) == (True, "in_vessel", ())
     assert (imported.table.name, imported.table.version, imported.table.released_on) == ("cofid", "2024", RELEASED_ON)
@@ -77,6 +77,17 @@ def test_units_are_converted_within_their_quantity(table):
         "324": 40.0,
         "268": pytest.approx(418.4),
     }
+
+
+@pytest.mark.parametrize(("header", "is_refused"), [("ENERC_KCAL (kcal)", False), ("ENERC_KCAL (kJ)", True)])
+def test_kilocalories_under_a_header_of_kilojoules_are_noticed(table, header, is_refused):
+    foods = "".join(f"A{number},Bread {number},Baked,{250 + number},9,3,47\n" for number in range(12))
+    path = table(f"key,name,food_group,{header},PROCNT (g),FAT (g),CHOAVL (g)\n{foods}")
+    if is_refused:
+        with pytest.raises(ImportFileError, match=r"line 1: the energies are 0.24 times what .* kcal under a header"):
+            read(path)
+    else:
+        assert len(read(path).table.foods) == 12
 
 
 def test_neighbouring_components_stay_apart(table):
