@@ -47,7 +47,7 @@ def foods_search(
 
 @foods_cli.command("show")
 def foods_show(
-    key: Annotated[str, typer.Argument(help="The food's key, or its number in a published table, such as 09003.")],
+    key: KeyArgument,
     as_json: JsonOption = False,
 ) -> None:
     """All that the tables in force know of one food; the density that is chosen, and what it was chosen over."""

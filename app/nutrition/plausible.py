@@ -3,30 +3,36 @@
 import math
 from collections.abc import Mapping
 
-from app.nutrition.components import COMPONENT_BY_NUMBER, ENERGY_NUMBERS, NUMBER_BY_TAGNAME
-from app.units import Unit, convert, kj_from_kcal
+from app.nutrition.components import COMPONENT_BY_NUMBER, NUMBER_BY_TAGNAME, Component
+from app.units import Unit, convert
 
 LARGEST_SUM_G = 107.0  # of the macronutrients in 100 g: analysed each on its own, those of a salmon in SR28 make 106.5
 LARGEST_ENERGY_KCAL = 930.0  # of 100 g; pure fat has 902 in SR28
 MIN_G_PER_ML, MAX_G_PER_ML = 0.005, 3.0  # spun sugar has some ten times the one, crystals of salt 2.2
 
-_KJ = NUMBER_BY_TAGNAME["ENERC_KJ"]
 _CARBOHYDRATE = ("205", "205.2", "CHOAVLDF", "CHOAVL")  # one of them, the most inclusive first
 _OTHERS = tuple(NUMBER_BY_TAGNAME[tagname] for tagname in ("WATER", "PROCNT", "FAT", "ASH", "ALC"))
 _MASSES = (Unit.G, Unit.MG, Unit.UG)
+_ENERGIES = (Unit.KCAL, Unit.KJ)
+
+
+def most_in_100_g(component: Component) -> float:
+    """The most that 100 g of any food can hold of a component, in its unit; no limit in international units."""
+    if component.unit in _MASSES:
+        return convert(100.0, Unit.G, component.unit)
+    if component.unit in _ENERGIES:
+        return convert(LARGEST_ENERGY_KCAL, Unit.KCAL, component.unit)
+    return math.inf
 
 
 def why_impossible(per_100_g: Mapping[str, float]) -> str | None:
     """Why no food can hold this, in a sentence; None if one can. What is not known is taken for nothing."""
     for number, content in per_100_g.items():
         component = COMPONENT_BY_NUMBER.get(number)
-        if component is not None and component.unit in _MASSES and convert(content, component.unit, Unit.G) > 100.0:
+        if component is not None and content > most_in_100_g(component):
+            if component.unit in _ENERGIES:
+                return f"100 g have {content:g} {component.unit}, more than pure fat: is it another unit?"
             return f"100 g hold {content:g} {component.unit} of {component.name.lower()}, more than there is."
-    for number in (*ENERGY_NUMBERS, _KJ):
-        most = kj_from_kcal(LARGEST_ENERGY_KCAL) if number == _KJ else LARGEST_ENERGY_KCAL
-        if per_100_g.get(number, 0.0) > most:
-            unit = COMPONENT_BY_NUMBER[number].unit
-            return f"100 g have {per_100_g[number]:g} {unit}, more than pure fat: is it another unit?"
     carbohydrate = next((per_100_g[number] for number in _CARBOHYDRATE if number in per_100_g), 0.0)
     total = math.fsum([carbohydrate, *(per_100_g.get(number, 0.0) for number in _OTHERS)])
     if total > LARGEST_SUM_G:

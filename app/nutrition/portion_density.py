@@ -24,10 +24,10 @@ _ROBUST_SD = 0.7413  # standard deviation of a normal distribution a unit of int
 POSSIBLE_G_PER_ML = (0.012, 1.6)  # freeze-dried chives to honey; beyond, a weight or a measure is misprinted
 
 _SOLID_WORDS = re.compile(r"\b(mashed|pureed|melted)\b", re.IGNORECASE)
-_GROUP_SOLID_WORDS = re.compile(r"\b(mashed|pureed|cubic inch)\b", re.IGNORECASE)
-_GROUP_BULK_WORDS = re.compile(
-    r"\b(chopped|diced|sliced|slices|cubes|chunks|pieces|whole|halves|shredded)\b", re.IGNORECASE
-)
+_GROUP_WORDS: Mapping[DensityKind, re.Pattern[str]] = {
+    "solid": re.compile(r"\b(mashed|pureed|cubic inch)\b", re.IGNORECASE),
+    "bulk": re.compile(r"\b(chopped|diced|sliced|slices|cubes|chunks|pieces|whole|halves|shredded)\b", re.IGNORECASE),
+}
 _MEASURE_NOISE = re.compile(r'\b(serving|1/2|1|cups?|fl|oz|tbsp|tablespoons?|ml|8|4|NLEA|no ice)\b|[(),."/]')
 
 
@@ -83,16 +83,16 @@ def group_medians(
     """
     found: dict[tuple[str, DensityKind], list[float]] = {}
     for group, portions in foods:
-        for kind, words in (("solid", _GROUP_SOLID_WORDS), ("bulk", _GROUP_BULK_WORDS)):
+        for kind, words in _GROUP_WORDS.items():
             its = [
-                portion.density_g_per_ml
+                g_per_ml
                 for portion in portions
-                if portion.density_g_per_ml is not None
-                and is_possible(portion.density_g_per_ml)
+                if (g_per_ml := portion.density_g_per_ml) is not None
+                and is_possible(g_per_ml)
                 and words.search(portion.measure)
             ]
             if its:
-                found.setdefault((group, kind), []).append(statistics.median(its))  # type: ignore[arg-type]
+                found.setdefault((group, kind), []).append(statistics.median(its))
     return {
         (group, kind): group_median(
             densities, kind, f"{source}, volume portions: median of {len(densities)} foods of the group {group}"
@@ -131,7 +131,7 @@ def weighed_part(kind: DensityKind) -> WeighedPart:
 
 
 def is_possible(g_per_ml: float) -> bool:
-    """Whether food can be of this density at all."""
+    """Whether a household measure of food can weigh so: what a person measured may (plausible.py) lie beyond."""
     return POSSIBLE_G_PER_ML[0] <= g_per_ml <= POSSIBLE_G_PER_ML[1]
 
 

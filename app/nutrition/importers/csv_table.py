@@ -17,7 +17,7 @@ from types import MappingProxyType
 from typing import TypeVar
 
 from app.errors import InvalidInputError
-from app.nutrition.components import COMPONENTS, Component
+from app.nutrition.components import COMPONENTS
 from app.nutrition.foods import DENSITY_KINDS, FOOD_FORMS, FOOD_STATES, Density, Food, FoodForm, FoodTable, RefusePart
 from app.nutrition.group_density import GroupDensities, GroupMember
 from app.nutrition.importers.imported import (
@@ -35,10 +35,11 @@ from app.nutrition.importers.imported import (
     unit_of,
 )
 from app.nutrition.importers.source_files import ImportFileError, SourceFiles
-from app.nutrition.portion_density import is_possible, portion_densities, usual_relative_sd
+from app.nutrition.plausible import MAX_G_PER_ML, MIN_G_PER_ML, most_in_100_g
+from app.nutrition.portion_density import portion_densities, usual_relative_sd
 from app.nutrition.portions import Portion
 from app.nutrition.usual_form import cup_kind, usual_form
-from app.units import Unit, UnitMismatchError, convert
+from app.units import UnitMismatchError, convert
 
 FORMAT = "csv"
 FOODS, DENSITIES, PORTIONS = "foods.csv", "densities.csv", "portions.csv"
@@ -50,7 +51,6 @@ ID_COLUMNS = ("foodex2", "fndds", "fdc_id", "sr28_ndb")
 COLUMNS = (*REQUIRED, "aliases", "form", "state", "is_mixed_dish", "refuse", *DENSITY_COLUMNS, *ID_COLUMNS)
 
 TRACES = frozenset({"tr", "tr.", "trace", "traces"})
-MAX_ENERGY_KCAL = 950.0  # of 100 g: pure fat has 884 to 902
 MIN_FOODS_FOR_ENERGY = 10
 MIN_ATWATER_KCAL = 20.0  # below, rounding and fruit acids are a large part
 _CARBOHYDRATES = ("CHOAVL", "CHOAVLDF", "CHOAVLM", "205.2", "205")  # what is available first
@@ -238,18 +238,9 @@ def _contents(row: _Row, components: Mapping[str, SourceComponent], skipped: Ski
             yield found.component.number, 0.0
             continue
         value = number_in(row.file, row.line, column, text) * found.factor
-        if value > _most(found.component):
+        if value > most_in_100_g(found.component):
             raise row.error(f"{column} is {text}: more than 100 g of any food can hold; is the unit right?")
         yield found.component.number, value
-
-
-def _most(component: Component) -> float:
-    if component.unit == Unit.IU:
-        return float("inf")
-    try:
-        return convert(MAX_ENERGY_KCAL, Unit.KCAL, component.unit)
-    except UnitMismatchError:
-        return convert(100.0, Unit.G, component.unit)
 
 
 def _density(row: _Row, form: FoodForm, usual_state: str) -> Density:
@@ -257,7 +248,7 @@ def _density(row: _Row, form: FoodForm, usual_state: str) -> Density:
     if kind is None:
         raise row.error(f"a density needs its density_kind: {' or '.join(DENSITY_KINDS)}")
     g_per_ml = row.number("g_per_ml")
-    if not is_possible(g_per_ml):
+    if not MIN_G_PER_ML <= g_per_ml <= MAX_G_PER_ML:
         raise row.error(f"g_per_ml is {g_per_ml:g}, which no food has")
     spread = row.number("sd_g_per_ml") if row.cell("sd_g_per_ml") else usual_relative_sd(form, kind) * g_per_ml
     state = text_in(row.file, row.line, "density_state", row.cell("density_state") or usual_state, 32)
