@@ -5,7 +5,7 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 import anyio
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from app import __version__
@@ -21,6 +21,7 @@ from app.api import (
     studies,
     study_densities,
 )
+from app.api.access import RULES, authorise
 from app.api.body_limit import BodyLimit
 from app.api.problems import Problem, install_problem_handlers
 from app.api.rate_limit import RateLimit
@@ -31,6 +32,7 @@ from app.api.waiting import MealWaiter
 from app.db.session import Database
 from app.jobs.engine import JobQueue
 from app.services.prepare import prepare
+from app.services.secret_box import open_secret_box
 from app.services.submit_meal import SubmitMeal
 from app.settings import Settings
 from app.storage.opening import open_blob_store
@@ -49,6 +51,7 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        box = open_secret_box(settings)
         database = Database(settings.resolved_database_url)
         blobs = open_blob_store(settings.resolved_blob_url)
         await anyio.to_thread.run_sync(prepare, database, settings)
@@ -62,6 +65,7 @@ def create_app(settings: Settings) -> FastAPI:
             waiter=waiter,
             upload_limiter=anyio.CapacityLimiter(settings.max_uploads),
             enrolment_limit=RateLimit(settings.enrolment_attempts_per_minute),
+            secrets=box,
         )
         try:
             yield
@@ -76,6 +80,7 @@ def create_app(settings: Settings) -> FastAPI:
         description=DESCRIPTION,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         lifespan=lifespan,
+        dependencies=[Depends(authorise)],
     )
     install_problem_handlers(app)
     app.add_middleware(BodyLimit)
@@ -107,6 +112,9 @@ def _openapi(app: FastAPI) -> dict[str, Any]:
             license_info=app.license_info,
             routes=app.routes,
         )
+        for (method, path), rule in RULES.items():
+            if rule.is_open and method.lower() in schema["paths"].get(path, {}):
+                schema["paths"][path][method.lower()].pop("security", None)
         schemas = schema["components"]["schemas"]
         for model in OUT_OF_ROUTES:
             found = model.model_json_schema(ref_template="#/components/schemas/{model}")

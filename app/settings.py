@@ -1,13 +1,13 @@
 """Settings: typed, frozen, from TADA_* variables; read once by a composition root, never at import time.
 
-There is no secret among them and no default secret: tokens and codes are drawn per user and stored as hashes.
+The one secret among them, TADA_SECRET_KEY, has no default; tokens and codes are drawn per user and stored as hashes.
 """
 
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 MEBIBYTE = 1024 * 1024
@@ -21,9 +21,22 @@ class Settings(BaseSettings):
     data_dir: Path = Field(default=Path("data"), description="Where the embedded database and blob store live.")
     database_url: str | None = Field(default=None, description="SQLAlchemy URL; default: SQLite in data_dir.")
     blob_url: str | None = Field(default=None, description="file:///path; default: a folder in data_dir.")
+    erasure_url: str | None = Field(
+        default=None,
+        description="file:///path of the ledger of erasures, kept out of backups; default: a folder in data_dir.",
+    )
+    secret_key: SecretStr | None = Field(
+        default=None,
+        min_length=32,
+        description="Seals webhooks' secrets and names what was erased; on SQLite made by itself in data_dir.",
+    )
 
     host: str = Field(default="127.0.0.1", description="Address that `tada serve` listens on.")
     port: int = Field(default=8000, ge=0, le=65535, description="Port that `tada serve` listens on; 0: any free one.")
+
+    trusted_proxies: str | None = Field(
+        default=None, description="Addresses or networks, comma between: only their X-Forwarded-For is believed."
+    )
 
     max_photo_bytes: int = Field(default=30 * MEBIBYTE, ge=1, description="One photograph, at most.")
     max_photo_pixels: int = Field(default=60_000_000, ge=1, description="Width x height of one photograph, at most.")
@@ -48,6 +61,11 @@ class Settings(BaseSettings):
     def resolved_blob_url(self) -> str:
         """The blob store that is used: the given one, or a folder in the data folder."""
         return self.blob_url or f"file://{self.data_dir.absolute() / 'blobs'}"
+
+    @cached_property
+    def resolved_erasure_url(self) -> str:
+        """The ledger of erasures that is used: the given one, or a folder in the data folder."""
+        return self.erasure_url or f"file://{self.data_dir.absolute() / 'erasures'}"
 
     @property
     def is_embedded(self) -> bool:

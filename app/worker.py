@@ -4,11 +4,14 @@ import argparse
 
 from app.db.session import Database
 from app.jobs.child_pool import ChildPool
+from app.jobs.chores import Chore
 from app.jobs.process_life import die_with_parent
 from app.jobs.worker_process import run_jobs
 from app.logs import configure_logging
+from app.services.chores import worker_chores
 from app.services.estimate_meal import EstimateMeal
 from app.services.prepare import prepare
+from app.services.secret_box import open_secret_box
 from app.settings import Settings
 from app.storage.opening import open_blob_store
 
@@ -22,11 +25,15 @@ def run_worker(settings: Settings) -> int:
     prepare(database, settings)
     database.dispose()
     blobs = open_blob_store(settings.resolved_blob_url)
+    box = open_secret_box(settings)
 
     def make_use_cases(database: Database, pool: ChildPool) -> EstimateMeal:
         return EstimateMeal(database, blobs, pool, settings)
 
-    return run_jobs(settings, make_use_cases, tasks=TASKS)
+    def make_chores(database: Database) -> list[Chore]:
+        return worker_chores(database, blobs, box, settings)
+
+    return run_jobs(settings, make_use_cases, tasks=TASKS, make_chores=make_chores)
 
 
 def main() -> None:

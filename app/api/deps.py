@@ -1,33 +1,21 @@
-"""What endpoints ask for: the process's state and the caller behind the bearer token."""
+"""What endpoints ask for: the process's state and the caller, whom the route's rule has let in (api/access.py)."""
 
 from typing import Annotated
 
-from fastapi import Depends, Request, Security
-from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+from fastapi import Depends
 
-from app.api.state import ApiState
+from app.api.access import State, authorise
 from app.errors import UnauthenticatedError
-from app.services.caller import Caller, DeviceCaller, StaffCaller, authenticate, require_admin, require_device
+from app.services.caller import Caller, DeviceCaller, StaffCaller, require_device, require_staff
 
-bearer = HTTPBearer(auto_error=False, description="A device's token (POST /v1/enrolments) or an admin's.")
-
-
-def api_state(request: Request) -> ApiState:
-    """The process's state."""
-    state: ApiState = request.app.state.api
-    return state
+__all__ = ["CurrentCaller", "CurrentDevice", "CurrentStaff", "State"]
 
 
-State = Annotated[ApiState, Depends(api_state)]
-
-
-def current_caller(
-    state: State, credentials: Annotated[HTTPAuthorizationCredentials | None, Security(bearer)]
-) -> Caller:
+def current_caller(caller: Annotated[Caller | None, Depends(authorise)]) -> Caller:
     """Who calls. Raises UnauthenticatedError."""
-    if credentials is None:
+    if caller is None:
         raise UnauthenticatedError("Send the header `Authorization: Bearer TOKEN`.")
-    return authenticate(state.database, credentials.credentials)
+    return caller
 
 
 CurrentCaller = Annotated[Caller, Depends(current_caller)]
@@ -38,10 +26,10 @@ def current_device(caller: CurrentCaller) -> DeviceCaller:
     return require_device(caller)
 
 
-def current_admin(caller: CurrentCaller) -> StaffCaller:
-    """The calling admin. Raises NotAllowedError for all others."""
-    return require_admin(caller)
+def current_staff(caller: CurrentCaller) -> StaffCaller:
+    """The calling staff member. Raises NotAllowedError for a phone."""
+    return require_staff(caller)
 
 
 CurrentDevice = Annotated[DeviceCaller, Depends(current_device)]
-CurrentAdmin = Annotated[StaffCaller, Depends(current_admin)]
+CurrentStaff = Annotated[StaffCaller, Depends(current_staff)]

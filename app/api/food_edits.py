@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Response
 
-from app.api.deps import CurrentAdmin, State
+from app.api.deps import CurrentStaff, State
 from app.api.foods import FoodKey, etag_of, render_food
 from app.api.problems import problem_responses
 from app.api.schemas.food_edits import (
@@ -45,20 +45,20 @@ _CHANGED: dict[int | str, dict[str, Any]] = {200: {"headers": {"ETag": {"schema"
 
 
 @router.post("", status_code=201, responses=problem_responses(401, 403, 409, 413, 422))
-def post_food(body: FoodIn, state: State, admin: CurrentAdmin, response: Response) -> FoodOut:
+def post_food(body: FoodIn, state: State, admin: CurrentStaff, response: Response) -> FoodOut:
     """Make a food; with a recipe its figures follow from the ingredients, their retention and the yield."""
-    view = edit_food.create_food(state.database, body.key, new_food_edit(body), _editor(state, admin, body.reason))
+    view = edit_food.create_food(state.database, body.key, new_food_edit(body), _editor(admin, body.reason))
     response.headers["Location"] = f"/v1/foods/{body.key}"
     return _tagged(view, response)
 
 
 @router.patch("/{key}", responses=_CHANGED | problem_responses(401, 403, 404, 409, 412, 413, 422, 428))
 def patch_food(
-    key: FoodKey, body: FoodPatch, state: State, admin: CurrentAdmin, response: Response, if_match: IfMatch = None
+    key: FoodKey, body: FoodPatch, state: State, admin: CurrentStaff, response: Response, if_match: IfMatch = None
 ) -> FoodOut:
     """Correct a food: only the fields that are named. `If-Match` names the version that the correction is of."""
     view = edit_food.edit_food(
-        state.database, key, food_edit(body), _editor(state, admin, body.reason), expected=expected_versions(if_match)
+        state.database, key, food_edit(body), _editor(admin, body.reason), expected=expected_versions(if_match)
     )
     return _tagged(view, response)
 
@@ -68,35 +68,35 @@ def post_density(
     key: FoodKey,
     body: MeasuredDensityIn,
     state: State,
-    admin: CurrentAdmin,
+    admin: CurrentStaff,
     response: Response,
     if_match: IfMatch = None,
 ) -> FoodOut:
     """Add a measured density to a food, before its others. For one study's own use `/v1/studies/{study}/densities`."""
     density, _ = measured_density(body)
     expected = None if if_match is None else expected_versions(if_match)
-    view = edit_food.add_density(state.database, key, density, _editor(state, admin, body.reason), expected=expected)
+    view = edit_food.add_density(state.database, key, density, _editor(admin, body.reason), expected=expected)
     response.headers["Location"] = f"/v1/foods/{view.value.key}"
     return _tagged(view, response)
 
 
 @router.post("/{key}/restore", responses=_CHANGED | problem_responses(401, 403, 404, 409, 412, 422, 428))
 def post_restore(
-    key: FoodKey, body: RestoreIn, state: State, admin: CurrentAdmin, response: Response, if_match: IfMatch = None
+    key: FoodKey, body: RestoreIn, state: State, admin: CurrentStaff, response: Response, if_match: IfMatch = None
 ) -> FoodOut:
     """Put a food back to an earlier version, by a new one that equals it."""
     view = edit_food.restore_food(
         state.database,
         key,
         body.version,
-        _editor(state, admin, body.reason),
+        _editor(admin, body.reason),
         expected=expected_versions(if_match),
     )
     return _tagged(view, response)
 
 
 @router.get("/{key}/changes", responses=problem_responses(401, 403, 404, 422))
-def get_changes(key: FoodKey, state: State, _: CurrentAdmin) -> ChangeList:
+def get_changes(key: FoodKey, state: State, _: CurrentStaff) -> ChangeList:
     """Who changed a food, when and why, and what; the newest change first."""
     return render_changes(edit_food.list_changes(state.database, key))
 
@@ -173,8 +173,8 @@ def _tagged(view: FoodView, response: Response) -> FoodOut:
     return render_food(view)
 
 
-def _editor(state: State, admin: StaffCaller, reason: str) -> Editor:
-    return Editor(author_of(state.database, admin), reason)
+def _editor(admin: StaffCaller, reason: str) -> Editor:
+    return Editor(author_of(admin), reason)
 
 
 def _fields(body: FoodFieldsIn) -> dict[str, tuple[str, object]]:

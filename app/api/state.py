@@ -7,6 +7,7 @@ import anyio
 from app.api.rate_limit import RateLimit
 from app.api.waiting import MealWaiter
 from app.db.session import Database
+from app.services.secret_box import SecretBox
 from app.services.submit_meal import SubmitMeal
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
@@ -23,3 +24,4 @@ class ApiState:
     waiter: MealWaiter
     upload_limiter: anyio.CapacityLimiter
     enrolment_limit: RateLimit
+    secrets: SecretBox

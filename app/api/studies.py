@@ -4,7 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Response
 
-from app.api.deps import CurrentAdmin, State
+from app.api.deps import CurrentStaff, State
 from app.api.problems import problem_responses
 from app.api.schemas.people import EnrolmentCodeOut, ParticipantIn, StudyIn, StudyList, StudyOut
 from app.db.models import Study
@@ -18,13 +18,13 @@ RESPONSES = problem_responses(401, 403, 404, 409, 422)
 
 
 @router.get("", responses=problem_responses(401, 403))
-def get_studies(state: State, _: CurrentAdmin) -> StudyList:
-    """All studies."""
-    return StudyList(items=[_study_out(study) for study in enrol.list_studies(state.database)])
+def get_studies(state: State, caller: CurrentStaff) -> StudyList:
+    """The studies where the caller has a role."""
+    return StudyList(items=[_study_out(study) for study in enrol.list_studies(state.database, caller)])
 
 
 @router.post("", status_code=201, responses=RESPONSES)
-def post_study(body: StudyIn, state: State, _: CurrentAdmin) -> StudyOut:
+def post_study(body: StudyIn, state: State, _: CurrentStaff) -> StudyOut:
     """Make a study."""
     if body.marker is not None:
         parse_marker(body.marker)
@@ -35,7 +35,7 @@ def post_study(body: StudyIn, state: State, _: CurrentAdmin) -> StudyOut:
 
 
 @router.post("/{study}/participants", status_code=204, responses=RESPONSES)
-def post_participant(study: StudyCode, body: ParticipantIn, state: State, _: CurrentAdmin) -> Response:
+def post_participant(study: StudyCode, body: ParticipantIn, state: State, _: CurrentStaff) -> Response:
     """Add a participant."""
     enrol.create_participant(state.database, study_code=study, code=body.code)
     return Response(status_code=204)
@@ -43,7 +43,7 @@ def post_participant(study: StudyCode, body: ParticipantIn, state: State, _: Cur
 
 @router.post("/{study}/participants/{participant}/enrolment-codes", status_code=201, responses=RESPONSES)
 def post_enrolment_code(
-    study: StudyCode, participant: Annotated[str, Path(max_length=64)], state: State, _: CurrentAdmin
+    study: StudyCode, participant: Annotated[str, Path(max_length=64)], state: State, _: CurrentStaff
 ) -> EnrolmentCodeOut:
     """A one-time code for the participant's next device: give it to them as text or as a QR code."""
     issued = enrol.issue_enrolment_code(state.database, study_code=study, participant_code=participant)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Response
 
-from app.api.deps import CurrentAdmin, State
+from app.api.deps import CurrentStaff, State
 from app.api.food_edits import measured_density
 from app.api.problems import problem_responses
 from app.api.schemas.food_edits import SpecimenIn, StudyDensityIn, StudyDensityList, StudyDensityOut, WithdrawalIn
@@ -21,7 +21,7 @@ StudyCode = Annotated[str, Path(max_length=64)]
 
 @router.post("", status_code=201, responses=problem_responses(401, 403, 404, 413, 422))
 def post_study_density(
-    study: StudyCode, body: StudyDensityIn, state: State, admin: CurrentAdmin, response: Response
+    study: StudyCode, body: StudyDensityIn, state: State, admin: CurrentStaff, response: Response
 ) -> StudyDensityOut:
     """Keep a measurement. Records stay as they are: `tada records recompute --nutrients` makes new ones."""
     density, specimens = measured_density(body)
@@ -29,7 +29,7 @@ def post_study_density(
         state.database,
         study,
         Measurement(body.food, density, specimens, body.measured_at),
-        Editor(author_of(state.database, admin), body.reason),
+        Editor(author_of(admin), body.reason),
     )
     response.headers["Location"] = f"/v1/studies/{study}/densities"
     return _density_out(row)
@@ -39,7 +39,7 @@ def post_study_density(
 def get_study_densities(
     study: StudyCode,
     state: State,
-    _: CurrentAdmin,
+    _: CurrentStaff,
     food: Annotated[str | None, Query(max_length=100, description="Only this food's: its key.")] = None,
 ) -> StudyDensityList:
     """The study's measurements, withdrawn ones too, the newest entry first."""
@@ -49,10 +49,10 @@ def get_study_densities(
 
 @router.post("/{density}/withdrawal", responses=problem_responses(401, 403, 404, 409, 422))
 def post_withdrawal(
-    study: StudyCode, density: uuid.UUID, body: WithdrawalIn, state: State, admin: CurrentAdmin
+    study: StudyCode, density: uuid.UUID, body: WithdrawalIn, state: State, admin: CurrentStaff
 ) -> StudyDensityOut:
     """Take a measurement out of use. It stays to be seen, with who withdrew it and why."""
-    editor = Editor(author_of(state.database, admin), body.reason)
+    editor = Editor(author_of(admin), body.reason)
     return _density_out(study_densities.withdraw_study_density(state.database, study, density, editor))
 
 

@@ -9,12 +9,13 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import structlog
 
 from app.db.session import Database
 from app.jobs.child_pool import ChildPool, ChildPoolClosedError, ChildStartError
+from app.jobs.chores import Chore, ChoreThread
 from app.jobs.engine import prepare_job_tables
 from app.jobs.job_worker import JobWorker
 from app.jobs.supervisor import LEASE_LOST
@@ -29,7 +30,14 @@ END_SECONDS = 10.0  # after a signal the process is gone by then, whatever hangs
 MakeUseCases = Callable[[Database, ChildPool], EstimateUseCases]
 
 
-def run_jobs(settings: Settings, make_use_cases: MakeUseCases, *, tasks: str, times: WorkerTimes | None = None) -> int:
+def run_jobs(
+    settings: Settings,
+    make_use_cases: MakeUseCases,
+    *,
+    tasks: str,
+    make_chores: Callable[[Database], Sequence[Chore]] = lambda _: (),
+    times: WorkerTimes | None = None,
+) -> int:
     """Work until a signal comes. Returns the exit status; must be called in the main thread.
 
     tasks: the children's registry (child.py). times: shorter in tests.
@@ -42,6 +50,8 @@ def run_jobs(settings: Settings, make_use_cases: MakeUseCases, *, tasks: str, ti
     pool = ChildPool(settings, tasks)
     worker = JobWorker(database, make_use_cases(database, pool), concurrency=settings.worker_concurrency, times=times)
     worker.start()
+    chores = ChoreThread(make_chores(database))
+    chores.start()
     threading.Thread(target=_warm_up, args=(pool,), daemon=True).start()
     while not stop.wait(0.2):
         if worker.lost.is_set():
@@ -50,6 +60,7 @@ def run_jobs(settings: Settings, make_use_cases: MakeUseCases, *, tasks: str, ti
     watchdog = threading.Timer(END_SECONDS, _end_now, args=(0,))
     watchdog.daemon = True
     watchdog.start()
+    chores.stop()
     worker.drain()
     pool.close()
     if not worker.stop():

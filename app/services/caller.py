@@ -3,46 +3,81 @@
 import hashlib
 import secrets
 import uuid
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from typing import Literal
 
 from app.db.queries import people
 from app.db.session import Database
-from app.errors import NotAllowedError, UnauthenticatedError
+from app.errors import GoneError, NotAllowedError, UnauthenticatedError
+from app.services.secret_box import SecretBox
 
 TOKEN_BYTES = 32  # 256 bits
 CODE_BYTES = 16  # 128 bits
 
+Role = Literal["viewer", "reviewer", "owner"]
+
 
 @dataclass(frozen=True, slots=True)
 class DeviceCaller:
-    """A participant's phone."""
+    """A participant's phone. participant_alias: its participant's name in the audit log."""
 
     device_id: uuid.UUID
     participant_id: uuid.UUID
     study_id: uuid.UUID
+    participant_alias: uuid.UUID
 
 
 @dataclass(frozen=True, slots=True)
 class StaffCaller:
-    """A person who runs the server."""
+    """A person who runs the server or works with the data, by a session or a token of their own.
+
+    roles: study -> role, as far as the token reaches. needs: the role that the called route asks for (api/access.py);
+    what the caller may see and do is decided by it in services/access.py. can_write: the token's scope.
+    """
 
     staff_id: uuid.UUID
+    name: str
     is_admin: bool
+    token_id: uuid.UUID
+    roles: Mapping[uuid.UUID, Role] = field(default_factory=dict)
+    needs: Role = "viewer"
+    can_write: bool = True
+    only_study_id: uuid.UUID | None = None
 
 
 Caller = DeviceCaller | StaffCaller
 
 
-def authenticate(database: Database, token: str) -> Caller:
-    """The caller whom a token belongs to. Raises UnauthenticatedError for all others, in the same words."""
+def authenticate(database: Database, box: SecretBox, token: str) -> Caller:
+    """The caller whom a token belongs to.
+
+    Raises UnauthenticatedError for a token unknown, expired or revoked, in the same words; GoneError (`withdrawn`) for
+    one whose participant has left the study.
+    """
+    token_sha256, now = sha256_hex(token), datetime.now(UTC)
     with database.read() as session:
-        row = people.find_token(session, sha256_hex(token), datetime.now(UTC))
-    if row is None:
-        raise UnauthenticatedError("The token is unknown, expired or revoked.")
-    if row.staff_id is not None:
-        return StaffCaller(staff_id=row.staff_id, is_admin=bool(row.is_admin))
-    return DeviceCaller(device_id=row.device_id, participant_id=row.participant_id, study_id=row.study_id)
+        row = people.find_token(session, token_sha256, now)
+        if row is None:
+            if people.has_tombstone(session, "token", box.digest("token", token_sha256)):
+                raise GoneError("This participant has left the study.", code="withdrawn")
+            raise UnauthenticatedError("The token is unknown, expired or revoked.")
+        if row.staff_id is None:
+            return DeviceCaller(row.device_id, row.participant_id, row.study_id, row.participant_alias)
+        roles = people.roles_of(session, row.staff_id)
+    only = row.only_study_id
+    if only is not None:  # no more than the token reaches, whatever its owner may do
+        roles = {only: "owner"} if row.is_admin else {study: role for study, role in roles.items() if study == only}
+    return StaffCaller(
+        staff_id=row.staff_id,
+        name=row.staff_name,
+        is_admin=row.is_admin and only is None,
+        token_id=row.token_id,
+        roles=roles,
+        can_write=row.scope == "write",
+        only_study_id=only,
+    )
 
 
 def require_device(caller: Caller) -> DeviceCaller:
@@ -52,11 +87,11 @@ def require_device(caller: Caller) -> DeviceCaller:
     raise NotAllowedError("Only a participant's device can do this: use a device token.", code="device_only")
 
 
-def require_admin(caller: Caller) -> StaffCaller:
-    """A call that only an admin can make."""
-    if isinstance(caller, StaffCaller) and caller.is_admin:
+def require_staff(caller: Caller) -> StaffCaller:
+    """A call that only staff can make."""
+    if isinstance(caller, StaffCaller):
         return caller
-    raise NotAllowedError("Only an admin can do this: use a token from `tada admin create`.", code="admin_only")
+    raise NotAllowedError("Only staff can do this: use a staff member's token.", code="staff_only")
 
 
 def new_token() -> str:

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from app.db.models import Food, FoodActivation, FoodChange, FoodRelease, Staff
+from app.db.models import Food, FoodActivation, FoodChange, FoodRelease
 from app.db.queries import food_changes, foods
 from app.db.queries.food_changes import Change
 from app.db.session import Database
@@ -83,10 +83,9 @@ class _Draft:
     recipe: PinnedRecipe | None
 
 
-def author_of(database: Database, caller: StaffCaller) -> str:
+def author_of(caller: StaffCaller) -> str:
     """How a member of staff stands in the history."""
-    with database.read() as session:
-        return f"staff: {session.get_one(Staff, caller.staff_id).name}"[:200]
+    return f"staff: {caller.name}"[:200]
 
 
 def create_food(database: Database, key: str, edit: FoodEdit, editor: Editor) -> FoodView:

@@ -12,7 +12,8 @@ from app.db.models import AccessToken, Device, Enrolment, Participant, Staff, St
 from app.db.queries import people
 from app.db.session import Database
 from app.errors import ConflictError, NotFoundError
-from app.services.caller import new_code, new_token, sha256_hex
+from app.services.access import known_studies
+from app.services.caller import StaffCaller, new_code, new_token, sha256_hex
 
 ENROLMENT_VALID = timedelta(days=7)
 
@@ -47,7 +48,14 @@ def create_admin(database: Database, name: str) -> str:
         session.add(staff)
         session.flush()
         session.add(
-            AccessToken(id=uuid.uuid4(), token_sha256=sha256_hex(token), staff_id=staff.id, created_at=now),
+            AccessToken(
+                id=uuid.uuid4(),
+                token_sha256=sha256_hex(token),
+                kind="personal",
+                name="made with the admin",
+                staff_id=staff.id,
+                created_at=now,
+            ),
         )
     return token
 
@@ -71,10 +79,11 @@ def create_study(database: Database, *, code: str, name: str, marker: str | None
     return study
 
 
-def list_studies(database: Database) -> list[Study]:
-    """All studies by code."""
+def list_studies(database: Database, caller: StaffCaller) -> list[Study]:
+    """The studies where the caller has a role, by code; all of them for an admin."""
+    known = known_studies(caller)
     with database.read() as session:
-        return people.list_studies(session)
+        return [study for study in people.list_studies(session) if known is None or study.id in known]
 
 
 def create_participant(database: Database, *, study_code: str, code: str) -> None:
@@ -124,7 +133,11 @@ def enrol_device(database: Database, *, code: str, device_name: str) -> IssuedDe
         device = Device(id=uuid.uuid4(), participant_id=participant.id, name=device_name, enrolled_at=now)
         session.add(device)
         session.flush()
-        session.add(AccessToken(id=uuid.uuid4(), token_sha256=sha256_hex(token), device_id=device.id, created_at=now))
+        session.add(
+            AccessToken(
+                id=uuid.uuid4(), token_sha256=sha256_hex(token), kind="device", device_id=device.id, created_at=now
+            )
+        )
     return IssuedDevice(
         token=token,
         device_id=device.id,

@@ -13,6 +13,7 @@ from app.db.queries import records
 from app.db.queries.records import RecordFilter, RecordRow
 from app.db.session import Database
 from app.errors import InvalidInputError
+from app.services.access import visible_studies
 from app.services.caller import Caller, DeviceCaller
 
 STREAM_PAGE = 1000  # rows a query while streaming: each its own short transaction
@@ -50,12 +51,15 @@ def stream_records(database: Database, caller: Caller, chosen: RecordFilter) -> 
 
 
 def _visible(caller: Caller, chosen: RecordFilter) -> RecordFilter:
-    """A phone sees its participant's records only."""
-    return replace(chosen, participant_id=caller.participant_id) if isinstance(caller, DeviceCaller) else chosen
+    """A phone sees its participant's records only, staff those of their studies."""
+    if isinstance(caller, DeviceCaller):
+        return replace(chosen, participant_id=caller.participant_id)
+    return replace(chosen, study_ids=visible_studies(caller))
 
 
 def _fingerprint(chosen: RecordFilter) -> str:
-    return hashlib.sha256(json.dumps(asdict(chosen), default=str, sort_keys=True).encode()).hexdigest()[:16]
+    asked = asdict(replace(chosen, study_ids=None))  # what the caller may see is no filter of theirs
+    return hashlib.sha256(json.dumps(asked, default=str, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def _encode(after: tuple[datetime, uuid.UUID], chosen: RecordFilter) -> str:

@@ -11,6 +11,7 @@ from app.db.queries import foods, meals, records
 from app.db.session import Database
 from app.errors import ConflictError, NotFoundError
 from app.nutrition.nutrients import MassTotal, NutrientTotal, Portion, total_mass, total_nutrients
+from app.services.access import known_studies, require_study
 from app.services.caller import Caller, DeviceCaller
 from app.services.food_amounts import FoodAmounts, food_amounts
 from app.services.item_foods import weighing_of
@@ -47,12 +48,16 @@ class MealView:
 def find_meal(
     session: Session, caller: Caller, client_id: uuid.UUID, participant_code: str | None = None
 ) -> tuple[Meal, str, str]:
-    """(meal, participant's code, study's code). Raises NotFoundError where the caller may not see it, ConflictError."""
+    """(meal, participant's code, study's code).
+
+    Raises NotFoundError where the caller may not see it, NotAllowedError for a lower role, ConflictError.
+    """
     found = meals.find_meals(
         session,
         client_id,
         participant_id=caller.participant_id if isinstance(caller, DeviceCaller) else None,
         participant_code=participant_code,
+        study_ids=known_studies(caller),
     )
     if not found:
         raise NotFoundError("There is no such meal.")
@@ -60,6 +65,7 @@ def find_meal(
         raise ConflictError(
             "More than one participant has a meal of this id: add ?participant=CODE.", code="meal_id_ambiguous"
         )
+    require_study(caller, found[0][0].study_id, "meal")
     return found[0]
 
 

@@ -49,7 +49,7 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
     )
     session.flush()
     session.add_all(RunArtefact(run_id=job_id, **artefact) for artefact in answer["artefacts"])
-    items = [item_row(job_id, position, found) for position, found in enumerate(answer["items"])]
+    items = [item_row(meal.id, job_id, position, found) for position, found in enumerate(answer["items"])]
     session.add_all(items)
     session.flush()
     hints = [meal.details["hints"][found["hint"]] if found["hint"] is not None else {} for found in answer["items"]]
@@ -75,12 +75,13 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
     meal.version += 1
 
 
-def item_row(run_id: uuid.UUID, position: int, found: Mapping[str, Any]) -> Item:
+def item_row(meal_id: uuid.UUID, run_id: uuid.UUID, position: int, found: Mapping[str, Any]) -> Item:
     """An item of the answer as a row; its id follows from run and position, so building it again gives the same."""
     polygon = found["polygon"]
     low_ml, high_ml = found["volume_interval_ml"] or (None, None)
     return Item(
         id=uuid.uuid5(ITEM_NAMESPACE, f"{run_id}/{position}"),
+        meal_id=meal_id,
         run_id=run_id,
         position=position,
         rings=polygon if polygon and isinstance(polygon[0][0], list) else [polygon],

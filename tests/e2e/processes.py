@@ -22,7 +22,11 @@ def free_port():
 def environment_of(data_dir, **variables):
     """The environment of a process of ours: nothing of the caller's TADA_* variables, our own on top."""
     environment = {key: value for key, value in os.environ.items() if not key.startswith("TADA_")}
-    return environment | {"TADA_DATA_DIR": str(data_dir), "TADA_LOG_LEVEL": "WARNING"} | variables
+    return (
+        environment
+        | {"TADA_DATA_DIR": str(data_dir), "TADA_LOG_LEVEL": "WARNING", "TADA_SECRET_KEY": "k" * 40}
+        | variables
+    )
 
 
 class Program:

@@ -24,6 +24,7 @@ def settings(prepared_database_url, tmp_path) -> Settings:
         max_photo_bytes=400_000,
         max_photo_pixels=3_000_000,
         min_free_bytes=0,
+        secret_key="a key for tests only, of no worth",
         enrolment_attempts_per_minute=60,
     )
 

@@ -1,6 +1,8 @@
 """The tables, a file a part; importing this package defines them all (Alembic and the tests read `Base.metadata`)."""
 
 from app.db.models.base import Base, UtcDateTime
+from app.db.models.calibration import CameraCalibration
+from app.db.models.diary import DayEvent, DiaryDay
 from app.db.models.food import (
     Component,
     Food,
@@ -16,16 +18,35 @@ from app.db.models.food import (
 from app.db.models.food_search import FoodCode, FoodPosting, FoodWord, FoodWordTrigram
 from app.db.models.job import Job, WorkerLease
 from app.db.models.meal import Meal, MealImage
-from app.db.models.people import AccessToken, Device, Enrolment, Participant, Staff, Study
-from app.db.models.record import EffectiveRecord, Item, ItemCandidate, ItemFood, Recompute, Run, RunArtefact
+from app.db.models.people import AccessToken, Device, Enrolment, Participant, Staff, Study, StudyMember
+from app.db.models.privacy import AuditEvent, BlobDeletion, ErasureReceipt, Tombstone
+from app.db.models.record import (
+    EffectiveRecord,
+    Item,
+    ItemCandidate,
+    ItemFood,
+    ItemMeasure,
+    Leftover,
+    Recompute,
+    Run,
+    RunArtefact,
+)
+from app.db.models.review import MealEvent
+from app.db.models.webhook import Webhook, WebhookDelivery
 
 __all__ = [
     "AccessToken",
+    "AuditEvent",
     "Base",
+    "BlobDeletion",
+    "CameraCalibration",
     "Component",
+    "DayEvent",
     "Device",
+    "DiaryDay",
     "EffectiveRecord",
     "Enrolment",
+    "ErasureReceipt",
     "Food",
     "FoodActivation",
     "FoodChange",
@@ -41,8 +62,11 @@ __all__ = [
     "Item",
     "ItemCandidate",
     "ItemFood",
+    "ItemMeasure",
     "Job",
+    "Leftover",
     "Meal",
+    "MealEvent",
     "MealImage",
     "Participant",
     "Recompute",
@@ -51,6 +75,10 @@ __all__ = [
     "Staff",
     "Study",
     "StudyDensity",
+    "StudyMember",
+    "Tombstone",
     "UtcDateTime",
+    "Webhook",
+    "WebhookDelivery",
     "WorkerLease",
 ]

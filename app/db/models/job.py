@@ -9,15 +9,21 @@ from sqlalchemy.orm import Mapped, mapped_column
 from app.db.models.base import Base, one_of
 
 JOB_STATES = ("queued", "processing", "done", "failed")
+JOB_PURPOSES = ("meal", "after", "remeasure")
 
 
 class Job(Base):
-    """One estimate of one meal, to be made or made. Its id is the DBOS workflow's id and becomes the run's id."""
+    """One estimate of one meal, to be made or made. Its id is the DBOS workflow's id and becomes the run's id.
+
+    purpose: of the meal's pair, of its after-meal pair, or of regions that a person drew anew (event_id).
+    """
 
     __tablename__ = "job"
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
+    purpose: Mapped[str] = mapped_column(sa.String(16), default="meal")
+    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"))
     state: Mapped[str] = mapped_column(sa.String(16))
     attempts: Mapped[int] = mapped_column(default=0)
     executor_id: Mapped[str | None] = mapped_column(sa.String(64))  # the worker that has it, or had it last
@@ -25,7 +31,11 @@ class Job(Base):
     started_at: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
 
-    __table_args__ = (one_of("state", JOB_STATES), sa.Index(None, "state", "enqueued_at"))
+    __table_args__ = (
+        one_of("state", JOB_STATES),
+        one_of("purpose", JOB_PURPOSES),
+        sa.Index(None, "state", "enqueued_at"),
+    )
 
 
 class WorkerLease(Base):

@@ -10,14 +10,19 @@ from sqlalchemy.orm import Mapped, mapped_column
 from app.db.models.base import Base, one_of
 
 MEAL_STATUSES = ("receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed")
+MEAL_ORIGINS = ("photographed", "declared")
+AFTER_STATUSES = ("receiving", "queued", "processing", "estimated", "needs_review", "failed", "nothing_left")
 SLOTS = ("left", "right")
+AFTER_SLOTS = ("after_left", "after_right")
 
 
 class Meal(Base):
     """One eating occasion. Its status is the truth about where it stands; `version` grows with every change of it.
 
     client_id is the UUID that the phone made, unique for the participant; id is ours and never leaves the server.
-    captured_at is the instant, local_date the day in time_zone. details: the metadata as accepted.
+    captured_at is the instant, local_date the day in time_zone. details: the metadata as accepted. alias: its name in
+    the audit log. origin "declared": told without photographs. after_*: how its after-meal pair stands, which moves the
+    meal's own status never; after_due_at: until then its records are provisional, NULL: no pair is waited for.
     """
 
     __tablename__ = "meal"
@@ -27,6 +32,8 @@ class Meal(Base):
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
     participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"))
     device_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("device.id"))
+    alias: Mapped[uuid.UUID] = mapped_column(unique=True, default=uuid.uuid4)
+    origin: Mapped[str] = mapped_column(sa.String(16), default="photographed")
     captured_at: Mapped[datetime]
     utc_offset_minutes: Mapped[int]
     time_zone: Mapped[str] = mapped_column(sa.String(64))
@@ -37,6 +44,12 @@ class Meal(Base):
     failure_code: Mapped[str | None] = mapped_column(sa.String(64))
     failure_message: Mapped[str | None] = mapped_column(sa.Text)
     failure_advice: Mapped[str | None] = mapped_column(sa.Text)
+    after_status: Mapped[str | None] = mapped_column(sa.String(16))
+    after_details: Mapped[dict[str, Any] | None]
+    after_failure_code: Mapped[str | None] = mapped_column(sa.String(64))
+    after_failure_message: Mapped[str | None] = mapped_column(sa.Text)
+    after_failure_advice: Mapped[str | None] = mapped_column(sa.Text)
+    after_due_at: Mapped[datetime | None] = mapped_column(index=True)
     version: Mapped[int] = mapped_column(default=1)
     received_at: Mapped[datetime]
     submitted_at: Mapped[datetime | None]
@@ -45,13 +58,18 @@ class Meal(Base):
     __table_args__ = (
         sa.UniqueConstraint("participant_id", "client_id"),
         one_of("status", MEAL_STATUSES),
+        one_of("origin", MEAL_ORIGINS),
+        one_of("after_status", AFTER_STATUSES),
         sa.Index(None, "study_id", "captured_at", "id"),
         sa.Index(None, "status", "submitted_at"),
     )
 
 
 class MealImage(Base):
-    """One photograph: what was received (told to the phone) and what is kept (sealed, perhaps without its location)."""
+    """One photograph: what was received (told to the phone) and what is kept (sealed, perhaps without its location).
+
+    erased_at: its blob is deleted, or about to be (retention, withdrawal).
+    """
 
     __tablename__ = "meal_image"
 
@@ -66,5 +84,6 @@ class MealImage(Base):
     stored_sha256: Mapped[str] = mapped_column(sa.String(64))
     blob_key: Mapped[str] = mapped_column(sa.String(200), unique=True)
     received_at: Mapped[datetime]
+    erased_at: Mapped[datetime | None]
 
-    __table_args__ = (sa.UniqueConstraint("meal_id", "slot"), one_of("slot", SLOTS))
+    __table_args__ = (sa.UniqueConstraint("meal_id", "slot"), one_of("slot", SLOTS + AFTER_SLOTS))

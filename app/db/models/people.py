@@ -1,18 +1,30 @@
-"""Studies, their participants, the participants' devices, staff, and the tokens that either presents."""
+"""Studies with their protocol, participants, the participants' devices, staff and their roles, and access tokens."""
 
 import uuid
-from datetime import datetime
+from datetime import date, datetime
+from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.models.base import Base, one_of
 
-LOCATION_POLICIES = ("drop", "keep")
+LOCATION_POLICIES = ("drop", "round", "keep")
+WITHDRAWAL_POLICIES = ("keep", "anonymise", "erase")
+LOCALES = ("en", "de", "es", "zh")
+ROLES = ("viewer", "reviewer", "owner")  # each may do all that the one before it may
+TOKEN_KINDS = ("device", "session", "personal")
+SCOPES = ("read", "write")
 
 
 class Study(Base):
-    """A study. `change_seq` is its counter of changes: locked until commit, so no reader misses a late commit."""
+    """A study and its protocol. `change_seq` is its counter of changes: locked until commit, so no reader misses one.
+
+    camera: intrinsics that hold where neither the meal nor its device has any. after_window_minutes: how long after
+    eating began an after-meal pair is waited for. day_starts_minutes: after midnight; a meal before it belongs to the
+    day before. retention_days: photographs and derived pictures go so many days after upload; NULL: they stay.
+    version grows with every change of the protocol.
+    """
 
     __tablename__ = "study"
 
@@ -20,46 +32,90 @@ class Study(Base):
     code: Mapped[str] = mapped_column(sa.String(64), unique=True)
     name: Mapped[str] = mapped_column(sa.String(200))
     marker: Mapped[str | None] = mapped_column(sa.String(64))  # the board that its participants were given
+    camera: Mapped[dict[str, Any] | None]
+    expects_after_pair: Mapped[bool] = mapped_column(default=False)
+    after_window_minutes: Mapped[int] = mapped_column(default=240)
     location_policy: Mapped[str] = mapped_column(sa.String(16), default="drop")
+    location_decimals: Mapped[int | None]  # of degrees; set with "round" only
+    retention_days: Mapped[int | None]
+    withdrawal_policy: Mapped[str] = mapped_column(sa.String(16), default="erase")
+    locale: Mapped[str] = mapped_column(sa.String(8), default="en")
+    gives_feedback: Mapped[bool] = mapped_column(default=False)
+    day_starts_minutes: Mapped[int] = mapped_column(default=0)
+    version: Mapped[int] = mapped_column(default=1)
     change_seq: Mapped[int] = mapped_column(sa.BigInteger, default=0)
     created_at: Mapped[datetime]
 
-    __table_args__ = (one_of("location_policy", LOCATION_POLICIES),)
+    __table_args__ = (
+        one_of("location_policy", LOCATION_POLICIES),
+        one_of("withdrawal_policy", WITHDRAWAL_POLICIES),
+        one_of("locale", LOCALES),
+        sa.CheckConstraint("(location_policy = 'round') = (location_decimals IS NOT NULL)", name="decimals_to_round"),
+    )
 
 
 class Participant(Base):
-    """A person in a study, by pseudonymous code only."""
+    """A person in a study, by pseudonymous code only.
+
+    alias: the name in the audit log, which nothing else holds: without this row it leads to nobody. starts_on: local
+    day that is the study's day 1; NULL: the day of the first meal. profile: what reference intakes and plausibility
+    need (sex, birth year, weight, height ...); NULL: not told.
+    """
 
     __tablename__ = "participant"
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
     code: Mapped[str] = mapped_column(sa.String(64))
+    alias: Mapped[uuid.UUID] = mapped_column(unique=True, default=uuid.uuid4)
+    starts_on: Mapped[date | None]
+    profile: Mapped[dict[str, Any] | None]
+    withdrawn_at: Mapped[datetime | None]
     created_at: Mapped[datetime]
 
     __table_args__ = (sa.UniqueConstraint("study_id", "code"),)
 
 
 class Device(Base):
-    """A phone of a participant."""
+    """A phone of a participant. clock_skew_seconds: its clock minus the server's, at last_used_at."""
 
     __tablename__ = "device"
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"), index=True)
     name: Mapped[str] = mapped_column(sa.String(200))
+    model: Mapped[str | None] = mapped_column(sa.String(200))
+    app_version: Mapped[str | None] = mapped_column(sa.String(64))
+    clock_skew_seconds: Mapped[float | None]
+    last_used_at: Mapped[datetime | None]
     enrolled_at: Mapped[datetime]
+    revoked_at: Mapped[datetime | None]
 
 
 class Staff(Base):
-    """A person who runs the server or works with the data."""
+    """A person who runs the server or works with the data. password_hash: Argon2; NULL: signs in by token only."""
 
     __tablename__ = "staff"
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     name: Mapped[str] = mapped_column(sa.String(200), unique=True)
     is_admin: Mapped[bool]
+    password_hash: Mapped[str | None] = mapped_column(sa.String(200))
+    disabled_at: Mapped[datetime | None]
     created_at: Mapped[datetime]
+
+
+class StudyMember(Base):
+    """A staff member's role in a study."""
+
+    __tablename__ = "study_member"
+
+    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"), primary_key=True)
+    staff_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("staff.id"), primary_key=True, index=True)
+    role: Mapped[str] = mapped_column(sa.String(16))
+    created_at: Mapped[datetime]
+
+    __table_args__ = (one_of("role", ROLES),)
 
 
 class Enrolment(Base):
@@ -76,16 +132,29 @@ class Enrolment(Base):
 
 
 class AccessToken(Base):
-    """An opaque bearer token of a device or of a staff member; only its SHA-256 is kept."""
+    """An opaque bearer token of a device or of a staff member; only its SHA-256 is kept.
+
+    kind: of a device, of a signed-in session, or made by a person for scripts. scope and study_id narrow what a
+    personal token may do: read only, one study only.
+    """
 
     __tablename__ = "access_token"
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     token_sha256: Mapped[str] = mapped_column(sa.String(64), unique=True)
+    kind: Mapped[str] = mapped_column(sa.String(16))
+    name: Mapped[str | None] = mapped_column(sa.String(200))
+    scope: Mapped[str] = mapped_column(sa.String(16), default="write")
+    study_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("study.id"))
     device_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("device.id"), index=True)
     staff_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("staff.id"), index=True)
     created_at: Mapped[datetime]
     expires_at: Mapped[datetime | None]
+    last_used_at: Mapped[datetime | None]
     revoked_at: Mapped[datetime | None]
 
-    __table_args__ = (sa.CheckConstraint("(device_id IS NULL) <> (staff_id IS NULL)", name="one_owner"),)
+    __table_args__ = (
+        one_of("kind", TOKEN_KINDS),
+        one_of("scope", SCOPES),
+        sa.CheckConstraint("(device_id IS NULL) <> (staff_id IS NULL)", name="one_owner"),
+    )

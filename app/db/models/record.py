@@ -8,17 +8,25 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.models.base import Base, one_of
+from app.db.models.job import JOB_PURPOSES
+from app.db.models.review import LAYERS
 
 RECORD_STATUSES = ("proposed", "needs_review", "confirmed", "corrected", "rejected")
+ITEM_ORIGINS = ("pipeline", "after", "declared", "added", "split", "merged")
+LEFTOVER_CLASSES = ("food_left", "refuse", "unmatched")
 
 
 class Run(Base):
-    """One execution of the pipeline on a meal. Never updated: a new execution is a new run. id: the job's id."""
+    """One execution of the pipeline on a meal. Never updated: a new execution is a new run. id: the job's id.
+
+    purpose: the job's. Only a run for "meal" makes the meal's items.
+    """
 
     __tablename__ = "run"
 
     id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("job.id"), primary_key=True)
     meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
+    purpose: Mapped[str] = mapped_column(sa.String(16), default="meal")
     method: Mapped[str] = mapped_column(sa.String(32))
     pipeline_version: Mapped[str] = mapped_column(sa.String(32))
     marker: Mapped[str] = mapped_column(sa.String(64))
@@ -31,6 +39,8 @@ class Run(Base):
     failure_message: Mapped[str | None] = mapped_column(sa.Text)
     result_key: Mapped[str] = mapped_column(sa.String(300), unique=True)  # the pipeline's whole answer, in the store
     created_at: Mapped[datetime]
+
+    __table_args__ = (one_of("purpose", JOB_PURPOSES),)
 
 
 class RunArtefact(Base):
@@ -47,15 +57,23 @@ class RunArtefact(Base):
 
 
 class Item(Base):
-    """One food that a run found: its outline, its volume and the doubt about it.
+    """One food of a meal: found by a run, or told by a person; its outline, its volume and the doubt about it.
 
-    Without a volume (flag "not_measurable") the interval is NULL too, and relative_sd empty.
+    origin: "pipeline", found in the meal's pair; "after", found in the after-meal pair (food left, or refuse);
+    "declared", told and never seen; "added", seen by a person and not by the pipeline; "split" and "merged", made from
+    other items by event_id. Without a volume (flag "not_measurable", or a person told grams) the interval is NULL too,
+    and relative_sd empty. traits: what leftovers are matched by (where it stood, its colour). parent_id: the item that
+    it was split from, or that a declared one answers a probe of.
     """
 
     __tablename__ = "item"
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"))
+    meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
+    run_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("run.id"))
+    origin: Mapped[str] = mapped_column(sa.String(16), default="pipeline")
+    parent_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("item.id"))
+    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"))
     position: Mapped[int]
     rings: Mapped[list[Any]]
     volume_ml: Mapped[float | None]
@@ -63,13 +81,59 @@ class Item(Base):
     volume_high_ml: Mapped[float | None]
     relative_sd: Mapped[dict[str, Any]]
     flags: Mapped[list[Any]]
+    traits: Mapped[dict[str, Any]] = mapped_column(default=dict)
 
     __table_args__ = (
         sa.UniqueConstraint("run_id", "position"),
+        one_of("origin", ITEM_ORIGINS),
+        sa.CheckConstraint("(run_id IS NULL) = (origin NOT IN ('pipeline', 'after'))", name="run_of_what_it_found"),
         sa.CheckConstraint(
             "(volume_ml IS NULL) = (volume_low_ml IS NULL) AND (volume_ml IS NULL) = (volume_high_ml IS NULL)",
             name="volume_with_interval",
         ),
+    )
+
+
+class ItemMeasure(Base):
+    """An item's region measured again, as a person drew it; append-only, the one of the newest event that counts holds.
+
+    Where the run could not measure it the volume is NULL and flags say why.
+    """
+
+    __tablename__ = "item_measure"
+
+    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
+    event_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal_event.id"), primary_key=True)
+    run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), index=True)
+    rings: Mapped[list[Any]]
+    volume_ml: Mapped[float | None]
+    volume_low_ml: Mapped[float | None]
+    volume_high_ml: Mapped[float | None]
+    relative_sd: Mapped[dict[str, Any]]
+    flags: Mapped[list[Any]]
+
+
+class Leftover(Base):
+    """What an item of the after-meal pair is: food left of an item, refuse of it, or nobody knows of which.
+
+    Append-only: the highest version of the highest layer holds. event_id: who said so; NULL: matched by the server.
+    """
+
+    __tablename__ = "leftover"
+
+    after_item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
+    version: Mapped[int] = mapped_column(primary_key=True)
+    item_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("item.id"), index=True)
+    leftover_class: Mapped[str] = mapped_column(sa.String(16))
+    layer: Mapped[str] = mapped_column(sa.String(16), default="automatic")
+    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"))
+    flags: Mapped[list[Any]]
+    created_at: Mapped[datetime]
+
+    __table_args__ = (
+        one_of("leftover_class", LEFTOVER_CLASSES),
+        one_of("layer", LAYERS),
+        sa.CheckConstraint("(item_id IS NULL) = (leftover_class = 'unmatched')", name="matched_to_an_item"),
     )
 
 
@@ -86,10 +150,11 @@ class ItemCandidate(Base):
 
 
 class ItemFood(Base):
-    """Which food an item is taken for, and what turns its volume into grams; append-only, the highest version holds.
+    """Which food an item is taken for, and what turns its volume into grams; append-only.
 
-    The density and the edible share are kept as they were chosen, so that a record can always be built again. Without a
-    density (the table knows none) the density's columns are NULL. recompute_id: the recomputation that wrote it.
+    The highest version of the highest layer holds, but for those whose event was undone. The density and the edible
+    share are kept as they were chosen, so that a record can always be built again. Without a density (the table knows
+    none) the density's columns are NULL. recompute_id: the recomputation that wrote it.
     """
 
     __tablename__ = "item_food"
@@ -106,8 +171,12 @@ class ItemFood(Base):
     density_source: Mapped[str | None] = mapped_column(sa.String(300))
     density_weighs: Mapped[str | None] = mapped_column(sa.String(8))
     edible_share: Mapped[float]
+    layer: Mapped[str] = mapped_column(sa.String(16), default="automatic")
+    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"))
     recompute_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("recompute.id"))
     created_at: Mapped[datetime]
+
+    __table_args__ = (one_of("layer", LAYERS),)
 
 
 class Recompute(Base):
@@ -125,8 +194,12 @@ class Recompute(Base):
 class EffectiveRecord(Base):
     """What holds for an item now: food, grams, ten headline components. Rebuilt from runs and events at any time.
 
-    Components that the food table does not know are NULL, never 0; so is all that follows from an unknown volume.
-    The columns of the day's and the page's filters are copied from the meal, which never changes them.
+    mass_g and edible_g: as served. left_g: edible grams left over; NULL: nobody has looked. consumed_g: what was eaten,
+    edible less left, times the participant's share of the dish; signed, since clipping would bias means. The components
+    are those of consumed_g. Components that the food table does not know are NULL, never 0; so is all that follows from
+    an unknown amount, and every amount of a rejected item. provisional: an after-meal pair may still come. doubt: the
+    review queue's order, the greatest first. The columns of the day's and the page's filters are copied from the meal,
+    which never changes them.
     """
 
     __tablename__ = "effective_record"
@@ -138,6 +211,9 @@ class EffectiveRecord(Base):
     captured_at: Mapped[datetime]
     local_date: Mapped[date]
     status: Mapped[str] = mapped_column(sa.String(16))
+    origin: Mapped[str] = mapped_column(sa.String(16), default="pipeline")
+    provisional: Mapped[bool] = mapped_column(default=False)
+    reviewed: Mapped[bool] = mapped_column(default=False)  # a reviewer has had the last word
     food_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food.id"))
     volume_ml: Mapped[float | None]
     volume_low_ml: Mapped[float | None]
@@ -148,6 +224,11 @@ class EffectiveRecord(Base):
     mass_low_g: Mapped[float | None]
     mass_high_g: Mapped[float | None]
     edible_g: Mapped[float | None]
+    share: Mapped[float] = mapped_column(default=1.0)
+    left_g: Mapped[float | None]
+    consumed_g: Mapped[float | None]
+    consumed_low_g: Mapped[float | None]
+    consumed_high_g: Mapped[float | None]
     energy_kcal: Mapped[float | None]
     protein_g: Mapped[float | None]
     fat_g: Mapped[float | None]
@@ -158,12 +239,17 @@ class EffectiveRecord(Base):
     sodium_mg: Mapped[float | None]
     potassium_mg: Mapped[float | None]
     vitamin_c_mg: Mapped[float | None]
+    flags: Mapped[list[Any]] = mapped_column(default=list)
+    doubt: Mapped[float] = mapped_column(default=0.0)
     change_seq: Mapped[int] = mapped_column(sa.BigInteger)
 
     __table_args__ = (
         one_of("status", RECORD_STATUSES),
+        one_of("origin", ITEM_ORIGINS),
         sa.Index(None, "captured_at", "item_id"),
         sa.Index(None, "study_id", "captured_at", "item_id"),
         sa.Index(None, "participant_id", "captured_at", "item_id"),
         sa.Index(None, "study_id", "change_seq"),
+        sa.Index(None, "study_id", "reviewed", "doubt", "item_id"),
+        sa.Index(None, "participant_id", "local_date"),
     )

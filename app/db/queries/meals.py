@@ -29,7 +29,12 @@ def blob_keys(session: Session) -> Iterator[str]:
 
 
 def find_meals(
-    session: Session, client_id: uuid.UUID, *, participant_id: uuid.UUID | None, participant_code: str | None
+    session: Session,
+    client_id: uuid.UUID,
+    *,
+    participant_id: uuid.UUID | None,
+    participant_code: str | None,
+    study_ids: Collection[uuid.UUID] | None,
 ) -> list[tuple[Meal, str, str]]:
     """(meal, participant's code, study's code) of all meals of this client id that the filters leave, at most two."""
     query = (
@@ -41,6 +46,8 @@ def find_meals(
     )
     if participant_id is not None:
         query = query.where(Meal.participant_id == participant_id)
+    if study_ids is not None:
+        query = query.where(Meal.study_id.in_(study_ids))
     if participant_code is not None:
         query = query.where(Participant.code == participant_code)
     return [(meal, participant, study) for meal, participant, study in session.execute(query)]

@@ -7,18 +7,23 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import AccessToken, Device, Enrolment, Participant, Staff, Study
+from app.db.models import AccessToken, Device, Enrolment, Participant, Staff, Study, StudyMember, Tombstone
 
 
 def find_token(session: Session, token_sha256: str, now: datetime) -> sa.Row[*tuple[Any, ...]] | None:
-    """(staff_id, is_admin, device_id, participant_id, study_id) of a token that is valid now, or None."""
+    """A token that is valid now, with its owner, or None: neither it, its device nor its owner may be shut out."""
     query = (
         sa.select(
+            AccessToken.id.label("token_id"),
+            AccessToken.scope,
+            AccessToken.study_id.label("only_study_id"),
             AccessToken.staff_id,
+            Staff.name.label("staff_name"),
             Staff.is_admin,
             AccessToken.device_id,
             Device.participant_id,
             Participant.study_id,
+            Participant.alias.label("participant_alias"),
         )
         .outerjoin(Staff, Staff.id == AccessToken.staff_id)
         .outerjoin(Device, Device.id == AccessToken.device_id)
@@ -26,10 +31,23 @@ def find_token(session: Session, token_sha256: str, now: datetime) -> sa.Row[*tu
         .where(
             AccessToken.token_sha256 == token_sha256,
             AccessToken.revoked_at.is_(None),
+            Staff.disabled_at.is_(None),
+            Device.revoked_at.is_(None),
             sa.or_(AccessToken.expires_at.is_(None), AccessToken.expires_at > now),
         )
     )
     return session.execute(query).one_or_none()
+
+
+def roles_of(session: Session, staff_id: uuid.UUID) -> dict[uuid.UUID, Any]:
+    """Study -> role of a staff member."""
+    query = sa.select(StudyMember.study_id, StudyMember.role).where(StudyMember.staff_id == staff_id)
+    return {row.study_id: row.role for row in session.execute(query)}
+
+
+def has_tombstone(session: Session, kind: str, digest: str) -> bool:
+    """Whether something of this name was here and is erased."""
+    return session.get(Tombstone, (kind, digest)) is not None
 
 
 def find_study(session: Session, code: str) -> Study | None:

@@ -31,6 +31,7 @@ class RecordFilter:
     study_code: str | None = None
     participant_code: str | None = None
     participant_id: uuid.UUID | None = None
+    study_ids: frozenset[uuid.UUID] | None = None
     first_day: date | None = None
     last_day: date | None = None
     food_key: str | None = None
@@ -79,6 +80,8 @@ def page_of_records(
         query = query.where(record.local_date >= chosen.first_day)
     if chosen.last_day is not None:
         query = query.where(record.local_date <= chosen.last_day)
+    if chosen.study_ids is not None:
+        query = query.where(record.study_id.in_(chosen.study_ids))
     if after is not None:
         query = query.where(sa.tuple_(record.captured_at, record.item_id) > sa.tuple_(*_bound(after)))
     return [_row(row) for row in session.execute(query)]

@@ -159,18 +159,18 @@ def test_a_food_is_put_back_by_a_new_version_to_what_it_was_before_any_correctio
 
 def test_only_an_admin_edits(client, phone):
     calls = [
-        ("POST", "/v1/foods", QUARK),
-        ("PATCH", "/v1/foods/apple", {"name": "x", "reason": "y"}),
-        ("POST", "/v1/foods/apple/densities", {}),
-        ("POST", "/v1/foods/apple/restore", {"version": 1, "reason": "y"}),
-        ("GET", "/v1/foods/apple/changes", None),
-        ("POST", "/v1/studies/pilot/densities", {}),
-        ("GET", "/v1/studies/pilot/densities", None),
+        ("POST", "/v1/foods", QUARK, "admin_only"),
+        ("PATCH", "/v1/foods/apple", {"name": "x", "reason": "y"}, "admin_only"),
+        ("POST", "/v1/foods/apple/densities", {}, "admin_only"),
+        ("POST", "/v1/foods/apple/restore", {"version": 1, "reason": "y"}, "admin_only"),
+        ("GET", "/v1/foods/apple/changes", None, "staff_only"),
+        ("POST", "/v1/studies/pilot/densities", {}, "staff_only"),
+        ("GET", "/v1/studies/pilot/densities", None, "staff_only"),
     ]
-    for method, path, body in calls:
+    for method, path, body, code in calls:
         assert client.request(method, path, json=body).status_code == 401, path
         answer = client.request(method, path, json=body, headers=phone.headers | {"If-Match": "*"})
-        assert (answer.status_code, answer.json()["code"]) == (403, "admin_only"), path
+        assert (answer.status_code, answer.json()["code"]) == (403, code), path
 
 
 @pytest.mark.parametrize(

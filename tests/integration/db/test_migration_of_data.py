@@ -90,7 +90,7 @@ def test_broken_reference_stops_the_upgrade_and_nothing_is_changed(database):
     connection.close()
     before = rows_of(database)
     with pytest.raises(sa.exc.IntegrityError, match="refer to none"):
-        upgrade(database)
+        upgrade(database, "20261121_food_table")
     assert not is_current(database)
     assert rows_of(database) == before
     with pytest.raises(sa.exc.IntegrityError), database.write() as session:

@@ -32,7 +32,9 @@ def has_ended(pid):
 
 
 def test_settings_survive_the_way_through_the_environment(monkeypatch, tmp_path):
-    settings = Settings(data_dir=tmp_path, database_url="sqlite:////x/y.sqlite3", estimate_seconds=2.5, port=0)
+    settings = Settings(
+        data_dir=tmp_path, database_url="sqlite:////x/y.sqlite3", estimate_seconds=2.5, port=0, secret_key="k" * 32
+    )
     for name, value in settings_environment(settings).items():
         monkeypatch.setenv(name, value)
     assert Settings() == settings

@@ -1,0 +1,138 @@
+"""Who may call which route: one table, deny by default. A route that has no rule here is refused to everybody.
+
+A rule names who may call: anybody, a participant's phone, staff with at least a role in the study that the call is
+about, or admins. `authorise` runs before every route: it finds the rule, the caller, and, where the path names a
+study, lets the caller into it; where the study follows from something else (a meal), the service asks
+services/access.py, which goes by the role that the rule needs. docs/access.md is made from this table.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal
+
+from fastapi import Depends, Request, Security
+from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+
+from app.api.state import ApiState
+from app.db.queries import people
+from app.errors import NotAllowedError, NotFoundError, UnauthenticatedError
+from app.services.access import require_study
+from app.services.caller import Caller, DeviceCaller, StaffCaller, authenticate
+
+SAFE_METHODS = frozenset({"GET", "HEAD"})
+
+bearer = HTTPBearer(auto_error=False, description="A device's token (POST /v1/enrolments) or a staff member's.")
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """Who may call a route.
+
+    staff: the least role in the study; "any": whoever is signed in; None: no staff. An admin passes wherever staff do.
+    """
+
+    is_open: bool = False
+    device: bool = False
+    staff: Literal["any", "viewer", "reviewer", "owner", "admin"] | None = None
+
+
+OPEN = Rule(is_open=True)
+DEVICE = Rule(device=True)
+ANY = Rule(device=True, staff="any")
+STAFF = Rule(staff="any")
+VIEWER = Rule(staff="viewer")
+VIEWER_OR_DEVICE = Rule(device=True, staff="viewer")
+REVIEWER = Rule(staff="reviewer")
+REVIEWER_OR_DEVICE = Rule(device=True, staff="reviewer")
+OWNER = Rule(staff="owner")
+OWNER_OR_DEVICE = Rule(device=True, staff="owner")
+ADMIN = Rule(staff="admin")
+
+RULES: Mapping[tuple[str, str], Rule] = {
+    # health
+    ("GET", "/healthz"): OPEN,
+    ("HEAD", "/healthz"): OPEN,
+    ("GET", "/readyz"): OPEN,
+    ("HEAD", "/readyz"): OPEN,
+    # people
+    ("POST", "/v1/enrolments"): OPEN,
+    ("GET", "/v1/studies"): STAFF,
+    ("POST", "/v1/studies"): ADMIN,
+    ("POST", "/v1/studies/{study}/participants"): OWNER,
+    ("POST", "/v1/studies/{study}/participants/{participant}/enrolment-codes"): OWNER,
+    # meals and records
+    ("POST", "/v1/meals"): DEVICE,
+    ("PUT", "/v1/meals/{meal_id}"): DEVICE,
+    ("PUT", "/v1/meals/{meal_id}/images/{slot}"): DEVICE,
+    ("GET", "/v1/meals/{meal_id}"): VIEWER_OR_DEVICE,
+    ("GET", "/v1/meals/{meal_id}/artefacts/{name}"): VIEWER_OR_DEVICE,
+    ("GET", "/v1/records"): VIEWER_OR_DEVICE,
+    # foods
+    ("GET", "/v1/foods"): ANY,
+    ("GET", "/v1/foods/{key}"): ANY,
+    ("GET", "/v1/food-groups"): ANY,
+    ("GET", "/v1/reference-intakes"): ANY,
+    ("POST", "/v1/foods"): ADMIN,
+    ("PATCH", "/v1/foods/{key}"): ADMIN,
+    ("POST", "/v1/foods/{key}/densities"): ADMIN,
+    ("POST", "/v1/foods/{key}/restore"): ADMIN,
+    ("GET", "/v1/foods/{key}/changes"): STAFF,
+    ("GET", "/v1/studies/{study}/densities"): VIEWER,
+    ("POST", "/v1/studies/{study}/densities"): OWNER,
+    ("POST", "/v1/studies/{study}/densities/{density}/withdrawal"): OWNER,
+}
+
+
+def api_state(request: Request) -> ApiState:
+    """The process's state."""
+    state: ApiState = request.app.state.api
+    return state
+
+
+State = Annotated[ApiState, Depends(api_state)]
+
+
+def authorise(
+    request: Request,
+    state: State,
+    credentials: Annotated[HTTPAuthorizationCredentials | None, Security(bearer)],
+) -> Caller | None:
+    """The caller, if the route's rule lets them in; None where it is open.
+
+    Raises UnauthenticatedError, GoneError (left the study), NotAllowedError, NotFoundError (a study not theirs).
+    """
+    rule = RULES.get((request.method, request.scope["route"].path))
+    if rule is None:
+        raise NotAllowedError("Nobody may make this call: it has no rule.", code="no_rule")
+    if rule.is_open:
+        return None
+    if credentials is None:
+        raise UnauthenticatedError("Send the header `Authorization: Bearer TOKEN`.")
+    caller = authenticate(state.database, state.secrets, credentials.credentials)
+    if isinstance(caller, DeviceCaller):
+        if not rule.device:
+            code = "admin_only" if rule.staff == "admin" else "staff_only"
+            raise NotAllowedError("A participant's device cannot do this: use a staff member's token.", code=code)
+        return caller
+    caller = _staff_by_rule(caller, rule, request.method)
+    if "study" in request.path_params:
+        _enter_study(state, caller, request.path_params["study"])
+    return caller
+
+
+def _staff_by_rule(caller: StaffCaller, rule: Rule, method: str) -> StaffCaller:
+    if rule.staff is None:
+        raise NotAllowedError("Only a participant's device can do this: use a device token.", code="device_only")
+    if rule.staff == "admin" and not caller.is_admin:
+        raise NotAllowedError("Only an admin can do this.", code="admin_only")
+    if method not in SAFE_METHODS and not caller.can_write:
+        raise NotAllowedError("This token may read only.", code="token_read_only")
+    return replace(caller, needs=rule.staff) if rule.staff in ("viewer", "reviewer", "owner") else caller
+
+
+def _enter_study(state: ApiState, caller: StaffCaller, code: str) -> None:
+    with state.database.read() as session:
+        study = people.find_study(session, code)
+    if study is None:
+        raise NotFoundError("There is no such study.")
+    require_study(caller, study.id)

@@ -1,0 +1,53 @@
+"""A participant's days: closed or open. Means leave open days out; a forgotten meal looks like an open day."""
+
+import uuid
+from datetime import date, datetime
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Mapped, mapped_column
+
+from app.db.models.base import Base, one_of
+from app.db.models.review import LAYERS
+
+DAY_STATUSES = ("open", "closed")
+DAY_EVENT_KINDS = ("closed", "ate_nothing", "reopened")
+
+
+class DayEvent(Base):
+    """Somebody's word about a local day; append-only, the newest of the highest layer counts.
+
+    closed: all that was eaten is told. ate_nothing: closed, and nothing was eaten. reopened: not so.
+    """
+
+    __tablename__ = "day_event"
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"))
+    local_date: Mapped[date]
+    kind: Mapped[str] = mapped_column(sa.String(16))
+    layer: Mapped[str] = mapped_column(sa.String(16))
+    author: Mapped[str] = mapped_column(sa.String(200))
+    created_at: Mapped[datetime]
+
+    __table_args__ = (
+        one_of("kind", DAY_EVENT_KINDS),
+        one_of("layer", LAYERS),
+        sa.Index(None, "participant_id", "local_date"),
+    )
+
+
+class DiaryDay(Base):
+    """How a local day stands: a projection of its events. A day without a row is open."""
+
+    __tablename__ = "diary_day"
+
+    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"), primary_key=True)
+    local_date: Mapped[date] = mapped_column(primary_key=True)
+    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
+    status: Mapped[str] = mapped_column(sa.String(16))
+    ate_nothing: Mapped[bool]
+    version: Mapped[int] = mapped_column(default=1)
+    changed_at: Mapped[datetime]
+    change_seq: Mapped[int] = mapped_column(sa.BigInteger)
+
+    __table_args__ = (one_of("status", DAY_STATUSES), sa.Index(None, "study_id", "local_date"))

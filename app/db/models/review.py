@@ -1,0 +1,48 @@
+"""What people say about a meal and its items, append-only: who, when, the old value and the new one.
+
+Three layers stay apart: what the pipeline found ("automatic"), the participant's word, the reviewer's word over it.
+What holds now is a projection (services/item_state.py); an event is never changed, an `undo` names the one it undoes.
+"""
+
+import uuid
+from datetime import datetime
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Mapped, mapped_column
+
+from app.db.models.base import Base, one_of
+
+LAYERS = ("automatic", "participant", "reviewer")  # each goes before the one before it
+EVENT_KINDS = (
+    "confirm", "reject", "set_food", "set_volume", "set_mass", "set_share", "set_leftover", "add", "declare", "split",
+    "merge", "redraw", "nothing_left", "confirm_meal", "comment", "question", "answer", "undo",
+)  # fmt: skip
+
+
+class MealEvent(Base):
+    """One event of a meal; sequence: its number in the meal, from 1.
+
+    item_id: the item that it is about; no foreign key, since items name the events that made them. old, new: the values
+    before and after, in the words of the API; new of an undo names the event.
+    """
+
+    __tablename__ = "meal_event"
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"))
+    sequence: Mapped[int]
+    item_id: Mapped[uuid.UUID | None] = mapped_column(index=True)
+    kind: Mapped[str] = mapped_column(sa.String(16))
+    layer: Mapped[str] = mapped_column(sa.String(16))
+    device_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("device.id"))
+    staff_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("staff.id"))
+    old: Mapped[dict[str, Any]]
+    new: Mapped[dict[str, Any]]
+    created_at: Mapped[datetime]
+
+    __table_args__ = (
+        one_of("kind", EVENT_KINDS),
+        one_of("layer", LAYERS),
+        sa.UniqueConstraint("meal_id", "sequence"),
+    )

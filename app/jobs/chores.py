@@ -1,0 +1,54 @@
+"""Chores: small work that a worker does beside its jobs, again and again: deliveries, deletions, days that end.
+
+Every worker does every chore; each is written so that two at once, or a death in its midst, do no harm.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import structlog
+
+log = structlog.get_logger()
+
+LOOK_SECONDS = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Chore:
+    """run: does what there is to do now and returns. every_seconds: from one beginning to the next, at the soonest."""
+
+    name: str
+    every_seconds: float
+    run: Callable[[], object]
+
+
+class ChoreThread:
+    """Does the chores one after the other, in one thread of a worker, until it is stopped."""
+
+    def __init__(self, chores: Sequence[Chore]) -> None:
+        self._chores = chores
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._go_round, name="chores", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self, seconds: float = 2.0) -> None:
+        """Begin no further chore; wait a little for the one under way."""
+        self._ending.set()
+        self._thread.join(seconds)
+
+    def _go_round(self) -> None:
+        due = dict.fromkeys((chore.name for chore in self._chores), 0.0)
+        while not self._ending.wait(LOOK_SECONDS):
+            for chore in self._chores:
+                if time.monotonic() < due[chore.name] or self._ending.is_set():
+                    continue
+                due[chore.name] = time.monotonic() + chore.every_seconds
+                try:
+                    chore.run()
+                except Exception as error:  # the worker's edge: its next turn comes
+                    log.warning("chore_failed", chore=chore.name, exc_info=error)
