@@ -1,7 +1,12 @@
-"""When a meal was: the instant and the zone that the phone tells, checked, and the local day that follows from them."""
+"""When a meal was: the instant and the zone that the phone tells, checked, and the local day that follows from them.
+
+The day is the study's: it begins at the study's day start, so that a snack at half past one belongs to the evening
+before. It goes by the wall clock, as people do: the same time on the same clock face is on the same day, whether the
+hour is the first or the repeated one of a change from daylight-saving time.
+"""
 
 from dataclasses import dataclass
-from datetime import UTC, date, datetime, timedelta
+from datetime import UTC, date, datetime, time, timedelta
 from functools import cache
 from zoneinfo import ZoneInfo, available_timezones
 
@@ -9,16 +14,21 @@ from app.errors import InvalidInputError
 
 EARLIEST = datetime(2000, 1, 1, tzinfo=UTC)  # before phones with cameras; a reset clock says 1970
 CLOCK_AHEAD = timedelta(hours=24)  # a phone's clock may be ahead by that much and the meal is still taken
+EASTERNMOST = timedelta(hours=14)  # ahead of UTC: where a day begins first (Kiribati)
+NOON = time(12)
 
 
 @dataclass(frozen=True, slots=True)
 class MealTime:
-    """captured_at: aware instant; utc_offset_minutes and local_date in time_zone."""
+    """captured_at: aware instant; utc_offset_minutes: in time_zone then."""
 
     captured_at: datetime
     utc_offset_minutes: int
     time_zone: str
-    local_date: date
+
+    def local_date(self, day_starts_minutes: int) -> date:
+        """The study's day that the meal belongs to."""
+        return local_day(self.captured_at, self.time_zone, day_starts_minutes)
 
 
 def meal_time(captured_at: datetime, time_zone: str, now: datetime) -> MealTime:
@@ -44,7 +54,37 @@ def meal_time(captured_at: datetime, time_zone: str, now: datetime) -> MealTime:
             f"captured_at has offset {captured_at:%z}, but {time_zone} had {local:%z} then: check the phone's zone.",
             code="offset_not_in_zone",
         )
-    return MealTime(captured_at, offset_minutes, time_zone, local.date())
+    return MealTime(captured_at, offset_minutes, time_zone)
+
+
+def local_day(instant: datetime, time_zone: str, day_starts_minutes: int) -> date:
+    """The day of an aware instant in a zone, where days begin so many minutes (0 to 1439) after midnight.
+
+    Before that time of the wall clock it is the day before: the last one that there was, since a zone that moves over
+    the date line has none (Apia went from 29 to 31 December 2011). Raises ValueError for a day start that is no time
+    of day.
+    """
+    if not 0 <= day_starts_minutes < 24 * 60:
+        raise ValueError(f"a day starts 0 to 1439 minutes after midnight, not {day_starts_minutes}")
+    zone = ZoneInfo(time_zone)
+    local = instant.astimezone(zone)
+    if local.hour * 60 + local.minute >= day_starts_minutes:
+        return local.date()
+    day = local.date() - timedelta(days=1)
+    while not _is_in_calendar(day, zone):
+        day -= timedelta(days=1)
+    return day
+
+
+def latest_day(now: datetime) -> date:
+    """The latest date that anybody's calendar shows."""
+    return (now.astimezone(UTC) + EASTERNMOST).date()
+
+
+def _is_in_calendar(day: date, zone: ZoneInfo) -> bool:
+    """Whether the zone had the day: its noon, taken to UTC and back, is still on it."""
+    noon = datetime.combine(day, NOON, zone)
+    return noon.astimezone(UTC).astimezone(zone).date() == day
 
 
 @cache

@@ -170,7 +170,7 @@ class SubmitMeal:
             stored = self._check(session, meal_id, details, photos)
             is_new = meal is None
             if meal is None and metadata is not None and details is not None:
-                meal = _new_meal(caller, client_id, meal_id, metadata, details, now)
+                meal = _new_meal(session, caller, client_id, meal_id, metadata, details, now)
                 session.add(meal)
                 session.flush()
             if meal is None:
@@ -207,6 +207,7 @@ def _details(metadata: MealMetadata, study: Study) -> dict[str, Any]:
 
 
 def _new_meal(
+    session: Session,
     caller: DeviceCaller,
     client_id: uuid.UUID,
     meal_id: uuid.UUID,
@@ -214,6 +215,7 @@ def _new_meal(
     details: dict[str, Any],
     now: datetime,
 ) -> Meal:
+    study = session.get_one(Study, caller.study_id)  # its day start of now: the day is computed once and never again
     return Meal(
         id=meal_id,
         client_id=client_id,
@@ -223,7 +225,7 @@ def _new_meal(
         captured_at=metadata.time.captured_at,
         utc_offset_minutes=metadata.time.utc_offset_minutes,
         time_zone=metadata.time.time_zone,
-        local_date=metadata.time.local_date,
+        local_date=metadata.time.local_date(study.day_starts_minutes),
         details=details,
         status="receiving",
         version=1,

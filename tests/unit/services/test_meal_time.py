@@ -16,14 +16,14 @@ def code_of(captured_at, zone="Asia/Shanghai"):
 
 def test_local_day_is_the_zones_day_not_the_utc_day():
     found = meal_time(datetime.fromisoformat("2026-11-21T00:30:00+08:00"), "Asia/Shanghai", NOW)
-    assert found.local_date == date(2026, 11, 21)
+    assert found.local_date(0) == date(2026, 11, 21)
     assert found.captured_at.astimezone(UTC).date() == date(2026, 11, 20)
     assert found.utc_offset_minutes == 480
 
 
 def test_utc_instant_is_accepted_in_any_zone():
     found = meal_time(datetime.fromisoformat("2026-11-20T20:00:00Z"), "Pacific/Auckland", NOW)
-    assert found.local_date == date(2026, 11, 21)
+    assert found.local_date(0) == date(2026, 11, 21)
     assert found.utc_offset_minutes == 13 * 60
 
 
@@ -65,4 +65,4 @@ def test_impossible_time_is_refused(instant):
 
 
 def test_phone_that_is_an_hour_ahead_is_taken():
-    assert meal_time(NOW + timedelta(hours=1), "UTC", NOW).local_date == NOW.date()
+    assert meal_time(NOW + timedelta(hours=1), "UTC", NOW).local_date(0) == NOW.date()
