@@ -31,6 +31,8 @@ from app.api.state import ApiState
 from app.api.waiting import MealWaiter
 from app.db.session import Database
 from app.jobs.engine import JobQueue
+from app.services.last_use import LastUse
+from app.services.passwords import Passwords
 from app.services.prepare import prepare
 from app.services.secret_box import open_secret_box
 from app.services.submit_meal import SubmitMeal
@@ -57,6 +59,7 @@ def create_app(settings: Settings) -> FastAPI:
         await anyio.to_thread.run_sync(prepare, database, settings)
         queue = JobQueue(database)
         waiter = MealWaiter(database)
+        last_use = LastUse(database)
         app.state.api = ApiState(
             settings=settings,
             database=database,
@@ -66,11 +69,16 @@ def create_app(settings: Settings) -> FastAPI:
             upload_limiter=anyio.CapacityLimiter(settings.max_uploads),
             enrolment_limit=RateLimit(settings.enrolment_attempts_per_minute),
             secrets=box,
+            sign_in_by_address=RateLimit(settings.sign_in_attempts_per_minute),
+            sign_in_by_name=RateLimit(settings.sign_in_attempts_per_minute),
+            passwords=Passwords(),
+            last_use=last_use,
         )
         try:
             yield
         finally:
             await waiter.close()
+            await anyio.to_thread.run_sync(last_use.close)
             queue.close()
             database.dispose()
 

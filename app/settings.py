@@ -34,8 +34,15 @@ class Settings(BaseSettings):
     host: str = Field(default="127.0.0.1", description="Address that `tada serve` listens on.")
     port: int = Field(default=8000, ge=0, le=65535, description="Port that `tada serve` listens on; 0: any free one.")
 
+    public_url: str | None = Field(
+        default=None, description="Where phones reach the server, https://host; default: as the caller wrote it."
+    )
     trusted_proxies: str | None = Field(
         default=None, description="Addresses or networks, comma between: only their X-Forwarded-For is believed."
+    )
+
+    webhook_allow_loopback: bool = Field(
+        default=False, description="Webhooks may go to 127.0.0.1, also by plain http: for tests only."
     )
 
     max_photo_bytes: int = Field(default=30 * MEBIBYTE, ge=1, description="One photograph, at most.")
@@ -49,6 +56,9 @@ class Settings(BaseSettings):
     worker_concurrency: int = Field(default=1, ge=1, description="Estimates at the same time in one worker.")
 
     enrolment_attempts_per_minute: int = Field(default=20, ge=1, description="Tries a minute and address, enrolment.")
+    sign_in_attempts_per_minute: int = Field(
+        default=10, ge=1, description="Tries a minute and address, and a minute and name, sign-in."
+    )
     log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = Field(default="INFO", description="Least level told.")
     log_format: Literal["json", "console"] = Field(default="json", description="json, or console for a person.")
 

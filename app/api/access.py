@@ -8,16 +8,19 @@ services/access.py, which goes by the role that the rule needs. docs/access.md i
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from typing import Annotated, Literal
 
 from fastapi import Depends, Request, Security
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+from starlette.datastructures import Headers
 
 from app.api.state import ApiState
 from app.db.queries import people
 from app.errors import NotAllowedError, NotFoundError, UnauthenticatedError
 from app.services.access import require_study
 from app.services.caller import Caller, DeviceCaller, StaffCaller, authenticate
+from app.services.last_use import clock_skew_seconds
 
 SAFE_METHODS = frozenset({"GET", "HEAD"})
 
@@ -29,17 +32,20 @@ class Rule:
     """Who may call a route.
 
     staff: the least role in the study; "any": whoever is signed in; None: no staff. An admin passes wherever staff do.
+    session: staff must have signed in with their password; a personal token is not enough.
     """
 
     is_open: bool = False
     device: bool = False
     staff: Literal["any", "viewer", "reviewer", "owner", "admin"] | None = None
+    session: bool = False
 
 
 OPEN = Rule(is_open=True)
 DEVICE = Rule(device=True)
 ANY = Rule(device=True, staff="any")
 STAFF = Rule(staff="any")
+SESSION = Rule(staff="any", session=True)
 VIEWER = Rule(staff="viewer")
 VIEWER_OR_DEVICE = Rule(device=True, staff="viewer")
 REVIEWER = Rule(staff="reviewer")
@@ -56,9 +62,32 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("HEAD", "/readyz"): OPEN,
     # people
     ("POST", "/v1/enrolments"): OPEN,
+    ("GET", "/v1/me"): DEVICE,
+    ("DELETE", "/v1/me/device"): DEVICE,
+    ("POST", "/v1/sessions"): OPEN,
+    ("GET", "/v1/sessions/current"): SESSION,
+    ("DELETE", "/v1/sessions/current"): SESSION,
+    ("POST", "/v1/sessions/current/password"): SESSION,
+    ("GET", "/v1/tokens"): STAFF,
+    ("POST", "/v1/tokens"): SESSION,
+    ("DELETE", "/v1/tokens/{token_id}"): STAFF,
+    ("GET", "/v1/staff"): ADMIN,
+    ("POST", "/v1/staff"): ADMIN,
+    ("GET", "/v1/staff/{name}"): ADMIN,
+    ("PATCH", "/v1/staff/{name}"): ADMIN,
     ("GET", "/v1/studies"): STAFF,
     ("POST", "/v1/studies"): ADMIN,
+    ("GET", "/v1/studies/{study}"): VIEWER,
+    ("PATCH", "/v1/studies/{study}"): OWNER,
+    ("GET", "/v1/studies/{study}/members"): OWNER,
+    ("PUT", "/v1/studies/{study}/members/{name}"): OWNER,
+    ("DELETE", "/v1/studies/{study}/members/{name}"): OWNER,
+    ("GET", "/v1/studies/{study}/devices"): VIEWER,
+    ("DELETE", "/v1/studies/{study}/devices/{device_id}"): OWNER,
+    ("GET", "/v1/studies/{study}/participants"): VIEWER,
     ("POST", "/v1/studies/{study}/participants"): OWNER,
+    ("GET", "/v1/studies/{study}/participants/{participant}"): VIEWER,
+    ("PATCH", "/v1/studies/{study}/participants/{participant}"): OWNER,
     ("POST", "/v1/studies/{study}/participants/{participant}/enrolment-codes"): OWNER,
     # meals and records
     ("POST", "/v1/meals"): DEVICE,
@@ -109,12 +138,13 @@ def authorise(
     if credentials is None:
         raise UnauthenticatedError("Send the header `Authorization: Bearer TOKEN`.")
     caller = authenticate(state.database, state.secrets, credentials.credentials)
+    _note_use(state, caller, request.headers)
     if isinstance(caller, DeviceCaller):
         if not rule.device:
             code = "admin_only" if rule.staff == "admin" else "staff_only"
             raise NotAllowedError("A participant's device cannot do this: use a staff member's token.", code=code)
-        return caller
-    caller = _staff_by_rule(caller, rule, request.method)
+    else:
+        caller = _staff_by_rule(caller, rule, request.method)
     if "study" in request.path_params:
         _enter_study(state, caller, request.path_params["study"])
     return caller
@@ -125,12 +155,23 @@ def _staff_by_rule(caller: StaffCaller, rule: Rule, method: str) -> StaffCaller:
         raise NotAllowedError("Only a participant's device can do this: use a device token.", code="device_only")
     if rule.staff == "admin" and not caller.is_admin:
         raise NotAllowedError("Only an admin can do this.", code="admin_only")
+    if rule.session and caller.kind != "session":
+        raise NotAllowedError("Sign in with your password for this (POST /v1/sessions).", code="session_needed")
     if method not in SAFE_METHODS and not caller.can_write:
         raise NotAllowedError("This token may read only.", code="token_read_only")
     return replace(caller, needs=rule.staff) if rule.staff in ("viewer", "reviewer", "owner") else caller
 
 
-def _enter_study(state: ApiState, caller: StaffCaller, code: str) -> None:
+def _note_use(state: ApiState, caller: Caller, headers: Headers) -> None:
+    """When, by which app and by which clock the token was used; phones tell the last two in their headers."""
+    state.last_use.note(
+        caller,
+        clock_skew_seconds=clock_skew_seconds(headers.get("date"), datetime.now(UTC)),
+        app_version=headers.get("x-app-version"),
+    )
+
+
+def _enter_study(state: ApiState, caller: Caller, code: str) -> None:
     with state.database.read() as session:
         study = people.find_study(session, code)
     if study is None:

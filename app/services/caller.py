@@ -5,7 +5,7 @@ import secrets
 import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Literal
 
 from app.db.queries import people
@@ -15,6 +15,7 @@ from app.services.secret_box import SecretBox
 
 TOKEN_BYTES = 32  # 256 bits
 CODE_BYTES = 16  # 128 bits
+SESSION_IDLE = timedelta(hours=2)  # a session that is not used for so long has ended; its use is noted every 5 minutes
 
 Role = Literal["viewer", "reviewer", "owner"]
 
@@ -34,7 +35,8 @@ class StaffCaller:
     """A person who runs the server or works with the data, by a session or a token of their own.
 
     roles: study -> role, as far as the token reaches. needs: the role that the called route asks for (api/access.py);
-    what the caller may see and do is decided by it in services/access.py. can_write: the token's scope.
+    what the caller may see and do is decided by it in services/access.py. can_write: the token's scope. kind: signed in
+    with the password ("session"), or by a token made for scripts.
     """
 
     staff_id: uuid.UUID
@@ -45,6 +47,7 @@ class StaffCaller:
     needs: Role = "viewer"
     can_write: bool = True
     only_study_id: uuid.UUID | None = None
+    kind: Literal["session", "personal"] = "personal"
 
 
 Caller = DeviceCaller | StaffCaller
@@ -58,7 +61,7 @@ def authenticate(database: Database, box: SecretBox, token: str) -> Caller:
     """
     token_sha256, now = sha256_hex(token), datetime.now(UTC)
     with database.read() as session:
-        row = people.find_token(session, token_sha256, now)
+        row = people.find_token(session, token_sha256, now, idle_since=now - SESSION_IDLE)
         if row is None:
             if people.has_tombstone(session, "token", box.digest("token", token_sha256)):
                 raise GoneError("This participant has left the study.", code="withdrawn")
@@ -77,6 +80,7 @@ def authenticate(database: Database, box: SecretBox, token: str) -> Caller:
         roles=roles,
         can_write=row.scope == "write",
         only_study_id=only,
+        kind=row.kind,
     )
 
 

@@ -10,11 +10,17 @@ from sqlalchemy.orm import Session
 from app.db.models import AccessToken, Device, Enrolment, Participant, Staff, Study, StudyMember, Tombstone
 
 
-def find_token(session: Session, token_sha256: str, now: datetime) -> sa.Row[*tuple[Any, ...]] | None:
-    """A token that is valid now, with its owner, or None: neither it, its device nor its owner may be shut out."""
+def find_token(
+    session: Session, token_sha256: str, now: datetime, *, idle_since: datetime
+) -> sa.Row[*tuple[Any, ...]] | None:
+    """A token that is valid now, with its owner, or None: neither it, its device nor its owner may be shut out.
+
+    idle_since: a session must have been used, or opened, after it.
+    """
     query = (
         sa.select(
             AccessToken.id.label("token_id"),
+            AccessToken.kind,
             AccessToken.scope,
             AccessToken.study_id.label("only_study_id"),
             AccessToken.staff_id,
@@ -34,6 +40,10 @@ def find_token(session: Session, token_sha256: str, now: datetime) -> sa.Row[*tu
             Staff.disabled_at.is_(None),
             Device.revoked_at.is_(None),
             sa.or_(AccessToken.expires_at.is_(None), AccessToken.expires_at > now),
+            sa.or_(
+                AccessToken.kind != "session",
+                sa.func.coalesce(AccessToken.last_used_at, AccessToken.created_at) > idle_since,
+            ),
         )
     )
     return session.execute(query).one_or_none()
@@ -80,3 +90,18 @@ def take_enrolment(session: Session, code_sha256: str, now: datetime) -> Enrolme
         .returning(Enrolment)
     )
     return session.scalars(query).one_or_none()
+
+
+def note_device(
+    session: Session, device_id: uuid.UUID, at: datetime, clock_skew_seconds: float | None, app_version: str | None
+) -> None:
+    """When a phone was last used and how its clock stood then; its app's version, where it is told."""
+    values = {"last_used_at": at, "clock_skew_seconds": clock_skew_seconds}
+    if app_version is not None:
+        values["app_version"] = app_version
+    session.execute(sa.update(Device).where(Device.id == device_id).values(values))
+
+
+def note_token(session: Session, token_id: uuid.UUID, at: datetime) -> None:
+    """When a token was last used."""
+    session.execute(sa.update(AccessToken).where(AccessToken.id == token_id).values(last_used_at=at))
