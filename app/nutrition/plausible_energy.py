@@ -1,0 +1,85 @@
+"""Whether a reported energy can be what a person eats: its ratio to the basal metabolic rate (Goldberg cut-offs).
+
+Somebody whose weight stays spends their basal metabolic rate times their physical activity level (PAL), and eats as
+much. A mean of d days that lies outside the 95 % limits of that is hardly the habitual intake: meals were left out
+(low), or too much was told (high). It judges the report, never the person, and finds gross misreporting only.
+
+Goldberg et al. 1991 (Eur J Clin Nutr 45:569), with the variations of Black 2000 (Int J Obes 24:1119):
+
+    limits = PAL exp(-+ 2 S / 100),  S = sqrt(CVwEI^2 / d + CVwB^2 + CVtP^2)
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from app.nutrition.energy_requirement import Activity, Energy, LeftOut
+
+SOURCE = "Goldberg et al. 1991, with the variations of Black 2000"
+CV_ENERGY_WITHIN_PERCENT = 23.0  # CVwEI: of one person's energy intake, day to day
+CV_BASAL_RATE_PERCENT = 8.5  # CVwB: of a basal metabolic rate by equation
+CV_ACTIVITY_PERCENT = 15.0  # CVtP: of the physical activity level between people
+SD_LIMITS = 2.0  # 95 % limits
+ADULT_YEARS = 18.0  # the cut-offs and their variations are for adults
+
+USUAL_PAL = 1.55  # where the activity is not known: the light activity that Goldberg et al. take
+PAL: Mapping[Activity, float] = {  # IOM 2002/2005: the levels that stand for its four classes
+    "sedentary": 1.25,
+    "low_active": 1.5,
+    "active": 1.75,
+    "very_active": 2.2,
+}
+
+Verdict = Literal["low", "plausible", "high", "unknown"]
+
+
+@dataclass(frozen=True, slots=True)
+class Plausibility:
+    """A verdict with what it follows from. Where it is unknown, reason says why and the numbers may be None.
+
+    ratio: energy intake / basal metabolic rate; low, high: the limits within which it is plausible.
+    """
+
+    verdict: Verdict
+    days: int
+    ratio: float | None = None
+    low: float | None = None
+    high: float | None = None
+    reason: str | None = None
+
+
+def cut_offs(days: int, pal: float = USUAL_PAL) -> tuple[float, float]:
+    """The 95 % limits of energy intake / basal metabolic rate for one person's mean of so many days.
+
+    Raises ValueError for less than one day or a PAL that is not positive.
+    """
+    if days < 1 or not 0.0 < pal < math.inf:
+        raise ValueError(f"limits need at least one day and a positive activity level, not {days} and {pal}")
+    spread_percent = math.sqrt(CV_ENERGY_WITHIN_PERCENT**2 / days + CV_BASAL_RATE_PERCENT**2 + CV_ACTIVITY_PERCENT**2)
+    factor = math.exp(SD_LIMITS * spread_percent / 100.0)
+    return pal / factor, pal * factor
+
+
+def judge_energy(
+    energy_kcal: float | None,
+    days: int,
+    basal_rate: Energy | LeftOut,
+    *,
+    age_years: float | None,
+    activity: Activity | None = None,
+) -> Plausibility:
+    """Judge a mean daily energy (kcal) of so many whole days.
+
+    basal_rate: kcal a day, of the same person (energy_requirement.py).
+    """
+    if energy_kcal is None or days < 1:
+        return Plausibility("unknown", days, reason="no_whole_day")
+    if isinstance(basal_rate, LeftOut):
+        return Plausibility("unknown", days, reason="basal_rate_unknown")
+    if age_years is None or age_years < ADULT_YEARS:
+        return Plausibility("unknown", days, reason="not_an_adult")
+    ratio = energy_kcal / basal_rate.kcal_per_day
+    low, high = cut_offs(days, USUAL_PAL if activity is None else PAL[activity])
+    verdict: Verdict = "low" if ratio < low else "high" if ratio > high else "plausible"
+    return Plausibility(verdict, days, ratio, low, high)

@@ -1,0 +1,158 @@
+"""The EAR cut-point with simulated groups whose usual intakes are known."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from app.nutrition.usual_intake import NotJudged, UsualIntakes, choose_scale, judge_group, variance_components
+
+
+def lognormal_group(rng, persons=400, days=3, median=10.0, between=0.25, within=0.45):
+    """(days of each person, usual intakes): lognormal between persons and within; the usual is the mean of days."""
+    own = rng.normal(math.log(median), between, persons)
+    usual = np.exp(own + within**2 / 2)
+    return [np.exp(rng.normal(one, within, days)) for one in own], usual
+
+
+def normal_group(rng, persons=400, days=2, mean=100.0, between=15.0, within=30.0):
+    usual = rng.normal(mean, between, persons)
+    return [rng.normal(one, within, days) for one in usual], usual
+
+
+def judged(days, ear, seed=1) -> UsualIntakes:
+    found = judge_group(days, ear, np.random.default_rng(seed))
+    assert isinstance(found, UsualIntakes)
+    return found
+
+
+@pytest.mark.parametrize("make", [lognormal_group, normal_group])
+@pytest.mark.parametrize("true_share", [0.1, 0.3])
+def test_known_share_is_recovered_where_the_bare_means_are_biased(make, true_share):
+    errors, bare_errors = [], []
+    for seed in range(12):
+        days, usual = make(np.random.default_rng(seed))
+        ear = float(np.quantile(usual, true_share))
+        found = judged(days, ear)
+        errors.append(found.share_below - true_share)
+        bare_errors.append(found.unadjusted_share - true_share)
+    assert abs(np.mean(errors)) < 0.025  # 12 groups of 400: the mean's own standard error is about 0.007
+    assert np.mean(bare_errors) > 0.05
+
+
+def test_interval_holds_the_true_share_about_as_often_as_it_says():
+    held = 0
+    share = float(stats.norm.cdf((80.0 - 100.0) / 15.0))
+    for seed in range(60):
+        days, _ = normal_group(np.random.default_rng(seed), persons=120, days=3)
+        found = judged(days, 80.0, seed)
+        held += found.share_low <= share <= found.share_high
+    assert held >= 50  # 90 % of 60 is 54, with a standard deviation of 2.3
+
+
+def test_variances_are_recovered():
+    days, _ = normal_group(np.random.default_rng(3), persons=3000, days=3)
+    found = variance_components(days)
+    assert found.mean == pytest.approx(100.0, abs=1.5)
+    assert math.sqrt(found.within) == pytest.approx(30.0, rel=0.03)
+    assert math.sqrt(found.between) == pytest.approx(15.0, rel=0.08)
+
+
+def test_balanced_variances_equal_those_of_the_textbook():
+    days = np.random.default_rng(4).normal(50.0, 9.0, (30, 1)) + np.random.default_rng(5).normal(0.0, 5.0, (30, 4))
+    between_square = 4 * days.mean(axis=1).var(ddof=1)
+    within_square = days.var(axis=1, ddof=1).mean()
+    found = variance_components(list(days))
+    assert found.within == pytest.approx(within_square)
+    assert found.between == pytest.approx((between_square - within_square) / 4)
+    assert found.mean == pytest.approx(days.mean())
+
+
+def test_unequal_numbers_of_days_are_taken_as_they_are():
+    rng = np.random.default_rng(6)
+    usual = rng.normal(100.0, 15.0, 2000)
+    days = [rng.normal(one, 30.0, 1 + place % 4) for place, one in enumerate(usual)]
+    found = judged(days, 85.0)
+    assert found.days == sum(len(person) for person in days)
+    assert found.share_below == pytest.approx(float(np.mean(usual < 85.0)), abs=0.03)
+    assert found.usual.std() == pytest.approx(15.0, rel=0.1)
+
+
+def test_amounts_times_a_factor_give_the_same_share_at_the_ear_times_it():
+    days, _ = lognormal_group(np.random.default_rng(7), persons=80)
+    one, other = judged(days, 9.0), judged([1000.0 * person for person in days], 9000.0)
+    assert one.share_below == other.share_below
+    assert other.usual == pytest.approx(1000.0 * one.usual, rel=1e-9)
+
+
+def test_usual_intakes_keep_the_groups_mean():
+    days, _ = lognormal_group(np.random.default_rng(8), persons=2000, days=2)
+    found = judged(days, 10.0)
+    assert found.mean == pytest.approx(float(np.mean([person.mean() for person in days])), rel=0.03)
+
+
+def test_days_with_nothing_of_it_have_no_logarithm():
+    rng = np.random.default_rng(9)
+    days = [np.where(rng.random(3) < 0.2, 0.0, rng.gamma(4.0, 2.0, 3)) for _ in range(60)]
+    assert choose_scale(np.array([0.0, *rng.lognormal(0.0, 1.0, 50)])) != "logarithm"
+    assert choose_scale(rng.lognormal(0.0, 1.0, 500)) == "logarithm"
+    assert choose_scale(rng.normal(100.0, 10.0, 500)) != "logarithm"
+    assert isinstance(judge_group(days, 6.0, rng), (UsualIntakes, NotJudged))
+
+
+@pytest.mark.parametrize(
+    ("days", "reason"),
+    [
+        ([[1.0, 2.0]], "too_few_persons"),
+        ([], "too_few_persons"),
+        ([[float(person)] for person in range(1, 40)], "no_repeated_days"),
+        ([[5.0, 9.0, 7.0]] * 40, "no_difference_between_persons"),
+        ([[5.0, 5.0]] * 40, "no_difference_between_persons"),
+        ([[0.0, 0.0]] * 40, "no_difference_between_persons"),
+    ],
+)
+def test_group_that_tells_nothing_is_not_judged(days, reason):
+    found = judge_group(days, 6.0, np.random.default_rng(0))
+    assert isinstance(found, NotJudged)
+    assert (found.reason, found.persons) == (reason, len(days))
+    assert not found
+
+
+def test_days_that_never_differ_within_a_person_are_counted_as_they_are():
+    days = [[float(amount)] * 2 for amount in range(1, 41)]
+    found = judged(days, 10.5)
+    assert found.share_below == found.unadjusted_share == pytest.approx(0.25)
+    assert found.share_low < 0.25 < found.share_high
+
+
+def test_share_of_none_still_has_an_interval():
+    days, _ = normal_group(np.random.default_rng(10), persons=50)
+    found = judged(days, 1.0)
+    assert (found.share_below, found.share_low) == (0.0, 0.0)
+    assert 0.03 < found.share_high < 0.1  # one-sided: none of 50 leaves some 5 % possible
+
+
+def test_same_seed_gives_the_same_interval():
+    days, _ = normal_group(np.random.default_rng(11), persons=60)
+    assert judged(days, 85.0, 5).share_low == judged(days, 85.0, 5).share_low
+
+
+@pytest.mark.parametrize(
+    ("days", "ear"),
+    [
+        ([[1.0, math.nan]] * 20, 5.0),
+        ([[1.0, 2.0]] * 20 + [[]], 5.0),
+        ([[1.0, 2.0]] * 20, 0.0),
+        ([[1.0]] * 20, math.nan),
+    ],
+)
+def test_bad_calls_raise(days, ear):
+    with pytest.raises(ValueError, match=r"EAR|every person"):
+        judge_group(days, ear, np.random.default_rng(0))
+
+
+def test_variances_of_single_days_or_persons_are_refused():
+    for days in ([np.array([1.0, 2.0])], [np.array([1.0]), np.array([2.0])]):
+        with pytest.raises(ValueError, match="two persons"):
+            variance_components(days)
