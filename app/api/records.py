@@ -105,5 +105,7 @@ def _cells(row: RecordRow) -> list[object]:
 
 
 def _safe(value: object) -> object:
-    """Text that a spreadsheet would take for a formula gets an apostrophe before it."""
+    """Text that a spreadsheet would take for a formula gets an apostrophe before it; a list stands in one cell."""
+    if isinstance(value, list):
+        value = " ".join(value)
     return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA_STARTS) else value

@@ -95,13 +95,14 @@ def _artefact(view: MealView, artefact: RunArtefact) -> ArtefactOut:
 
 
 def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
-    record, its = view.record.record, view.taken_for
+    record, its = view.record, view.state.taken_for
     nutrients = view.amounts.nutrients if view.amounts is not None else {}
     return ItemOut(
-        id=view.item.id,
+        id=record.item_id,
         status=record.status,
-        polygon=view.item.rings,
-        food=food_ref(view.record.food),
+        origin=record.origin,
+        polygon=[list(ring) for ring in view.state.rings],
+        food=food_ref(view.food),
         lies_as=its.lies_as if its else None,
         candidates=[
             CandidateOut(food=FoodRef(key=food.key, name=food.name), probability=probability, source=source)
@@ -117,11 +118,17 @@ def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
         mass_interval_g=_interval(record.mass_low_g, record.mass_high_g),
         edible_share=its.edible_share if its else None,
         edible_g=record.edible_g,
+        share=record.share,
+        left_g=record.left_g,
+        consumed_g=record.consumed_g,
+        consumed_interval_g=_interval(record.consumed_low_g, record.consumed_high_g),
+        provisional=record.provisional,
+        reviewed=record.reviewed,
         nutrients=[
             NutrientAmount(**_component(components[number]), amount=found.value, interval=(found.low, found.high))
             for number, found in nutrients.items()
         ],
-        flags=view.item.flags,
+        flags=record.flags,
     )
 
 

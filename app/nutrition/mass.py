@@ -1,12 +1,14 @@
 """Millilitres to grams: volume x density -> the mass as seen, less its refuse -> the edible mass, with their doubt."""
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from app.nutrition.density import KIND_OF_FORM
-from app.nutrition.doubt import Doubt, Estimate, estimate
+from app.nutrition.doubt import Doubt, Estimate, Term, combine, estimate
 from app.nutrition.foods import Density, Food, FoodForm
+
+BEFORE, AFTER = "before", "after"  # the two pairs of photographs of one meal
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +37,33 @@ def estimate_mass(volume_ml: float, volume_doubt: Doubt, density: Density, *, ed
     if density.weighs == "edible":
         return Mass(weighed_g.scaled(1.0 / edible_share), weighed_g, edible_share, doubt)
     return Mass(weighed_g, weighed_g.scaled(edible_share), edible_share, doubt)
+
+
+def weighed_mass(mass_g: float, relative_sd: float, *, is_edible: bool, edible_share: float = 1.0) -> Mass:
+    """Mass of an item whose grams a person tells. is_edible: without its refuse; else as seen.
+
+    relative_sd: how far off the person may be. Raises ValueError if the mass is not positive and finite.
+    """
+    if not 0.0 < mass_g < math.inf:
+        raise ValueError(f"a mass is positive and finite, not {mass_g} g")
+    doubt = Doubt(item=relative_sd)
+    told_g = estimate(mass_g, doubt)
+    if is_edible:
+        return Mass(told_g.scaled(1.0 / edible_share), told_g, edible_share, doubt)
+    return Mass(told_g, told_g.scaled(edible_share), edible_share, doubt)
+
+
+def consumed_mass(served: Mass, left: Sequence[Mass], *, food_key: str, share: float = 1.0) -> Estimate:
+    """Edible grams eaten: served less left, times the eater's share (above 0, at most 1) of the dish.
+
+    Signed: where the doubt is greater than what was eaten it may come out below 0, and stays so, since means over many
+    meals would be biased by clipping. The two pairs of photographs have their own doubt, the food's density is shared.
+    """
+    if not 0.0 < share <= 1.0:
+        raise ValueError(f"a share is above 0 and at most 1, not {share}")
+    terms = [Term(served.edible_g.value, served.doubt, BEFORE, food_key)]
+    terms += [Term(one.edible_g.value, one.doubt, AFTER, food_key, sign=-1) for one in left]
+    return combine(terms).scaled(share) if left else served.edible_g.scaled(share)
 
 
 def edible_share(food: Food, *, form: FoodForm | None = None, without: Collection[str] | None = None) -> float:

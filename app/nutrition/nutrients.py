@@ -4,13 +4,14 @@ What the table does not know is absent, never 0: a total says for how much of th
 a portion whose mass is not known makes every total an incomplete one.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
 from app.nutrition.components import COMPONENT_BY_NUMBER
-from app.nutrition.doubt import Estimate, Term, combine
+from app.nutrition.doubt import Doubt, Estimate, Term, combine
 from app.nutrition.mass import Mass
 from app.units import content_of_mass
 
@@ -18,6 +19,8 @@ from app.units import content_of_mass
 @dataclass(frozen=True, slots=True)
 class Portion:
     """One item in a total. pair: names its pair of photographs, whose doubt is shared. sign: -1 for what was left.
+
+    share: what part of it the person eats, of a dish that is shared.
 
     per_100_g: component number -> content of 100 g edible portion of the food. mass: None where it is not known; such a
     portion is left out of the sum, and the total says so.
@@ -28,6 +31,12 @@ class Portion:
     mass: Mass | None
     pair: str
     sign: Literal[1, -1] = 1
+    share: float = 1.0
+
+    @property
+    def edible_g(self) -> float | None:
+        """The person's edible grams of it, without a sign."""
+        return self.mass.edible_g.value * self.share if self.mass is not None else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +61,10 @@ class MassTotal:
     unmeasured: int
 
 
-def nutrient_amounts(per_100_g: Mapping[str, float], mass: Mass) -> Mapping[str, Estimate]:
-    """Component number -> amount in the item's edible mass, with its interval, in the component's unit."""
+def nutrients_in(per_100_g: Mapping[str, float], edible_g: Estimate) -> Mapping[str, Estimate]:
+    """Component number -> amount in these edible grams, with its interval, in the component's unit."""
     return MappingProxyType(
-        {number: mass.edible_g.scaled(content_of_mass(content, 1.0)) for number, content in per_100_g.items()}
+        {number: edible_g.scaled(content_of_mass(content, 1.0)) for number, content in per_100_g.items()}
     )
 
 
@@ -66,18 +75,19 @@ def total_nutrients(portions: Sequence[Portion]) -> Mapping[str, NutrientTotal]:
     """
     totals = {}
     measured = _measured(portions)
-    whole_g = sum(mass.edible_g.value for _, mass in measured)
+    whole_g = math.fsum(edible_g for _, _, edible_g in measured)
     is_whole = len(measured) == len(portions)
-    numbers = dict.fromkeys([*COMPONENT_BY_NUMBER, *(n for portion, _ in measured for n in portion.per_100_g)])
+    numbers = dict.fromkeys([*COMPONENT_BY_NUMBER, *(n for portion, _, _ in measured for n in portion.per_100_g)])
     for number in numbers:
-        known = [(portion, mass) for portion, mass in measured if number in portion.per_100_g]
+        known = [each for each in measured if number in each[0].per_100_g]
         if known:
-            covered_g = sum(mass.edible_g.value for _, mass in known)
+            covered_g = math.fsum(edible_g for _, _, edible_g in known)
             terms = [
-                _term(portion, mass, content_of_mass(portion.per_100_g[number], mass.edible_g.value))
-                for portion, mass in known
+                _term(portion, doubt, content_of_mass(portion.per_100_g[number], edible_g))
+                for portion, doubt, edible_g in known
             ]
-            totals[number] = NutrientTotal(combine(terms), covered_g / whole_g if is_whole else None)
+            coverage = covered_g / whole_g if whole_g else 1.0
+            totals[number] = NutrientTotal(combine(terms), coverage if is_whole else None)
     return MappingProxyType(totals)
 
 
@@ -86,13 +96,18 @@ def total_mass(portions: Sequence[Portion]) -> MassTotal:
     measured = _measured(portions)
     if portions and not measured:
         return MassTotal(None, len(portions))
-    total_g = combine([_term(portion, mass, mass.edible_g.value) for portion, mass in measured])
+    total_g = combine([_term(portion, doubt, edible_g) for portion, doubt, edible_g in measured])
     return MassTotal(total_g, len(portions) - len(measured))
 
 
-def _measured(portions: Sequence[Portion]) -> list[tuple[Portion, Mass]]:
-    return [(portion, portion.mass) for portion in portions if portion.mass is not None]
+def _measured(portions: Sequence[Portion]) -> list[tuple[Portion, Doubt, float]]:
+    """(portion, its mass's doubt, the person's edible grams) of those whose mass is known."""
+    return [
+        (portion, portion.mass.doubt, portion.edible_g)
+        for portion in portions
+        if portion.mass is not None and portion.edible_g is not None
+    ]
 
 
-def _term(portion: Portion, mass: Mass, value: float) -> Term:
-    return Term(value, mass.doubt, portion.pair, portion.food_key, portion.sign)
+def _term(portion: Portion, doubt: Doubt, value: float) -> Term:
+    return Term(value, doubt, portion.pair, portion.food_key, portion.sign)

@@ -24,9 +24,11 @@ def item_food(
     lies_as: str | None,
     *,
     version: int = 1,
+    layer: str = "automatic",
+    event_id: uuid.UUID | None = None,
     recompute_id: uuid.UUID | None = None,
 ) -> ItemFood:
-    """The row of an item that is taken for this food and weighed so."""
+    """The row of an item that is taken for this food and weighed so. layer, event_id: by whose word."""
     density = weighing.density
     return ItemFood(
         item_id=item_id,
@@ -41,6 +43,8 @@ def item_food(
         density_source=density.source if density else None,
         density_weighs=density.weighs if density else None,
         edible_share=weighing.edible_share,
+        layer=layer,
+        event_id=event_id,
         recompute_id=recompute_id,
         created_at=datetime.now(UTC),
     )

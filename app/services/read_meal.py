@@ -6,26 +6,28 @@ from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
-from app.db.models import Component, Food, Item, ItemFood, Meal, MealImage, Run, RunArtefact
-from app.db.queries import foods, meals, records
+from app.db.models import Component, EffectiveRecord, Food, Meal, MealImage, Run, RunArtefact
+from app.db.queries import meals, records
+from app.db.queries.meal_parts import parts_of
 from app.db.session import Database
 from app.errors import ConflictError, NotFoundError
 from app.nutrition.nutrients import MassTotal, NutrientTotal, Portion, total_mass, total_nutrients
 from app.services.access import known_studies, require_study
 from app.services.caller import Caller, DeviceCaller
-from app.services.food_amounts import FoodAmounts, food_amounts
-from app.services.item_foods import weighing_of
+from app.services.food_amounts import FoodAmounts
+from app.services.item_state import ItemState
+from app.services.project_records import MealProjection, Projector
 from app.storage.blob_store import BlobStore
 
 
 @dataclass(frozen=True, slots=True)
 class ItemView:
-    """An item with its effective record and candidates; taken_for and amounts are None where it is no food yet."""
+    """An item as it stands with its effective record; food and amounts are None where it is no food yet."""
 
-    item: Item
-    record: records.RecordRow
+    state: ItemState
+    record: EffectiveRecord
+    food: Food | None
     candidates: tuple[tuple[Food, float | None, str], ...]
-    taken_for: ItemFood | None
     amounts: FoodAmounts | None
 
 
@@ -75,9 +77,10 @@ def read_meal(
     """The meal, its last run, items and records. Raises NotFoundError, ConflictError."""
     with database.read() as session:
         meal, participant, study = find_meal(session, caller, client_id, participant_code)
-        run = records.last_run(session, meal.id)
-        components: dict[str, Component] = {}
-        items = tuple(_items(session, run, components)) if run else ()
+        projector = Projector(session)
+        projection = projector.project(parts_of(session, [meal])[0])
+        run = projection.parts.run
+        items = tuple(_items(session, projector, projection))
         portions = list(_portions(items))
         return MealView(
             meal=meal,
@@ -87,7 +90,7 @@ def read_meal(
             run=run,
             artefacts=tuple(records.artefacts_of(session, run.id)) if run else (),
             items=items,
-            components=components,
+            components=projector.components,
             total_mass=total_mass(portions),
             totals=total_nutrients(portions),
         )
@@ -106,33 +109,27 @@ def open_artefact(
     return found[0], blobs.stream(found[0].blob_key)
 
 
-def _items(session: Session, run: Run, components: dict[str, Component]) -> Iterator[ItemView]:
-    candidates = records.candidates_of_run(session, run.id)
-    taken_for = records.taken_for_of_run(session, run.id)
-    contents: dict[int, dict[str, float]] = {}
-    for item, row in records.records_of_run(session, run.id):
-        its = taken_for.get(item.id)
-        if its is not None and its.food_id not in contents:
-            known = foods.nutrients_of(session, its.food_id)
-            contents[its.food_id] = {one.component.number: one.per_100_g for one in known}
-            components |= {one.component.number: one.component for one in known}
+def _items(session: Session, projector: Projector, projection: MealProjection) -> Iterator[ItemView]:
+    for found in projection.items:
+        state = found.state
         yield ItemView(
-            item=item,
-            record=row,
-            candidates=tuple(candidates.get(item.id, ())),
-            taken_for=its,
-            amounts=food_amounts(contents[its.food_id], weighing_of(its), item.volume_ml, item.relative_sd)
-            if its is not None
-            else None,
+            state=state,
+            record=session.get_one(EffectiveRecord, state.item.id),
+            food=projector.food(state.taken_for.food_id) if state.taken_for is not None else None,
+            candidates=tuple(
+                (projector.food(each.food_id), each.probability, each.source)
+                for each in projection.parts.candidates.get(state.item.id, ())
+            ),
+            amounts=found.amounts,
         )
 
 
 def _portions(items: Iterable[ItemView]) -> Iterator[Portion]:
     """The items as terms of the meal's totals; one without a food counts as one whose mass is not known."""
     for view in items:
-        food = view.record.food
-        if food is None or view.amounts is None:
-            yield Portion("", {}, None, "pair")
+        if not view.state.is_live:
+            continue
+        if view.amounts is None:
+            yield Portion("", {}, None, "before")
         else:
-            contents = view.amounts.per_100_g
-            yield Portion(food.key, contents, view.amounts.mass, "pair")
+            yield from view.amounts.portions()

@@ -1,16 +1,15 @@
-"""Effective records built again from runs and items: a projection can always be checked against what it comes from."""
+"""Effective records built again from runs and events: a projection can always be checked against what it comes from."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
 from app.db.models import EffectiveRecord
-from app.db.queries import records
+from app.db.queries.meal_parts import meals_after, parts_of
 from app.db.session import Database
-from app.services.save_estimate import keep_status, record_values
+from app.services.project_records import MealProjection, Projector, differences, write_records
 
-BATCH = 200  # items a transaction: writers wait for no more than that
+BATCH = 50  # meals a transaction: writers wait for no more than that
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,28 +27,18 @@ def rebuild_records(database: Database, *, write: bool) -> Rebuilt:
     while True:
         opened = database.write() if write else database.read()
         with opened as session:
-            batch = records.items_after(session, after, BATCH)
+            batch = meals_after(session, after, BATCH)
             if not batch:
                 return Rebuilt(compared, different)
-            after = batch[-1].item.id
-            compared += len(batch)
-            different += sum(1 for _ in _mend(session, batch, write=write))
+            after = batch[-1].id
+            projector = Projector(session)
+            for parts in parts_of(session, batch):
+                projection = projector.project(parts)
+                compared += len(projection.items)
+                different += write_records(session, projection) if write else _count(session, projection)
 
 
-def _mend(session: Session, batch: list[records.ItemSource], *, write: bool) -> Iterator[EffectiveRecord]:
-    """The records that differ, put right if `write`."""
-    for source in batch:
-        wanted = record_values(session, source.meal, source.item, source.taken_for)
-        record = session.get(EffectiveRecord, source.item.id)
-        if record is None:
-            record = EffectiveRecord(item_id=source.item.id, change_seq=0)
-        else:
-            wanted = keep_status(record, wanted)
-            if all(getattr(record, name) == value for name, value in wanted.items()):
-                continue
-        if write:
-            for name, value in wanted.items():
-                setattr(record, name, value)
-            record.change_seq = records.next_change_seq(session, source.meal.study_id)
-            session.add(record)
-        yield record
+def _count(session: Session, projection: MealProjection) -> int:
+    """How many records of a meal differ."""
+    found = [(session.get(EffectiveRecord, item.state.item.id), item.columns) for item in projection.items]
+    return sum(record is None or bool(differences(record, columns)) for record, columns in found)

@@ -7,24 +7,24 @@ item whose food is in no table any more is left as it is and counted. Doing it a
 
 import uuid
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from app.db.models import EffectiveRecord, Food, ItemFood, Recompute
-from app.db.queries import foods, people, records
-from app.db.queries.records import ItemSource
+from app.db.models import EffectiveRecord, Food, ItemFood, Meal, Recompute
+from app.db.queries import foods, people
+from app.db.queries.meal_parts import MealParts, meals_after, parts_of
 from app.db.session import Database
 from app.errors import ConflictError, NotFoundError
 from app.services.food_amounts import RECORD_COLUMNS, Weighing
 from app.services.item_foods import item_food, weighing_for, weighing_of
-from app.services.save_estimate import keep_status, record_values
+from app.services.project_records import MealProjection, Projector, with_food, write_records
 
-BATCH = 200  # items a transaction: writers wait for no more than that
-COMPARED = ("density_g_per_ml", "mass_g", "edible_g", *RECORD_COLUMNS)
+BATCH = 50  # meals a transaction: writers wait for no more than that
+COMPARED = ("density_g_per_ml", "mass_g", "edible_g", "left_g", "consumed_g", *RECORD_COLUMNS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ def recompute_nutrients(
     while True:
         try:
             with database.write() if write else database.read() as session:
-                batch = records.items_after(session, after, BATCH, study_id=study_id)
+                batch = meals_after(session, after, BATCH, study_id=study_id)
                 if not batch:
                     return work.done
                 differences = work.batch(session, batch)
@@ -75,13 +75,13 @@ def recompute_nutrients(
                 "Somebody else changes the same items at this moment: do it again for the rest.",
                 code="recompute_running",
             ) from None
-        after = batch[-1].item.id
+        after = batch[-1].id
         for difference in differences:
             tell(difference)
 
 
 class _Recomputation:
-    """One run through the items: what it has done, and what it knows of foods (they do not change under way)."""
+    """One run through the meals: what it has done, and what it knows of foods (they do not change under way)."""
 
     def __init__(self, author: str, reason: str, *, write: bool) -> None:
         self.done = Recomputed()
@@ -91,53 +91,60 @@ class _Recomputation:
         )
         self._is_noted = False
         self._weighings: dict[tuple[int, uuid.UUID, str | None], Weighing] = {}
-        self._contents: dict[int, dict[str, float]] = {}
 
-    def batch(self, session: Session, batch: list[ItemSource]) -> list[RecordDifference]:
-        """The differences of these items, written if so wanted."""
-        taken = [source for source in batch if source.taken_for is not None]
-        old_foods = {food.id: food for food in foods.foods_by_id(session, {_taken(source).food_id for source in taken})}
-        in_force = foods.foods_by_key(session, {food.key for food in old_foods.values()})
-        self.done.compared += len(taken)
-        differences = []
-        for source in taken:
-            key = old_foods[_taken(source).food_id].key
-            food = in_force.get(key)
-            if food is None:
+    def batch(self, session: Session, batch: Sequence[Meal]) -> list[RecordDifference]:
+        """The differences of the items of these meals, written if so wanted."""
+        projector = Projector(session)
+        before = [projector.project(parts) for parts in parts_of(session, batch)]
+        keys = {projector.food(row.food_id).key for meal in before for row in _taken_for(meal)}
+        in_force = foods.foods_by_key(session, keys)
+        return [difference for meal in before for difference in self._meal(session, projector, meal, in_force)]
+
+    def _meal(
+        self, session: Session, projector: Projector, before: MealProjection, in_force: Mapping[str, Food]
+    ) -> list[RecordDifference]:
+        rows = []
+        for row in _taken_for(before):
+            self.done.compared += 1
+            key = projector.food(row.food_id).key
+            if key in in_force:
+                rows += self._newer_row(session, projector, before.parts, row, in_force[key])
+            else:
                 self.done.gone[key] += 1
-                continue
-            difference = self._compare(session, source, food)
-            if difference is not None:
-                differences.append(difference)
-        self.done.changed += len(differences)
-        return differences
-
-    def _compare(self, session: Session, source: ItemSource, food: Food) -> RecordDifference | None:
-        taken_for, study_id = _taken(source), source.meal.study_id
-        weighing = self._weighing(session, food, study_id, taken_for.lies_as)
-        same_figures = self._content(session, food.id) == self._content(session, taken_for.food_id)
-        if same_figures and weighing == weighing_of(taken_for):
-            return None
-        row = item_food(
-            source.item.id,
-            food.id,
-            weighing,
-            taken_for.lies_as,
-            version=taken_for.version + 1,
-            recompute_id=self._row.id,
-        )
-        wanted = record_values(session, source.meal, source.item, row)
-        record = session.get_one(EffectiveRecord, source.item.id)
-        columns = {
-            name: (getattr(record, name), wanted[name]) for name in COMPARED if getattr(record, name) != wanted[name]
-        }
+        if not rows:
+            return []
+        parts = before.parts
+        for row in rows:
+            parts = with_food(parts, row)
+        after = projector.project(parts)
+        found = [_difference(session, projector, after, row) for row in rows]
         if self._write:
             self._note(session)
-            session.add(row)
-            for name, value in keep_status(record, wanted).items():
-                setattr(record, name, value)
-            record.change_seq = records.next_change_seq(session, study_id)
-        return RecordDifference(source.item.id, source.meal.client_id, food.key, columns)
+            session.add_all(rows)
+            session.flush()
+            write_records(session, after)
+        self.done.changed += len(found)
+        return found
+
+    def _newer_row(
+        self, session: Session, projector: Projector, parts: MealParts, row: ItemFood, food: Food
+    ) -> list[ItemFood]:
+        """The row that takes this one's place, by the same word as it, if figures or weighing are others by now."""
+        weighing = self._weighing(session, food, parts.meal.study_id, row.lies_as)
+        if projector.contents(food.id) == projector.contents(row.food_id) and weighing == weighing_of(row):
+            return []
+        version = 1 + max(each.version for each in parts.foods[row.item_id])
+        newer = item_food(
+            row.item_id,
+            food.id,
+            weighing,
+            row.lies_as,
+            version=version,
+            layer=row.layer,
+            event_id=row.event_id,
+            recompute_id=self._row.id,
+        )
+        return [newer]
 
     def _note(self, session: Session) -> None:
         """Who did this, once, with the first change."""
@@ -154,17 +161,19 @@ class _Recomputation:
             self._weighings[key] = weighing_for(session, food, study_id, lies_as)
         return self._weighings[key]
 
-    def _content(self, session: Session, food_id: int) -> dict[str, float]:
-        if food_id not in self._contents:
-            known = foods.nutrients_of(session, food_id)
-            self._contents[food_id] = {row.component.number: row.per_100_g for row in known}
-        return self._contents[food_id]
+
+def _taken_for(meal: MealProjection) -> list[ItemFood]:
+    """What the items are taken for; those that are no food of the meal any more are left as they are."""
+    return [item.state.taken_for for item in meal.items if item.state.taken_for is not None and item.state.is_live]
 
 
-def _taken(source: ItemSource) -> ItemFood:
-    if source.taken_for is None:
-        raise ValueError(f"item {source.item.id} is taken for no food")
-    return source.taken_for
+def _difference(session: Session, projector: Projector, after: MealProjection, row: ItemFood) -> RecordDifference:
+    record = session.get_one(EffectiveRecord, row.item_id)
+    wanted = next(item.columns for item in after.items if item.state.item.id == row.item_id)
+    columns = {
+        name: (getattr(record, name), wanted[name]) for name in COMPARED if getattr(record, name) != wanted[name]
+    }
+    return RecordDifference(row.item_id, after.parts.meal.client_id, projector.food(row.food_id).key, columns)
 
 
 def _study_id(database: Database, study_code: str | None) -> uuid.UUID | None:

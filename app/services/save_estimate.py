@@ -4,20 +4,19 @@ Nothing is updated but the meal's status: a run is written once, under its job's
 """
 
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
 from sqlalchemy.orm import Session
 
-from app.db.models import EffectiveRecord, Food, Item, ItemCandidate, ItemFood, Job, Meal, Run, RunArtefact
-from app.db.queries import foods, meals, records
-from app.services.food_amounts import NO_FOOD, food_amounts
-from app.services.item_foods import item_food, weighing_for, weighing_of
+from app.db.models import Food, Item, ItemCandidate, ItemFood, Job, Meal, Run, RunArtefact
+from app.db.queries import foods, meals
+from app.services.item_foods import item_food, weighing_for
+from app.services.project_records import project_meal
 
 ITEM_NAMESPACE = uuid.UUID("3f2ad0a5-93ce-4f0f-8f39-4f1f1d1b7f6e")  # drawn once; item ids are derived under it
 FROM_HINT = "hint"
-SET_BY_A_PERSON = frozenset({"confirmed", "corrected", "rejected"})
 
 
 def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any], result_key: str) -> None:
@@ -33,6 +32,7 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
         Run(
             id=job_id,
             meal_id=meal.id,
+            purpose=job.purpose,
             method=answer["method"],
             pipeline_version=answer["pipeline_version"],
             marker=answer["marker"],
@@ -64,15 +64,11 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
         for item, food, hint in zip(items, chosen, hints, strict=True)
     ]
     session.add_all(row for row in taken_for if row is not None)
-    session.flush()
-    built = list(build_records(session, meal, items, taken_for))
-    session.add_all(built)
-    meal.status = status_of(failure, built)
-    meal.stage = None
     if failure:
         meal.failure_code, meal.failure_message = failure["code"], failure["message"]
         meal.failure_advice = failure.get("advice", "")
-    meal.version += 1
+    meal.stage = None
+    project_meal(session, meal)
 
 
 def item_row(meal_id: uuid.UUID, run_id: uuid.UUID, position: int, found: Mapping[str, Any]) -> Item:
@@ -91,49 +87,6 @@ def item_row(meal_id: uuid.UUID, run_id: uuid.UUID, position: int, found: Mappin
         relative_sd=found["relative_sd"],
         flags=found["flags"],
     )
-
-
-def build_records(
-    session: Session, meal: Meal, items: list[Item], taken_for: list[ItemFood | None]
-) -> Iterator[EffectiveRecord]:
-    """The effective record of each item: what its volume and its food come to."""
-    change_seq = records.next_change_seq(session, meal.study_id) if items else 0
-    for item, row in zip(items, taken_for, strict=True):
-        yield EffectiveRecord(**record_values(session, meal, item, row), change_seq=change_seq)
-
-
-def record_values(session: Session, meal: Meal, item: Item, taken_for: ItemFood | None) -> dict[str, Any]:
-    """An effective record's columns, but for its place in the order of changes."""
-    amounts: Mapping[str, Any] = NO_FOOD
-    if taken_for is not None:
-        contents = {row.component.number: row.per_100_g for row in foods.nutrients_of(session, taken_for.food_id)}
-        amounts = food_amounts(contents, weighing_of(taken_for), item.volume_ml, item.relative_sd).record_columns()
-    return {
-        "item_id": item.id,
-        "meal_id": meal.id,
-        "study_id": meal.study_id,
-        "participant_id": meal.participant_id,
-        "captured_at": meal.captured_at,
-        "local_date": meal.local_date,
-        "status": "proposed" if amounts["mass_g"] is not None else "needs_review",
-        "food_id": taken_for.food_id if taken_for is not None else None,
-        "volume_ml": item.volume_ml,
-        "volume_low_ml": item.volume_low_ml,
-        "volume_high_ml": item.volume_high_ml,
-        **amounts,
-    }
-
-
-def keep_status(record: EffectiveRecord, wanted: dict[str, Any]) -> dict[str, Any]:
-    """The columns that a record is to have, but for a status that a person has set: that one stays."""
-    return wanted | {"status": record.status} if record.status in SET_BY_A_PERSON else wanted
-
-
-def status_of(failure: Mapping[str, Any] | None, built: list[EffectiveRecord]) -> str:
-    """The meal's status: without a food and a volume for every item a person must look."""
-    if failure:
-        return "failed"
-    return "estimated" if built and all(record.status == "proposed" for record in built) else "needs_review"
 
 
 def _chosen_foods(session: Session, hints: Sequence[Mapping[str, Any]]) -> list[Food | None]:

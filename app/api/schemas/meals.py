@@ -168,7 +168,8 @@ class ItemOut(BaseModel):
     """One food on the plate. Without a food or a volume, mass and nutrients are null and the meal needs review."""
 
     id: uuid.UUID
-    status: str
+    status: str = Field(description="proposed, needs_review, confirmed, corrected or rejected")
+    origin: str = Field(description="pipeline, declared, added, split or merged")
     polygon: list[list[tuple[float, float]]] = Field(
         description="Rings in the left photograph's upright pixels, holes by the even-odd rule."
     )
@@ -184,8 +185,14 @@ class ItemOut(BaseModel):
     mass_g: float | None = Field(description="As seen, with peel, core and bone.")
     mass_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
     edible_share: float | None = Field(description="Edible mass / mass as seen.")
-    edible_g: float | None
-    nutrients: list[NutrientAmount]
+    edible_g: float | None = Field(description="As served, without peel, core and bone.")
+    share: float = Field(description="The participant's share of a dish that is shared.")
+    left_g: float | None = Field(description="Edible grams left over; null: nobody has looked.")
+    consumed_g: float | None = Field(description="(edible - left) x share; signed: below 0 is doubt, not food.")
+    consumed_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
+    provisional: bool = Field(description="An after-meal pair may still come.")
+    reviewed: bool = Field(description="A reviewer has had the last word.")
+    nutrients: list[NutrientAmount] = Field(description="Of what was consumed.")
     flags: list[str]
 
 
@@ -244,6 +251,7 @@ MEAL_EXAMPLE: dict[str, Any] = {
         {
             "id": "43f0e3b7-0be6-52f3-b3a7-7d1ecccce470",
             "status": "proposed",
+            "origin": "pipeline",
             "polygon": [[[1010.5, 540.0], [1180.0, 560.5], [1100.0, 700.0]]],
             "food": {"key": "apple", "name": "Apple, raw, with skin"},
             "candidates": [
@@ -260,6 +268,12 @@ MEAL_EXAMPLE: dict[str, Any] = {
             "mass_interval_g": [123.0, 173.0],
             "edible_share": 0.9,
             "edible_g": 131.4,
+            "share": 1.0,
+            "left_g": None,
+            "consumed_g": 131.4,
+            "consumed_interval_g": [110.8, 155.9],
+            "provisional": False,
+            "reviewed": False,
             "nutrients": [ENERGY_EXAMPLE],
             "flags": [],
         }

@@ -22,6 +22,9 @@ class RecordOut(BaseModel):
     time_zone: str
     local_date: date
     status: str
+    origin: str
+    provisional: bool
+    reviewed: bool
     food: FoodRef | None
     food_table: str | None
     volume_ml: float | None = Field(description="Null where it could not be measured: a person must set an amount.")
@@ -32,7 +35,12 @@ class RecordOut(BaseModel):
     mass_g: float | None
     mass_low_g: float | None
     mass_high_g: float | None
-    edible_g: float | None
+    edible_g: float | None = Field(description="As served, without peel, core and bone.")
+    share: float = Field(description="The participant's share of a dish that is shared.")
+    left_g: float | None = Field(description="Edible grams left over; null: nobody has looked.")
+    consumed_g: float | None = Field(description="(edible - left) x share: the components are of it. Signed.")
+    consumed_low_g: float | None
+    consumed_high_g: float | None
     energy_kcal: float | None
     protein_g: float | None
     fat_g: float | None
@@ -43,6 +51,7 @@ class RecordOut(BaseModel):
     sodium_mg: float | None
     potassium_mg: float | None
     vitamin_c_mg: float | None
+    flags: list[str]
     change_seq: int
 
 

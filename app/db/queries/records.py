@@ -7,15 +7,12 @@ from datetime import date, datetime
 from typing import Any
 
 import sqlalchemy as sa
-from sqlalchemy.orm import Session, aliased
+from sqlalchemy.orm import Session
 
 from app.db.models import (
     EffectiveRecord,
     Food,
     FoodRelease,
-    Item,
-    ItemCandidate,
-    ItemFood,
     Meal,
     Participant,
     Run,
@@ -51,15 +48,6 @@ class RecordRow:
     food_release: str | None
 
 
-@dataclass(frozen=True, slots=True)
-class ItemSource:
-    """What an effective record is built from."""
-
-    item: Item
-    meal: Meal
-    taken_for: ItemFood | None
-
-
 def page_of_records(
     session: Session, chosen: RecordFilter, *, after: tuple[datetime, uuid.UUID] | None, limit: int
 ) -> list[RecordRow]:
@@ -87,36 +75,14 @@ def page_of_records(
     return [_row(row) for row in session.execute(query)]
 
 
-def records_of_run(session: Session, run_id: uuid.UUID) -> list[tuple[Item, RecordRow]]:
-    """A run's items with their effective records, in their order."""
-    query = (
-        _rows()
-        .add_columns(Item)
-        .join(Item, Item.id == EffectiveRecord.item_id)
-        .where(Item.run_id == run_id)
-        .order_by(Item.position)
-    )
-    return [(row[-1], _row(row[:-1])) for row in session.execute(query)]
-
-
-def candidates_of_run(session: Session, run_id: uuid.UUID) -> dict[uuid.UUID, list[tuple[Food, float | None, str]]]:
-    """(food, probability, source) of each item, best first."""
-    query = (
-        sa.select(ItemCandidate, Food)
-        .join(Item, Item.id == ItemCandidate.item_id)
-        .join(Food, Food.id == ItemCandidate.food_id)
-        .where(Item.run_id == run_id)
-        .order_by(ItemCandidate.item_id, ItemCandidate.position)
-    )
-    found: dict[uuid.UUID, list[tuple[Food, float | None, str]]] = {}
-    for candidate, food in session.execute(query):
-        found.setdefault(candidate.item_id, []).append((food, candidate.probability, candidate.source))
-    return found
-
-
 def last_run(session: Session, meal_id: uuid.UUID) -> Run | None:
-    """The meal's newest run."""
-    query = sa.select(Run).where(Run.meal_id == meal_id).order_by(Run.created_at.desc(), Run.id).limit(1)
+    """The newest run of the meal's own pair."""
+    query = (
+        sa.select(Run)
+        .where(Run.meal_id == meal_id, Run.purpose == "meal")
+        .order_by(Run.created_at.desc(), Run.id)
+        .limit(1)
+    )
     return session.scalars(query).one_or_none()
 
 
@@ -125,47 +91,12 @@ def artefacts_of(session: Session, run_id: uuid.UUID) -> list[RunArtefact]:
     return list(session.scalars(sa.select(RunArtefact).where(RunArtefact.run_id == run_id).order_by(RunArtefact.name)))
 
 
-def items_after(
-    session: Session, after: uuid.UUID | None, limit: int, *, study_id: uuid.UUID | None = None
-) -> list[ItemSource]:
-    """Items by id, behind `after`, with the meal and the food that their effective records follow from."""
-    query = (
-        sa.select(Item, Meal, ItemFood)
-        .join(Run, Run.id == Item.run_id)
-        .join(Meal, Meal.id == Run.meal_id)
-        .outerjoin(ItemFood, sa.and_(ItemFood.item_id == Item.id, ItemFood.version == _newest_version()))
-        .order_by(Item.id)
-        .limit(limit)
-    )
-    if after is not None:
-        query = query.where(Item.id > after)
-    if study_id is not None:
-        query = query.where(Meal.study_id == study_id)
-    return [ItemSource(item, meal, taken_for) for item, meal, taken_for in session.execute(query)]
-
-
-def taken_for_of_run(session: Session, run_id: uuid.UUID) -> dict[uuid.UUID, ItemFood]:
-    """Item -> what it is taken for now, of those items that are taken for a food."""
-    query = (
-        sa.select(ItemFood)
-        .join(Item, Item.id == ItemFood.item_id)
-        .where(Item.run_id == run_id, ItemFood.version == _newest_version())
-    )
-    return {row.item_id: row for row in session.scalars(query)}
-
-
 def next_change_seq(session: Session, study_id: uuid.UUID) -> int:
     """Count a change of the study; the counter's row stays locked until commit, so numbers appear in order."""
     query = (
         sa.update(Study).where(Study.id == study_id).values(change_seq=Study.change_seq + 1).returning(Study.change_seq)
     )
     return session.execute(query).scalar_one()
-
-
-def _newest_version() -> sa.ScalarSelect[int]:
-    """The version of ItemFood that holds for the item of the query around it."""
-    other = aliased(ItemFood)
-    return sa.select(sa.func.max(other.version)).where(other.item_id == Item.id).scalar_subquery()
 
 
 def _rows() -> sa.Select[*tuple[Any, ...]]:

@@ -1,16 +1,26 @@
 """Figures of a food change: records follow when asked, and only what follows from the food changes."""
 
 import dataclasses
+import uuid
 from datetime import UTC, date, datetime
 
 import pytest
 import sqlalchemy as sa
 
-from app.db.models import EffectiveRecord, FoodActivation, FoodRelease, Item, ItemFood, Recompute
+from app.db.models import (
+    FoodActivation,
+    FoodRelease,
+    Item,
+    ItemFood,
+    Meal,
+    MealEvent,
+    Recompute,
+)
 from app.db.queries import foods
 from app.services.food_releases import use_release
 from app.services.food_values import food_value
 from app.services.import_foods import write_food
+from app.services.project_records import project_meal
 from app.services.rebuild_records import rebuild_records
 from app.services.recompute_records import recompute_nutrients
 from tests import estimates
@@ -118,16 +128,44 @@ def test_going_back_to_the_old_table_gives_the_old_figures_in_new_rows(phone, st
         assert session.scalar(sa.select(sa.func.max(ItemFood.version))) == 3
 
 
-@pytest.mark.usefixtures("meal_id")
-@pytest.mark.parametrize("status", ["confirmed", "corrected", "rejected"])
-def test_status_that_a_person_set_survives(phone, state, status):
-    with state.database.write() as session:
-        session.execute(sa.update(EffectiveRecord).values(status=status))
+@pytest.mark.parametrize(
+    ("kinds", "measured", "unmeasured"),
+    [
+        (["confirm"], "confirmed", "needs_review"),  # how much of it was eaten is still not known
+        (["set_mass"], "corrected", "corrected"),
+        (["set_mass", "reject"], "rejected", "rejected"),
+    ],
+)
+def test_word_of_a_person_survives(phone, state, meal_id, kinds, measured, unmeasured):
+    say(state, meal_id, kinds)
     correct_apple(state, per_100_g={"208": 104.0})
-    recompute(state)
-    assert {one["status"] for one in record_of(phone)} == {status}
-    assert rebuild_records(state.database, write=True).different == 0
-    assert {one["status"] for one in record_of(phone)} == {status}
+    done, _ = recompute(state)
+    assert done.changed == (0 if "reject" in kinds else 2)
+    assert [one["status"] for one in record_of(phone)] == [measured, unmeasured]
+    assert rebuild_records(state.database, write=False).different == 0
+
+
+def say(state, meal_client_id, kinds):
+    """A participant's events about both items."""
+    with state.database.write() as session:
+        meal = session.scalars(sa.select(Meal).where(Meal.client_id == uuid.UUID(meal_client_id))).one()
+        items = session.scalars(sa.select(Item).order_by(Item.position)).all()
+        events = [(kind, item.id) for kind in kinds for item in items]
+        session.add_all(
+            MealEvent(
+                id=uuid.uuid4(),
+                meal_id=meal.id,
+                sequence=number,
+                item_id=item_id,
+                kind=kind,
+                layer="participant",
+                old={},
+                new={"mass_g": 120.0} if kind == "set_mass" else {},
+                created_at=datetime.now(UTC),
+            )
+            for number, (kind, item_id) in enumerate(events, 1)
+        )
+        project_meal(session, meal)
 
 
 @pytest.mark.usefixtures("meal_id")

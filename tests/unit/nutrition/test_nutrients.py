@@ -4,7 +4,7 @@ from app.nutrition.components import NUMBER_BY_TAGNAME
 from app.nutrition.doubt import Doubt
 from app.nutrition.foods import load_starter_table
 from app.nutrition.mass import estimate_mass
-from app.nutrition.nutrients import MassTotal, Portion, nutrient_amounts, total_mass, total_nutrients
+from app.nutrition.nutrients import MassTotal, Portion, nutrients_in, total_mass, total_nutrients
 from tests.unit.nutrition.make_food import make_density, make_food
 
 
@@ -19,14 +19,14 @@ ENERGY, FAT, VITC = (NUMBER_BY_TAGNAME[tagname] for tagname in ("ENERC_KCAL", "F
 def test_hundred_edible_grams_hold_the_tables_figures():
     apple = load_starter_table().food("apple")
     mass = estimate_mass(200.0, Doubt(item=0.1), make_density(1.0, 0.0), edible_share=0.5)
-    amounts = nutrient_amounts(apple.per_100_g, mass)
+    amounts = nutrients_in(apple.per_100_g, mass.edible_g)
     assert {number: amount.value for number, amount in amounts.items()} == pytest.approx(dict(apple.per_100_g))
     assert amounts[ENERGY].high / 52.0 == pytest.approx(mass.edible_g.high / 100.0)
 
 
 def test_unknown_content_is_absent_and_zero_is_zero():
     tea = make_food("tea", per_100_g={"FAT": 0.0})
-    amounts = nutrient_amounts(tea.per_100_g, portion(tea, 100.0).mass)
+    amounts = nutrients_in(tea.per_100_g, portion(tea, 100.0).mass.edible_g)
     assert amounts[FAT].value == amounts[FAT].high == 0.0
     assert VITC not in amounts
 

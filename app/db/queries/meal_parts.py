@@ -1,0 +1,86 @@
+"""All that the records of some meals follow from, read in a handful of queries: items, events, foods, leftovers."""
+
+import uuid
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.db.models import Item, ItemCandidate, ItemFood, ItemMeasure, Leftover, Meal, MealEvent, Run
+
+Row = TypeVar("Row", ItemFood, ItemMeasure, ItemCandidate)
+
+
+@dataclass(slots=True)
+class MealParts:
+    """One meal's. items: of its newest run, of its newest after-meal run, and those that people made.
+
+    foods, measures, candidates, leftovers: by item.
+    """
+
+    meal: Meal
+    run: Run | None = None
+    after_run: Run | None = None
+    items: list[Item] = field(default_factory=list)
+    events: list[MealEvent] = field(default_factory=list)
+    foods: dict[uuid.UUID, list[ItemFood]] = field(default_factory=dict)
+    measures: dict[uuid.UUID, list[ItemMeasure]] = field(default_factory=dict)
+    candidates: dict[uuid.UUID, list[ItemCandidate]] = field(default_factory=dict)
+    leftovers: dict[uuid.UUID, list[Leftover]] = field(default_factory=dict)
+
+
+def parts_of(session: Session, meals: Sequence[Meal]) -> list[MealParts]:
+    """The parts of each meal, in the order given."""
+    parts = {meal.id: MealParts(meal) for meal in meals}
+    ids = list(parts)
+    for run in session.scalars(sa.select(Run).where(Run.meal_id.in_(ids)).order_by(Run.created_at, Run.id)):
+        if run.purpose == "meal":
+            parts[run.meal_id].run = run
+        elif run.purpose == "after":
+            parts[run.meal_id].after_run = run
+    by_item = _add_items(session, parts)
+    events = sa.select(MealEvent).where(MealEvent.meal_id.in_(ids)).order_by(MealEvent.sequence)
+    for event in session.scalars(events):
+        parts[event.meal_id].events.append(event)
+    for food in _of_items(session, ItemFood, by_item):
+        by_item[food.item_id].foods.setdefault(food.item_id, []).append(food)
+    for measure in _of_items(session, ItemMeasure, by_item):
+        by_item[measure.item_id].measures.setdefault(measure.item_id, []).append(measure)
+    for candidate in _of_items(session, ItemCandidate, by_item):
+        by_item[candidate.item_id].candidates.setdefault(candidate.item_id, []).append(candidate)
+    after = sa.select(Leftover).where(Leftover.after_item_id.in_(list(by_item))).order_by(Leftover.version)
+    for leftover in session.scalars(after):
+        by_item[leftover.after_item_id].leftovers.setdefault(leftover.after_item_id, []).append(leftover)
+    return list(parts.values())
+
+
+def meals_after(
+    session: Session, after: uuid.UUID | None, limit: int, *, study_id: uuid.UUID | None = None
+) -> list[Meal]:
+    """Meals by id, behind `after`."""
+    query = sa.select(Meal).order_by(Meal.id).limit(limit)
+    if after is not None:
+        query = query.where(Meal.id > after)
+    if study_id is not None:
+        query = query.where(Meal.study_id == study_id)
+    return list(session.scalars(query))
+
+
+def _add_items(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> dict[uuid.UUID, MealParts]:
+    """Give each meal its items; those of older runs do not count. Returns item -> the parts that it is of."""
+    by_item = {}
+    query = sa.select(Item).where(Item.meal_id.in_(list(parts))).order_by(Item.position, Item.id)
+    for item in session.scalars(query):
+        its = parts[item.meal_id]
+        if item.run_id is None or item.run_id in {run.id for run in (its.run, its.after_run) if run is not None}:
+            its.items.append(item)
+            by_item[item.id] = its
+    return by_item
+
+
+def _of_items(session: Session, table: type[Row], items: Collection[uuid.UUID]) -> list[Row]:
+    """An item's rows of one of its tables, in the order of their keys."""
+    order = list(sa.inspect(table).primary_key)
+    return list(session.scalars(sa.select(table).where(table.item_id.in_(list(items))).order_by(*order)))

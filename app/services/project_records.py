@@ -1,0 +1,252 @@
+"""Effective records: the projection of a meal's runs and events, written in the transaction of what changed them.
+
+One way for all: a run is saved, a person says something, an after-meal pair comes in, tables are put in force. Each
+ends here, and `tada records rebuild` compares with what comes out here.
+"""
+
+import math
+import uuid
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.db.models import Component, EffectiveRecord, Food, ItemFood, Meal
+from app.db.queries import foods, records
+from app.db.queries.meal_parts import MealParts, parts_of
+from app.nutrition.mass import Mass, weighed_mass
+from app.services.food_amounts import NO_FOOD, FoodAmounts, Weighing, food_amounts, mass_of
+from app.services.item_foods import weighing_of
+from app.services.item_state import Amount, ItemState, LeftoverState, MealState, fold_meal
+
+AFTER_WAITED_FOR = frozenset({None, "receiving", "queued", "processing"})
+AFTER_MEASURED = frozenset({"estimated", "needs_review"})
+FLAG_DOUBT = 0.3  # of each flag, in the order of the review queue
+SETTLED = frozenset({"confirmed", "corrected", "rejected"})
+
+
+@dataclass(frozen=True, slots=True)
+class ItemProjection:
+    """An item as it stands, what it amounts to (None: no food), and the effective record's columns but change_seq."""
+
+    state: ItemState
+    amounts: FoodAmounts | None
+    columns: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class MealProjection:
+    """A meal's items, what was left of them, and the meal's own status. status None: the run decides, or none is."""
+
+    parts: MealParts
+    state: MealState
+    items: tuple[ItemProjection, ...]
+    status: str | None
+
+
+class Projector:
+    """Projects meals; keeps what it has read of foods, which do not change under way."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._contents: dict[int, Mapping[str, float]] = {}
+        self._foods: dict[int, Food] = {}
+        self.components: dict[str, Component] = {}
+
+    def project(self, parts: MealParts) -> MealProjection:
+        """What follows from the parts of a meal."""
+        state = fold_meal(parts)
+        left = _Leftovers(parts, state)
+        items = tuple(self._item(parts, each, left) for each in state.items)
+        return MealProjection(parts, state, items, _status(parts, state, items))
+
+    def food(self, food_id: int) -> Food:
+        """A version of a food."""
+        if food_id not in self._foods:
+            self._foods[food_id] = self._session.get_one(Food, food_id)
+        return self._foods[food_id]
+
+    def contents(self, food_id: int) -> Mapping[str, float]:
+        """Component number -> content of 100 g edible portion."""
+        if food_id not in self._contents:
+            known = foods.nutrients_of(self._session, food_id)
+            self._contents[food_id] = {row.component.number: row.per_100_g for row in known}
+            self.components |= {row.component.number: row.component for row in known}
+        return self._contents[food_id]
+
+    def _item(self, parts: MealParts, state: ItemState, leftovers: "_Leftovers") -> ItemProjection:
+        taken_for, flags = state.taken_for, [*state.flags, *leftovers.flags_of(state)]
+        amounts = None
+        if taken_for is not None and state.is_live:
+            weighing = weighing_of(taken_for)
+            amounts = food_amounts(
+                self.food(taken_for.food_id).key,
+                self.contents(taken_for.food_id),
+                weighing,
+                served_mass(weighing, state.amount),
+                left=leftovers.masses(state, weighing),
+                share=state.share,
+            )
+        meal = parts.meal
+        columns = {
+            "item_id": state.item.id,
+            "meal_id": meal.id,
+            "study_id": meal.study_id,
+            "participant_id": meal.participant_id,
+            "captured_at": meal.captured_at,
+            "local_date": meal.local_date,
+            "status": _record_status(state, amounts),
+            "origin": state.item.origin,
+            "provisional": is_provisional(meal),
+            "reviewed": state.reviewed,
+            "food_id": taken_for.food_id if taken_for is not None else None,
+            "volume_ml": state.amount.volume_ml,
+            "volume_low_ml": state.amount.volume_low_ml,
+            "volume_high_ml": state.amount.volume_high_ml,
+            "share": state.share,
+            **(amounts.record_columns() if amounts is not None else NO_FOOD),
+            "flags": flags,
+            "doubt": _doubt(parts, state, amounts, flags),
+        }
+        return ItemProjection(state, amounts, columns)
+
+
+class _Leftovers:
+    """What was left of each item of one meal."""
+
+    def __init__(self, parts: MealParts, state: MealState) -> None:
+        self._state = state
+        self._is_measured = parts.after_run is not None and parts.meal.after_status in AFTER_MEASURED
+        self._has_failed = parts.meal.after_status == "failed"
+        self._live = [each for each in state.leftovers if each.state.is_live]
+
+    def masses(self, item: ItemState, weighing: Weighing) -> list[Mass | None] | None:
+        """Masses of what was left of an item, by the item's own density; None: nobody has looked."""
+        if not self._is_measured:
+            return [] if self._state.nothing_left else None
+        left = [each for each in self._of(item) if each.leftover_class == "food_left"]
+        return [served_mass(weighing, each.state.amount) for each in left]
+
+    def flags_of(self, item: ItemState) -> Iterable[str]:
+        """What a person should know of the leftovers of this item, and of those that are nobody's."""
+        if self._has_failed and not self._state.nothing_left:
+            yield "after_failed"
+        if not self._is_measured:
+            return
+        yield from dict.fromkeys(flag for each in self._of(item) for flag in each.flags)
+        if any(each.leftover_class == "food_left" and _is_unknown(each) for each in self._of(item)):
+            yield "leftover_not_measurable"
+        if any(each.leftover_class == "unmatched" for each in self._live):
+            yield "leftover_unmatched"
+
+    def _of(self, item: ItemState) -> list[LeftoverState]:
+        return [each for each in self._live if each.of_item_id == item.item.id]
+
+
+def served_mass(weighing: Weighing, amount: Amount) -> Mass | None:
+    """Grams of an amount: as a person set them, else by volume and density; None where they are not known."""
+    if amount.mass is not None:
+        is_edible = amount.mass.of == "edible"
+        share = weighing.edible_share
+        return weighed_mass(amount.mass.mass_g, amount.mass.relative_sd, is_edible=is_edible, edible_share=share)
+    return mass_of(weighing, amount.volume_ml, amount.relative_sd)
+
+
+def is_provisional(meal: Meal) -> bool:
+    """Whether the meal's records may still change by an after-meal pair."""
+    return meal.after_due_at is not None and meal.after_status in AFTER_WAITED_FOR
+
+
+def project_meal(session: Session, meal: Meal, projector: Projector | None = None) -> MealProjection:
+    """Write the meal's records and status as they follow from all that is in the session by now.
+
+    The meal is locked by the caller. Records that do not change keep their place in the order of changes.
+    """
+    session.flush()
+    projection = (projector or Projector(session)).project(parts_of(session, [meal])[0])
+    write_records(session, projection)
+    if projection.status is not None and projection.status != meal.status:
+        meal.status = projection.status
+    meal.version += 1
+    return projection
+
+
+def write_records(session: Session, projection: MealProjection) -> int:
+    """Write those records of a meal that differ from what they should be, as one change. Returns how many did."""
+    found = [(session.get(EffectiveRecord, item.state.item.id), item.columns) for item in projection.items]
+    wanted = [(record, columns) for record, columns in found if record is None or differences(record, columns)]
+    if not wanted:
+        return 0
+    change_seq = records.next_change_seq(session, projection.parts.meal.study_id)
+    for record, columns in wanted:
+        if record is None:
+            session.add(EffectiveRecord(**columns, change_seq=change_seq))
+            continue
+        for name, value in columns.items():
+            setattr(record, name, value)
+        record.change_seq = change_seq
+    return len(wanted)
+
+
+def differences(record: EffectiveRecord, columns: Mapping[str, Any]) -> list[str]:
+    """Names of the columns that are not as they should be."""
+    return [name for name, value in columns.items() if getattr(record, name) != value]
+
+
+def with_food(parts: MealParts, row: ItemFood) -> MealParts:
+    """The parts as they would be with one more row of what an item is taken for."""
+    rows = [*parts.foods.get(row.item_id, ()), row]
+    return replace(parts, foods={**parts.foods, row.item_id: rows})
+
+
+def _record_status(state: ItemState, amounts: FoodAmounts | None) -> str:
+    if state.word == "rejected":
+        return "rejected"
+    if amounts is None or amounts.consumed_g is None:
+        return "needs_review"  # whatever was said of it, how much was eaten is not known
+    return state.word or "proposed"
+
+
+def _status(parts: MealParts, state: MealState, items: Sequence[ItemProjection]) -> str | None:
+    """The meal's status where a run or a person has spoken: it is confirmed when a person has settled all of it."""
+    if parts.run is None and parts.meal.origin == "photographed":
+        return None
+    statuses = [item.columns["status"] for item in items]
+    if "needs_review" in statuses:
+        return "needs_review"
+    if state.is_confirmed or (statuses and all(status in SETTLED for status in statuses)):
+        return "confirmed"
+    if parts.run is not None and parts.run.failure_code is not None:
+        return "failed"
+    return "estimated" if statuses else "needs_review"
+
+
+def _doubt(parts: MealParts, state: ItemState, amounts: FoodAmounts | None, flags: Sequence[str]) -> float:
+    """How much a reviewer's look is needed, 0 to 1: 1 where amount or food is not known.
+
+    What speaks against the record is taken as independent: the food's improbability (0 once a person has named it), the
+    width of the interval of what was eaten, each flag.
+    """
+    if not state.is_live:
+        return 0.0
+    if amounts is None or amounts.consumed_g is None or amounts.mass is None:
+        return 1.0
+    surety = (1.0 - FLAG_DOUBT) ** len(flags)
+    if state.word is None and state.taken_for is not None:
+        surety *= _probability(parts, state.item.id, state.taken_for.food_id)
+    eaten, served_g = amounts.consumed_g, amounts.mass.edible_g.value * amounts.share
+    surety *= math.exp(-(eaten.high - eaten.low) / (2.0 * served_g))
+    return 1.0 - surety
+
+
+def _probability(parts: MealParts, item_id: uuid.UUID, food_id: int) -> float:
+    """Of the food that the item is taken for, by the server's own reckoning; 1 where somebody named it."""
+    for candidate in parts.candidates.get(item_id, ()):
+        if candidate.food_id == food_id and candidate.probability is not None:
+            return candidate.probability
+    return 1.0
+
+
+def _is_unknown(leftover: LeftoverState) -> bool:
+    return leftover.state.amount.volume_ml is None and leftover.state.amount.mass is None
