@@ -20,6 +20,7 @@ from app.api import (
     reference_intakes,
     studies,
     study_densities,
+    webhooks,
 )
 from app.api.access import RULES, authorise
 from app.api.body_limit import BodyLimit
@@ -103,6 +104,7 @@ def create_app(settings: Settings) -> FastAPI:
         enrolments,
         studies,
         study_densities,
+        webhooks,
         health,
     ):
         app.include_router(resource.router)

@@ -96,6 +96,16 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/v1/meals/{meal_id}"): VIEWER_OR_DEVICE,
     ("GET", "/v1/meals/{meal_id}/artefacts/{name}"): VIEWER_OR_DEVICE,
     ("GET", "/v1/records"): VIEWER_OR_DEVICE,
+    # webhooks
+    ("GET", "/v1/studies/{study}/webhooks"): OWNER,
+    ("POST", "/v1/studies/{study}/webhooks"): OWNER,
+    ("GET", "/v1/studies/{study}/webhooks/{webhook}"): OWNER,
+    ("PATCH", "/v1/studies/{study}/webhooks/{webhook}"): OWNER,
+    ("DELETE", "/v1/studies/{study}/webhooks/{webhook}"): OWNER,
+    ("POST", "/v1/studies/{study}/webhooks/{webhook}/secret"): OWNER,
+    ("POST", "/v1/studies/{study}/webhooks/{webhook}/test"): OWNER,
+    ("GET", "/v1/studies/{study}/webhooks/{webhook}/deliveries"): OWNER,
+    ("POST", "/v1/studies/{study}/webhooks/{webhook}/deliveries/{delivery}/replay"): OWNER,
     # foods
     ("GET", "/v1/foods"): ANY,
     ("GET", "/v1/foods/{key}"): ANY,

@@ -20,6 +20,7 @@ from app.db.models.meal import SLOTS
 from app.db.queries import meals
 from app.db.session import Database
 from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundError, StorageFullError
+from app.services.announce import announce_meal
 from app.services.caller import DeviceCaller
 from app.services.meal_time import MealTime
 from app.services.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
@@ -191,6 +192,7 @@ class SubmitMeal:
         meal.version += 1
         session.flush()
         self._queue.enqueue(session, job.id)
+        announce_meal(session, meal)
 
 
 def _details(metadata: MealMetadata, study: Study) -> dict[str, Any]:

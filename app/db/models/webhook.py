@@ -10,6 +10,18 @@ from sqlalchemy.orm import Mapped, mapped_column
 from app.db.models.base import Base, one_of
 
 DELIVERY_STATES = ("waiting", "delivered", "given_up")
+PING = "ping"  # a test; it cannot be subscribed to
+ALL_EVENTS = "*"
+EVENTS = (
+    "meal.received",
+    "meal.estimated",
+    "meal.needs_review",
+    "meal.failed",
+    "meal.confirmed",
+    "meal.deleted",
+    "day.closed",
+    "participant.withdrawn",
+)
 
 
 class Webhook(Base):

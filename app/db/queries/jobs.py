@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 import sqlalchemy as sa
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, object_session
 
 from app.db.models import Job, Meal, WorkerLease
+from app.db.outbox import announce_meal
 from app.db.queries.meals import WAITING
 from app.errors import Failure
 
@@ -82,6 +83,9 @@ def fail_meal(meal: Meal, failure: Failure) -> None:
     meal.failure_message = failure.message
     meal.failure_advice = failure.advice
     meal.version += 1
+    session = object_session(meal)
+    if session is not None:
+        announce_meal(session, meal)
 
 
 def stuck_jobs(session: Session) -> list[uuid.UUID]:

@@ -1,0 +1,129 @@
+"""/v1/studies/{study}/webhooks: who is told of a study's events, and what came of telling them."""
+
+import uuid
+from typing import Annotated, Literal
+from urllib.parse import urlencode
+
+from fastapi import APIRouter, Path, Query, Request, Response
+
+from app.api.deps import CurrentStaff, State
+from app.api.problems import problem_responses
+from app.api.schemas.webhooks import (
+    DeliveryOut,
+    DeliveryPage,
+    WebhookChangeIn,
+    WebhookIn,
+    WebhookList,
+    WebhookOut,
+    WebhookSecretOut,
+)
+from app.db.models import Webhook
+from app.services.webhooks import IssuedSecret, Webhooks
+
+router = APIRouter(prefix="/v1/studies/{study}/webhooks", tags=["webhooks"])
+
+StudyCode = Annotated[str, Path(max_length=64)]
+READ = problem_responses(401, 403, 404, 422)
+WRITE = problem_responses(401, 403, 404, 409, 413, 422)
+
+
+@router.post("", status_code=201, responses=WRITE)
+def post_webhook(
+    study: StudyCode, body: WebhookIn, state: State, owner: CurrentStaff, response: Response
+) -> WebhookSecretOut:
+    """Make a webhook. Its secret is shown here and never again."""
+    issued = _use_case(state).create(owner, study, body.url, body.events)
+    response.headers["Location"] = f"/v1/studies/{study}/webhooks/{issued.webhook.id}"
+    response.headers["Cache-Control"] = "no-store"
+    return _secret_out(issued)
+
+
+@router.get("", responses=READ)
+def get_webhooks(study: StudyCode, state: State, owner: CurrentStaff) -> WebhookList:
+    """The study's webhooks, disabled ones too."""
+    return WebhookList(items=[_webhook_out(hook) for hook in _use_case(state).list(owner, study)])
+
+
+@router.get("/{webhook}", responses=READ)
+def get_webhook(study: StudyCode, webhook: uuid.UUID, state: State, owner: CurrentStaff) -> WebhookOut:
+    """One webhook."""
+    return _webhook_out(_use_case(state).read(owner, study, webhook))
+
+
+@router.patch("/{webhook}", responses=WRITE)
+def patch_webhook(
+    study: StudyCode, webhook: uuid.UUID, body: WebhookChangeIn, state: State, owner: CurrentStaff
+) -> WebhookOut:
+    """Change address or events, disable or enable."""
+    changed = _use_case(state).change(
+        owner, study, webhook, url=body.url, events=body.events, is_enabled=body.is_enabled
+    )
+    return _webhook_out(changed)
+
+
+@router.delete("/{webhook}", status_code=204, responses=READ)
+def delete_webhook(study: StudyCode, webhook: uuid.UUID, state: State, owner: CurrentStaff) -> Response:
+    """Disable: nothing more is sent, what waits is given up; the log stays for its 30 days."""
+    _use_case(state).disable(owner, study, webhook)
+    return Response(status_code=204)
+
+
+@router.post("/{webhook}/secret", responses=READ)
+def post_secret(
+    study: StudyCode, webhook: uuid.UUID, state: State, owner: CurrentStaff, response: Response
+) -> WebhookSecretOut:
+    """A fresh secret, shown once. For a day deliveries carry a signature by the old one too."""
+    response.headers["Cache-Control"] = "no-store"
+    return _secret_out(_use_case(state).rotate_secret(owner, study, webhook))
+
+
+@router.post("/{webhook}/test", status_code=202, responses=problem_responses(401, 403, 404, 409, 422))
+def post_test(study: StudyCode, webhook: uuid.UUID, state: State, owner: CurrentStaff) -> DeliveryOut:
+    """Send a `ping`; its delivery stands in the log."""
+    return DeliveryOut.model_validate(_use_case(state).test(owner, study, webhook), from_attributes=True)
+
+
+@router.get("/{webhook}/deliveries", responses=READ)
+def get_deliveries(
+    request: Request,
+    study: StudyCode,
+    webhook: uuid.UUID,
+    state: State,
+    owner: CurrentStaff,
+    only: Annotated[Literal["waiting", "delivered", "given_up"] | None, Query(alias="state")] = None,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+    cursor: Annotated[str | None, Query(max_length=300, description="From the page before: follow `next`.")] = None,
+) -> DeliveryPage:
+    """The log, the newest first. Deliveries that ended stay for 30 days."""
+    page = _use_case(state).list_deliveries(owner, study, webhook, state=only, cursor=cursor, limit=limit)
+    following = None
+    if page.cursor is not None:
+        others = [(key, value) for key, value in request.query_params.multi_items() if key != "cursor"]
+        following = f"{request.url.path}?{urlencode([*others, ('cursor', page.cursor)])}"
+    items = [DeliveryOut.model_validate(row, from_attributes=True) for row in page.rows]
+    return DeliveryPage(items=items, next=following)
+
+
+@router.post(
+    "/{webhook}/deliveries/{delivery}/replay", status_code=202, responses=problem_responses(401, 403, 404, 409, 422)
+)
+def post_replay(
+    study: StudyCode, webhook: uuid.UUID, delivery: uuid.UUID, state: State, owner: CurrentStaff
+) -> DeliveryOut:
+    """Send the payload once more, as it was then, as a new delivery."""
+    again = _use_case(state).replay(owner, study, webhook, delivery)
+    return DeliveryOut.model_validate(again, from_attributes=True)
+
+
+def _use_case(state: State) -> Webhooks:
+    return Webhooks(state.database, state.secrets, state.settings)
+
+
+def _webhook_out(hook: Webhook) -> WebhookOut:
+    return WebhookOut.model_validate(hook, from_attributes=True)
+
+
+def _secret_out(issued: IssuedSecret) -> WebhookSecretOut:
+    return WebhookSecretOut(
+        webhook=_webhook_out(issued.webhook), secret=issued.secret, previous_until=issued.previous_until
+    )

@@ -1,0 +1,48 @@
+"""What services announce to a study's webhooks, each in the transaction of the event; app/db/outbox.py writes it down.
+
+A payload holds ids, a status, a version, a day, codes. Never a photograph, food, figure, place or free text: whoever is
+told asks the API for the rest, under their own role and noted in the audit log.
+"""
+
+import hashlib
+import uuid
+from datetime import date
+
+from sqlalchemy.orm import Session
+
+from app.db.models import Meal, Participant
+from app.db.outbox import announce, announce_meal
+
+__all__ = ["announce", "announce_meal", "day_closed", "meal_deleted", "participant_withdrawn"]
+
+
+def meal_deleted(session: Session, meal: Meal) -> None:
+    """A meal is about to be erased. Its id goes as SHA-256: who has the id finds it, and nobody else learns it."""
+    participant = session.get_one(Participant, meal.participant_id)
+    digest = hashlib.sha256(str(meal.client_id).encode()).hexdigest()
+    announce(
+        session,
+        meal.study_id,
+        "meal.deleted",
+        {"participant": participant.code, "meal_sha256": digest},
+        participant_id=participant.id,
+    )
+
+
+def participant_withdrawn(session: Session, participant: Participant, policy: str) -> None:
+    """A participant leaves the study. The notice outlives their rows; what it says of them goes once it is delivered.
+
+    Call it after older deliveries of this participant are removed. policy: keep, anonymise or erase.
+    """
+    announce(
+        session, participant.study_id, "participant.withdrawn", {"participant": participant.code, "policy": policy}
+    )
+
+
+def day_closed(
+    session: Session, study_id: uuid.UUID, participant_id: uuid.UUID, local_date: date, *, ate_nothing: bool
+) -> None:
+    """A participant's day is closed: all that they ate is told."""
+    participant = session.get_one(Participant, participant_id)
+    data = {"participant": participant.code, "local_date": local_date.isoformat(), "ate_nothing": ate_nothing}
+    announce(session, study_id, "day.closed", data, participant_id=participant_id)

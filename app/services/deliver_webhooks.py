@@ -1,0 +1,219 @@
+"""Sends what waits in the outbox, at least once, signed, with pauses that grow over three days; then gives up.
+
+A worker's chore starts deliveries and returns; each runs in a thread of its own, few at a time and one a webhook, so
+that a slow receiver holds up neither the others nor the other chores. A claim lasts a little longer than a try can: if
+the worker dies, another sends it again. After a failure a webhook rests a while in this worker, whatever waits for it.
+"""
+
+import json
+import random
+import threading
+import time
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import structlog
+
+from app import __version__
+from app.db.models import WebhookDelivery
+from app.db.queries import webhooks
+from app.db.session import Database
+from app.services import audit
+from app.services.secret_box import SecretBox, SecretKeyError
+from app.services.webhook_post import TOTAL_SECONDS, Answer, WebhookPost
+from app.services.webhook_signature import open_secrets
+
+log = structlog.get_logger()
+
+PAUSES = tuple(
+    timedelta(**pause)
+    for pause in (
+        {"seconds": 5}, {"minutes": 5}, {"minutes": 30}, {"hours": 2}, {"hours": 5},
+        {"hours": 10}, {"hours": 14}, {"hours": 20}, {"hours": 24},
+    )
+)  # fmt: skip  # between tries: the schedule that Standard Webhooks gives as its example, 75 hours in all
+MOST_ATTEMPTS = len(PAUSES) + 1
+JITTER = 0.1  # of a pause, either way: what failed together is not tried again together
+LONGEST_RETRY_AFTER = timedelta(days=1)
+GIVEN_UP_IN_A_ROW = 5  # then the webhook is disabled
+CLAIM = timedelta(seconds=6 * TOTAL_SECONDS)  # a try and writing down what came of it take less
+AT_ONCE = 8  # deliveries in one worker
+FIRST_REST_SECONDS, LONGEST_REST_SECONDS = 5.0, 300.0
+KEPT = timedelta(days=30)  # of a delivery that has ended
+GONE = 410
+WITHDRAWN = "participant.withdrawn"
+SECRET_UNREADABLE = "The webhook's secret cannot be opened: TADA_SECRET_KEY is not the one it was sealed with."  # noqa: S105
+
+
+@dataclass(frozen=True, slots=True)
+class _Claimed:
+    """A delivery that is ours for a while; attempt: its number, from 1."""
+
+    delivery_id: uuid.UUID
+    webhook_id: uuid.UUID
+    url: str
+    secret_sealed: str
+    body: bytes
+    attempt: int
+
+
+class DeliverWebhooks:
+    """The use case; one a worker. now: another clock in tests."""
+
+    def __init__(
+        self,
+        database: Database,
+        box: SecretBox,
+        post: WebhookPost,
+        *,
+        now: Callable[[], datetime] = lambda: datetime.now(UTC),
+        chance: random.Random | None = None,
+    ) -> None:
+        self._database = database
+        self._box = box
+        self._post = post
+        self._now = now
+        self._chance = chance or random.SystemRandom()
+        self._lock = threading.Condition()
+        self._busy: set[uuid.UUID] = set()
+        self._rests: dict[uuid.UUID, tuple[float, float]] = {}  # webhook -> (rest in seconds, until, monotonic)
+
+    def run(self) -> int:
+        """Start what is due, as far as there is room. Returns how many deliveries were started."""
+        started = 0
+        while (claimed := self._claim()) is not None:
+            threading.Thread(target=self._deliver, args=(claimed,), name="webhook", daemon=True).start()
+            started += 1
+        return started
+
+    def wait_until_idle(self, seconds: float) -> bool:
+        """Whether no delivery is under way any more within that time."""
+        with self._lock:
+            return self._lock.wait_for(lambda: not self._busy, seconds)
+
+    def tidy(self) -> None:
+        """Give up what nothing will send any more; remove what ended long ago."""
+        with self._database.write() as session:
+            for delivery in webhooks.unsendable(session, self._now(), MOST_ATTEMPTS, webhooks.REMOVED_AT_ONCE):
+                _give_up(delivery)
+        removed = webhooks.REMOVED_AT_ONCE
+        while removed == webhooks.REMOVED_AT_ONCE:
+            with self._database.write() as session:
+                removed = webhooks.remove_ended(session, self._now() - KEPT)
+
+    def _claim(self) -> _Claimed | None:
+        """The next delivery, or None if there is none or no room. Its webhook is busy from here on."""
+        with self._lock:
+            if len(self._busy) >= AT_ONCE:
+                return None
+            resting = {hook for hook, (_, until) in self._rests.items() if time.monotonic() < until}
+            passed_over = self._busy | resting
+        now = self._now()
+        with self._database.read() as session:  # on SQLite a look must not keep those who write waiting
+            if not webhooks.has_due(session, now, passed_over):
+                return None
+        with self._database.write() as session:
+            found = webhooks.claim_due(session, now, passed_over, until=now + CLAIM)
+            if found is None:
+                return None
+            delivery, hook = found
+            body = json.dumps(delivery.payload, sort_keys=True, separators=(",", ":")).encode()
+            claimed = _Claimed(delivery.id, hook.id, hook.url, hook.secret_sealed, body, delivery.attempts)
+        with self._lock:
+            self._busy.add(claimed.webhook_id)
+        return claimed
+
+    def _deliver(self, claimed: _Claimed) -> None:
+        try:
+            answer = self._send(claimed)
+            self._rest_or_go_on(claimed.webhook_id, answer)
+            self._note(claimed, answer)
+        except Exception as error:  # the worker's edge: the claim runs out, and it is tried again
+            log.warning("webhook_delivery_failed", delivery_id=str(claimed.delivery_id), exc_info=error)
+        finally:
+            with self._lock:
+                self._busy.discard(claimed.webhook_id)
+                self._lock.notify_all()
+
+    def _send(self, claimed: _Claimed) -> Answer:
+        try:
+            known = open_secrets(self._box, claimed.secret_sealed)
+        except SecretKeyError:
+            log.error(  # noqa: TRY400  # the reason is known: no traceback at each try
+                "webhook_secret_unreadable", webhook_id=str(claimed.webhook_id), detail=SECRET_UNREADABLE
+            )
+            return Answer(None, SECRET_UNREADABLE)
+        now = self._now()
+        headers = {
+            "Content-Type": "application/json",
+            "User-Agent": f"tada-server/{__version__}",
+            "Webhook-Id": str(claimed.delivery_id),
+            "Webhook-Timestamp": str(int(now.timestamp())),
+            "Webhook-Signature": known.signatures(str(claimed.delivery_id), now, claimed.body),
+        }
+        return self._post.send(claimed.url, headers, claimed.body)
+
+    def _rest_or_go_on(self, webhook_id: uuid.UUID, answer: Answer) -> None:
+        with self._lock:
+            if answer.is_success:
+                self._rests.pop(webhook_id, None)
+                return
+            before, _ = self._rests.get(webhook_id, (0.0, 0.0))
+            seconds = min(max(2 * before, FIRST_REST_SECONDS), LONGEST_REST_SECONDS)
+            self._rests[webhook_id] = (seconds, time.monotonic() + seconds)
+
+    def _note(self, claimed: _Claimed, answer: Answer) -> None:
+        """Write down what came of it. A row that was erased meanwhile, or delivered by another, is left as it is."""
+        with self._database.write() as session:
+            found = webhooks.lock_delivery(session, claimed.delivery_id)
+            if found is None:
+                return
+            delivery, hook = found
+            if delivery.state != "waiting" or (delivery.attempts != claimed.attempt and not answer.is_success):
+                return
+            delivery.last_status = answer.status
+            delivery.last_error = None if answer.is_success else _words(answer)
+            if answer.is_success:
+                delivery.state, delivery.delivered_at, delivery.next_try_at = "delivered", self._now(), None
+                _forget_who_left(delivery)
+                return
+            if answer.status == GONE or claimed.attempt >= MOST_ATTEMPTS:
+                _give_up(delivery)
+            else:
+                delivery.next_try_at = self._now() + self._pause(claimed.attempt, answer)
+            session.flush()
+            if hook.disabled_at is not None or delivery.state != "given_up":
+                return
+            outcomes = webhooks.last_outcomes(session, hook.id, GIVEN_UP_IN_A_ROW)
+            in_a_row = len(outcomes) == GIVEN_UP_IN_A_ROW and set(outcomes) == {"given_up"}
+            if answer.status == GONE or in_a_row:
+                hook.disabled_at = self._now()
+                reason = "gone" if answer.status == GONE else "given_up_in_a_row"
+                audit.note(session, None, "webhook.disable", study_id=hook.study_id, subject=hook.id, reason=reason)
+                log.warning("webhook_disabled", webhook_id=str(hook.id), reason=reason)
+
+    def _pause(self, attempt: int, answer: Answer) -> timedelta:
+        """Until the next try, after this one (from 1) failed."""
+        pause = PAUSES[attempt - 1] * self._chance.uniform(1 - JITTER, 1 + JITTER)
+        if answer.retry_after_seconds is None:
+            return pause
+        asked = min(answer.retry_after_seconds, LONGEST_RETRY_AFTER.total_seconds())
+        return max(pause, timedelta(seconds=asked))
+
+
+def _words(answer: Answer) -> str:
+    """What went wrong, in words of ours: never what the receiver said."""
+    return answer.error or f"The receiver answered {answer.status}."
+
+
+def _give_up(delivery: WebhookDelivery) -> None:
+    delivery.state, delivery.next_try_at = "given_up", None
+    _forget_who_left(delivery)
+
+
+def _forget_who_left(delivery: WebhookDelivery) -> None:
+    """The notice that a participant left was for delivery only: their code does not stay in the log."""
+    if delivery.event == WITHDRAWN:
+        delivery.payload = {name: value for name, value in delivery.payload.items() if name != "data"}
