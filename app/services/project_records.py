@@ -16,6 +16,7 @@ from app.db.models import Component, EffectiveRecord, Food, ItemFood, Meal
 from app.db.queries import foods, records
 from app.db.queries.meal_parts import MealParts, parts_of
 from app.nutrition.mass import Mass, weighed_mass
+from app.services.announce import announce_meal
 from app.services.food_amounts import NO_FOOD, FoodAmounts, Weighing, food_amounts, mass_of
 from app.services.item_foods import weighing_of
 from app.services.item_state import Amount, ItemState, LeftoverState, MealState, fold_meal
@@ -166,9 +167,12 @@ def project_meal(session: Session, meal: Meal, projector: Projector | None = Non
     session.flush()
     projection = (projector or Projector(session)).project(parts_of(session, [meal])[0])
     write_records(session, projection)
-    if projection.status is not None and projection.status != meal.status:
+    has_moved = projection.status is not None and projection.status != meal.status
+    if projection.status is not None:
         meal.status = projection.status
     meal.version += 1
+    if has_moved:
+        announce_meal(session, meal)
     return projection
 
 
