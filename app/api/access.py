@@ -6,6 +6,7 @@ study, lets the caller into it; where the study follows from something else (a m
 services/access.py, which goes by the role that the rule needs. docs/access.md is made from this table.
 """
 
+import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -20,7 +21,9 @@ from app.db.queries import people
 from app.errors import NotAllowedError, NotFoundError, UnauthenticatedError
 from app.services.access import require_study
 from app.services.caller import Caller, DeviceCaller, StaffCaller, authenticate
+from app.services.erase import is_meal_deleted, meal_deleted
 from app.services.last_use import clock_skew_seconds
+from app.services.submit_meal import meal_id_of
 
 SAFE_METHODS = frozenset({"GET", "HEAD"})
 
@@ -68,9 +71,9 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/v1/sessions/current"): SESSION,
     ("DELETE", "/v1/sessions/current"): SESSION,
     ("POST", "/v1/sessions/current/password"): SESSION,
-    ("GET", "/v1/tokens"): STAFF,
+    ("GET", "/v1/tokens"): SESSION,
     ("POST", "/v1/tokens"): SESSION,
-    ("DELETE", "/v1/tokens/{token_id}"): STAFF,
+    ("DELETE", "/v1/tokens/{token_id}"): SESSION,
     ("GET", "/v1/staff"): ADMIN,
     ("POST", "/v1/staff"): ADMIN,
     ("GET", "/v1/staff/{name}"): ADMIN,
@@ -96,6 +99,16 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/v1/meals/{meal_id}"): VIEWER_OR_DEVICE,
     ("GET", "/v1/meals/{meal_id}/artefacts/{name}"): VIEWER_OR_DEVICE,
     ("GET", "/v1/records"): VIEWER_OR_DEVICE,
+    # days and feedback
+    ("GET", "/v1/me/days"): DEVICE,
+    ("PUT", "/v1/me/days/{day}"): DEVICE,
+    ("GET", "/v1/me/summary"): DEVICE,
+    ("GET", "/v1/days"): VIEWER_OR_DEVICE,
+    ("GET", "/v1/studies/{study}/participants/{participant}/days"): VIEWER,
+    ("PUT", "/v1/studies/{study}/participants/{participant}/days/{day}"): REVIEWER,
+    ("GET", "/v1/studies/{study}/participants/{participant}/summary"): VIEWER,
+    ("GET", "/v1/studies/{study}/intakes"): VIEWER,
+    ("GET", "/v1/studies/{study}/adequacy"): VIEWER,
     # webhooks
     ("GET", "/v1/studies/{study}/webhooks"): OWNER,
     ("POST", "/v1/studies/{study}/webhooks"): OWNER,
@@ -106,6 +119,14 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("POST", "/v1/studies/{study}/webhooks/{webhook}/test"): OWNER,
     ("GET", "/v1/studies/{study}/webhooks/{webhook}/deliveries"): OWNER,
     ("POST", "/v1/studies/{study}/webhooks/{webhook}/deliveries/{delivery}/replay"): OWNER,
+    # privacy
+    ("DELETE", "/v1/meals/{meal_id}"): OWNER_OR_DEVICE,
+    ("POST", "/v1/me/withdrawal"): DEVICE,
+    ("POST", "/v1/studies/{study}/participants/{participant}/withdrawal"): OWNER,
+    ("GET", "/v1/me/export"): DEVICE,
+    ("GET", "/v1/receipts/{receipt}"): OPEN,
+    ("GET", "/v1/studies/{study}/audit"): OWNER,
+    ("GET", "/v1/audit"): ADMIN,
     # foods
     ("GET", "/v1/foods"): ANY,
     ("GET", "/v1/foods/{key}"): ANY,
@@ -153,6 +174,8 @@ def authorise(
         if not rule.device:
             code = "admin_only" if rule.staff == "admin" else "staff_only"
             raise NotAllowedError("A participant's device cannot do this: use a staff member's token.", code=code)
+        if "meal_id" in request.path_params:
+            _refuse_deleted_meal(state, caller, request.path_params["meal_id"])
     else:
         caller = _staff_by_rule(caller, rule, request.method)
     if "study" in request.path_params:
@@ -179,6 +202,17 @@ def _note_use(state: ApiState, caller: Caller, headers: Headers) -> None:
         clock_skew_seconds=clock_skew_seconds(headers.get("date"), datetime.now(UTC)),
         app_version=headers.get("x-app-version"),
     )
+
+
+def _refuse_deleted_meal(state: ApiState, caller: DeviceCaller, client_id: str) -> None:
+    """All calls about a meal that its participant deleted hear the same: it is gone."""
+    try:
+        meal_id = meal_id_of(caller.participant_id, uuid.UUID(client_id))
+    except ValueError:
+        return  # no id: the route says so
+    with state.database.read() as session:
+        if is_meal_deleted(session, state.secrets, meal_id):
+            raise meal_deleted()
 
 
 def _enter_study(state: ApiState, caller: Caller, code: str) -> None:

@@ -1,54 +1,78 @@
-"""/v1/studies: an admin makes studies, participants and the codes that enrol their phones."""
+"""/v1/studies: an admin makes studies, an owner keeps the protocol."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Response
+from fastapi import APIRouter, Path, Request, Response
 
 from app.api.deps import CurrentStaff, State
+from app.api.food_edits import IfMatch, expected_versions
+from app.api.paging import Cursor, Limit, next_page
 from app.api.problems import problem_responses
-from app.api.schemas.people import EnrolmentCodeOut, ParticipantIn, StudyIn, StudyList, StudyOut
+from app.api.schemas.people import ProtocolIn, StudyIn, StudyList, StudyOut, StudyPatch
 from app.db.models import Study
-from app.services import enrol
-from app.vision.marker import parse_marker
+from app.services import studies
 
 router = APIRouter(prefix="/v1/studies", tags=["studies"])
 
 StudyCode = Annotated[str, Path(max_length=64)]
-RESPONSES = problem_responses(401, 403, 404, 409, 422)
+TAGGED: dict[int | str, dict[str, Any]] = {200: {"headers": {"ETag": {"schema": {"type": "string"}}}}}
 
 
-@router.get("", responses=problem_responses(401, 403))
-def get_studies(state: State, caller: CurrentStaff) -> StudyList:
+@router.get("", responses=problem_responses(401, 403, 422))
+def get_studies(
+    request: Request, state: State, caller: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
+) -> StudyList:
     """The studies where the caller has a role."""
-    return StudyList(items=[_study_out(study) for study in enrol.list_studies(state.database, caller)])
+    page = studies.list_studies(state.database, caller, cursor=cursor, limit=limit)
+    return StudyList(items=[render_study(study) for study in page.rows], next=next_page(request, page.cursor))
 
 
-@router.post("", status_code=201, responses=RESPONSES)
-def post_study(body: StudyIn, state: State, _: CurrentStaff) -> StudyOut:
+@router.post("", status_code=201, responses=problem_responses(401, 403, 409, 422))
+def post_study(body: StudyIn, state: State, caller: CurrentStaff, response: Response) -> StudyOut:
     """Make a study."""
-    if body.marker is not None:
-        parse_marker(body.marker)
-    study = enrol.create_study(
-        state.database, code=body.code, name=body.name, marker=body.marker, location_policy=body.location_policy
+    study = studies.create_study(state.database, code=body.code, caller=caller, **{"name": body.name, **_columns(body)})
+    response.headers["Location"] = f"/v1/studies/{body.code}"
+    return _tagged(study, response)
+
+
+@router.get("/{study}", responses=TAGGED | problem_responses(401, 403, 404, 422))
+def get_study(study: StudyCode, state: State, _: CurrentStaff, response: Response) -> StudyOut:
+    """A study and its protocol; the ETag is what a change names in `If-Match`."""
+    return _tagged(studies.read_study(state.database, study), response)
+
+
+@router.patch("/{study}", responses=TAGGED | problem_responses(401, 403, 404, 409, 412, 422, 428))
+def patch_study(
+    study: StudyCode, body: StudyPatch, state: State, caller: CurrentStaff, response: Response, if_match: IfMatch = None
+) -> StudyOut:
+    """Change the protocol: only the fields that are named. The day's start is fixed once a meal is in."""
+    changes = _columns(body) | ({"name": body.name} if "name" in body.model_fields_set else {})
+    expected = expected_versions(if_match)
+    return _tagged(studies.change_study(state.database, caller, study, changes, expected=expected), response)
+
+
+def render_study(study: Study) -> StudyOut:
+    """A study as the API shows it."""
+    return StudyOut.model_validate(
+        {name: getattr(study, name) for name in StudyOut.model_fields if name != "day_starts"}
+        | {"day_starts": clock(study.day_starts_minutes)}
     )
-    return _study_out(study)
 
 
-@router.post("/{study}/participants", status_code=204, responses=RESPONSES)
-def post_participant(study: StudyCode, body: ParticipantIn, state: State, _: CurrentStaff) -> Response:
-    """Add a participant."""
-    enrol.create_participant(state.database, study_code=study, code=body.code)
-    return Response(status_code=204)
+def clock(minutes: int) -> str:
+    """Minutes after midnight as HH:MM."""
+    return f"{minutes // 60:02}:{minutes % 60:02}"
 
 
-@router.post("/{study}/participants/{participant}/enrolment-codes", status_code=201, responses=RESPONSES)
-def post_enrolment_code(
-    study: StudyCode, participant: Annotated[str, Path(max_length=64)], state: State, _: CurrentStaff
-) -> EnrolmentCodeOut:
-    """A one-time code for the participant's next device: give it to them as text or as a QR code."""
-    issued = enrol.issue_enrolment_code(state.database, study_code=study, participant_code=participant)
-    return EnrolmentCodeOut(code=issued.code, expires_at=issued.expires_at)
+def _columns(body: ProtocolIn) -> dict[str, Any]:
+    """The protocol's fields that a body names, as columns."""
+    columns = body.model_dump(include=body.model_fields_set & ProtocolIn.model_fields.keys(), mode="json")
+    if "day_starts" in columns:
+        hours, minutes = columns.pop("day_starts").split(":")
+        columns["day_starts_minutes"] = 60 * int(hours) + int(minutes)
+    return columns
 
 
-def _study_out(study: Study) -> StudyOut:
-    return StudyOut.model_validate(study, from_attributes=True)
+def _tagged(study: Study, response: Response) -> StudyOut:
+    response.headers["ETag"] = f'"{study.version}"'
+    return render_study(study)

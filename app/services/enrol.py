@@ -1,19 +1,20 @@
-"""People come in: admins, studies, participants, enrolment codes, and the device that swaps a code for a token."""
+"""A participant's phone comes in: a one-time code is issued, and exchanged once for a token."""
 
 import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
-from sqlalchemy.exc import IntegrityError
-
-from app.db.models import AccessToken, Device, Enrolment, Participant, Staff, Study
+from app.db.models import AccessToken, Device, Enrolment, Participant, Study
 from app.db.queries import people
 from app.db.session import Database
 from app.errors import ConflictError, NotFoundError
-from app.services.access import known_studies
-from app.services.caller import StaffCaller, new_code, new_token, sha256_hex
+from app.services.audit import note
+from app.services.caller import Caller, DeviceCaller, new_code, new_token, sha256_hex
+from app.services.participants import create_participant, require_participant
+from app.services.staff import create_admin
+from app.services.studies import create_study
+
+__all__ = ["create_admin", "create_participant", "create_study", "enrol_device", "issue_enrolment_code"]
 
 ENROLMENT_VALID = timedelta(days=7)
 
@@ -27,6 +28,15 @@ class IssuedCode:
 
 
 @dataclass(frozen=True, slots=True)
+class NewDevice:
+    """What a phone tells of itself."""
+
+    name: str
+    model: str | None = None
+    app_version: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class IssuedDevice:
     """A device's token, shown once."""
 
@@ -37,75 +47,19 @@ class IssuedDevice:
     marker: str | None
 
 
-def create_admin(database: Database, name: str) -> str:
-    """A new admin's token. Raises ConflictError if the name is taken."""
-    now, token = datetime.now(UTC), new_token()
-    taken = ConflictError(f"There is already a staff member named {name!r}.", code="staff_exists")
-    with _unless_taken(taken), database.write() as session:
-        if people.find_staff(session, name) is not None:
-            raise taken
-        staff = Staff(id=uuid.uuid4(), name=name, is_admin=True, created_at=now)
-        session.add(staff)
-        session.flush()
-        session.add(
-            AccessToken(
-                id=uuid.uuid4(),
-                token_sha256=sha256_hex(token),
-                kind="personal",
-                name="made with the admin",
-                staff_id=staff.id,
-                created_at=now,
-            ),
-        )
-    return token
+def issue_enrolment_code(
+    database: Database, *, study_code: str, participant_code: str, caller: Caller | None = None
+) -> IssuedCode:
+    """A one-time code for a participant's next device; earlier ones that were not used end.
 
-
-def create_study(database: Database, *, code: str, name: str, marker: str | None, location_policy: str) -> Study:
-    """A new study. Raises ConflictError if the code is taken."""
-    taken = ConflictError(f"There is already a study {code!r}.", code="study_exists")
-    with _unless_taken(taken), database.write() as session:
-        if people.find_study(session, code) is not None:
-            raise taken
-        study = Study(
-            id=uuid.uuid4(),
-            code=code,
-            name=name,
-            marker=marker,
-            location_policy=location_policy,
-            change_seq=0,
-            created_at=datetime.now(UTC),
-        )
-        session.add(study)
-    return study
-
-
-def list_studies(database: Database, caller: StaffCaller) -> list[Study]:
-    """The studies where the caller has a role, by code; all of them for an admin."""
-    known = known_studies(caller)
-    with database.read() as session:
-        return [study for study in people.list_studies(session) if known is None or study.id in known]
-
-
-def create_participant(database: Database, *, study_code: str, code: str) -> None:
-    """A new participant of a study. Raises NotFoundError, ConflictError."""
-    taken = ConflictError(f"Study {study_code!r} already has a participant {code!r}.", code="participant_exists")
-    with _unless_taken(taken), database.write() as session:
-        study = people.find_study(session, study_code)
-        if study is None:
-            raise NotFoundError(f"There is no study {study_code!r}.")
-        if people.find_participant(session, study.id, code) is not None:
-            raise taken
-        session.add(Participant(id=uuid.uuid4(), study_id=study.id, code=code, created_at=datetime.now(UTC)))
-
-
-def issue_enrolment_code(database: Database, *, study_code: str, participant_code: str) -> IssuedCode:
-    """A one-time code for a participant's next device. Raises NotFoundError."""
+    Raises NotFoundError, ConflictError (`participant_withdrawn`).
+    """
     code, now = new_code(), datetime.now(UTC)
     with database.write() as session:
-        study = people.find_study(session, study_code)
-        participant = people.find_participant(session, study.id, participant_code) if study else None
-        if participant is None:
-            raise NotFoundError(f"There is no participant {participant_code!r} in a study {study_code!r}.")
+        study, participant = require_participant(session, study_code, participant_code, lock=True)
+        if participant.withdrawn_at is not None:
+            raise ConflictError("This participant has left the study.", code="participant_withdrawn")
+        people.end_enrolments(session, participant.id, now)
         session.add(
             Enrolment(
                 id=uuid.uuid4(),
@@ -115,42 +69,43 @@ def issue_enrolment_code(database: Database, *, study_code: str, participant_cod
                 created_at=now,
             )
         )
+        note(session, caller, "enrolment_code.issue", study_id=study.id, subject=participant.alias)
     return IssuedCode(code=code, expires_at=now + ENROLMENT_VALID)
 
 
-def enrol_device(database: Database, *, code: str, device_name: str) -> IssuedDevice:
+def enrol_device(database: Database, *, code: str, device: NewDevice) -> IssuedDevice:
     """Exchange a code for a device's token, once. Raises NotFoundError for a code unknown, used or expired alike."""
     token, now = new_token(), datetime.now(UTC)
     with database.write() as session:
         enrolment = people.take_enrolment(session, sha256_hex(code), now)
-        if enrolment is None:
+        participant = session.get_one(Participant, enrolment.participant_id) if enrolment else None
+        if participant is None or participant.withdrawn_at is not None:
             raise NotFoundError(
                 "This enrolment code is unknown, used or expired. Ask the study for a new one.",
                 code="enrolment_code_invalid",
             )
-        participant = session.get_one(Participant, enrolment.participant_id)
         study = session.get_one(Study, participant.study_id)
-        device = Device(id=uuid.uuid4(), participant_id=participant.id, name=device_name, enrolled_at=now)
-        session.add(device)
+        row = Device(
+            id=uuid.uuid4(),
+            participant_id=participant.id,
+            name=device.name,
+            model=device.model,
+            app_version=device.app_version,
+            enrolled_at=now,
+        )
+        session.add(row)
         session.flush()
         session.add(
             AccessToken(
-                id=uuid.uuid4(), token_sha256=sha256_hex(token), kind="device", device_id=device.id, created_at=now
+                id=uuid.uuid4(), token_sha256=sha256_hex(token), kind="device", device_id=row.id, created_at=now
             )
         )
+        phone = DeviceCaller(row.id, participant.id, study.id, participant.alias)
+        note(session, phone, "device.enrol", subject=participant.alias)
     return IssuedDevice(
         token=token,
-        device_id=device.id,
+        device_id=row.id,
         participant_code=participant.code,
         study_code=study.code,
         marker=study.marker,
     )
-
-
-@contextmanager
-def _unless_taken(taken: ConflictError) -> Iterator[None]:
-    """Of two that make the same at the same time the constraint lets one through; the other hears that it is taken."""
-    try:
-        yield
-    except IntegrityError as error:
-        raise taken from error

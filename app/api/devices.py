@@ -1,0 +1,43 @@
+"""/v1/studies/{study}/devices: the participants' phones: when each was last used, and its end."""
+
+import uuid
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Query, Request, Response
+
+from app.api.deps import CurrentStaff, State
+from app.api.paging import Cursor, Limit, next_page
+from app.api.problems import problem_responses
+from app.api.schemas.people import DeviceList, DeviceOut, PhoneOut
+from app.api.studies import StudyCode
+from app.services import devices
+
+router = APIRouter(prefix="/v1/studies/{study}/devices", tags=["devices"])
+
+
+@router.get("", responses=problem_responses(401, 403, 404, 422))
+def get_devices(
+    request: Request,
+    study: StudyCode,
+    state: State,
+    _: CurrentStaff,
+    participant: Annotated[str | None, Query(max_length=64, description="Only this participant's.")] = None,
+    limit: Limit = 100,
+    cursor: Cursor = None,
+) -> DeviceList:
+    """The study's phones, the last enrolled first, the revoked ones too."""
+    page = devices.list_devices(state.database, study, participant, cursor=cursor, limit=limit)
+    items = [
+        DeviceOut(**PhoneOut.model_validate(device, from_attributes=True).model_dump(), participant=code)
+        for device, code in page.rows
+    ]
+    return DeviceList(items=items, next=next_page(request, page.cursor))
+
+
+@router.delete("/{device_id}", status_code=204, responses=problem_responses(401, 403, 404, 422))
+def delete_device(
+    study: StudyCode, device_id: Annotated[uuid.UUID, Path()], state: State, caller: CurrentStaff
+) -> Response:
+    """End a phone's token, such as a lost phone's. What it sent stays."""
+    devices.revoke_device(state.database, caller, study, device_id)
+    return Response(status_code=204)

@@ -1,0 +1,121 @@
+"""/v1/studies/{study}/participants: by pseudonymous code; and the one-time codes that enrol their phones."""
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Request, Response
+from fastapi.responses import JSONResponse
+
+from app.api.deps import CurrentStaff, State
+from app.api.paging import Cursor, Limit, next_page
+from app.api.problems import problem_responses
+from app.api.schemas.people import (
+    EnrolmentCodeOut,
+    ParticipantIn,
+    ParticipantList,
+    ParticipantOut,
+    ParticipantPatch,
+    ParticipantRow,
+    ProfileIn,
+)
+from app.api.studies import StudyCode
+from app.db.models import Participant
+from app.services import participants
+from app.services.enrol import issue_enrolment_code
+from app.services.enrolment_qr import enrolment_text, qr_png, qr_svg
+from app.services.participants import ParticipantChange
+
+router = APIRouter(prefix="/v1/studies/{study}/participants", tags=["participants"])
+
+ParticipantCode = Annotated[str, Path(max_length=64)]
+PICTURES = ("image/svg+xml", "image/png")
+CODE_RESPONSES: dict[int | str, dict[str, Any]] = {
+    201: {
+        "model": EnrolmentCodeOut,
+        "description": "The code, shown once; by `Accept` the QR code alone.",
+        "content": {kind: {"schema": {"type": "string", "format": "binary"}} for kind in PICTURES},
+    },
+    **problem_responses(401, 403, 404, 409, 422),
+}
+
+
+@router.get("", responses=problem_responses(401, 403, 404, 422))
+def get_participants(
+    request: Request, study: StudyCode, state: State, _: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
+) -> ParticipantList:
+    """The study's participants by code, those who have left it too as far as they are kept."""
+    page = participants.list_participants(state.database, study, cursor=cursor, limit=limit)
+    items = [ParticipantRow.model_validate(row, from_attributes=True) for row in page.rows]
+    return ParticipantList(items=items, next=next_page(request, page.cursor))
+
+
+@router.post("", status_code=201, responses=problem_responses(401, 403, 404, 409, 422))
+def post_participant(
+    study: StudyCode, body: ParticipantIn, state: State, caller: CurrentStaff, response: Response
+) -> ParticipantOut:
+    """Add a participant."""
+    made = participants.create_participant(
+        state.database, study_code=study, code=body.code, caller=caller, change=_change(body)
+    )
+    response.headers["Location"] = f"/v1/studies/{study}/participants/{body.code}"
+    return _render(made)
+
+
+@router.get("/{participant}", responses=problem_responses(401, 403, 404, 422))
+def get_participant(study: StudyCode, participant: ParticipantCode, state: State, _: CurrentStaff) -> ParticipantOut:
+    """One participant, with the profile that reference intakes go by."""
+    return _render(participants.read_participant(state.database, study, participant))
+
+
+@router.patch("/{participant}", responses=problem_responses(401, 403, 404, 422))
+def patch_participant(
+    study: StudyCode, participant: ParticipantCode, body: ParticipantPatch, state: State, caller: CurrentStaff
+) -> ParticipantOut:
+    """Change profile and first day: only what is named; a key of the profile that is null is taken away."""
+    return _render(participants.change_participant(state.database, caller, study, participant, _change(body)))
+
+
+@router.post(
+    "/{participant}/enrolment-codes", status_code=201, response_model=EnrolmentCodeOut, responses=CODE_RESPONSES
+)
+def post_enrolment_code(
+    request: Request, study: StudyCode, participant: ParticipantCode, state: State, caller: CurrentStaff
+) -> Response:
+    """A one-time code for the participant's next phone, as text and as a QR code; earlier unused ones end.
+
+    With `Accept: image/svg+xml` or `image/png` the answer is the QR code alone.
+    """
+    issued = issue_enrolment_code(state.database, study_code=study, participant_code=participant, caller=caller)
+    text = enrolment_text(state.settings.public_url or str(request.base_url).rstrip("/"), issued.code)
+    headers = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
+    wanted = _wanted_picture(request.headers.get("accept", ""))
+    if wanted == "image/png":
+        return Response(qr_png(text), 201, headers, media_type=wanted)
+    if wanted is not None:
+        return Response(qr_svg(text), 201, headers, media_type=wanted)
+    body = EnrolmentCodeOut(code=issued.code, expires_at=issued.expires_at, qr_text=text, qr_svg=qr_svg(text))
+    return JSONResponse(body.model_dump(mode="json"), 201, headers)
+
+
+def _wanted_picture(accept: str) -> str | None:
+    """The picture that the caller asks for first; None: JSON, as to whoever takes anything (RFC 9110, 12.5.1)."""
+    for part in accept.split(","):
+        kind = part.partition(";")[0].strip().lower()
+        if kind in ("application/json", "*/*", "application/*"):
+            return None
+        if kind in PICTURES:
+            return kind
+    return None
+
+
+def _change(body: ParticipantIn | ParticipantPatch) -> ParticipantChange:
+    return ParticipantChange(
+        profile=body.profile.model_dump(exclude_unset=True, mode="json"),
+        moves_start="starts_on" in body.model_fields_set,
+        starts_on=body.starts_on,
+    )
+
+
+def _render(participant: Participant) -> ParticipantOut:
+    row = ParticipantRow.model_validate(participant, from_attributes=True)
+    profile = ProfileIn.model_validate(participant.profile or {})
+    return ParticipantOut(**row.model_dump(), profile=profile)

@@ -1,0 +1,56 @@
+"""/v1/sessions: staff sign in with name and password, and out. Rate limited by address and by name."""
+
+from fastapi import APIRouter, Request, Response
+
+from app.api.deps import CurrentStaff, State
+from app.api.problems import problem_responses
+from app.api.rate_limit import caller_address
+from app.api.schemas.staff import PasswordChangeIn, SessionIn, SessionIssued, SessionOut
+from app.services import sign_in
+from app.services.staff import normal_name
+
+router = APIRouter(prefix="/v1/sessions", tags=["sessions"])
+
+
+@router.post("", status_code=201, responses=problem_responses(401, 422, 429, 503))
+def post_session(body: SessionIn, request: Request, state: State, response: Response) -> SessionIssued:
+    """Sign in. A name that is unknown, a wrong password and a disabled account give 401, in the same words and time."""
+    state.sign_in_by_address.take(caller_address(request))
+    state.sign_in_by_name.take(normal_name(body.name))
+    issued = sign_in.sign_in(state.database, state.passwords, body.name, body.password.get_secret_value())
+    response.headers["Cache-Control"] = "no-store"
+    return SessionIssued(
+        token=issued.token,
+        name=issued.name,
+        is_admin=issued.is_admin,
+        expires_at=issued.expires_at,
+        idle_minutes=round(issued.idle.total_seconds() / 60),
+    )
+
+
+@router.get("/current", responses=problem_responses(401, 403))
+def get_current_session(state: State, caller: CurrentStaff) -> SessionOut:
+    """Who is signed in."""
+    return SessionOut.model_validate(sign_in.read_session(state.database, caller), from_attributes=True)
+
+
+@router.delete("/current", status_code=204, responses=problem_responses(401, 403))
+def delete_current_session(state: State, caller: CurrentStaff) -> Response:
+    """Sign out: the token opens nothing any more."""
+    sign_in.sign_out(state.database, caller)
+    return Response(status_code=204)
+
+
+@router.post("/current/password", status_code=204, responses=problem_responses(401, 403, 422, 429, 503))
+def post_password(body: PasswordChangeIn, request: Request, state: State, caller: CurrentStaff) -> Response:
+    """Change the own password. All sessions end, this one too: sign in again."""
+    state.sign_in_by_address.take(caller_address(request))
+    state.sign_in_by_name.take(normal_name(caller.name))
+    sign_in.change_own_password(
+        state.database,
+        state.passwords,
+        caller,
+        current=body.current_password.get_secret_value(),
+        new=body.new_password.get_secret_value(),
+    )
+    return Response(status_code=204)

@@ -1,0 +1,65 @@
+"""/v1/staff: an admin makes, changes and disables the people who work with the data."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Request
+from pydantic import SecretStr
+
+from app.api.deps import CurrentStaff, State
+from app.api.paging import Cursor, Limit, next_page
+from app.api.problems import problem_responses
+from app.api.schemas.staff import StaffIn, StaffList, StaffOut, StaffPatch
+from app.db.models import Staff
+from app.services import staff
+
+router = APIRouter(prefix="/v1/staff", tags=["staff"])
+
+StaffPath = Annotated[str, Path(max_length=200)]
+
+
+@router.get("", responses=problem_responses(401, 403, 422))
+def get_staff(request: Request, state: State, _: CurrentStaff, limit: Limit = 100, cursor: Cursor = None) -> StaffList:
+    """All staff by name."""
+    page = staff.list_staff(state.database, cursor=cursor, limit=limit)
+    return StaffList(items=[_render(row) for row in page.rows], next=next_page(request, page.cursor))
+
+
+@router.post("", status_code=201, responses=problem_responses(401, 403, 409, 422, 503))
+def post_staff(body: StaffIn, state: State, caller: CurrentStaff) -> StaffOut:
+    """Make a staff member."""
+    made = staff.create_staff(
+        state.database,
+        state.passwords,
+        body.name,
+        is_admin=body.is_admin,
+        password=_secret(body.password),
+        caller=caller,
+    )
+    return _render(made)
+
+
+@router.get("/{name}", responses=problem_responses(401, 403, 404, 422))
+def get_staff_member(name: StaffPath, state: State, _: CurrentStaff) -> StaffOut:
+    """One staff member."""
+    return _render(staff.read_staff(state.database, name))
+
+
+@router.patch("/{name}", responses=problem_responses(401, 403, 404, 409, 422, 503))
+def patch_staff(name: StaffPath, body: StaffPatch, state: State, caller: CurrentStaff) -> StaffOut:
+    """Change a staff member. Disabling ends their sessions and tokens for good, a new password their sessions."""
+    change = staff.StaffChange(body.is_admin, body.is_disabled, _secret(body.password))
+    return _render(staff.change_staff(state.database, state.passwords, name, change, caller))
+
+
+def _secret(password: SecretStr | None) -> str | None:
+    return password.get_secret_value() if password is not None else None
+
+
+def _render(row: Staff) -> StaffOut:
+    return StaffOut(
+        name=row.name,
+        is_admin=row.is_admin,
+        has_password=row.password_hash is not None,
+        disabled_at=row.disabled_at,
+        created_at=row.created_at,
+    )

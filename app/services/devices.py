@@ -1,0 +1,77 @@
+"""Participants' phones: listed with their last use, revoked by the study's owner or by the phone itself."""
+
+import uuid
+from datetime import UTC, datetime
+
+from sqlalchemy.orm import Session
+
+from app.db.models import Device, Participant, Study
+from app.db.queries import people
+from app.db.session import Database
+from app.errors import NotFoundError
+from app.services.audit import note
+from app.services.caller import Caller, DeviceCaller, StaffCaller
+from app.services.cursors import Page, broken_cursor, decode_cursor, encode_cursor
+from app.services.studies import known_study
+
+
+def list_devices(
+    database: Database, study_code: str, participant_code: str | None, *, cursor: str | None, limit: int
+) -> Page[tuple[Device, str]]:
+    """(phone, its participant's code) of a study, the last enrolled first."""
+    listed = f"devices of {study_code} {participant_code or ''}"
+    after = _after(decode_cursor(listed, cursor))
+    with database.read() as session:
+        study = known_study(people.find_study(session, study_code))
+        rows = people.page_of_devices(session, study.id, participant_code, after=after, limit=limit + 1)
+    return Page(rows[:limit], encode_cursor(listed, _key_of(rows[limit - 1][0])) if len(rows) > limit else None)
+
+
+def revoke_device(database: Database, caller: StaffCaller, study_code: str, device_id: uuid.UUID) -> None:
+    """End a phone's token; again is no error. Raises NotFoundError."""
+    with database.write() as session:
+        study = known_study(people.find_study(session, study_code))
+        device = session.get(Device, device_id)
+        participant = session.get(Participant, device.participant_id) if device else None
+        if device is None or participant is None or participant.study_id != study.id:
+            raise NotFoundError("There is no such device.")
+        _revoke(session, caller, device, participant)
+
+
+def sign_out_phone(database: Database, caller: DeviceCaller) -> None:
+    """A phone gives its token up."""
+    with database.write() as session:
+        device = session.get_one(Device, caller.device_id)
+        _revoke(session, caller, device, session.get_one(Participant, device.participant_id))
+
+
+def read_phone(database: Database, caller: DeviceCaller) -> tuple[Study, Participant, Device]:
+    """What a phone may know of itself."""
+    with database.read() as session:
+        return (
+            session.get_one(Study, caller.study_id),
+            session.get_one(Participant, caller.participant_id),
+            session.get_one(Device, caller.device_id),
+        )
+
+
+def _revoke(session: Session, caller: Caller, device: Device, participant: Participant) -> None:
+    now = datetime.now(UTC)
+    if device.revoked_at is None:
+        device.revoked_at = now
+        people.end_tokens_of_device(session, device.id, now)
+        note(session, caller, "device.revoke", study_id=participant.study_id, subject=participant.alias)
+
+
+def _key_of(device: Device) -> str:
+    return f"{device.enrolled_at.isoformat()} {device.id.hex}"
+
+
+def _after(key: str | None) -> tuple[datetime, uuid.UUID] | None:
+    if key is None:
+        return None
+    try:
+        enrolled_at, device_id = key.split(" ")
+        return datetime.fromisoformat(enrolled_at).astimezone(UTC), uuid.UUID(device_id)
+    except (ValueError, OverflowError):
+        raise broken_cursor() from None
