@@ -26,13 +26,13 @@ def list_webhooks(session: Session, study_id: uuid.UUID, limit: int) -> list[Web
 
 def lock_study(session: Session, study_id: uuid.UUID) -> None:
     """Hold the study, so that of two changes that count its webhooks the second counts the first's."""
-    session.execute(sa.select(Study.id).where(Study.id == study_id).with_for_update())
+    session.execute(sa.select(Study.id).where(Study.id == study_id).with_for_update(key_share=True))
 
 
 def find_webhook(session: Session, study_id: uuid.UUID, webhook_id: uuid.UUID, *, lock: bool = False) -> Webhook | None:
     """A webhook of this study."""
     query = sa.select(Webhook).where(Webhook.id == webhook_id, Webhook.study_id == study_id)
-    return session.scalars(query.with_for_update() if lock else query).one_or_none()
+    return session.scalars(query.with_for_update(key_share=True) if lock else query).one_or_none()
 
 
 def find_delivery(session: Session, webhook_id: uuid.UUID, delivery_id: uuid.UUID) -> WebhookDelivery | None:
@@ -91,7 +91,8 @@ def lock_delivery(session: Session, delivery_id: uuid.UUID) -> tuple[WebhookDeli
     webhook_id = session.scalar(sa.select(WebhookDelivery.webhook_id).where(WebhookDelivery.id == delivery_id))
     if webhook_id is None:
         return None
-    hook = session.scalars(sa.select(Webhook).where(Webhook.id == webhook_id).with_for_update()).one()
+    found = sa.select(Webhook).where(Webhook.id == webhook_id).with_for_update(key_share=True)  # announcing goes on
+    hook = session.scalars(found).one()
     query = sa.select(WebhookDelivery).where(WebhookDelivery.id == delivery_id).with_for_update()
     delivery = session.scalars(query).one_or_none()
     return (delivery, hook) if delivery is not None else None
