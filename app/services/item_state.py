@@ -68,6 +68,11 @@ class ItemState:
         """Whether it counts as food of the meal."""
         return self.word != "rejected"
 
+    @property
+    def stands(self) -> bool:
+        """Whether it can be spoken of: nothing has taken its place, and what made it was not undone."""
+        return REPLACED not in self.flags and UNDONE not in self.flags
+
 
 @dataclass(frozen=True, slots=True)
 class LeftoverState:

@@ -77,23 +77,35 @@ def read_meal(
     """The meal, its last run, items and records. Raises NotFoundError, ConflictError."""
     with database.read() as session:
         meal, participant, study = find_meal(session, caller, client_id, participant_code)
-        projector = Projector(session)
+        return meal_view(session, meal, participant, study, Projector(session))
+
+
+def meal_view(
+    session: Session,
+    meal: Meal,
+    participant_code: str,
+    study_code: str,
+    projector: Projector,
+    projection: MealProjection | None = None,
+) -> MealView:
+    """A meal as it stands in this session. projection: what it came to just now, where that is known."""
+    if projection is None:
         projection = projector.project(parts_of(session, [meal])[0])
-        run = projection.parts.run
-        items = tuple(_items(session, projector, projection))
-        portions = list(_portions(items))
-        return MealView(
-            meal=meal,
-            participant_code=participant,
-            study_code=study,
-            images=tuple(meals.images_of(session, meal.id)),
-            run=run,
-            artefacts=tuple(records.artefacts_of(session, run.id)) if run else (),
-            items=items,
-            components=projector.components,
-            total_mass=total_mass(portions),
-            totals=total_nutrients(portions),
-        )
+    run = projection.parts.run
+    items = tuple(_items(session, projector, projection))
+    portions = list(_portions(items))
+    return MealView(
+        meal=meal,
+        participant_code=participant_code,
+        study_code=study_code,
+        images=tuple(meals.images_of(session, meal.id)),
+        run=run,
+        artefacts=tuple(records.artefacts_of(session, run.id)) if run else (),
+        items=items,
+        components=projector.components,
+        total_mass=total_mass(portions),
+        totals=total_nutrients(portions),
+    )
 
 
 def open_artefact(

@@ -488,6 +488,7 @@ def create_tables() -> None:
         sa.Column("staff_id", sa.Uuid(), nullable=True),
         sa.Column("old", JSON_VALUE, nullable=False),
         sa.Column("new", JSON_VALUE, nullable=False),
+        sa.Column("request_sha256", sa.String(length=64), nullable=False),
         sa.Column("created_at", INSTANT, nullable=False),
         sa.CheckConstraint(one_of("kind", EVENT_KINDS), name=op.f("ck_meal_event_kind")),
         sa.CheckConstraint("layer IN ('automatic', 'participant', 'reviewer')", name=op.f("ck_meal_event_layer")),

@@ -24,7 +24,8 @@ class MealEvent(Base):
     """One event of a meal; sequence: its number in the meal, from 1.
 
     item_id: the item that it is about; no foreign key, since items name the events that made them. old, new: the values
-    before and after, in the words of the API; new of an undo names the event.
+    before and after, in the words of the API; new of an undo names the event. request_sha256: of the request that made
+    it, so that the same sent again is known.
     """
 
     __tablename__ = "meal_event"
@@ -39,6 +40,7 @@ class MealEvent(Base):
     staff_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("staff.id"))
     old: Mapped[dict[str, Any]]
     new: Mapped[dict[str, Any]]
+    request_sha256: Mapped[str] = mapped_column(sa.String(64))
     created_at: Mapped[datetime]
 
     __table_args__ = (

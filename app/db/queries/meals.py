@@ -14,8 +14,9 @@ WAITING = ("queued", "processing")
 
 
 def lock_meal(session: Session, meal_id: uuid.UUID) -> Meal | None:
-    """The meal, locked for this transaction (SQLite's write transactions are alone anyway)."""
-    return session.scalars(sa.select(Meal).where(Meal.id == meal_id).with_for_update()).one_or_none()
+    """The meal, locked for this transaction (SQLite's write transactions are alone anyway), and as it is by then."""
+    query = sa.select(Meal).where(Meal.id == meal_id).with_for_update()
+    return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
 
 
 def images_of(session: Session, meal_id: uuid.UUID) -> list[MealImage]:
