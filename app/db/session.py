@@ -52,6 +52,23 @@ class Database:
         with Session(self.read_engine, expire_on_commit=False) as session, session.begin():
             yield session
 
+    def empty_log(self, patience_seconds: float = 1.0) -> bool:
+        """SQLite: move the write-ahead log into the database and empty it, so that nothing erased is left in it.
+
+        Whether that is done; False: somebody reads or writes without pause, try again. PostgreSQL: nothing to do.
+        """
+        if not self.is_sqlite:
+            return True
+        connection = self.write_engine.raw_connection()
+        try:
+            cursor = connection.cursor()
+            cursor.execute(f"PRAGMA busy_timeout = {int(patience_seconds * 1000)}")
+            busy, *_ = cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+            cursor.execute(f"PRAGMA busy_timeout = {int(BUSY_TIMEOUT_SECONDS * 1000)}")
+        finally:
+            connection.close()
+        return not busy
+
     def dispose(self) -> None:
         """Close all connections."""
         self.read_engine.dispose()

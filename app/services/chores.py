@@ -1,19 +1,40 @@
 """What a worker does beside estimating meals; jobs/chores.py says when."""
 
+from datetime import UTC, datetime, timedelta
+
 from app.db.session import Database
 from app.jobs.chores import Chore
+from app.services.delete_blobs import BlobDeleter
 from app.services.deliver_webhooks import DeliverWebhooks
+from app.services.erase import Eraser
+from app.services.erasure_ledger import ErasureLedger
+from app.services.reapply_erasures import reapply_erasures
+from app.services.retention import erase_old_pictures
 from app.services.secret_box import SecretBox
 from app.services.webhook_post import WebhookPost
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
+from app.storage.opening import open_blob_store
+
+HOUR = 3600.0
+UNDER_WAY = timedelta(minutes=10)  # an erasure that was asked for just now is still carried out by who was asked
 
 
 def worker_chores(database: Database, blobs: BlobStore, box: SecretBox, settings: Settings) -> list[Chore]:
     """The chores of one worker."""
-    del blobs
+    deleter = BlobDeleter(database, blobs)
+    ledger = ErasureLedger(open_blob_store(settings.resolved_erasure_url), box)
+    eraser = Eraser(database, box, ledger)
+
+    def finish_erasures() -> int:
+        return reapply_erasures(eraser, blobs, before=datetime.now(UTC) - UNDER_WAY)
+
     deliver = DeliverWebhooks(database, box, WebhookPost(allow_loopback=settings.webhook_allow_loopback))
     return [
+        Chore("delete_blobs", 5.0, deleter.delete_wanted),
+        Chore("finish_erasures", HOUR, finish_erasures),
+        Chore("erase_old_pictures", HOUR, lambda: erase_old_pictures(database)),
+        Chore("delete_orphans", HOUR, deleter.delete_orphans),
         Chore("deliver_webhooks", 1.0, deliver.run),
         Chore("tidy_webhooks", 60.0, deliver.tidy),
     ]

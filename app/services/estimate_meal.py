@@ -8,6 +8,7 @@ import json
 import tempfile
 import uuid
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,12 @@ import structlog
 from sqlalchemy.orm import Session
 
 from app.db.models import Food, Job, Meal, MealImage, Study
-from app.db.queries import foods, meals
+from app.db.queries import foods, meals, privacy
 from app.db.session import Database
 from app.errors import Failure
 from app.jobs.child_pool import ChildPool, ChildRequest
 from app.jobs.faults import JobFailure
+from app.services.erase import PHOTOGRAPH_ERASED
 from app.services.estimate_json import (
     estimate_to_json,
     options_from_json,
@@ -72,11 +74,21 @@ class EstimateMeal:
         result = json.dumps(answer).encode()
         result_key = f"{prefix}/result.json/{hashlib.sha256(result).hexdigest()}"
         self._blobs.put_bytes(result_key, result)
+        self._leave_nothing_of_erased(meal.id, [result_key, *(one["blob_key"] for one in answer["artefacts"])])
         return result_key
 
     def save(self, session: Session, job_id: uuid.UUID, result_key: str) -> None:
         """Write run, items and records in the given transaction."""
         save_estimate(session, job_id, json.loads(self._blobs.read(result_key)), result_key)
+
+    def _leave_nothing_of_erased(self, meal_id: uuid.UUID, sealed: list[str]) -> None:
+        """If the meal or its photographs were erased meanwhile, what was just sealed is to go as well."""
+        with self._database.read() as session:
+            if any(image.erased_at is None for image in meals.images_of(session, meal_id)):
+                return
+        with self._database.write() as session:
+            privacy.want_deleted(session, sealed, None, datetime.now(UTC))
+        raise JobFailure(PHOTOGRAPH_ERASED)
 
     def _options(self, session: Session, meal: Meal, study: Study) -> EstimateOptions:
         details = meal.details
@@ -88,6 +100,8 @@ class EstimateMeal:
         return with_forms(options, {key: food.slice_form for key, food in known.items()})
 
     def _fetch(self, image: MealImage, folder: Path) -> Path:
+        if image.erased_at is not None:
+            raise JobFailure(PHOTOGRAPH_ERASED)
         path = folder / f"photo-{image.slot}"
         self._blobs.fetch(image.blob_key, path)
         if sha256_of_file(path) != image.stored_sha256:

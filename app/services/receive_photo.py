@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import InvalidInputError, TooLargeError, UnsupportedMediaError
+from app.photos.gps import Location
 from app.photos.inspect import PhotoFacts, inspect_photo
-from app.photos.location import remove_location
+from app.photos.location import read_location, remove_location
+from app.services.location_policy import LocationPolicy
 
 SIDEWAYS = frozenset({5, 6, 7, 8})  # EXIF orientations that turn by a quarter
 
@@ -25,7 +27,10 @@ class ReceivedFile:
 
 @dataclass(frozen=True, slots=True)
 class SealablePhoto:
-    """A checked photograph in the staging folder. width_px and height_px are upright."""
+    """A checked photograph in the staging folder. width_px and height_px are upright.
+
+    location: what its tags said before they were cut, where the study's policy asks for it.
+    """
 
     path: Path
     media_type: str
@@ -34,10 +39,11 @@ class SealablePhoto:
     bytes: int
     received_sha256: str
     stored_sha256: str
+    location: Location | None = None
 
 
-def prepare_photo(slot: str, file: ReceivedFile, *, max_pixels: int, keep_location: bool) -> SealablePhoto:
-    """Inspect a received file and cut its location tags. Raises what the phone should hear, `slot` named."""
+def prepare_photo(slot: str, file: ReceivedFile, *, max_pixels: int, policy: LocationPolicy) -> SealablePhoto:
+    """Inspect a received file, cut its location tags by the policy. Raises what the phone should hear, `slot` named."""
     if file.bytes == 0:
         raise InvalidInputError(f"The {slot} photograph is empty: send its bytes.", code="part_empty", slot=slot)
     facts = inspect_photo(file.path)
@@ -53,7 +59,8 @@ def prepare_photo(slot: str, file: ReceivedFile, *, max_pixels: int, keep_locati
             slot=slot,
             limit_pixels=max_pixels,
         )
-    changed = not keep_location and remove_location(file.path, facts)
+    location = read_location(file.path, facts) if policy.reads_tags else None
+    changed = policy.cuts_tags and remove_location(file.path, facts)
     upright = (facts.height, facts.width) if facts.orientation in SIDEWAYS else (facts.width, facts.height)
     return SealablePhoto(
         path=file.path,
@@ -63,6 +70,7 @@ def prepare_photo(slot: str, file: ReceivedFile, *, max_pixels: int, keep_locati
         bytes=file.bytes,
         received_sha256=file.sha256,
         stored_sha256=sha256_of_file(file.path) if changed else file.sha256,
+        location=location,
     )
 
 

@@ -17,13 +17,17 @@ from sqlalchemy.orm import Session
 
 from app.db.models import Job, Meal, MealImage, Study
 from app.db.models.meal import SLOTS
-from app.db.queries import meals
+from app.db.queries import meals, privacy
 from app.db.session import Database
 from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundError, StorageFullError
 from app.services.announce import announce_meal
 from app.services.caller import DeviceCaller
+from app.services.erase import is_meal_deleted, meal_deleted
+from app.services.location_policy import policy_of
 from app.services.meal_time import MealTime
 from app.services.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
+from app.services.secret_box import SecretBox
+from app.services.withdraw import has_left
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
 
@@ -64,8 +68,11 @@ class Submitted:
 class SubmitMeal:
     """The use case; one a process."""
 
-    def __init__(self, database: Database, blobs: BlobStore, queue: JobQueue, settings: Settings) -> None:
+    def __init__(
+        self, database: Database, blobs: BlobStore, queue: JobQueue, settings: Settings, box: SecretBox
+    ) -> None:
         self._database = database
+        self._box = box
         self._blobs = blobs
         self._queue = queue
         self._settings = settings
@@ -86,12 +93,12 @@ class SubmitMeal:
         """Keep what came. metadata None: the meal must be known already.
 
         Raises InvalidInputError, TooLargeError, UnsupportedMediaError (nothing kept), NotFoundError, ConflictError
-        (the id holds something else), GoneError (deleted), StorageFullError.
+        (the id holds something else), GoneError (deleted, or its participant has left), StorageFullError.
         """
-        meal_id = uuid.uuid5(MEAL_NAMESPACE, f"{caller.participant_id}/{client_id}")
+        meal_id = meal_id_of(caller.participant_id, client_id)
         with self._database.read() as session:
             study = session.get_one(Study, caller.study_id)
-        details = _details(metadata, study) if metadata is not None else None
+        policy = policy_of(study)
         if metadata is not None and metadata.marker is None and study.marker is None:
             raise InvalidInputError(
                 "Neither the metadata nor the study says which marker lies beside the plate: send marker, "
@@ -103,10 +110,14 @@ class SubmitMeal:
                 slot,
                 file,
                 max_pixels=self._settings.max_photo_pixels,
-                keep_location=study.location_policy == "keep",
+                policy=policy,
             )
             for slot, file in files.items()
         }
+        location = policy.kept(
+            metadata.location if metadata is not None else None, (photo.location for photo in photos.values())
+        )
+        details = _details(metadata, location) if metadata is not None else None
         with self._database.read() as session:  # before sealing, so that a refused request leaves no blob
             stored = self._check(session, meal_id, details, photos)
         keys = {slot: f"{study.id}/{meal_id}/{slot}/{photo.stored_sha256}" for slot, photo in photos.items()}
@@ -118,10 +129,16 @@ class SubmitMeal:
             if error.errno in (errno.ENOSPC, errno.EDQUOT):
                 raise _storage_full() from error
             raise
+        meal = _Arriving(client_id, meal_id, metadata, details, location)
         try:
-            return self._write(caller, client_id, meal_id, metadata, details, photos, keys)
-        except IntegrityError:  # the same meal came twice at the same time and the other was first
-            return self._write(caller, client_id, meal_id, metadata, details, photos, keys)
+            try:
+                return self._write(caller, meal, photos, keys)
+            except IntegrityError:  # the same meal came twice at the same time and the other was first
+                return self._write(caller, meal, photos, keys)
+        except GoneError:  # erased while this was sealed: nobody will ever need it, unless a row has it from before
+            with self._database.write() as session:
+                privacy.want_deleted(session, list(keys.values()), None, datetime.now(UTC))
+            raise
 
     def _check(
         self,
@@ -132,11 +149,11 @@ class SubmitMeal:
     ) -> dict[str, MealImage]:
         meal = session.get(Meal, meal_id)
         if meal is None:
+            if is_meal_deleted(session, self._box, meal_id):
+                raise meal_deleted()
             if details is None:
                 raise NotFoundError("There is no such meal yet: PUT /v1/meals/{id} with its metadata first.")
             return {}
-        if meal.deleted_at is not None:
-            raise GoneError("This meal was deleted; it cannot be sent again.", code="meal_deleted")
         changed = sorted(k for k in COMPARED if details is not None and details[k] != meal.details.get(k))
         if changed:
             raise ConflictError(
@@ -158,20 +175,20 @@ class SubmitMeal:
     def _write(
         self,
         caller: DeviceCaller,
-        client_id: uuid.UUID,
-        meal_id: uuid.UUID,
-        metadata: MealMetadata | None,
-        details: dict[str, Any] | None,
+        arriving: "_Arriving",
         photos: Mapping[str, SealablePhoto],
         keys: Mapping[str, str],
     ) -> Submitted:
-        now = datetime.now(UTC)
+        now, meal_id = datetime.now(UTC), arriving.meal_id
         with self._database.write() as session:
+            participant = privacy.join_participant(session, caller.participant_id)
+            if participant is None or participant.withdrawn_at is not None:
+                raise has_left()
             meal = meals.lock_meal(session, meal_id)
-            stored = self._check(session, meal_id, details, photos)
+            stored = self._check(session, meal_id, arriving.details, photos)
             is_new = meal is None
-            if meal is None and metadata is not None and details is not None:
-                meal = _new_meal(session, caller, client_id, meal_id, metadata, details, now)
+            if meal is None and arriving.metadata is not None and arriving.details is not None:
+                meal = _new_meal(session, caller, arriving.client_id, meal_id, arriving.metadata, arriving.details, now)
                 session.add(meal)
                 session.flush()
             if meal is None:
@@ -181,6 +198,8 @@ class SubmitMeal:
                     session.add(_new_image(meal_id, slot, photo, keys[slot], now))
                     meal.version += 1
                     is_new = True
+            if arriving.location is not None and meal.details.get("location") is None:  # a photograph told it
+                meal.details = meal.details | {"location": arriving.location}
             if meal.status == "receiving" and set(stored) | set(photos) == set(SLOTS):
                 self._queue_estimate(session, meal, now)
         return Submitted(meal_id, is_new)
@@ -195,15 +214,31 @@ class SubmitMeal:
         announce_meal(session, meal)
 
 
-def _details(metadata: MealMetadata, study: Study) -> dict[str, Any]:
-    """What is kept of the metadata: a location only if the study keeps locations."""
+def meal_id_of(participant_id: uuid.UUID, client_id: uuid.UUID) -> uuid.UUID:
+    """Our id of a participant's meal: it follows from theirs, so that the same meal again is the same row."""
+    return uuid.uuid5(MEAL_NAMESPACE, f"{participant_id}/{client_id}")
+
+
+@dataclass(frozen=True, slots=True)
+class _Arriving:
+    """A meal on its way into the database. location: what the study's policy leaves of it."""
+
+    client_id: uuid.UUID
+    meal_id: uuid.UUID
+    metadata: MealMetadata | None
+    details: dict[str, Any] | None
+    location: dict[str, float] | None
+
+
+def _details(metadata: MealMetadata, location: Mapping[str, float] | None) -> dict[str, Any]:
+    """What is kept of the metadata; location: what the study's policy leaves of it."""
     return {
         "captured_at": metadata.time.captured_at.isoformat(),
         "time_zone": metadata.time.time_zone,
         "marker": metadata.marker,
         "camera": dict(metadata.camera) if metadata.camera is not None else None,
         "hints": [dict(hint) for hint in metadata.hints],
-        "location": dict(metadata.location) if metadata.location and study.location_policy == "keep" else None,
+        "location": location,
         "app_version": metadata.app_version,
     }
 

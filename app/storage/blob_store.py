@@ -6,6 +6,8 @@ key again is harmless, so an upload or a job that is tried again needs no clean-
 
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Protocol
 
@@ -19,6 +21,14 @@ class BlobMissingError(TadaError):
 
     code = "blob_missing"
     status = 500
+
+
+@dataclass(frozen=True, slots=True)
+class StoredBlob:
+    """A blob as a listing tells it: its key, and when it was put there."""
+
+    key: str
+    stored_at: datetime
 
 
 class BlobStore(Protocol):
@@ -56,6 +66,17 @@ class BlobStore(Protocol):
         """Remove a blob; one that is not there is no error."""
         ...
 
+    def keys(self, prefix: str = "") -> Iterator[StoredBlob]:
+        """All blobs whose keys begin with the prefix, which is empty or ends with a slash, in no order.
+
+        What is put or deleted meanwhile may be listed or not.
+        """
+        ...
+
+    def remove_abandoned(self) -> None:
+        """Remove what processes that died left in the staging folder."""
+        ...
+
     def free_bytes(self) -> int | None:
         """Room left, or None where the store has no limit that it knows of."""
         ...
@@ -63,6 +84,12 @@ class BlobStore(Protocol):
     def check(self) -> None:
         """Raise OSError if the store cannot be written now."""
         ...
+
+
+def require_valid_prefix(prefix: str) -> None:
+    """Refuse a prefix that is neither empty nor a folder of keys."""
+    if prefix and (not prefix.endswith("/") or not KEY_PATTERN.match(prefix[:-1])):
+        raise ValueError(f"not a prefix of blob keys: {prefix!r}")
 
 
 def require_valid_key(key: str) -> None:

@@ -7,11 +7,13 @@ import tempfile
 import time
 import uuid
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 
-from app.storage.blob_store import BlobMissingError, require_valid_key
+from app.storage.blob_store import BlobMissingError, StoredBlob, require_valid_key, require_valid_prefix
 
 STAGING = ".incoming"  # no key starts with a full stop (KEY_PATTERN)
+MOVES = 5  # tries to move a file into a folder that a deletion beside us may take away as empty
 ABANDONED_SECONDS = 3600  # what nobody has touched for so long belonged to a process that died
 
 
@@ -22,7 +24,7 @@ class LocalBlobStore:
         self._root = root
         self._staging = root / STAGING
         self._staging.mkdir(parents=True, exist_ok=True)
-        self._remove_abandoned()
+        self.remove_abandoned()
 
     def staging_folder(self) -> Path:
         """The folder of files in the making, on the store's own file system."""
@@ -33,8 +35,15 @@ class LocalBlobStore:
         target = self._path(key)
         with source.open("rb") as file:
             os.fsync(file.fileno())
-        self._make_durable_folder(target.parent)
-        os.replace(source, target)  # noqa: PTH105  # the name of the system call that is atomic
+        for tries_left in reversed(range(MOVES)):
+            try:
+                self._make_durable_folder(target.parent)
+                os.replace(source, target)  # noqa: PTH105  # the name of the system call that is atomic
+            except FileNotFoundError:  # a deletion beside us found the folder empty
+                if not tries_left:
+                    raise
+            else:
+                break
         _sync_folder(target.parent)
 
     def put_bytes(self, key: str, content: bytes) -> None:
@@ -81,11 +90,40 @@ class LocalBlobStore:
         return self._path(key).is_file()
 
     def delete(self, key: str) -> None:
-        """Remove the file and sync its folder."""
+        """Remove the file, then its folders as far as they are empty, and sync what is left of them."""
         path = self._path(key)
         with contextlib.suppress(FileNotFoundError):
             path.unlink()
-            _sync_folder(path.parent)
+        folder = path.parent
+        while folder != self._root:
+            try:
+                folder.rmdir()
+            except FileNotFoundError:
+                pass  # another deletion was quicker; what is above it may be empty
+            except OSError:
+                break  # not empty
+            folder = folder.parent
+        with contextlib.suppress(FileNotFoundError):
+            _sync_folder(folder)
+
+    def keys(self, prefix: str = "") -> Iterator[StoredBlob]:
+        """Walk the folder, the staging folder left out."""
+        require_valid_prefix(prefix)
+        folders = [self._root / prefix]
+        while folders:
+            try:
+                entries = list(os.scandir(folders.pop()))
+            except FileNotFoundError:
+                continue
+            for entry in entries:
+                if entry.name.startswith("."):
+                    continue
+                if entry.is_dir(follow_symlinks=False):
+                    folders.append(Path(entry.path))
+                    continue
+                with contextlib.suppress(FileNotFoundError):
+                    stored_at = datetime.fromtimestamp(entry.stat().st_mtime, UTC)
+                    yield StoredBlob(Path(entry.path).relative_to(self._root).as_posix(), stored_at)
 
     def free_bytes(self) -> int:
         """What the file system has left for us."""
@@ -114,7 +152,8 @@ class LocalBlobStore:
             new.mkdir(exist_ok=True)
             _sync_folder(new.parent)
 
-    def _remove_abandoned(self) -> None:
+    def remove_abandoned(self) -> None:
+        """Remove what nobody has touched for an hour."""
         limit = time.time() - ABANDONED_SECONDS
         for path in self._staging.iterdir():
             with contextlib.suppress(FileNotFoundError):  # another process cleans up at the same time

@@ -38,14 +38,16 @@ class Executor:
 
 
 def lock_live_job(session: Session, job_id: uuid.UUID) -> tuple[Job, Meal] | None:
-    """A job that is still to be done and its meal, both locked, meal first as everywhere; None once it is finished."""
+    """A job that is still to be done and its meal, both locked, meal first as everywhere; None: finished or gone."""
     meal_id = session.scalar(sa.select(Job.meal_id).where(Job.id == job_id))
     if meal_id is None:
         return None
-    meal = session.scalars(sa.select(Meal).where(Meal.id == meal_id).with_for_update()).one()
+    meal = session.scalars(sa.select(Meal).where(Meal.id == meal_id).with_for_update()).one_or_none()
     job = session.scalars(
         sa.select(Job).where(Job.id == job_id).with_for_update().execution_options(populate_existing=True)
-    ).one()
+    ).one_or_none()
+    if job is None or meal is None:  # erased just now
+        return None
     return (job, meal) if job.state in LIVE_STATES else None
 
 

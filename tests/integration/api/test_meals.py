@@ -1,6 +1,5 @@
 import hashlib
 import uuid
-from datetime import UTC, datetime
 
 import pytest
 
@@ -104,13 +103,19 @@ def test_admin_reads_any_meal_and_must_say_whose_where_two_share_an_id(enrol, cl
     assert client.get(url, headers=admin, params={"participant": "P002"}).json()["participant"] == "P002"
 
 
-def test_deleted_meal_sent_again_is_410(phone, state):
+def test_deleted_meal_is_410_to_every_call_of_its_phone(phone):
     metadata, photos = meal_metadata(), pair()
     phone.post(photos, metadata)
-    with state.database.write() as session:
-        session.query(Meal).one().deleted_at = datetime.now(UTC)
-    answer = phone.post(photos, metadata)
-    assert (answer.status_code, answer.json()["code"]) == (410, "meal_deleted")
+    path = f"/v1/meals/{metadata['id']}"
+    assert phone.client.delete(path, headers=phone.headers).status_code == 200
+    for answer in (
+        phone.post(photos, metadata),
+        phone.get(path),
+        phone.put(path, json={k: v for k, v in metadata.items() if k != "id"}),
+        phone.put(f"{path}/images/left", content=photos["left"]),
+        phone.client.delete(path, headers=phone.headers),
+    ):
+        assert (answer.status_code, answer.json()["code"]) == (410, "meal_deleted")
 
 
 @pytest.mark.parametrize("headers", [{}, {"Authorization": "Bearer wrong"}, {"Authorization": "Basic eDp5"}])

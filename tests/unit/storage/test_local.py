@@ -90,3 +90,44 @@ def test_url_opens_a_local_store_and_others_are_refused(tmp_path):
     assert open_blob_store(f"file://{tmp_path}/a%20b").staging_folder() == tmp_path / "a b" / ".incoming"
     with pytest.raises(Exception, match="TADA_BLOB_URL"):
         open_blob_store("ftp://somewhere")
+
+
+def test_keys_lists_what_is_stored_under_a_prefix_and_nothing_staged(store):
+    for key in ("study/meal/left/0123", "study/meal2/left/4567", "study/meal/runs/1/topview.jpg/89"):
+        store.put_bytes(key, b"x")
+    staged(store)
+    assert {blob.key for blob in store.keys("study/meal/")} == {
+        "study/meal/left/0123",
+        "study/meal/runs/1/topview.jpg/89",
+    }
+    everything = list(store.keys())
+    assert len(everything) == 3
+    assert list(store.keys("nobody/")) == []
+    assert all(abs(blob.stored_at.timestamp() - time.time()) < 60 for blob in everything)
+
+
+@pytest.mark.parametrize("prefix", ["study", "/", "../", "a//", ".incoming/"])
+def test_prefix_that_is_no_folder_of_keys_is_refused(store, prefix):
+    with pytest.raises(ValueError, match="prefix"):
+        next(store.keys(prefix))
+
+
+def test_deleting_the_last_blob_of_a_folder_removes_the_empty_folders(store):
+    store.put_bytes(KEY, b"x")
+    store.put_bytes("study/other/left/0123", b"x")
+    store.delete(KEY)
+    assert sorted(path.name for path in store._root.rglob("*")) == [".incoming", "0123", "left", "other", "study"]
+
+
+def test_blob_is_put_though_its_folder_was_removed_as_empty_meanwhile(store, monkeypatch):
+    make, calls = store._make_durable_folder, []
+
+    def make_and_lose(folder):
+        make(folder)
+        if not calls:
+            folder.rmdir()
+        calls.append(folder)
+
+    monkeypatch.setattr(store, "_make_durable_folder", make_and_lose)
+    store.put_bytes(KEY, b"x")
+    assert store.read(KEY) == b"x"

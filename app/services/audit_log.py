@@ -1,0 +1,88 @@
+"""The audit log as those who answer for a study read it: a study's by its owners, all of it by admins."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime
+
+from app.db.models import AuditEvent
+from app.db.queries import people, privacy
+from app.db.queries.privacy import AuditFilter
+from app.db.session import Database
+from app.errors import InvalidInputError, NotFoundError
+from app.services.access import require_study
+from app.services.caller import StaffCaller
+from app.services.cursors import Page, decode_cursor, encode_cursor
+
+STREAM_PAGE = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class NamedEvent:
+    """An event with its study's code; None: it is of no study, or of one that is not there."""
+
+    event: AuditEvent
+    study_code: str | None
+
+
+def read_audit(
+    database: Database,
+    caller: StaffCaller,
+    *,
+    study_code: str | None,
+    action: str | None,
+    since: datetime | None,
+    until: datetime | None,
+    cursor: str | None,
+    limit: int,
+) -> Page[NamedEvent]:
+    """A page of events, oldest first. study_code None: of all studies, for an admin.
+
+    Raises NotFoundError, NotAllowedError, InvalidInputError for a cursor of other filters.
+    """
+    if since is not None and until is not None and since > until:
+        raise InvalidInputError(f"from ({since}) lies after to ({until}).", code="days_reversed")
+    chosen = AuditFilter(action=action, since=since, until=until)
+    with database.read() as session:
+        if study_code is not None:
+            study = people.find_study(session, study_code)
+            if study is None:
+                raise NotFoundError("There is no such study.")
+            require_study(caller, study.id)
+            chosen = replace(chosen, study_id=study.id)
+        listed = "audit " + json.dumps(asdict(chosen), default=str, sort_keys=True)
+        after = decode_cursor(listed, cursor)
+        if after is not None and not after.isdecimal():
+            raise InvalidInputError("The cursor is broken: follow `next` of the page before it.", code="cursor_invalid")
+        found = privacy.page_of_audit(session, chosen, after=int(after) if after else None, limit=limit + 1)
+        codes = privacy.study_codes(session)
+    rows = [NamedEvent(event, codes.get(event.study_id) if event.study_id else None) for event in found[:limit]]
+    return Page(rows, encode_cursor(listed, str(found[limit - 1].id)) if len(found) > limit else None)
+
+
+def stream_audit(
+    database: Database,
+    caller: StaffCaller,
+    *,
+    study_code: str | None,
+    action: str | None,
+    since: datetime | None,
+    until: datetime | None,
+) -> Iterator[NamedEvent]:
+    """All events that the filters leave, a page's query at a time."""
+    cursor = None
+    while True:
+        page = read_audit(
+            database,
+            caller,
+            study_code=study_code,
+            action=action,
+            since=since,
+            until=until,
+            cursor=cursor,
+            limit=STREAM_PAGE,
+        )
+        yield from page.rows
+        cursor = page.cursor
+        if cursor is None:
+            return

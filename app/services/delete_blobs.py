@@ -1,0 +1,84 @@
+"""Blobs that an erasure wants gone are deleted, checked once more against the database; orphans go past a grace time.
+
+Run again and again beside the jobs (services/chores.py). Two at once do no harm: a deletion that finds nothing is one
+that is done.
+"""
+
+from datetime import UTC, datetime, timedelta
+from itertools import islice
+
+import structlog
+
+from app.db.queries import privacy
+from app.db.session import Database
+from app.storage.blob_store import BlobStore
+
+log = structlog.get_logger()
+
+BATCH = 200
+ORPHAN_GRACE = timedelta(hours=24)  # an upload or an estimate that seals first and commits later is long done by then
+
+
+class BlobDeleter:
+    """The chores of one process."""
+
+    def __init__(self, database: Database, blobs: BlobStore) -> None:
+        self._database = database
+        self._blobs = blobs
+        self._log_may_hold_erased = True  # nobody knows what the process before this one left in SQLite's log
+
+    def delete_wanted(self) -> int:
+        """Delete what erasures want gone. Returns how many intents were carried out."""
+        done = 0
+        while True:
+            with self._database.read() as session:
+                wanted = privacy.wanted_deletions(session, BATCH)
+            if not wanted:
+                break
+            for key in wanted:
+                self._delete(key)
+            with self._database.write() as session:
+                privacy.forget_deletions(session, wanted)
+            self._log_may_hold_erased = True
+            done += len(wanted)
+        if self._log_may_hold_erased and self._database.empty_log():
+            self._log_may_hold_erased = False
+        return done
+
+    def delete_orphans(self, grace: timedelta = ORPHAN_GRACE) -> int:
+        """Delete blobs older than the grace time of meals that are not there, and DBOS's rows of jobs that are not.
+
+        An upload that failed after sealing and a worker that went on with an erased job leave such. Returns how many.
+        """
+        before, done = datetime.now(UTC) - grace, 0
+        everything = self._blobs.keys()
+        old = (blob.key for blob in everything if blob.stored_at < before)
+        while keys := list(islice(old, BATCH)):
+            with self._database.read() as session:
+                named = privacy.meals_there(session, keys)
+                orphans = [key for key in keys if key not in named and not privacy.is_named(session, key)]
+            for key in orphans:
+                self._blobs.delete(key)
+            done += len(orphans)
+        while True:
+            with self._database.read() as session:
+                workflows = privacy.workflows_without_job(session, BATCH)
+            if not workflows:
+                break
+            with self._database.write() as session:
+                privacy.delete_workflows(session, workflows)
+            self._log_may_hold_erased = True
+            done += len(workflows)
+        self._blobs.remove_abandoned()
+        return done
+
+    def _delete(self, key: str) -> None:
+        with self._database.read() as session:
+            if privacy.is_named(session, key):
+                log.error("deletion_refused", reason="a row names the blob")
+                return
+        if not key.endswith("/"):
+            self._blobs.delete(key)
+            return
+        for blob in list(self._blobs.keys(key)):
+            self._blobs.delete(blob.key)

@@ -1,0 +1,163 @@
+"""A participant leaves a study. By the study's policy their data are kept, anonymised or erased; their phones end.
+
+In all three cases the tokens of all their phones become tombstones (a call with one gets 410 `withdrawn`), no
+enrolment code of theirs works any more, and a receipt tells in numbers what was done. docs/privacy.md tells what
+"anonymise" leaves, and why.
+"""
+
+import secrets
+import uuid
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.db.models import ErasureReceipt, Meal, MealEvent, Participant, Study
+from app.db.queries import jobs, people, privacy, records
+from app.errors import ConflictError, GoneError, NotFoundError
+from app.services import announce, audit
+from app.services.access import require_study
+from app.services.caller import Caller, DeviceCaller, StaffCaller
+from app.services.erase import PHOTOGRAPH_ERASED, Eraser, add_receipt, erase_meals, erase_pictures
+from app.services.erasure_ledger import DEEDS, Deed, Erasure, digest_of
+
+WITHDRAWN = "withdrawn"  # stands where a name stood
+KEPT_DETAILS = ("captured_at", "time_zone", "marker", "camera")
+NO_DETAILS: dict[str, Any] = {"hints": [], "location": None, "app_version": None}
+TALK = ("comment", "question", "answer")  # events that are free text
+FREE_TEXT = ("text", "comment", "note", "name", "reason", "question", "answer")  # in the values of any event
+
+
+def withdraw_self(eraser: Eraser, caller: DeviceCaller) -> ErasureReceipt:
+    """The participant of the calling phone leaves. Raises GoneError if another of their phones was quicker."""
+    with eraser.database.read() as session:
+        participant = session.get(Participant, caller.participant_id)
+        if participant is None or participant.withdrawn_at is not None:
+            raise has_left()
+        deed = _deed(session.get_one(Study, participant.study_id).withdrawal_policy)
+    receipt = carry_out_on_participant(
+        eraser, eraser.intend("participant", deed, caller.participant_id), caller.participant_id, caller
+    )
+    if receipt is None:
+        raise has_left()
+    return receipt
+
+
+def withdraw_participant(eraser: Eraser, caller: StaffCaller, study_code: str, participant_code: str) -> ErasureReceipt:
+    """An owner does it for the participant: also again, once the study's policy asks for more than was done.
+
+    Raises NotFoundError, ConflictError (`participant_withdrawn`: it was done before).
+    """
+    done = ConflictError("This participant left the study before, by the same policy.", code="participant_withdrawn")
+    with eraser.database.read() as session:
+        study = people.find_study(session, study_code)
+        if study is None:
+            raise NotFoundError("There is no such study.")
+        require_study(caller, study.id)
+        participant = people.find_participant(session, study.id, participant_code)
+        if participant is None:
+            raise NotFoundError("There is no such participant in this study.")
+        deed, participant_id = _deed(study.withdrawal_policy), participant.id
+        as_much = DEEDS[DEEDS.index(deed) :]
+        digests = [digest_of(eraser.box, "participant", one, participant_id) for one in as_much]
+        if privacy.tombstones_among(session, "participant", digests):
+            raise done
+    receipt = carry_out_on_participant(
+        eraser, eraser.intend("participant", deed, participant_id), participant_id, caller
+    )
+    if receipt is None:
+        raise done
+    return receipt
+
+
+def carry_out_on_participant(
+    eraser: Eraser, erasure: Erasure, participant_id: uuid.UUID, caller: Caller | None
+) -> ErasureReceipt | None:
+    """End the phones and do the deed in one transaction; None if it was done before or nobody is there."""
+    with eraser.database.write() as session:
+        privacy.end_enrolments(session, participant_id)  # first: whoever is just enrolling a phone holds their code
+        participant = privacy.lock_participant(session, participant_id)
+        if participant is None or privacy.tombstones_among(session, "participant", [erasure.digest]):
+            return None
+        study_id, alias = participant.study_id, participant.alias
+        tokens = privacy.end_tokens(session, participant_id)
+        ended = [eraser.box.digest("token", token_sha256) for token_sha256 in tokens]
+        privacy.add_tombstones(session, "token", ended, erasure.at, study_id=study_id)
+        announce.participant_withdrawn(session, participant, erasure.deed)  # under the code that its receiver knows
+        counts = {"access_token": len(ended)} | _do(session, participant, erasure)
+        privacy.add_tombstones(session, "participant", [erasure.digest], erasure.at, study_id=study_id)
+        receipt = add_receipt(session, erasure, study_id, what="participant", policy=erasure.deed, counts=counts)
+        audit.note(
+            session,
+            caller,
+            "participant.withdraw",
+            study_id=study_id,
+            subject=alias,
+            policy=erasure.deed,
+            receipt=str(receipt.id),
+        )
+    eraser.database.empty_log()
+    return receipt
+
+
+def has_left() -> GoneError:
+    """What a phone hears whose participant has left."""
+    return GoneError("This participant has left the study.", code="withdrawn")
+
+
+def _do(session: Session, participant: Participant, erasure: Erasure) -> dict[str, int]:
+    if erasure.deed == "erase":
+        return _erase(session, participant, erasure)
+    for device in privacy.devices_of(session, participant.id):
+        device.revoked_at = device.revoked_at or erasure.at
+    participant.withdrawn_at = participant.withdrawn_at or erasure.at
+    return _anonymise(session, participant, erasure.at) if erasure.deed == "anonymise" else {}
+
+
+def _erase(session: Session, participant: Participant, erasure: Erasure) -> dict[str, int]:
+    participant_id, study_id = participant.id, participant.study_id
+    gone = privacy.lock_meals_of(session, participant_id)
+    counts = erase_meals(session, study_id, gone, privacy.meals_of(participant_id), erasure)
+    for table, count in privacy.delete_participant(session, participant_id).items():
+        counts[table] = counts.get(table, 0) + count
+    return counts
+
+
+def _anonymise(session: Session, participant: Participant, now: datetime) -> dict[str, int]:
+    """What was eaten and when stays, under a code drawn now; all that leads to the person or shows their food goes."""
+    stay = privacy.lock_meals_of(session, participant.id)
+    of_person = privacy.meals_of(participant.id)
+    for job in privacy.live_jobs_of(session, of_person):  # before the pictures go: nothing may be computed from them
+        jobs.fail_job(job, session.get_one(Meal, job.meal_id), PHOTOGRAPH_ERASED, now)
+    counts = erase_pictures(session, of_person, now)
+    counts |= privacy.delete_person_marks(session, participant.id, of_person)
+    for meal in stay:
+        meal.client_id, meal.alias = uuid.uuid4(), uuid.uuid4()
+        meal.details = _without_person(meal.details)
+        meal.after_details = _without_person(meal.after_details) if meal.after_details is not None else None
+    for event in privacy.events_of(session, of_person):
+        event.old, event.new = _without_text(event, event.old), _without_text(event, event.new)
+    for day_event in privacy.day_events_of(session, participant.id):
+        if day_event.layer == "participant":
+            day_event.author = WITHDRAWN
+    for device in privacy.devices_of(session, participant.id):
+        device.name, device.model, device.app_version = WITHDRAWN, None, None
+        device.clock_skew_seconds = device.last_used_at = None
+    participant.code, participant.alias = f"{WITHDRAWN}-{secrets.token_hex(8)}", uuid.uuid4()
+    participant.profile = None
+    privacy.touch_records(session, participant.id, records.next_change_seq(session, participant.study_id))
+    return counts | {"meals_anonymised": len(stay)}
+
+
+def _without_person(details: dict[str, Any]) -> dict[str, Any]:
+    return {name: details[name] for name in KEPT_DETAILS if name in details} | NO_DETAILS
+
+
+def _without_text(event: MealEvent, values: dict[str, Any]) -> dict[str, Any]:
+    if event.kind in TALK:
+        return {}
+    return {name: value for name, value in values.items() if name not in FREE_TEXT}
+
+
+def _deed(policy: str) -> Deed:
+    return next(deed for deed in DEEDS if deed == policy)
