@@ -10,6 +10,9 @@ from fastapi.openapi.utils import get_openapi
 
 from app import __version__
 from app.api import (
+    audit,
+    calibrations,
+    checks,
     devices,
     enrolments,
     food_edits,
@@ -17,8 +20,11 @@ from app.api import (
     foods,
     health,
     me,
+    me_privacy,
     meals,
     participants,
+    photographs,
+    receipts,
     records,
     reference_intakes,
     sessions,
@@ -34,11 +40,16 @@ from app.api.body_limit import BodyLimit
 from app.api.problems import Problem, install_problem_handlers
 from app.api.rate_limit import RateLimit
 from app.api.request_log import RequestLog
+from app.api.schemas.calibrations import CalibrationMetadataIn
+from app.api.schemas.checks import CheckMetadataIn
 from app.api.schemas.meals import MealMetadataIn, NewMealMetadataIn
 from app.api.state import ApiState
 from app.api.waiting import MealWaiter
 from app.db.session import Database
 from app.jobs.engine import JobQueue
+from app.services.api_children import ApiChildren
+from app.services.erase import Eraser
+from app.services.erasure_ledger import ErasureLedger
 from app.services.last_use import LastUse
 from app.services.passwords import Passwords
 from app.services.prepare import prepare
@@ -53,7 +64,8 @@ printed checkerboard beside the plate; the server measures each food's volume, t
 serves records. Times are RFC 3339 with offset; units stand in the names; errors are RFC 9457 problem documents with a
 stable `code`.
 """
-OUT_OF_ROUTES = (Problem, MealMetadataIn, NewMealMetadataIn)  # read from streams, so FastAPI does not see their schemas
+# read from streams, so FastAPI does not see their schemas
+OUT_OF_ROUTES = (Problem, MealMetadataIn, NewMealMetadataIn, CheckMetadataIn, CalibrationMetadataIn)
 
 
 def create_app(settings: Settings) -> FastAPI:
@@ -68,23 +80,28 @@ def create_app(settings: Settings) -> FastAPI:
         queue = JobQueue(database)
         waiter = MealWaiter(database)
         last_use = LastUse(database)
+        children = ApiChildren(settings)
         app.state.api = ApiState(
             settings=settings,
             database=database,
             blobs=blobs,
-            submit_meal=SubmitMeal(database, blobs, queue, settings),
+            submit_meal=SubmitMeal(database, blobs, queue, settings, box),
             waiter=waiter,
             upload_limiter=anyio.CapacityLimiter(settings.max_uploads),
             enrolment_limit=RateLimit(settings.enrolment_attempts_per_minute),
             secrets=box,
+            children=children,
+            eraser=Eraser(database, box, ErasureLedger(open_blob_store(settings.resolved_erasure_url), box)),
             sign_in_by_address=RateLimit(settings.sign_in_attempts_per_minute),
             sign_in_by_name=RateLimit(settings.sign_in_attempts_per_minute),
             passwords=Passwords(),
             last_use=last_use,
         )
         try:
+            children.start_soon()
             yield
         finally:
+            await anyio.to_thread.run_sync(children.close)
             await waiter.close()
             await anyio.to_thread.run_sync(last_use.close)
             queue.close()
@@ -103,6 +120,12 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(RequestLog)
     for resource in (
         meals,
+        photographs,
+        checks,
+        calibrations,
+        me_privacy,
+        receipts,
+        audit,
         records,
         foods,
         food_edits,
