@@ -14,6 +14,7 @@ import typer
 from app import __version__
 from app.cli_database import JsonOption, author, opened_database
 from app.cli_foods import foods_cli
+from app.cli_people import admin_cli, staff_cli
 from app.errors import Failure, InvalidInputError, TadaError
 from app.settings import Settings
 
@@ -25,8 +26,13 @@ cli = typer.Typer(
 )
 records_cli = typer.Typer(no_args_is_help=True, help="Effective records.")
 db_cli = typer.Typer(no_args_is_help=True, help="The database.")
-admin_cli = typer.Typer(no_args_is_help=True, help="People who run the server.")
-for name, group in (("foods", foods_cli), ("records", records_cli), ("db", db_cli), ("admin", admin_cli)):
+for name, group in (
+    ("foods", foods_cli),
+    ("records", records_cli),
+    ("db", db_cli),
+    ("admin", admin_cli),
+    ("staff", staff_cli),
+):
     cli.add_typer(group, name=name)
 
 DEFAULT_MARKER = "plain:9x7:11"
@@ -227,17 +233,6 @@ def db_upgrade() -> None:
     """Bring the schema up to date and load the starter food table."""
     with opened_database():
         print("The database is up to date.")
-
-
-@admin_cli.command("create")
-def admin_create(name: str) -> None:
-    """Make an admin and print the token, once."""
-    from app.services.enrol import create_admin
-
-    with opened_database() as database:
-        token = create_admin(database, name)
-    print(token)
-    print("Keep it: it is not shown again. Send it as `Authorization: Bearer TOKEN`.", file=sys.stderr)
 
 
 @cli.command()

@@ -1,13 +1,20 @@
-"""`tada serve`: uvicorn with our app and, on the embedded default, a worker process beside it that is kept alive."""
+"""`tada serve`: uvicorn with our app and, on the embedded default, a worker process beside it that is kept alive.
 
+Behind a reverse proxy the caller's address stands in X-Forwarded-For, which anybody can write: it counts only from the
+proxies that TADA_TRUSTED_PROXIES names, and from nobody by default.
+"""
+
+import ipaddress
 import socket
 import sys
+from urllib.parse import urlsplit
 
 import structlog
 import uvicorn
 from fastapi import FastAPI
 
 from app.api.state import ApiState
+from app.errors import InvalidInputError
 from app.jobs.supervisor import WorkerProcess
 from app.logs import configure_logging
 from app.main import create_app
@@ -22,20 +29,10 @@ HEADER_BYTES = 32 * 1024
 def serve(settings: Settings, *, with_worker: bool) -> int:
     """Serve until SIGTERM or SIGINT. Returns the exit status."""
     configure_logging(settings)
+    check_public_url(settings.public_url)
     embedded_worker = WorkerProcess(settings) if with_worker and settings.is_embedded else None
     app = create_app(settings)
-    config = uvicorn.Config(
-        app,
-        host=settings.host,
-        port=settings.port,
-        log_config=None,
-        access_log=False,
-        server_header=False,
-        timeout_keep_alive=KEEP_ALIVE_SECONDS,
-        timeout_graceful_shutdown=10,
-        h11_max_incomplete_event_size=HEADER_BYTES,
-    )
-    server = _Server(config, app)
+    server = _Server(server_config(settings, app), app)
     if embedded_worker is not None:
         embedded_worker.start()
     try:
@@ -44,6 +41,68 @@ def serve(settings: Settings, *, with_worker: bool) -> int:
         if embedded_worker is not None:
             embedded_worker.stop()
     return 0 if server.started else 1
+
+
+def server_config(settings: Settings, app: FastAPI) -> uvicorn.Config:
+    """How uvicorn runs the app. Raises InvalidInputError for proxies that are none."""
+    proxies = trusted_proxies(settings.trusted_proxies)
+    return uvicorn.Config(
+        app,
+        host=settings.host,
+        port=settings.port,
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        proxy_headers=bool(proxies),  # uvicorn's own default trusts whoever is on this machine
+        forwarded_allow_ips=proxies,
+        timeout_keep_alive=KEEP_ALIVE_SECONDS,
+        timeout_graceful_shutdown=10,
+        h11_max_incomplete_event_size=HEADER_BYTES,
+    )
+
+
+def trusted_proxies(value: str | None) -> list[str]:
+    """Addresses and networks of TADA_TRUSTED_PROXIES. Raises InvalidInputError, `settings_invalid`.
+
+    Checked here, since uvicorn takes what is no network for a name that nobody has: the proxy would count as the caller
+    of all requests. Everybody is no proxy: then anybody could write any address.
+    """
+    proxies = []
+    for word in (value or "").split(","):
+        if not word.strip():
+            continue
+        try:
+            network = ipaddress.ip_network(word.strip())
+        except ValueError as error:
+            raise InvalidInputError(
+                f"TADA_TRUSTED_PROXIES: {word.strip()!r} is neither an address nor a network ({error}). Write it like "
+                "10.0.0.5 or 10.0.0.0/24, comma between.",
+                code="settings_invalid",
+            ) from None
+        if network.prefixlen == 0:
+            raise InvalidInputError(
+                f"TADA_TRUSTED_PROXIES: {word.strip()} is everybody: anybody could claim any address. Name the "
+                "proxies' own addresses.",
+                code="settings_invalid",
+            )
+        proxies.append(str(network.network_address) if network.num_addresses == 1 else str(network))
+    return proxies
+
+
+def check_public_url(url: str | None) -> None:
+    """Raises InvalidInputError, `settings_invalid`, for what phones could not reach the server by."""
+    if url is None:
+        return
+    try:
+        parts = urlsplit(url)
+        is_fine = parts.scheme in ("https", "http") and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        is_fine = False
+    if not is_fine or parts.username or parts.password or parts.query or parts.fragment or url.endswith("/"):
+        raise InvalidInputError(
+            "TADA_PUBLIC_URL must be like https://tada.example.org: http or https, a host, and no slash at its end.",
+            code="settings_invalid",
+        )
 
 
 class _Server(uvicorn.Server):
