@@ -66,7 +66,7 @@ def get_participant(study: StudyCode, participant: ParticipantCode, state: State
     return _render(participants.read_participant(state.database, study, participant))
 
 
-@router.patch("/{participant}", responses=problem_responses(401, 403, 404, 422))
+@router.patch("/{participant}", responses=problem_responses(401, 403, 404, 409, 422))
 def patch_participant(
     study: StudyCode, participant: ParticipantCode, body: ParticipantPatch, state: State, caller: CurrentStaff
 ) -> ParticipantOut:

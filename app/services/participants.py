@@ -87,9 +87,14 @@ def read_participant(database: Database, study_code: str, code: str) -> Particip
 def change_participant(
     database: Database, caller: StaffCaller, study_code: str, code: str, change: ParticipantChange
 ) -> Participant:
-    """Change profile and first day: what is named only. Raises NotFoundError, InvalidInputError."""
+    """Change profile and first day: what is named only.
+
+    Raises NotFoundError, InvalidInputError, ConflictError (`participant_withdrawn`).
+    """
     with database.write() as session:
         study, participant = require_participant(session, study_code, code, lock=True)
+        if participant.withdrawn_at is not None:
+            raise ConflictError("This participant has left the study.", code="participant_withdrawn")
         fields = _apply(participant, change)
         if fields:
             note(session, caller, "participant.change", study_id=study.id, subject=participant.alias, fields=fields)

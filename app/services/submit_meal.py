@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 
 from app.db.models import Job, Meal, MealImage, Study
 from app.db.models.meal import SLOTS
-from app.db.queries import meals, privacy
+from app.db.queries import meals, people, privacy
 from app.db.session import Database
 from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundError, StorageFullError
 from app.services.announce import announce_meal
@@ -191,6 +191,8 @@ class SubmitMeal:
                 meal = _new_meal(session, caller, arriving.client_id, meal_id, arriving.metadata, arriving.details, now)
                 session.add(meal)
                 session.flush()
+                if arriving.metadata.app_version is not None:
+                    people.note_app_version(session, caller.device_id, arriving.metadata.app_version)
             if meal is None:
                 raise NotFoundError("There is no such meal yet: PUT /v1/meals/{id} with its metadata first.")
             for slot, photo in photos.items():

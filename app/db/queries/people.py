@@ -240,11 +240,14 @@ def take_enrolment(session: Session, code_sha256: str, now: datetime) -> Enrolme
 def note_device(
     session: Session, device_id: uuid.UUID, at: datetime, clock_skew_seconds: float | None, app_version: str | None
 ) -> None:
-    """When a phone was last used and how its clock stood then; its app's version, where it is told."""
+    """When a phone was last used and how its clock stood then; its app's version, where it is told.
+
+    Written after the call: a phone that was revoked by it, perhaps anonymised, stays as it is.
+    """
     values: dict[str, Any] = {"last_used_at": at, "clock_skew_seconds": clock_skew_seconds}
     if app_version is not None:
         values["app_version"] = app_version
-    session.execute(sa.update(Device).where(Device.id == device_id).values(values))
+    session.execute(sa.update(Device).where(Device.id == device_id, Device.revoked_at.is_(None)).values(values))
 
 
 def note_token(session: Session, token_id: uuid.UUID, at: datetime) -> None:
