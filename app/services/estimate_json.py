@@ -9,7 +9,7 @@ import numpy as np
 from app.errors import Failure
 from app.vision.camera import camera_from_mapping
 from app.vision.marker import parse_marker
-from app.vision.model import Camera, EstimateOptions, Float64Array, Hint, ItemEstimate, MealEstimate
+from app.vision.model import Camera, EstimateOptions, Float64Array, Hint, ItemEstimate, ItemTraits, MealEstimate
 
 PIXEL_DECIMALS = 1  # an outline is no finer than that
 
@@ -115,6 +115,15 @@ def _item(item: ItemEstimate) -> dict[str, Any]:
         "candidates": [],
         "hint": item.hint,
         "flags": list(item.flags),
+        "traits": _traits(item.traits),
+    }
+
+
+def _traits(traits: ItemTraits) -> dict[str, Any]:
+    return {
+        "centre_mm": [round(each, 1) for each in traits.centre_mm] if traits.centre_mm is not None else None,
+        "radius_mm": round(traits.radius_mm, 1) if traits.radius_mm is not None else None,
+        "lab": [round(each, 1) for each in traits.lab] if traits.lab is not None else None,
     }
 
 

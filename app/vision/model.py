@@ -141,6 +141,19 @@ class EstimateOptions:
 
 
 @dataclass(frozen=True, slots=True)
+class ItemTraits:
+    """What an item is known again by in another pair of the same meal; None: not to be seen.
+
+    centre_mm: (x, y) in the table frame, the middle of its surface; radius_mm: of a disc that spreads as far. lab:
+    CIELAB (D65), the mean over it, the marker's paper as white.
+    """
+
+    centre_mm: tuple[float, float] | None = None
+    radius_mm: float | None = None
+    lab: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class ItemEstimate:
     """One food: its outline, its volume and the doubt about it.
 
@@ -157,6 +170,7 @@ class ItemEstimate:
     relative_sd: Mapping[str, float]
     hint: int | None = None
     flags: tuple[str, ...] = ()
+    traits: ItemTraits = ItemTraits()
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,7 @@ from app.vision.segmentation import segment_foods
 from app.vision.shape import measure_shapes
 from app.vision.stillness import judge_matches, judge_table
 from app.vision.trace import Trace
+from app.vision.traits import sheet_white, traits_of
 
 PIPELINE_VERSION = "3"  # changes whenever the same photographs may give another answer
 
@@ -119,6 +120,7 @@ def _run(
         if isinstance(measured, Failure):
             return measured
         trace.items = measured
+        white = sheet_white(options.marker, plane, rectified.first_bgr, rectified.is_seen)
         return tuple(
             ItemEstimate(
                 rings=rings_of(item.region.mask, places, is_swapped=trace.is_swapped),
@@ -127,6 +129,7 @@ def _run(
                 relative_sd=item.volume.relative_sd if item.volume is not None else {},
                 hint=item.region.hint,
                 flags=item.flags,
+                traits=traits_of(item.region.mask, points, rectified.first_bgr, white),
             )
             for item in measured
         )

@@ -1,0 +1,141 @@
+import math
+
+import numpy as np
+import pytest
+
+from app.vision.leftovers import MIN_MARGIN, Sight, match_pieces
+from app.vision.model import ItemTraits
+
+RED, YELLOW, GREEN, WHITE = (45.0, 50.0, 30.0), (80.0, 5.0, 65.0), (50.0, -30.0, 35.0), (88.0, 0.0, 12.0)
+
+
+def sight(x=0.0, y=100.0, lab=RED, volume_ml=150.0, food=None, radius_mm=30.0):
+    return Sight(ItemTraits((x, y), radius_mm, lab), volume_ml, 0.08, food)
+
+
+def unseen(volume_ml=150.0, food=None):
+    return Sight(ItemTraits(), volume_ml, 0.08, food)
+
+
+def matched(served, left, told=None):
+    return [match.served for match in match_pieces(served, left, told)]
+
+
+PLATE = [sight(-60, 100, RED), sight(40, 110, YELLOW), sight(0, 180, GREEN)]
+LEFT = [sight(45, 105, YELLOW, 60.0), sight(-55, 95, RED, 40.0), sight(5, 175, GREEN, 30.0)]
+
+
+def moved(sights, degrees, x, y):
+    angle = math.radians(degrees)
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    out = []
+    for each in sights:
+        px, py = turn @ each.traits.centre_mm + [x, y]
+        out.append(sight(px, py, each.traits.lab, each.volume_ml, each.food))
+    return out
+
+
+def test_pieces_are_of_the_items_that_stood_there_with_their_colour():
+    assert matched(PLATE, LEFT) == [1, 0, 2]
+
+
+def test_board_turned_by_half_changes_no_match_of_foods_of_one_colour():
+    pale = [sight(each.traits.centre_mm[0], each.traits.centre_mm[1], WHITE, 150.0) for each in PLATE]
+    left = moved([sight(*each.traits.centre_mm, WHITE, 50.0) for each in LEFT], 180, 0, 0)
+    assert matched(pale, left) == [1, 0, 2]
+
+
+@pytest.mark.parametrize("degrees", [25, 140, 250])
+def test_board_laid_anew_changes_no_match_where_colours_tell(degrees):
+    assert matched(PLATE, moved(LEFT, degrees, 120, -80)) == [1, 0, 2]
+
+
+def test_four_foods_of_one_colour_are_told_by_their_arrangement_though_the_board_was_laid_anew():
+    served = [sight(x, y, WHITE) for x, y in [(-90, 60), (80, 90), (10, 200), (-40, 130)]]
+    left = moved([sight(x, y, WHITE, 60.0) for x, y in [(10, 200), (-90, 60), (80, 90), (-40, 130)]], 70, 300, 40)
+    assert matched(served, left) == [2, 0, 1, 3]
+
+
+def test_two_foods_of_one_colour_that_both_moved_are_not_told_apart():
+    served = [sight(-60, 100, WHITE, food="rice"), sight(60, 100, WHITE, food="mozzarella")]
+    left = moved([sight(-60, 100, WHITE, 60.0)], 80, 500, 300)
+    assert match_pieces(served, left)[0].served is None
+    assert match_pieces(served, left)[0].is_ambiguous
+
+
+def test_alike_pieces_of_the_same_food_are_matched_since_no_total_changes():
+    served = [sight(-60, 100, RED, food="apple"), sight(60, 100, RED, food="apple")]
+    left = moved([sight(-60, 100, RED, 60.0), sight(60, 100, RED, 30.0)], 80, 500, 300)
+    assert sorted(matched(served, left)) == [0, 1]
+
+
+def test_bitten_apple_that_shows_its_flesh_is_known_by_its_place():
+    assert matched(PLATE, [sight(-58, 104, WHITE, 60.0)]) == [0]
+
+
+def test_napkin_of_a_colour_and_at_a_place_of_no_food_is_nobodys():
+    napkin = sight(250, -120, (60.0, 5.0, -45.0), 20.0)
+    (match,) = match_pieces(PLATE, [napkin])
+    assert match.served is None
+
+
+def test_piece_larger_than_anything_served_is_nobodys():
+    assert matched([sight(volume_ml=100.0)], [sight(volume_ml=400.0)]) == [None]
+
+
+def test_piece_a_little_larger_than_its_item_is_still_of_it():
+    assert matched([sight(volume_ml=100.0)], [sight(volume_ml=108.0)]) == [0]
+
+
+def test_two_pieces_of_one_item_are_both_of_it():
+    left = [sight(-75, 95, RED, 40.0), sight(-45, 105, RED, 30.0)]
+    assert matched(PLATE, left) == [0, 0]
+
+
+def test_pieces_that_hold_more_together_than_was_served_are_not_all_of_it():
+    left = [sight(-61, 100, RED, 140.0), sight(-40, 105, RED, 140.0)]
+    assert matched(PLATE, left) == [0, None]
+
+
+def test_what_a_person_names_holds_against_place_and_colour():
+    assert matched(PLATE, LEFT, {0: 2})[0] == 2
+    assert matched(PLATE, LEFT, {1: None})[1] is None
+
+
+def test_told_piece_leaves_the_others_their_items():
+    assert matched(PLATE, LEFT, {0: 1}) == [1, 0, 2]
+
+
+def test_same_food_matches_where_nothing_is_seen_of_either():
+    served = [unseen(food="apple"), unseen(food="banana")]
+    assert matched(served, [unseen(50.0, "banana")]) == [1]
+
+
+def test_nothing_known_of_two_items_matches_neither():
+    assert matched([unseen(), unseen()], [unseen(50.0)]) == [None]
+
+
+def test_only_item_is_matched_by_its_colour_alone():
+    served = [Sight(ItemTraits(None, None, RED), 150.0, 0.1)]
+    assert matched(served, [Sight(ItemTraits(None, None, (50.0, 45.0, 28.0)), 60.0, 0.1)]) == [0]
+
+
+def test_pieces_without_items_are_unmatched():
+    assert matched([], LEFT) == [None, None, None]
+
+
+def test_order_of_pieces_and_items_changes_nothing():
+    assert matched(PLATE[::-1], LEFT[::-1]) == [0, 2, 1]
+
+
+def test_twenty_pieces_of_twenty_items_each_find_theirs():
+    rng = np.random.default_rng(3)
+    places = [(x, y) for x in range(-200, 201, 100) for y in range(60, 361, 100)]
+    colours = [tuple(rng.uniform([20, -60, -60], [95, 60, 60])) for _ in places]
+    served = [sight(x, y, lab) for (x, y), lab in zip(places, colours, strict=True)]
+    left = [sight(x + 5, y - 4, lab, 40.0) for (x, y), lab in zip(places, colours, strict=True)]
+    assert matched(served, left) == list(range(20))
+
+
+def test_margin_says_how_much_better_the_match_is():
+    assert all(match.margin > MIN_MARGIN for match in match_pieces(PLATE, LEFT))
