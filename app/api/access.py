@@ -102,6 +102,13 @@ RULES: Mapping[tuple[str, str], Rule] = {
     # days and feedback
     ("GET", "/v1/me/days"): DEVICE,
     ("PUT", "/v1/me/days/{day}"): DEVICE,
+    ("GET", "/v1/days"): VIEWER_OR_DEVICE,
+    ("GET", "/v1/studies/{study}/participants/{participant}/days"): VIEWER,
+    ("PUT", "/v1/studies/{study}/participants/{participant}/days/{day}"): REVIEWER,
+    ("GET", "/v1/studies/{study}/intakes"): VIEWER,
+    # days and feedback
+    ("GET", "/v1/me/days"): DEVICE,
+    ("PUT", "/v1/me/days/{day}"): DEVICE,
     ("GET", "/v1/me/summary"): DEVICE,
     ("GET", "/v1/days"): VIEWER_OR_DEVICE,
     ("GET", "/v1/studies/{study}/participants/{participant}/days"): VIEWER,

@@ -1,0 +1,232 @@
+"""/v1/me/days, the diary; /v1/days and a study's intakes, what researchers make of it."""
+
+from dataclasses import asdict
+from datetime import date
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi.responses import JSONResponse
+
+from app.api.csv_stream import csv_response
+from app.api.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
+from app.api.food_edits import IfMatch, expected_versions
+from app.api.paging import Cursor, Limit, next_page
+from app.api.problems import problem_responses
+from app.api.schemas.days import (
+    DayIn,
+    DayList,
+    DayOut,
+    DaySummaryOut,
+    DaySummaryPage,
+    IntakeOut,
+    IntakePage,
+    MeanAmountOut,
+    PlausibilityOut,
+)
+from app.db.queries.days import AMOUNTS, DayFilter, DayRow
+from app.errors import InvalidInputError
+from app.services import day_summaries, diary
+from app.services.diary import Whose, Word
+from app.services.study_days import StudyDay, judge_day
+
+router = APIRouter(prefix="/v1", tags=["days"])
+
+Study = Annotated[str, Path(max_length=64)]
+Participant = Annotated[str, Path(max_length=64)]
+Day = Annotated[date, Path(description="A local day, such as 2026-11-21.")]
+FirstDay = Annotated[date | None, Query(alias="from", description="First local day, included.")]
+LastDay = Annotated[date | None, Query(alias="to", description="Last local day, included.")]
+CHANGED: dict[int | str, dict[str, Any]] = {200: {"headers": {"ETag": {"schema": {"type": "string"}}}}}
+
+
+@router.get("/me/days", responses=problem_responses(401, 403, 422))
+def get_my_days(state: State, device: CurrentDevice, first_day: FirstDay = None, last_day: LastDay = None) -> DayList:
+    """The participant's days that have a meal or a word; without a range, the last month; a year at most."""
+    days = diary.list_days(state.database, device, first_day=first_day, last_day=last_day)
+    return DayList(items=[_day_out(day) for day in days])
+
+
+@router.put("/me/days/{day}", responses=CHANGED | problem_responses(401, 403, 409, 410, 412, 422, 428))
+def put_my_day(
+    day: Day, body: DayIn, state: State, device: CurrentDevice, response: Response, if_match: IfMatch = None
+) -> DayOut:
+    """Close a day, tell that nothing was eaten, or open it again. `If-Match` names its version, "0" the first time."""
+    found = diary.set_day(state.database, device, day, _word(body), expected=expected_versions(if_match))
+    return _tagged(found, response)
+
+
+@router.get("/studies/{study}/participants/{participant}/days", responses=problem_responses(401, 403, 404, 422))
+def get_days_of_participant(
+    study: Study,
+    participant: Participant,
+    state: State,
+    staff: CurrentStaff,
+    first_day: FirstDay = None,
+    last_day: LastDay = None,
+) -> DayList:
+    """A participant's days, as their phone lists them."""
+    whose = Whose(study, participant)
+    days = diary.list_days(state.database, staff, first_day=first_day, last_day=last_day, whose=whose)
+    return DayList(items=[_day_out(day) for day in days])
+
+
+@router.put(
+    "/studies/{study}/participants/{participant}/days/{day}",
+    responses=CHANGED | problem_responses(401, 403, 404, 409, 412, 422, 428),
+)
+def put_day_of_participant(
+    study: Study,
+    participant: Participant,
+    day: Day,
+    body: DayIn,
+    state: State,
+    staff: CurrentStaff,
+    response: Response,
+    if_match: IfMatch = None,
+) -> DayOut:
+    """A reviewer's word about a day: from then on it holds, whatever the participant says."""
+    found = diary.set_day(
+        state.database,
+        staff,
+        day,
+        _word(body),
+        expected=expected_versions(if_match),
+        whose=Whose(study, participant),
+    )
+    return _tagged(found, response)
+
+
+@router.get(
+    "/days",
+    response_model=DaySummaryPage,
+    responses={
+        200: {"content": {"text/csv": {"schema": {"type": "string"}}}, "description": "A page, or all rows as CSV."},
+        **problem_responses(401, 403, 422),
+    },
+)
+def get_days(
+    request: Request,
+    state: State,
+    caller: CurrentCaller,
+    study: Annotated[str | None, Query(max_length=64)] = None,
+    participant: Annotated[str | None, Query(max_length=64)] = None,
+    first_day: FirstDay = None,
+    last_day: LastDay = None,
+    limit: Limit = 100,
+    cursor: Cursor = None,
+    output: Annotated[
+        Literal["json", "csv"] | None, Query(alias="format", description="Default: by the Accept header, else json.")
+    ] = None,
+) -> Response:
+    """A row a participant-day, those without food too. CSV streams all rows; JSON comes in pages."""
+    _check_order(first_day, last_day)
+    chosen = DayFilter(study_code=study, participant_code=participant, first_day=first_day, last_day=last_day)
+    if output == "csv" or (output is None and request.headers.get("accept", "").startswith("text/csv")):
+        days = day_summaries.stream_day_summaries(state.database, caller, chosen)
+        rows = (_summary_out(day).model_dump(mode="json") for day in days)
+        return csv_response("days.csv", tuple(DaySummaryOut.model_fields), rows)
+    page = day_summaries.list_day_summaries(state.database, caller, chosen, cursor=cursor, limit=limit)
+    body = DaySummaryPage(items=[_summary_out(day) for day in page.rows], next=next_page(request, page.cursor))
+    return JSONResponse(body.model_dump(mode="json"), headers={"Cache-Control": "private, no-store"})
+
+
+@router.get("/studies/{study}/intakes", responses=problem_responses(401, 403, 404, 422))
+def get_intakes(
+    request: Request,
+    study: Study,
+    state: State,
+    staff: CurrentStaff,
+    first_day: FirstDay = None,
+    last_day: LastDay = None,
+    limit: Limit = 100,
+    cursor: Cursor = None,
+) -> IntakePage:
+    """Each participant's mean daily intake over closed days; open days are left out and counted."""
+    _check_order(first_day, last_day)
+    page = day_summaries.list_intakes(
+        state.database, staff, study, first_day=first_day, last_day=last_day, cursor=cursor, limit=limit
+    )
+    return IntakePage(items=[_intake_out(intake) for intake in page.rows], next=next_page(request, page.cursor))
+
+
+def _word(body: DayIn) -> Word:
+    if body.status == "open":
+        return "reopened"
+    return "ate_nothing" if body.ate_nothing else "closed"
+
+
+def _tagged(day: StudyDay, response: Response) -> DayOut:
+    response.headers["ETag"] = f'"{day.row.version}"'
+    return _day_out(day)
+
+
+def _day_out(day: StudyDay) -> DayOut:
+    row = day.row
+    return DayOut(
+        date=row.local_date,
+        study_day=day.number,
+        status=row.status,
+        ate_nothing=row.ate_nothing,
+        decided_by=_decided_by(row),
+        meals=row.meals,
+        meals_after_closing=row.meals_after_closing,
+        version=row.version,
+        changed_at=row.changed_at,
+    )
+
+
+def _decided_by(row: DayRow) -> Literal["participant", "reviewer"] | None:
+    if row.version == 0:
+        return None
+    return "reviewer" if row.is_by_reviewer else "participant"
+
+
+def _summary_out(day: StudyDay) -> DaySummaryOut:
+    row, judged = day.row, judge_day(day.row)
+    amounts: dict[str, float | None] = {}
+    for name in AMOUNTS:
+        amount = row.amount(name)
+        amounts |= {name: amount.value, f"{name}_coverage": amount.coverage}
+    return DaySummaryOut(
+        study=row.study_code,
+        participant=row.participant_code,
+        local_date=row.local_date,
+        study_day=day.number,
+        day_status=row.status,
+        ate_nothing=row.ate_nothing,
+        decided_by=_decided_by(row),
+        meals=row.meals,
+        meals_after_closing=row.meals_after_closing,
+        median_upload_delay_seconds=row.median_upload_delay_seconds,
+        items=row.items,
+        unmeasured_items=row.unmeasured_items,
+        provisional_items=row.provisional_items,
+        consumed_g=0.0 if row.ate_nothing else row.consumed_g,
+        energy_to_basal_rate=judged.ratio,
+        plausibility=judged.verdict,
+        **amounts,
+    )
+
+
+def _intake_out(intake: day_summaries.Intake) -> IntakeOut:
+    row = intake.row
+    return IntakeOut(
+        participant=row.participant_code,
+        closed_days=row.closed_days,
+        open_days=row.open_days,
+        silent_days=intake.silent_days,
+        first_day=row.first_day,
+        last_day=row.last_day,
+        unmeasured_items=row.unmeasured_items,
+        provisional_items=row.provisional_items,
+        components={
+            name: MeanAmountOut(mean=mean.value, days=mean.days, coverage=mean.coverage)
+            for name, mean in row.means.items()
+        },
+        plausibility=PlausibilityOut(**asdict(intake.plausibility)),
+    )
+
+
+def _check_order(first_day: date | None, last_day: date | None) -> None:
+    if first_day and last_day and first_day > last_day:
+        raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")

@@ -1,0 +1,61 @@
+"""SQL of the diary: the words that were said about a participant's days, and their first and last day."""
+
+import uuid
+from collections.abc import Collection, Iterator
+from datetime import date
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.db.models import DayEvent, DiaryDay, Meal, Participant
+from app.db.queries.days import DayFilter, keys_of
+
+
+def events_of(session: Session, participant_id: uuid.UUID, days: Collection[date]) -> list[DayEvent]:
+    """The words about these days, the oldest first."""
+    query = (
+        sa.select(DayEvent)
+        .where(DayEvent.participant_id == participant_id, DayEvent.local_date.in_(days))
+        .order_by(DayEvent.created_at, DayEvent.id)
+    )
+    return list(session.scalars(query))
+
+
+def first_days(session: Session, participant_ids: Collection[uuid.UUID]) -> dict[uuid.UUID, date]:
+    """Participant -> the study's day 1 for them; absent where neither a start, a meal nor a closed day is known."""
+    first_meal = (
+        sa.select(sa.func.min(Meal.local_date))
+        .where(Meal.participant_id == Participant.id, Meal.deleted_at.is_(None))
+        .scalar_subquery()
+    )
+    first_closed = (
+        sa.select(sa.func.min(DiaryDay.local_date))
+        .where(DiaryDay.participant_id == Participant.id, DiaryDay.status == "closed")
+        .scalar_subquery()
+    )
+    query = sa.select(Participant.id, Participant.starts_on, first_meal, first_closed)
+    found: dict[uuid.UUID, date] = {}
+    for ids in _batches(participant_ids):
+        for participant_id, starts_on, meal, closed in session.execute(query.where(Participant.id.in_(ids))):
+            known = [day for day in (meal, closed) if day is not None]
+            if starts_on is not None or known:
+                found[participant_id] = starts_on or min(known)
+    return found
+
+
+def latest_day_of(session: Session, participant_id: uuid.UUID) -> date | None:
+    """The last day that has a meal or a word."""
+    keys = keys_of(DayFilter(participant_id=participant_id), None).subquery()
+    latest: date | None = session.execute(sa.select(sa.func.max(keys.c.local_date))).scalar_one()
+    return latest
+
+
+def lock_participant(session: Session, participant_id: uuid.UUID) -> Participant:
+    """The participant, locked until commit: words about their days come one after the other."""
+    return session.scalars(sa.select(Participant).where(Participant.id == participant_id).with_for_update()).one()
+
+
+def _batches(ids: Collection[uuid.UUID], size: int = 500) -> Iterator[list[uuid.UUID]]:
+    """So many at a time: a statement takes only so many parameters."""
+    every = sorted(set(ids))
+    yield from (every[start : start + size] for start in range(0, len(every), size))

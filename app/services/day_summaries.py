@@ -1,0 +1,103 @@
+"""Days for researchers: a row a participant-day, and mean intakes over closed days, open ones left out and counted."""
+
+import json
+import uuid
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from datetime import date
+
+from app.db.queries import days, intakes, people
+from app.db.queries.days import DayFilter
+from app.db.queries.intakes import IntakeRow
+from app.db.session import Database
+from app.errors import InvalidInputError, NotFoundError
+from app.nutrition.plausible_energy import Plausibility
+from app.services.access import require_study, visible_studies
+from app.services.caller import Caller, DeviceCaller
+from app.services.cursors import Page, decode_cursor, encode_cursor
+from app.services.study_days import StudyDay, judge_days, number_days
+
+STREAM_PAGE = 1000  # rows a query while streaming: each its own short transaction
+
+
+@dataclass(frozen=True, slots=True)
+class Intake:
+    """A participant's mean intake; silent_days: between their first and last day, without a meal or a word."""
+
+    row: IntakeRow
+    silent_days: int
+    plausibility: Plausibility
+
+
+def list_day_summaries(
+    database: Database, caller: Caller, chosen: DayFilter, *, cursor: str | None, limit: int
+) -> Page[StudyDay]:
+    """One page, by (local date, participant). Raises InvalidInputError for a cursor that is broken or of others."""
+    listed = "days " + json.dumps(asdict(chosen), default=str, sort_keys=True)
+    if isinstance(caller, DeviceCaller):
+        chosen = replace(chosen, participant_id=caller.participant_id)
+    else:
+        chosen = replace(chosen, study_ids=visible_studies(caller))
+    after = _key(decode_cursor(listed, cursor))
+    with database.read() as session:
+        rows = days.page_of_days(session, chosen, after=after, limit=limit + 1)
+        numbered = number_days(session, rows[:limit])
+    if len(rows) <= limit:
+        return Page(numbered, None)
+    last = rows[limit - 1]
+    return Page(numbered, encode_cursor(listed, f"{last.local_date.isoformat()} {last.participant_id.hex}"))
+
+
+def stream_day_summaries(database: Database, caller: Caller, chosen: DayFilter) -> Iterator[StudyDay]:
+    """All days, a page's query at a time; memory stays that of a page."""
+    cursor = None
+    while True:
+        page = list_day_summaries(database, caller, chosen, cursor=cursor, limit=STREAM_PAGE)
+        yield from page.rows
+        cursor = page.cursor
+        if cursor is None:
+            return
+
+
+def list_intakes(
+    database: Database,
+    caller: Caller,
+    study_code: str,
+    *,
+    first_day: date | None,
+    last_day: date | None,
+    cursor: str | None,
+    limit: int,
+) -> Page[Intake]:
+    """Mean daily intakes of a study's participants, by code. Raises NotFoundError, InvalidInputError."""
+    listed = f"intakes of {study_code} from {first_day} to {last_day}"
+    after = decode_cursor(listed, cursor)
+    with database.read() as session:
+        study = people.find_study(session, study_code)
+        if study is None:
+            raise NotFoundError("There is no such study.")
+        require_study(caller, study.id)
+        rows = intakes.page_of_intakes(
+            session, study.id, first_day=first_day, last_day=last_day, after=after, limit=limit + 1
+        )
+    found = [
+        Intake(
+            row,
+            (row.last_day - row.first_day).days + 1 - row.days,
+            judge_days(row.profile, row.last_day, row.whole_energy_kcal, row.whole_days),
+        )
+        for row in rows[:limit]
+    ]
+    return Page(found, encode_cursor(listed, rows[limit - 1].participant_code) if len(rows) > limit else None)
+
+
+def _key(text: str | None) -> tuple[date, uuid.UUID] | None:
+    if text is None:
+        return None
+    try:
+        day, participant = text.split(" ")
+        return date.fromisoformat(day), uuid.UUID(participant)
+    except ValueError:
+        raise InvalidInputError(
+            "The cursor is broken: follow `next` of the page before it.", code="cursor_invalid"
+        ) from None

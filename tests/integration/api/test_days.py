@@ -1,0 +1,210 @@
+"""Days and mean intakes for researchers: sums with known truth, open days left out, nothing invented."""
+
+import csv
+import io
+from datetime import timedelta
+
+import pytest
+
+from app.db.queries.days import AMOUNTS
+from tests.integration.eaten_days import add_meal, eaten_item, set_profile
+
+MAN = {"sex": "male", "birth_year": 1986, "weight_kg": 70.0}  # 40 years: 1676 kcal a day at rest (Schofield)
+
+
+def close(phone, *days, **body):
+    for day in days:
+        answer = phone.put(f"/v1/me/days/{day}", json={"status": "closed"} | body, headers={"If-Match": "*"})
+        assert answer.status_code == 200
+
+
+def rows_of(client, headers, **params):
+    return client.get("/v1/days", headers=headers, params=params).json()["items"]
+
+
+@pytest.fixture
+def eaten(phone, state):
+    """Four days: one summed from two meals, one with a volume that is not known, one with nothing, one left open."""
+    add_meal(
+        state,
+        "P001",
+        "2026-11-01",
+        eaten_item(100.0, energy_kcal=50.0, protein_g=2.0, fat_g=1.0),
+        eaten_item(300.0, energy_kcal=150.0, protein_g=None, fat_g=2.5, provisional=True),
+        eaten_item(500.0, energy_kcal=900.0, status="rejected"),
+    )
+    add_meal(state, "P001", "2026-11-01", eaten_item(100.0, energy_kcal=-4.0, protein_g=0.5, fat_g=0.0), hour=18)
+    add_meal(state, "P001", "2026-11-02", eaten_item(None, status="needs_review"), eaten_item(10.0, energy_kcal=300.0))
+    add_meal(state, "P001", "2026-11-05", eaten_item(100.0, energy_kcal=5000.0))
+    close(phone, "2026-11-01", "2026-11-02")
+    close(phone, "2026-11-03", ate_nothing=True)
+    return phone
+
+
+@pytest.mark.usefixtures("eaten")
+def test_sums_have_their_coverage_and_what_is_not_known_is_null(client, admin):
+    summed, unmeasured, nothing, left_open = rows_of(client, admin)
+    assert (summed["meals"], summed["items"], summed["provisional_items"]) == (2, 3, 1)
+    assert (summed["consumed_g"], summed["energy_kcal"], summed["fat_g"]) == (500.0, 196.0, 3.5)
+    assert (summed["protein_g"], summed["protein_g_coverage"]) == (2.5, pytest.approx(0.4))
+    assert (summed["energy_kcal_coverage"], summed["fat_g_coverage"]) == (1.0, 1.0)
+    assert (summed["vitamin_c_mg"], summed["vitamin_c_mg_coverage"]) == (None, 0.0)
+    assert (unmeasured["unmeasured_items"], unmeasured["energy_kcal"], unmeasured["energy_kcal_coverage"]) == (
+        1,
+        300.0,
+        None,
+    )
+    assert (nothing["day_status"], nothing["ate_nothing"], nothing["meals"], nothing["study_day"]) == (
+        "closed",
+        True,
+        0,
+        3,
+    )
+    assert [nothing[name] for name in AMOUNTS] == [0.0] * len(AMOUNTS)
+    assert [nothing[f"{name}_coverage"] for name in AMOUNTS] == [1.0] * len(AMOUNTS)
+    assert (left_open["day_status"], left_open["study_day"], left_open["energy_kcal"]) == ("open", 5, 5000.0)
+
+
+def test_closed_day_without_a_meal_is_not_a_day_of_nothing(phone, client, admin):
+    close(phone, "2026-11-01")
+    day = rows_of(client, admin)[0]
+    assert (day["day_status"], day["ate_nothing"], day["energy_kcal"], day["consumed_g"]) == (
+        "closed",
+        False,
+        None,
+        None,
+    )
+
+
+@pytest.mark.parametrize(("minutes", "median"), [([5], 5), ([1, 5, 600], 5), ([5, 1, 9, 600], 7)])
+def test_upload_delay_is_the_meals_median(phone, state, client, admin, minutes, median):
+    for delay in minutes:
+        add_meal(state, "P001", "2026-11-01", delay=timedelta(minutes=delay))
+    found = rows_of(client, admin)[0]["median_upload_delay_seconds"]
+    assert found == pytest.approx(60 * median, abs=0.01)
+
+
+def test_pages_lead_through_all_days_of_all_participants(enrol, state, client, admin):
+    for code in ("P001", "P002", "P003"):
+        enrol(code)
+        for day in (3, 1, 2):
+            add_meal(state, code, f"2026-11-0{day}", eaten_item(energy_kcal=10.0))
+    seen, path = [], "/v1/days?limit=2&from=2026-11-01"
+    while path:
+        page = client.get(path, headers=admin).json()
+        assert len(page["items"]) <= 2
+        seen += [(row["local_date"], row["participant"]) for row in page["items"]]
+        path = page["next"]
+    assert len(seen) == len(set(seen)) == 9
+    assert [day for day, _ in seen] == sorted(day for day, _ in seen)
+    text = client.get("/v1/days?format=csv", headers=admin).text
+    assert len(list(csv.DictReader(io.StringIO(text)))) == 9
+
+
+def test_cursor_of_other_filters_and_broken_ones_are_refused(phone, state, client):
+    for day in (1, 2, 3):
+        add_meal(state, "P001", f"2026-11-0{day}")
+    following = phone.get("/v1/days", limit=1).json()["next"]
+    other = client.get(following + "&to=2026-11-02", headers=phone.headers)
+    assert (other.status_code, other.json()["code"]) == (422, "cursor_of_other_filters")
+    for broken in ("x", "e30", "W10", "é"):
+        assert phone.get("/v1/days", cursor=broken).json()["code"] == "cursor_invalid"
+    assert phone.get("/v1/days", **{"from": "2026-11-03", "to": "2026-11-01"}).json()["code"] == "days_reversed"
+
+
+@pytest.mark.parametrize(
+    ("filters", "count"),
+    [
+        ({}, 3),
+        ({"study": "one"}, 2),
+        ({"study": "none"}, 0),
+        ({"participant": "P001"}, 2),
+        ({"study": "two", "participant": "P002"}, 0),
+        ({"from": "2026-11-02"}, 1),
+        ({"to": "2026-11-01"}, 2),
+    ],
+)
+def test_filters_choose_days(enrol, state, client, admin, filters, count):
+    for study, code, day in (("one", "P001", 1), ("one", "P002", 1), ("two", "P001", 2)):
+        enrol(code, study)
+        add_meal(state, code, f"2026-11-0{day}", study=study)
+    assert len(rows_of(client, admin, **filters)) == count
+
+
+def test_phone_sees_its_own_days_only(enrol, state, client):
+    one, other = enrol("P001"), enrol("P002")
+    add_meal(state, "P001", "2026-11-01")
+    assert len(rows_of(client, one.headers)) == 1
+    assert rows_of(client, other.headers) == rows_of(client, other.headers, participant="P001") == []
+
+
+@pytest.mark.parametrize(
+    ("profile", "energy", "verdict"),
+    [
+        (MAN, 1000.0, "low"),
+        (MAN, 2500.0, "plausible"),
+        (MAN, 5000.0, "high"),
+        ({}, 2500.0, "unknown"),
+        (MAN, None, "unknown"),
+        (MAN | {"birth_year": 2016}, 2500.0, "unknown"),
+        (MAN | {"birth_year": 2030}, 2500.0, "unknown"),  # not born on that day
+    ],
+)
+def test_days_energy_is_flagged(phone, state, client, admin, profile, energy, verdict):
+    set_profile(state, **profile)
+    add_meal(state, "P001", "2026-11-01", eaten_item(energy_kcal=energy))
+    assert rows_of(client, admin)[0]["plausibility"] == "unknown"  # an open day may lack a meal
+    close(phone, "2026-11-01")
+    assert rows_of(client, admin)[0]["plausibility"] == verdict
+
+
+def intakes(client, admin, **params):
+    return client.get("/v1/studies/pilot/intakes", headers=admin, params=params).json()["items"]
+
+
+@pytest.mark.usefixtures("eaten")
+def test_mean_intake_is_over_closed_days_and_counts_the_open_ones(client, admin):
+    found = intakes(client, admin)[0]
+    assert (found["closed_days"], found["open_days"], found["silent_days"]) == (3, 1, 1)
+    energy, protein = found["components"]["energy_kcal"], found["components"]["protein_g"]
+    assert energy == {"mean": pytest.approx((196.0 + 300.0 + 0.0) / 3), "days": 3, "coverage": None}
+    assert protein == {"mean": pytest.approx((2.5 + 0.0) / 2), "days": 2, "coverage": None}
+    assert (found["unmeasured_items"], found["provisional_items"]) == (1, 1)
+    assert (found["plausibility"]["verdict"], found["plausibility"]["days"]) == ("unknown", 2)
+
+
+def test_intake_without_a_closed_day_is_null(phone, state, client, admin):
+    add_meal(state, "P001", "2026-11-01", eaten_item(energy_kcal=100.0))
+    found = intakes(client, admin)[0]
+    assert (found["closed_days"], found["open_days"]) == (0, 1)
+    assert found["components"]["energy_kcal"] == {"mean": None, "days": 0, "coverage": None}
+
+
+def test_mean_energy_of_whole_days_is_judged_with_the_limits_of_their_number(phone, state, client, admin):
+    set_profile(state, **MAN)
+    for day in range(1, 8):
+        add_meal(state, "P001", f"2026-11-0{day}", eaten_item(energy_kcal=1600.0))
+        close(phone, f"2026-11-0{day}")
+    judged = intakes(client, admin)[0]["plausibility"]
+    assert (judged["verdict"], judged["days"]) == ("low", 7)
+    assert (judged["ratio"], judged["low"]) == (
+        pytest.approx(1600 / 1676.14, rel=1e-4),
+        pytest.approx(1.053, abs=0.001),
+    )
+    assert rows_of(client, admin)[0]["plausibility"] == "plausible"  # one day alone tells less
+
+
+def test_intakes_page_by_participant_and_filter_by_day(enrol, state, client, admin):
+    for code in ("P003", "P001", "P002"):
+        phone = enrol(code)
+        add_meal(state, code, "2026-11-01", eaten_item(energy_kcal=100.0))
+        add_meal(state, code, "2026-11-02", eaten_item(energy_kcal=300.0))
+        close(phone, "2026-11-01", "2026-11-02")
+    seen, path = [], "/v1/studies/pilot/intakes?limit=2"
+    while path:
+        page = client.get(path, headers=admin).json()
+        seen += [(row["participant"], row["components"]["energy_kcal"]["mean"]) for row in page["items"]]
+        path = page["next"]
+    assert seen == [("P001", 200.0), ("P002", 200.0), ("P003", 200.0)]
+    assert intakes(client, admin, to="2026-11-01")[0]["components"]["energy_kcal"]["mean"] == 100.0
+    assert client.get("/v1/studies/none/intakes", headers=admin).status_code == 404
