@@ -2,11 +2,11 @@
 
 import uuid
 from typing import Annotated, Literal
-from urllib.parse import urlencode
 
 from fastapi import APIRouter, Path, Query, Request, Response
 
 from app.api.deps import CurrentStaff, State
+from app.api.paging import Cursor, Limit, next_page
 from app.api.problems import problem_responses
 from app.api.schemas.webhooks import (
     DeliveryOut,
@@ -91,17 +91,13 @@ def get_deliveries(
     state: State,
     owner: CurrentStaff,
     only: Annotated[Literal["waiting", "delivered", "given_up"] | None, Query(alias="state")] = None,
-    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
-    cursor: Annotated[str | None, Query(max_length=300, description="From the page before: follow `next`.")] = None,
+    limit: Limit = 100,
+    cursor: Cursor = None,
 ) -> DeliveryPage:
     """The log, the newest first. Deliveries that ended stay for 30 days."""
     page = _use_case(state).list_deliveries(owner, study, webhook, state=only, cursor=cursor, limit=limit)
-    following = None
-    if page.cursor is not None:
-        others = [(key, value) for key, value in request.query_params.multi_items() if key != "cursor"]
-        following = f"{request.url.path}?{urlencode([*others, ('cursor', page.cursor)])}"
     items = [DeliveryOut.model_validate(row, from_attributes=True) for row in page.rows]
-    return DeliveryPage(items=items, next=following)
+    return DeliveryPage(items=items, next=next_page(request, page.cursor))
 
 
 @router.post(

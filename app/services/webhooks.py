@@ -1,8 +1,5 @@
 """A study's webhooks: made, changed, disabled, given new secrets and tested; their log read and replayed."""
 
-import base64
-import binascii
-import json
 import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,10 +13,11 @@ from app.db.models.webhook import PING
 from app.db.queries import people
 from app.db.queries import webhooks as sql
 from app.db.session import Database
-from app.errors import ConflictError, InvalidInputError, NotFoundError
+from app.errors import ConflictError, NotFoundError
 from app.services import audit
 from app.services.access import require_study
 from app.services.caller import StaffCaller
+from app.services.cursors import Page, broken_cursor, decode_cursor, encode_cursor
 from app.services.safe_address import parse_target, resolve_safely
 from app.services.secret_box import SecretBox, SecretKeyError
 from app.services.webhook_signature import SigningSecrets, new_secret, open_secrets, seal_secrets
@@ -36,14 +34,6 @@ class IssuedSecret:
     webhook: Webhook
     secret: str
     previous_until: datetime | None
-
-
-@dataclass(frozen=True, slots=True)
-class DeliveryPage:
-    """Deliveries, the newest first, and the cursor of those behind them or None."""
-
-    rows: list[WebhookDelivery]
-    cursor: str | None
 
 
 class Webhooks:
@@ -142,15 +132,17 @@ class Webhooks:
         state: str | None,
         cursor: str | None,
         limit: int,
-    ) -> DeliveryPage:
-        """The log, a page. Raises InvalidInputError for a cursor that is broken or of another list."""
-        before = _decode(cursor, webhook_id, state) if cursor else None
+    ) -> Page[WebhookDelivery]:
+        """The log, the newest first. Raises InvalidInputError for a cursor that is broken or of another list."""
+        listed = f"deliveries {webhook_id.hex} {state}"
+        key = decode_cursor(listed, cursor)
+        before = _parsed(key) if key is not None else None
         with self._database.read() as session:
             hook = _webhook(session, caller, study_code, webhook_id)
             rows = sql.page_of_deliveries(session, hook.id, state=state, before=before, limit=limit + 1)
         if len(rows) <= limit:
-            return DeliveryPage(rows, None)
-        return DeliveryPage(rows[:limit], _encode(rows[limit - 1], webhook_id, state))
+            return Page(rows, None)
+        return Page(rows[:limit], encode_cursor(listed, _key(rows[limit - 1])))
 
     def replay(
         self, caller: StaffCaller, study_code: str, webhook_id: uuid.UUID, delivery_id: uuid.UUID
@@ -234,21 +226,13 @@ def _require_room(session: Session, study: Study) -> None:
         )
 
 
-def _encode(last: WebhookDelivery, webhook_id: uuid.UUID, state: str | None) -> str:
-    value = [last.created_at.isoformat(), last.id.hex, webhook_id.hex, state]
-    return base64.urlsafe_b64encode(json.dumps(value).encode()).decode().rstrip("=")
+def _key(last: WebhookDelivery) -> str:
+    return f"{last.created_at.isoformat()} {last.id.hex}"
 
 
-def _decode(cursor: str, webhook_id: uuid.UUID, state: str | None) -> tuple[datetime, uuid.UUID]:
+def _parsed(key: str) -> tuple[datetime, uuid.UUID]:
+    created_at, _, delivery_id = key.partition(" ")
     try:
-        created_at, delivery_id, *filters = json.loads(base64.urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)))
-        before = datetime.fromisoformat(created_at).astimezone(UTC), uuid.UUID(delivery_id)
-    except (ValueError, TypeError, AttributeError, binascii.Error, OverflowError):
-        raise InvalidInputError(
-            "The cursor is broken: follow `next` of the page before it.", code="cursor_invalid"
-        ) from None
-    if filters != [webhook_id.hex, state]:
-        raise InvalidInputError(
-            "The cursor belongs to other filters: start again without it.", code="cursor_of_other_filters"
-        )
-    return before
+        return datetime.fromisoformat(created_at).astimezone(UTC), uuid.UUID(delivery_id)
+    except (ValueError, OverflowError):
+        raise broken_cursor() from None

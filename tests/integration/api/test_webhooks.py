@@ -1,0 +1,359 @@
+"""Webhooks over HTTP, from making one to a delivery that a receiver verifies."""
+
+import hashlib
+import json
+import re
+import uuid
+from datetime import UTC, datetime
+
+import pytest
+import sqlalchemy as sa
+from fastapi.testclient import TestClient
+
+from app.db.models import AuditEvent, Job, Meal, Participant, Webhook, WebhookDelivery
+from app.db.models.webhook import ALL_EVENTS, EVENTS
+from app.db.queries import jobs
+from app.errors import Failure
+from app.main import create_app
+from app.services import announce, safe_address
+from app.services.chores import worker_chores
+from app.services.deliver_webhooks import DeliverWebhooks
+from app.services.webhook_post import WebhookPost
+from app.services.webhook_signature import open_secrets
+from tests.photographs import photograph
+from tests.receivers import receiver
+
+PATIENCE_SECONDS = 30.0
+SECRET = re.compile(r"whsec_[A-Za-z0-9+/]{43}=")
+
+
+@pytest.fixture
+def client(settings):
+    settings = settings.model_copy(update={"webhook_allow_loopback": True})
+    with TestClient(create_app(settings), raise_server_exceptions=False) as client:
+        yield client
+
+
+@pytest.fixture
+def names(monkeypatch):
+    """Name -> addresses; others do not resolve, and an address is its own."""
+    known = {"hooks.example.org": ["8.8.8.8"], "inside.example.org": ["8.8.8.8", "10.0.0.1"]}
+    monkeypatch.setattr(
+        safe_address, "system_resolver", lambda host, _: known.get(host, [host] if is_address(host) else [])
+    )
+    return known
+
+
+@pytest.fixture
+def owner(client, admin, names):
+    """The API of a study's webhooks as its owner uses it."""
+    client.post("/v1/studies", headers=admin, json={"code": "pilot", "name": "pilot", "marker": "plain:9x7:11"})
+
+    class Owner:
+        root = "/v1/studies/pilot/webhooks"
+
+        def call(self, method, path="", body=None):
+            return client.request(method, self.root + path, headers=admin, json=body)
+
+        def make(self, url="https://hooks.example.org/a", *events):
+            return self.call("POST", "", {"url": url, "events": list(events or ("*",))})
+
+        def made(self, *arguments):
+            answer = self.make(*arguments)
+            assert answer.status_code == 201, answer.text
+            return answer.json()["webhook"]["id"]
+
+    return Owner()
+
+
+def is_address(host):
+    return host[0].isdigit() or ":" in host
+
+
+def deliver(state):
+    chore = DeliverWebhooks(state.database, state.secrets, WebhookPost(allow_loopback=True))
+    started = chore.run()
+    assert chore.wait_until_idle(PATIENCE_SECONDS)
+    return started
+
+
+def audited(state):
+    with state.database.read() as session:
+        rows = session.scalars(sa.select(AuditEvent).where(AuditEvent.action.like("webhook.%")).order_by(AuditEvent.id))
+        return [row.action for row in rows]
+
+
+def test_webhook_is_made_and_shows_its_secret_once(owner, state):
+    answer = owner.make("https://hooks.example.org/a?b=c", "meal.failed", "meal.failed", "day.closed")
+    assert answer.status_code == 201
+    body = answer.json()
+    assert SECRET.fullmatch(body["secret"])
+    assert body["previous_until"] is None
+    assert body["webhook"]["events"] == ["day.closed", "meal.failed"]
+    assert answer.headers["Cache-Control"] == "no-store"
+    path = answer.headers["Location"].removeprefix(owner.root)
+    for later in (owner.call("GET", path), owner.call("GET"), owner.call("GET", f"{path}/deliveries")):
+        assert later.status_code == 200
+        assert body["secret"] not in later.text
+        assert "secret" not in later.text
+    assert owner.call("GET").json()["items"] == [body["webhook"]] == [owner.call("GET", path).json()]
+    assert audited(state) == ["webhook.create"]
+
+
+def test_each_event_is_known_to_the_api():
+    from app.api.schemas.webhooks import EventName
+
+    assert set(EventName.__args__) == {ALL_EVENTS, *EVENTS}
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "http://hooks.example.org/",
+        "https://10.0.0.1/",
+        "https://169.254.169.254/latest/meta-data",
+        "https://[::1]/",
+        "https://2130706433/",
+        "https://user:password@hooks.example.org/",
+        "https://inside.example.org/",
+        "https://nowhere.example.org/",
+        "https://hooks.example.org:25/",
+        "file:///etc/passwd",
+    ],
+)
+def test_address_that_is_not_safe_is_refused_when_made_and_when_changed(owner, url):
+    path = f"/{owner.made()}"
+    for answer in (owner.make(url), owner.call("PATCH", path, {"url": url})):
+        assert (answer.status_code, answer.json()["code"]) == (422, "webhook_address_refused")
+        assert "10.0.0.1" not in answer.json()["detail"]
+    assert owner.call("GET", path).json()["url"] == "https://hooks.example.org/a"
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {},
+        {"url": "https://hooks.example.org/"},
+        {"url": "https://hooks.example.org/", "events": []},
+        {"url": "https://hooks.example.org/", "events": ["meal.eaten"]},
+        {"url": "https://hooks.example.org/", "events": ["ping"]},
+        {"url": "https://hooks.example.org/", "events": ["*"] * 21},
+        {"url": "https://hooks.example.org/", "events": ["*"], "secret": "whsec_mine"},
+        {"url": "https://hooks.example.org/\0", "events": ["*"]},
+        {"url": "https://hooks.example.org/" + "a" * 500, "events": ["*"]},
+    ],
+)
+def test_bad_body_is_refused(owner, body):
+    answer = owner.call("POST", "", body)
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input")
+
+
+def test_eleventh_webhook_is_refused_until_one_is_disabled(owner):
+    made = [owner.made() for _ in range(10)]
+    assert owner.make().json()["code"] == "webhooks_too_many"
+    assert owner.call("DELETE", f"/{made[0]}").status_code == 204
+    assert owner.make().status_code == 201
+    assert owner.call("PATCH", f"/{made[0]}", {"is_enabled": True}).json()["code"] == "webhooks_too_many"
+
+
+def test_change_keeps_what_is_left_out_and_is_noted_once(owner, state):
+    path = f"/{owner.made()}"
+    assert owner.call("PATCH", path, {"events": ["meal.failed"]}).json()["events"] == ["meal.failed"]
+    assert owner.call("PATCH", path, {"events": ["meal.failed"]}).status_code == 200
+    disabled = owner.call("PATCH", path, {"is_enabled": False}).json()
+    assert disabled["disabled_at"] is not None
+    assert (disabled["url"], disabled["events"]) == ("https://hooks.example.org/a", ["meal.failed"])
+    assert owner.call("PATCH", path, {"is_enabled": True}).json()["disabled_at"] is None
+    assert owner.call("PATCH", path, {}).status_code == 422
+    assert audited(state) == ["webhook.create", *["webhook.change"] * 3]
+
+
+def test_disabled_webhook_is_told_nothing_and_sends_no_test(owner, state):
+    path = f"/{owner.made()}"
+    owner.call("POST", f"{path}/test")
+    assert [owner.call("DELETE", path).status_code for _ in range(2)] == [204, 204]
+    assert owner.call("POST", f"{path}/test").json()["code"] == "webhook_disabled"
+    assert deliver(state) == 0
+    (tidy,) = [
+        chore
+        for chore in worker_chores(state.database, state.blobs, state.secrets, state.settings)
+        if chore.name == "tidy_webhooks"
+    ]
+    tidy.run()
+    (row,) = owner.call("GET", f"{path}/deliveries").json()["items"]
+    assert (row["event"], row["state"]) == ("ping", "given_up")
+    assert audited(state) == ["webhook.create", "webhook.test", "webhook.disable"]
+
+
+def test_ping_is_delivered_logged_and_replayed_as_it_was(owner, state):
+    with receiver() as there:
+        path = f"/{owner.made(there.url, 'meal.failed')}"
+        ping = owner.call("POST", f"{path}/test")
+        assert ping.status_code == 202
+        assert deliver(state) == 1
+        (row,) = owner.call("GET", f"{path}/deliveries").json()["items"]
+        assert (row["id"], row["state"], row["last_status"]) == (ping.json()["id"], "delivered", 204)
+        again = owner.call("POST", f"{path}/deliveries/{row['id']}/replay")
+        assert again.status_code == 202
+        assert deliver(state) == 1
+    first, second = there.received
+    assert first.body == second.body
+    assert json.loads(first.body)["type"] == "ping"
+    assert (first.headers["Webhook-Id"], second.headers["Webhook-Id"]) == (row["id"], again.json()["id"])
+    assert row["id"] != again.json()["id"]
+
+
+def test_rotated_secret_is_shown_once_and_the_old_one_signs_along(owner, state):
+    answer = owner.make().json()
+    path = f"/{answer['webhook']['id']}"
+    fresh = owner.call("POST", f"{path}/secret").json()
+    assert SECRET.fullmatch(fresh["secret"])
+    assert fresh["secret"] != answer["secret"]
+    with state.database.read() as session:
+        known = open_secrets(state.secrets, session.scalars(sa.select(Webhook)).one().secret_sealed)
+    assert (known.current, known.previous) == (fresh["secret"], answer["secret"])
+    assert datetime.fromisoformat(fresh["previous_until"]) == known.previous_until
+
+
+def test_secret_that_the_key_does_not_open_can_be_replaced(owner, state):
+    path = f"/{owner.made()}"
+    with state.database.write() as session:
+        session.scalars(sa.select(Webhook)).one().secret_sealed = "gAAAAAB-sealed-under-another-key"
+    fresh = owner.call("POST", f"{path}/secret")
+    assert fresh.status_code == 200
+    assert fresh.json()["previous_until"] is None
+
+
+def test_log_pages_through_all_and_filters_by_state(owner, state):
+    hook = owner.made()
+    made = {owner.call("POST", f"/{hook}/test").json()["id"] for _ in range(5)}
+    with state.database.write() as session:  # two of the same instant
+        for row in session.scalars(sa.select(WebhookDelivery).limit(2)):
+            row.created_at, row.state = datetime(2026, 11, 20, tzinfo=UTC), "given_up"
+    seen, path = [], f"/{hook}/deliveries?limit=2"
+    while path is not None:
+        page = owner.call("GET", path).json()
+        assert len(page["items"]) <= 2
+        seen += [(row["created_at"], row["id"]) for row in page["items"]]
+        path = page["next"].removeprefix(owner.root) if page["next"] else None
+    assert {row_id for _, row_id in seen} == made
+    assert len(seen) == 5
+    assert seen == sorted(seen, reverse=True)
+    assert len(owner.call("GET", f"/{hook}/deliveries?state=given_up").json()["items"]) == 2
+    cursor = owner.call("GET", f"/{hook}/deliveries?limit=2").json()["next"].split("cursor=")[1]
+    other = owner.made()
+    codes = [
+        owner.call("GET", f"/{hook}/deliveries?cursor=abc").json()["code"],
+        owner.call("GET", f"/{hook}/deliveries?state=waiting&cursor={cursor}").json()["code"],
+        owner.call("GET", f"/{other}/deliveries?cursor={cursor}").json()["code"],
+    ]
+    assert codes == ["cursor_invalid", "cursor_of_other_filters", "cursor_of_other_filters"]
+
+
+def test_webhook_of_another_study_does_not_exist(client, admin, owner):
+    hook = owner.made()
+    delivery = owner.call("POST", f"/{hook}/test").json()["id"]
+    client.post("/v1/studies", headers=admin, json={"code": "other", "name": "other", "marker": "plain:9x7:11"})
+    other_hook = client.post(
+        "/v1/studies/other/webhooks", headers=admin, json={"url": "https://hooks.example.org/", "events": ["*"]}
+    ).json()["webhook"]["id"]
+    calls = [
+        ("GET", f"other/webhooks/{hook}", None),
+        ("PATCH", f"other/webhooks/{hook}", {"is_enabled": False}),
+        ("DELETE", f"other/webhooks/{hook}", None),
+        ("POST", f"other/webhooks/{hook}/secret", None),
+        ("POST", f"other/webhooks/{hook}/test", None),
+        ("GET", f"other/webhooks/{hook}/deliveries", None),
+        ("POST", f"other/webhooks/{hook}/deliveries/{delivery}/replay", None),
+        ("POST", f"other/webhooks/{other_hook}/deliveries/{delivery}/replay", None),
+        ("GET", f"none/webhooks/{hook}", None),
+        ("GET", f"pilot/webhooks/{uuid.uuid4()}", None),
+    ]
+    for method, path, body in calls:
+        answer = client.request(method, f"/v1/studies/{path}", headers=admin, json=body)
+        assert answer.status_code == 404, path
+    assert owner.call("GET", f"/{hook}").json()["disabled_at"] is None
+
+
+def test_phone_may_not_touch_webhooks(owner, phone):
+    assert phone.get(owner.root).status_code == 403
+    assert phone.client.post(owner.root, headers=phone.headers, json={}).status_code == 403
+
+
+def test_meal_is_announced_when_it_is_complete_and_when_it_fails(owner, phone, state):
+    path = f"/{owner.made()}"
+    meal_id = str(uuid.uuid4())
+    answer = phone.post({"left": photograph(1), "right": photograph(2)}, id=meal_id)
+    assert answer.status_code == 202, answer.text
+    assert phone.post({"left": photograph(1), "right": photograph(2)}, id=meal_id).status_code == 200  # again
+    with state.database.write() as session:
+        job = session.scalars(sa.select(Job)).one()
+        jobs.fail_job(
+            job, session.get_one(Meal, job.meal_id), Failure("marker_not_found", "SECRET WORDS"), datetime.now(UTC)
+        )
+    failed, received = owner.call("GET", f"{path}/deliveries").json()["items"]
+    assert received["payload"]["data"] == {
+        "study": "pilot",
+        "participant": "P001",
+        "meal_id": meal_id,
+        "status": "queued",
+        "version": received["payload"]["data"]["version"],
+        "local_date": "2026-11-20",
+        "failure_code": None,
+    }
+    assert (received["event"], failed["event"]) == ("meal.received", "meal.failed")
+    assert failed["payload"]["data"]["failure_code"] == "marker_not_found"
+    assert failed["payload"]["data"]["version"] == phone.get(f"/v1/meals/{meal_id}").json()["version"]
+    assert failed["payload"]["data"]["version"] > received["payload"]["data"]["version"]
+    assert "SECRET WORDS" not in json.dumps(failed)
+    with state.database.read() as session:
+        assert {row.meal_id for row in session.scalars(sa.select(WebhookDelivery))} == {job.meal_id}
+        assert None not in {row.participant_id for row in session.scalars(sa.select(WebhookDelivery))}
+
+
+def test_meal_that_is_told_part_by_part_is_received_with_its_last_part(owner, phone):
+    path = f"/{owner.made()}"
+    meal_id = str(uuid.uuid4())
+    body = {"captured_at": "2026-11-20T12:30:00+08:00", "time_zone": "Asia/Shanghai"}
+    phone.put(f"/v1/meals/{meal_id}", json=body)
+    for number, slot in enumerate(("left", "right"), 1):
+        assert owner.call("GET", f"{path}/deliveries").json()["items"] == []
+        phone.put(
+            f"/v1/meals/{meal_id}/images/{slot}", content=photograph(number), headers={"Content-Type": "image/jpeg"}
+        )
+    assert [row["event"] for row in owner.call("GET", f"{path}/deliveries").json()["items"]] == ["meal.received"]
+
+
+def test_deleted_meal_is_named_by_digest_only(owner, phone, state):
+    path = f"/{owner.made()}"
+    meal_id = str(uuid.uuid4())
+    phone.post({"left": photograph(1), "right": photograph(2)}, id=meal_id)
+    with state.database.write() as session:
+        announce.meal_deleted(session, session.scalars(sa.select(Meal)).one())
+    deleted = owner.call("GET", f"{path}/deliveries").json()["items"][0]
+    assert deleted["event"] == "meal.deleted"
+    assert meal_id not in json.dumps(deleted)
+    assert deleted["payload"]["data"]["meal_sha256"] == hashlib.sha256(meal_id.encode()).hexdigest()
+
+
+def test_redelivery_of_a_notice_that_was_forgotten_is_refused(owner, phone, state):
+    with receiver() as there:
+        path = f"/{owner.made(there.url)}"
+        with state.database.write() as session:
+            announce.participant_withdrawn(session, session.scalars(sa.select(Participant)).one(), "keep")
+        deliver(state)
+        (row,) = owner.call("GET", f"{path}/deliveries").json()["items"]
+        assert "data" not in row["payload"]
+        again = owner.call("POST", f"{path}/deliveries/{row['id']}/replay")
+    assert (again.status_code, again.json()["code"]) == (409, "webhook_payload_removed")
+
+
+def test_secret_stands_in_no_log(owner, state, capsys):
+    with receiver(answer=500) as there:
+        made = owner.make(there.url).json()
+        owner.call("POST", f"/{made['webhook']['id']}/test")
+        deliver(state)
+        fresh = owner.call("POST", f"/{made['webhook']['id']}/secret").json()
+    told = "".join(capsys.readouterr())
+    for secret in (made["secret"], fresh["secret"]):
+        assert secret.removeprefix("whsec_") not in told
