@@ -55,6 +55,7 @@ class Settings(BaseSettings):
     estimate_memory_bytes: int = Field(default=3072 * MEBIBYTE, gt=0, description="Address space of its process.")
     worker_concurrency: int = Field(default=1, ge=1, description="Estimates at the same time in one worker.")
 
+    api_children: int = Field(default=1, ge=1, description="Processes of one server that decode photographs at once.")
     enrolment_attempts_per_minute: int = Field(default=20, ge=1, description="Tries a minute and address, enrolment.")
     sign_in_attempts_per_minute: int = Field(
         default=10, ge=1, description="Tries a minute and address, and a minute and name, sign-in."

@@ -98,7 +98,14 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("PUT", "/v1/meals/{meal_id}/images/{slot}"): DEVICE,
     ("GET", "/v1/meals/{meal_id}"): VIEWER_OR_DEVICE,
     ("GET", "/v1/meals/{meal_id}/artefacts/{name}"): VIEWER_OR_DEVICE,
+    ("GET", "/v1/meals/{meal_id}/images/{slot}"): VIEWER_OR_DEVICE,
     ("GET", "/v1/records"): VIEWER_OR_DEVICE,
+    # before a meal: checks and the phone's camera
+    ("POST", "/v1/checks"): DEVICE,
+    ("POST", "/v1/calibrations"): DEVICE,
+    ("GET", "/v1/calibrations"): DEVICE,
+    ("POST", "/v1/calibrations/{calibration_id}/withdrawal"): OWNER_OR_DEVICE,
+    ("GET", "/v1/studies/{study}/calibrations"): VIEWER,
     # days and feedback
     ("GET", "/v1/me/days"): DEVICE,
     ("PUT", "/v1/me/days/{day}"): DEVICE,

@@ -10,7 +10,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from app.api.problems import render_problem
 from app.errors import InvalidInputError, TooLargeError
 
-UPLOADS = re.compile(r"^/v1/meals(/[^/]+(/images/[^/]+)?)?$")  # they count for themselves, part by part
+# they count for themselves, part by part
+UPLOADS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+)?)?|checks|calibrations)$")
 LIMIT_BYTES = 256 * 1024
 
 

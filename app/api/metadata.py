@@ -4,7 +4,7 @@ import uuid
 from datetime import UTC, datetime
 from typing import TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from starlette.requests import Request
 
 from app.api.schemas.meals import MealMetadataIn, NewMealMetadataIn
@@ -13,7 +13,7 @@ from app.services.meal_time import meal_time
 from app.services.submit_meal import MealMetadata
 from app.vision.marker import parse_marker
 
-Model = TypeVar("Model", bound=MealMetadataIn)
+Model = TypeVar("Model", bound=BaseModel)
 
 
 async def read_limited(request: Request, limit_bytes: int) -> bytes:
@@ -32,13 +32,13 @@ async def read_limited(request: Request, limit_bytes: int) -> bytes:
 
 def parse_new_meal(body: bytes) -> MealMetadata:
     """The metadata part of POST /v1/meals."""
-    checked = _validated(NewMealMetadataIn, body)
+    checked = validated(NewMealMetadataIn, body)
     return to_metadata(checked.id, checked)
 
 
 def parse_metadata(client_id: uuid.UUID, body: bytes) -> MealMetadata:
     """The body of PUT /v1/meals/{id}."""
-    return to_metadata(client_id, _validated(MealMetadataIn, body))
+    return to_metadata(client_id, validated(MealMetadataIn, body))
 
 
 def to_metadata(client_id: uuid.UUID, checked: MealMetadataIn) -> MealMetadata:
@@ -56,7 +56,8 @@ def to_metadata(client_id: uuid.UUID, checked: MealMetadataIn) -> MealMetadata:
     )
 
 
-def _validated(model: type[Model], body: bytes) -> Model:
+def validated(model: type[Model], body: bytes) -> Model:
+    """A metadata part as its model. Raises MalformedRequestError, InvalidInputError with the places."""
     try:
         return model.model_validate_json(body)
     except ValidationError as error:

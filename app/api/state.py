@@ -7,6 +7,7 @@ import anyio
 from app.api.rate_limit import RateLimit
 from app.api.waiting import MealWaiter
 from app.db.session import Database
+from app.services.api_children import ApiChildren
 from app.services.erase import Eraser
 from app.services.last_use import LastUse
 from app.services.passwords import Passwords
@@ -28,6 +29,7 @@ class ApiState:
     upload_limiter: anyio.CapacityLimiter
     enrolment_limit: RateLimit
     secrets: SecretBox
+    children: ApiChildren
     eraser: Eraser
     sign_in_by_address: RateLimit
     sign_in_by_name: RateLimit

@@ -99,10 +99,19 @@ class _FileInTheMaking:
 
 @asynccontextmanager
 async def received_parts(
-    request: Request, slots: tuple[str, ...], staging: Path, limits: UploadLimits, limiter: anyio.CapacityLimiter
+    request: Request,
+    slots: tuple[str, ...],
+    staging: Path,
+    limits: UploadLimits,
+    limiter: anyio.CapacityLimiter,
+    *,
+    times: int = 1,
 ) -> AsyncIterator[ReceivedParts]:
-    """The parts of a multipart request; their files are gone at the end unless the service has moved them."""
-    reader = _MultipartReader(_boundary(request), slots, staging, limits)
+    """The parts of a multipart request; their files are gone at the end unless the service has moved them.
+
+    times: how often a slot may come; the second of `photo` is "photo 2" in the answer.
+    """
+    reader = _MultipartReader(_boundary(request), slots, staging, limits, times)
     try:
         async for chunk in request.stream():
             reader.feed(chunk)
@@ -133,7 +142,7 @@ async def received_body(
 def _boundary(request: Request) -> bytes:
     kind, options = parse_options_header(request.headers.get("content-type"))
     if kind != b"multipart/form-data":
-        raise UnsupportedMediaError("Send multipart/form-data with the parts metadata, left and right.")
+        raise UnsupportedMediaError("Send multipart/form-data with the parts that the API's documents name.")
     boundary = options.get(b"boundary", b"")
     if not boundary:
         raise MalformedRequestError("The content type names no multipart boundary.")
@@ -164,8 +173,11 @@ class _Part:
 class _MultipartReader:
     """Turns the parser's callbacks into files and the metadata's bytes."""
 
-    def __init__(self, boundary: bytes, slots: tuple[str, ...], staging: Path, limits: UploadLimits) -> None:
+    def __init__(
+        self, boundary: bytes, slots: tuple[str, ...], staging: Path, limits: UploadLimits, times: int
+    ) -> None:
         self._slots = slots
+        self._times = times
         self._staging = staging
         self._limits = limits
         self._part = _Part()
@@ -229,6 +241,8 @@ class _MultipartReader:
             raise MalformedRequestError(
                 f"There is no part {name[:60]!r}; the parts are {', '.join(known)}.", code="part_unknown"
             )
+        if name in self._slots:
+            name = self._numbered(name)
         if name in self._files or (name == METADATA and self._metadata is not None):
             raise MalformedRequestError(f"The part {name} comes twice.", code="part_repeated")
         self._part.name = name
@@ -239,6 +253,11 @@ class _MultipartReader:
             self._part.headers.get(b"content-type", b"application/octet-stream").decode("latin-1"), name
         )
         self._files[name] = _FileInTheMaking(self._staging, name, self._limits.photo_bytes)
+
+    def _numbered(self, name: str) -> str:
+        """The first name of this slot that is free, or the last that may be."""
+        names = [name, *(f"{name} {number}" for number in range(2, self._times + 1))]
+        return next((one for one in names if one not in self._files), names[-1])
 
     def _on_part_data(self, data: bytes, start: int, end: int) -> None:
         if self._part.name != METADATA:

@@ -77,13 +77,13 @@ class ChildStartError(Exception):
 
 
 class ChildPool:
-    """At most worker_concurrency children; `run` waits for a free one. tasks: "module:NAME", see child.py."""
+    """At most so many children, by default worker_concurrency; `run` waits for a free one. tasks: see child.py."""
 
-    def __init__(self, settings: Settings, tasks: str, *, uses: int = USES) -> None:
+    def __init__(self, settings: Settings, tasks: str, *, uses: int = USES, children: int | None = None) -> None:
         self._settings = settings
         self._tasks = tasks
         self._uses = uses
-        self._free = threading.BoundedSemaphore(settings.worker_concurrency)
+        self._free = threading.BoundedSemaphore(settings.worker_concurrency if children is None else children)
         self._lock = threading.Lock()
         self._warm: list[_Child] = []
         self._alive: set[_Child] = set()

@@ -2,17 +2,24 @@
 
 import hashlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
+
+import cv2
+import numpy as np
 
 from app.errors import Failure
-from app.services.estimate_json import estimate_to_json, failure_to_json, options_from_json
-from app.vision.model import EstimateOptions, MealEstimate, PhotoPair
-from app.vision.photo import read_photo
+from app.services.estimate_json import camera_to_json, estimate_to_json, failure_to_json, options_from_json
+from app.vision import precheck
+from app.vision.calibration import calibrate
+from app.vision.model import EstimateOptions, MealEstimate, Photo, PhotoPair
+from app.vision.photo import read_photo, read_reduced_photo
 from app.vision.pipeline import PIPELINE_VERSION, estimate_meal
 
 StageListener = Callable[[str], None]
+
+PICTURE_QUALITY = 85  # of JPEG: no artefacts to be seen at a screen's size
 
 
 def estimate_task(request: Mapping[str, Any], on_stage: StageListener) -> dict[str, Any]:
@@ -82,4 +89,112 @@ def _unread(failure: Failure, options: EstimateOptions, seconds: float) -> dict[
     return answer | {"failure": failure_to_json(failure)}
 
 
-TASKS: Mapping[str, Callable[[Mapping[str, Any], StageListener], dict[str, Any]]] = {"estimate": estimate_task}
+def check_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]:
+    """Judge a pair before it is sent.
+
+    request: left, right (paths), marker, camera (estimate_json) or null, max_pixels.
+    """
+    read = [
+        read_reduced_photo(
+            Path(request[side]).read_bytes(),
+            max_pixels=int(request["max_pixels"]),
+            least_long_side_px=precheck.LEAST_LONG_SIDE_PX,
+        )
+        for side in ("left", "right")
+    ]
+    options = options_from_json({"marker": request["marker"], "camera": request["camera"]})
+    found = precheck.check_pair(read[0], read[1], options.marker, options.camera)
+    return {
+        "ok": found.is_ok,
+        "problems": [{"code": one.code, "severity": one.severity, "side": one.side} for one in found.problems],
+        "measures": dict(found.measures),
+    }
+
+
+def calibrate_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]:
+    """A camera from photographs of a board. request: photos (paths), marker, max_pixels."""
+    photos = _PhotosOnDisk([Path(path) for path in request["photos"]], int(request["max_pixels"]))
+    try:
+        found = calibrate(photos, options_from_json({"marker": request["marker"]}).marker)
+    except _UnreadablePhotoError as error:
+        return {"failure": failure_to_json(error.failure), "photo": error.index}
+    if isinstance(found, Failure):
+        return {"failure": failure_to_json(found), "photo": None}
+    return {
+        "failure": None,
+        "camera": camera_to_json(found.camera),
+        "rms_px": found.rms_px,
+        "reach": found.reach,
+        "model": photos[0].model,
+        "used": list(found.used),
+        "left_out": [{"photo": one.index, **failure_to_json(one.failure)} for one in found.rejected],
+    }
+
+
+class _UnreadablePhotoError(Exception):
+    """index: of the photograph, from 0."""
+
+    def __init__(self, index: int, failure: Failure) -> None:
+        super().__init__(failure.message)
+        self.index = index
+        self.failure = failure
+
+
+class _PhotosOnDisk(Sequence[Photo]):
+    """Photographs that are decoded when asked for; the first and the last asked for are held, the others not."""
+
+    def __init__(self, paths: Sequence[Path], max_pixels: int) -> None:
+        self._paths = paths
+        self._max_pixels = max_pixels
+        self._held: dict[int, Photo] = {}
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    @overload
+    def __getitem__(self, index: int) -> Photo: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Photo]: ...
+
+    def __getitem__(self, index: int | slice) -> Photo | Sequence[Photo]:
+        if isinstance(index, slice):
+            return _PhotosOnDisk(self._paths[index], self._max_pixels)
+        path = self._paths[index]
+        if index not in self._held:
+            photo = read_photo(path.read_bytes(), max_pixels=self._max_pixels)
+            if isinstance(photo, Failure):
+                raise _UnreadablePhotoError(index, photo)
+            self._held = {place: one for place, one in self._held.items() if place == 0} | {index: photo}
+        return self._held[index]
+
+
+def picture_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]:
+    """A photograph as an upright JPEG without metadata.
+
+    request: photo, output (paths), width_px at most, max_pixels.
+    """
+    width_px = int(request["width_px"])
+    read = read_reduced_photo(
+        Path(request["photo"]).read_bytes(),
+        max_pixels=int(request["max_pixels"]),
+        least_long_side_px=2 * width_px,  # so that even the short side of most is at least as wide as the picture
+    )
+    if isinstance(read, Failure):
+        return {"failure": failure_to_json(read)}
+    pixels_bgr = read.photo.pixels_bgr
+    height, width = pixels_bgr.shape[:2]
+    if width > width_px:
+        size = (width_px, max(1, round(height * width_px / width)))
+        pixels_bgr = np.asarray(cv2.resize(pixels_bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
+    encoded = cv2.imencode(".jpg", pixels_bgr, [cv2.IMWRITE_JPEG_QUALITY, PICTURE_QUALITY])[1]
+    Path(request["output"]).write_bytes(encoded.tobytes())
+    return {"failure": None, "width": int(pixels_bgr.shape[1]), "height": int(pixels_bgr.shape[0])}
+
+
+TASKS: Mapping[str, Callable[[Mapping[str, Any], StageListener], dict[str, Any]]] = {
+    "estimate": estimate_task,
+    "check": check_task,
+    "calibrate": calibrate_task,
+    "picture": picture_task,
+}

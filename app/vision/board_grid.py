@@ -24,17 +24,20 @@ MAX_STRAY_SQUARES = 0.08  # of a square, from where the other corners expect one
 MIN_CORNERS_FOR_CUBIC = 5  # a side
 MAX_STRAY_SHARE = 0.35  # of the corners; above, it is the homography that is wrong
 Detector = Callable[[ImageArray, int, int], Float64Array | None]  # image, columns, rows -> (n, 2) px
+DetectionPlan = tuple[tuple[int, tuple[Detector, ...]], ...]  # long side, px; detectors to try there
 SQUARE_SAMPLES = np.stack(np.meshgrid(np.linspace(-0.22, 0.22, 5), np.linspace(-0.22, 0.22, 5)), -1).reshape(-1, 2)
 
 
-def find_grids(contrast: ImageArray, columns: int, rows: int) -> Iterator[Float64Array]:
+def find_grids(
+    contrast: ImageArray, columns: int, rows: int, plan: "DetectionPlan | None" = None
+) -> Iterator[Float64Array]:
     """Candidates for a grid of columns x rows inner corners, the quick and likely ones first; unrefined, unchecked.
 
-    contrast: (H, W). Yields (rows, columns, 2), px of contrast. Each detector now and then locks on a wrong grid that
-    its sister gets right, so that the caller checks and asks for the next.
+    contrast: (H, W). plan: DETECTION_PLAN unless given. Yields (rows, columns, 2), px of contrast. Each detector now
+    and then locks on a wrong grid that its sister gets right, so that the caller checks and asks for the next.
     """
     asked: set[tuple[float, Detector]] = set()  # a small photograph has the same size on several levels
-    for long_side, detectors in DETECTION_PLAN:
+    for long_side, detectors in DETECTION_PLAN if plan is None else plan:
         reduced, scale = _reduced(contrast, long_side)
         for detect in detectors:
             if (scale, detect) in asked:
@@ -45,9 +48,11 @@ def find_grids(contrast: ImageArray, columns: int, rows: int) -> Iterator[Float6
                 yield (corners.reshape(rows, columns, 2) + 0.5) / scale - 0.5
 
 
-def find_any_grids(contrast: ImageArray) -> Iterator[Float64Array]:
+def find_any_grids(
+    contrast: ImageArray, long_sides_px: tuple[int, ...] = ANY_GRID_LONG_SIDES_PX
+) -> Iterator[Float64Array]:
     """Candidates for grids of any size from 3 x 3 inner corners up, as find_grids does, but not at full size."""
-    for long_side in ANY_GRID_LONG_SIDES_PX:
+    for long_side in long_sides_px:
         reduced, scale = _reduced(contrast, long_side)
         for flags in (cv2.CALIB_CB_NORMALIZE_IMAGE, 0):
             found, corners, meta = cv2.findChessboardCornersSBWithMeta(reduced, (3, 3), flags | cv2.CALIB_CB_LARGER)
@@ -84,12 +89,15 @@ def _detect_by_quadrangles(image: ImageArray, columns: int, rows: int) -> Float6
 
 # Quick and blind to fine texture first. The quadrangles take a tenth of the sectors' time, and the sectors read what
 # they miss; on the larger images the slower detectors would take half a minute and find no more. 4600: all of 12 MP.
-DETECTION_PLAN: tuple[tuple[int, tuple[Detector, ...]], ...] = (
+DETECTION_PLAN: DetectionPlan = (
     (1000, (_detect_by_quadrangles, _detect_by_sectors)),
     (1400, (_detect_by_quadrangles, _detect_by_sectors, _detect_by_normalised_sectors)),
     (2400, (_detect_by_sectors, _detect_by_normalised_sectors)),
     (4600, (_detect_by_sectors,)),
 )
+# Where an answer is due at once: the sectors alone, whose time is the same whether there is a board or not.
+QUICK_DETECTION_PLAN: DetectionPlan = ((700, (_detect_by_sectors,)), (1000, (_detect_by_sectors,)))
+QUICK_ANY_GRID_LONG_SIDES_PX = (700,)
 
 
 def reduce_by(image: ImageArray, factor: int) -> ImageArray:

@@ -36,10 +36,14 @@ class RejectedPhoto:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """The camera, the rms distance of reprojected corners in px, and the indices of the photographs used."""
+    """The camera, the rms distance of reprojected corners in px, and the indices of the photographs used.
+
+    reach: how far from the middle corners were seen, in half diagonals of the picture; beyond, distortion is a guess.
+    """
 
     camera: Camera
     rms_px: float
+    reach: float
     used: tuple[int, ...]
     rejected: tuple[RejectedPhoto, ...]
 
@@ -78,7 +82,8 @@ def calibrate(photos: Sequence[Photo], spec: MarkerSpec) -> Calibration | Failur
                 RejectedPhoto(index, Failure("calibration_view_poor", message, "Glue the board to a flat plate."))
             )
         camera, rms_px, _ = _fit_intrinsics(list(found.values()), size)
-    return Calibration(camera, rms_px, tuple(found), tuple(sorted(rejected, key=lambda photo: photo.index)))
+    reach = _reach(camera, list(found.values()))
+    return Calibration(camera, rms_px, reach, tuple(found), tuple(sorted(rejected, key=lambda photo: photo.index)))
 
 
 def stereo_reprojection_rms_px(
@@ -137,6 +142,13 @@ def _tilt_spread_deg(rough: Camera, observations: Sequence[MarkerObservation]) -
     if len(normals) < MIN_VIEWS:
         return 0.0
     return float(np.degrees(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0))))
+
+
+def _reach(camera: Camera, observations: Sequence[MarkerObservation]) -> float:
+    """The farthest corner's distance from the picture's middle, in half diagonals."""
+    middle = np.array([camera.width - 1, camera.height - 1]) / 2
+    corners = np.concatenate([seen.corners_px for seen in observations])
+    return float(np.linalg.norm(corners - middle, axis=1).max() / np.linalg.norm(middle))
 
 
 def _other_size(first: Photo, other: Photo) -> Failure:

@@ -14,6 +14,10 @@ import numpy as np
 from app.errors import Failure, InvalidInputError
 from app.vision import colour_board
 from app.vision.board_grid import (
+    ANY_GRID_LONG_SIDES_PX,
+    DETECTION_PLAN,
+    QUICK_ANY_GRID_LONG_SIDES_PX,
+    QUICK_DETECTION_PLAN,
     alternating_share,
     find_any_grids,
     find_grids,
@@ -72,16 +76,19 @@ def parse_marker(text: str) -> MarkerSpec:
     return spec
 
 
-def find_marker(photo: Photo, spec: MarkerSpec, side: Side | None = None) -> MarkerObservation | Failure:
+def find_marker(
+    photo: Photo, spec: MarkerSpec, side: Side | None = None, *, is_quick: bool = False
+) -> MarkerObservation | Failure:
     """The announced board's inner corners, or why they cannot be had.
 
     Failures: marker_not_found, marker_mismatch, marker_covered, image_too_dark, image_blurred. side names the
-    photograph in messages.
+    photograph in messages. is_quick: look for boards of squares of some 7 px in 1000 only, in a tenth of a second.
     """
     where = f"in the {side} photograph" if side else "in the photograph"
-    contrast = _contrast_image(photo.pixels_bgr, spec.kind)
+    contrast = contrast_image(photo.pixels_bgr, spec.kind)
     mismatch: Failure | None = None
-    for grid in find_grids(contrast, spec.columns - 1, spec.rows - 1):
+    plan = QUICK_DETECTION_PLAN if is_quick else DETECTION_PLAN
+    for grid in find_grids(contrast, spec.columns - 1, spec.rows - 1, plan):
         if not is_checkerboard(contrast, grid):
             continue
         read = _read_grid(photo.pixels_bgr, contrast, grid, spec, where)
@@ -91,8 +98,9 @@ def find_marker(photo: Photo, spec: MarkerSpec, side: Side | None = None) -> Mar
             return read if unfit is None else unfit
         mismatch = read if mismatch is None else mismatch
     if mismatch is None:
-        return _explain_absence(photo.pixels_bgr, spec, where)
-    unfit = judge_photograph(_contrast_image(photo.pixels_bgr, "plain"), where)  # squares misread in the dark
+        sides = QUICK_ANY_GRID_LONG_SIDES_PX if is_quick else ANY_GRID_LONG_SIDES_PX
+        return _explain_absence(photo.pixels_bgr, spec, where, sides)
+    unfit = judge_photograph(contrast_image(photo.pixels_bgr, "plain"), where)  # squares misread in the dark
     return mismatch if unfit is None else unfit
 
 
@@ -190,7 +198,7 @@ def _correlation(a: Float64Array, b: Float64Array) -> float:
     return float(np.nan_to_num(np.corrcoef(a[both], b[both])[0, 1], nan=-1.0))
 
 
-def _contrast_image(pixels_bgr: ImageArray, kind: MarkerKind) -> ImageArray:
+def contrast_image(pixels_bgr: ImageArray, kind: MarkerKind) -> ImageArray:
     """(H, W): grey for a plain board; for the colour board the smallest channel, in which white alone is light."""
     if kind == "plain":
         return np.asarray(cv2.cvtColor(pixels_bgr, cv2.COLOR_BGR2GRAY), np.uint8)
@@ -277,14 +285,14 @@ def _edge_is_dark(means: Float64Array) -> bool:
     return max(share, opposite) >= 0.8
 
 
-def _explain_absence(pixels_bgr: ImageArray, spec: MarkerSpec, where: str) -> Failure:
+def _explain_absence(pixels_bgr: ImageArray, spec: MarkerSpec, where: str, long_sides_px: tuple[int, ...]) -> Failure:
     """Why the announced board was not found: dark, blurred, another board, a covered one, or none."""
-    grey = _contrast_image(pixels_bgr, "plain")
+    grey = contrast_image(pixels_bgr, "plain")
     unfit = judge_photograph(grey, where)
     if unfit is not None:
         return unfit
-    contrast = _contrast_image(pixels_bgr, "colour")  # white alone is light here for either kind of board
-    for grid in find_any_grids(contrast):
+    contrast = contrast_image(pixels_bgr, "colour")  # white alone is light here for either kind of board
+    for grid in find_any_grids(contrast, long_sides_px):
         if not is_checkerboard(contrast, grid):
             continue
         rows, columns = (n + 1 for n in grid.shape[:2])

@@ -16,6 +16,7 @@ DARK_LEVEL = 40.0  # of 255: paper that white is underexposed by four stops
 MAX_EDGE_WIDTH = 1 / 250  # of the long side: 16 px in a 12 MP photograph, where a sharp phone gives 2 to 4
 MAX_EDGE_WIDTH_SQUARES = 0.4  # of a square: beyond, the blurs of neighbouring edges mix and corners move
 MIN_EDGE_WIDTH_LIMIT_PX = 8.0  # every lens and demosaicing make edges of 3 to 5 px, in small photographs too
+CLIPPED_LEVEL = 252  # of 255: JPEG moves full white by a few levels
 MIN_EDGE_CONTRAST = 25.0  # grey levels across an edge for its width to be measured
 
 DARK_ADVICE = "Turn on a light or move the plate to a brighter place, then take both photographs again."
@@ -27,7 +28,7 @@ def judge_photograph(grey: ImageArray, where: str) -> Failure | None:
     if np.percentile(grey[::4, ::4], 98) < DARK_LEVEL:
         return Failure("image_too_dark", f"It is too dark {where} to see the marker.", DARK_ADVICE)
     width = sharpest_edge_width_px(grey)
-    if width > _edge_width_limit_px(grey):
+    if width > edge_width_limit_px(max(grey.shape)):
         return Failure(
             "image_blurred", f"Everything is blurred {where}: no edge is sharper than {width:.0f} px.", BLUR_ADVICE
         )
@@ -40,12 +41,9 @@ def judge_marker(contrast: ImageArray, grid: Float64Array, where: str) -> Failur
         return Failure(
             "image_too_dark", f"It is too dark {where}: the marker's white paper is almost black.", DARK_ADVICE
         )
-    rows, columns = grid.shape[:2]
-    corners = np.ascontiguousarray(grid.reshape(-1, 1, 2), np.float32)
-    sharpness: Any = cv2.estimateChessboardSharpness(contrast, (columns, rows), corners)
-    width = float(sharpness[0][0])
+    width = marker_edge_width_px(contrast, grid)
     diagonal = np.linalg.norm(grid[1:, 1:] - grid[:-1, :-1], axis=-1).mean() / np.sqrt(2.0)
-    if width > _edge_width_limit_px(contrast) or width > MAX_EDGE_WIDTH_SQUARES * diagonal:
+    if width > edge_width_limit_px(max(contrast.shape)) or width > MAX_EDGE_WIDTH_SQUARES * diagonal:
         return Failure(
             "image_blurred", f"The marker is blurred {where}: its edges are {width:.0f} px wide.", BLUR_ADVICE
         )
@@ -71,8 +69,26 @@ def sharpest_edge_width_px(grey: ImageArray) -> float:
     return float(np.percentile(contrast[edged] / np.maximum(steepest[edged], 1.0), 10))
 
 
-def _edge_width_limit_px(image: ImageArray) -> float:
-    return max(MIN_EDGE_WIDTH_LIMIT_PX, MAX_EDGE_WIDTH * float(max(image.shape)))
+def marker_edge_width_px(contrast: ImageArray, grid: Float64Array) -> float:
+    """Mean width of the edges between the marker's squares, px, from a tenth to nine tenths of the step.
+
+    contrast: (H, W). grid: (r, c, 2) inner corners, px.
+    """
+    rows, columns = grid.shape[:2]
+    corners = np.ascontiguousarray(grid.reshape(-1, 1, 2), np.float32)
+    sharpness: Any = cv2.estimateChessboardSharpness(contrast, (columns, rows), corners)
+    return float(sharpness[0][0])
+
+
+def edge_width_limit_px(long_side_px: float) -> float:
+    """The widest that edges may be in a photograph of this size, px."""
+    return max(MIN_EDGE_WIDTH_LIMIT_PX, MAX_EDGE_WIDTH * float(long_side_px))
+
+
+def clipped_share(pixels_bgr: ImageArray) -> float:
+    """Share of the photograph that is white to the limit of all three channels: nothing is to be seen there."""
+    thinned = pixels_bgr[::4, ::4]
+    return float(np.mean(thinned.min(axis=2) >= CLIPPED_LEVEL))
 
 
 def _blocks(image: Any, rows: int, columns: int, block: int) -> ImageArray:

@@ -1,0 +1,82 @@
+"""/v1/checks: a pair judged while the plate is still there."""
+
+from typing import Annotated, Any
+
+import anyio.to_thread
+from fastapi import APIRouter, Header, Request
+
+from app.api.deps import CurrentDevice, State
+from app.api.metadata import validated
+from app.api.problems import problem_responses
+from app.api.schemas.checks import CheckMetadataIn, CheckOut, CheckProblemOut
+from app.api.upload import UploadLimits, received_parts
+from app.db.models.meal import SLOTS
+from app.errors import MalformedRequestError
+from app.services.check_pair import CheckedPair, CheckRequest, check_pair
+
+router = APIRouter(prefix="/v1/checks", tags=["checks"])
+
+MULTIPART_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["left", "right"],
+                    "properties": {
+                        "metadata": {"$ref": "#/components/schemas/CheckMetadataIn"},
+                        "left": {"type": "string", "format": "binary", "description": "JPEG, PNG or HEIC"},
+                        "right": {"type": "string", "format": "binary", "description": "JPEG, PNG or HEIC"},
+                    },
+                },
+                "encoding": {"metadata": {"contentType": "application/json"}},
+            }
+        },
+    }
+}
+
+
+@router.post("", responses=problem_responses(400, 401, 403, 410, 413, 415, 422, 503), openapi_extra=MULTIPART_BODY)
+async def post_check(
+    request: Request,
+    state: State,
+    caller: CurrentDevice,
+    accept_language: Annotated[str | None, Header(max_length=500)] = None,
+) -> CheckOut:
+    """Judge a pair before it is sent: parts `left`, `right` and, if need be, `metadata`. Nothing is kept.
+
+    A pair without a problem that stops it may still fail later; one with such a problem may be sent all the same.
+    """
+    await anyio.to_thread.run_sync(state.submit_meal.require_room)
+    limits = UploadLimits(state.settings.max_photo_bytes, state.settings.max_metadata_bytes)
+    async with received_parts(request, SLOTS, state.blobs.staging_folder(), limits, state.upload_limiter) as parts:
+        missing = [slot for slot in SLOTS if slot not in parts.files]
+        if missing:
+            raise MalformedRequestError(
+                f"The request has no part {', '.join(missing)}.", code="part_missing", parts=missing
+            )
+        told = validated(CheckMetadataIn, parts.metadata) if parts.metadata is not None else CheckMetadataIn()
+        wanted = CheckRequest(
+            marker=told.marker,
+            camera=told.camera.model_dump(mode="json") if told.camera is not None else None,
+            locale=told.locale,
+            accept_language=accept_language,
+        )
+
+        def work() -> CheckedPair:
+            return check_pair(state.database, state.children, state.settings, caller, wanted, parts.files)
+
+        found = await anyio.to_thread.run_sync(work)
+    return CheckOut(
+        ok=found.is_ok,
+        problems=[
+            CheckProblemOut.model_validate(
+                {"code": one.code, "severity": one.severity, "side": one.side, "message": one.message}
+            )
+            for one in found.problems
+        ],
+        measures=dict(found.measures),
+        locale=found.locale,
+        seconds=found.seconds,
+    )

@@ -1,0 +1,63 @@
+"""Cameras of phones on the wire."""
+
+import uuid
+from datetime import datetime
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.api.schemas.meals import CameraIn
+from app.api.schemas.text import Text
+
+
+class CalibrationMetadataIn(BaseModel):
+    """Beside the photographs; all of it may be left out."""
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"marker": "plain:9x7:11"}})
+
+    marker: Text | None = Field(default=None, max_length=64, description="KIND:COLSxROWS:MM; default: the study's.")
+
+
+class LeftOutOut(BaseModel):
+    """A photograph that was not used."""
+
+    photograph: int = Field(description="From 1, as sent.")
+    code: str
+    message: str
+
+
+class CalibrationOut(BaseModel):
+    """A camera as it was measured. The newest that is not withdrawn holds for the phone's meals."""
+
+    id: uuid.UUID
+    model: str | None = Field(description="The phone's, as the photographs or its app tell it.")
+    marker: str
+    camera: CameraIn
+    rms_px: float = Field(description="How well the board's corners fit.")
+    photographs: int = Field(description="Used.")
+    created_at: datetime
+    withdrawn_at: datetime | None
+
+
+class NewCalibrationOut(CalibrationOut):
+    """A calibration that was just made."""
+
+    left_out: list[LeftOutOut]
+
+
+class StudyCalibrationOut(CalibrationOut):
+    """A calibration with whose phone it is of."""
+
+    participant: str
+    device_id: uuid.UUID | None
+
+
+class CalibrationList(BaseModel):
+    """A phone's calibrations, the newest first."""
+
+    items: list[CalibrationOut]
+
+
+class StudyCalibrationList(BaseModel):
+    """A study's calibrations, the newest first, a thousand at most."""
+
+    items: list[StudyCalibrationOut]

@@ -1,0 +1,1 @@
+"""Sentences for participants in their language: sentences.toml holds them, catalogue.py reads them."""

@@ -1,0 +1,223 @@
+"""Whether a pair can be measured, told while the plate is still there: the pipeline's first steps on reduced photos.
+
+Two photographs, read at about 2000 px, and the announced board in -> problems with their codes, and what was measured.
+Marker, poses and sparse matches are looked at; disparity and foods are not, so that a pair without problems may still
+fail later. Limits that end in "stop" are the pipeline's; those that end in "warn" have their reason beside them.
+"""
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from app.errors import Failure
+from app.vision.board_grid import find_any_grids, is_checkerboard, shortest_step_px, square_means
+from app.vision.camera import estimate_views, view_angle_deg
+from app.vision.epipolar import GOOD_PX_AT_12MP, near_epipolar_lines
+from app.vision.features import FOOD_MAX_HEIGHT_MM, match_features, triangulate
+from app.vision.marker import agree_on_corners, contrast_image, find_marker
+from app.vision.model import (
+    Camera,
+    EstimateOptions,
+    Float64Array,
+    ImageArray,
+    MarkerObservation,
+    MarkerSpec,
+    PhotoPair,
+    View,
+)
+from app.vision.photo import ReducedPhoto
+from app.vision.quality import clipped_share, edge_width_limit_px, marker_edge_width_px
+from app.vision.relative_pose import refine_views
+from app.vision.stillness import AT_MARKER_MM, MIN_JUDGED_MATCHES, judge_matches
+
+LEAST_LONG_SIDE_PX = 1600  # where matches are aligned (features.ALIGNED_SIDE_PX); a 12 MP photograph is read at 2016
+NEAR_BLUR_SHARE = 0.75  # of the width where measuring ends
+SMALL_ANGLE_DEG = 3.0  # twice the least: the depth noise of 5 mm that is left there is a tenth of a 50 mm food
+COARSE_MM_PER_PX = 0.5  # an outline that is a pixel off moves the volume of a 60 mm food by 3 x 0.5 / 30 = 5 %
+LOW_RESOLUTION_LONG_SIDE_PX = 1600  # photographs below it are coarse by themselves; larger ones are taken too far off
+MAX_CLIPPED_SHARE = 0.2  # of a photograph without any texture to match; a white plate fills less
+GLARE_STEP_SHARE = 0.5  # a dark square this far up towards the light ones reflects a lamp
+SURE_STEP_PX = 12.0  # a reduced square below it is too small for the corners' fit to accuse the board
+BORDER_SHARE = 0.02  # of the long side; nearer, the rest of the food is as likely outside
+RAISED_MM = 15.0  # over the marker's plane: food, not a plate's rim; sparse heights are good to 5 mm
+LEAST_AT_BORDER = (3, 0.1)  # raised matches, and their share of all: one may be wrong
+MAX_SHARE_UNDER_MARKER = 0.5  # of what is seen; nothing lies under the table that the marker lies on
+
+SideName = Literal["left", "right"]
+Severity = Literal["stop", "warn"]
+SIDES: tuple[SideName, SideName] = ("left", "right")
+
+
+@dataclass(frozen=True, slots=True)
+class PairProblem:
+    """One thing to do better. stop: it will not be measured. warn: it will, but worse. side None: of the pair."""
+
+    code: str
+    severity: Severity
+    side: SideName | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PairCheck:
+    """problems: those that stop first. measures: by name with its unit, those that could be had."""
+
+    problems: tuple[PairProblem, ...]
+    measures: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether nothing stops the pair from being measured."""
+        return all(problem.severity != "stop" for problem in self.problems)
+
+
+@dataclass(frozen=True, slots=True)
+class _Side:
+    """What one photograph shows by itself."""
+
+    problems: tuple[PairProblem, ...]
+    measures: Mapping[str, float]
+    marker: MarkerObservation | None
+
+
+def check_pair(
+    left: ReducedPhoto | Failure, right: ReducedPhoto | Failure, spec: MarkerSpec, camera: Camera | None
+) -> PairCheck:
+    """Judge a pair. A Failure stands for a photograph that could not be read. camera: as in EstimateOptions."""
+    read = (left, right)
+    with ThreadPoolExecutor(2) as threads:  # OpenCV lets go of the interpreter while it looks for the board
+        found = list(threads.map(_judge_side, SIDES, read, (spec, spec)))
+    problems = [problem for side in found for problem in side.problems]
+    measures = dict(found[0].measures) | dict(found[1].measures)
+    if isinstance(left, ReducedPhoto) and isinstance(right, ReducedPhoto):
+        markers = (found[0].marker, found[1].marker)
+        if markers[0] is not None and markers[1] is not None:
+            told, more = _judge_views(left, right, (markers[0], markers[1]), camera)
+            problems += told
+            measures |= more
+    ordered = sorted(problems, key=lambda problem: problem.severity != "stop")
+    return PairCheck(tuple(ordered), {name: round(value, 3) for name, value in measures.items()})
+
+
+def _judge_side(side: SideName, read: ReducedPhoto | Failure, spec: MarkerSpec) -> _Side:
+    if isinstance(read, Failure):
+        return _Side((PairProblem(read.code, "stop", side),), {}, None)
+    problems = []
+    pixels_bgr = read.photo.pixels_bgr
+    clipped = clipped_share(pixels_bgr)
+    measures = {f"clipped_share_{side}": clipped}
+    if clipped > MAX_CLIPPED_SHARE:
+        problems.append(PairProblem(code="image_too_bright", severity="warn", side=side))
+    marker = find_marker(read.photo, spec, side, is_quick=True)
+    if isinstance(marker, Failure):
+        code = marker.code
+        if code == "marker_covered" and _leaves_photograph(pixels_bgr):
+            return _stopped(side, code="marker_cut_off", measures=measures, problems=problems)
+        return _stopped(side, code, measures, problems)
+    grid = marker.corners_px.reshape(spec.rows - 1, spec.columns - 1, 2)
+    contrast = contrast_image(pixels_bgr, spec.kind)
+    width_px = marker_edge_width_px(contrast, grid) * read.factor
+    limit_px = edge_width_limit_px(max(contrast.shape) * read.factor)
+    measures |= {f"edge_width_px_{side}": width_px, f"square_px_{side}": shortest_step_px(grid) * read.factor}
+    if width_px > limit_px:
+        return _stopped(side, "image_blurred", measures, problems)
+    if width_px > NEAR_BLUR_SHARE * limit_px:
+        problems.append(PairProblem("image_blurred", "warn", side))
+    if _has_glare(contrast, grid, spec):
+        problems.append(PairProblem(code="marker_glare", severity="warn", side=side))
+    return _Side(tuple(problems), measures, marker)
+
+
+def _stopped(side: SideName, code: str, measures: Mapping[str, float], problems: list[PairProblem]) -> _Side:
+    return _Side((PairProblem(code, "stop", side), *problems), measures, None)
+
+
+def _leaves_photograph(pixels_bgr: ImageArray) -> bool:
+    """Whether the part of a board that is seen goes on beyond the photograph's border."""
+    contrast = contrast_image(pixels_bgr, "colour")
+    for grid in find_any_grids(contrast, (700,)):
+        if is_checkerboard(contrast, grid):
+            return bool(np.isnan(square_means(contrast, grid, ring=1)).any())
+    return False
+
+
+def _has_glare(contrast: ImageArray, grid: Float64Array, spec: MarkerSpec) -> bool:
+    """Whether a square that is printed dark looks light. contrast: (H, W); grid: (r, c, 2) in the print's order."""
+    means = square_means(contrast, grid)
+    is_dark = np.indices(means.shape).sum(axis=0) % 2 == (0 if spec.kind == "plain" else 1)
+    dark, light = float(np.nanmedian(means[is_dark])), float(np.nanmedian(means[~is_dark]))
+    return bool(np.nanmax(means[is_dark]) > dark + GLARE_STEP_SHARE * (light - dark))
+
+
+def _judge_views(
+    left: ReducedPhoto,
+    right: ReducedPhoto,
+    markers: tuple[MarkerObservation, MarkerObservation],
+    camera: Camera | None,
+) -> tuple[list[PairProblem], dict[str, float]]:
+    """What both together show: where the cameras stood, and whether they saw the same meal."""
+    pair, spec = PhotoPair(left.photo, right.photo), markers[0].spec
+    views = estimate_views(pair, agree_on_corners(pair, *markers), EstimateOptions(spec, camera))
+    if isinstance(views, Failure):
+        steps = [_shortest_reduced_step(marker) for marker in markers]
+        is_sure = views.code != "pose_unreliable" or min(steps) >= SURE_STEP_PX
+        return [PairProblem(views.code, "stop" if is_sure else "warn")], {}
+    measures = {
+        "view_angle_deg": view_angle_deg(*views),
+        "baseline_mm": float(np.linalg.norm(views[0].centre_mm - views[1].centre_mm)),
+    }
+    problems = []
+    if measures["view_angle_deg"] < SMALL_ANGLE_DEG:
+        problems.append(PairProblem("baseline_too_small", "warn"))
+    for side, view, photo in zip(SIDES, views, (left, right), strict=True):
+        distance_mm = float(np.linalg.norm(view.centre_mm))
+        mm_per_px = distance_mm / (view.camera.fx * photo.factor)
+        measures |= {f"distance_mm_{side}": distance_mm, f"mm_per_px_{side}": mm_per_px}
+        if mm_per_px > COARSE_MM_PER_PX:
+            long_side = max(view.camera.width, view.camera.height) * photo.factor
+            code = "resolution_low" if long_side < LOW_RESOLUTION_LONG_SIDE_PX else "marker_too_small"
+            problems.append(PairProblem(code=code, severity="warn", side=side))
+    told, matched = _judge_scene(*views)
+    return problems + told, measures | matched
+
+
+def _judge_scene(left: View, right: View) -> tuple[list[PairProblem], dict[str, float]]:
+    """Whether the same points are seen in both, on the marker's table or over it, and well inside both."""
+    matches = match_features(left, right)
+    if isinstance(matches, Failure):
+        return [PairProblem(matches.code, "stop")], {"matches": 0.0}
+    refined = refine_views(left, right, matches)
+    is_good = near_epipolar_lines(refined.first, refined.second, matches, GOOD_PX_AT_12MP)
+    measures = {"matches": float(np.count_nonzero(is_good))}
+    moved = judge_matches(matches, is_good)
+    if moved is not None:
+        return [PairProblem(moved.code, "stop")], measures
+    pixels = (matches.first_px[is_good], matches.second_px[is_good])
+    points = triangulate(refined.first, refined.second, *pixels)
+    height_mm = np.nan_to_num(points[:, 2])
+    if len(points) >= MIN_JUDGED_MATCHES and np.mean(height_mm < -AT_MARKER_MM) > MAX_SHARE_UNDER_MARKER:
+        return [PairProblem("scene_moved", "stop")], measures
+    is_raised = (height_mm > RAISED_MM) & (height_mm < FOOD_MAX_HEIGHT_MM)
+    problems = [
+        PairProblem(code="food_near_border", severity="warn", side=side)
+        for side, view, at in zip(SIDES, (left, right), pixels, strict=True)
+        if _is_cut(at[is_raised], view.camera.width, view.camera.height)
+    ]
+    return problems, measures
+
+
+def _is_cut(at_px: Float64Array, width: int, height: int) -> bool:
+    """Whether raised points, (n, 2) px, crowd at one border of the photograph."""
+    if len(at_px) == 0:
+        return False
+    border = BORDER_SHARE * max(width, height)
+    x, y = at_px.T
+    counts = [np.count_nonzero(side) for side in (x < border, x > width - border, y < border, y > height - border)]
+    fewest, share = LEAST_AT_BORDER
+    return bool(max(counts) >= max(fewest, share * len(at_px)))
+
+
+def _shortest_reduced_step(marker: MarkerObservation) -> float:
+    return shortest_step_px(marker.corners_px.reshape(marker.spec.rows - 1, marker.spec.columns - 1, 2))
