@@ -43,6 +43,7 @@ class JobWorker:
         self._workflow = EstimateWorkflow(database, self._lease, use_cases, self._times)
         self._engine = Engine(database, self._lease.executor_id, concurrency=concurrency)
         self._queue = JobQueue(database)
+        self._settle = use_cases.settle
         self._ending = threading.Event()
         self._claimed_but_idle: Counter[str] = Counter()
         self._threads: list[threading.Thread] = []
@@ -111,7 +112,7 @@ class JobWorker:
                 self._take_over()
                 self._find_lost()
                 if looks % LOOKS_A_SWEEP == 0:
-                    sweep(self._database, self._queue)
+                    sweep(self._database, self._queue, self._settle)
             except Exception as error:  # the worker's edge: the next look comes
                 log.warning("takeover_failed", exc_info=error)
             looks += 1

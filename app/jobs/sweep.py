@@ -5,6 +5,7 @@ Each worker sweeps now and then; `tada doctor --requeue` does it at once.
 """
 
 import uuid
+from collections.abc import Callable
 from datetime import UTC, datetime
 
 import structlog
@@ -19,25 +20,27 @@ from app.jobs.faults import INTERNAL_ERROR, JOB_GAVE_UP
 
 log = structlog.get_logger()
 
+Settle = Callable[[Session, Meal], object]  # EstimateUseCases.settle
+
 GIVEN_UP = frozenset({"MAX_RECOVERY_ATTEMPTS_EXCEEDED", "CANCELLED"})  # DBOS's words
 
 
-def sweep(database: Database, queue: JobQueue) -> int:
+def sweep(database: Database, queue: JobQueue, settle: Settle) -> int:
     """Move every stuck meal, each in its own transaction. Returns how many there were."""
     with database.read() as session:
         stuck = jobs.stuck_jobs(session)
-        orphans = jobs.waiting_meals_without_live_job(session)
+        orphans = jobs.waiting_without_live_job(session)
     moved = 0
     for job_id in stuck:
         with database.write() as session:
-            moved += _move_job(session, queue, job_id)
-    for meal_id in orphans:
+            moved += _move_job(session, queue, job_id, settle)
+    for meal_id, purpose in orphans:
         with database.write() as session:
-            moved += _move_meal(session, queue, meal_id)
+            moved += _move_meal(session, queue, meal_id, purpose, settle)
     return moved
 
 
-def _move_job(session: Session, queue: JobQueue, job_id: uuid.UUID) -> bool:
+def _move_job(session: Session, queue: JobQueue, job_id: uuid.UUID, settle: Settle) -> bool:
     found = jobs.lock_live_job(session, job_id)
     if found is None:
         return False
@@ -53,32 +56,41 @@ def _move_job(session: Session, queue: JobQueue, job_id: uuid.UUID) -> bool:
         return True
     failure = JOB_GAVE_UP if status in GIVEN_UP else INTERNAL_ERROR
     jobs.fail_job(job, meal, failure, datetime.now(UTC))
+    if job.purpose != "meal":
+        settle(session, meal)
     log.error("job_failed", job_id=str(job_id), code=failure.code, workflow_status=status)
     return True
 
 
-def _move_meal(session: Session, queue: JobQueue, meal_id: uuid.UUID) -> bool:
+def _move_meal(session: Session, queue: JobQueue, meal_id: uuid.UUID, purpose: str, settle: Settle) -> bool:
     meal = lock_meal(session, meal_id)
-    if meal is None or meal.status not in WAITING:
+    if meal is None or (meal.status if purpose == "meal" else meal.after_status) not in WAITING:
         return False
-    made, live = jobs.count_jobs(session, meal_id)
+    made, live = jobs.count_jobs(session, meal_id, purpose)
     if live:
         return False
-    if made:  # its job is finished and left it waiting: another would do the same
-        jobs.fail_meal(meal, INTERNAL_ERROR)
-        log.error("meal_failed", meal_id=str(meal_id), code=INTERNAL_ERROR.code)
+    if not made:
+        _queue_first_job(session, queue, meal, purpose)
+        log.warning("meal_queued_again", meal_id=str(meal_id), purpose=purpose, reason="it had no job")
         return True
-    _queue_first_job(session, queue, meal)
-    log.warning("meal_queued_again", meal_id=str(meal_id), reason="it had no job")
+    if purpose == "meal":  # its job is finished and left it waiting: another would do the same
+        jobs.fail_meal(meal, INTERNAL_ERROR)
+    else:
+        jobs.fail_after_pair(meal, INTERNAL_ERROR)
+        settle(session, meal)
+    log.error("meal_failed", meal_id=str(meal_id), purpose=purpose, code=INTERNAL_ERROR.code)
     return True
 
 
-def _queue_first_job(session: Session, queue: JobQueue, meal: Meal) -> None:
+def _queue_first_job(session: Session, queue: JobQueue, meal: Meal, purpose: str) -> None:
     now = datetime.now(UTC)
-    job = Job(id=uuid.uuid4(), meal_id=meal.id, state="queued", attempts=0, enqueued_at=now)
+    job = Job(id=uuid.uuid4(), meal_id=meal.id, purpose=purpose, state="queued", attempts=0, enqueued_at=now)
     session.add(job)
-    if meal.status != "queued":
+    if purpose == "meal" and meal.status != "queued":
         meal.status, meal.stage = "queued", None
+        meal.version += 1
+    elif purpose == "after" and meal.after_status != "queued":
+        meal.after_status = "queued"
         meal.version += 1
     session.flush()
     queue.enqueue(session, job.id)

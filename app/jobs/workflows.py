@@ -19,6 +19,7 @@ import structlog
 from dbos import DBOS, SQLAlchemyDatasource
 from sqlalchemy.orm import Session
 
+from app.db.models import Meal
 from app.db.queries import jobs
 from app.db.session import Database
 from app.errors import Failure
@@ -49,6 +50,10 @@ class EstimateUseCases(Protocol):
 
     def save(self, session: Session, job_id: uuid.UUID, result_key: str) -> None:
         """Write run, items, records and the meal's status in this transaction. It is committed at most once."""
+        ...
+
+    def settle(self, session: Session, meal: Meal) -> object:
+        """Bring the meal's records in line: a job of its ended without a result, one for more than its own pair."""
         ...
 
 
@@ -187,6 +192,8 @@ class EstimateWorkflow:
             now = datetime.now(UTC)
             if failure is not None:
                 jobs.fail_job(job, meal, Failure(**failure), now)
+                if job.purpose != "meal":
+                    self._use_cases.settle(session, meal)
                 return "failed"
             jobs.finish_job(job, now)
         except Exception as error:

@@ -9,6 +9,7 @@ from app.errors import TadaError
 from app.jobs.engine import JobQueue
 from app.jobs.sweep import sweep
 from app.services.health import check_readiness
+from app.services.project_records import project_meal
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
 from app.storage.opening import open_blob_store
@@ -55,12 +56,12 @@ def _parts(database: Database, blobs: BlobStore, settings: Settings) -> Iterator
 
 def _stranded(database: Database, *, requeue: bool) -> Iterator[Finding]:
     with database.read() as session:
-        found = len(jobs.stuck_jobs(session)) + len(jobs.waiting_meals_without_live_job(session))
+        found = len(jobs.stuck_jobs(session)) + len(jobs.waiting_without_live_job(session))
     message = f"{found} that nothing will move"
     if found and requeue:
         queue = JobQueue(database)
         try:
-            message += f", {sweep(database, queue)} moved (see the log)"
+            message += f", {sweep(database, queue, project_meal)} moved (see the log)"
         finally:
             queue.close()
     elif found:

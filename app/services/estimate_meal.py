@@ -7,7 +7,7 @@ import hashlib
 import json
 import tempfile
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import structlog
 from sqlalchemy.orm import Session
 
 from app.db.models import Food, Job, Meal, MealImage, Study
+from app.db.models.meal import AFTER_SLOTS, SLOTS
 from app.db.queries import foods, meals, privacy
 from app.db.session import Database
 from app.errors import Failure
@@ -29,7 +30,9 @@ from app.services.estimate_json import (
     options_to_json,
     with_forms,
 )
+from app.services.project_records import project_meal
 from app.services.receive_photo import sha256_of_file
+from app.services.remeasure import regions_to_measure
 from app.services.save_estimate import save_estimate
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
@@ -62,12 +65,17 @@ class EstimateMeal:
             meal = session.get_one(Meal, job.meal_id)
             study = session.get_one(Study, meal.study_id)
             images = {image.slot: image for image in meals.images_of(session, meal.id)}
-            options = self._options(session, meal, study)
+            regions = regions_to_measure(session, job, meal) if job.purpose == "remeasure" else None
+            hints = regions.hints if regions is not None else meal.details["hints"]
+            options = self._options(session, meal, study, hints)
         prefix = f"{meal.study_id}/{meal.id}/runs/{job_id}"
         with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
             folder = Path(name)
-            paths = {slot: self._fetch(images[slot], folder) for slot in ("left", "right")}
-            answer = self._estimate(meal.id, paths, options, folder)
+            pair = AFTER_SLOTS if job.purpose == "after" else SLOTS
+            paths = {side: self._fetch(images[slot], folder) for side, slot in zip(SLOTS, pair, strict=True)}
+            answer = self._estimate(job, paths, options, folder)
+            if regions is not None:  # whose each hint is: by the time it is saved, the meal may stand otherwise
+                answer["regions"] = [str(item_id) for item_id in regions.items]
             for artefact in answer["artefacts"]:
                 artefact["blob_key"] = f"{prefix}/{artefact['name']}/{artefact['sha256']}"
                 self._blobs.put_file(artefact["blob_key"], folder / artefact["name"])
@@ -81,6 +89,10 @@ class EstimateMeal:
         """Write run, items and records in the given transaction."""
         save_estimate(session, job_id, json.loads(self._blobs.read(result_key)), result_key)
 
+    def settle(self, session: Session, meal: Meal) -> None:
+        """Bring the meal's records in line with a job that ended without a result."""
+        project_meal(session, meal)
+
     def _leave_nothing_of_erased(self, meal_id: uuid.UUID, sealed: list[str]) -> None:
         """If the meal or its photographs were erased meanwhile, what was just sealed is to go as well."""
         with self._database.read() as session:
@@ -90,10 +102,12 @@ class EstimateMeal:
             privacy.want_deleted(session, sealed, None, datetime.now(UTC))
         raise JobFailure(PHOTOGRAPH_ERASED)
 
-    def _options(self, session: Session, meal: Meal, study: Study) -> EstimateOptions:
+    def _options(
+        self, session: Session, meal: Meal, study: Study, hints: Sequence[Mapping[str, Any]]
+    ) -> EstimateOptions:
         details = meal.details
         options = options_from_json(
-            {"marker": details["marker"] or study.marker, "camera": details["camera"], "hints": details["hints"]}
+            {"marker": details["marker"] or study.marker, "camera": details["camera"], "hints": hints}
         )
         keys = {hint.food for hint in options.hints if hint.food}
         known: Mapping[str, Food] = foods.foods_by_key(session, keys) if keys else {}
@@ -109,9 +123,7 @@ class EstimateMeal:
             raise JobFailure(PHOTO_DAMAGED)
         return path
 
-    def _estimate(
-        self, meal_id: uuid.UUID, paths: Mapping[str, Path], options: EstimateOptions, folder: Path
-    ) -> dict[str, Any]:
+    def _estimate(self, job: Job, paths: Mapping[str, Path], options: EstimateOptions, folder: Path) -> dict[str, Any]:
         request = ChildRequest(
             task="estimate",
             arguments={
@@ -122,17 +134,19 @@ class EstimateMeal:
                 "max_pixels": self._settings.max_photo_pixels,
             },
         )
-        done = self._children.run(request, on_stage=lambda stage: self._tell_stage(meal_id, stage))
+        done = self._children.run(request, on_stage=lambda stage: self._tell_stage(job, stage))
         if done.failure is None:
             return dict(done.result)
-        log.error("estimate_ended_badly", meal_id=str(meal_id), outcome=done.outcome, message=done.message)
+        log.error("estimate_ended_badly", meal_id=str(job.meal_id), outcome=done.outcome, message=done.message)
         ended = MealEstimate(method=options.method, pipeline_version=PIPELINE_VERSION, stages={}, failure=done.failure)
         return estimate_to_json(ended, options) | {"artefacts": []}
 
-    def _tell_stage(self, meal_id: uuid.UUID, stage: str) -> None:
-        """Progress for the phone; an estimate does not fail because it could not be told."""
+    def _tell_stage(self, job: Job, stage: str) -> None:
+        """Progress of the meal's own pair for the phone; an estimate does not fail because it could not be told."""
+        if job.purpose != "meal":
+            return
         try:
             with self._database.write() as session:
-                meals.set_progress(session, meal_id, status="processing", stage=stage)
+                meals.set_progress(session, job.meal_id, status="processing", stage=stage)
         except sqlalchemy.exc.SQLAlchemyError:
-            log.warning("stage_not_told", meal_id=str(meal_id), stage=stage, exc_info=True)
+            log.warning("stage_not_told", meal_id=str(job.meal_id), stage=stage, exc_info=True)

@@ -121,6 +121,19 @@ def live_events(events: Sequence[MealEvent]) -> list[MealEvent]:
     return kept[::-1]
 
 
+def region_drawn(event: MealEvent, item: Item) -> Mapping[str, Any] | None:
+    """The region (point, box or polygon) that an event drew of an item, to be measured; None if it drew none of it."""
+    region: Mapping[str, Any] | None = None
+    if event.kind == "redraw" and event.item_id == item.id:
+        region = {"polygon": event.new["polygon"]}
+    elif event.kind == "add" and item.event_id == event.id:
+        region = event.new["region"]
+    elif event.kind == "split" and item.event_id == event.id:
+        ring = next(part["polygon"] for part in event.new["parts"] if part["item"] == str(item.id))
+        region = {"polygon": ring} if ring is not None else None
+    return region
+
+
 class _History:
     """What was said of the items of one meal."""
 

@@ -14,6 +14,7 @@ from app.db.models import Food, Item, ItemCandidate, ItemFood, Job, Meal, Run, R
 from app.db.queries import foods, meals
 from app.services.item_foods import item_food, weighing_for
 from app.services.project_records import project_meal
+from app.services.remeasure import save_measures
 
 ITEM_NAMESPACE = uuid.UUID("3f2ad0a5-93ce-4f0f-8f39-4f1f1d1b7f6e")  # drawn once; item ids are derived under it
 FROM_HINT = "hint"
@@ -49,25 +50,10 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
     )
     session.flush()
     session.add_all(RunArtefact(run_id=job_id, **artefact) for artefact in answer["artefacts"])
-    items = [item_row(meal.id, job_id, position, found) for position, found in enumerate(answer["items"])]
-    session.add_all(items)
-    session.flush()
-    hints = [meal.details["hints"][found["hint"]] if found["hint"] is not None else {} for found in answer["items"]]
-    chosen = _chosen_foods(session, hints)
-    session.add_all(
-        ItemCandidate(item_id=item.id, position=0, food_id=food.id, probability=None, source=FROM_HINT)
-        for item, food in zip(items, chosen, strict=True)
-        if food is not None
-    )
-    taken_for = [
-        _taken_for(session, meal, item, food, hint.get("lies_as"))
-        for item, food, hint in zip(items, chosen, hints, strict=True)
-    ]
-    session.add_all(row for row in taken_for if row is not None)
-    if failure:
-        meal.failure_code, meal.failure_message = failure["code"], failure["message"]
-        meal.failure_advice = failure.get("advice", "")
-    meal.stage = None
+    if job.purpose == "remeasure":
+        save_measures(session, job, answer)
+    else:
+        _save_meal(session, meal, job_id, answer)
     project_meal(session, meal)
 
 
@@ -87,6 +73,30 @@ def item_row(meal_id: uuid.UUID, run_id: uuid.UUID, position: int, found: Mappin
         relative_sd=found["relative_sd"],
         flags=found["flags"],
     )
+
+
+def _save_meal(session: Session, meal: Meal, run_id: uuid.UUID, answer: Mapping[str, Any]) -> None:
+    """What was found in the meal's own pair: its items, and what the hints say they are."""
+    failure = answer["failure"]
+    items = [item_row(meal.id, run_id, position, found) for position, found in enumerate(answer["items"])]
+    session.add_all(items)
+    session.flush()
+    hints = [meal.details["hints"][found["hint"]] if found["hint"] is not None else {} for found in answer["items"]]
+    chosen = _chosen_foods(session, hints)
+    session.add_all(
+        ItemCandidate(item_id=item.id, position=0, food_id=food.id, probability=None, source=FROM_HINT)
+        for item, food in zip(items, chosen, strict=True)
+        if food is not None
+    )
+    taken_for = [
+        _taken_for(session, meal, item, food, hint.get("lies_as"))
+        for item, food, hint in zip(items, chosen, hints, strict=True)
+    ]
+    session.add_all(row for row in taken_for if row is not None)
+    if failure:
+        meal.failure_code, meal.failure_message = failure["code"], failure["message"]
+        meal.failure_advice = failure.get("advice", "")
+    meal.stage = None
 
 
 def _chosen_foods(session: Session, hints: Sequence[Mapping[str, Any]]) -> list[Food | None]:

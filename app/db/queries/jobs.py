@@ -60,8 +60,11 @@ def start_attempt(session: Session, job_id: uuid.UUID, executor_id: str, now: da
     job.state, job.executor_id = "processing", executor_id
     job.attempts += 1
     job.started_at = job.started_at or now
-    if meal.status == "queued":
+    if job.purpose == "meal" and meal.status == "queued":
         meal.status = "processing"
+        meal.version += 1
+    elif job.purpose == "after" and meal.after_status == "queued":
+        meal.after_status = "processing"
         meal.version += 1
     return True
 
@@ -72,10 +75,15 @@ def finish_job(job: Job, now: datetime) -> None:
 
 
 def fail_job(job: Job, meal: Meal, failure: Failure, now: datetime) -> None:
-    """The job ends without a result, and its meal says so, unless it has got another status meanwhile."""
+    """The job ends without a result. The pair that it was for says so, unless it has got another status meanwhile.
+
+    Records that follow from more than the meal's own pair are brought in line by the caller (EstimateUseCases.settle).
+    """
     job.state, job.finished_at = "failed", now
-    if meal.status in WAITING:
+    if job.purpose == "meal" and meal.status in WAITING:
         fail_meal(meal, failure)
+    elif job.purpose == "after" and meal.after_status in WAITING:
+        fail_after_pair(meal, failure)
 
 
 def fail_meal(meal: Meal, failure: Failure) -> None:
@@ -88,6 +96,15 @@ def fail_meal(meal: Meal, failure: Failure) -> None:
     session = object_session(meal)
     if session is not None:
         announce_meal(session, meal)
+
+
+def fail_after_pair(meal: Meal, failure: Failure) -> None:
+    """The answer of the meal's after-meal pair is this failure; the meal's own stays."""
+    meal.after_status = "failed"
+    meal.after_failure_code = failure.code
+    meal.after_failure_message = failure.message
+    meal.after_failure_advice = failure.advice
+    meal.version += 1
 
 
 def stuck_jobs(session: Session) -> list[uuid.UUID]:
@@ -110,21 +127,19 @@ def workflow_status(session: Session, job_id: uuid.UUID) -> str | None:
     return session.scalar(sa.select(workflow.c.status).where(workflow.c.workflow_uuid == str(job_id)))
 
 
-def waiting_meals_without_live_job(session: Session) -> list[uuid.UUID]:
-    """Meals that say they wait while no job will move them."""
-    live = sa.exists().where(Job.meal_id == Meal.id, Job.state.in_(LIVE_STATES))
-    return list(
-        session.scalars(
-            sa.select(Meal.id)
-            .where(Meal.status.in_(WAITING), Meal.deleted_at.is_(None), ~live)
-            .order_by(Meal.submitted_at)
-        )
-    )
+def waiting_without_live_job(session: Session) -> list[tuple[uuid.UUID, str]]:
+    """(meal, purpose) of the pairs that say they wait while no job will move them."""
+    found = []
+    for purpose, status in (("meal", Meal.status), ("after", Meal.after_status)):
+        live = sa.exists().where(Job.meal_id == Meal.id, Job.purpose == purpose, Job.state.in_(LIVE_STATES))
+        query = sa.select(Meal.id).where(status.in_(WAITING), Meal.deleted_at.is_(None), ~live)
+        found += [(meal_id, purpose) for meal_id in session.scalars(query.order_by(Meal.submitted_at))]
+    return found
 
 
-def count_jobs(session: Session, meal_id: uuid.UUID) -> tuple[int, int]:
-    """(all, still to be done) jobs of a meal."""
-    states = session.scalars(sa.select(Job.state).where(Job.meal_id == meal_id)).all()
+def count_jobs(session: Session, meal_id: uuid.UUID, purpose: str) -> tuple[int, int]:
+    """(all, still to be done) jobs of a meal for this purpose."""
+    states = session.scalars(sa.select(Job.state).where(Job.meal_id == meal_id, Job.purpose == purpose)).all()
     return len(states), sum(state in LIVE_STATES for state in states)
 
 

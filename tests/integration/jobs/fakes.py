@@ -67,6 +67,9 @@ class FakeUseCases:
         meal.status = "estimated"
         meal.version += 1
 
+    def settle(self, session, meal):
+        meal.details = meal.details | {"settled": True}
+
     def _wait_for(self, name):
         deadline = time.monotonic() + 60
         while not (self._folder / name).exists():

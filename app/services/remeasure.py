@@ -1,0 +1,112 @@
+"""Regions that a person drew, measured by the pipeline: what a job for an event asks it, and what its answer becomes.
+
+The pipeline sees all foods of the meal as they stand, so that neighbours keep their own pixels; only the regions that
+the event drew get a measurement. It never touches what a person has told since, nor the meal's own run.
+"""
+
+import uuid
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.db.models import Food, Item, ItemMeasure, Job, Meal, MealEvent
+from app.db.queries.meal_parts import parts_of
+from app.services.item_state import ItemState, fold_meal, region_drawn
+
+MAX_REGIONS = 40  # hints of one run
+FAILED = "remeasure_failed"
+NOT_MEASURABLE = "not_measurable"
+
+
+@dataclass(frozen=True, slots=True)
+class Regions:
+    """hints: as the phone sends them, one for each region; items: whose region each is."""
+
+    hints: tuple[Mapping[str, Any], ...]
+    items: tuple[uuid.UUID, ...]
+
+
+def regions_to_measure(session: Session, job: Job, meal: Meal) -> Regions:
+    """What the pipeline is asked for the job's event: the regions that it drew, and the other foods as they stand."""
+    event = session.get_one(MealEvent, job.event_id)
+    states = {state.item.id: state for state in fold_meal(parts_of(session, [meal])[0]).items}
+    drawn = {item.id: region_drawn(event, item) for item in _concerned(session, event)}
+    hints, items = [], []
+    for item_id, region in drawn.items():
+        if region is not None:
+            hints.append(_with_food(session, region, states[item_id]))
+            items.append(item_id)
+    for item_id, state in states.items():
+        if item_id not in drawn and state.is_live and state.stands and state.rings and len(hints) < MAX_REGIONS:
+            hints.append(_with_food(session, {"polygon": largest_ring(state.rings)}, state))
+            items.append(item_id)
+    return Regions(tuple(hints), tuple(items))
+
+
+def save_measures(session: Session, job: Job, answer: Mapping[str, Any]) -> None:
+    """Write what the run found of the regions that the job's event drew; where it found nothing, flags say so."""
+    event = session.get_one(MealEvent, job.event_id)
+    asked = [uuid.UUID(item_id) for item_id in answer["regions"]]
+    found = {asked[item["hint"]]: item for item in answer["items"] if item["hint"] is not None}
+    for item in _concerned(session, event):
+        if region_drawn(event, item) is not None:
+            session.add(_measure(item, event, job.id, found.get(item.id), has_failed=answer["failure"] is not None))
+
+
+def largest_ring(rings: Sequence[Sequence[Sequence[float]]]) -> Sequence[Sequence[float]]:
+    """The outline of the greatest area; a hint has one ring."""
+    return max(rings, key=lambda ring: abs(_twice_signed_area(ring)))
+
+
+def _concerned(session: Session, event: MealEvent) -> list[Item]:
+    """The items that the event is about or made."""
+    made = list(session.query(Item).where(Item.event_id == event.id).order_by(Item.position, Item.id))
+    own = session.get(Item, event.item_id) if event.kind == "redraw" and event.item_id is not None else None
+    return [own] if own is not None else made
+
+
+def _measure(
+    item: Item, event: MealEvent, run_id: uuid.UUID, found: Mapping[str, Any] | None, *, has_failed: bool
+) -> ItemMeasure:
+    region = region_drawn(event, item) or {}
+    if found is None:
+        ring = region.get("polygon")
+        return ItemMeasure(
+            item_id=item.id,
+            event_id=event.id,
+            run_id=run_id,
+            rings=[ring] if ring is not None else [],
+            volume_ml=None,
+            volume_low_ml=None,
+            volume_high_ml=None,
+            relative_sd={},
+            flags=[FAILED if has_failed else NOT_MEASURABLE],
+        )
+    polygon = found["polygon"]
+    low_ml, high_ml = found["volume_interval_ml"] or (None, None)
+    return ItemMeasure(
+        item_id=item.id,
+        event_id=event.id,
+        run_id=run_id,
+        rings=polygon if polygon and isinstance(polygon[0][0], list) else [polygon],
+        volume_ml=found["volume_ml"],
+        volume_low_ml=low_ml,
+        volume_high_ml=high_ml,
+        relative_sd=found["relative_sd"],
+        flags=found["flags"],
+    )
+
+
+def _with_food(session: Session, region: Mapping[str, Any], state: ItemState) -> dict[str, Any]:
+    row = state.taken_for
+    if row is None:
+        return dict(region)
+    named = {"food": session.get_one(Food, row.food_id).key}
+    return {**region, **named} | ({"lies_as": row.lies_as} if row.lies_as is not None else {})
+
+
+def _twice_signed_area(ring: Sequence[Sequence[float]]) -> float:
+    following = [*ring[1:], ring[0]]
+    return sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in zip(ring, following, strict=True))
