@@ -1,17 +1,14 @@
 """/v1/records: what participants ate, for researchers and scripts: JSON pages or one streamed CSV."""
 
-import csv
-import io
-from collections.abc import Iterator
 from datetime import date
-from itertools import chain, islice
 from typing import Annotated, Literal
-from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request
-from fastapi.responses import JSONResponse, Response, StreamingResponse
+from fastapi.responses import JSONResponse, Response
 
+from app.api.csv_stream import csv_response
 from app.api.deps import CurrentCaller, State
+from app.api.paging import next_page
 from app.api.problems import problem_responses
 from app.api.render import render_record
 from app.api.schemas.records import RecordOut, RecordPage
@@ -21,8 +18,6 @@ from app.services.list_records import list_records, stream_records
 
 router = APIRouter(prefix="/v1/records", tags=["records"])
 
-ROWS_A_CHUNK = 200
-FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet would compute such a cell
 RecordStatus = Literal["proposed", "needs_review", "confirmed", "corrected", "rejected"]
 CSV_COLUMNS = tuple(
     part for name in RecordOut.model_fields for part in (("food_key", "food_name") if name == "food" else (name,))
@@ -67,45 +62,13 @@ def get_records(
     wants_csv = output == "csv" or (output is None and request.headers.get("accept", "").startswith("text/csv"))
     if wants_csv:
         rows = stream_records(state.database, caller, chosen)
-        first = list(islice(rows, 1))  # a database that fails gives an error document, not a broken file
-        return StreamingResponse(
-            _csv(chain(first, rows)),
-            media_type="text/csv; charset=utf-8; header=present",
-            headers={"Content-Disposition": 'attachment; filename="records.csv"', "Cache-Control": "no-store"},
-        )
+        return csv_response("records.csv", CSV_COLUMNS, (_cells(row) for row in rows))
     page = list_records(state.database, caller, chosen, cursor=cursor, limit=limit)
-    following = None
-    if page.cursor is not None:
-        others = [(key, value) for key, value in request.query_params.multi_items() if key != "cursor"]
-        following = f"{request.url.path}?{urlencode([*others, ('cursor', page.cursor)])}"
-    body = RecordPage(items=[render_record(row) for row in page.rows], next=following)
+    body = RecordPage(items=[render_record(row) for row in page.rows], next=next_page(request, page.cursor))
     return JSONResponse(body.model_dump(mode="json"), headers={"Cache-Control": "private, no-store"})
 
 
-def _csv(rows: Iterator[RecordRow]) -> Iterator[str]:
-    """Header and rows, some at a time (RFC 4180)."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer)
-    writer.writerow(CSV_COLUMNS)
-    while True:
-        chunk = list(islice(rows, ROWS_A_CHUNK))
-        writer.writerows(_cells(row) for row in chunk)
-        yield buffer.getvalue()
-        buffer.seek(0)
-        buffer.truncate()
-        if len(chunk) < ROWS_A_CHUNK:
-            return
-
-
-def _cells(row: RecordRow) -> list[object]:
+def _cells(row: RecordRow) -> dict[str, object]:
     values = render_record(row).model_dump(mode="json")
     food = values.pop("food") or {"key": None, "name": None}
-    values |= {"food_key": food["key"], "food_name": food["name"]}
-    return [_safe(values[name]) for name in CSV_COLUMNS]
-
-
-def _safe(value: object) -> object:
-    """Text that a spreadsheet would take for a formula gets an apostrophe before it; a list stands in one cell."""
-    if isinstance(value, list):
-        value = " ".join(value)
-    return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA_STARTS) else value
+    return values | {"food_key": food["key"], "food_name": food["name"]}

@@ -20,6 +20,7 @@ from app.db.models.meal import SLOTS
 from app.db.queries.records import RecordRow
 from app.nutrition.doubt import Estimate
 from app.services.read_meal import ItemView, MealView
+from app.services.study_days import number_of
 
 SHARED_COLUMNS = tuple(
     column.name for column in EffectiveRecord.__table__.columns if column.name in RecordOut.model_fields
@@ -76,6 +77,9 @@ def render_record(row: RecordRow) -> RecordOut:
         time_zone=row.time_zone,
         food=food_ref(row.food),
         food_table=row.food_release,
+        day_status=row.day_status,
+        study_day=number_of(row.record.local_date, row.first_day),
+        upload_delay_seconds=(row.received_at - row.record.captured_at).total_seconds(),
         **columns | {"meal_id": row.meal_client_id},
     )
 

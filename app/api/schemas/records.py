@@ -21,6 +21,9 @@ class RecordOut(BaseModel):
     captured_at: datetime
     time_zone: str
     local_date: date
+    day_status: str = Field(description="closed: all that was eaten on the day is told; open: leave it out of means.")
+    study_day: int | None = Field(description="1 on the participant's first day.")
+    upload_delay_seconds: float = Field(description="From eating to the first of the meal on the server.")
     status: str
     origin: str
     provisional: bool

@@ -1,7 +1,6 @@
 """SQL of runs, items and effective records. Records page by the immutable (captured_at, item id)."""
 
 import uuid
-from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date, datetime
 from typing import Any
@@ -10,6 +9,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.models import (
+    DiaryDay,
     EffectiveRecord,
     Food,
     FoodRelease,
@@ -19,6 +19,7 @@ from app.db.models import (
     RunArtefact,
     Study,
 )
+from app.db.queries import diary
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +38,10 @@ class RecordFilter:
 
 @dataclass(frozen=True, slots=True)
 class RecordRow:
-    """An effective record with the names that go with it."""
+    """An effective record with the names that go with it, and its day's.
+
+    received_at: when the first of the meal arrived. first_day: the participant's day 1.
+    """
 
     record: EffectiveRecord
     meal_client_id: uuid.UUID
@@ -46,6 +50,9 @@ class RecordRow:
     participant_code: str
     food: Food | None
     food_release: str | None
+    received_at: datetime
+    day_status: str
+    first_day: date | None
 
 
 def page_of_records(
@@ -72,7 +79,9 @@ def page_of_records(
         query = query.where(record.study_id.in_(chosen.study_ids))
     if after is not None:
         query = query.where(sa.tuple_(record.captured_at, record.item_id) > sa.tuple_(*_bound(after)))
-    return [_row(row) for row in session.execute(query)]
+    rows: list[tuple[Any, ...]] = [tuple(row) for row in session.execute(query)]
+    first = diary.first_days(session, {row[0].participant_id for row in rows})
+    return [RecordRow(*(*row, first.get(row[0].participant_id))) for row in rows]
 
 
 def last_run(session: Session, meal_id: uuid.UUID) -> Run | None:
@@ -110,17 +119,19 @@ def _rows() -> sa.Select[*tuple[Any, ...]]:
             Participant.code,
             Food,
             FoodRelease.name + " " + FoodRelease.version,
+            Meal.received_at,
+            sa.func.coalesce(DiaryDay.status, "open"),
         )
         .join(Meal, Meal.id == record.meal_id)
         .join(Study, Study.id == record.study_id)
         .join(Participant, Participant.id == record.participant_id)
+        .outerjoin(
+            DiaryDay,
+            sa.and_(DiaryDay.participant_id == record.participant_id, DiaryDay.local_date == record.local_date),
+        )
         .outerjoin(Food, Food.id == record.food_id)
         .outerjoin(FoodRelease, FoodRelease.id == Food.release_id)
     )
-
-
-def _row(values: Sequence[Any]) -> RecordRow:
-    return RecordRow(*values)
 
 
 def _bound(after: tuple[datetime, uuid.UUID]) -> tuple[sa.BindParameter[Any], sa.BindParameter[Any]]:

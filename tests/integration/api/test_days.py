@@ -2,7 +2,7 @@
 
 import csv
 import io
-from datetime import timedelta
+from datetime import date, timedelta
 
 import pytest
 
@@ -208,3 +208,18 @@ def test_intakes_page_by_participant_and_filter_by_day(enrol, state, client, adm
     assert seen == [("P001", 200.0), ("P002", 200.0), ("P003", 200.0)]
     assert intakes(client, admin, to="2026-11-01")[0]["components"]["energy_kcal"]["mean"] == 100.0
     assert client.get("/v1/studies/none/intakes", headers=admin).status_code == 404
+
+
+def test_records_carry_the_days_status_its_number_and_the_delay(phone, state, client, admin):
+    add_meal(state, "P001", "2026-11-01", eaten_item(energy_kcal=1.0))
+    add_meal(state, "P001", "2026-11-03", eaten_item(energy_kcal=2.0), delay=timedelta(minutes=-2))
+    close(phone, "2026-11-03")
+    told = ("day_status", "study_day", "upload_delay_seconds")
+    expected = [("open", 1, 300.0), ("closed", 3, -120.0)]  # a phone's clock may be ahead
+    records = client.get("/v1/records", headers=admin).json()["items"]
+    assert [tuple(record[name] for name in told) for record in records] == expected
+    rows = csv.DictReader(io.StringIO(client.get("/v1/records?format=csv", headers=admin).text))
+    assert [tuple(row[name] for name in told) for row in rows] == [tuple(map(str, row)) for row in expected]
+    set_profile(state, starts_on=date(2026, 11, 2))
+    records = client.get("/v1/records", headers=admin).json()["items"]
+    assert [record["study_day"] for record in records] == [0, 2]
