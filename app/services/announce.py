@@ -5,15 +5,13 @@ told asks the API for the rest, under their own role and noted in the audit log.
 """
 
 import hashlib
-import uuid
-from datetime import date
 
 from sqlalchemy.orm import Session
 
-from app.db.models import Meal, Participant
+from app.db.models import DiaryDay, Meal, Participant
 from app.db.outbox import announce, announce_meal
 
-__all__ = ["announce", "announce_meal", "day_closed", "meal_deleted", "participant_withdrawn"]
+__all__ = ["announce", "announce_day", "announce_meal", "meal_deleted", "participant_withdrawn"]
 
 
 def meal_deleted(session: Session, meal: Meal) -> None:
@@ -39,10 +37,8 @@ def participant_withdrawn(session: Session, participant: Participant, policy: st
     )
 
 
-def day_closed(
-    session: Session, study_id: uuid.UUID, participant_id: uuid.UUID, local_date: date, *, ate_nothing: bool
-) -> None:
-    """A participant's day is closed: all that they ate is told."""
-    participant = session.get_one(Participant, participant_id)
-    data = {"participant": participant.code, "local_date": local_date.isoformat(), "ate_nothing": ate_nothing}
-    announce(session, study_id, "day.closed", data, participant_id=participant_id)
+def announce_day(session: Session, participant: Participant, day: DiaryDay) -> None:
+    """Something was said about a participant's day: it is closed now, or open again."""
+    data = {"participant": participant.code, "local_date": day.local_date.isoformat(), "ate_nothing": day.ate_nothing}
+    event = "day.closed" if day.status == "closed" else "day.reopened"
+    announce(session, participant.study_id, event, data, participant_id=participant.id)

@@ -20,7 +20,7 @@ from app.db.queries.days import DayFilter
 from app.db.session import Database
 from app.errors import ConflictError, InvalidInputError, NotFoundError, PreconditionFailedError
 from app.services.access import require_study
-from app.services.announce import day_closed
+from app.services.announce import announce_day
 from app.services.audit import note
 from app.services.caller import Caller, DeviceCaller
 from app.services.meal_time import EARLIEST, latest_day
@@ -85,8 +85,8 @@ def set_day(
             )
             session.add(event)
             day = _project(session, participant, local_date, [*events, event])
-            if word != "reopened" and day.status == "closed":
-                day_closed(session, participant.study_id, participant.id, local_date, ate_nothing=day.ate_nothing)
+            if word == "reopened" or day.status == "closed":
+                announce_day(session, participant, day)
             note(session, caller, f"day.{word}", study_id=participant.study_id, subject=participant.alias)
         session.flush()
         found = days.find_day(session, participant.id, local_date)

@@ -17,6 +17,7 @@ EventName = Literal[
     "meal.confirmed",
     "meal.deleted",
     "day.closed",
+    "day.reopened",
     "participant.withdrawn",
 ]
 Url = Annotated[Text, Field(min_length=1, max_length=500, description="https, to a public address.")]

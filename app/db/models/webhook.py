@@ -20,6 +20,7 @@ EVENTS = (
     "meal.confirmed",
     "meal.deleted",
     "day.closed",
+    "day.reopened",
     "participant.withdrawn",
 )
 

@@ -4,7 +4,7 @@ import hashlib
 import json
 import re
 import uuid
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 
 import pytest
 import sqlalchemy as sa
@@ -16,8 +16,10 @@ from app.db.queries import jobs
 from app.errors import Failure
 from app.main import create_app
 from app.services import announce, safe_address
+from app.services.caller import DeviceCaller
 from app.services.chores import worker_chores
 from app.services.deliver_webhooks import DeliverWebhooks
+from app.services.diary import set_day
 from app.services.webhook_post import WebhookPost
 from app.services.webhook_signature import open_secrets
 from tests.photographs import photograph
@@ -322,6 +324,33 @@ def test_meal_that_is_told_part_by_part_is_received_with_its_last_part(owner, ph
             f"/v1/meals/{meal_id}/images/{slot}", content=photograph(number), headers={"Content-Type": "image/jpeg"}
         )
     assert [row["event"] for row in owner.call("GET", f"{path}/deliveries").json()["items"]] == ["meal.received"]
+
+
+def test_day_is_announced_when_it_is_closed_and_when_it_is_open_again(phone, state):
+    with state.database.write() as session:
+        participant = session.scalars(sa.select(Participant)).one()
+        hook = Webhook(
+            id=uuid.uuid4(),
+            study_id=participant.study_id,
+            url="https://hooks.example.org/",
+            events=["day.closed", "day.reopened"],
+            secret_sealed="sealed",
+            author="owner",
+            created_at=datetime.now(UTC),
+        )
+        session.add(hook)
+    caller = DeviceCaller(uuid.uuid4(), participant.id, participant.study_id, participant.alias)
+    for version, word in enumerate(("closed", "ate_nothing", "reopened")):
+        set_day(state.database, caller, date(2026, 11, 20), word, expected=frozenset({version}))
+    with state.database.read() as session:
+        rows = session.scalars(sa.select(WebhookDelivery).order_by(WebhookDelivery.created_at))
+        told = [(row.event, row.payload["data"]) for row in rows]
+    about = {"study": "pilot", "participant": "P001", "local_date": "2026-11-20"}
+    assert told == [
+        ("day.closed", {**about, "ate_nothing": False}),
+        ("day.closed", {**about, "ate_nothing": True}),
+        ("day.reopened", {**about, "ate_nothing": False}),
+    ]
 
 
 def test_deleted_meal_is_named_by_digest_only(owner, phone, state):
