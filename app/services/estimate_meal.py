@@ -8,6 +8,7 @@ import json
 import tempfile
 import uuid
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from app.db.session import Database
 from app.errors import Failure
 from app.jobs.child_pool import ChildPool, ChildRequest
 from app.jobs.faults import JobFailure
+from app.services.camera_choice import choose_camera
 from app.services.erase import PHOTOGRAPH_ERASED
 from app.services.estimate_json import (
     estimate_to_json,
@@ -67,13 +69,21 @@ class EstimateMeal:
             images = {image.slot: image for image in meals.images_of(session, meal.id)}
             regions = regions_to_measure(session, job, meal) if job.purpose == "remeasure" else None
             hints = regions.hints if regions is not None else meal.details["hints"]
-            options = self._options(session, meal, study, hints)
+            chosen = choose_camera(
+                session,
+                given=meal.details["camera"],
+                device_id=meal.device_id,
+                study=study,
+                sizes=[(image.width_px, image.height_px) for image in images.values()],
+            )
+            options = replace(self._options(session, meal, study, hints), camera=chosen.camera)
         prefix = f"{meal.study_id}/{meal.id}/runs/{job_id}"
         with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
             folder = Path(name)
             pair = AFTER_SLOTS if job.purpose == "after" else SLOTS
             paths = {side: self._fetch(images[slot], folder) for side, slot in zip(SLOTS, pair, strict=True)}
             answer = self._estimate(job, paths, options, folder)
+            chosen.note_in(answer)
             if regions is not None:  # whose each hint is: by the time it is saved, the meal may stand otherwise
                 answer["regions"] = [str(item_id) for item_id in regions.items]
             for artefact in answer["artefacts"]:

@@ -12,6 +12,7 @@ from app.db.queries.meal_parts import parts_of
 from app.db.session import Database
 from app.errors import ConflictError, NotFoundError
 from app.nutrition.nutrients import MassTotal, NutrientTotal, Portion, total_mass, total_nutrients
+from app.services import audit
 from app.services.access import known_studies, require_study
 from app.services.caller import Caller, DeviceCaller
 from app.services.food_amounts import FoodAmounts
@@ -111,13 +112,20 @@ def meal_view(
 def open_artefact(
     database: Database, blobs: BlobStore, caller: Caller, client_id: uuid.UUID, name: str, participant_code: str | None
 ) -> tuple[RunArtefact, Iterator[bytes]]:
-    """An artefact of the meal's last run and its bytes. Raises NotFoundError, ConflictError, BlobMissingError."""
+    """An artefact of the meal's last run and its bytes; the reading is noted.
+
+    Raises NotFoundError, ConflictError, BlobMissingError.
+    """
     with database.read() as session:
         meal, _, _ = find_meal(session, caller, client_id, participant_code)
         run = records.last_run(session, meal.id)
         found = [a for a in records.artefacts_of(session, run.id) if a.name == name] if run else []
     if not found:
         raise NotFoundError(f"This meal has no artefact {name!r}: GET the meal to see which it has.")
+    with database.write() as session:  # it shows the meal, as its photographs do
+        audit.note(
+            session, caller, "photograph.read", study_id=meal.study_id, subject=meal.alias, artefact=found[0].name
+        )
     return found[0], blobs.stream(found[0].blob_key)
 
 

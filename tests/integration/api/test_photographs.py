@@ -1,0 +1,122 @@
+"""GET /v1/meals/{id}/images/{slot}: seen upright and without metadata, by whom it may be, and each reading is noted."""
+
+import io
+import uuid
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+import sqlalchemy as sa
+from PIL import Image
+
+from app.db.models import AuditEvent, Meal, MealImage
+from tests.integration.conftest import meal_metadata
+from tests.photographs import pair, photograph
+
+
+def sent(phone, photos=None, **metadata):
+    body = meal_metadata(**metadata)
+    answer = phone.post(photos or pair(), metadata=body)
+    assert answer.status_code == 202, answer.text
+    return f"/v1/meals/{body['id']}/images"
+
+
+def readings(state):
+    with state.database.read() as session:
+        return list(session.scalars(sa.select(AuditEvent).where(AuditEvent.action == "photograph.read")))
+
+
+def opened(answer):
+    assert answer.status_code == 200, answer.text
+    assert answer.headers["content-type"] == "image/jpeg"
+    return Image.open(io.BytesIO(answer.content))
+
+
+def turned_photograph():
+    """Stored on its side with what phones write into EXIF: a red patch that is at the top left once it is upright."""
+    pixels = np.full((480, 640, 3), 200, np.uint8)
+    pixels[-200:, :200] = (255, 0, 0)  # bottom left as stored; orientation 6 turns it clockwise
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    exif[0x010F] = "a maker"
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "JPEG", exif=exif)
+    return buffer.getvalue()
+
+
+def test_photograph_is_upright_without_metadata_and_the_reading_is_noted_by_alias(phone, state):
+    path = sent(phone, {"left": turned_photograph(), "right": photograph(1)})
+    picture = opened(phone.get(f"{path}/left"))
+    assert picture.size == (480, 640)
+    assert not picture.getexif()
+    red, green, _ = picture.getpixel((60, 60))
+    assert red > 200 > 60 > green
+    (event,) = readings(state)
+    with state.database.read() as session:
+        meal = session.scalars(sa.select(Meal)).one()
+    assert (event.actor_kind, event.subject, event.study_id) == ("device", str(meal.alias), meal.study_id)
+    assert event.details == {"slot": "left", "width_px": 1600}
+
+
+def test_width_is_kept_to_and_never_enlarged(phone):
+    path = sent(phone)
+    assert opened(phone.get(f"{path}/left", width=100)).size == (100, 75)
+    assert opened(phone.get(f"{path}/left", width=4096)).size == (640, 480)
+    for width in (63, 4097, "wide"):
+        assert phone.get(f"{path}/left", width=width).status_code == 422
+
+
+def test_what_the_caller_has_already_is_not_sent_and_not_noted_again(phone, state):
+    path = sent(phone)
+    first = phone.get(f"{path}/right")
+    tag = first.headers["etag"]
+    again = phone.client.get(f"{path}/right", headers=phone.headers | {"If-None-Match": f'"x", W/{tag}'})
+    assert (again.status_code, again.content, again.headers["etag"]) == (304, b"", tag)
+    assert len(readings(state)) == 1
+    smaller = phone.client.get(f"{path}/right", params={"width": 64}, headers=phone.headers | {"If-None-Match": tag})
+    assert smaller.status_code == 200
+    assert "private" in first.headers["cache-control"]
+
+
+def test_only_its_own_phone_and_staff_see_a_photograph(phone, enrol, client, admin, state):
+    path = sent(phone)
+    other = enrol("P002")
+    elsewhere = enrol("P001", study="another")
+    assert other.get(f"{path}/left").status_code == 404
+    assert elsewhere.get(f"{path}/left").status_code == 404
+    assert client.get(f"{path}/left").status_code == 401
+    assert readings(state) == []
+    assert client.get(f"{path}/left", headers=admin).status_code == 200
+    assert [event.actor_kind for event in readings(state)] == ["staff"]
+
+
+def test_slot_without_a_photograph_unknown_slot_and_unknown_meal_are_not_found(phone):
+    path = sent(phone)
+    assert phone.get(f"{path}/after_left").status_code == 404
+    assert phone.get(f"{path}/above").status_code == 422
+    assert phone.get(f"/v1/meals/{uuid.uuid4()}/images/left").status_code == 404
+
+
+def test_erased_photograph_is_gone_even_for_who_has_its_tag(phone, state):
+    path = sent(phone)
+    tag = phone.get(f"{path}/left").headers["etag"]
+    with state.database.write() as session:
+        session.execute(sa.update(MealImage).where(MealImage.slot == "left").values(erased_at=datetime.now(UTC)))
+    for headers in ({}, {"If-None-Match": tag}):
+        answer = phone.client.get(f"{path}/left", headers=phone.headers | headers)
+        assert (answer.status_code, answer.json()["code"]) == (410, "photograph_erased")
+    assert phone.get(f"{path}/right").status_code == 200
+    assert len(readings(state)) == 2
+
+
+@pytest.mark.parametrize("damage", [b"", b"another photograph"])
+def test_photograph_that_changed_on_the_disk_is_not_shown(phone, state, settings, damage):
+    path = sent(phone)
+    with state.database.read() as session:
+        key = session.scalars(sa.select(MealImage.blob_key).where(MealImage.slot == "left")).one()
+    (stored,) = [one for one in settings.data_dir.rglob(key.rpartition("/")[2]) if one.is_file()]
+    stored.chmod(0o600)
+    stored.write_bytes(damage)
+    answer = phone.get(f"{path}/left")
+    assert (answer.status_code, answer.json()["code"]) == (500, "photo_damaged")
+    assert readings(state) == []
