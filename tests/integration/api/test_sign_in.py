@@ -1,0 +1,208 @@
+"""Signing in: the same answer to all who may not, limits by address and by name, sessions that end."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from fastapi.testclient import TestClient
+
+from app.db.models import AccessToken, AuditEvent, Staff
+from app.errors import UnavailableError
+from app.main import create_app
+from app.services.caller import SESSION_IDLE
+from app.services.passwords import AT_ONCE, WAITING, Passwords, _hash_of_nobody, _hasher
+from tests.integration.api.people import PASSWORD, bearer, make_staff, sign_in
+
+OTHER = "staple of another horse"
+
+
+@pytest.fixture
+def settings(settings):
+    return settings.model_copy(update={"sign_in_attempts_per_minute": 60})
+
+
+@pytest.fixture
+def olga(client, admin):
+    client.post("/v1/studies", headers=admin, json={"code": "pilot", "name": "Pilot"})
+    return make_staff(client, admin, "olga", pilot="viewer")
+
+
+def test_session_is_told_once_with_its_end(client, olga):
+    answer = sign_in(client, "olga")
+    body = answer.json()
+    assert answer.headers["cache-control"] == "no-store"
+    assert (body["name"], body["is_admin"], body["idle_minutes"]) == ("olga", False, 120)
+    ends = datetime.fromisoformat(body["expires_at"]) - datetime.now(UTC)
+    assert timedelta(hours=11, minutes=59) < ends <= timedelta(hours=12)
+    assert client.get("/v1/sessions/current", headers=bearer(body["token"])).json()["roles"] == {"pilot": "viewer"}
+
+
+def test_unknown_wrong_and_disabled_give_the_same_answer(client, admin, olga):
+    make_staff(client, admin, "gone")
+    client.patch("/v1/staff/gone", headers=admin, json={"is_disabled": True})
+    answers = [
+        sign_in(client, "olga", OTHER),
+        sign_in(client, "nobody"),
+        sign_in(client, "gone"),
+        sign_in(client, "admin"),  # has no password
+        sign_in(client, "no name at all: @/?"),
+        sign_in(client, "olga", ""),
+        sign_in(client, "olga", PASSWORD + "x" * 500),
+    ]
+    assert {answer.status_code for answer in answers} == {401}
+    assert len({answer.text for answer in answers}) == 1
+    assert answers[0].json()["code"] == "sign_in_failed"
+
+
+def test_every_refusal_does_the_same_work(client, admin, olga, state, monkeypatch):
+    checked = []
+    check = state.passwords._hasher.verify_and_update
+
+    def counted(password, stored):
+        checked.append(stored.split("$")[:4])
+        return check(password, stored)
+
+    monkeypatch.setattr(state.passwords._hasher, "verify_and_update", counted)
+    for name in ("olga", "nobody", "admin"):
+        sign_in(client, name, OTHER)
+    assert len(checked) == 3
+    assert checked[0] == checked[1] == checked[2]  # the same algorithm at the same cost
+
+
+def test_hash_of_nobody_is_no_way_in():
+    passwords = Passwords()
+    assert not passwords.check("nobody has this password", None).is_right
+    assert not _hasher().current_hasher.check_needs_rehash(_hash_of_nobody())
+
+
+def test_sign_out_ends_the_session(olga):
+    assert olga.delete("/v1/sessions/current").status_code == 204
+    assert olga.get("/v1/studies").status_code == 401
+
+
+def test_session_ends_unused_and_at_its_time(client, olga, state):
+    def age(**columns):
+        state.last_use.settle()
+        with state.database.write() as session:
+            row = session.query(AccessToken).filter_by(kind="session").one()
+            for name, value in columns.items():
+                setattr(row, name, value)
+
+    now = datetime.now(UTC)
+    age(last_used_at=now - SESSION_IDLE + timedelta(minutes=1))
+    assert olga.get("/v1/studies").status_code == 200
+    age(last_used_at=now - SESSION_IDLE - timedelta(minutes=1))
+    assert olga.get("/v1/studies").status_code == 401
+    age(last_used_at=now, expires_at=now)
+    assert olga.get("/v1/studies").status_code == 401
+
+
+def test_own_password_changes_and_all_sessions_end(client, olga):
+    elsewhere = bearer(sign_in(client, "olga").json()["token"])
+    change = {"current_password": PASSWORD, "new_password": OTHER}
+    assert olga.post("/v1/sessions/current/password", json=change).status_code == 204
+    assert olga.get("/v1/studies").status_code == 401
+    assert client.get("/v1/studies", headers=elsewhere).status_code == 401
+    assert sign_in(client, "olga").status_code == 401
+    assert sign_in(client, "olga", OTHER).status_code == 201
+
+
+@pytest.mark.parametrize(
+    ("change", "status", "code"),
+    [
+        ({"current_password": OTHER, "new_password": OTHER}, 401, "sign_in_failed"),
+        ({"current_password": PASSWORD, "new_password": PASSWORD}, 422, "password_refused"),
+        ({"current_password": PASSWORD, "new_password": "short"}, 422, "password_refused"),
+    ],
+)
+def test_password_change_that_is_refused_leaves_all_as_it_is(client, olga, change, status, code):
+    answer = olga.post("/v1/sessions/current/password", json=change)
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert olga.get("/v1/studies").status_code == 200
+    assert sign_in(client, "olga").status_code == 201
+
+
+def test_admin_gives_a_new_password_and_the_sessions_end(client, admin, olga):
+    client.patch("/v1/staff/olga", headers=admin, json={"password": OTHER})
+    assert olga.get("/v1/studies").status_code == 401
+    assert sign_in(client, "olga", OTHER).status_code == 201
+
+
+def test_same_word_from_another_keyboard_is_the_same_password(client, admin):
+    client.post("/v1/staff", headers=admin, json={"name": "rene", "password": "cr\u00e8me br\u00fbl\u00e9e au four"})
+    assert sign_in(client, "rene", "cre\u0300me bru\u0302le\u0301e au four").status_code == 201
+
+
+def test_hash_of_older_cost_is_renewed_at_the_next_sign_in(client, admin, olga, state):
+    from pwdlib.hashers.argon2 import Argon2Hasher
+
+    with state.database.write() as session:
+        cheap = Argon2Hasher(time_cost=1, memory_cost=1024, parallelism=1).hash(PASSWORD)
+        session.query(Staff).filter_by(name="olga").one().password_hash = cheap
+    assert sign_in(client, "olga").status_code == 201
+    with state.database.read() as session:
+        assert "$m=65536,t=3,p=4$" in session.query(Staff).filter_by(name="olga").one().password_hash
+    assert sign_in(client, "olga").status_code == 201
+
+
+def test_sessions_and_sign_outs_stand_in_the_audit_log_and_refusals_name_nobody(client, olga, state):
+    sign_in(client, "my password by mistake", OTHER)
+    olga.delete("/v1/sessions/current")
+    with state.database.read() as session:
+        events = [(row.actor, row.action) for row in session.query(AuditEvent) if row.action.startswith("session.")]
+    assert events == [("olga", "session.open"), ("olga", "session.end")]
+
+
+@pytest.fixture
+def strict_client(settings):
+    strict = settings.model_copy(update={"sign_in_attempts_per_minute": 3})
+    with TestClient(create_app(strict), raise_server_exceptions=False) as client:
+        yield client
+
+
+def test_tries_are_limited_by_address(strict_client):
+    answers = [sign_in(strict_client, f"name {n}") for n in range(4)]
+    assert [answer.status_code for answer in answers] == [401, 401, 401, 429]
+    assert int(answers[3].headers["retry-after"]) >= 1
+    assert answers[3].json()["code"] == "rate_limited"
+
+
+def test_tries_are_limited_by_name_from_whatever_address(settings):
+    app = create_app(settings.model_copy(update={"sign_in_attempts_per_minute": 3}))
+    statuses = []
+    with TestClient(app):
+        for n in range(4):
+            other = TestClient(app, raise_server_exceptions=False, client=(f"192.0.2.{n}", 1))
+            statuses.append(sign_in(other, "olga").status_code)
+    assert statuses == [401, 401, 401, 429]
+
+
+def test_hashing_is_bounded_and_too_many_hear_to_come_back(monkeypatch):
+    passwords = Passwords()
+    running, most, go, lock = 0, 0, threading.Event(), threading.Lock()
+
+    def slow(password, stored):
+        nonlocal running, most
+        with lock:
+            running += 1
+            most = max(most, running)
+        go.wait(20)
+        with lock:
+            running -= 1
+        return False, None
+
+    monkeypatch.setattr(passwords._hasher, "verify_and_update", slow)
+
+    def attempt(_):
+        try:
+            return passwords.check("x", None)
+        except UnavailableError as error:
+            go.set()  # the room is full: let those in it go on
+            return error
+
+    callers = AT_ONCE + WAITING + 1
+    with ThreadPoolExecutor(callers) as pool:
+        answers = list(pool.map(attempt, range(callers)))
+    assert most == AT_ONCE
+    assert sum(isinstance(answer, UnavailableError) for answer in answers) == 1
