@@ -17,6 +17,7 @@ def found_item(volume_ml=185.0, hint=0, **changes):
         "candidates": [],
         "hint": hint,
         "flags": [],
+        "traits": {"centre_mm": None, "radius_mm": None, "lab": None},
     }
     return item | changes
 
@@ -44,16 +45,25 @@ def answer(*items, **changes):
     return body | changes
 
 
-def save(state, meal_client_id, *items, **changes):
-    """Save an answer for a meal's queued job, in the way of the worker."""
+def seen_item(x, y, lab, volume_ml=185.0, hint=None, **changes):
+    """An item whose place (mm, table frame) and colour (CIELAB) are known."""
+    traits = {"centre_mm": [x, y], "radius_mm": 30.0, "lab": list(lab)}
+    return found_item(volume_ml, hint, traits=traits, **changes)
+
+
+def save(state, meal_client_id, *items, purpose="meal", **changes):
+    """Save an answer for a meal's newest job of this purpose, in the way of the worker."""
     body = answer(*items, **changes)
     key = f"results/{uuid.uuid4().hex}/{hashlib.sha256(json.dumps(body).encode()).hexdigest()}"
     with state.database.write() as session:
         job = (
             session.query(Job)
             .join(Meal, Meal.id == Job.meal_id)
-            .filter(Meal.client_id == uuid.UUID(str(meal_client_id)))
-            .one()
+            .filter(Meal.client_id == uuid.UUID(str(meal_client_id)), Job.purpose == purpose)
+            .order_by(Job.enqueued_at.desc())
+            .first()
         )
+        assert job is not None, f"the meal has no job for {purpose}"
         save_estimate(session, job.id, body, key)
+        job.state = "done"
         return job.id

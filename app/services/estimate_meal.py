@@ -35,7 +35,7 @@ from app.services.estimate_json import (
 from app.services.project_records import project_meal
 from app.services.receive_photo import sha256_of_file
 from app.services.remeasure import regions_to_measure
-from app.services.save_estimate import save_estimate
+from app.services.save_estimate import after_hints, save_estimate
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
 from app.vision.model import EstimateOptions, MealEstimate
@@ -66,12 +66,13 @@ class EstimateMeal:
             job = session.get_one(Job, job_id)
             meal = session.get_one(Meal, job.meal_id)
             study = session.get_one(Study, meal.study_id)
-            images = {image.slot: image for image in meals.images_of(session, meal.id)}
+            pair = AFTER_SLOTS if job.purpose == "after" else SLOTS
+            images = {image.slot: image for image in meals.images_of(session, meal.id) if image.slot in pair}
             regions = regions_to_measure(session, job, meal) if job.purpose == "remeasure" else None
-            hints = regions.hints if regions is not None else meal.details["hints"]
+            hints = regions.hints if regions is not None else _hints_told(job, meal)
             chosen = choose_camera(
                 session,
-                given=meal.details["camera"],
+                given=_camera_told(job, meal),
                 device_id=meal.device_id,
                 study=study,
                 sizes=[(image.width_px, image.height_px) for image in images.values()],
@@ -80,7 +81,6 @@ class EstimateMeal:
         prefix = f"{meal.study_id}/{meal.id}/runs/{job_id}"
         with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
             folder = Path(name)
-            pair = AFTER_SLOTS if job.purpose == "after" else SLOTS
             paths = {side: self._fetch(images[slot], folder) for side, slot in zip(SLOTS, pair, strict=True)}
             answer = self._estimate(job, paths, options, folder)
             chosen.note_in(answer)
@@ -116,9 +116,7 @@ class EstimateMeal:
         self, session: Session, meal: Meal, study: Study, hints: Sequence[Mapping[str, Any]]
     ) -> EstimateOptions:
         details = meal.details
-        options = options_from_json(
-            {"marker": details["marker"] or study.marker, "camera": details["camera"], "hints": hints}
-        )
+        options = options_from_json({"marker": details["marker"] or study.marker, "hints": hints})
         keys = {hint.food for hint in options.hints if hint.food}
         known: Mapping[str, Food] = foods.foods_by_key(session, keys) if keys else {}
         return with_forms(options, {key: food.slice_form for key, food in known.items()})
@@ -160,3 +158,15 @@ class EstimateMeal:
                 meals.set_progress(session, job.meal_id, status="processing", stage=stage)
         except sqlalchemy.exc.SQLAlchemyError:
             log.warning("stage_not_told", meal_id=str(job.meal_id), stage=stage, exc_info=True)
+
+
+def _hints_told(job: Job, meal: Meal) -> Sequence[Mapping[str, Any]]:
+    """What the phone pointed at in the job's pair."""
+    return after_hints(meal) if job.purpose == "after" else meal.details["hints"]
+
+
+def _camera_told(job: Job, meal: Meal) -> Mapping[str, Any] | None:
+    """The camera that the phone told of: of the after-meal pair, else the meal's, since it is the same phone."""
+    own = (meal.after_details or {}).get("camera") if job.purpose == "after" else None
+    told: Mapping[str, Any] | None = own if own is not None else meal.details["camera"]
+    return told

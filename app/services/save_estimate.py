@@ -52,12 +52,16 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
     session.add_all(RunArtefact(run_id=job_id, **artefact) for artefact in answer["artefacts"])
     if job.purpose == "remeasure":
         save_measures(session, job, answer)
+    elif job.purpose == "after":
+        _save_after(session, meal, job_id, answer)
     else:
         _save_meal(session, meal, job_id, answer)
     project_meal(session, meal)
 
 
-def item_row(meal_id: uuid.UUID, run_id: uuid.UUID, position: int, found: Mapping[str, Any]) -> Item:
+def item_row(
+    meal_id: uuid.UUID, run_id: uuid.UUID, position: int, found: Mapping[str, Any], origin: str = "pipeline"
+) -> Item:
     """An item of the answer as a row; its id follows from run and position, so building it again gives the same."""
     polygon = found["polygon"]
     low_ml, high_ml = found["volume_interval_ml"] or (None, None)
@@ -65,6 +69,7 @@ def item_row(meal_id: uuid.UUID, run_id: uuid.UUID, position: int, found: Mappin
         id=uuid.uuid5(ITEM_NAMESPACE, f"{run_id}/{position}"),
         meal_id=meal_id,
         run_id=run_id,
+        origin=origin,
         position=position,
         rings=polygon if polygon and isinstance(polygon[0][0], list) else [polygon],
         volume_ml=found["volume_ml"],
@@ -72,6 +77,7 @@ def item_row(meal_id: uuid.UUID, run_id: uuid.UUID, position: int, found: Mappin
         volume_high_ml=high_ml,
         relative_sd=found["relative_sd"],
         flags=found["flags"],
+        traits=found.get("traits", {}),  # computed before an upgrade, saved after it
     )
 
 
@@ -79,9 +85,44 @@ def _save_meal(session: Session, meal: Meal, run_id: uuid.UUID, answer: Mapping[
     """What was found in the meal's own pair: its items, and what the hints say they are."""
     failure = answer["failure"]
     items = [item_row(meal.id, run_id, position, found) for position, found in enumerate(answer["items"])]
+    _save_items(session, meal, items, _answered(answer, meal.details["hints"]))
+    if failure:
+        meal.failure_code, meal.failure_message = failure["code"], failure["message"]
+        meal.failure_advice = failure.get("advice", "")
+    meal.stage = None
+
+
+def _save_after(session: Session, meal: Meal, run_id: uuid.UUID, answer: Mapping[str, Any]) -> None:
+    """What was found in the after-meal pair. What it is of which item is matched when the meal is projected."""
+    failure = answer["failure"]
+    items = [item_row(meal.id, run_id, position, found, "after") for position, found in enumerate(answer["items"])]
+    hints = _answered(answer, after_hints(meal))
+    for item, hint in zip(items, hints, strict=True):
+        item.traits = item.traits | {"told": {key: hint[key] for key in ("item", "class") if key in hint}}
+    _save_items(session, meal, items, hints)
+    if failure:
+        meal.after_status = "failed"
+        meal.after_failure_code, meal.after_failure_message = failure["code"], failure["message"]
+        meal.after_failure_advice = failure.get("advice", "")
+        return
+    meal.after_status, meal.after_due_at = "estimated", None
+    meal.after_failure_code = meal.after_failure_message = meal.after_failure_advice = None
+
+
+def after_hints(meal: Meal) -> list[Mapping[str, Any]]:
+    """The hints of the after-meal pair, as the phone sent them."""
+    return list((meal.after_details or {}).get("hints", ()))
+
+
+def _answered(answer: Mapping[str, Any], hints: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The hint that each item answers, empty where it answers none."""
+    return [hints[found["hint"]] if found["hint"] is not None else {} for found in answer["items"]]
+
+
+def _save_items(session: Session, meal: Meal, items: Sequence[Item], hints: Sequence[Mapping[str, Any]]) -> None:
+    """Write items, and what their hints say they are."""
     session.add_all(items)
     session.flush()
-    hints = [meal.details["hints"][found["hint"]] if found["hint"] is not None else {} for found in answer["items"]]
     chosen = _chosen_foods(session, hints)
     session.add_all(
         ItemCandidate(item_id=item.id, position=0, food_id=food.id, probability=None, source=FROM_HINT)
@@ -93,10 +134,6 @@ def _save_meal(session: Session, meal: Meal, run_id: uuid.UUID, answer: Mapping[
         for item, food, hint in zip(items, chosen, hints, strict=True)
     ]
     session.add_all(row for row in taken_for if row is not None)
-    if failure:
-        meal.failure_code, meal.failure_message = failure["code"], failure["message"]
-        meal.failure_advice = failure.get("advice", "")
-    meal.stage = None
 
 
 def _chosen_foods(session: Session, hints: Sequence[Mapping[str, Any]]) -> list[Food | None]:

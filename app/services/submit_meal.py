@@ -5,11 +5,10 @@ acknowledged is on disk; what is sent again is recognised by its SHA-256. A requ
 blob: another request of the same meal may have just sealed the same key, so deleting it here could lose a photograph.
 """
 
-import errno
 import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any, Protocol
 
 from sqlalchemy.exc import IntegrityError
@@ -19,20 +18,20 @@ from app.db.models import Job, Meal, MealImage, Study
 from app.db.models.meal import SLOTS
 from app.db.queries import meals, people, privacy
 from app.db.session import Database
-from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundError, StorageFullError
+from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundError
 from app.services.announce import announce_meal
 from app.services.caller import DeviceCaller
 from app.services.erase import is_meal_deleted, meal_deleted
 from app.services.location_policy import policy_of
 from app.services.meal_time import MealTime
 from app.services.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
+from app.services.seal_photos import image_row, seal_photos, storage_full
 from app.services.secret_box import SecretBox
 from app.services.withdraw import has_left
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
 
 MEAL_NAMESPACE = uuid.UUID("6f0d3d0a-6c0c-4e0e-9a53-52f9b4a4d7f1")  # drawn once; our ids are derived under it
-RETRY_AFTER_SECONDS = 60
 COMPARED = ("captured_at", "time_zone", "marker", "camera", "hints", "app_version")  # equal: the same meal again
 
 
@@ -81,7 +80,7 @@ class SubmitMeal:
         """Refuse an upload early while the disk is nearly full. Raises StorageFullError."""
         free = self._blobs.free_bytes()
         if free is not None and free < self._settings.min_free_bytes:
-            raise _storage_full()
+            raise storage_full()
 
     def submit(
         self,
@@ -121,14 +120,7 @@ class SubmitMeal:
         with self._database.read() as session:  # before sealing, so that a refused request leaves no blob
             stored = self._check(session, meal_id, details, photos)
         keys = {slot: f"{study.id}/{meal_id}/{slot}/{photo.stored_sha256}" for slot, photo in photos.items()}
-        try:
-            for slot, photo in photos.items():
-                if slot not in stored:
-                    self._blobs.put_file(keys[slot], photo.path)
-        except OSError as error:
-            if error.errno in (errno.ENOSPC, errno.EDQUOT):
-                raise _storage_full() from error
-            raise
+        seal_photos(self._blobs, photos, keys, stored)
         meal = _Arriving(client_id, meal_id, metadata, details, location)
         try:
             try:
@@ -197,7 +189,7 @@ class SubmitMeal:
                 raise NotFoundError("There is no such meal yet: PUT /v1/meals/{id} with its metadata first.")
             for slot, photo in photos.items():
                 if slot not in stored:
-                    session.add(_new_image(meal_id, slot, photo, keys[slot], now))
+                    session.add(image_row(meal_id, slot, photo, keys[slot], now))
                     meal.version += 1
                     is_new = True
             if arriving.location is not None and meal.details.get("location") is None:  # a photograph told it
@@ -267,29 +259,14 @@ def _new_meal(
         local_date=metadata.time.local_date(study.day_starts_minutes),
         details=details,
         status="receiving",
+        after_due_at=after_due_at(study, metadata.time.captured_at),
         version=1,
         received_at=now,
     )
 
 
-def _new_image(meal_id: uuid.UUID, slot: str, photo: SealablePhoto, key: str, now: datetime) -> MealImage:
-    return MealImage(
-        id=uuid.uuid4(),
-        meal_id=meal_id,
-        slot=slot,
-        media_type=photo.media_type,
-        width_px=photo.width_px,
-        height_px=photo.height_px,
-        bytes=photo.bytes,
-        received_sha256=photo.received_sha256,
-        stored_sha256=photo.stored_sha256,
-        blob_key=key,
-        received_at=now,
-    )
-
-
-def _storage_full() -> StorageFullError:
-    return StorageFullError(
-        "The server's disk is nearly full. Nothing was kept: keep the meal on the phone and try again later.",
-        retry_after_seconds=RETRY_AFTER_SECONDS,
-    )
+def after_due_at(study: Study, captured_at: datetime) -> datetime | None:
+    """Until when a meal's records are provisional, since an after-meal pair may come; None: the study expects none."""
+    if not study.expects_after_pair:
+        return None
+    return captured_at.astimezone(UTC) + timedelta(minutes=study.after_window_minutes)

@@ -1,0 +1,244 @@
+"""The after-meal pair comes in: what is told of it and its photographs, part by part, any part again, until both are in.
+
+The rules are those of the meal's own pair (services/submit_meal.py): sealed first, then written in one transaction, the
+same bytes again are the same, other bytes are refused. One difference: a pair that failed may be sent anew, since the
+meal cannot be; its photographs then go. The meal's own status is never moved from here.
+"""
+
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Protocol
+
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from app.db.models import Job, Meal, MealImage, Study
+from app.db.models.meal import AFTER_SLOTS
+from app.db.queries import jobs, meals, privacy
+from app.db.session import Database
+from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundError
+from app.services.caller import DeviceCaller
+from app.services.erase import is_meal_deleted, meal_deleted
+from app.services.location_policy import policy_of
+from app.services.meal_time import MealTime
+from app.services.project_records import project_meal
+from app.services.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
+from app.services.seal_photos import image_row, seal_photos
+from app.services.secret_box import SecretBox
+from app.services.submit_meal import Submitted, meal_id_of
+from app.services.withdraw import has_left
+from app.settings import Settings
+from app.storage.blob_store import BlobStore
+
+ARRIVING = frozenset({None, "receiving", "nothing_left"})  # the pair is not queued yet
+
+
+class JobQueue(Protocol):
+    """Where jobs wait (jobs/engine.py)."""
+
+    def enqueue(self, session: Session, job_id: uuid.UUID) -> None:
+        """Make the job run once the session's transaction is committed."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class AfterMetadata:
+    """What the phone tells of the after-meal pair, checked. hints: as the API has them, in after_left's pixels."""
+
+    time: MealTime
+    camera: Mapping[str, Any] | None = None
+    hints: tuple[Mapping[str, Any], ...] = ()
+
+    def details(self) -> dict[str, Any]:
+        """As it is kept and compared."""
+        return {
+            "captured_at": self.time.captured_at.isoformat(),
+            "time_zone": self.time.time_zone,
+            "camera": dict(self.camera) if self.camera is not None else None,
+            "hints": [dict(hint) for hint in self.hints],
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """What is there already. attempt: how many pairs of this meal were measured or failed before."""
+
+    stored: Mapping[str, MealImage]
+    attempt: int
+    is_anew: bool
+
+
+class SubmitAfterPair:
+    """The use case; one a process."""
+
+    def __init__(
+        self, database: Database, blobs: BlobStore, queue: JobQueue, settings: Settings, box: SecretBox
+    ) -> None:
+        self._database = database
+        self._box = box
+        self._blobs = blobs
+        self._queue = queue
+        self._settings = settings
+
+    def zone_of(self, caller: DeviceCaller, client_id: uuid.UUID) -> str:
+        """The meal's time zone, which its after-meal pair has unless it tells another. Raises as `announce`."""
+        meal_id = meal_id_of(caller.participant_id, client_id)
+        with self._database.read() as session:
+            return self._meal(session.get(Meal, meal_id), session, meal_id).time_zone
+
+    def announce(self, caller: DeviceCaller, client_id: uuid.UUID, told: AfterMetadata) -> Submitted:
+        """Keep what the phone tells of the pair, before its second photograph.
+
+        Raises NotFoundError, GoneError, InvalidInputError (before the meal), ConflictError (told otherwise before; the
+        pair is queued already; the meal has no photographs).
+        """
+        return self._keep(caller, client_id, told.details(), {}, told.time.captured_at)
+
+    def receive(self, caller: DeviceCaller, client_id: uuid.UUID, files: Mapping[str, ReceivedFile]) -> Submitted:
+        """Keep photographs by slot; with both there, the pair is queued.
+
+        Raises InvalidInputError, TooLargeError, UnsupportedMediaError (nothing kept), NotFoundError, GoneError,
+        ConflictError (another photograph is there; the meal has none), StorageFullError.
+        """
+        with self._database.read() as session:
+            policy = policy_of(session.get_one(Study, caller.study_id))
+        photos = {
+            slot: prepare_photo(slot, file, max_pixels=self._settings.max_photo_pixels, policy=policy)
+            for slot, file in files.items()
+        }
+        return self._keep(caller, client_id, None, photos, None)
+
+    def _keep(
+        self,
+        caller: DeviceCaller,
+        client_id: uuid.UUID,
+        details: dict[str, Any] | None,
+        photos: Mapping[str, SealablePhoto],
+        captured_at: datetime | None,
+    ) -> Submitted:
+        meal_id = meal_id_of(caller.participant_id, client_id)
+        with self._database.read() as session:  # before sealing, so that a refused request leaves no blob
+            known = self._check(session, session.get(Meal, meal_id), meal_id, details, photos, captured_at)
+        keys = {slot: _blob_key(caller.study_id, meal_id, slot, known.attempt, photo) for slot, photo in photos.items()}
+        seal_photos(self._blobs, photos, keys, () if known.is_anew else known.stored)
+        try:
+            try:
+                return self._write(caller, meal_id, details, photos, keys, captured_at)
+            except IntegrityError:  # the same photograph came twice at the same time and the other was first
+                return self._write(caller, meal_id, details, photos, keys, captured_at)
+        except GoneError:  # erased while this was sealed
+            with self._database.write() as session:
+                privacy.want_deleted(session, list(keys.values()), None, datetime.now(UTC))
+            raise
+
+    def _write(
+        self,
+        caller: DeviceCaller,
+        meal_id: uuid.UUID,
+        details: dict[str, Any] | None,
+        photos: Mapping[str, SealablePhoto],
+        keys: Mapping[str, str],
+        captured_at: datetime | None,
+    ) -> Submitted:
+        now = datetime.now(UTC)
+        with self._database.write() as session:
+            participant = privacy.join_participant(session, caller.participant_id)
+            if participant is None or participant.withdrawn_at is not None:
+                raise has_left()
+            meal = self._meal(meals.lock_meal(session, meal_id), session, meal_id)
+            known = self._check(session, meal, meal_id, details, photos, captured_at)
+            if keys != {s: _blob_key(caller.study_id, meal_id, s, known.attempt, p) for s, p in photos.items()}:
+                raise ConflictError("Another pair came in at the same time: GET the meal, then send again.")
+            is_new = known.is_anew
+            if known.is_anew:
+                _start_anew(session, meal, known, now)
+            stored = set() if known.is_anew else set(known.stored)
+            if details is not None and meal.after_details is None:
+                meal.after_details = details
+                is_new = True
+            added = {slot: photo for slot, photo in photos.items() if slot not in stored}
+            session.add_all(image_row(meal_id, slot, photo, keys[slot], now) for slot, photo in added.items())
+            if not (is_new or added):
+                return Submitted(meal_id, is_new=False)
+            meal.after_status = meal.after_status or "receiving"
+            if added and stored | set(added) == set(AFTER_SLOTS):
+                self._queue_estimate(session, meal, now)
+            if known.is_anew:
+                project_meal(session, meal)  # its records are no longer those of a pair that failed
+            meal.version += 1
+        return Submitted(meal_id, is_new=True)
+
+    def _meal(self, meal: Meal | None, session: Session, meal_id: uuid.UUID) -> Meal:
+        if meal is None:
+            if is_meal_deleted(session, self._box, meal_id):
+                raise meal_deleted()
+            raise NotFoundError("There is no such meal: send the meal before what was left of it.")
+        return meal
+
+    def _check(
+        self,
+        session: Session,
+        meal: Meal | None,
+        meal_id: uuid.UUID,
+        details: Mapping[str, Any] | None,
+        photos: Mapping[str, SealablePhoto],
+        captured_at: datetime | None,
+    ) -> _Known:
+        """What is there, if what came can be kept beside it."""
+        meal = self._meal(meal, session, meal_id)
+        if meal.origin != "photographed":
+            raise ConflictError(
+                "This meal was told without photographs: there is nothing to compare an after-meal pair with.",
+                code="meal_without_photographs",
+            )
+        if captured_at is not None and captured_at < meal.captured_at:
+            raise InvalidInputError("The after-meal pair was taken before the meal.", code="after_pair_before_meal")
+        stored = {image.slot: image for image in meals.images_of(session, meal_id) if image.slot in AFTER_SLOTS}
+        other = [s for s, p in photos.items() if s in stored and stored[s].received_sha256 != p.received_sha256]
+        changed = sorted(k for k in details or {} if (details or {})[k] != (meal.after_details or {}).get(k))
+        attempt, _ = jobs.count_jobs(session, meal_id, "after")
+        if meal.after_status == "failed":
+            return _Known(stored, attempt, is_anew=bool(other or changed))
+        if other:
+            raise ConflictError(
+                f"This meal already has another {other[0]} photograph.",
+                code="after_pair_differs",
+                slot=other[0],
+                stored_sha256=stored[other[0]].received_sha256,
+            )
+        if changed and meal.after_details is not None:
+            raise ConflictError(
+                "Something else was told of this after-meal pair before.", code="after_pair_differs", fields=changed
+            )
+        if changed and meal.after_status not in ARRIVING:
+            raise ConflictError(
+                "The after-meal pair is queued already: tell of it before its second photograph.",
+                code="after_pair_queued",
+            )
+        attempt -= meal.after_status not in ARRIVING  # the pair that is there has been given its job
+        return _Known(stored, attempt, is_anew=False)
+
+    def _queue_estimate(self, session: Session, meal: Meal, now: datetime) -> None:
+        job = Job(id=uuid.uuid4(), meal_id=meal.id, purpose="after", state="queued", attempts=0, enqueued_at=now)
+        session.add(job)
+        meal.after_status = "queued"
+        session.flush()
+        self._queue.enqueue(session, job.id)
+
+
+def _start_anew(session: Session, meal: Meal, known: _Known, now: datetime) -> None:
+    """Make room for another pair: the failed one's photographs go, its run stays."""
+    privacy.want_deleted(session, [image.blob_key for image in known.stored.values()], None, now)
+    for image in known.stored.values():
+        session.delete(image)
+    meal.after_status, meal.after_details = "receiving", None
+    meal.after_failure_code = meal.after_failure_message = meal.after_failure_advice = None
+    session.flush()
+
+
+def _blob_key(study_id: uuid.UUID, meal_id: uuid.UUID, slot: str, attempt: int, photo: SealablePhoto) -> str:
+    """A later attempt has its own keys: the same bytes may be sent again while those of the failed one are deleted."""
+    again = f"{attempt}/" if attempt else ""
+    return f"{study_id}/{meal_id}/{slot}/{again}{photo.stored_sha256}"
