@@ -1,0 +1,361 @@
+"""A participant with everything that one can have, and where anything of theirs is left: rows, files, bytes."""
+
+import hashlib
+import pathlib
+import uuid
+from datetime import UTC, datetime, timedelta
+
+import sqlalchemy as sa
+
+from app.db.models import (
+    Base,
+    CameraCalibration,
+    DayEvent,
+    DiaryDay,
+    Enrolment,
+    Food,
+    Item,
+    ItemCandidate,
+    ItemFood,
+    ItemMeasure,
+    Job,
+    Leftover,
+    Meal,
+    MealEvent,
+    Participant,
+    Run,
+    RunArtefact,
+    Study,
+    Webhook,
+    WebhookDelivery,
+)
+from app.db.queries.jobs import DBOS_SCHEMA
+from app.db.queries.privacy import WORKFLOW_TABLES
+from app.services.caller import sha256_hex
+from app.services.rebuild_records import rebuild_records
+from tests import estimates
+from tests.estimates import found_item
+from tests.integration.conftest import meal_metadata
+from tests.photographs import pair
+
+OWNERS = {"participant", "device", "meal", "item", "run", "job", "meal_event"}
+OWNED_BY = {f"{owner}_id" for owner in OWNERS} | {"event_id", "after_item_id", "parent_id"}
+OF_EVERYBODY = {"study", "staff", "food", "webhook", "recompute"}
+SHA256_LENGTH = 64
+
+
+class Person:
+    """mark: stands in every free text of theirs, and in their code."""
+
+    def __init__(self, state, enrol, mark, seed):
+        self.state, self.mark = state, mark
+        before = all_keys(state.database)
+        self.phone = enrol(mark)
+        self.token_sha256 = sha256_hex(self.phone.headers["Authorization"].removeprefix("Bearer "))
+        self.metadata = meal_metadata(
+            hints=[{"point": [30, 20], "food": "apple"}],
+            app_version=f"app {mark}",
+            captured_at="2026-11-20T12:30:00+08:00",
+        )
+        self.photos = pair(seed)
+        assert self.phone.post(self.photos, self.metadata).status_code == 202
+        estimates.save(state, self.metadata["id"], found_item(hint=0))
+        self._fill(state)
+        rebuild_records(state.database, write=True)
+        self.rows = {table: sorted(keys - before[table]) for table, keys in all_keys(state.database).items()}
+
+    @property
+    def path(self):
+        return f"/v1/meals/{self.metadata['id']}"
+
+    def _fill(self, state):
+        now, mark = datetime.now(UTC), self.mark
+        with state.database.write() as session:
+            person = session.scalars(sa.select(Participant).where(Participant.code == mark)).one()
+            person.profile = {"sex": "female", "note": mark}
+            meal = session.scalars(sa.select(Meal).where(Meal.participant_id == person.id)).one()
+            self.participant_id, self.meal_id, self.device_id = person.id, meal.id, meal.device_id
+            self.aliases = {person.alias, meal.alias}
+            meal.after_details = {"app_version": mark, "location": None}
+            meal.failure_message = mark
+            run = session.scalars(sa.select(Run).where(Run.meal_id == meal.id)).one()
+            item = session.scalars(sa.select(Item).where(Item.meal_id == meal.id)).one()
+            apple = session.scalars(sa.select(Food).limit(1)).one()
+            content = f"picture of {mark}".encode()
+            sha256 = hashlib.sha256(content).hexdigest()
+            key = f"{meal.study_id}/{meal.id}/runs/{run.id}/topview.jpg/{sha256}"
+            state.blobs.put_bytes(key, content)
+            state.blobs.put_bytes(f"{meal.study_id}/{meal.id}/runs/{run.id}/result.json/{'0' * 64}", mark.encode())
+            artefact = RunArtefact(
+                run_id=run.id,
+                name="topview.jpg",
+                media_type="image/jpeg",
+                bytes=len(content),
+                sha256=sha256,
+                blob_key=key,
+            )
+            event = MealEvent(
+                id=uuid.uuid4(),
+                meal_id=meal.id,
+                sequence=10,
+                item_id=item.id,
+                kind="comment",
+                layer="participant",
+                device_id=meal.device_id,
+                old={},
+                new={"text": f"said {mark}"},
+                request_sha256=hashlib.sha256(mark.encode()).hexdigest(),
+                created_at=now,
+            )
+            session.add_all([artefact, event])
+            session.flush()
+            job = Job(
+                id=uuid.uuid4(), meal_id=meal.id, purpose="remeasure", event_id=event.id, state="done", enqueued_at=now
+            )
+            session.add(job)
+            session.flush()
+            remeasured = Run(
+                id=job.id,
+                meal_id=meal.id,
+                purpose="remeasure",
+                method="paper",
+                pipeline_version="test",
+                marker="plain:9x7:11",
+                parameters={},
+                stages={},
+                seconds=1.0,
+                food_releases=[],
+                result_key=f"{meal.study_id}/{meal.id}/runs/{job.id}/result.json/{'1' * 64}",
+                created_at=now,
+            )
+            session.add(remeasured)
+            session.flush()
+            shape = {"rings": [], "relative_sd": {}, "flags": []}
+            after = Item(
+                id=uuid.uuid4(),
+                meal_id=meal.id,
+                origin="declared",
+                parent_id=item.id,
+                event_id=event.id,
+                position=9,
+                **shape,
+            )
+            session.add(after)
+            session.flush()
+            hook = session.scalars(sa.select(Webhook)).first()
+            if hook is None:
+                hook = Webhook(
+                    id=uuid.uuid4(),
+                    study_id=meal.study_id,
+                    url="https://example.org/",
+                    events=["meal.confirmed"],
+                    secret_sealed="x",
+                    author="admin",
+                    created_at=now,
+                )
+                session.add(hook)
+                session.flush()
+            session.add_all(
+                [
+                    ItemCandidate(item_id=after.id, position=0, food_id=apple.id, probability=0.5, source="index"),
+                    ItemFood(
+                        item_id=after.id,
+                        version=1,
+                        food_id=apple.id,
+                        edible_share=1.0,
+                        event_id=event.id,
+                        created_at=now,
+                    ),
+                    ItemMeasure(item_id=item.id, event_id=event.id, run_id=remeasured.id, **shape),
+                    Leftover(
+                        after_item_id=after.id,
+                        version=1,
+                        item_id=item.id,
+                        leftover_class="food_left",
+                        event_id=event.id,
+                        flags=[],
+                        created_at=now,
+                    ),
+                    DiaryDay(
+                        participant_id=person.id,
+                        local_date=meal.local_date,
+                        study_id=meal.study_id,
+                        status="closed",
+                        ate_nothing=False,
+                        changed_at=now,
+                        change_seq=0,
+                    ),
+                    DayEvent(
+                        id=uuid.uuid4(),
+                        participant_id=person.id,
+                        local_date=meal.local_date,
+                        kind="closed",
+                        layer="participant",
+                        author=mark,
+                        created_at=now,
+                    ),
+                    CameraCalibration(
+                        id=uuid.uuid4(),
+                        device_id=meal.device_id,
+                        model=mark,
+                        marker="plain:9x7:11",
+                        camera={},
+                        rms_px=0.2,
+                        photographs=9,
+                        author=mark,
+                        created_at=now,
+                    ),
+                    Enrolment(
+                        id=uuid.uuid4(),
+                        participant_id=person.id,
+                        code_sha256=sha256_hex(f"code of {mark}"),
+                        expires_at=now + timedelta(days=1),
+                        created_at=now,
+                    ),
+                    *(
+                        WebhookDelivery(
+                            id=uuid.uuid4(),
+                            webhook_id=hook.id,
+                            event="meal.confirmed",
+                            payload={"data": {"participant": mark, **told}},
+                            state="delivered",
+                            created_at=now,
+                            **owner,
+                        )
+                        for owner, told in (
+                            ({"meal_id": meal.id}, {"meal_id": str(meal.client_id)}),
+                            ({"participant_id": person.id}, {}),
+                        )
+                    ),
+                ]
+            )
+            self._fill_workflow(session, job.id)
+
+    def _fill_workflow(self, session, job_id):
+        """What DBOS keeps of a job that was worked on: a row in each of its tables."""
+        prefix = "" if self.state.database.is_sqlite else f"{DBOS_SCHEMA}."
+        columns = {
+            "workflow_status": {"status": "SUCCESS"},
+            "operation_outputs": {"function_id": 1, "function_name": "compute", "output": str(self.meal_id)},
+            "datasource_outputs": {"step_id": 1, "output": "done"},
+            "workflow_events": {"key": "k", "value": "v"},
+            "workflow_events_history": {"function_id": 1, "key": "k", "value": "v"},
+            "streams": {"key": "k", "value": "v", '"offset"': 0},
+            "notifications": {"message": "m"},
+        }
+        for table in reversed(WORKFLOW_TABLES):
+            values = {WORKFLOW_TABLES[table]: str(job_id)} | columns.get(table, {})
+            names = ", ".join(values)
+            binds = ", ".join(f":p{n}" for n in range(len(values)))
+            session.execute(
+                sa.text(f"INSERT INTO {prefix}{table} ({names}) VALUES ({binds})"),
+                {f"p{n}": value for n, value in enumerate(values.values())},
+            )
+
+    def needles(self):
+        """What must be nowhere once they are erased: their mark, ids, hashes, keys and pieces of their photographs."""
+        found = {self.mark, self.token_sha256}
+        shared = set()
+        with self.state.database.read() as session:
+            for model in (Study, Webhook):
+                shared.update(map(str, session.scalars(sa.select(model.id))))
+            for mapper in Base.registry.mappers:
+                table = mapper.local_table
+                for key in self.rows.get(table.name, ()):
+                    row = session.execute(sa.select(table).where(key_condition(table, key))).one()
+                    for column, value in zip(table.columns, row, strict=True):
+                        if column.name == "alias" or str(value) in shared or table.name in ("audit_event", "webhook"):
+                            continue
+                        if isinstance(value, uuid.UUID):
+                            found.add(str(value))
+                        elif isinstance(value, str) and (len(value) == SHA256_LENGTH or "/runs/" in value):
+                            found.add(value)
+        texts = sorted(found)
+        assert len(texts) > 20
+        needles = [text.lower().encode() for text in texts]
+        needles += [uuid.UUID(text).hex.encode() for text in texts if len(text) == 36 and text.count("-") == 4]
+        needles += [content[len(content) // 2 :][:64].lower() for content in self.photos.values()]
+        return needles
+
+
+def all_keys(database):
+    """Table -> primary keys of its rows, as text."""
+    with database.read() as session:
+        return {
+            table.name: {tuple(map(str, row)) for row in session.execute(sa.select(*table.primary_key.columns))}
+            for table in Base.metadata.tables.values()
+        }
+
+
+def key_condition(table, key):
+    columns = table.primary_key.columns
+    return sa.and_(*(_as_text(column, value) for column, value in zip(columns, key, strict=True)))
+
+
+def _as_text(column, value):
+    python_type = column.type.python_type
+    if python_type is uuid.UUID:
+        return column == uuid.UUID(value)
+    if python_type is int:
+        return column == int(value)
+    if python_type.__name__ == "date":
+        return column == python_type.fromisoformat(value)
+    return column == value
+
+
+def personal_tables():
+    """Tables that can hold something of a person: by foreign keys, and by columns that name one without."""
+    found = {"participant"}
+    while True:
+        more = {
+            table.name
+            for table in Base.metadata.tables.values()
+            if table.name not in found
+            and (
+                any(key.column.table.name in found - OF_EVERYBODY for key in table.foreign_keys)
+                or any(column.name in OWNED_BY for column in table.columns)
+            )
+        }
+        if not more:
+            return found
+        found |= more
+
+
+def database_bytes(database):
+    """All that the database holds, in lower case: SQLite's files; every row of every table of PostgreSQL as text."""
+    if database.is_sqlite:
+        path = pathlib.Path(sa.make_url(database.url).database)
+        files = [file for file in (path, path.with_name(path.name + "-wal")) if file.exists()]
+        return b"".join(file.read_bytes() for file in files).lower()
+    texts = []
+    with database.read() as session:
+        tables = session.execute(
+            sa.text("SELECT schemaname, tablename FROM pg_tables WHERE schemaname IN ('public', 'dbos')")
+        ).all()
+        for schema, table in tables:
+            if table in ("food", "food_nutrient", "food_word", "food_posting", "food_word_trigram", "food_portion"):
+                continue
+            rows = session.scalars(sa.text(f'SELECT t::text FROM "{schema}"."{table}" t'))
+            texts += [f"{schema}.{table} {row}" for row in rows]
+    return "\n".join(texts).lower().encode()
+
+
+def store_bytes(folder):
+    """Names and contents of all files in a folder, in lower case."""
+    paths = sorted(folder.rglob("*"))
+    return b"\n".join(
+        str(path.relative_to(folder)).encode() + (b" " + path.read_bytes() if path.is_file() else b"") for path in paths
+    ).lower()
+
+
+def tables_with_alias(database, aliases):
+    """Tables of which a row holds one of these ids, in any column."""
+    found = set()
+    with database.read() as session:
+        for table in Base.metadata.tables.values():
+            if table.name.startswith("food"):
+                continue
+            for row in session.execute(sa.select(table)):
+                if any(str(alias) in str(value) for alias in aliases for value in row):
+                    found.add(table.name)
+    return found

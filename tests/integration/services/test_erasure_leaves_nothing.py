@@ -1,0 +1,216 @@
+"""After an erasure nothing of the person is anywhere: no row, no byte of the database, no file; the others' stay."""
+
+import contextlib
+import shutil
+import sqlite3
+
+import pytest
+import sqlalchemy as sa
+from fastapi.testclient import TestClient
+from pydantic import SecretStr
+
+from app.db.models import Base
+from app.db.queries.jobs import DBOS_SCHEMA
+from app.db.queries.privacy import WORKFLOW_TABLES
+from app.main import create_app
+from app.services.delete_blobs import BlobDeleter
+from app.services.reapply_erasures import reapply_erasures
+from app.services.rebuild_records import Rebuilt, rebuild_records
+from app.services.secret_box import SecretKeyError
+from app.settings import Settings
+from tests.conftest import postgres_database
+from tests.integration.persons import (
+    Person,
+    all_keys,
+    database_bytes,
+    personal_tables,
+    store_bytes,
+    tables_with_alias,
+)
+
+STAYS_WITHOUT_MEAL = {
+    "access_token",
+    "camera_calibration",
+    "day_event",
+    "device",
+    "diary_day",
+    "enrolment",
+    "participant",
+    "webhook_delivery",
+}
+
+
+@pytest.fixture
+def bystander(state, enrol):
+    return Person(state, enrol, "somebody-else-7Kq", seed=5)
+
+
+@pytest.fixture
+def subject(state, enrol, bystander):
+    return Person(state, enrol, "nobodys-words-4Xz", seed=1)
+
+
+@pytest.fixture
+def blob_folder(settings):
+    return settings.data_dir / "blobs"
+
+
+def finish(state):
+    state.last_use.settle()
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    assert state.database.empty_log()
+
+
+def assert_nothing_is_left(state, folder, needles):
+    for where, held in (("database", database_bytes(state.database)), ("store", store_bytes(folder))):
+        for needle in needles:
+            at = held.find(needle)
+            assert at < 0, f"{needle!r} is left in the {where}: ...{held[max(0, at - 200) : at + 100]!r}..."
+
+
+def test_a_person_fills_every_table_that_can_hold_something_of_one(subject):
+    """A table that a later version adds must be filled in tests/integration/persons.py, and then be erased."""
+    empty = {table for table in personal_tables() if not subject.rows[table]}
+    assert empty == set()
+
+
+def test_every_table_of_dbos_that_names_a_workflow_is_erased(state):
+    schema = None if state.database.is_sqlite else DBOS_SCHEMA
+    inspector = sa.inspect(state.database.read_engine)
+    naming = {"workflow_uuid", "workflow_id", "destination_uuid"}
+    found = {
+        table
+        for table in inspector.get_table_names(schema=schema)
+        if naming & {column["name"] for column in inspector.get_columns(table, schema=schema)}
+    }
+    assert found == set(WORKFLOW_TABLES)
+
+
+def test_withdrawal_with_erasure_leaves_nothing_of_the_person(state, subject, bystander, blob_folder, client):
+    needles = subject.needles()
+    assert sum(needle in database_bytes(state.database) for needle in needles) > 20
+    assert sum(needle in store_bytes(blob_folder) for needle in needles) > 5
+    answer = client.post("/v1/me/withdrawal", headers=subject.phone.headers)
+    assert answer.status_code == 200, answer.text
+    finish(state)
+    assert_nothing_is_left(state, blob_folder, needles)
+    assert tables_with_alias(state.database, subject.aliases) <= {"audit_event"}
+    assert_bystander_is_untouched(state, bystander)
+
+
+def test_erased_meal_leaves_nothing_but_its_person(state, subject, bystander, blob_folder, client):
+    needles = subject.needles()
+    of_the_person = keys_of_person_alone(state, subject)
+    assert client.delete(subject.path, headers=subject.phone.headers).status_code == 200
+    finish(state)
+    assert_nothing_is_left(state, blob_folder, [needle for needle in needles if needle not in of_the_person])
+    left = all_keys(state.database)
+    assert {table for table in personal_tables() if set(subject.rows[table]) & left[table]} == STAYS_WITHOUT_MEAL
+    assert_bystander_is_untouched(state, bystander)
+
+
+@pytest.mark.parametrize("what", ["participant", "meal"])
+def test_restored_backup_is_erased_again_before_anything_is_served(
+    request, what, state, settings, subject, bystander, client, blob_folder, tmp_path
+):
+    needles = subject.needles()
+    if what == "meal":
+        of_the_person = keys_of_person_alone(state, subject)
+        needles = [needle for needle in needles if needle not in of_the_person]
+    with backup(request, state.database, tmp_path) as url:
+        blobs = tmp_path / "restored" / "blobs"
+        shutil.copytree(blob_folder, blobs)
+        if what == "meal":
+            answer = client.delete(subject.path, headers=subject.phone.headers)
+        else:
+            answer = client.post("/v1/me/withdrawal", headers=subject.phone.headers)
+        restored = other_settings(
+            settings,
+            {
+                "database_url": url,
+                "blob_url": f"file://{blobs}",
+                "erasure_url": settings.resolved_erasure_url,
+                "data_dir": tmp_path / "restored",
+            },
+        )
+        assert sum(needle in store_bytes(blobs) for needle in needles) > 3
+        with TestClient(create_app(restored)) as again:
+            state = again.app.state.api
+            assert state.database.url != client.app.state.api.database.url
+            assert state.database.empty_log()
+            assert_nothing_is_left(state, blobs, needles)
+            assert again.get(f"/v1/receipts/{answer.json()['id']}").json() == answer.json()
+            call = again.get(subject.path, headers=subject.phone.headers)
+            assert call.json()["code"] == ("meal_deleted" if what == "meal" else "withdrawn")
+            assert again.get(bystander.path, headers=bystander.phone.headers).status_code == 200
+            assert reapply_erasures(state.eraser, state.blobs) == 0
+
+
+def test_ledger_under_another_key_refuses_to_start_with_a_restored_backup(
+    request, state, settings, subject, client, tmp_path
+):
+    with backup(request, state.database, tmp_path) as url:
+        client.post("/v1/me/withdrawal", headers=subject.phone.headers)
+        restored = other_settings(
+            settings,
+            {
+                "database_url": url,
+                "erasure_url": settings.resolved_erasure_url,
+                "data_dir": tmp_path / "restored",
+                "secret_key": SecretStr("another key, which made no digest at all"),
+            },
+        )
+        with pytest.raises(SecretKeyError, match="ledger"), TestClient(create_app(restored)):
+            pass
+
+
+def other_settings(settings, changes):
+    return Settings(**(settings.model_dump() | changes))  # a copy would keep what is resolved already
+
+
+@contextlib.contextmanager
+def backup(request, database, folder):
+    """A copy of the database as it is now: its URL."""
+    if database.is_sqlite:
+        path = folder / "restored" / "tada.sqlite3"
+        path.parent.mkdir()
+        with (
+            contextlib.closing(sqlite3.connect(sa.make_url(database.url).database)) as source,
+            contextlib.closing(sqlite3.connect(path)) as target,
+        ):
+            source.backup(target)
+        yield f"sqlite:///{path}"
+        return
+    database.dispose()
+    server = request.getfixturevalue("postgres_server")
+    with postgres_database(server, sa.make_url(database.url).database) as url:
+        yield url
+
+
+def keys_of_person_alone(state, person):
+    """Needles that belong to the person and not to the meal."""
+    stay = {person.mark.encode(), person.token_sha256.encode()}
+    with state.database.read() as session:
+        for name in STAYS_WITHOUT_MEAL:
+            table = Base.metadata.tables[name]
+            for row in session.execute(sa.select(table)):
+                stay.update(str(value).lower().encode() for value in row)
+                stay.update(str(value).replace("-", "").lower().encode() for value in row)
+    return stay - {str(person.meal_id).encode(), person.meal_id.hex.encode()}
+
+
+def assert_bystander_is_untouched(state, bystander):
+    left = all_keys(state.database)
+    assert {table: set(keys) - left[table] for table, keys in bystander.rows.items() if set(keys) - left[table]} == {}
+    answer = bystander.phone.get(bystander.path)
+    assert answer.status_code == 200
+    assert all(state.blobs.has(key) for key in blob_keys(state))
+    assert rebuild_records(state.database, write=False) == Rebuilt(compared=2, different=0)
+
+
+def blob_keys(state):
+    with state.database.read() as session:
+        return [
+            *session.scalars(sa.text("SELECT blob_key FROM meal_image")),
+            *session.scalars(sa.text("SELECT blob_key FROM run_artefact")),
+        ]
