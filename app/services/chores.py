@@ -36,5 +36,6 @@ def worker_chores(database: Database, blobs: BlobStore, box: SecretBox, settings
         Chore("erase_old_pictures", HOUR, lambda: erase_old_pictures(database)),
         Chore("delete_orphans", HOUR, deleter.delete_orphans),
         Chore("deliver_webhooks", 1.0, deliver.run),
-        Chore("tidy_webhooks", 60.0, deliver.tidy),
+        Chore("give_up_deliveries", 60.0, deliver.give_up_unsendable),
+        Chore("remove_old_deliveries", HOUR, deliver.remove_old),
     ]

@@ -40,6 +40,7 @@ LONGEST_RETRY_AFTER = timedelta(days=1)
 GIVEN_UP_IN_A_ROW = 5  # then the webhook is disabled
 CLAIM = timedelta(seconds=6 * TOTAL_SECONDS)  # a try and writing down what came of it take less
 AT_ONCE = 8  # deliveries in one worker
+ROWS_AT_ONCE = 1000  # a transaction: short ones, on SQLite nobody else writes meanwhile
 FIRST_REST_SECONDS, LONGEST_REST_SECONDS = 5.0, 300.0
 KEPT = timedelta(days=30)  # of a delivery that has ended
 GONE = 410
@@ -84,7 +85,11 @@ class DeliverWebhooks:
         """Start what is due, as far as there is room. Returns how many deliveries were started."""
         started = 0
         while (claimed := self._claim()) is not None:
-            threading.Thread(target=self._deliver, args=(claimed,), name="webhook", daemon=True).start()
+            try:
+                threading.Thread(target=self._deliver, args=(claimed,), name="webhook", daemon=True).start()
+            except RuntimeError:  # the machine has no thread left: the claim runs out
+                self._be_done_with(claimed)
+                raise
             started += 1
         return started
 
@@ -93,15 +98,22 @@ class DeliverWebhooks:
         with self._lock:
             return self._lock.wait_for(lambda: not self._busy, seconds)
 
-    def tidy(self) -> None:
-        """Give up what nothing will send any more; remove what ended long ago."""
-        with self._database.write() as session:
-            for delivery in webhooks.unsendable(session, self._now(), MOST_ATTEMPTS, webhooks.REMOVED_AT_ONCE):
-                _give_up(delivery)
-        removed = webhooks.REMOVED_AT_ONCE
-        while removed == webhooks.REMOVED_AT_ONCE:
+    def give_up_unsendable(self) -> None:
+        """Give up what waits for a disabled webhook, and what a worker died over at its last try."""
+        found = ROWS_AT_ONCE
+        while found == ROWS_AT_ONCE:
             with self._database.write() as session:
-                removed = webhooks.remove_ended(session, self._now() - KEPT)
+                rows = webhooks.unsendable(session, self._now(), MOST_ATTEMPTS, ROWS_AT_ONCE)
+                for delivery in rows:
+                    _give_up(delivery)
+                found = len(rows)
+
+    def remove_old(self) -> None:
+        """Remove deliveries that have ended, KEPT after their event."""
+        removed = ROWS_AT_ONCE
+        while removed == ROWS_AT_ONCE:
+            with self._database.write() as session:
+                removed = webhooks.remove_ended(session, self._now() - KEPT, ROWS_AT_ONCE)
 
     def _claim(self) -> _Claimed | None:
         """The next delivery, or None if there is none or no room. Its webhook is busy from here on."""
@@ -133,9 +145,12 @@ class DeliverWebhooks:
         except Exception as error:  # the worker's edge: the claim runs out, and it is tried again
             log.warning("webhook_delivery_failed", delivery_id=str(claimed.delivery_id), exc_info=error)
         finally:
-            with self._lock:
-                self._busy.discard(claimed.webhook_id)
-                self._lock.notify_all()
+            self._be_done_with(claimed)
+
+    def _be_done_with(self, claimed: _Claimed) -> None:
+        with self._lock:
+            self._busy.discard(claimed.webhook_id)
+            self._lock.notify_all()
 
     def _send(self, claimed: _Claimed) -> Answer:
         try:

@@ -9,8 +9,6 @@ from sqlalchemy.orm import Session
 
 from app.db.models import Study, Webhook, WebhookDelivery
 
-REMOVED_AT_ONCE = 1000  # rows a transaction: short ones, on SQLite nobody else writes meanwhile
-
 
 def enabled_webhooks(session: Session, study_id: uuid.UUID) -> list[Webhook]:
     """A study's webhooks that are told of events, the oldest first."""
@@ -120,10 +118,10 @@ def unsendable(session: Session, now: datetime, most_attempts: int, limit: int) 
     return list(session.scalars(query.with_for_update(of=row, skip_locked=True)))
 
 
-def remove_ended(session: Session, before: datetime) -> int:
-    """Remove deliveries that ended and were made before that time; at most REMOVED_AT_ONCE. Returns how many."""
+def remove_ended(session: Session, before: datetime, limit: int) -> int:
+    """Remove at most `limit` deliveries that have ended and were made before that time. Returns how many."""
     row = WebhookDelivery
-    old = sa.select(row.id).where(row.state != "waiting", row.created_at < before).limit(REMOVED_AT_ONCE)
+    old = sa.select(row.id).where(row.state != "waiting", row.created_at < before).limit(limit)
     removed = session.execute(
         sa.delete(row).where(row.id.in_(old)).returning(row.id).execution_options(synchronize_session=False)
     )

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import re
+import time
 import uuid
 from datetime import UTC, date, datetime
 
@@ -77,6 +78,11 @@ def deliver(state):
     started = chore.run()
     assert chore.wait_until_idle(PATIENCE_SECONDS)
     return started
+
+
+def chores_of(state):
+    """What a worker does, by name."""
+    return {chore.name: chore for chore in worker_chores(state.database, state.blobs, state.secrets, state.settings)}
 
 
 def audited(state):
@@ -176,12 +182,7 @@ def test_disabled_webhook_is_told_nothing_and_sends_no_test(owner, state):
     assert [owner.call("DELETE", path).status_code for _ in range(2)] == [204, 204]
     assert owner.call("POST", f"{path}/test").json()["code"] == "webhook_disabled"
     assert deliver(state) == 0
-    (tidy,) = [
-        chore
-        for chore in worker_chores(state.database, state.blobs, state.secrets, state.settings)
-        if chore.name == "tidy_webhooks"
-    ]
-    tidy.run()
+    chores_of(state)["give_up_deliveries"].run()
     (row,) = owner.call("GET", f"{path}/deliveries").json()["items"]
     assert (row["event"], row["state"]) == ("ping", "given_up")
     assert audited(state) == ["webhook.create", "webhook.test", "webhook.disable"]
@@ -203,6 +204,32 @@ def test_ping_is_delivered_logged_and_replayed_as_it_was(owner, state):
     assert json.loads(first.body)["type"] == "ping"
     assert (first.headers["Webhook-Id"], second.headers["Webhook-Id"]) == (row["id"], again.json()["id"])
     assert row["id"] != again.json()["id"]
+
+
+def test_worker_delivers_as_one_of_its_chores(owner, state):
+    with receiver() as there:
+        path = f"/{owner.made(there.url)}"
+        owner.call("POST", f"{path}/test")
+        chores_of(state)["deliver_webhooks"].run()
+        deadline = time.monotonic() + PATIENCE_SECONDS
+        while owner.call("GET", f"{path}/deliveries?state=delivered").json()["items"] == []:
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+    assert len(there.received) == 1
+
+
+def test_worker_that_may_not_call_the_loopback_does_not(owner, state):
+    """The setting was taken back, or the URL came in by another way: each delivery is checked anew."""
+    with receiver() as there:
+        path = f"/{owner.made(there.url)}"
+        owner.call("POST", f"{path}/test")
+        chore = DeliverWebhooks(state.database, state.secrets, WebhookPost(allow_loopback=False))
+        assert chore.run() == 1
+        assert chore.wait_until_idle(PATIENCE_SECONDS)
+        (row,) = owner.call("GET", f"{path}/deliveries").json()["items"]
+    assert (row["state"], row["last_status"], row["attempts"]) == ("waiting", None, 1)
+    assert row["last_error"] == "The URL must begin with https://."
+    assert there.received == []
 
 
 def test_rotated_secret_is_shown_once_and_the_old_one_signs_along(owner, state):

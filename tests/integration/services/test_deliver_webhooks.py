@@ -221,7 +221,7 @@ def test_answer_410_disables_the_webhook_and_is_noted(sending):
         sending.announce()
         sending.deliver()
         assert sending.deliver() == 0
-    sending.chore.tidy()
+    sending.chore.give_up_unsendable()
     assert sending.webhook(hook).disabled_at == sending.clock()
     assert [row.state for row in sending.rows()] == ["given_up", "given_up"]
     assert len(there.received) == 1
@@ -282,10 +282,10 @@ def test_worker_that_dies_at_the_last_try_leaves_nothing_waiting_for_ever(sendin
     with sending.database.write() as session:
         row, _ = sql.claim_due(session, sending.clock(), (), until=sending.clock() + deliver_webhooks.CLAIM)
         row.attempts = MOST_ATTEMPTS
-    sending.chore.tidy()
+    sending.chore.give_up_unsendable()
     assert sending.rows()[0].state == "waiting"  # it may be under way
     sending.wait(deliver_webhooks.CLAIM)
-    sending.chore.tidy()
+    sending.chore.give_up_unsendable()
     assert sending.rows()[0].state == "given_up"
 
 
@@ -393,10 +393,10 @@ def test_deliveries_that_ended_are_removed_after_thirty_days(sending):
         sending.announce("meal.failed")
         sending.deliver_all()
         sending.wait(timedelta(days=29))
-        sending.chore.tidy()
+        sending.chore.remove_old()
         assert len(sending.rows()) == 3
         sending.wait(timedelta(days=2))
-        sending.chore.tidy()
+        sending.chore.remove_old()
     assert [row.state for row in sending.rows()] == ["waiting"]
 
 
