@@ -7,7 +7,7 @@ from datetime import datetime
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import Study, Webhook, WebhookDelivery
+from app.db.models import Meal, Participant, Study, Webhook, WebhookDelivery
 
 
 def enabled_webhooks(session: Session, study_id: uuid.UUID) -> list[Webhook]:
@@ -34,11 +34,17 @@ def find_webhook(session: Session, study_id: uuid.UUID, webhook_id: uuid.UUID, *
 
 
 def find_delivery(session: Session, webhook_id: uuid.UUID, delivery_id: uuid.UUID) -> WebhookDelivery | None:
-    """A delivery of this webhook."""
-    query = sa.select(WebhookDelivery).where(
-        WebhookDelivery.id == delivery_id, WebhookDelivery.webhook_id == webhook_id
-    )
-    return session.scalars(query).one_or_none()
+    """A delivery of this webhook, to make another from it: erasures end before or wait."""
+    row = WebhookDelivery
+    query = sa.select(row).where(row.id == delivery_id, row.webhook_id == webhook_id)
+    found = session.scalars(query).one_or_none()
+    if found is None:
+        return None
+    of_person = sa.select(Participant.id).where(Participant.id == found.participant_id)
+    of_meal = sa.select(Meal.id).where(Meal.id == found.meal_id)
+    for held in (of_person, of_meal):
+        session.execute(held.with_for_update(read=True, key_share=True))
+    return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
 
 
 def page_of_deliveries(

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import re
+import threading
 import time
 import uuid
 from datetime import UTC, date, datetime
@@ -14,6 +15,7 @@ from fastapi.testclient import TestClient
 from app.db.models import AuditEvent, Job, Meal, Participant, Webhook, WebhookDelivery
 from app.db.models.webhook import ALL_EVENTS, EVENTS
 from app.db.queries import jobs
+from app.db.queries.meals import lock_meal
 from app.errors import Failure
 from app.main import create_app
 from app.services import announce, safe_address
@@ -390,6 +392,25 @@ def test_deleted_meal_is_named_by_digest_only(owner, phone, state):
     assert deleted["event"] == "meal.deleted"
     assert meal_id not in json.dumps(deleted)
     assert deleted["payload"]["data"]["meal_sha256"] == hashlib.sha256(meal_id.encode()).hexdigest()
+
+
+def test_replay_beside_an_erasure_brings_nothing_back(owner, phone, state):
+    path = f"/{owner.made()}"
+    phone.post({"left": photograph(1), "right": photograph(2)})
+    (row,) = owner.call("GET", f"{path}/deliveries").json()["items"]
+    answers = []
+    replays = threading.Thread(
+        target=lambda: answers.append(owner.call("POST", f"{path}/deliveries/{row['id']}/replay"))
+    )
+    with state.database.write() as session:
+        meal = lock_meal(session, session.scalars(sa.select(Meal.id)).one())
+        session.execute(sa.delete(WebhookDelivery).where(WebhookDelivery.meal_id == meal.id))
+        replays.start()
+        replays.join(0.5)  # it waits for us
+        assert answers == []
+    replays.join(PATIENCE_SECONDS)
+    assert answers[0].status_code == 404
+    assert owner.call("GET", f"{path}/deliveries").json()["items"] == []
 
 
 def test_redelivery_of_a_notice_that_was_forgotten_is_refused(owner, phone, state):
