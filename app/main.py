@@ -77,7 +77,11 @@ def create_app(settings: Settings) -> FastAPI:
         box = open_secret_box(settings)
         database = Database(settings.resolved_database_url)
         blobs = open_blob_store(settings.resolved_blob_url)
-        await anyio.to_thread.run_sync(prepare, database, settings)
+        try:
+            await anyio.to_thread.run_sync(prepare, database, settings)
+        except BaseException:
+            database.dispose()
+            raise
         queue = JobQueue(database)
         waiter = MealWaiter(database)
         last_use = LastUse(database)
