@@ -13,6 +13,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 
+from app.api.route_name import route_name
 from app.db.session import is_disk_full
 from app.errors import InvalidInputError, StorageFullError, TadaError, UnavailableError
 
@@ -159,13 +160,13 @@ async def _on_database_error(_: Request, error: Exception) -> Response:
 
 async def _on_data_error(request: Request, error: Exception) -> Response:
     log.warning(
-        "value_refused_by_database", path=request.url.path, error=type(error).__name__
+        "value_refused_by_database", route=route_name(request.scope), error=type(error).__name__
     )  # its text quotes values
     return render_problem(InvalidInputError("The request holds a value that the database cannot keep."))
 
 
 async def _on_store_error(request: Request, error: Exception) -> Response:
-    log.error("store_error", path=request.url.path, exc_info=error)
+    log.error("store_error", route=route_name(request.scope), exc_info=error)
     if getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT):
         return render_problem(StorageFullError("The server's disk is full. Nothing was kept; try again later."))
     return render_problem(UnavailableError("The file store does not answer. Nothing was kept; try again in a moment."))

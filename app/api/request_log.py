@@ -1,4 +1,4 @@
-"""One log line a request, with an id that the answer carries too (`X-Request-Id`). No query, no token, no body.
+"""One log line a request, with an id that the answer carries too (`X-Request-Id`). No path, query, token or body.
 
 It is also where a mistake of ours ends: logged whole, told as a problem document without any of it.
 """
@@ -10,6 +10,7 @@ import structlog
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.problems import render_problem
+from app.api.route_name import route_name
 from app.errors import TadaError
 
 log = structlog.get_logger()
@@ -41,7 +42,7 @@ class RequestLog:
             try:
                 await self._app(scope, receive, stamped_send)
             except Exception:
-                log.exception("request_crashed", path=scope["path"])
+                log.exception("request_crashed", route=route_name(scope))
                 if status:  # the answer has begun: all that is left is to cut it
                     raise
                 crash = TadaError("Something went wrong on the server. It is logged; nothing was kept.")
@@ -51,7 +52,7 @@ class RequestLog:
                     log.info(
                         "request",
                         method=scope["method"],
-                        path=scope["path"],
+                        route=route_name(scope),
                         status=status,
                         milliseconds=round(1000 * (time.perf_counter() - started), 1),
                     )

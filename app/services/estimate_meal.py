@@ -78,6 +78,7 @@ class EstimateMeal:
                 sizes=[(image.width_px, image.height_px) for image in images.values()],
             )
             options = replace(self._options(session, meal, study, hints), camera=chosen.camera)
+        log.info("estimate_begun", meal_id=str(meal.id), purpose=job.purpose)
         prefix = f"{meal.study_id}/{meal.id}/runs/{job_id}"
         with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
             folder = Path(name)
@@ -98,6 +99,7 @@ class EstimateMeal:
     def save(self, session: Session, job_id: uuid.UUID, result_key: str) -> None:
         """Write run, items and records in the given transaction."""
         save_estimate(session, job_id, json.loads(self._blobs.read(result_key)), result_key)
+        log.info("estimate_saved", result_key=result_key)  # it begins with the study's and the meal's id
 
     def settle(self, session: Session, meal: Meal) -> None:
         """Bring the meal's records in line with a job that ended without a result."""

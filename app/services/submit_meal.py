@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any, Protocol
 
+import structlog
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -30,6 +31,8 @@ from app.services.secret_box import SecretBox
 from app.services.withdraw import has_left
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
+
+log = structlog.get_logger()
 
 MEAL_NAMESPACE = uuid.UUID("6f0d3d0a-6c0c-4e0e-9a53-52f9b4a4d7f1")  # drawn once; our ids are derived under it
 COMPARED = ("captured_at", "time_zone", "marker", "camera", "hints", "app_version")  # equal: the same meal again
@@ -196,6 +199,8 @@ class SubmitMeal:
                 meal.details = meal.details | {"location": arriving.location}
             if meal.status == "receiving" and set(stored) | set(photos) == set(SLOTS):
                 self._queue_estimate(session, meal, now)
+        if is_new:
+            log.info("meal_kept", meal_id=str(meal_id), slots=sorted(photos), status=meal.status)
         return Submitted(meal_id, is_new)
 
     def _queue_estimate(self, session: Session, meal: Meal, now: datetime) -> None:
@@ -205,6 +210,7 @@ class SubmitMeal:
         meal.version += 1
         session.flush()
         self._queue.enqueue(session, job.id)
+        log.info("meal_queued", meal_id=str(meal.id), job_id=str(job.id), purpose=job.purpose)
         announce_meal(session, meal)
 
 

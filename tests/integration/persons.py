@@ -77,7 +77,6 @@ class Person:
             self.participant_id, self.meal_id, self.device_id = person.id, meal.id, meal.device_id
             self.aliases = {person.alias, meal.alias}
             meal.after_details = {"app_version": mark, "location": None}
-            meal.failure_message = mark
             run = session.scalars(sa.select(Run).where(Run.meal_id == meal.id)).one()
             item = session.scalars(sa.select(Item).where(Item.meal_id == meal.id)).one()
             apple = session.scalars(sa.select(Food).limit(1)).one()
