@@ -10,11 +10,12 @@ from fastapi.openapi.utils import get_openapi
 
 from app import __version__
 from app.api import (
+    adequacy,
     audit,
     calibrations,
     checks,
-    devices,
     days,
+    devices,
     enrolments,
     food_edits,
     food_groups,
@@ -33,6 +34,7 @@ from app.api import (
     studies,
     study_densities,
     study_members,
+    summary,
     tokens,
     webhooks,
 )
@@ -133,6 +135,8 @@ def create_app(settings: Settings) -> FastAPI:
         audit,
         records,
         days,
+        summary,
+        adequacy,
         foods,
         food_edits,
         food_groups,

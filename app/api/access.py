@@ -103,10 +103,13 @@ RULES: Mapping[tuple[str, str], Rule] = {
     # days and feedback
     ("GET", "/v1/me/days"): DEVICE,
     ("PUT", "/v1/me/days/{day}"): DEVICE,
+    ("GET", "/v1/me/summary"): DEVICE,
     ("GET", "/v1/days"): VIEWER_OR_DEVICE,
     ("GET", "/v1/studies/{study}/participants/{participant}/days"): VIEWER,
     ("PUT", "/v1/studies/{study}/participants/{participant}/days/{day}"): REVIEWER,
+    ("GET", "/v1/studies/{study}/participants/{participant}/summary"): VIEWER,
     ("GET", "/v1/studies/{study}/intakes"): VIEWER,
+    ("GET", "/v1/studies/{study}/adequacy"): VIEWER,
     # before a meal: checks and the phone's camera
     ("POST", "/v1/checks"): DEVICE,
     ("POST", "/v1/calibrations"): DEVICE,

@@ -26,13 +26,17 @@ def eaten_item(grams=100.0, food=None, **columns):
             "food": food, "status": "confirmed"} | columns  # fmt: skip
 
 
-def add_meal(state, code, day, *items, study="pilot", hour=12, delay=timedelta(minutes=5), deleted=False):
+def add_meal(
+    state, code, day, *items, study="pilot", hour=12, delay=timedelta(minutes=5), deleted=False, device_of=None
+):
     """A meal on a local day (UTC) with these items; its id."""
     day = date.fromisoformat(day) if isinstance(day, str) else day
     captured_at = datetime.combine(day, time(hour), UTC)
     with state.database.write() as session:
         participant = participant_of(session, code, study)
-        device = session.scalars(sa.select(Device).where(Device.participant_id == participant.id)).first()
+        device = session.scalars(
+            sa.select(Device).where(Device.participant_id == (device_of or participant.id))
+        ).first()
         meal = Meal(
             id=uuid.uuid4(),
             client_id=uuid.uuid4(),

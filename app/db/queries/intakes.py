@@ -24,6 +24,15 @@ class MeanAmount(NamedTuple):
     coverage: float | None
 
 
+class ClosedDay(NamedTuple):
+    """is_nothing: nothing was eaten. is_whole: nothing was, or the eaten grams of everything are known."""
+
+    participant_id: uuid.UUID
+    local_date: date
+    is_nothing: bool
+    is_whole: bool
+
+
 @dataclass(frozen=True, slots=True)
 class IntakeRow:
     """A participant's mean daily intake over closed days.
@@ -115,6 +124,26 @@ def page_of_intakes(
     return [_intake_row(row, profiles[row[0]]) for row in rows]
 
 
+def closed_days(session: Session, chosen: DayFilter) -> list[ClosedDay]:
+    """The closed days of the filter."""
+    page = keys_of(chosen, None).cte("page")
+    day = days_with_sums(page).subquery()
+    is_nothing = sa.and_(day.c.said_nothing, day.c.meals == 0)
+    is_whole = sa.or_(is_nothing, sa.and_(day.c.item_count > 0, day.c.unmeasured == 0))
+    query = (
+        sa.select(day.c.participant_id, day.c.local_date, is_nothing, is_whole)
+        .where(day.c.status == "closed")
+        .order_by(day.c.participant_id, day.c.local_date)
+    )
+    return [ClosedDay(row[0], row[1], bool(row[2]), bool(row[3])) for row in session.execute(query)]
+
+
+def profiles_of(session: Session, study_id: uuid.UUID) -> dict[uuid.UUID, dict[str, Any] | None]:
+    """Participant -> profile, of a whole study."""
+    query = sa.select(Participant.id, Participant.profile).where(Participant.study_id == study_id)
+    return {row[0]: row[1] for row in session.execute(query)}
+
+
 def component_by_day(
     session: Session, chosen: DayFilter, number: str, less: str | None
 ) -> dict[tuple[uuid.UUID, date], Amount]:
@@ -163,7 +192,5 @@ def _intake_row(row: sa.Row[*tuple[Any, ...]], profile: dict[str, Any] | None) -
         provisional_items=int(values["provisional"]),
         whole_days=values["whole_days"],
         whole_energy_kcal=values["whole_kcal"],
-        means={
-            name: MeanAmount(values[name], values[f"{name}_days"], values[f"{name}_coverage"]) for name in AMOUNTS
-        },
+        means={name: MeanAmount(values[name], values[f"{name}_days"], values[f"{name}_coverage"]) for name in AMOUNTS},
     )

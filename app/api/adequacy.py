@@ -1,0 +1,64 @@
+"""/v1/studies/{study}/adequacy: the share of each group whose usual intake lies below the EAR."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Query
+
+from app.api.days import FirstDay, LastDay
+from app.api.deps import CurrentStaff, State
+from app.api.problems import problem_responses
+from app.api.schemas.adequacy import AdequacyOut, StageAdequacyOut, VariancesOut
+from app.errors import InvalidInputError
+from app.services.adequacy import StageAdequacy, judge_study
+
+router = APIRouter(prefix="/v1/studies", tags=["days"])
+
+METHOD = (
+    "EAR cut-point (Beaton 1994) on usual intakes from closed days, adjusted for day-to-day variation "
+    "(NRC 1986, IOM 2000)."
+)
+
+
+@router.get("/{study}/adequacy", responses=problem_responses(401, 403, 404, 422))
+def get_adequacy(
+    study: Annotated[str, Path(max_length=64)],
+    state: State,
+    staff: CurrentStaff,
+    component: Annotated[str, Query(max_length=64, description="Number, tagname or record's column: 401, VITC.")],
+    first_day: FirstDay = None,
+    last_day: LastDay = None,
+) -> AdequacyOut:
+    """Each life stage's persons, days, variances, and the share below the EAR, or why it cannot be told."""
+    if first_day and last_day and first_day > last_day:
+        raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
+    judged = judge_study(state.database, staff, study, component, first_day=first_day, last_day=last_day)
+    return AdequacyOut(
+        number=judged.component.number,
+        tagname=judged.component.tagname,
+        name=judged.component.name,
+        unit=judged.component.unit,
+        groups=[_group(group) for group in judged.groups],
+        persons_without_stage=judged.persons_without_stage,
+        method=METHOD,
+    )
+
+
+def _group(group: StageAdequacy) -> StageAdequacyOut:
+    found, reference = group.found, group.reference
+    return StageAdequacyOut(
+        life_stage=group.stage,
+        persons=group.persons,
+        days=group.days,
+        days_left_out=group.days_left_out,
+        ear=reference.ear if reference else None,
+        per=reference.per if reference else None,
+        compared_with=reference.compared_with if reference else None,
+        mean_usual_intake=found.mean if found else None,
+        share_below_ear=found.share_below if found else None,
+        share_interval=(found.share_low, found.share_high) if found else None,
+        unadjusted_share=found.unadjusted_share if found else None,
+        variances=VariancesOut(scale=found.scale, within=found.variances.within, between=found.variances.between)
+        if found
+        else None,
+        reason=group.reason,
+    )

@@ -1,0 +1,184 @@
+"""How much of a study's group eats less than it needs: the EAR cut-point, by life stage, on closed days.
+
+A person's few days say little about their need; a group's do, once the days' own scatter is taken out
+(nutrition/usual_intake.py). Where the method does not hold, no share is told but why. The answer to the same data is
+the same each time.
+"""
+
+import uuid
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import date
+from typing import Literal
+
+import numpy as np
+
+from app.db.queries import intakes, people
+from app.db.queries.days import Amount, DayFilter
+from app.db.queries.intakes import ClosedDay
+from app.db.session import Database
+from app.errors import InvalidInputError, NotFoundError
+from app.nutrition.components import COMPONENT_BY_NUMBER, ENERGY_NUMBERS, NUMBER_BY_TAGNAME, Component
+from app.nutrition.life_stage import LifeStage, life_stage
+from app.nutrition.reference_intakes import ReferenceIntake, reference_intakes
+from app.nutrition.usual_intake import NotJudged, UsualIntakes, judge_group
+from app.services.access import require_study
+from app.services.caller import Caller
+from app.services.food_amounts import RECORD_COLUMNS
+from app.services.study_days import person_on
+
+MIN_COVERAGE = 0.9  # of a day's grams; a day of which less is known is left out, since it would count as little eaten
+LESS: Mapping[str, str] = {"205": "291"}  # the requirement is of available carbohydrate: fibre is taken off
+IRON = "303"
+MENSTRUATING = frozenset(  # their need of iron is skewed: half the group is not below the EAR (IOM 2001, chapter 9)
+    {
+        LifeStage.FEMALE_14_18,
+        LifeStage.FEMALE_19_30,
+        LifeStage.FEMALE_31_50,
+    }
+)
+SEED = 1986  # any number: the interval's draws are the same each time
+
+Reason = Literal[
+    "energy_follows_need",
+    "no_ear",
+    "need_is_skewed",
+    "too_few_persons",
+    "no_repeated_days",
+    "no_difference_between_persons",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class StageAdequacy:
+    """A life stage's group. found: None where reason says why. ear: a day, or a day and kilogram of body weight.
+
+    days: that were used; days_left_out: closed days that were not, since too little is known of them.
+    """
+
+    stage: LifeStage
+    persons: int
+    days: int
+    days_left_out: int
+    reference: ReferenceIntake | None
+    found: UsualIntakes | None
+    reason: Reason | None
+
+
+@dataclass(frozen=True, slots=True)
+class Adequacy:
+    """A study's groups. persons_without_stage: with closed days, whose life stage (or weight) is not known."""
+
+    component: Component
+    groups: tuple[StageAdequacy, ...]
+    persons_without_stage: int
+
+
+@dataclass(slots=True)
+class _Group:
+    reference: ReferenceIntake | None
+    days: list[list[float]] = field(default_factory=list)
+    left_out: int = 0
+
+
+def judge_study(
+    database: Database,
+    caller: Caller,
+    study_code: str,
+    component: str,
+    *,
+    first_day: date | None,
+    last_day: date | None,
+) -> Adequacy:
+    """Judge a component by number, tagname or record's column. Raises NotFoundError, InvalidInputError."""
+    found = _component(component)
+    with database.read() as session:
+        study = people.find_study(session, study_code)
+        if study is None:
+            raise NotFoundError("There is no such study.")
+        require_study(caller, study.id)
+        chosen = DayFilter(study_ids=frozenset({study.id}), first_day=first_day, last_day=last_day)
+        closed = intakes.closed_days(session, chosen)
+        amounts = intakes.component_by_day(session, chosen, found.number, LESS.get(found.number))
+        profiles = intakes.profiles_of(session, study.id)
+    by_person: dict[uuid.UUID, list[ClosedDay]] = defaultdict(list)
+    for day in closed:
+        by_person[day.participant_id].append(day)
+    groups: dict[LifeStage, _Group] = {}
+    without = 0
+    for participant_id, days in by_person.items():
+        placed = _placed(profiles.get(participant_id), days[-1].local_date, found.number)
+        if placed is None:
+            without += 1
+            continue
+        stage, reference, divisor = placed
+        group = groups.setdefault(stage, _Group(reference))
+        known = [value / divisor for day in days if (value := _amount(day, amounts)) is not None]
+        group.left_out += len(days) - len(known)
+        if known:
+            group.days.append(known)
+    judged = tuple(_judge(stage, groups[stage], found.number) for stage in LifeStage if stage in groups)
+    return Adequacy(found, judged, without)
+
+
+def _component(name: str) -> Component:
+    number = RECORD_COLUMNS[name][0] if name in RECORD_COLUMNS else NUMBER_BY_TAGNAME.get(name, name)
+    if number not in COMPONENT_BY_NUMBER:
+        raise InvalidInputError(f"No component {name!r}.", code="component_unknown", component=name)
+    return COMPONENT_BY_NUMBER[number]
+
+
+def _placed(
+    profile: Mapping[str, object] | None, day: date, number: str
+) -> tuple[LifeStage, ReferenceIntake | None, float] | None:
+    """(stage, its reference, what daily amounts are divided by); None without a stage, or a weight that is needed."""
+    person = person_on(profile, day)
+    if person is None:
+        return None
+    try:
+        stage = life_stage(
+            person.age_years, person.known_sex, is_pregnant=person.is_pregnant, is_lactating=person.is_lactating
+        )
+    except ValueError:  # no column without the sex
+        return None
+    with_ear = [each for each in reference_intakes(stage) if each.number == number and each.ear is not None]
+    if not with_ear:
+        return stage, None, 1.0
+    reference = min(with_ear, key=lambda each: each.per != "day")  # a day's figure before one a kilogram
+    if reference.per == "day":
+        return stage, reference, 1.0
+    return None if person.weight_kg is None else (stage, reference, person.weight_kg)
+
+
+def _amount(day: ClosedDay, amounts: Mapping[tuple[uuid.UUID, date], Amount]) -> float | None:
+    """What was eaten on a day; None where too little is known of it."""
+    if day.is_nothing:
+        return 0.0
+    amount = amounts.get((day.participant_id, day.local_date))
+    if not day.is_whole or amount is None or amount.value is None or (amount.coverage or 0.0) < MIN_COVERAGE:
+        return None
+    return amount.value
+
+
+def _judge(stage: LifeStage, group: _Group, number: str) -> StageAdequacy:
+    persons, days = len(group.days), sum(len(person) for person in group.days)
+    reason = _why_not(stage, group.reference, number)
+    found: UsualIntakes | None = None
+    if reason is None and group.reference is not None and group.reference.ear is not None:
+        judged = judge_group(group.days, group.reference.ear, np.random.default_rng(SEED))
+        if isinstance(judged, NotJudged):
+            reason = judged.reason
+        else:
+            found = judged
+    return StageAdequacy(stage, persons, days, group.left_out, group.reference, found, reason)
+
+
+def _why_not(stage: LifeStage, reference: ReferenceIntake | None, number: str) -> Reason | None:
+    if number in ENERGY_NUMBERS:
+        return "energy_follows_need"  # people eat as much energy as they need: the two go together (IOM 2000)
+    if reference is None:
+        return "no_ear"
+    if number == IRON and stage in MENSTRUATING:
+        return "need_is_skewed"
+    return None

@@ -1,0 +1,50 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.nutrition.compare_intake import compare_intake
+
+
+def test_interval_of_three_days_is_students():
+    found = compare_intake([80.0, 100.0, 120.0], 90.0, "rda", is_covered=True)
+    assert found.mean == 100.0
+    assert found.high - found.mean == pytest.approx(2.919986 * 20.0 / math.sqrt(3))  # t of 2 degrees, 95 %
+    assert found.verdict == "open"
+
+
+@pytest.mark.parametrize(
+    ("daily", "kind", "is_covered", "verdict"),
+    [
+        ([100.0, 101.0, 99.0], "rda", True, "reaches"),
+        ([100.0, 101.0, 99.0], "ai", False, "reaches"),  # a lower bound that is above is above
+        ([100.0, 101.0, 99.0], "cdrr", True, "above_limit"),
+        ([50.0, 51.0, 49.0], "rda", True, "below"),
+        ([50.0, 51.0, 49.0], "ai", True, "open_adequate"),
+        ([50.0, 51.0, 49.0], "cdrr", True, "under_limit"),
+        ([50.0, 51.0, 49.0], "rda", False, "open_coverage"),
+        ([50.0, 51.0, 49.0], "cdrr", False, "open_coverage"),
+        ([90.0, 90.0, 90.0], "rda", True, "reaches"),
+        ([0.0, 0.0, 0.0], "rda", True, "below"),
+    ],
+)
+def test_verdict_says_no_more_than_the_days_and_the_reference(daily, kind, is_covered, verdict):
+    assert compare_intake(daily, 90.0, kind, is_covered=is_covered).verdict == verdict
+
+
+@given(st.lists(st.floats(0.0, 1e4), min_size=3, max_size=14), st.floats(1.0, 1e4), st.floats(0.01, 100.0))
+def test_unit_does_not_change_the_verdict(daily, reference, factor):
+    one = compare_intake(daily, reference, "rda", is_covered=True)
+    other = compare_intake([factor * day for day in daily], factor * reference, "rda", is_covered=True)
+    near = min(abs(one.low - reference), abs(one.high - reference)) < 1e-6 * reference  # rounding decides there
+    assert one.verdict == other.verdict or near
+    assert other.mean == pytest.approx(factor * one.mean)
+
+
+@pytest.mark.parametrize(
+    ("daily", "reference"), [([1.0, 2.0], 1.0), ([1.0, 2.0, math.nan], 1.0), ([1.0, 2.0, 3.0], 0.0)]
+)
+def test_too_few_days_and_bad_figures_are_refused(daily, reference):
+    with pytest.raises(ValueError, match="3 days"):
+        compare_intake(daily, reference, "rda", is_covered=True)
