@@ -19,6 +19,7 @@ import structlog
 from app import __version__
 from app.db.models import WebhookDelivery
 from app.db.queries import webhooks
+from app.db.queries.webhooks import Due
 from app.db.session import Database
 from app.services import audit
 from app.services.secret_box import SecretBox, SecretKeyError
@@ -40,6 +41,7 @@ LONGEST_RETRY_AFTER = timedelta(days=1)
 GIVEN_UP_IN_A_ROW = 5  # then the webhook is disabled
 CLAIM = timedelta(seconds=6 * TOTAL_SECONDS)  # a try and writing down what came of it take less
 AT_ONCE = 8  # deliveries in one worker
+TURN_SECONDS = 10.0  # then a webhook with many deliveries makes room for another
 ROWS_AT_ONCE = 1000  # a transaction: short ones, on SQLite nobody else writes meanwhile
 FIRST_REST_SECONDS, LONGEST_REST_SECONDS = 5.0, 300.0
 KEPT = timedelta(days=30)  # of a delivery that has ended
@@ -82,9 +84,9 @@ class DeliverWebhooks:
         self._rests: dict[uuid.UUID, tuple[float, float]] = {}  # webhook -> (rest in seconds, until, monotonic)
 
     def run(self) -> int:
-        """Start what is due, as far as there is room. Returns how many deliveries were started."""
+        """Begin with each webhook that something is due to, as far as there is room. Returns with how many."""
         started = 0
-        while (claimed := self._claim()) is not None:
+        while (claimed := self._claim_any()) is not None:
             try:
                 threading.Thread(target=self._deliver, args=(claimed,), name="webhook", daemon=True).start()
             except RuntimeError:  # the machine has no thread left: the claim runs out
@@ -115,33 +117,42 @@ class DeliverWebhooks:
             with self._database.write() as session:
                 removed = webhooks.remove_ended(session, self._now() - KEPT, ROWS_AT_ONCE)
 
-    def _claim(self) -> _Claimed | None:
-        """The next delivery, or None if there is none or no room. Its webhook is busy from here on."""
+    def _claim_any(self) -> _Claimed | None:
+        """A delivery to a webhook that is free, which is busy from here on; None if there is none, or no room."""
         with self._lock:
             if len(self._busy) >= AT_ONCE:
                 return None
             resting = {hook for hook, (_, until) in self._rests.items() if time.monotonic() < until}
             passed_over = self._busy | resting
-        now = self._now()
+        claimed = self._claim(Due(self._now(), passed_over=frozenset(passed_over)))
+        if claimed is not None:
+            with self._lock:
+                self._busy.add(claimed.webhook_id)
+        return claimed
+
+    def _claim(self, due: Due) -> _Claimed | None:
         with self._database.read() as session:  # on SQLite a look must not keep those who write waiting
-            if not webhooks.has_due(session, now, passed_over):
+            if not webhooks.has_due(session, due):
                 return None
         with self._database.write() as session:
-            found = webhooks.claim_due(session, now, passed_over, until=now + CLAIM)
+            found = webhooks.claim_due(session, due, until=due.now + CLAIM)
             if found is None:
                 return None
             delivery, hook = found
             body = json.dumps(delivery.payload, sort_keys=True, separators=(",", ":")).encode()
-            claimed = _Claimed(delivery.id, hook.id, hook.url, hook.secret_sealed, body, delivery.attempts)
-        with self._lock:
-            self._busy.add(claimed.webhook_id)
-        return claimed
+            return _Claimed(delivery.id, hook.id, hook.url, hook.secret_sealed, body, delivery.attempts)
 
     def _deliver(self, claimed: _Claimed) -> None:
+        """Send it and, as long as the receiver takes them and others need not wait, what is due to the same webhook."""
+        following: _Claimed | None = claimed
+        turn_ends = time.monotonic() + TURN_SECONDS
         try:
-            answer = self._send(claimed)
-            self._rest_or_go_on(claimed.webhook_id, answer)
-            self._note(claimed, answer)
+            while following is not None:
+                answer = self._send(following)
+                self._rest_or_go_on(following.webhook_id, answer)
+                self._note(following, answer)
+                goes_on = answer.is_success and time.monotonic() < turn_ends
+                following = self._claim(Due(self._now(), only=claimed.webhook_id)) if goes_on else None
         except Exception as error:  # the worker's edge: the claim runs out, and it is tried again
             log.warning("webhook_delivery_failed", delivery_id=str(claimed.delivery_id), exc_info=error)
         finally:

@@ -1,13 +1,22 @@
 """SQL of webhooks and their deliveries."""
 
 import uuid
-from collections.abc import Collection
+from dataclasses import dataclass
 from datetime import datetime
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.models import Meal, Participant, Study, Webhook, WebhookDelivery
+
+
+@dataclass(frozen=True, slots=True)
+class Due:
+    """Deliveries to enabled webhooks that may be sent by now; of one webhook only, or of all but some."""
+
+    now: datetime
+    passed_over: frozenset[uuid.UUID] = frozenset()
+    only: uuid.UUID | None = None
 
 
 def enabled_webhooks(session: Session, study_id: uuid.UUID) -> list[Webhook]:
@@ -66,20 +75,18 @@ def page_of_deliveries(
     return list(session.scalars(query.order_by(row.created_at.desc(), row.id.desc()).limit(limit)))
 
 
-def has_due(session: Session, now: datetime, busy: Collection[uuid.UUID]) -> bool:
-    """Whether a delivery may be sent now to a webhook that is not busy."""
-    return session.scalar(_due(now, busy).with_only_columns(WebhookDelivery.id).limit(1)) is not None
+def has_due(session: Session, due: Due) -> bool:
+    """Whether there is such a delivery."""
+    return session.scalar(_due(due).with_only_columns(WebhookDelivery.id).limit(1)) is not None
 
 
-def claim_due(
-    session: Session, now: datetime, busy: Collection[uuid.UUID], *, until: datetime
-) -> tuple[WebhookDelivery, Webhook] | None:
+def claim_due(session: Session, due: Due, *, until: datetime) -> tuple[WebhookDelivery, Webhook] | None:
     """The delivery that has waited longest, with its webhook; nobody else gets it before `until`.
 
     On PostgreSQL rows that another worker is just claiming are passed over; on SQLite writers are alone.
     """
     row = WebhookDelivery
-    query = _due(now, busy).order_by(row.next_try_at, row.id).limit(1).with_for_update(of=row, skip_locked=True)
+    query = _due(due).order_by(row.next_try_at, row.id).limit(1).with_for_update(of=row, skip_locked=True)
     found = session.execute(query).one_or_none()
     if found is None:
         return None
@@ -134,15 +141,13 @@ def remove_ended(session: Session, before: datetime, limit: int) -> int:
     return len(removed.all())
 
 
-def _due(now: datetime, busy: Collection[uuid.UUID]) -> sa.Select[WebhookDelivery, Webhook]:
+def _due(due: Due) -> sa.Select[WebhookDelivery, Webhook]:
     row = WebhookDelivery
-    return (
+    query = (
         sa.select(row, Webhook)
         .join(Webhook, Webhook.id == row.webhook_id)
-        .where(
-            row.state == "waiting",
-            row.next_try_at <= now,
-            Webhook.disabled_at.is_(None),
-            row.webhook_id.not_in(busy),
-        )
+        .where(row.state == "waiting", row.next_try_at <= due.now, Webhook.disabled_at.is_(None))
     )
+    if due.only is not None:
+        query = query.where(row.webhook_id == due.only)
+    return query.where(row.webhook_id.not_in(due.passed_over)) if due.passed_over else query

@@ -18,6 +18,7 @@ import sqlalchemy as sa
 from app.db.models import AuditEvent, Participant, Study, Webhook, WebhookDelivery
 from app.db.outbox import announce
 from app.db.queries import webhooks as sql
+from app.db.queries.webhooks import Due
 from app.db.session import Database
 from app.services import announce as announcements
 from app.services import deliver_webhooks
@@ -268,7 +269,7 @@ def test_delivery_of_a_worker_that_died_is_sent_again_once_its_claim_has_run_out
         sending.hook(there.url)
         sending.announce()
         with sending.database.write() as session:
-            assert sql.claim_due(session, sending.clock(), (), until=sending.clock() + deliver_webhooks.CLAIM)
+            assert sql.claim_due(session, Due(sending.clock()), until=sending.clock() + deliver_webhooks.CLAIM)
         assert sending.deliver() == 0
         sending.wait(deliver_webhooks.CLAIM)
         assert sending.deliver() == 1
@@ -280,7 +281,7 @@ def test_worker_that_dies_at_the_last_try_leaves_nothing_waiting_for_ever(sendin
     sending.hook("https://a.example.org/")
     sending.announce()
     with sending.database.write() as session:
-        row, _ = sql.claim_due(session, sending.clock(), (), until=sending.clock() + deliver_webhooks.CLAIM)
+        row, _ = sql.claim_due(session, Due(sending.clock()), until=sending.clock() + deliver_webhooks.CLAIM)
         row.attempts = MOST_ATTEMPTS
     sending.chore.give_up_unsendable()
     assert sending.rows()[0].state == "waiting"  # it may be under way
@@ -307,6 +308,26 @@ def test_slow_receiver_holds_up_neither_others_nor_the_chore(sending):
         assert sending.chore.wait_until_idle(PATIENCE_SECONDS)
         sending.deliver_all()
     assert {row.state for row in sending.rows()} == {"delivered"}
+
+
+def test_what_waits_for_one_webhook_goes_out_in_one_turn(sending):
+    with receiver() as there:
+        sending.hook(there.url)
+        for number in range(20):
+            sending.announce("day.closed", number=number)
+        assert sending.deliver() == 1
+    assert [json.loads(got.body)["data"]["number"] for got in there.received] == list(range(20))
+    assert {row.state for row in sending.rows()} == {"delivered"}
+
+
+def test_turn_of_a_webhook_ends_so_that_others_get_theirs(sending, monkeypatch):
+    monkeypatch.setattr(deliver_webhooks, "TURN_SECONDS", 0.0)
+    with receiver() as there:
+        sending.hook(there.url)
+        sending.announce()
+        sending.announce()
+        assert sending.deliver() == 1
+        assert len(there.received) == 1
 
 
 def test_webhook_that_fails_rests_whatever_waits_for_it(sending):
