@@ -96,7 +96,7 @@ DETECTION_PLAN: DetectionPlan = (
     (4600, (_detect_by_sectors,)),
 )
 # Where an answer is due at once: the sectors alone, whose time is the same whether there is a board or not.
-QUICK_DETECTION_PLAN: DetectionPlan = ((700, (_detect_by_sectors,)), (1000, (_detect_by_sectors,)))
+QUICK_DETECTION_PLAN: DetectionPlan = ((700, (_detect_by_sectors,)), (1400, (_detect_by_sectors,)))
 QUICK_ANY_GRID_LONG_SIDES_PX = (700,)
 
 

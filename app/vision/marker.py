@@ -82,7 +82,8 @@ def find_marker(
     """The announced board's inner corners, or why they cannot be had.
 
     Failures: marker_not_found, marker_mismatch, marker_covered, image_too_dark, image_blurred. side names the
-    photograph in messages. is_quick: look for boards of squares of some 7 px in 1000 only, in a tenth of a second.
+    photograph in messages. is_quick: look for squares of half a hundredth of the long side and larger only, in
+    a tenth or two of a second.
     """
     where = f"in the {side} photograph" if side else "in the photograph"
     contrast = contrast_image(photo.pixels_bgr, spec.kind)

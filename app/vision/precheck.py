@@ -15,7 +15,7 @@ import numpy as np
 from app.errors import Failure
 from app.vision.board_grid import find_any_grids, is_checkerboard, shortest_step_px, square_means
 from app.vision.camera import estimate_views, view_angle_deg
-from app.vision.epipolar import GOOD_PX_AT_12MP, near_epipolar_lines
+from app.vision.epipolar import GOOD_PX_AT_12MP, MIN_BESIDE_BOARD, near_epipolar_lines
 from app.vision.features import FOOD_MAX_HEIGHT_MM, match_features, triangulate
 from app.vision.marker import agree_on_corners, contrast_image, find_marker
 from app.vision.model import (
@@ -194,6 +194,8 @@ def _judge_scene(left: View, right: View) -> tuple[list[PairProblem], dict[str, 
     moved = judge_matches(matches, is_good)
     if moved is not None:
         return [PairProblem(moved.code, "stop")], measures
+    if np.count_nonzero(is_good) < MIN_BESIDE_BOARD:
+        return [PairProblem("too_few_matches", "stop")], measures
     pixels = (matches.first_px[is_good], matches.second_px[is_good])
     points = triangulate(refined.first, refined.second, *pixels)
     height_mm = np.nan_to_num(points[:, 2])
