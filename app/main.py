@@ -29,6 +29,7 @@ from app.api import (
     receipts,
     records,
     reference_intakes,
+    review,
     sessions,
     staff,
     studies,
@@ -53,7 +54,9 @@ from app.jobs.engine import JobQueue
 from app.services.api_children import ApiChildren
 from app.services.erase import Eraser
 from app.services.erasure_ledger import ErasureLedger
+from app.services.event_rules import EVENT_RULES
 from app.services.last_use import LastUse
+from app.services.meal_events import MealEvents
 from app.services.passwords import Passwords
 from app.services.prepare import prepare
 from app.services.secret_box import open_secret_box
@@ -93,6 +96,7 @@ def create_app(settings: Settings) -> FastAPI:
             database=database,
             blobs=blobs,
             submit_meal=SubmitMeal(database, blobs, queue, settings, box),
+            meal_events=MealEvents(database, queue, EVENT_RULES),
             waiter=waiter,
             upload_limiter=anyio.CapacityLimiter(settings.max_uploads),
             enrolment_limit=RateLimit(settings.enrolment_attempts_per_minute),
@@ -134,6 +138,7 @@ def create_app(settings: Settings) -> FastAPI:
         receipts,
         audit,
         records,
+        review,
         days,
         summary,
         adequacy,

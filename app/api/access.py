@@ -116,6 +116,9 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/v1/calibrations"): DEVICE,
     ("POST", "/v1/calibrations/{calibration_id}/withdrawal"): OWNER_OR_DEVICE,
     ("GET", "/v1/studies/{study}/calibrations"): VIEWER,
+    # review
+    ("POST", "/v1/meals/{meal_id}/events"): REVIEWER_OR_DEVICE,
+    ("GET", "/v1/meals/{meal_id}/events"): VIEWER_OR_DEVICE,
     # webhooks
     ("GET", "/v1/studies/{study}/webhooks"): OWNER,
     ("POST", "/v1/studies/{study}/webhooks"): OWNER,

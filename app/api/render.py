@@ -128,6 +128,8 @@ def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
         consumed_interval_g=_interval(record.consumed_low_g, record.consumed_high_g),
         provisional=record.provisional,
         reviewed=record.reviewed,
+        parent=view.state.item.parent_id,
+        open_probes=list(view.open_probes),
         nutrients=[
             NutrientAmount(**_component(components[number]), amount=found.value, interval=(found.low, found.high))
             for number, found in nutrients.items()

@@ -10,6 +10,7 @@ from app.db.session import Database
 from app.services.api_children import ApiChildren
 from app.services.erase import Eraser
 from app.services.last_use import LastUse
+from app.services.meal_events import MealEvents
 from app.services.passwords import Passwords
 from app.services.secret_box import SecretBox
 from app.services.submit_meal import SubmitMeal
@@ -25,6 +26,7 @@ class ApiState:
     database: Database
     blobs: BlobStore
     submit_meal: SubmitMeal
+    meal_events: MealEvents
     waiter: MealWaiter
     upload_limiter: anyio.CapacityLimiter
     enrolment_limit: RateLimit

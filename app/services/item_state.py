@@ -1,26 +1,27 @@
 """What holds for a meal's items: the pipeline's findings and people's events, folded into one state. Pure.
 
 Three layers stay apart, automatic, participant, reviewer; for each property the highest layer that has said something
-counts, in it the newest word. An undone event counts for nothing, whatever layer it is of.
+counts, in it the newest word. An undone event counts for nothing, whatever layer it is of, and so does what was said of
+items that it made, or of items that something else has taken the place of.
 """
 
 import uuid
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-from app.db.models import Item, ItemFood, Leftover, MealEvent
+from app.db.models import Item, ItemFood, ItemMeasure, Leftover, MealEvent
 from app.db.models.review import LAYERS
 from app.db.queries.meal_parts import MealParts
 from app.nutrition.doubt import Doubt, estimate
 
-CORRECTIONS = frozenset({"set_food", "set_volume", "set_mass", "redraw"})
-WORDS = CORRECTIONS | {"confirm", "reject"}
-REGIONS = frozenset({"redraw", "add", "split"})  # events that may carry a region to be measured
-BY_HAND_SD = {"set_volume": 0.1, "set_mass": 0.1, "add": 0.2, "declare": 0.25}  # relative, where the author tells none
+CORRECTIONS = frozenset({"set_food", "set_volume", "set_mass", "redraw", "split", "merge"})
+WORDS = frozenset({"confirm", "reject", "set_food", "set_volume", "set_mass", "redraw"})  # of one item that was there
 REMEASURING = "remeasuring"
+REMEASURE_FAILED = "remeasure_failed"
 REPLACED = "replaced"
 UNDONE = "undone"
+OF_REJECTED = "of_rejected"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +48,14 @@ class Amount:
     layer: str = "automatic"
 
 
+NOTHING_KNOWN = Amount(None, None, None, {})
+
+
 @dataclass(frozen=True, slots=True)
 class ItemState:
     """An item as it stands. word: what a person has made of it, None, "confirmed", "corrected" or "rejected".
 
-    reviewed: a reviewer has spoken of it. flags: of the measurement that counts, and REMEASURING, REPLACED, UNDONE.
+    reviewed: a reviewer has spoken of it. flags: of the measurement that counts, and those named above.
     """
 
     item: Item
@@ -76,39 +80,44 @@ class ItemState:
 
 @dataclass(frozen=True, slots=True)
 class LeftoverState:
-    """An item of the after-meal pair, and what it is of which item."""
+    """An item of the after-meal pair, and what it is of which item. is_by_person: a person said so, and it can be."""
 
     state: ItemState
     leftover_class: str
     of_item_id: uuid.UUID | None
     flags: tuple[str, ...]
+    is_by_person: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class MealState:
-    """A meal's items in their order, what was left of them, and what people said of the meal as a whole."""
+    """A meal's items in their order, what was left of them, and what people said of the meal as a whole.
+
+    answers: item -> the probes that were answered of it, or of what it was made from.
+    """
 
     items: tuple[ItemState, ...]
     leftovers: tuple[LeftoverState, ...]
+    answers: Mapping[uuid.UUID, frozenset[str]]
     nothing_left: bool
     is_confirmed: bool
 
 
 def fold_meal(parts: MealParts) -> MealState:
     """The state that follows from a meal's parts."""
-    live = live_events(parts.events)
-    history = _History(parts, live)
-    states = [history.state(item) for item in parts.items]
+    history = _History(parts)
+    states = history.states()
     return MealState(
         items=tuple(state for state in states if state.item.origin != "after"),
         leftovers=tuple(history.leftover(state) for state in states if state.item.origin == "after"),
-        nothing_left=any(event.kind == "nothing_left" for event in live),
-        is_confirmed=any(event.kind == "confirm_meal" for event in live),
+        answers=history.answers(),
+        nothing_left=any(event.kind == "nothing_left" for event in history.counting),
+        is_confirmed=any(event.kind == "confirm_meal" for event in history.counting),
     )
 
 
 def live_events(events: Sequence[MealEvent]) -> list[MealEvent]:
-    """Those that count, in their order: an undo takes out the event that it names, unless it was undone itself."""
+    """Those that nobody has undone, in their order."""
     undone: set[str] = set()
     kept = []
     for event in sorted(events, key=lambda each: each.sequence, reverse=True):
@@ -129,135 +138,215 @@ def region_drawn(event: MealEvent, item: Item) -> Mapping[str, Any] | None:
     elif event.kind == "add" and item.event_id == event.id:
         region = event.new["region"]
     elif event.kind == "split" and item.event_id == event.id:
-        ring = next(part["polygon"] for part in event.new["parts"] if part["item"] == str(item.id))
+        ring = _part_of(event, item)["polygon"]
         region = {"polygon": ring} if ring is not None else None
     return region
 
 
+def items_of(event: MealEvent) -> list[uuid.UUID]:
+    """The items that must stand for the event to count: the one that it is about, those that it merges."""
+    about = [event.item_id] if event.item_id is not None else []
+    return about + ([uuid.UUID(item) for item in event.new["items"]] if event.kind == "merge" else [])
+
+
 class _History:
-    """What was said of the items of one meal."""
+    """What was said of one meal. counting: the events that count, in their order."""
 
-    def __init__(self, parts: MealParts, live: Sequence[MealEvent]) -> None:
+    def __init__(self, parts: MealParts) -> None:
         self._parts = parts
-        self._live = live
-        self._by_id = {event.id: event for event in live}
-        self._replaced = set(_replaced(live))
+        self._items = {item.id: item for item in parts.items}
+        self._replaced_by: dict[uuid.UUID, MealEvent] = {}
+        self._by_id: dict[uuid.UUID, MealEvent] = {}
+        self._of_item: dict[uuid.UUID, list[MealEvent]] = {}
+        for event in live_events(parts.events):
+            if all(self._stands(item_id) for item_id in items_of(event)):
+                self._count(event)
+        self.counting = list(self._by_id.values())
 
-    def state(self, item: Item) -> ItemState:
-        """An item as it stands."""
-        words = [event for event in self._live if event.item_id == item.id]
-        amount, rings, flags = self._measured(item, words)
-        word = self._word(item, words)
-        if item.id in self._replaced:
-            word, flags = "rejected", (*flags, REPLACED)
-        if item.event_id is not None and item.event_id not in self._by_id:
-            word, flags = "rejected", (*flags, UNDONE)
-        shares = [event for event in words if event.kind == "set_share"]
-        return ItemState(
-            item=item,
-            rings=rings,
-            taken_for=self._newest_food(item),
-            amount=amount,
-            share=float(max(shares, key=_precedence).new["share"]) if shares else self._first_share(item),
-            word=word,
-            reviewed=any(event.layer == "reviewer" for event in self._spoken(item, words)),
-            flags=flags,
-        )
+    def states(self) -> list[ItemState]:
+        """The items as they stand, in their order; what was declared of a rejected one goes with it."""
+        states = {item.id: self._state(item) for item in self._parts.items}
+        for item_id, state in states.items():
+            parent = states.get(state.item.parent_id) if state.item.parent_id is not None else None
+            is_of_rejected = (
+                state.item.origin == "declared" and parent is not None and parent.stands and not parent.is_live
+            )
+            if is_of_rejected and state.stands:
+                states[item_id] = replace(state, word="rejected", flags=(*state.flags, OF_REJECTED))
+        return list(states.values())
 
     def leftover(self, state: ItemState) -> LeftoverState:
-        """What an item of the after-meal pair is."""
+        """What an item of the after-meal pair is: of merged items, of the merged one; of a split item, nobody's."""
         rows = [row for row in self._parts.leftovers.get(state.item.id, ()) if self._counts(row.event_id)]
         if not rows:
             return LeftoverState(state, "unmatched", None, ())
         row: Leftover = max(rows, key=lambda each: (LAYERS.index(each.layer), each.version))
-        return LeftoverState(state, row.leftover_class, row.item_id, tuple(row.flags))
+        of_item_id = self._successor(row.item_id) if row.item_id is not None else None
+        leftover_class = row.leftover_class if of_item_id is not None else "unmatched"
+        is_by_person = row.layer != "automatic" and (row.item_id is None or of_item_id is not None)
+        return LeftoverState(state, leftover_class, of_item_id, tuple(row.flags), is_by_person)
+
+    def answers(self) -> dict[uuid.UUID, frozenset[str]]:
+        """Item -> probes that were answered of it or of the items that it was made from."""
+        answers: dict[uuid.UUID, frozenset[str]] = {}
+        for item in sorted(self._parts.items, key=lambda each: each.position):
+            of_it = [event for event in self._of_item.get(item.id, ()) if event.kind == "declare"]
+            made_by = self._by_id.get(item.event_id) if item.event_id is not None else None
+            made_from = items_of(made_by) if made_by is not None and made_by.kind in ("split", "merge") else []
+            own = frozenset(event.new["probe"] for event in of_it)
+            answers[item.id] = own.union(*(answers.get(each, frozenset()) for each in made_from))
+        return answers
+
+    def _count(self, event: MealEvent) -> None:
+        self._by_id[event.id] = event
+        if event.item_id is not None:
+            self._of_item.setdefault(event.item_id, []).append(event)
+        if event.kind in ("split", "merge"):
+            self._replaced_by |= dict.fromkeys(items_of(event), event)
 
     def _counts(self, event_id: uuid.UUID | None) -> bool:
         return event_id is None or event_id in self._by_id
+
+    def _stands(self, item_id: uuid.UUID) -> bool:
+        """Whether the item is there after the events so far."""
+        item = self._items.get(item_id)
+        return item is not None and self._counts(item.event_id) and item_id not in self._replaced_by
+
+    def _successor(self, item_id: uuid.UUID) -> uuid.UUID | None:
+        while item_id in self._replaced_by:
+            event = self._replaced_by[item_id]
+            if event.kind != "merge":
+                return None
+            item_id = next(item.id for item in self._parts.items if item.event_id == event.id)
+        return item_id if self._stands(item_id) else None
+
+    def _state(self, item: Item) -> ItemState:
+        words = self._of_item.get(item.id, [])
+        made_by = self._by_id.get(item.event_id) if item.event_id is not None else None
+        spoken = [event for event in words if event.kind in WORDS] + ([made_by] if made_by is not None else [])
+        spoken += [event for event in self.counting if event.kind == "confirm_meal" and str(item.id) in _named(event)]
+        measured = _measured(self._parts, item, made_by, words)
+        word, flags = _word(spoken), measured.flags
+        if item.id in self._replaced_by:
+            word, flags = "rejected", (*flags, REPLACED)
+        if not self._counts(item.event_id):
+            word, flags = "rejected", (*flags, UNDONE)
+        shares = [event for event in words if event.kind == "set_share"]
+        first_share = made_by.new.get("share", 1.0) if made_by is not None else 1.0
+        return ItemState(
+            item=item,
+            rings=measured.rings,
+            taken_for=self._newest_food(item),
+            amount=measured.amount,
+            share=float(max(shares, key=_precedence).new["share"] if shares else first_share),
+            word=word,
+            reviewed=any(event.layer == "reviewer" for event in spoken),
+            flags=flags,
+        )
 
     def _newest_food(self, item: Item) -> ItemFood | None:
         rows = [row for row in self._parts.foods.get(item.id, ()) if self._counts(row.event_id)]
         return max(rows, key=lambda row: (LAYERS.index(row.layer), row.version), default=None)
 
-    def _measured(self, item: Item, words: Sequence[MealEvent]) -> tuple[Amount, Sequence[Any], tuple[str, ...]]:
-        """(amount, rings, flags) by the precedence of those who said so; the pipeline's own comes before all."""
-        found = _amount_of(item)
-        amounts = [((-1, 0), found)]
-        regions: list[tuple[tuple[int, int], Sequence[Any], Sequence[str]]] = [((-1, 0), item.rings, item.flags)]
-        measured = {row.event_id: row for row in self._parts.measures.get(item.id, ())}
-        made_by = self._by_id.get(item.event_id) if item.event_id is not None else None
-        for event in ([made_by] if made_by is not None else []) + list(words):
-            by_hand = _amount_by_hand(event, item)
-            if by_hand is not None:
-                amounts.append((_precedence(event), by_hand))
-            if event.id in measured:
-                row = measured[event.id]
-                amounts.append((_precedence(event), _amount_of(row, event.layer)))
-                regions.append((_precedence(event), row.rings, row.flags))
-            elif event.kind == "redraw":
-                regions.append((_precedence(event), event.new["polygon"], (REMEASURING,)))
-        _, amount = max(amounts, key=lambda each: each[0])
-        _, rings, flags = max(regions, key=lambda each: each[0])
-        return amount, rings, tuple(flags)
 
-    def _word(self, item: Item, words: Sequence[MealEvent]) -> str | None:
-        spoken = self._spoken(item, words)
-        if not spoken:
-            return None
-        last = max(spoken, key=_precedence)
-        if last.kind == "reject":
-            return "rejected"
-        corrected = any(event.kind in CORRECTIONS | {"split", "merge"} for event in spoken)
-        return "corrected" if corrected else "confirmed"
-
-    def _spoken(self, item: Item, words: Sequence[MealEvent]) -> list[MealEvent]:
-        """Events that say something of whether the item stands, the one that made it included."""
-        of_all = [event for event in self._live if event.kind == "confirm_meal" and _is_named(event, item)]
-        made_by = [self._by_id[item.event_id]] if item.event_id in self._by_id else []
-        return [event for event in words if event.kind in WORDS] + of_all + made_by
-
-    def _first_share(self, item: Item) -> float:
-        made_by = self._by_id.get(item.event_id) if item.event_id is not None else None
-        return float(made_by.new.get("share", 1.0)) if made_by is not None and made_by.kind == "declare" else 1.0
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    amount: Amount
+    rings: Sequence[Any]
+    flags: tuple[str, ...]
 
 
-def _precedence(event: MealEvent) -> tuple[int, int]:
+Precedence = tuple[int, int]
+AS_FOUND: Precedence = (-1, 0)  # the pipeline's first measurement goes before all that people say
+
+
+def _measured(parts: MealParts, item: Item, made_by: MealEvent | None, words: Sequence[MealEvent]) -> _Measured:
+    """How much there is of an item, and where.
+
+    The newest region that was drawn counts. Until it is measured the amount stays what it was; where it cannot be
+    measured, the amount of the old region is nothing to go by, and only what somebody told stays.
+    """
+    about = ([made_by] if made_by is not None else []) + list(words)
+    drawn = sorted((event for event in about if region_drawn(event, item) is not None), key=_precedence, reverse=True)
+    rows = {row.event_id: row for row in parts.measures.get(item.id, ())}
+    failed = parts.failed_remeasures
+    waiting = [event for event in drawn if event.id not in rows and event.id not in failed]
+    done = next((event for event in drawn if event not in waiting), None)
+    found_at, found = AS_FOUND, _amount_of(item)
+    rings: Sequence[Any] = item.rings
+    flags = list(item.flags)
+    if done is not None:
+        row = rows.get(done.id)
+        found_at, found = _precedence(done), _amount_of(row, done.layer) if row is not None else NOTHING_KNOWN
+        rings, flags = (row.rings, list(row.flags)) if row is not None else (_rings(done, item), [REMEASURE_FAILED])
+    if drawn and drawn[0] in waiting:
+        rings, flags = _rings(drawn[0], item), [REMEASURING]
+    told = [(_precedence(event), event) for event in about if _tells_amount(event, item)]
+    if told:
+        told_at, event = max(told, key=lambda each: each[0])
+        if found.volume_ml is None or told_at > found_at:
+            is_newest = not drawn or told_at >= _precedence(drawn[0])
+            kept = [flag for flag in flags if flag == REMEASURING] if is_newest else flags
+            return _Measured(_amount_told(event, item, found), rings, tuple(kept))
+    return _Measured(found, rings, tuple(flags))
+
+
+def _rings(event: MealEvent, item: Item) -> Sequence[Any]:
+    """A region as it was drawn; that of an item that the event made is the item's own."""
+    return [event.new["polygon"]] if event.kind == "redraw" else item.rings
+
+
+def _word(spoken: Sequence[MealEvent]) -> str | None:
+    """What people have made of an item: the last one of the highest layer decides whether it is there."""
+    if not spoken:
+        return None
+    if max(spoken, key=_precedence).kind == "reject":
+        return "rejected"
+    return "corrected" if any(event.kind in CORRECTIONS for event in spoken) else "confirmed"
+
+
+def _precedence(event: MealEvent) -> Precedence:
     return LAYERS.index(event.layer), event.sequence
 
 
-def _is_named(event: MealEvent, item: Item) -> bool:
+def _named(event: MealEvent) -> Sequence[str]:
     """A meal is confirmed with the items that it then had."""
-    return str(item.id) in event.new["items"]
+    named: Sequence[str] = event.new["items"]
+    return named
 
 
-def _replaced(live: Iterable[MealEvent]) -> Iterable[uuid.UUID]:
-    for event in live:
-        if event.kind == "split" and event.item_id is not None:
-            yield event.item_id
-        elif event.kind == "merge":
-            yield from (uuid.UUID(item) for item in event.new["items"])
+def _part_of(event: MealEvent, item: Item) -> Mapping[str, Any]:
+    """What a split says of one of the items that it made."""
+    part: Mapping[str, Any] = next(part for part in event.new["parts"] if part["item"] == str(item.id))
+    return part
 
 
-def _amount_of(row: Any, layer: str = "automatic") -> Amount:
-    """Of an Item or an ItemMeasure, which have the same columns."""
-    return Amount(row.volume_ml, row.volume_low_ml, row.volume_high_ml, row.relative_sd, layer=layer)
+def _told_of(event: MealEvent, item: Item) -> Mapping[str, Any]:
+    """The values of an event that are about this item, if it is one that may set an amount."""
+    if event.kind == "split":
+        return _part_of(event, item) if item.event_id == event.id else {}
+    if event.kind in ("set_volume", "set_mass") or (
+        event.kind in ("add", "declare", "merge") and item.event_id == event.id
+    ):
+        return event.new
+    return {}
 
 
-def _amount_by_hand(event: MealEvent, item: Item) -> Amount | None:
-    """The amount that an event sets, if it does; for an event that made items, only for the item named."""
-    told: Mapping[str, Any] = event.new
-    if event.kind not in BY_HAND_SD or (event.item_id is not None and event.item_id != item.id):
-        return None
-    sd = told.get("relative_sd")
-    relative_sd = BY_HAND_SD[event.kind] if sd is None else float(sd)
+def _tells_amount(event: MealEvent, item: Item) -> bool:
+    told = _told_of(event, item)
+    return told.get("mass_g") is not None or told.get("volume_ml") is not None
+
+
+def _amount_told(event: MealEvent, item: Item, found: Amount) -> Amount:
+    """The amount that an event sets. found: the volume that is shown beside grams."""
+    told = _told_of(event, item)
+    relative_sd = float(told["relative_sd"])
     if told.get("mass_g") is not None:
-        mass = SetMass(float(told["mass_g"]), told.get("of", "as_seen"), relative_sd)
-        measured = _amount_of(item)
-        return Amount(
-            measured.volume_ml, measured.volume_low_ml, measured.volume_high_ml, measured.relative_sd, mass, event.layer
-        )
-    if told.get("volume_ml") is not None:
-        doubt = {"item": relative_sd}
-        found = estimate(float(told["volume_ml"]), Doubt(item=relative_sd))
-        return Amount(found.value, found.low, found.high, doubt, layer=event.layer)
-    return None
+        mass = SetMass(float(told["mass_g"]), told["of"], relative_sd)
+        return replace(found, mass=mass, layer=event.layer)
+    volume = estimate(float(told["volume_ml"]), Doubt(item=relative_sd))
+    return Amount(volume.value, volume.low, volume.high, {"item": relative_sd}, layer=event.layer)
+
+
+def _amount_of(row: Item | ItemMeasure, layer: str = "automatic") -> Amount:
+    return Amount(row.volume_ml, row.volume_low_ml, row.volume_high_ml, row.relative_sd, layer=layer)

@@ -22,14 +22,14 @@ from app.db.models.base import Base
 from app.db.queries import meals
 from app.db.queries.meal_parts import MealParts, parts_of
 from app.db.session import Database
-from app.errors import ConflictError, NotFoundError, PreconditionFailedError
+from app.errors import ConflictError, NotAllowedError, NotFoundError, PreconditionFailedError
 from app.services import audit
 from app.services.caller import Caller, DeviceCaller, StaffCaller
 from app.services.item_state import ItemState, MealState, fold_meal
 from app.services.project_records import Projector, project_meal
 from app.services.read_meal import MealView, find_meal, meal_view
 
-UNESTIMATED = frozenset({"receiving", "queued", "processing"})
+MAX_EVENTS = 1000  # of a meal; each word reads them all
 
 
 class JobQueue(Protocol):
@@ -171,14 +171,16 @@ class MealEvents:
     def _write(self, session: Session, caller: Caller, meal: Meal, event: NewEvent) -> None:
         rule, layer = self._rules[event.kind], layer_of(caller)
         if layer not in rule.layers:
-            raise ConflictError(f"A {layer} does not say this: {event.kind}.", code="event_not_yours")
-        if meal.status in UNESTIMATED and not rule.before_estimate:
+            raise NotAllowedError(f"A {layer} does not say this: {event.kind}.", code="event_not_yours")
+        if meal.status in meals.UNESTIMATED and not rule.before_estimate:
             raise ConflictError(
                 "The meal is not estimated yet: wait until it is (GET it with ?wait=).",
                 code="meal_not_estimated",
                 meal_status=meal.status,
             )
         parts = parts_of(session, [meal])[0]
+        if len(parts.events) >= MAX_EVENTS:
+            raise ConflictError(f"{MAX_EVENTS} events are all that a meal takes.", code="events_too_many")
         now = datetime.now(UTC)
         change = rule.carry_out(Standing(session, meal, parts, fold_meal(parts), event, layer, now))
         session.add(

@@ -15,6 +15,7 @@ from sqlalchemy.orm import Session
 from app.db.models import Component, EffectiveRecord, Food, ItemFood, Meal
 from app.db.queries import foods, records
 from app.db.queries.meal_parts import MealParts, parts_of
+from app.db.queries.meals import UNESTIMATED
 from app.nutrition.mass import Mass, weighed_mass
 from app.services.announce import announce_meal
 from app.services.food_amounts import NO_FOOD, FoodAmounts, Weighing, food_amounts, mass_of
@@ -214,16 +215,39 @@ def _record_status(state: ItemState, amounts: FoodAmounts | None) -> str:
 
 def _status(parts: MealParts, state: MealState, items: Sequence[ItemProjection]) -> str | None:
     """The meal's status where a run or a person has spoken: it is confirmed when a person has settled all of it."""
-    if parts.run is None and parts.meal.origin == "photographed":
+    meal, run = parts.meal, parts.run
+    if run is None and meal.origin == "photographed" and meal.status in UNESTIMATED:
         return None
-    statuses = [item.columns["status"] for item in items]
+    statuses = [item.columns["status"] for item in items if item.state.stands]
     if "needs_review" in statuses:
         return "needs_review"
-    if state.is_confirmed or (statuses and all(status in SETTLED for status in statuses)):
+    if all(status in SETTLED for status in statuses) and (statuses or state.is_confirmed):
         return "confirmed"
-    if parts.run is not None and parts.run.failure_code is not None:
+    if not statuses and (run.failure_code if run is not None else meal.failure_code) is not None:
         return "failed"
     return "estimated" if statuses else "needs_review"
+
+
+def _after_status(session: Session, meal: Meal, state: MealState) -> str | None:
+    """Where the after-meal pair stands: a run or an upload has moved it, what people say may end the wait for it."""
+    if meal.after_status in AFTER_MEASURED:
+        is_open = any(_is_open(each) for each in state.leftovers if each.state.is_live)
+        return "needs_review" if is_open else "estimated"
+    if state.nothing_left:
+        return "nothing_left" if meal.after_status in (None, "receiving", "failed") else meal.after_status
+    if meal.after_status != "nothing_left":
+        return meal.after_status
+    if meal.after_failure_code is not None:  # the word was taken back: as it was before
+        return "failed"
+    has_come = any(image.slot in AFTER_SLOTS for image in meals.images_of(session, meal.id))
+    return "receiving" if has_come or meal.after_details is not None else None
+
+
+def _is_open(leftover: LeftoverState) -> bool:
+    """Whether a person must say of which item a piece is, or how much of it there is."""
+    if leftover.leftover_class == "unmatched":
+        return not leftover.is_by_person
+    return leftover.leftover_class == "food_left" and _is_unknown(leftover)
 
 
 def _doubt(parts: MealParts, state: ItemState, amounts: FoodAmounts | None, flags: Sequence[str]) -> float:

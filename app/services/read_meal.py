@@ -17,19 +17,24 @@ from app.services.access import known_studies, require_study
 from app.services.caller import Caller, DeviceCaller
 from app.services.food_amounts import FoodAmounts
 from app.services.item_state import ItemState
+from app.services.probes import open_probes
 from app.services.project_records import MealProjection, Projector
 from app.storage.blob_store import BlobStore
 
 
 @dataclass(frozen=True, slots=True)
 class ItemView:
-    """An item as it stands with its effective record; food and amounts are None where it is no food yet."""
+    """An item as it stands with its effective record; food and amounts are None where it is no food yet.
+
+    open_probes: what the participant is to be asked of it.
+    """
 
     state: ItemState
     record: EffectiveRecord
     food: Food | None
     candidates: tuple[tuple[Food, float | None, str], ...]
     amounts: FoodAmounts | None
+    open_probes: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +135,7 @@ def open_artefact(
 
 
 def _items(session: Session, projector: Projector, projection: MealProjection) -> Iterator[ItemView]:
+    asked = open_probes(session, projection.state)
     for found in projection.items:
         state = found.state
         yield ItemView(
@@ -141,6 +147,7 @@ def _items(session: Session, projector: Projector, projection: MealProjection) -
                 for each in projection.parts.candidates.get(state.item.id, ())
             ),
             amounts=found.amounts,
+            open_probes=asked.get(state.item.id, ()),
         )
 
 

@@ -192,6 +192,8 @@ class ItemOut(BaseModel):
     consumed_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
     provisional: bool = Field(description="An after-meal pair may still come.")
     reviewed: bool = Field(description="A reviewer has had the last word.")
+    parent: uuid.UUID | None = Field(description="The item that it was split from, or that it came with.")
+    open_probes: list[str] = Field(description="What the participant is to be asked of it: no camera sees it.")
     nutrients: list[NutrientAmount] = Field(description="Of what was consumed.")
     flags: list[str]
 
@@ -274,6 +276,8 @@ MEAL_EXAMPLE: dict[str, Any] = {
             "consumed_interval_g": [110.8, 155.9],
             "provisional": False,
             "reviewed": False,
+            "parent": None,
+            "open_probes": [],
             "nutrients": [ENERGY_EXAMPLE],
             "flags": [],
         }

@@ -8,7 +8,7 @@ from typing import TypeVar
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import Item, ItemCandidate, ItemFood, ItemMeasure, Leftover, Meal, MealEvent, Run
+from app.db.models import Item, ItemCandidate, ItemFood, ItemMeasure, Job, Leftover, Meal, MealEvent, Run
 
 Row = TypeVar("Row", ItemFood, ItemMeasure, ItemCandidate)
 
@@ -17,7 +17,7 @@ Row = TypeVar("Row", ItemFood, ItemMeasure, ItemCandidate)
 class MealParts:
     """One meal's. items: of its newest run, of its newest after-meal run, and those that people made.
 
-    foods, measures, candidates, leftovers: by item.
+    foods, measures, candidates, leftovers: by item. failed_remeasures: events whose regions no run will measure.
     """
 
     meal: Meal
@@ -29,6 +29,7 @@ class MealParts:
     measures: dict[uuid.UUID, list[ItemMeasure]] = field(default_factory=dict)
     candidates: dict[uuid.UUID, list[ItemCandidate]] = field(default_factory=dict)
     leftovers: dict[uuid.UUID, list[Leftover]] = field(default_factory=dict)
+    failed_remeasures: set[uuid.UUID] = field(default_factory=set)
 
 
 def parts_of(session: Session, meals: Sequence[Meal]) -> list[MealParts]:
@@ -40,6 +41,7 @@ def parts_of(session: Session, meals: Sequence[Meal]) -> list[MealParts]:
             parts[run.meal_id].run = run
         elif run.purpose == "after":
             parts[run.meal_id].after_run = run
+    _add_failed_remeasures(session, parts)
     by_item = _add_items(session, parts)
     events = sa.select(MealEvent).where(MealEvent.meal_id.in_(ids)).order_by(MealEvent.sequence)
     for event in session.scalars(events):
@@ -66,6 +68,13 @@ def meals_after(
     if study_id is not None:
         query = query.where(Meal.study_id == study_id)
     return list(session.scalars(query))
+
+
+def _add_failed_remeasures(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> None:
+    failed = sa.select(Job).where(Job.meal_id.in_(list(parts)), Job.purpose == "remeasure", Job.state == "failed")
+    for job in session.scalars(failed):
+        if job.event_id is not None:
+            parts[job.meal_id].failed_remeasures.add(job.event_id)
 
 
 def _add_items(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> dict[uuid.UUID, MealParts]:

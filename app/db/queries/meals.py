@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session
 from app.db.models import Meal, MealImage, Participant, Study
 
 WAITING = ("queued", "processing")
+UNESTIMATED = ("receiving", *WAITING)  # nothing is known yet of what is on the plate
 
 
 def lock_meal(session: Session, meal_id: uuid.UUID) -> Meal | None:
@@ -66,6 +67,13 @@ def set_progress(session: Session, meal_id: uuid.UUID, *, status: str, stage: st
         .where(Meal.id == meal_id, Meal.status.in_(WAITING))
         .values(status=status, stage=stage, version=Meal.version + 1)
     )
+
+
+def after_windows_over(session: Session, now: datetime, limit: int) -> list[uuid.UUID]:
+    """Meals whose time for an after-meal pair is over while none is about to be measured, the longest over first."""
+    is_still = sa.or_(Meal.after_status.is_(None), Meal.after_status.not_in(WAITING))
+    query = sa.select(Meal.id).where(Meal.after_due_at <= now, is_still).order_by(Meal.after_due_at).limit(limit)
+    return list(session.scalars(query))
 
 
 def oldest_waiting(session: Session) -> datetime | None:

@@ -1,0 +1,54 @@
+"""How much a person tells: grams, millilitres or household measures, with how far off they may be.
+
+The relative standard deviations stand in for a person who does not say how sure they are. A kitchen scale is better, a
+memory worse; an app that knows sends its own.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.db.models import Food
+from app.db.queries import foods
+from app.errors import InvalidInputError
+
+TOLD_SD = 0.1  # grams or millilitres that somebody looks at while they set them
+PORTION_SD = 0.2  # a household measure: level or heaped
+DECLARED_SD = 0.25  # what nobody sees any more
+
+
+def told_amount(
+    session: Session, told: Mapping[str, Any] | None, food: Food | None, default_sd: float
+) -> dict[str, Any]:
+    """An amount of the API (`AmountIn`) as an event keeps it: mass_g and of, or volume_ml; relative_sd; empty for None.
+
+    food: whose household measures count. Raises InvalidInputError (`portion_unknown`) where it has none of that name.
+    """
+    if told is None:
+        return {}
+    given = {name: value for name, value in told.items() if value is not None}
+    relative_sd = given.get("relative_sd")
+    if "portion" in given:
+        sd = max(default_sd, PORTION_SD) if relative_sd is None else relative_sd
+        mass_g = _portion_g(session, food, given["portion"]) * given["count"]
+        return {
+            "mass_g": mass_g, "of": "edible", "relative_sd": sd, "portion": given["portion"], "count": given["count"],
+        }  # fmt: skip
+    sd = default_sd if relative_sd is None else relative_sd
+    if "mass_g" in given:
+        return {"mass_g": given["mass_g"], "of": given.get("of", "as_seen"), "relative_sd": sd}
+    return {"volume_ml": given["volume_ml"], "relative_sd": sd}
+
+
+def _portion_g(session: Session, food: Food | None, measure: str) -> float:
+    """Edible grams of one such measure of the food."""
+    known = foods.portions_of(session, food.id) if food is not None else []
+    for portion in known:
+        if portion.measure == measure:
+            return portion.mass_g / portion.amount
+    raise InvalidInputError(
+        "The food has no such household measure: send one of `portions` of GET /v1/foods/{key}, or grams.",
+        code="portion_unknown",
+        portions=[portion.measure for portion in known],
+    )

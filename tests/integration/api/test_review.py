@@ -1,0 +1,249 @@
+"""What people say of a meal and what follows from it, over HTTP on both databases."""
+
+import pytest
+
+from app.services.rebuild_records import rebuild_records
+from tests import estimates
+from tests.estimates import found_item, unmeasured_item
+from tests.integration.conftest import meal_metadata
+from tests.integration.reviewing import Speaker, new_event
+from tests.photographs import pair
+
+HINTS = [{"point": [30, 20], "food": "apple"}, {"point": [60, 20], "food": "milk-whole"}, {"point": [90, 20]}]
+
+
+@pytest.fixture
+def body(phone, state):
+    """A meal of an apple, milk whose volume is not known, and something that nobody has named."""
+    body = meal_metadata(hints=HINTS)
+    assert phone.post(pair(), body).status_code == 202
+    estimates.save(state, body["id"], found_item(hint=0), unmeasured_item(hint=1), found_item(100.0, hint=2))
+    return body
+
+
+@pytest.fixture
+def participant(phone, client, body):
+    return Speaker(client, phone.headers, body["id"])
+
+
+@pytest.fixture
+def reviewer(client, admin, body):
+    return Speaker(client, admin, body["id"])
+
+
+@pytest.fixture(autouse=True)
+def _records_follow_from_events(request):
+    """Whatever a test has said, the records are those that would be built from nothing."""
+    state = request.getfixturevalue("state")
+    yield
+    assert rebuild_records(state.database, write=False).different == 0
+
+
+def statuses(meal):
+    return [item["status"] for item in meal["items"]]
+
+
+def test_confirmed_item_is_confirmed_and_the_version_grows(participant):
+    before = participant.meal()
+    meal = participant.say("confirm", item=before["items"][0]["id"])
+    assert statuses(meal) == ["confirmed", "needs_review", "needs_review"]
+    assert meal["version"] == before["version"] + 1
+    assert not meal["items"][0]["reviewed"]
+
+
+def test_item_without_food_or_amount_cannot_be_confirmed(participant):
+    _, milk, unnamed = participant.items()
+    assert participant.refused("confirm", item=milk["id"]) == (409, "item_incomplete")
+    assert participant.refused("confirm", item=unnamed["id"]) == (409, "item_incomplete")
+    assert participant.refused("confirm_meal") == (409, "item_incomplete")
+
+
+def test_meal_is_confirmed_once_all_is_settled(participant):
+    _, milk, unnamed = participant.items()
+    participant.say("set_volume", item=milk["id"], volume_ml=200)
+    participant.say("reject", item=unnamed["id"])
+    meal = participant.say("confirm_meal")
+    assert (meal["status"], statuses(meal)) == ("confirmed", ["confirmed", "corrected", "rejected"])
+    assert meal["totals"]["unmeasured_items"] == 0
+
+
+def test_without_if_match_it_is_428_and_with_an_older_version_412_with_the_current_one(participant, client):
+    event = new_event("confirm", item=participant.items()[0]["id"])
+    path = f"/v1/meals/{participant.meal_id}/events"
+    assert client.post(path, headers=participant.headers, json=event).status_code == 428
+    version = participant.meal()["version"]
+    answer = participant.send(event, if_match=f'"{version - 1}"')
+    assert (answer.status_code, answer.json()["code"], answer.json()["version"]) == (
+        412,
+        "precondition_failed",
+        version,
+    )
+
+
+def test_same_event_again_changes_nothing_and_another_of_its_id_is_refused(participant):
+    event = new_event("confirm", item=participant.items()[0]["id"])
+    first = participant.send(event)
+    again = participant.send(event, if_match='"0"')  # the phone did not hear the answer
+    assert (first.status_code, again.status_code) == (201, 200)
+    assert (again.json(), again.headers["etag"]) == (first.json(), first.headers["etag"])
+    other = participant.send(event | {"kind": "reject"})
+    assert (other.status_code, other.json()["code"]) == (409, "event_id_reused")
+
+
+def test_set_food_weighs_the_item_anew(participant):
+    apple = participant.items()[0]
+    changed = participant.say("set_food", item=apple["id"], food="banana")["items"][0]
+    assert (changed["food"]["key"], changed["status"]) == ("banana", "corrected")
+    assert changed["volume_ml"] == apple["volume_ml"]
+    assert changed["mass_g"] == pytest.approx(apple["volume_ml"] * changed["density_g_per_ml"])
+    assert participant.refused("set_food", item=apple["id"], food="no-such-food") == (422, "food_unknown")
+
+
+def test_reviewers_word_goes_over_what_the_participant_says_later(participant, reviewer):
+    apple = participant.items()[0]["id"]
+    reviewer.say("set_food", item=apple, food="pear")
+    meal = participant.say("set_food", item=apple, food="banana")
+    assert (meal["items"][0]["food"]["key"], meal["items"][0]["reviewed"]) == ("pear", True)
+    meal = participant.say("reject", item=apple)
+    assert meal["items"][0]["status"] == "corrected"
+
+
+def test_grams_and_household_measures_are_set_by_hand(participant):
+    apple, milk, _ = participant.items()
+    meal = participant.say("set_mass", item=apple["id"], mass_g=150, of="edible", relative_sd=0.02)
+    assert meal["items"][0]["edible_g"] == pytest.approx(150)
+    assert meal["items"][0]["mass_g"] == pytest.approx(150 / meal["items"][0]["edible_share"])
+    portion = next(
+        p for p in participant.client.get("/v1/foods/milk-whole", headers=participant.headers).json()["portions"]
+    )
+    meal = participant.say("set_mass", item=milk["id"], portion=portion["measure"], count=1.5)
+    assert meal["items"][1]["edible_g"] == pytest.approx(1.5 * portion["mass_g"] / portion["amount"])
+    assert participant.refused("set_mass", item=milk["id"], portion="a barrel", count=1) == (422, "portion_unknown")
+
+
+def test_share_scales_what_was_consumed(participant):
+    apple = participant.items()[0]
+    changed = participant.say("set_share", item=apple["id"], share=0.25)["items"][0]
+    assert changed["consumed_g"] == pytest.approx(0.25 * apple["consumed_g"])
+    assert (changed["edible_g"], changed["status"]) == (apple["edible_g"], "proposed")
+
+
+def test_undo_restores_what_was_and_is_done_once(participant):
+    before = participant.items()[0]
+    event = new_event("set_food", item=before["id"], food="banana")
+    assert participant.send(event).status_code == 201
+    assert participant.say("undo", event=event["id"])["items"][0] == before
+    assert participant.refused("undo", event=event["id"]) == (409, "event_undone")
+
+
+def test_participant_cannot_undo_a_reviewers_word_but_a_reviewer_the_participants(participant, reviewer):
+    apple = participant.items()[0]["id"]
+    theirs, own = new_event("set_food", item=apple, food="pear"), new_event("set_share", item=apple, share=0.5)
+    reviewer.send(theirs)
+    participant.send(own)
+    assert participant.refused("undo", event=theirs["id"]) == (403, "event_not_yours")
+    assert reviewer.say("undo", event=own["id"])["items"][0]["share"] == 1.0
+
+
+def test_split_by_shares_gives_parts_that_sum_to_the_whole_and_undo_restores_it(participant):
+    apple = participant.items()[0]
+    event = new_event("split", item=apple["id"], parts=[{"share": 0.25}, {"share": 0.75, "food": "pear"}])
+    assert participant.send(event).status_code == 201
+    parts = [item for item in participant.items() if item["origin"] == "split"]
+    assert [part["food"]["key"] for part in parts] == ["apple", "pear"]
+    assert [part["volume_ml"] for part in parts] == pytest.approx([0.25 * 185, 0.75 * 185])
+    assert participant.refused("confirm", item=apple["id"]) == (409, "item_replaced")
+    meal = participant.say("undo", event=event["id"])
+    assert meal["items"][0] == apple
+    assert participant.refused("confirm", item=parts[0]["id"]) == (409, "item_replaced")
+
+
+def test_merged_items_are_one_with_the_amount_of_both(participant):
+    apple, _, unnamed = participant.items()
+    meal = participant.say("merge", items=[apple["id"], unnamed["id"]])
+    merged = next(item for item in meal["items"] if item["origin"] == "merged")
+    assert (merged["food"]["key"], merged["volume_ml"]) == ("apple", pytest.approx(285.0))
+    assert len(participant.items()) == 2
+
+
+def test_added_food_counts_at_once(participant):
+    meal = participant.say("add", food="bread-white", amount={"mass_g": 40})
+    added = meal["items"][-1]
+    assert (added["origin"], added["status"], added["mass_g"]) == ("added", "confirmed", pytest.approx(40))
+
+
+def test_redrawn_outline_is_measured_by_a_run_of_its_own(participant, state):
+    apple = participant.items()[0]
+    ring = [[5.0, 5.0], [80.0, 5.0], [80.0, 80.0]]
+    meal = participant.say("redraw", item=apple["id"], polygon=ring)
+    redrawn = meal["items"][0]
+    assert (redrawn["flags"], redrawn["volume_ml"], redrawn["polygon"]) == (["remeasuring"], 185.0, [ring])
+    assert participant.refused("confirm", item=apple["id"]) == (409, "item_remeasuring")
+    measured = found_item(220.0, polygon=ring)
+    estimates.save(state, participant.meal_id, measured, purpose="remeasure", regions=[apple["id"]])
+    measured = participant.items()[0]
+    assert (measured["flags"], measured["volume_ml"], measured["status"]) == ([], 220.0, "corrected")
+    assert participant.meal()["run"] == meal["run"]
+
+
+def test_region_that_cannot_be_measured_leaves_the_amount_unknown_but_not_what_was_told(participant, state):
+    apple, _, unnamed = participant.items()
+    ring = [[5.0, 5.0], [80.0, 5.0], [80.0, 80.0]]
+    participant.say("set_mass", item=unnamed["id"], mass_g=77)
+    for item in (apple, unnamed):
+        participant.say("redraw", item=item["id"], polygon=ring)
+        estimates.save(state, participant.meal_id, purpose="remeasure", regions=[item["id"]])
+    first, _, last = participant.items()
+    assert (first["flags"], first["volume_ml"], first["status"]) == (["not_measurable"], None, "needs_review")
+    assert (last["flags"], last["status"]) == (["not_measurable"], "needs_review")  # it has no food yet
+    assert participant.say("set_food", item=unnamed["id"], food="apple")["items"][2]["mass_g"] == pytest.approx(77)
+
+
+def test_answered_probe_is_an_item_of_its_own_and_not_asked_again(participant):
+    added = participant.say("add", food="potatoes-boiled", amount={"mass_g": 200})["items"][-1]
+    assert "fat_added" in added["open_probes"]
+    told = {"item": added["id"], "probe": "fat_added"}
+    meal = participant.say("declare", **told, answer="yes", food="butter", amount={"mass_g": 10})
+    butter = meal["items"][-1]
+    assert (butter["origin"], butter["parent"], butter["mass_g"]) == ("declared", added["id"], pytest.approx(10))
+    assert "fat_added" not in meal["items"][-2]["open_probes"]
+    assert participant.refused("declare", **told, answer="no") == (409, "probe_answered")
+    assert participant.refused("declare", item=added["id"], probe="drained", answer="no") == (422, "probe_unknown")
+    meal = participant.say("reject", item=added["id"])
+    assert meal["items"][-1]["status"] == "rejected"
+
+
+def test_history_tells_staff_names_and_participants_only_layers(participant, reviewer):
+    apple = participant.items()[0]["id"]
+    participant.say("set_food", item=apple, food="banana")
+    reviewer.say("comment", item=apple, text="Looks like a plantain.")
+    rows = participant.history()["items"]
+    assert [row["author"] for row in rows] == ["participant", "reviewer"]
+    assert rows[0]["old"] == {"food": "apple", "lies_as": None}
+    assert rows[0]["new"] == {"food": "banana", "lies_as": None}
+    assert [row["author"] for row in reviewer.history()["items"]] == ["P001", "admin"]
+
+
+def test_history_comes_in_pages(participant):
+    for number in range(5):
+        participant.say("comment", text=f"remark {number}")
+    first = participant.history(limit=3)
+    second = participant.client.get(first["next"], headers=participant.headers).json()
+    assert [row["sequence"] for row in first["items"] + second["items"]] == [1, 2, 3, 4, 5]
+    assert second["next"] is None
+
+
+def test_item_of_another_meal_is_unknown(participant, phone, state):
+    other = meal_metadata(hints=HINTS[:1])
+    phone.post(pair(), other)
+    estimates.save(state, other["id"], found_item())
+    item = phone.get(f"/v1/meals/{other['id']}").json()["items"][0]["id"]
+    assert participant.refused("confirm", item=item) == (404, "item_not_found")
+
+
+def test_meal_that_is_not_estimated_yet_takes_no_corrections(phone, client):
+    body = meal_metadata(hints=HINTS)
+    phone.post(pair(), body)
+    speaker = Speaker(client, phone.headers, body["id"])
+    assert speaker.refused("confirm_meal") == (409, "meal_not_estimated")
+    assert speaker.say("comment", text="It was my birthday.")["status"] == "queued"
