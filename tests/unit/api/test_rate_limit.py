@@ -35,3 +35,19 @@ def test_memory_is_bounded():
     for n in range(MAX_KEYS + 50):
         limit.take(str(n))
     assert len(limit._buckets) == MAX_KEYS
+
+
+def test_burst_from_many_threads_passes_the_limit_only():
+    from concurrent.futures import ThreadPoolExecutor
+
+    limit = RateLimit(5, Clock())
+
+    def attempt(_):
+        try:
+            limit.take("a")
+        except RateLimitedError:
+            return 0
+        return 1
+
+    with ThreadPoolExecutor(16) as pool:
+        assert sum(pool.map(attempt, range(200))) == 5
