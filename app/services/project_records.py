@@ -228,28 +228,6 @@ def _status(parts: MealParts, state: MealState, items: Sequence[ItemProjection])
     return "estimated" if statuses else "needs_review"
 
 
-def _after_status(session: Session, meal: Meal, state: MealState) -> str | None:
-    """Where the after-meal pair stands: a run or an upload has moved it, what people say may end the wait for it."""
-    if meal.after_status in AFTER_MEASURED:
-        is_open = any(_is_open(each) for each in state.leftovers if each.state.is_live)
-        return "needs_review" if is_open else "estimated"
-    if state.nothing_left:
-        return "nothing_left" if meal.after_status in (None, "receiving", "failed") else meal.after_status
-    if meal.after_status != "nothing_left":
-        return meal.after_status
-    if meal.after_failure_code is not None:  # the word was taken back: as it was before
-        return "failed"
-    has_come = any(image.slot in AFTER_SLOTS for image in meals.images_of(session, meal.id))
-    return "receiving" if has_come or meal.after_details is not None else None
-
-
-def _is_open(leftover: LeftoverState) -> bool:
-    """Whether a person must say of which item a piece is, or how much of it there is."""
-    if leftover.leftover_class == "unmatched":
-        return not leftover.is_by_person
-    return leftover.leftover_class == "food_left" and _is_unknown(leftover)
-
-
 def _doubt(parts: MealParts, state: ItemState, amounts: FoodAmounts | None, flags: Sequence[str]) -> float:
     """How much a reviewer's look is needed, 0 to 1: 1 where amount or food is not known.
 
