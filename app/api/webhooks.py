@@ -1,11 +1,12 @@
 """/v1/studies/{study}/webhooks: who is told of a study's events, and what came of telling them."""
 
 import uuid
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Query, Request, Response
 
 from app.api.deps import CurrentStaff, State
+from app.api.food_edits import IfMatch, expected_versions
 from app.api.paging import Cursor, Limit, next_page
 from app.api.problems import problem_responses
 from app.api.schemas.webhooks import (
@@ -24,6 +25,7 @@ router = APIRouter(prefix="/v1/studies/{study}/webhooks", tags=["webhooks"])
 
 StudyCode = Annotated[str, Path(max_length=64)]
 READ = problem_responses(401, 403, 404, 422)
+TAGGED: dict[int | str, dict[str, Any]] = {200: {"headers": {"ETag": {"schema": {"type": "string"}}}}}
 WRITE = problem_responses(401, 403, 404, 409, 413, 422)
 
 
@@ -44,21 +46,35 @@ def get_webhooks(study: StudyCode, state: State, owner: CurrentStaff) -> Webhook
     return WebhookList(items=[_webhook_out(hook) for hook in _use_case(state).list(owner, study)])
 
 
-@router.get("/{webhook}", responses=READ)
-def get_webhook(study: StudyCode, webhook: uuid.UUID, state: State, owner: CurrentStaff) -> WebhookOut:
-    """One webhook."""
-    return _webhook_out(_use_case(state).read(owner, study, webhook))
+@router.get("/{webhook}", responses=TAGGED | READ)
+def get_webhook(
+    study: StudyCode, webhook: uuid.UUID, state: State, owner: CurrentStaff, response: Response
+) -> WebhookOut:
+    """One webhook. `ETag` names its version, for `If-Match`."""
+    return _tagged(_use_case(state).read(owner, study, webhook), response)
 
 
-@router.patch("/{webhook}", responses=WRITE)
+@router.patch("/{webhook}", responses=TAGGED | problem_responses(401, 403, 404, 409, 412, 413, 422, 428))
 def patch_webhook(
-    study: StudyCode, webhook: uuid.UUID, body: WebhookChangeIn, state: State, owner: CurrentStaff
+    study: StudyCode,
+    webhook: uuid.UUID,
+    body: WebhookChangeIn,
+    state: State,
+    owner: CurrentStaff,
+    response: Response,
+    if_match: IfMatch = None,
 ) -> WebhookOut:
     """Change address or events, disable or enable."""
     changed = _use_case(state).change(
-        owner, study, webhook, url=body.url, events=body.events, is_enabled=body.is_enabled
+        owner,
+        study,
+        webhook,
+        expected=expected_versions(if_match),
+        url=body.url,
+        events=body.events,
+        is_enabled=body.is_enabled,
     )
-    return _webhook_out(changed)
+    return _tagged(changed, response)
 
 
 @router.delete("/{webhook}", status_code=204, responses=READ)
@@ -113,6 +129,11 @@ def post_replay(
 
 def _use_case(state: State) -> Webhooks:
     return Webhooks(state.database, state.secrets, state.settings)
+
+
+def _tagged(hook: Webhook, response: Response) -> WebhookOut:
+    response.headers["ETag"] = f'"{hook.version}"'
+    return _webhook_out(hook)
 
 
 def _webhook_out(hook: Webhook) -> WebhookOut:

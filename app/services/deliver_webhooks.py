@@ -216,6 +216,7 @@ class DeliverWebhooks:
             in_a_row = len(outcomes) == GIVEN_UP_IN_A_ROW and set(outcomes) == {"given_up"}
             if answer.status == GONE or in_a_row:
                 hook.disabled_at = self._now()
+                hook.version += 1
                 reason = "gone" if answer.status == GONE else "given_up_in_a_row"
                 audit.note(session, None, "webhook.disable", study_id=hook.study_id, subject=hook.id, reason=reason)
                 log.warning("webhook_disabled", webhook_id=str(hook.id), reason=reason)

@@ -13,7 +13,7 @@ from app.db.models.webhook import PING
 from app.db.queries import people
 from app.db.queries import webhooks as sql
 from app.db.session import Database
-from app.errors import ConflictError, NotFoundError
+from app.errors import ConflictError, NotFoundError, PreconditionFailedError
 from app.services import audit
 from app.services.access import require_study
 from app.services.caller import StaffCaller
@@ -80,15 +80,23 @@ class Webhooks:
         study_code: str,
         webhook_id: uuid.UUID,
         *,
+        expected: frozenset[int] | None,
         url: str | None = None,
         events: Sequence[str] | None = None,
         is_enabled: bool | None = None,
     ) -> Webhook:
-        """Change what is not None. Raises AddressError, ConflictError (too many enabled), NotFoundError."""
+        """Change what is not None. expected: versions that it is a change of; None: whatever is there.
+
+        Raises AddressError, ConflictError (too many enabled), NotFoundError, PreconditionFailedError (changed since).
+        """
         if url is not None:
             self._check_url(url)
         with self._database.write() as session:
             hook = _webhook(session, caller, study_code, webhook_id, lock=True)
+            if expected is not None and hook.version not in expected:
+                raise PreconditionFailedError(
+                    "The webhook was changed after you read it: read it again, then change it.", version=hook.version
+                )
             changed = []
             if url is not None and url != hook.url:
                 hook.url = url
@@ -102,6 +110,7 @@ class Webhooks:
                 hook.disabled_at = None if is_enabled else datetime.now(UTC)
                 changed.append("is_enabled")
             if changed:
+                hook.version += 1
                 audit.note(session, caller, "webhook.change", study_id=hook.study_id, subject=hook.id, fields=changed)
         return hook
 
@@ -111,6 +120,7 @@ class Webhooks:
             hook = _webhook(session, caller, study_code, webhook_id, lock=True)
             if hook.disabled_at is None:
                 hook.disabled_at = datetime.now(UTC)
+                hook.version += 1
                 audit.note(session, caller, "webhook.disable", study_id=hook.study_id, subject=hook.id)
 
     def rotate_secret(self, caller: StaffCaller, study_code: str, webhook_id: uuid.UUID) -> IssuedSecret:

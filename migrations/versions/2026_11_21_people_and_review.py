@@ -404,6 +404,7 @@ def create_tables() -> None:
         sa.Column("events", JSON_VALUE, nullable=False),
         sa.Column("secret_sealed", sa.String(length=300), nullable=False),
         sa.Column("author", sa.String(length=200), nullable=False),
+        sa.Column("version", sa.Integer(), nullable=False),
         sa.Column("created_at", INSTANT, nullable=False),
         sa.Column("disabled_at", INSTANT, nullable=True),
         sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_webhook_study_id_study")),

@@ -61,6 +61,7 @@ class WebhookOut(BaseModel):
     url: str
     events: list[str]
     author: str
+    version: int
     created_at: datetime
     disabled_at: datetime | None
 

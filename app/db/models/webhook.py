@@ -26,7 +26,10 @@ EVENTS = (
 
 
 class Webhook(Base):
-    """An address of a study that is told of its events. secret_sealed: encrypted under TADA_SECRET_KEY."""
+    """An address of a study that is told of its events. secret_sealed: encrypted under TADA_SECRET_KEY.
+
+    version grows with every change of what the API shows of it.
+    """
 
     __tablename__ = "webhook"
 
@@ -36,6 +39,7 @@ class Webhook(Base):
     events: Mapped[list[Any]]
     secret_sealed: Mapped[str] = mapped_column(sa.String(300))
     author: Mapped[str] = mapped_column(sa.String(200))
+    version: Mapped[int] = mapped_column(default=1)
     created_at: Mapped[datetime]
     disabled_at: Mapped[datetime | None]
 

@@ -57,8 +57,9 @@ def owner(client, admin, names):
     class Owner:
         root = "/v1/studies/pilot/webhooks"
 
-        def call(self, method, path="", body=None):
-            return client.request(method, self.root + path, headers=admin, json=body)
+        def call(self, method, path="", body=None, tag="*"):
+            headers = admin | ({"If-Match": tag} if method == "PATCH" and tag else {})
+            return client.request(method, self.root + path, headers=headers, json=body)
 
         def make(self, url="https://hooks.example.org/a", *events):
             return self.call("POST", "", {"url": url, "events": list(events or ("*",))})
@@ -176,6 +177,18 @@ def test_change_keeps_what_is_left_out_and_is_noted_once(owner, state):
     assert owner.call("PATCH", path, {"is_enabled": True}).json()["disabled_at"] is None
     assert owner.call("PATCH", path, {}).status_code == 422
     assert audited(state) == ["webhook.create", *["webhook.change"] * 3]
+
+
+def test_change_of_an_older_version_is_refused(owner):
+    path = f"/{owner.made()}"
+    read = owner.call("GET", path)
+    assert owner.call("PATCH", path, {"is_enabled": False}, tag=None).status_code == 428
+    changed = owner.call("PATCH", path, {"events": ["meal.failed"]}, tag=read.headers["ETag"])
+    assert (changed.status_code, changed.json()["version"]) == (200, read.json()["version"] + 1)
+    late = owner.call("PATCH", path, {"is_enabled": False}, tag=read.headers["ETag"])
+    assert (late.status_code, late.json()["code"]) == (412, "precondition_failed")
+    assert late.json()["version"] == changed.json()["version"]
+    assert owner.call("PATCH", path, {"is_enabled": False}, tag=changed.headers["ETag"]).status_code == 200
 
 
 def test_disabled_webhook_is_told_nothing_and_sends_no_test(owner, state):
@@ -301,7 +314,7 @@ def test_webhook_of_another_study_does_not_exist(client, admin, owner):
         ("GET", f"pilot/webhooks/{uuid.uuid4()}", None),
     ]
     for method, path, body in calls:
-        answer = client.request(method, f"/v1/studies/{path}", headers=admin, json=body)
+        answer = client.request(method, f"/v1/studies/{path}", headers=admin | {"If-Match": "*"}, json=body)
         assert answer.status_code == 404, path
     assert owner.call("GET", f"/{hook}").json()["disabled_at"] is None
 
