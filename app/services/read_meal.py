@@ -10,7 +10,7 @@ from app.db.models import Component, EffectiveRecord, Food, Meal, MealImage, Run
 from app.db.queries import meals, records
 from app.db.queries.meal_parts import parts_of
 from app.db.session import Database
-from app.errors import ConflictError, NotFoundError
+from app.errors import ConflictError, GoneError, NotFoundError
 from app.nutrition.nutrients import MassTotal, NutrientTotal, Portion, total_mass, total_nutrients
 from app.services import audit
 from app.services.access import known_studies, require_study
@@ -119,12 +119,15 @@ def open_artefact(
 ) -> tuple[RunArtefact, Iterator[bytes]]:
     """An artefact of the meal's last run and its bytes; the reading is noted.
 
-    Raises NotFoundError, ConflictError, BlobMissingError.
+    Raises NotFoundError, GoneError (`photograph_erased`), ConflictError, BlobMissingError.
     """
     with database.read() as session:
         meal, _, _ = find_meal(session, caller, client_id, participant_code)
         run = records.last_run(session, meal.id)
         found = [a for a in records.artefacts_of(session, run.id) if a.name == name] if run else []
+        is_erased = any(image.erased_at is not None for image in meals.images_of(session, meal.id))
+    if not found and is_erased:
+        raise GoneError("The pictures of this meal were erased.", code="photograph_erased")
     if not found:
         raise NotFoundError(f"This meal has no artefact {name!r}: GET the meal to see which it has.")
     with database.write() as session:  # it shows the meal, as its photographs do
