@@ -12,7 +12,7 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from app.db.models import ErasureReceipt, Meal, MealEvent, Participant, Study
+from app.db.models import ErasureReceipt, Meal, Participant, Study
 from app.db.queries import jobs, people, privacy, records
 from app.errors import ConflictError, GoneError, NotFoundError
 from app.services import announce, audit
@@ -20,12 +20,12 @@ from app.services.access import require_study
 from app.services.caller import Caller, DeviceCaller, StaffCaller
 from app.services.erase import PHOTOGRAPH_ERASED, Eraser, add_receipt, erase_meals, erase_pictures
 from app.services.erasure_ledger import DEEDS, Deed, Erasure, digest_of
+from app.services.project_records import project_meal
 
 WITHDRAWN = "withdrawn"  # stands where a name stood
 KEPT_DETAILS = ("captured_at", "time_zone", "marker", "camera")
 NO_DETAILS: dict[str, Any] = {"hints": [], "location": None, "app_version": None}
-TALK = ("comment", "question", "answer")  # events that are free text
-FREE_TEXT = ("text", "comment", "note", "name", "reason", "question", "answer")  # in the values of any event
+FREE_TEXT = "text"  # the one value of events that people write in their own words (services/ask.py)
 
 
 def withdraw_self(eraser: Eraser, caller: DeviceCaller) -> ErasureReceipt:
@@ -128,7 +128,10 @@ def _anonymise(session: Session, participant: Participant, now: datetime) -> dic
     stay = privacy.lock_meals_of(session, participant.id)
     of_person = privacy.meals_of(participant.id)
     for job in privacy.live_jobs_of(session, of_person):  # before the pictures go: nothing may be computed from them
-        jobs.fail_job(job, session.get_one(Meal, job.meal_id), PHOTOGRAPH_ERASED, now)
+        meal = session.get_one(Meal, job.meal_id)
+        jobs.fail_job(job, meal, PHOTOGRAPH_ERASED, now)
+        session.flush()
+        project_meal(session, meal)
     counts = erase_pictures(session, of_person, now)
     counts |= privacy.delete_person_marks(session, participant.id, of_person)
     for meal in stay:
@@ -136,7 +139,8 @@ def _anonymise(session: Session, participant: Participant, now: datetime) -> dic
         meal.details = _without_person(meal.details)
         meal.after_details = _without_person(meal.after_details) if meal.after_details is not None else None
     for event in privacy.events_of(session, of_person):
-        event.old, event.new = _without_text(event, event.old), _without_text(event, event.new)
+        if FREE_TEXT in event.new:
+            event.new, event.request_sha256 = event.new | {FREE_TEXT: ""}, ""  # a hash of few words tells them
     for day_event in privacy.day_events_of(session, participant.id):
         if day_event.layer == "participant":
             day_event.author = WITHDRAWN
@@ -151,12 +155,6 @@ def _anonymise(session: Session, participant: Participant, now: datetime) -> dic
 
 def _without_person(details: dict[str, Any]) -> dict[str, Any]:
     return {name: details[name] for name in KEPT_DETAILS if name in details} | NO_DETAILS
-
-
-def _without_text(event: MealEvent, values: dict[str, Any]) -> dict[str, Any]:
-    if event.kind in TALK:
-        return {}
-    return {name: value for name, value in values.items() if name not in FREE_TEXT}
 
 
 def _deed(policy: str) -> Deed:

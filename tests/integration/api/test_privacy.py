@@ -120,7 +120,7 @@ def test_anonymised_data_lead_to_nobody_and_keep_what_was_eaten_and_when(person,
         assert (meal.local_date, meal.captured_at) == (day, captured_at)
         assert [(row.food_id, row.volume_ml, row.consumed_g) for row in records(session)] == before
         assert session.scalars(sa.select(MealImage)).all() == []
-        assert session.scalars(sa.select(MealEvent)).one().new == {}
+        assert session.scalars(sa.select(MealEvent)).one().new == {"text": ""}
         device = session.scalars(sa.select(Device)).one()
         assert (device.model, device.app_version, device.last_used_at) == (None, None, None)
         someone = session.scalars(sa.select(Participant)).one()
@@ -176,6 +176,9 @@ def test_photographs_past_retention_go_and_records_stay(person, state, client, a
     with state.database.read() as session:
         assert all(image.erased_at for image in session.scalars(sa.select(MealImage)))
         assert session.scalars(sa.select(RunArtefact)).all() == []
+    for name in ("images/left", "artefacts/topview.jpg"):
+        answer = person.phone.get(f"{person.path}/{name}")
+        assert (answer.status_code, answer.json()["code"]) == (410, "photograph_erased"), name
     assert person.phone.post(person.photos, person.metadata).status_code == 200  # the phone may ask whether it is here
 
 

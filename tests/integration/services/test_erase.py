@@ -1,0 +1,176 @@
+"""Crashes between the steps of an erasure, blobs that must not go, and those that nobody names."""
+
+import json
+import os
+import pathlib
+import time
+import uuid
+from datetime import UTC, datetime, timedelta
+from types import SimpleNamespace
+
+import pytest
+import sqlalchemy as sa
+
+from app.db.models import BlobDeletion, ErasureReceipt, Job, Meal, MealImage, Participant, Study
+from app.db.queries import privacy
+from app.jobs.faults import JobFailure
+from app.services.chores import worker_chores
+from app.services.delete_blobs import BlobDeleter
+from app.services.erase import PHOTOGRAPH_ERASED
+from app.services.erasure_ledger import digest_of
+from app.services.estimate_meal import EstimateMeal
+from app.services.reapply_erasures import reapply_erasures
+from tests import estimates
+from tests.integration.conftest import meal_metadata
+from tests.integration.persons import Person, store_bytes
+from tests.photographs import pair
+
+
+@pytest.fixture
+def person(state, enrol):
+    return Person(state, enrol, "somebody-2Wd", seed=1)
+
+
+def test_erasure_that_died_before_its_transaction_is_finished_by_the_next_start(person, state, client):
+    erasure = state.eraser.intend("participant", "erase", person.participant_id)
+    assert person.phone.get(person.path).status_code == 200
+    assert reapply_erasures(state.eraser, state.blobs) == 1
+    assert person.phone.get(person.path).json()["code"] == "withdrawn"
+    assert client.get(f"/v1/receipts/{erasure.receipt_id}").json()["counts"]["meal"] == 1
+    assert reapply_erasures(state.eraser, state.blobs) == 0
+
+
+def test_erasure_asked_for_just_now_is_left_to_the_one_who_was_asked(person, state):
+    state.eraser.intend("meal", "erase", person.meal_id)
+    assert reapply_erasures(state.eraser, state.blobs, before=datetime.now(UTC) - timedelta(minutes=10)) == 0
+    assert person.phone.get(person.path).status_code == 200
+
+
+def test_erasure_of_one_who_is_in_no_row_is_looked_for_once(state):
+    erasure = state.eraser.intend("participant", "erase", uuid.uuid4())
+    assert reapply_erasures(state.eraser, state.blobs) == 0
+    with state.database.read() as session:
+        assert privacy.tombstones_among(session, "participant", [erasure.digest]) == {erasure.digest}
+
+
+def test_of_two_deeds_on_a_restored_person_both_are_done_and_the_stronger_holds(person, state):
+    state.eraser.intend("participant", "erase", person.participant_id)
+    state.eraser.intend("participant", "keep", person.participant_id)
+    assert reapply_erasures(state.eraser, state.blobs) == 2
+    with state.database.read() as session:
+        assert session.get(Participant, person.participant_id) is None
+
+
+def test_ledger_holds_no_id_in_the_clear(person, state, settings):
+    state.eraser.intend("participant", "erase", person.participant_id)
+    held = store_bytes(settings.data_dir / "erasures")
+    for thing in (person.participant_id, person.meal_id):
+        assert str(thing).encode() not in held
+        assert thing.hex.encode() not in held
+    entry = json.loads(next((settings.data_dir / "erasures" / "participant").iterdir()).read_text())
+    assert set(entry) == {"deed", "receipt", "at", "key"}
+
+
+def test_two_who_erase_the_same_meal_get_one_receipt(person, state):
+    first = state.eraser.intend("meal", "erase", person.meal_id)
+    second = state.eraser.intend("meal", "erase", person.meal_id)
+    assert state.eraser.carry_out_on_meal(first, person.meal_id, None) is not None
+    assert state.eraser.carry_out_on_meal(second, person.meal_id, None) is None
+    with state.database.read() as session:
+        assert len(session.scalars(sa.select(ErasureReceipt)).all()) == 1
+
+
+def test_blob_that_a_row_names_is_not_deleted_whatever_the_intent_says(person, state):
+    with state.database.write() as session:
+        keys = list(session.scalars(sa.select(MealImage.blob_key)))
+        study_id = session.scalars(sa.select(Study.id)).one()
+        wanted = [*keys, f"{study_id}/{person.meal_id}/"]
+        privacy.want_deleted(session, wanted, None, datetime.now(UTC))
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    assert all(state.blobs.has(key) for key in keys)
+    with state.database.read() as session:
+        assert session.scalars(sa.select(BlobDeletion)).all() == []
+
+
+def test_orphans_go_past_the_grace_time_and_what_is_named_or_young_stays(person, state, settings):
+    folder = settings.data_dir / "blobs"
+    before = {blob.key for blob in state.blobs.keys()}  # noqa: SIM118  # a store is no mapping
+    study_id = next(iter(before)).split("/")[0]
+    old, young = (f"{study_id}/{uuid.uuid4()}/left/{n * 64}" for n in "ab")
+    for key in (old, young):
+        state.blobs.put_bytes(key, b"photograph of an upload that failed")
+    past = time.time() - timedelta(days=2).total_seconds()
+    for key in before | {old}:
+        os.utime(folder / key, (past, past))
+    assert BlobDeleter(state.database, state.blobs).delete_orphans() == 1
+    assert {blob.key for blob in state.blobs.keys()} == before | {young}  # noqa: SIM118
+
+
+class ErasingChildren:
+    """A child pool of which the meal is erased while it computes."""
+
+    def __init__(self, erase):
+        self._erase = erase
+
+    def run(self, request, on_stage):
+        (pathlib.Path(request.arguments["output_dir"]) / "topview.jpg").write_bytes(b"a derived picture")
+        self._erase()
+        artefact = {"name": "topview.jpg", "media_type": "image/jpeg", "bytes": 17, "sha256": "c" * 64}
+        return SimpleNamespace(failure=None, result=estimates.answer(artefacts=[artefact]))
+
+
+@pytest.mark.parametrize("what", ["meal", "participant", "photographs"])
+def test_pictures_sealed_after_the_erasure_are_deleted_too(what, phone, state, settings, client):
+    body = meal_metadata()
+    phone.post(pair(), body)
+    with state.database.read() as session:
+        job_id = session.scalars(sa.select(Job.id)).one()
+
+    def erase():
+        if what == "meal":
+            client.delete(f"/v1/meals/{body['id']}", headers=phone.headers)
+        elif what == "participant":
+            client.post("/v1/me/withdrawal", headers=phone.headers)
+        else:
+            with state.database.write() as session:
+                found = privacy.ids_in(list(session.scalars(sa.select(Meal.id))))
+                privacy.want_deleted(
+                    session, privacy.mark_images_erased(session, found, datetime.now(UTC)), None, datetime.now(UTC)
+                )
+        BlobDeleter(state.database, state.blobs).delete_wanted()
+
+    work = EstimateMeal(state.database, state.blobs, ErasingChildren(erase), settings)
+    with pytest.raises(JobFailure) as caught:
+        work.compute(job_id)
+    assert caught.value.failure == PHOTOGRAPH_ERASED
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    assert list(state.blobs.keys()) == []
+    assert [path for path in (settings.data_dir / "blobs").rglob("*") if path.name != ".incoming"] == []
+
+
+def test_upload_that_is_sealed_while_its_person_leaves_is_refused_and_deleted(phone, state, client, monkeypatch):
+    put = state.blobs.put_file
+
+    def put_and_leave(key, source):
+        put(key, source)
+        client.post("/v1/me/withdrawal", headers=phone.headers)
+
+    monkeypatch.setattr(state.blobs, "put_file", put_and_leave)
+    answer = phone.post(pair())
+    assert (answer.status_code, answer.json()["code"]) == (410, "withdrawn")
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    assert list(state.blobs.keys()) == []
+
+
+def test_worker_does_the_chores_of_privacy(person, state, settings, client):
+    client.delete(person.path, headers=person.phone.headers)
+    chores = {chore.name: chore for chore in worker_chores(state.database, state.blobs, state.secrets, settings)}
+    for name in ("delete_blobs", "finish_erasures", "erase_old_pictures", "delete_orphans"):
+        chores[name].run()
+    assert list(state.blobs.keys()) == []
+
+
+def test_digest_of_each_deed_differs(state):
+    one = uuid.uuid4()
+    digests = {digest_of(state.secrets, "participant", deed, one) for deed in ("keep", "anonymise", "erase")}
+    assert len(digests | {digest_of(state.secrets, "meal", "erase", one)}) == 4
