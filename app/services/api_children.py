@@ -49,7 +49,8 @@ class ApiChildren:
     def run(self, task: str, arguments: Mapping[str, Any], *, seconds: float) -> Mapping[str, Any]:
         """Perform a task of child_tasks.py. seconds: at most; then its child is killed.
 
-        Raises UnavailableError (`server_busy`), PhotographError: crashed, out of memory, too slow, or raised.
+        Raises UnavailableError (`server_busy`), PhotographError (it crashed, wanted too much memory or time), TadaError
+        (`internal_error`: a mistake of ours).
         """
         with self._admitted():
             try:
@@ -59,6 +60,8 @@ class ApiChildren:
         if ended.outcome == "ok":
             return ended.result
         log.error("api_child_ended_badly", task=task, outcome=ended.outcome, message=_words(ended))
+        if ended.outcome == "raised":
+            raise TadaError("The server made a mistake while it looked at the photograph; it is in its log.")
         raise PhotographError("The photograph cannot be decoded here: take another one, or use JPEG.")
 
     def close(self) -> None:

@@ -1,0 +1,128 @@
+"""The API's children: what goes wrong in one is told as an error of its request; a crowd is turned away."""
+
+import pathlib
+import threading
+import time
+
+import pytest
+
+from app.errors import TadaError, UnavailableError
+from app.services.api_children import WAITING_A_CHILD, ApiChildren, PhotographError
+from app.settings import Settings
+
+ROOT = pathlib.Path(__file__).parents[3]
+TASKS = "tests.unit.jobs.fake_tasks:TASKS"
+
+
+@pytest.fixture
+def children(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT)
+    found = ApiChildren(Settings(data_dir=tmp_path), tasks=TASKS, wait_seconds=0.3)
+    yield found
+    found.close()
+
+
+def describe(children, word):
+    return children.run("describe", {"word": word}, seconds=30)["echo"]["word"]
+
+
+def hang(children, seconds):
+    with pytest.raises(PhotographError):
+        children.run("hang", {}, seconds=seconds)
+
+
+@pytest.mark.parametrize("task", ["raise", "not_json", "no_such_task"])
+def test_mistake_of_ours_is_told_as_one(children, task):
+    with pytest.raises(TadaError) as caught:
+        children.run(task, {}, seconds=30)
+    assert (caught.value.code, caught.value.status) == ("internal_error", 500)
+    assert describe(children, "next") == "next"
+
+
+@pytest.mark.parametrize("task", ["segfault", "exit", "killed"])
+def test_bad_end_is_an_error_of_the_request_and_the_next_one_is_answered(children, task):
+    with pytest.raises(PhotographError) as caught:
+        children.run(task, {}, seconds=30)
+    assert (caught.value.code, caught.value.status, caught.value.retryable) == ("photograph_not_decoded", 422, False)
+    assert describe(children, "next") == "next"
+
+
+def test_child_that_takes_too_long_is_killed(children):
+    describe(children, "warm")
+    with pytest.raises(PhotographError):
+        children.run("hang", {}, seconds=0.3)
+    assert describe(children, "next") == "next"
+
+
+def test_request_that_waits_too_long_is_told_to_come_back(children):
+    describe(children, "warm")
+    busy = threading.Thread(target=hang, args=(children, 2))
+    busy.start()
+    time.sleep(0.2)
+    with pytest.raises(UnavailableError) as caught:
+        describe(children, "too much")
+    assert (caught.value.code, caught.value.retryable) == ("server_busy", True)
+    busy.join()
+    assert describe(children, "next") == "next"
+
+
+def test_more_than_the_waiting_room_holds_are_turned_away_without_waiting(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT)
+    children = ApiChildren(Settings(data_dir=tmp_path), tasks=TASKS, wait_seconds=30)
+    try:
+        describe(children, "warm")
+        refused = []
+
+        def ask():
+            try:
+                describe(children, "one")
+            except UnavailableError:
+                refused.append(1)
+
+        holder = threading.Thread(target=hang, args=(children, 1.5))
+        holder.start()
+        time.sleep(0.2)
+        crowd = [threading.Thread(target=ask) for _ in range(WAITING_A_CHILD + 3)]
+        for one in crowd:
+            one.start()
+        for one in (*crowd, holder):
+            one.join()
+        assert len(refused) == 3
+    finally:
+        children.close()
+
+
+def test_closing_ends_whoever_waits(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT)
+    children = ApiChildren(Settings(data_dir=tmp_path), tasks=TASKS)
+    describe(children, "warm")
+    told = []
+
+    def ask():
+        try:
+            children.run("hang", {}, seconds=30)
+        except UnavailableError as error:
+            told.append(error.code)
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    time.sleep(0.3)
+    children.close()
+    asking.join(10)
+    assert told == ["server_busy"]
+    with pytest.raises(UnavailableError):
+        describe(children, "after the end")
+    children.close()  # again is nothing
+
+
+def test_several_children_work_at_once(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT)
+    children = ApiChildren(Settings(data_dir=tmp_path, api_children=2), tasks=TASKS, wait_seconds=0.3)
+    try:
+        busy = threading.Thread(target=hang, args=(children, 4))
+        busy.start()
+        time.sleep(0.2)
+        assert describe(children, "beside it") == "beside it"
+        busy.join()
+    finally:
+        children.close()
