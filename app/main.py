@@ -11,6 +11,7 @@ from fastapi.openapi.utils import get_openapi
 from app import __version__
 from app.api import (
     adequacy,
+    after_meal,
     audit,
     calibrations,
     checks,
@@ -26,10 +27,12 @@ from app.api import (
     meals,
     participants,
     photographs,
+    questions,
     receipts,
     records,
     reference_intakes,
     review,
+    review_queue,
     sessions,
     staff,
     studies,
@@ -44,6 +47,7 @@ from app.api.body_limit import BodyLimit
 from app.api.problems import Problem, install_problem_handlers
 from app.api.rate_limit import RateLimit
 from app.api.request_log import RequestLog
+from app.api.schemas.after import AfterMetadataIn
 from app.api.schemas.calibrations import CalibrationMetadataIn
 from app.api.schemas.checks import CheckMetadataIn
 from app.api.schemas.meals import MealMetadataIn, NewMealMetadataIn
@@ -51,6 +55,7 @@ from app.api.state import ApiState
 from app.api.waiting import MealWaiter
 from app.db.session import Database
 from app.jobs.engine import JobQueue
+from app.services.after_meal import SubmitAfterPair
 from app.services.api_children import ApiChildren
 from app.services.erase import Eraser
 from app.services.erasure_ledger import ErasureLedger
@@ -71,7 +76,7 @@ serves records. Times are RFC 3339 with offset; units stand in the names; errors
 stable `code`.
 """
 # read from streams, so FastAPI does not see their schemas
-OUT_OF_ROUTES = (Problem, MealMetadataIn, NewMealMetadataIn, CheckMetadataIn, CalibrationMetadataIn)
+OUT_OF_ROUTES = (Problem, MealMetadataIn, NewMealMetadataIn, AfterMetadataIn, CheckMetadataIn, CalibrationMetadataIn)
 
 
 def create_app(settings: Settings) -> FastAPI:
@@ -96,6 +101,7 @@ def create_app(settings: Settings) -> FastAPI:
             database=database,
             blobs=blobs,
             submit_meal=SubmitMeal(database, blobs, queue, settings, box),
+            after_pairs=SubmitAfterPair(database, blobs, queue, settings, box),
             meal_events=MealEvents(database, queue, EVENT_RULES),
             waiter=waiter,
             upload_limiter=anyio.CapacityLimiter(settings.max_uploads),
@@ -136,9 +142,12 @@ def create_app(settings: Settings) -> FastAPI:
         calibrations,
         me_privacy,
         receipts,
+        after_meal,
         audit,
         records,
         review,
+        review_queue,
+        questions,
         days,
         summary,
         adequacy,

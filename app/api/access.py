@@ -96,6 +96,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("POST", "/v1/meals"): DEVICE,
     ("PUT", "/v1/meals/{meal_id}"): DEVICE,
     ("PUT", "/v1/meals/{meal_id}/images/{slot}"): DEVICE,
+    ("PUT", "/v1/meals/{meal_id}/after"): DEVICE,
     ("GET", "/v1/meals/{meal_id}"): VIEWER_OR_DEVICE,
     ("GET", "/v1/meals/{meal_id}/artefacts/{name}"): VIEWER_OR_DEVICE,
     ("GET", "/v1/meals/{meal_id}/images/{slot}"): VIEWER_OR_DEVICE,
@@ -119,6 +120,8 @@ RULES: Mapping[tuple[str, str], Rule] = {
     # review
     ("POST", "/v1/meals/{meal_id}/events"): REVIEWER_OR_DEVICE,
     ("GET", "/v1/meals/{meal_id}/events"): VIEWER_OR_DEVICE,
+    ("GET", "/v1/studies/{study}/review-queue"): REVIEWER,
+    ("GET", "/v1/me/questions"): DEVICE,
     # webhooks
     ("GET", "/v1/studies/{study}/webhooks"): OWNER,
     ("POST", "/v1/studies/{study}/webhooks"): OWNER,

@@ -15,7 +15,9 @@ from app.api.render import render_meal
 from app.api.schemas.meals import MealOut
 from app.api.state import ApiState
 from app.api.upload import UploadLimits, received_body, received_parts
-from app.db.models.meal import SLOTS
+from app.db.models import Meal
+from app.db.models.meal import AFTER_SLOTS, SLOTS
+from app.db.queries.meals import WAITING
 from app.errors import MalformedRequestError
 from app.services.caller import DeviceCaller
 from app.services.read_meal import MealView, open_artefact, read_meal
@@ -116,12 +118,21 @@ async def put_meal(request: Request, meal_id: MealId, state: State, caller: Curr
     openapi_extra=PHOTO_BODY,
 )
 async def put_image(
-    request: Request, meal_id: MealId, slot: Literal["left", "right"], state: State, caller: CurrentDevice
+    request: Request,
+    meal_id: MealId,
+    slot: Literal["left", "right", "after_left", "after_right"],
+    state: State,
+    caller: CurrentDevice,
 ) -> Response:
-    """Send one photograph of an announced meal as the body. The last one queues the meal."""
+    """Send one photograph of an announced meal as the body. The last of a pair queues it.
+
+    after_left and after_right are what was left of the meal; they may come at any time, also long after it.
+    """
     await anyio.to_thread.run_sync(state.submit_meal.require_room)
     staging = state.blobs.staging_folder()
     async with received_body(request, slot, staging, _limits(state), state.upload_limiter) as file:
+        if slot in AFTER_SLOTS:
+            return await _submit_after(state, caller, meal_id, {slot: file})
         return await _submit(state, caller, meal_id, None, {slot: file})
 
 
@@ -138,17 +149,17 @@ async def get_meal(
 ) -> Response:
     """How a meal stands: what has arrived, its status and, once estimated, its foods: volumes, mass, nutrients.
 
-    With `wait` the answer comes when status or stage changes, or when the time is up. With `If-None-Match` it also
-    comes at once if the meal is no longer at that ETag.
+    With `wait` the answer comes when its status or stage, or its after-meal pair's, changes, or when the time is up.
+    With `If-None-Match` it also comes at once if the meal is no longer at that ETag.
     """
     view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
     known = request.headers.get("if-none-match")
-    if wait and view.meal.status not in FINAL and (known is None or _is_known(known, view)):
+    if wait and _may_change(view.meal) and (known is None or _is_known(known, view)):
         await state.waiter.wait(view.meal.id, view.meal.version, wait)
         view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
     if known is not None and _is_known(known, view):
         return Response(status_code=304, headers={"ETag": _etag(view)})
-    return _meal_response(view, 200)
+    return meal_response(view, 200)
 
 
 @router.get(
@@ -162,9 +173,10 @@ def get_artefact(
     state: State,
     caller: CurrentCaller,
     participant: ParticipantCode = None,
+    pair: Annotated[Literal["meal", "after"], Query(description="Of the run on which pair.")] = "meal",
 ) -> StreamingResponse:
-    """A picture or point cloud of one step of the meal's last run."""
-    artefact, content = open_artefact(state.database, state.blobs, caller, meal_id, name, participant)
+    """A picture or point cloud of one step of the last run on the meal's pair, or on its after-meal pair."""
+    artefact, content = open_artefact(state.database, state.blobs, caller, meal_id, name, participant, pair)
     return StreamingResponse(
         content,
         media_type=artefact.media_type,
@@ -189,10 +201,27 @@ async def _submit(
         return submitted.is_new, read_meal(state.database, caller, client_id)
 
     is_new, view = await anyio.to_thread.run_sync(work, limiter=state.upload_limiter)
-    return _meal_response(view, 202 if is_new else 200)
+    return meal_response(view, 202 if is_new else 200)
 
 
-def _meal_response(view: MealView, status: int) -> JSONResponse:
+async def _submit_after(
+    state: ApiState, caller: DeviceCaller, client_id: uuid.UUID, files: Mapping[str, ReceivedFile]
+) -> Response:
+    def work() -> tuple[bool, MealView]:
+        submitted = state.after_pairs.receive(caller, client_id, files)
+        return submitted.is_new, read_meal(state.database, caller, client_id)
+
+    is_new, view = await anyio.to_thread.run_sync(work, limiter=state.upload_limiter)
+    return meal_response(view, 202 if is_new else 200)
+
+
+def _may_change(meal: Meal) -> bool:
+    """Whether the meal or its after-meal pair will be moved on by a worker, or the meal by its photographs."""
+    return meal.status not in FINAL or meal.after_status in WAITING
+
+
+def meal_response(view: MealView, status: int) -> JSONResponse:
+    """A meal with its ETag; 202 also tells where it is."""
     headers = {"ETag": _etag(view), "Cache-Control": "private, no-store"}
     if status == 202:
         headers["Location"] = f"/v1/meals/{view.meal.client_id}"

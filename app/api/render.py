@@ -1,24 +1,28 @@
 """From the services' views to the wire's models."""
 
 from collections.abc import Mapping
+from datetime import datetime
 from typing import Any
 
 from app.api.schemas.foods import FoodRef, NutrientAmount, NutrientTotal
 from app.api.schemas.meals import (
+    AfterOut,
     ArtefactOut,
     CandidateOut,
     FailureOut,
     ImageOut,
     ItemOut,
+    LeftoverOut,
     MealOut,
     RunOut,
     TotalsOut,
 )
 from app.api.schemas.records import RecordOut
 from app.db.models import Component, EffectiveRecord, Food, RunArtefact
-from app.db.models.meal import SLOTS
+from app.db.models.meal import AFTER_SLOTS, SLOTS
 from app.db.queries.records import RecordRow
 from app.nutrition.doubt import Estimate
+from app.services.read_after import LeftoverView
 from app.services.read_meal import ItemView, MealView
 from app.services.study_days import number_of
 
@@ -47,6 +51,7 @@ def render_meal(view: MealView) -> MealOut:
         failure=FailureOut(code=meal.failure_code, message=meal.failure_message or "", advice=meal.failure_advice or "")
         if meal.failure_code
         else None,
+        after=render_after(view),
         items=[_item(item, view.components) for item in view.items],
         totals=_totals(view),
         run=RunOut(
@@ -64,6 +69,32 @@ def render_meal(view: MealView) -> MealOut:
         )
         if run
         else None,
+    )
+
+
+def render_after(view: MealView) -> AfterOut | None:
+    """The after-meal pair, if there is one or one is waited for."""
+    meal, details = view.meal, view.meal.after_details
+    if meal.after_status is None and meal.after_due_at is None:
+        return None
+    images = {image.slot: image for image in view.images}
+    return AfterOut(
+        status=meal.after_status,
+        due_at=meal.after_due_at,
+        captured_at=datetime.fromisoformat(details["captured_at"]) if details is not None else None,
+        images={
+            slot: ImageOut.model_validate(images[slot], from_attributes=True) for slot in AFTER_SLOTS if slot in images
+        },
+        missing=[slot for slot in AFTER_SLOTS if slot not in images],
+        failure=FailureOut(
+            code=meal.after_failure_code,
+            message=meal.after_failure_message or "",
+            advice=meal.after_failure_advice or "",
+        )
+        if meal.after_failure_code
+        else None,
+        leftovers=[_leftover(each) for each in view.after.leftovers],
+        artefacts=[_artefact(view, artefact, "?pair=after") for artefact in view.after.artefacts],
     )
 
 
@@ -89,12 +120,30 @@ def food_ref(food: Food | None) -> FoodRef | None:
     return FoodRef(key=food.key, name=food.name) if food is not None else None
 
 
-def _artefact(view: MealView, artefact: RunArtefact) -> ArtefactOut:
+def _leftover(view: LeftoverView) -> LeftoverOut:
+    leftover, state = view.state, view.state.state
+    mass = view.mass.as_seen_g if view.mass is not None else None
+    return LeftoverOut(
+        id=state.item.id,
+        item=leftover.of_item_id,
+        is_by_person=leftover.is_by_person,
+        polygon=[list(ring) for ring in state.rings],
+        food=food_ref(view.food),
+        volume_ml=state.amount.volume_ml,
+        volume_interval_ml=_interval(state.amount.volume_low_ml, state.amount.volume_high_ml),
+        mass_g=mass.value if mass is not None else None,
+        mass_interval_g=(mass.low, mass.high) if mass is not None else None,
+        flags=[*state.flags, *leftover.flags],
+        **{"class": leftover.leftover_class},
+    )
+
+
+def _artefact(view: MealView, artefact: RunArtefact, query: str = "") -> ArtefactOut:
     return ArtefactOut(
         name=artefact.name,
         media_type=artefact.media_type,
         bytes=artefact.bytes,
-        href=f"/v1/meals/{view.meal.client_id}/artefacts/{artefact.name}",
+        href=f"/v1/meals/{view.meal.client_id}/artefacts/{artefact.name}{query}",
     )
 
 

@@ -7,6 +7,7 @@ import anyio
 from app.api.rate_limit import RateLimit
 from app.api.waiting import MealWaiter
 from app.db.session import Database
+from app.services.after_meal import SubmitAfterPair
 from app.services.api_children import ApiChildren
 from app.services.erase import Eraser
 from app.services.last_use import LastUse
@@ -26,6 +27,7 @@ class ApiState:
     database: Database
     blobs: BlobStore
     submit_meal: SubmitMeal
+    after_pairs: SubmitAfterPair
     meal_events: MealEvents
     waiter: MealWaiter
     upload_limiter: anyio.CapacityLimiter

@@ -1,4 +1,4 @@
-"""The after-meal pair comes in: what is told of it and its photographs, part by part, any part again, until both are in.
+"""The after-meal pair comes in: what is told of it and its photographs, part by part, any part again, till both are in.
 
 The rules are those of the meal's own pair (services/submit_meal.py): sealed first, then written in one transaction, the
 same bytes again are the same, other bytes are refused. One difference: a pair that failed may be sent anew, since the
@@ -19,6 +19,7 @@ from app.db.models.meal import AFTER_SLOTS
 from app.db.queries import jobs, meals, privacy
 from app.db.session import Database
 from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundError
+from app.services import audit
 from app.services.caller import DeviceCaller
 from app.services.erase import is_meal_deleted, meal_deleted
 from app.services.location_policy import policy_of
@@ -168,6 +169,7 @@ class SubmitAfterPair:
             if known.is_anew:
                 project_meal(session, meal)  # its records are no longer those of a pair that failed
             meal.version += 1
+            audit.note(session, caller, "meal.receive", subject=meal.alias, slots=sorted(added))
         return Submitted(meal_id, is_new=True)
 
     def _meal(self, meal: Meal | None, session: Session, meal_id: uuid.UUID) -> Meal:

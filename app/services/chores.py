@@ -4,6 +4,7 @@ from datetime import UTC, datetime, timedelta
 
 from app.db.session import Database
 from app.jobs.chores import Chore
+from app.services.after_windows import AfterWindows
 from app.services.delete_blobs import BlobDeleter
 from app.services.deliver_webhooks import DeliverWebhooks
 from app.services.erase import Eraser
@@ -31,6 +32,7 @@ def worker_chores(database: Database, blobs: BlobStore, box: SecretBox, settings
 
     deliver = DeliverWebhooks(database, box, WebhookPost(allow_loopback=settings.webhook_allow_loopback))
     return [
+        Chore("close_after_windows", 10.0, AfterWindows(database).close_due),
         Chore("delete_blobs", 5.0, deleter.delete_wanted),
         Chore("finish_erasures", HOUR, finish_erasures),
         Chore("erase_old_pictures", HOUR, lambda: erase_old_pictures(database)),

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from app.services import ask, declare_foods, review_item, review_meal
+from app.services import ask, declare_foods, review_item, review_meal, say_leftovers
 from app.services.meal_events import EventRule
 
 EVENT_RULES: Mapping[str, EventRule] = {
@@ -17,6 +17,8 @@ EVENT_RULES: Mapping[str, EventRule] = {
     "add": EventRule(review_meal.add),
     "split": EventRule(review_meal.split),
     "merge": EventRule(review_meal.merge),
+    "set_leftover": EventRule(say_leftovers.set_leftover),
+    "nothing_left": EventRule(say_leftovers.nothing_left, before_estimate=True),
     "confirm_meal": EventRule(review_meal.confirm_meal),
     "undo": EventRule(review_meal.undo, before_estimate=True),
     "comment": EventRule(ask.comment, before_estimate=True),

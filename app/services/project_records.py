@@ -13,14 +13,17 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from app.db.models import Component, EffectiveRecord, Food, ItemFood, Meal
-from app.db.queries import foods, records
+from app.db.models.meal import AFTER_SLOTS
+from app.db.queries import foods, meals, records
 from app.db.queries.meal_parts import MealParts, parts_of
 from app.db.queries.meals import UNESTIMATED
-from app.nutrition.mass import Mass, weighed_mass
+from app.nutrition.mass import Mass
 from app.services.announce import announce_meal
-from app.services.food_amounts import NO_FOOD, FoodAmounts, Weighing, food_amounts, mass_of
+from app.services.food_amounts import NO_FOOD, FoodAmounts, Weighing, food_amounts
 from app.services.item_foods import weighing_of
-from app.services.item_state import Amount, ItemState, LeftoverState, MealState, fold_meal
+from app.services.item_state import ItemState, LeftoverState, MealState, fold_meal
+from app.services.match_leftovers import match_leftovers
+from app.services.served_mass import served_mass
 
 AFTER_WAITED_FOR = frozenset({None, "receiving", "queued", "processing"})
 AFTER_MEASURED = frozenset({"estimated", "needs_review"})
@@ -139,20 +142,11 @@ class _Leftovers:
         yield from dict.fromkeys(flag for each in self._of(item) for flag in each.flags)
         if any(each.leftover_class == "food_left" and _is_unknown(each) for each in self._of(item)):
             yield "leftover_not_measurable"
-        if any(each.leftover_class == "unmatched" for each in self._live):
+        if any(each.leftover_class == "unmatched" and not each.is_by_person for each in self._live):
             yield "leftover_unmatched"
 
     def _of(self, item: ItemState) -> list[LeftoverState]:
         return [each for each in self._live if each.of_item_id == item.item.id]
-
-
-def served_mass(weighing: Weighing, amount: Amount) -> Mass | None:
-    """Grams of an amount: as a person set them, else by volume and density; None where they are not known."""
-    if amount.mass is not None:
-        is_edible = amount.mass.of == "edible"
-        share = weighing.edible_share
-        return weighed_mass(amount.mass.mass_g, amount.mass.relative_sd, is_edible=is_edible, edible_share=share)
-    return mass_of(weighing, amount.volume_ml, amount.relative_sd)
 
 
 def is_provisional(meal: Meal) -> bool:
@@ -166,7 +160,8 @@ def project_meal(session: Session, meal: Meal, projector: Projector | None = Non
     The meal is locked by the caller. Records that do not change keep their place in the order of changes.
     """
     session.flush()
-    projection = (projector or Projector(session)).project(parts_of(session, [meal])[0])
+    parts = _with_after_pair_settled(session, parts_of(session, [meal])[0])
+    projection = (projector or Projector(session)).project(parts)
     write_records(session, projection)
     has_moved = projection.status is not None and projection.status != meal.status
     if projection.status is not None:
@@ -226,6 +221,43 @@ def _status(parts: MealParts, state: MealState, items: Sequence[ItemProjection])
     if not statuses and (run.failure_code if run is not None else meal.failure_code) is not None:
         return "failed"
     return "estimated" if statuses else "needs_review"
+
+
+def _with_after_pair_settled(session: Session, parts: MealParts) -> MealParts:
+    """The parts with the pieces matched and the after-meal pair's status in line: the records follow from both."""
+    meal, has_pieces = parts.meal, any(item.origin == "after" for item in parts.items)
+    is_spoken_of = any(event.kind == "nothing_left" for event in parts.events)
+    if not (has_pieces or is_spoken_of or meal.after_status in AFTER_MEASURED):
+        return parts
+    state = fold_meal(parts)
+    if has_pieces and match_leftovers(session, parts, state):
+        session.flush()
+        parts = parts_of(session, [meal])[0]
+        state = fold_meal(parts)
+    meal.after_status = _after_status(session, meal, state)
+    return parts
+
+
+def _after_status(session: Session, meal: Meal, state: MealState) -> str | None:
+    """Where the after-meal pair stands: a run or an upload has moved it, what people say may end the wait for it."""
+    if meal.after_status in AFTER_MEASURED:
+        is_open = any(_is_open(each) for each in state.leftovers if each.state.is_live)
+        return "needs_review" if is_open else "estimated"
+    if state.nothing_left:
+        return "nothing_left" if meal.after_status in (None, "receiving", "failed") else meal.after_status
+    if meal.after_status != "nothing_left":
+        return meal.after_status
+    if meal.after_failure_code is not None:  # the word was taken back: as it was before
+        return "failed"
+    has_come = any(image.slot in AFTER_SLOTS for image in meals.images_of(session, meal.id))
+    return "receiving" if has_come or meal.after_details is not None else None
+
+
+def _is_open(leftover: LeftoverState) -> bool:
+    """Whether a person must say of which item a piece is, or how much of it there is."""
+    if leftover.leftover_class == "unmatched":
+        return not leftover.is_by_person
+    return leftover.leftover_class == "food_left" and _is_unknown(leftover)
 
 
 def _doubt(parts: MealParts, state: ItemState, amounts: FoodAmounts | None, flags: Sequence[str]) -> float:

@@ -19,6 +19,7 @@ from app.services.food_amounts import FoodAmounts
 from app.services.item_state import ItemState
 from app.services.probes import open_probes
 from app.services.project_records import MealProjection, Projector
+from app.services.read_after import AfterView, after_view
 from app.storage.blob_store import BlobStore
 
 
@@ -51,6 +52,7 @@ class MealView:
     components: Mapping[str, Component]  # by number: those that the items have figures of
     total_mass: MassTotal
     totals: Mapping[str, NutrientTotal]
+    after: AfterView
 
 
 def find_meal(
@@ -111,19 +113,28 @@ def meal_view(
         components=projector.components,
         total_mass=total_mass(portions),
         totals=total_nutrients(portions),
+        after=after_view(session, projector, projection),
     )
 
 
 def open_artefact(
-    database: Database, blobs: BlobStore, caller: Caller, client_id: uuid.UUID, name: str, participant_code: str | None
+    database: Database,
+    blobs: BlobStore,
+    caller: Caller,
+    client_id: uuid.UUID,
+    name: str,
+    participant_code: str | None,
+    purpose: str = "meal",
 ) -> tuple[RunArtefact, Iterator[bytes]]:
-    """An artefact of the meal's last run and its bytes; the reading is noted.
+    """An artefact of the last run of the meal's pair (purpose "meal") or its after-meal pair ("after"), and its bytes.
+
+    The reading is noted.
 
     Raises NotFoundError, GoneError (`photograph_erased`), ConflictError, BlobMissingError.
     """
     with database.read() as session:
         meal, _, _ = find_meal(session, caller, client_id, participant_code)
-        run = records.last_run(session, meal.id)
+        run = records.last_run(session, meal.id, purpose)
         found = [a for a in records.artefacts_of(session, run.id) if a.name == name] if run else []
         is_erased = any(image.erased_at is not None for image in meals.images_of(session, meal.id))
     if not found and is_erased:

@@ -18,6 +18,7 @@ from app.services.remeasure import save_measures
 
 ITEM_NAMESPACE = uuid.UUID("3f2ad0a5-93ce-4f0f-8f39-4f1f1d1b7f6e")  # drawn once; item ids are derived under it
 FROM_HINT = "hint"
+NOTHING_THERE = "no_food_found"  # of the after-meal pair that is an answer: the plate is empty
 
 
 def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any], result_key: str) -> None:
@@ -100,7 +101,7 @@ def _save_after(session: Session, meal: Meal, run_id: uuid.UUID, answer: Mapping
     for item, hint in zip(items, hints, strict=True):
         item.traits = item.traits | {"told": {key: hint[key] for key in ("item", "class") if key in hint}}
     _save_items(session, meal, items, hints)
-    if failure:
+    if failure and (failure["code"] != NOTHING_THERE or after_hints(meal)):
         meal.after_status = "failed"
         meal.after_failure_code, meal.after_failure_message = failure["code"], failure["message"]
         meal.after_failure_advice = failure.get("advice", "")

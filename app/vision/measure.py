@@ -64,8 +64,15 @@ def measure_items(
 
 
 def without_clutter(found: Sequence[MeasuredItem | None]) -> list[MeasuredItem] | Failure:
-    """The foods that were measured, less what is too small to be one and nobody pointed at; or "food_not_measured"."""
+    """The foods that were measured, less what is too small to be one and nobody pointed at; or why there are none."""
     items = [item for item in found if item is not None and not _is_clutter(item)]
+    if not items and all(item is not None for item in found):
+        return Failure(
+            "no_food_found",
+            f"Nothing larger than {MIN_VOLUME_ML:g} ml was found beside the marker.",
+            "If food lies there, photograph it at a slant of about 45 degrees with the whole plate in both views, or "
+            "mark it.",
+        )
     return items or Failure(
         "food_not_measured",
         "Food was found, but its surface could not be measured: it looks too plain or too different in the two views.",

@@ -249,6 +249,7 @@ MEAL_EXAMPLE: dict[str, Any] = {
     },
     "missing": [],
     "failure": None,
+    "after": None,
     "items": [
         {
             "id": "43f0e3b7-0be6-52f3-b3a7-7d1ecccce470",
@@ -292,6 +293,42 @@ MEAL_EXAMPLE: dict[str, Any] = {
 }
 
 
+class LeftoverOut(BaseModel):
+    """A piece in the after-meal pair. What is food_left of an item is taken from what was served; refuse is not."""
+
+    model_config = ConfigDict(serialize_by_alias=True, validate_by_name=True)
+
+    id: uuid.UUID
+    leftover_class: str = Field(alias="class", description="food_left, refuse or unmatched")
+    item: uuid.UUID | None = Field(description="The item of the meal that it was left of.")
+    is_by_person: bool = Field(description="A person has said so; else it is the server's own match.")
+    polygon: list[list[tuple[float, float]]] = Field(
+        description="Rings in after_left's upright pixels, holes by the even-odd rule."
+    )
+    food: FoodRef | None = Field(description="The item's.")
+    volume_ml: float | None
+    volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
+    mass_g: float | None = Field(description="As seen, by the density of the item's food.")
+    mass_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
+    flags: list[str]
+
+
+class AfterOut(BaseModel):
+    """The after-meal pair. It never moves the meal's own status."""
+
+    status: str | None = Field(
+        description="null: nothing has come yet; receiving, queued, processing, estimated, needs_review, failed, or "
+        "nothing_left, as a person said"
+    )
+    due_at: datetime | None = Field(description="Until then the records are provisional; null: no pair is waited for.")
+    captured_at: datetime | None
+    images: dict[str, ImageOut]
+    missing: list[str]
+    failure: FailureOut | None = Field(description="Why the pair could not be measured: send another one.")
+    leftovers: list[LeftoverOut]
+    artefacts: list[ArtefactOut]
+
+
 class MealOut(BaseModel):
     """A meal: what has arrived, where it stands, what was found."""
 
@@ -310,6 +347,7 @@ class MealOut(BaseModel):
     images: dict[str, ImageOut]
     missing: list[str] = Field(description="Slots whose photographs have not arrived.")
     failure: FailureOut | None
+    after: AfterOut | None = Field(description="null: no after-meal pair has come, and none is waited for.")
     items: list[ItemOut]
     totals: TotalsOut
     run: RunOut | None

@@ -84,11 +84,11 @@ def page_of_records(
     return [RecordRow(*(*row, first.get(row[0].participant_id))) for row in rows]
 
 
-def last_run(session: Session, meal_id: uuid.UUID) -> Run | None:
-    """The newest run of the meal's own pair."""
+def last_run(session: Session, meal_id: uuid.UUID, purpose: str = "meal") -> Run | None:
+    """The newest run of the meal's own pair, or of its after-meal pair."""
     query = (
         sa.select(Run)
-        .where(Run.meal_id == meal_id, Run.purpose == "meal")
+        .where(Run.meal_id == meal_id, Run.purpose == purpose)
         .order_by(Run.created_at.desc(), Run.id)
         .limit(1)
     )

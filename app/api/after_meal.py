@@ -1,0 +1,50 @@
+"""/v1/meals/{meal_id}/after: what a phone tells of the after-meal pair; its photographs come by PUT images/{slot}."""
+
+from datetime import UTC, datetime
+from typing import Any
+
+import anyio.to_thread
+from fastapi import APIRouter, Request, Response
+
+from app.api.deps import CurrentDevice, State
+from app.api.meals import SUBMIT_RESPONSES, MealId, meal_response
+from app.api.metadata import read_limited, validated
+from app.api.problems import problem_responses
+from app.api.schemas.after import AfterMetadataIn
+from app.services.after_meal import AfterMetadata
+from app.services.meal_time import meal_time
+from app.services.read_meal import MealView, read_meal
+
+router = APIRouter(prefix="/v1/meals", tags=["meals"])
+
+METADATA_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/AfterMetadataIn"}}},
+    }
+}
+
+
+@router.put(
+    "/{meal_id}/after",
+    status_code=202,
+    response_model=None,
+    responses=SUBMIT_RESPONSES | problem_responses(404),
+    openapi_extra=METADATA_BODY,
+)
+async def put_after(request: Request, meal_id: MealId, state: State, caller: CurrentDevice) -> Response:
+    """Tell when the after-meal pair was taken and what is left where: before its second photograph, or not at all."""
+    told = validated(AfterMetadataIn, await read_limited(request, state.settings.max_metadata_bytes))
+
+    def work() -> tuple[bool, MealView]:
+        zone = told.time_zone or state.after_pairs.zone_of(caller, meal_id)
+        metadata = AfterMetadata(
+            time=meal_time(told.captured_at, zone, datetime.now(UTC)),
+            camera=told.camera.model_dump(mode="json") if told.camera is not None else None,
+            hints=tuple(hint.model_dump(mode="json", exclude_none=True, by_alias=True) for hint in told.hints),
+        )
+        submitted = state.after_pairs.announce(caller, meal_id, metadata)
+        return submitted.is_new, read_meal(state.database, caller, meal_id)
+
+    is_new, view = await anyio.to_thread.run_sync(work)
+    return meal_response(view, 202 if is_new else 200)
