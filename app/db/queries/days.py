@@ -226,19 +226,21 @@ def coverage_of(amount: Any, consumed_g: Any) -> sa.ColumnElement[Any]:
     return sa.case((unknown == 0, known_g / sa.func.nullif(sa.func.sum(weight_g), 0.0)))
 
 
+# The page stands first in each of these, joined by LEFT JOIN: SQLite, which does not know how few its rows are, would
+# read all meals and records otherwise.
 def _meals_of(page: sa.CTE) -> sa.Subquery:
     is_late = sa.and_(DiaryDay.status == "closed", Meal.received_at > DiaryDay.changed_at)
     return (
         sa.select(
-            Meal.participant_id,
-            Meal.local_date,
-            sa.func.count().label("meals"),
+            page.c.participant_id,
+            page.c.local_date,
+            sa.func.count(Meal.id).label("meals"),
             sa.func.sum(sa.case((is_late, 1), else_=0)).label("late"),
         )
-        .join(page, _same_day(Meal.participant_id, Meal.local_date, page))
+        .select_from(page)
+        .outerjoin(Meal, _meal_of(page))
         .outerjoin(DiaryDay, _same_day(DiaryDay.participant_id, DiaryDay.local_date, page))
-        .where(Meal.deleted_at.is_(None))
-        .group_by(Meal.participant_id, Meal.local_date)
+        .group_by(page.c.participant_id, page.c.local_date)
         .subquery()
     )
 
@@ -246,17 +248,17 @@ def _meals_of(page: sa.CTE) -> sa.Subquery:
 def _delays_of(page: sa.CTE) -> sa.Subquery:
     """The median delay from eating to arrival: SQLite knows no median, so the one or two in the middle are averaged."""
     delay = seconds_between(Meal.captured_at, Meal.received_at)
-    of_day = (Meal.participant_id, Meal.local_date)
+    of_day = (page.c.participant_id, page.c.local_date)
     ranked = (
         sa.select(
-            Meal.participant_id,
-            Meal.local_date,
+            page.c.participant_id,
+            page.c.local_date,
             delay.label("seconds"),
             sa.func.row_number().over(partition_by=of_day, order_by=(delay, Meal.id)).label("place"),
             sa.func.count().over(partition_by=of_day).label("places"),
         )
-        .join(page, _same_day(Meal.participant_id, Meal.local_date, page))
-        .where(Meal.deleted_at.is_(None))
+        .select_from(page)
+        .outerjoin(Meal, _meal_of(page))
         .subquery()
     )
     twice = 2 * ranked.c.place
@@ -279,19 +281,26 @@ def _records_of(page: sa.CTE) -> sa.Subquery:
         ]
     return (
         sa.select(
-            record.participant_id,
-            record.local_date,
-            sa.func.count().label("item_count"),
-            sa.func.sum(sa.case((record.consumed_g.is_(None), 1), else_=0)).label("unmeasured"),
+            page.c.participant_id,
+            page.c.local_date,
+            sa.func.count(record.item_id).label("item_count"),
+            sa.func.count(sa.case((record.consumed_g.is_(None), record.item_id))).label("unmeasured"),
             sa.func.sum(sa.case((record.provisional, 1), else_=0)).label("provisional"),
             sa.func.sum(record.consumed_g).label("consumed_g"),
             *columns,
         )
-        .join(page, _same_day(record.participant_id, record.local_date, page))
-        .where(record.status != "rejected")
-        .group_by(record.participant_id, record.local_date)
+        .select_from(page)
+        .outerjoin(
+            record,
+            sa.and_(_same_day(record.participant_id, record.local_date, page), record.status != "rejected"),
+        )
+        .group_by(page.c.participant_id, page.c.local_date)
         .subquery()
     )
+
+
+def _meal_of(page: sa.CTE) -> sa.ColumnElement[bool]:
+    return sa.and_(_same_day(Meal.participant_id, Meal.local_date, page), Meal.deleted_at.is_(None))
 
 
 def _same_day(participant_id: Any, local_date: Any, page: sa.CTE) -> sa.ColumnElement[bool]:

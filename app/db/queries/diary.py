@@ -43,6 +43,16 @@ def first_days(session: Session, participant_ids: Collection[uuid.UUID]) -> dict
     return found
 
 
+def count_meals(session: Session, participant_id: uuid.UUID, local_date: date) -> int:
+    """How many meals there are on a day."""
+    query = (
+        sa.select(sa.func.count())
+        .select_from(Meal)
+        .where(Meal.participant_id == participant_id, Meal.local_date == local_date, Meal.deleted_at.is_(None))
+    )
+    return session.execute(query).scalar_one()
+
+
 def latest_day_of(session: Session, participant_id: uuid.UUID) -> date | None:
     """The last day that has a meal or a word."""
     keys = keys_of(DayFilter(participant_id=participant_id), None).subquery()

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import Component, EffectiveRecord, FoodNutrient, Participant
+from app.db.models import Component, DiaryDay, EffectiveRecord, FoodNutrient, Meal, Participant
 from app.db.queries.days import AMOUNTS, FULL, Amount, DayFilter, coverage_of, days_with_sums, filtered, keys_of
 
 
@@ -126,15 +126,19 @@ def page_of_intakes(
 
 def closed_days(session: Session, chosen: DayFilter) -> list[ClosedDay]:
     """The closed days of the filter."""
-    page = keys_of(chosen, None).cte("page")
-    day = days_with_sums(page).subquery()
-    is_nothing = sa.and_(day.c.said_nothing, day.c.meals == 0)
-    is_whole = sa.or_(is_nothing, sa.and_(day.c.item_count > 0, day.c.unmeasured == 0))
-    query = (
-        sa.select(day.c.participant_id, day.c.local_date, is_nothing, is_whole)
-        .where(day.c.status == "closed")
-        .order_by(day.c.participant_id, day.c.local_date)
+    record = EffectiveRecord
+    same_day = (record.participant_id == DiaryDay.participant_id, record.local_date == DiaryDay.local_date)
+    holds = (*same_day, record.status != "rejected")
+    has_meal = sa.exists().where(
+        Meal.participant_id == DiaryDay.participant_id,
+        Meal.local_date == DiaryDay.local_date,
+        Meal.deleted_at.is_(None),
     )
+    is_nothing = sa.and_(DiaryDay.ate_nothing, ~has_meal)
+    is_measured = sa.and_(sa.exists().where(*holds), ~sa.exists().where(*holds, record.consumed_g.is_(None)))
+    query = sa.select(DiaryDay.participant_id, DiaryDay.local_date, is_nothing, sa.or_(is_nothing, is_measured))
+    query = filtered(query, DiaryDay.study_id, DiaryDay.participant_id, DiaryDay.local_date, chosen)
+    query = query.where(DiaryDay.status == "closed").order_by(DiaryDay.participant_id, DiaryDay.local_date)
     return [ClosedDay(row[0], row[1], bool(row[2]), bool(row[3])) for row in session.execute(query)]
 
 
