@@ -3,6 +3,7 @@
 One thread writes; a database that is locked, full or away costs the note, not the request.
 """
 
+import contextlib
 import threading
 import time
 import uuid
@@ -51,7 +52,8 @@ class LastUse:
             self._noted.move_to_end(key)
             if len(self._noted) > REMEMBERED:
                 self._noted.popitem(last=False)
-        self._writer.submit(self._write, caller, datetime.now(UTC), clock_skew_seconds, _storable(app_version))
+        with contextlib.suppress(RuntimeError):  # the server is going down: close() was called
+            self._writer.submit(self._write, caller, datetime.now(UTC), clock_skew_seconds, _storable(app_version))
 
     def settle(self) -> None:
         """Wait until what was noted so far is written, or given up."""

@@ -1,5 +1,8 @@
 """Staff: made by admins, members of studies by owners; the last admin and the last owner stay."""
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 
 from app.db.models import AuditEvent, Staff
@@ -141,3 +144,41 @@ def test_every_change_of_people_stands_in_the_audit_log_without_secrets(client, 
         ("admin", "member.set", "olga", {"role": "owner"}),
         ("admin", "staff.change", "olga", {"fields": ["password"]}),
     ]
+
+
+def at_once(*calls):
+    """Answers of calls that start together."""
+    barrier = threading.Barrier(len(calls))
+
+    def run(call):
+        barrier.wait()
+        return call()
+
+    with ThreadPoolExecutor(len(calls)) as pool:
+        return list(pool.map(run, calls))
+
+
+def test_of_two_admins_who_disable_each_other_one_stays(client, admin):
+    second = make_staff(client, admin, "second", is_admin=True)
+    answers = at_once(
+        lambda: client.patch("/v1/staff/second", headers=admin, json={"is_disabled": True}),
+        lambda: second.patch("/v1/staff/admin", json={"is_disabled": True}),
+    )
+    statuses = sorted(answer.status_code for answer in answers)
+    assert statuses[0] == 200
+    assert statuses[1] in (401, 409)  # shut out before the call, or the last one by then
+
+
+def test_of_two_owners_who_remove_each_other_one_stays(client, admin, study):
+    olga, rita = make_staff(client, admin, "olga", pilot="owner"), make_staff(client, admin, "rita", pilot="owner")
+    answers = at_once(
+        lambda: olga.delete(f"{study}/members/rita"),
+        lambda: rita.delete(f"{study}/members/olga"),
+    )
+    assert sum(answer.status_code == 204 for answer in answers) == 1
+    assert len(client.get(f"{study}/members", headers=admin).json()["items"]) == 1
+
+
+def test_of_two_who_make_the_same_name_one_hears_that_it_is_taken(client, admin):
+    answers = at_once(*[lambda: client.post("/v1/staff", headers=admin, json={"name": "olga"})] * 4)
+    assert sorted(answer.status_code for answer in answers) == [201, 409, 409, 409]
