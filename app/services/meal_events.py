@@ -183,30 +183,38 @@ class MealEvents:
             raise ConflictError(f"{MAX_EVENTS} events are all that a meal takes.", code="events_too_many")
         now = datetime.now(UTC)
         change = rule.carry_out(Standing(session, meal, parts, fold_meal(parts), event, layer, now))
-        session.add(
-            MealEvent(
-                id=event.id,
-                meal_id=meal.id,
-                sequence=1 + max((each.sequence for each in parts.events), default=0),
-                item_id=event.item_id,
-                kind=event.kind,
-                layer=layer,
-                device_id=caller.device_id if isinstance(caller, DeviceCaller) else None,
-                staff_id=caller.staff_id if isinstance(caller, StaffCaller) else None,
-                old=dict(change.old),
-                new=dict(change.new),
-                request_sha256=event.sha256,
-                created_at=now,
-            )
-        )
-        session.flush()
-        for _, rows in groupby(change.rows, key=type):  # rows refer to those before them
-            session.add_all(rows)
-            session.flush()
+        sequence = 1 + max((each.sequence for each in parts.events), default=0)
+        insert_event(session, caller, meal, event, change, sequence=sequence, now=now)
         for row in change.rows:
             if isinstance(row, Job):
                 self._queue.enqueue(session, row.id)
         audit.note(session, caller, "meal.event", study_id=meal.study_id, subject=meal.alias, kind=event.kind)
+
+
+def insert_event(
+    session: Session, caller: Caller, meal: Meal, event: NewEvent, change: Change, *, sequence: int, now: datetime
+) -> None:
+    """Write an event and the rows that it brings."""
+    session.add(
+        MealEvent(
+            id=event.id,
+            meal_id=meal.id,
+            sequence=sequence,
+            item_id=event.item_id,
+            kind=event.kind,
+            layer=layer_of(caller),
+            device_id=caller.device_id if isinstance(caller, DeviceCaller) else None,
+            staff_id=caller.staff_id if isinstance(caller, StaffCaller) else None,
+            old=dict(change.old),
+            new=dict(change.new),
+            request_sha256=event.sha256,
+            created_at=now,
+        )
+    )
+    session.flush()
+    for _, rows in groupby(change.rows, key=type):  # rows refer to those before them
+        session.add_all(rows)
+        session.flush()
 
 
 def layer_of(caller: Caller) -> str:

@@ -40,12 +40,17 @@ def confirm_meal(standing: Standing) -> Change:
 
 def add(standing: Standing) -> Change:
     """A food that was missed: where, what and how much, as far as it is known. A place without amount is measured."""
+    return added(standing, "added", TOLD_SD)
+
+
+def added(standing: Standing, origin: str, default_sd: float) -> Change:
+    """A food that a person tells of. default_sd: how far off its amount may be, where the person does not say."""
     told, session = standing.event.told, standing.session
     food = named_food(session, told["food"]) if told["food"] is not None else None
-    amount = told_amount(session, told["amount"], food, TOLD_SD)
+    amount = told_amount(session, told["amount"], food, default_sd)
     region = told["region"] if not amount else None
     polygon = (told["region"] or {}).get("polygon")
-    item = new_item(standing, "added", rings=[polygon] if polygon is not None else [])
+    item = new_item(standing, origin, rings=[polygon] if polygon is not None else [])
     rows: list[Base] = [item]
     if food is not None:
         rows.append(taken_for(standing, item.id, food, told["lies_as"]))
@@ -65,7 +70,7 @@ def split(standing: Standing) -> Change:
     items: list[Item] = []
     food_rows: list[Base] = []
     parts = []
-    for place, told in enumerate(standing.event.told["parts"]):
+    for place, told in enumerate(_with_exact_shares(standing.event.told["parts"])):
         item, amount = _part(standing, state, place, told)
         if told["food"] is not None:
             food = named_food(standing.session, told["food"])
@@ -140,6 +145,14 @@ def new_item(standing: Standing, origin: str, *, place: int = 0, rings: Sequence
         flags=[],
         **unknown | columns,
     )
+
+
+def _with_exact_shares(parts: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The parts with shares that sum to 1, which those that were told do as good as."""
+    if any(part["share"] is None for part in parts):
+        return list(parts)
+    total = math.fsum(part["share"] for part in parts)
+    return [{**part, "share": part["share"] / total} for part in parts]
 
 
 def _part(standing: Standing, whole: ItemState, place: int, told: dict[str, Any]) -> tuple[Item, dict[str, Any]]:

@@ -1,0 +1,84 @@
+"""/v1/studies/{study}/review-queue: what reviewers look at first."""
+
+from typing import Annotated, Literal
+from urllib.parse import quote
+
+from fastapi import APIRouter, Path, Query, Request
+
+from app.api.deps import CurrentStaff, State
+from app.api.paging import Cursor, next_page
+from app.api.problems import problem_responses
+from app.api.render import food_ref
+from app.api.schemas.foods import FoodRef
+from app.api.schemas.meals import CandidateOut
+from app.api.schemas.review_queue import QueuedItemOut, ReviewQueue
+from app.db.queries.review import QueueFilter
+from app.services.review_queue import QueuedItem, read_queue
+from app.services.studies import read_study
+
+router = APIRouter(prefix="/v1/studies", tags=["review"])
+
+
+@router.get("/{study}/review-queue", responses=problem_responses(401, 403, 404, 422))
+def get_review_queue(
+    request: Request,
+    study: Annotated[str, Path(max_length=64)],
+    state: State,
+    _: CurrentStaff,
+    status: Literal["proposed", "needs_review", "confirmed", "corrected"] | None = None,
+    food: Annotated[str | None, Query(max_length=100, description="A food's key.")] = None,
+    min_doubt: Annotated[float | None, Query(ge=0, le=1)] = None,
+    provisional: Annotated[bool | None, Query(description="Whether an after-meal pair may still come.")] = None,
+    participant: Annotated[str | None, Query(max_length=64)] = None,
+    limit: Annotated[int, Query(ge=1, le=200)] = 50,
+    cursor: Cursor = None,
+) -> ReviewQueue:
+    """Items that count and that no reviewer has spoken of, by doubt, the greatest first."""
+    chosen = QueueFilter(
+        study_id=read_study(state.database, study).id,
+        status=status,
+        food_key=food,
+        min_doubt=min_doubt,
+        provisional=provisional,
+        participant_code=participant,
+    )
+    page = read_queue(state.database, chosen, cursor=cursor, limit=limit)
+    return ReviewQueue(items=[_item(queued) for queued in page.rows], next=next_page(request, page.cursor))
+
+
+def _item(queued: QueuedItem) -> QueuedItemOut:
+    row, record = queued.row, queued.row.record
+    path, whose = f"/v1/meals/{row.meal.client_id}", f"?participant={quote(row.participant_code)}"
+    return QueuedItemOut(
+        item=record.item_id,
+        meal=row.meal.client_id,
+        participant=row.participant_code,
+        doubt=record.doubt,
+        status=record.status,
+        origin=record.origin,
+        provisional=record.provisional,
+        food=food_ref(row.food),
+        candidates=[
+            CandidateOut(food=FoodRef(key=one.key, name=one.name), probability=by.probability, source=by.source)
+            for one, by in queued.candidates
+        ],
+        volume_ml=record.volume_ml,
+        volume_interval_ml=_interval(record.volume_low_ml, record.volume_high_ml),
+        mass_g=record.mass_g,
+        mass_interval_g=_interval(record.mass_low_g, record.mass_high_g),
+        share=record.share,
+        left_g=record.left_g,
+        consumed_g=record.consumed_g,
+        consumed_interval_g=_interval(record.consumed_low_g, record.consumed_high_g),
+        energy_kcal=record.energy_kcal,
+        flags=list(record.flags),
+        captured_at=record.captured_at,
+        local_date=record.local_date,
+        etag=f'"{row.meal.version}"',
+        meal_href=f"{path}{whose}",
+        photograph_href=f"{path}/images/left{whose}" if row.meal.origin == "photographed" else None,
+    )
+
+
+def _interval(low: float | None, high: float | None) -> tuple[float, float] | None:
+    return (low, high) if low is not None and high is not None else None
