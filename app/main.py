@@ -16,6 +16,7 @@ from app.api import (
     calibrations,
     checks,
     days,
+    declared,
     devices,
     enrolments,
     food_edits,
@@ -57,6 +58,7 @@ from app.db.session import Database
 from app.jobs.engine import JobQueue
 from app.services.after_meal import SubmitAfterPair
 from app.services.api_children import ApiChildren
+from app.services.declare_meal import DeclareMeal
 from app.services.erase import Eraser
 from app.services.erasure_ledger import ErasureLedger
 from app.services.event_rules import EVENT_RULES
@@ -103,6 +105,7 @@ def create_app(settings: Settings) -> FastAPI:
             submit_meal=SubmitMeal(database, blobs, queue, settings, box),
             after_pairs=SubmitAfterPair(database, blobs, queue, settings, box),
             meal_events=MealEvents(database, queue, EVENT_RULES),
+            declare_meal=DeclareMeal(database, box),
             waiter=waiter,
             upload_limiter=anyio.CapacityLimiter(settings.max_uploads),
             enrolment_limit=RateLimit(settings.enrolment_attempts_per_minute),
@@ -148,6 +151,7 @@ def create_app(settings: Settings) -> FastAPI:
         review,
         review_queue,
         questions,
+        declared,
         days,
         summary,
         adequacy,

@@ -122,6 +122,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/v1/meals/{meal_id}/events"): VIEWER_OR_DEVICE,
     ("GET", "/v1/studies/{study}/review-queue"): REVIEWER,
     ("GET", "/v1/me/questions"): DEVICE,
+    ("POST", "/v1/declared-meals"): DEVICE,
     # webhooks
     ("GET", "/v1/studies/{study}/webhooks"): OWNER,
     ("POST", "/v1/studies/{study}/webhooks"): OWNER,

@@ -9,6 +9,7 @@ from app.api.waiting import MealWaiter
 from app.db.session import Database
 from app.services.after_meal import SubmitAfterPair
 from app.services.api_children import ApiChildren
+from app.services.declare_meal import DeclareMeal
 from app.services.erase import Eraser
 from app.services.last_use import LastUse
 from app.services.meal_events import MealEvents
@@ -29,6 +30,7 @@ class ApiState:
     submit_meal: SubmitMeal
     after_pairs: SubmitAfterPair
     meal_events: MealEvents
+    declare_meal: DeclareMeal
     waiter: MealWaiter
     upload_limiter: anyio.CapacityLimiter
     enrolment_limit: RateLimit

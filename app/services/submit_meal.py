@@ -149,6 +149,10 @@ class SubmitMeal:
             if details is None:
                 raise NotFoundError("There is no such meal yet: PUT /v1/meals/{id} with its metadata first.")
             return {}
+        if meal.origin == "declared":
+            raise ConflictError(
+                "The meal of this id was told without photographs. Use a new id for a new meal.", code="meal_id_reused"
+            )
         changed = sorted(k for k in COMPARED if details is not None and details[k] != meal.details.get(k))
         if changed:
             raise ConflictError(

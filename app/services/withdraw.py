@@ -100,6 +100,13 @@ def carry_out_on_participant(
     return receipt
 
 
+def require_in_study(session: Session, participant_id: uuid.UUID) -> None:
+    """Before something is added to a participant: they are here, and until commit they stay. Raises GoneError."""
+    participant = privacy.join_participant(session, participant_id)
+    if participant is None or participant.withdrawn_at is not None:
+        raise has_left()
+
+
 def has_left() -> GoneError:
     """What a phone hears whose participant has left."""
     return GoneError("This participant has left the study.", code="withdrawn")

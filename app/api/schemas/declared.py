@@ -1,0 +1,49 @@
+"""A meal that is told without photographs, over the wire."""
+
+import uuid
+from datetime import datetime
+from typing import Annotated
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from app.api.schemas.meals import LocationIn
+from app.api.schemas.review import AmountIn, FoodKey, Share
+from app.api.schemas.text import Text, only_text
+
+
+class DeclaredItemIn(BaseModel):
+    """A food and how much of it; without an amount the meal needs review."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    food: FoodKey
+    amount: AmountIn | None = None
+    share: Share = 1.0
+
+
+class DeclaredMealIn(BaseModel):
+    """An occasion without photographs."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "example": {
+                "id": "5a8b8a0e-54a5-4c5c-9a1e-6c3c1d7a2f10",
+                "captured_at": "2026-11-21T16:00:00+08:00",
+                "time_zone": "Asia/Shanghai",
+                "items": [
+                    {"food": "milk-whole", "amount": {"volume_ml": 250}},
+                    {"food": "cookie-plain", "amount": {"mass_g": 24, "relative_sd": 0.1}},
+                ],
+            }
+        },
+    )
+
+    id: uuid.UUID = Field(description="Made by the phone, once a meal; the same id again is the same meal.")
+    captured_at: Annotated[datetime, BeforeValidator(only_text)] = Field(
+        description="When it was eaten: RFC 3339 with offset."
+    )
+    time_zone: Text = Field(min_length=1, max_length=64, description="IANA name, such as Asia/Shanghai.")
+    items: list[DeclaredItemIn] = Field(min_length=1, max_length=50)
+    location: LocationIn | None = None
+    app_version: Text | None = Field(default=None, max_length=64)
