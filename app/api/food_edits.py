@@ -174,7 +174,7 @@ def _tagged(view: FoodView, response: Response) -> FoodOut:
 
 
 def _editor(admin: StaffCaller, reason: str) -> Editor:
-    return Editor(author_of(admin), reason)
+    return Editor(author_of(admin), reason, admin)
 
 
 def _fields(body: FoodFieldsIn) -> dict[str, tuple[str, object]]:

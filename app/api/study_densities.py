@@ -29,7 +29,7 @@ def post_study_density(
         state.database,
         study,
         Measurement(body.food, density, specimens, body.measured_at),
-        Editor(author_of(admin), body.reason),
+        Editor(author_of(admin), body.reason, admin),
     )
     response.headers["Location"] = f"/v1/studies/{study}/densities"
     return _density_out(row)
@@ -52,7 +52,7 @@ def post_withdrawal(
     study: StudyCode, density: uuid.UUID, body: WithdrawalIn, state: State, admin: CurrentStaff
 ) -> StudyDensityOut:
     """Take a measurement out of use. It stays to be seen, with who withdrew it and why."""
-    editor = Editor(author_of(admin), body.reason)
+    editor = Editor(author_of(admin), body.reason, admin)
     return _density_out(study_densities.withdraw_study_density(state.database, study, density, editor))
 
 

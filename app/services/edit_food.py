@@ -21,6 +21,7 @@ from app.errors import ConflictError, InvalidInputError, NotFoundError, Precondi
 from app.nutrition.foods import Density
 from app.nutrition.foods import Food as FoodValue
 from app.nutrition.plausible import why_impossible
+from app.services.audit import note
 from app.services.caller import StaffCaller
 from app.services.component_names import Figure, add_missing_components, contents_of, numbers_called
 from app.services.food_values import own_value
@@ -57,10 +58,11 @@ _BLANK: Mapping[str, Any] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Editor:
-    """Who changes something, and why."""
+    """Who changes something, and why. caller: for the audit log; None: by the command line."""
 
     author: str
     reason: str
+    caller: StaffCaller | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,6 +240,7 @@ def _write(
             changed_at=datetime.now(UTC),
         )
     )
+    note(session, editor.caller, "food.change", subject=row.key, version=version, fields=sorted(differences))
     session.flush()
     return row
 

@@ -17,6 +17,7 @@ from app.errors import ConflictError, InvalidInputError, NotFoundError
 from app.nutrition.foods import Density
 from app.nutrition.plausible import MAX_G_PER_ML, MIN_G_PER_ML
 from app.nutrition.specimens import Specimen, median_density
+from app.services.audit import note
 from app.services.edit_food import Editor
 from app.services.foods import require_food
 
@@ -75,6 +76,7 @@ def add_study_density(database: Database, study_code: str, measured: Measurement
             created_at=now,
         )
         session.add(row)
+        note(session, editor.caller, "density.add", study_id=row.study_id, subject=row.food_key, density=str(row.id))
     return row
 
 
@@ -95,6 +97,7 @@ def withdraw_study_density(database: Database, study_code: str, density_id: uuid
             raise NotFoundError(f"Study {study_code!r} has no density {density_id}.", code="density_not_found")
         if not done:
             raise ConflictError("This density is withdrawn already.", code="density_withdrawn")
+        note(session, editor.caller, "density.withdraw", study_id=study.id, subject=row.food_key, density=str(row.id))
         return row
 
 

@@ -20,6 +20,7 @@ from app.db.models.meal import SLOTS
 from app.db.queries import meals, people, privacy
 from app.db.session import Database
 from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundError
+from app.services import audit
 from app.services.announce import announce_meal
 from app.services.caller import DeviceCaller
 from app.services.erase import is_meal_deleted, meal_deleted
@@ -28,7 +29,7 @@ from app.services.meal_time import MealTime
 from app.services.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
 from app.services.seal_photos import image_row, seal_photos, storage_full
 from app.services.secret_box import SecretBox
-from app.services.withdraw import has_left
+from app.services.withdraw import require_in_study
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
 
@@ -180,9 +181,7 @@ class SubmitMeal:
     ) -> Submitted:
         now, meal_id = datetime.now(UTC), arriving.meal_id
         with self._database.write() as session:
-            participant = privacy.join_participant(session, caller.participant_id)
-            if participant is None or participant.withdrawn_at is not None:
-                raise has_left()
+            require_in_study(session, caller.participant_id)
             meal = meals.lock_meal(session, meal_id)
             stored = self._check(session, meal_id, arriving.details, photos)
             is_new = meal is None
@@ -203,6 +202,8 @@ class SubmitMeal:
                 meal.details = meal.details | {"location": arriving.location}
             if meal.status == "receiving" and set(stored) | set(photos) == set(SLOTS):
                 self._queue_estimate(session, meal, now)
+            if is_new:
+                audit.note(session, caller, "meal.receive", subject=meal.alias, slots=sorted(set(photos) - set(stored)))
         if is_new:
             log.info("meal_kept", meal_id=str(meal_id), slots=sorted(photos), status=meal.status)
         return Submitted(meal_id, is_new)
