@@ -25,6 +25,7 @@ from app.services.audit import note
 from app.services.caller import Caller, DeviceCaller
 from app.services.meal_time import EARLIEST, latest_day
 from app.services.study_days import StudyDay, number_days
+from app.services.withdraw import has_left
 
 MAX_RANGE_DAYS = 366
 USUAL_RANGE_DAYS = 31
@@ -52,13 +53,18 @@ def set_day(
     """Say a word about a day. expected: versions that it is a word over, 0 without any before; None: whatever is there.
 
     The same word again of the same author, over the version that it was said over, changes nothing.
-    Raises InvalidInputError (`day_impossible`), NotFoundError, PreconditionFailedError, ConflictError.
+    Raises InvalidInputError (`day_impossible`), NotFoundError, PreconditionFailedError, ConflictError (`day_has_meals`,
+    `participant_withdrawn`), GoneError (`withdrawn`, for the phone).
     """
     now = datetime.now(UTC)
     if not EARLIEST.date() <= local_date <= latest_day(now):
         raise InvalidInputError(f"{local_date} lies before 2000 or in the future.", code="day_impossible")
     with database.write() as session:
         participant = diary.lock_participant(session, find_participant(session, caller, whose).id)
+        if participant is None or participant.withdrawn_at is not None:
+            if isinstance(caller, DeviceCaller):
+                raise has_left()
+            raise ConflictError("This participant has left the study.", code="participant_withdrawn")
         events = diary.events_of(session, participant.id, [local_date])
         layer, author = _author(caller)
         if expected is not None and len(events) not in expected:
@@ -128,7 +134,10 @@ def day_range(first_day: date | None, last_day: date | None, now: datetime) -> t
 def find_participant(session: Session, caller: Caller, whose: Whose | None) -> Participant:
     """The phone's own participant, or the one that staff name. Raises NotFoundError, NotAllowedError."""
     if isinstance(caller, DeviceCaller):
-        return session.get_one(Participant, caller.participant_id)
+        own = session.get(Participant, caller.participant_id)
+        if own is None:  # erased since the token was looked up
+            raise has_left()
+        return own
     study = people.find_study(session, whose.study_code) if whose is not None else None
     if study is None or whose is None:
         raise NotFoundError("There is no such study.")

@@ -60,9 +60,11 @@ def latest_day_of(session: Session, participant_id: uuid.UUID) -> date | None:
     return latest
 
 
-def lock_participant(session: Session, participant_id: uuid.UUID) -> Participant:
-    """The participant, locked until commit: words about their days come one after the other."""
-    return session.scalars(sa.select(Participant).where(Participant.id == participant_id).with_for_update()).one()
+def lock_participant(session: Session, participant_id: uuid.UUID) -> Participant | None:
+    """The participant, locked until commit: words about their days come one after the other. None: erased meanwhile."""
+    query = sa.select(Participant).where(Participant.id == participant_id)
+    query = query.with_for_update(key_share=True)  # meals may come in all the while
+    return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
 
 
 def _batches(ids: Collection[uuid.UUID], size: int = 500) -> Iterator[list[uuid.UUID]]:

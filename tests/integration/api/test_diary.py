@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 import sqlalchemy as sa
 
-from app.db.models import AuditEvent, DayEvent, DiaryDay, Study
+from app.db.models import AuditEvent, DayEvent, DiaryDay, Participant, Study
 from app.services.diary import project_day
 from app.services.meal_time import latest_day
 from tests.integration.conftest import meal_metadata
@@ -211,3 +211,13 @@ def test_study_day_counts_from_the_start_or_the_first_day(phone, state):
     assert [day["study_day"] for day in days_of(phone)] == [1, 3]
     set_profile(state, starts_on=datetime(2026, 11, 19, tzinfo=UTC).date())
     assert [day["study_day"] for day in days_of(phone)] == [0, 2]
+
+
+def test_day_of_somebody_who_has_left_is_not_changed_any_more(phone, state, review):
+    say(phone, CLOSED, 0)
+    with state.database.write() as session:
+        session.execute(sa.update(Participant).values(withdrawn_at=datetime(2026, 11, 20, tzinfo=UTC)))
+    answer = review(OPEN, 1)
+    assert (answer.status_code, answer.json()["code"]) == (409, "participant_withdrawn")
+    answer = say(phone, OPEN, 1)  # its token was looked up before it was revoked
+    assert (answer.status_code, answer.json()["code"]) == (410, "withdrawn")
