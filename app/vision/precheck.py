@@ -176,9 +176,12 @@ def _judge_views(
         mm_per_px = distance_mm / (view.camera.fx * photo.factor)
         measures |= {f"distance_mm_{side}": distance_mm, f"mm_per_px_{side}": mm_per_px}
         if mm_per_px > COARSE_MM_PER_PX:
-            long_side = max(view.camera.width, view.camera.height) * photo.factor
-            code = "resolution_low" if long_side < LOW_RESOLUTION_LONG_SIDE_PX else "marker_too_small"
-            problems.append(PairProblem(code=code, severity="warn", side=side))
+            is_small = max(view.camera.width, view.camera.height) * photo.factor < LOW_RESOLUTION_LONG_SIDE_PX
+            problems.append(
+                PairProblem(code="resolution_low", severity="warn", side=side)
+                if is_small
+                else PairProblem(code="marker_too_small", severity="warn", side=side)
+            )
     told, matched = _judge_scene(*views)
     return problems + told, measures | matched
 

@@ -4,11 +4,12 @@ import uuid
 from datetime import date, datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, computed_field, model_validator
 
 from app.api.schemas.foods import FoodRef, NutrientAmount, NutrientTotal
 from app.api.schemas.text import Number, Text, only_text
 from app.nutrition.foods import FoodForm
+from app.services.messages.catalogue import LOCALES, sentence
 
 Pixel = Annotated[Number, Field(ge=-1e6, le=1e6)]
 
@@ -129,6 +130,12 @@ class FailureOut(BaseModel):
     code: str
     message: str
     advice: str
+
+    @computed_field(description="One sentence for the participant, by language: en, de, es, zh.")
+    def localised(self) -> dict[str, str]:
+        """From the code; empty for a code without a sentence."""
+        told = {locale: sentence(self.code, locale) for locale in LOCALES}
+        return {locale: text for locale, text in told.items() if text is not None}
 
 
 class ArtefactOut(BaseModel):

@@ -8,11 +8,14 @@ from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
+import pillow_heif
 import pytest
 from PIL import Image
 
 from app.services.messages.catalogue import sentence
-from tests.photographs import photograph
+from tests.estimates import save
+from tests.integration.conftest import meal_metadata
+from tests.photographs import pair, photograph
 
 PAIR = pathlib.Path(__file__).parents[3] / "app" / "demo_data"
 
@@ -180,3 +183,40 @@ def test_crashed_child_is_a_problem_of_the_request_and_the_next_check_works(phon
     broken = check(phone)
     assert broken.status_code in {200, 422}
     assert stops(check(phone)) == []
+
+
+def test_failed_meal_tells_its_sentence_in_every_language(phone, state):
+    body = meal_metadata()
+    phone.post(pair(), metadata=body)
+    failure = {"code": "baseline_too_small", "message": "Too close.", "advice": "Step aside."}
+    save(state, body["id"], failure=failure)
+    told = phone.get(f"/v1/meals/{body['id']}").json()["failure"]
+    assert told["code"] == "baseline_too_small"
+    assert told["localised"] == {locale: sentence("baseline_too_small", locale) for locale in ("en", "de", "es", "zh")}
+
+
+def test_phone_that_hangs_up_in_the_midst_of_a_check_leaves_nothing(phone, state):
+    def cut():
+        yield b'--x\r\nContent-Disposition: form-data; name="left"; filename="l.jpg"\r\n\r\n' + original("left")
+
+    headers = phone.headers | {"Content-Type": "multipart/form-data; boundary=x"}
+    answer = phone.client.post("/v1/checks", headers=headers, content=cut())
+    assert (answer.status_code, answer.json()["code"]) == (400, "body_incomplete")
+    assert [path for path in state.blobs.staging_folder().rglob("*") if path.is_file()] == []
+    assert stops(check(phone)) == []
+
+
+@pytest.mark.slow
+def test_heic_of_forty_megapixels_is_judged_within_the_limits(enrol, client, state):
+    """The largest that phones send: whole in memory at once, and still in the child's time and address space."""
+    side = np.kron(pixels("left"), np.ones((4, 4, 1), np.uint8))[:, :6528]
+    buffer = io.BytesIO()
+    pillow_heif.from_pillow(Image.fromarray(np.ascontiguousarray(side[..., ::-1]))).save(buffer, quality=30)
+    path = state.blobs.staging_folder() / "large.heic"
+    path.write_bytes(buffer.getvalue())
+    small = state.blobs.staging_folder() / "small.jpg"
+    small.write_bytes(original("right"))
+    asked = {"left": str(path), "right": str(small), "marker": "plain:9x7:11", "camera": None, "max_pixels": 60_000_000}
+    found = state.children.run("check", asked, seconds=60)
+    assert "image_unreadable" not in [one["code"] for one in found["problems"]]
+    assert found["measures"]["square_px_left"] > 80
