@@ -95,7 +95,7 @@ def test_same_study_made_at_once_is_made_once_and_else_a_conflict(client, admin)
 def test_same_participant_made_at_once_is_made_once_and_else_a_conflict(client, admin, enrol):
     enrol()
     answers = at_once(lambda: client.post("/v1/studies/pilot/participants", headers=admin, json={"code": "race"}))
-    assert sorted(answer.status_code for answer in answers) == [204] + [409] * 7
+    assert sorted(answer.status_code for answer in answers) == [201] + [409] * 7
 
 
 @pytest.mark.parametrize("fx", [1e23, 1e308])
