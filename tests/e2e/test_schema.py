@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from schemathesis import GenerationMode
 
 from app.main import create_app
-from app.services.enrol import create_admin
+from app.services.staff import create_admin
 from app.settings import Settings
 
 
