@@ -55,7 +55,8 @@ NOTHING_KNOWN = Amount(None, None, None, {})
 class ItemState:
     """An item as it stands. word: what a person has made of it, None, "confirmed", "corrected" or "rejected".
 
-    reviewed: a reviewer has spoken of it. flags: of the measurement that counts, and those named above.
+    reviewed: a reviewer has spoken of it. food_is_told: a person has said what it is, or that it is right. flags: of
+    the measurement that counts, and those named above.
     """
 
     item: Item
@@ -65,6 +66,7 @@ class ItemState:
     share: float
     word: str | None
     reviewed: bool
+    food_is_told: bool
     flags: tuple[str, ...]
 
     @property
@@ -226,6 +228,8 @@ class _History:
         spoken = [event for event in words if event.kind in WORDS] + ([made_by] if made_by is not None else [])
         spoken += [event for event in self.counting if event.kind == "confirm_meal" and str(item.id) in _named(event)]
         measured = _measured(self._parts, item, made_by, words)
+        taken_for = self._newest_food(item)
+        is_vouched = any(event.kind in ("confirm", "confirm_meal") for event in spoken)
         word, flags = _word(spoken), measured.flags
         if item.id in self._replaced_by:
             word, flags = "rejected", (*flags, REPLACED)
@@ -236,11 +240,12 @@ class _History:
         return ItemState(
             item=item,
             rings=measured.rings,
-            taken_for=self._newest_food(item),
+            taken_for=taken_for,
             amount=measured.amount,
             share=float(max(shares, key=_precedence).new["share"] if shares else first_share),
             word=word,
             reviewed=any(event.layer == "reviewer" for event in spoken),
+            food_is_told=is_vouched or (taken_for is not None and taken_for.layer != "automatic"),
             flags=flags,
         )
 

@@ -4,7 +4,6 @@ One way for all: a run is saved, a person says something, an after-meal pair com
 ends here, and `tada records rebuild` compares with what comes out here.
 """
 
-import math
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,11 +22,11 @@ from app.services.food_amounts import NO_FOOD, FoodAmounts, Weighing, food_amoun
 from app.services.item_foods import weighing_of
 from app.services.item_state import ItemState, LeftoverState, MealState, fold_meal
 from app.services.match_leftovers import match_leftovers
+from app.services.review_doubt import UNKNOWN, review_doubt
 from app.services.served_mass import served_mass
 
 AFTER_WAITED_FOR = frozenset({None, "receiving", "queued", "processing"})
 AFTER_MEASURED = frozenset({"estimated", "needs_review"})
-FLAG_DOUBT = 0.3  # of each flag, in the order of the review queue
 SETTLED = frozenset({"confirmed", "corrected", "rejected"})
 
 
@@ -112,9 +111,26 @@ class Projector:
             "share": state.share,
             **(amounts.record_columns() if amounts is not None else NO_FOOD),
             "flags": flags,
-            "doubt": _doubt(parts, state, amounts, flags),
+            "doubt": self._doubt(parts, state, amounts, flags),
         }
         return ItemProjection(state, amounts, columns)
+
+    def _doubt(self, parts: MealParts, state: ItemState, amounts: FoodAmounts | None, flags: Sequence[str]) -> float:
+        if not state.is_live:
+            return 0.0
+        if amounts is None or amounts.mass is None or state.taken_for is None:
+            return UNKNOWN
+        probability = 1.0 if state.food_is_told else self._probability(parts, state.item.id, state.taken_for)
+        served_g = amounts.mass.edible_g.value * amounts.share
+        return review_doubt(probability, amounts.consumed_g, served_g, flags)
+
+    def _probability(self, parts: MealParts, item_id: uuid.UUID, taken_for: ItemFood) -> float:
+        """Of the food that the item is taken for, by whichever version; 1 where the server has not reckoned it."""
+        key = self.food(taken_for.food_id).key
+        for candidate in parts.candidates.get(item_id, ()):
+            if candidate.probability is not None and self.food(candidate.food_id).key == key:
+                return candidate.probability
+        return 1.0
 
 
 class _Leftovers:
@@ -258,32 +274,6 @@ def _is_open(leftover: LeftoverState) -> bool:
     if leftover.leftover_class == "unmatched":
         return not leftover.is_by_person
     return leftover.leftover_class == "food_left" and _is_unknown(leftover)
-
-
-def _doubt(parts: MealParts, state: ItemState, amounts: FoodAmounts | None, flags: Sequence[str]) -> float:
-    """How much a reviewer's look is needed, 0 to 1: 1 where amount or food is not known.
-
-    What speaks against the record is taken as independent: the food's improbability (0 once a person has named it), the
-    width of the interval of what was eaten, each flag.
-    """
-    if not state.is_live:
-        return 0.0
-    if amounts is None or amounts.consumed_g is None or amounts.mass is None:
-        return 1.0
-    surety = (1.0 - FLAG_DOUBT) ** len(flags)
-    if state.word is None and state.taken_for is not None:
-        surety *= _probability(parts, state.item.id, state.taken_for.food_id)
-    eaten, served_g = amounts.consumed_g, amounts.mass.edible_g.value * amounts.share
-    surety *= math.exp(-(eaten.high - eaten.low) / (2.0 * served_g))
-    return 1.0 - surety
-
-
-def _probability(parts: MealParts, item_id: uuid.UUID, food_id: int) -> float:
-    """Of the food that the item is taken for, by the server's own reckoning; 1 where somebody named it."""
-    for candidate in parts.candidates.get(item_id, ()):
-        if candidate.food_id == food_id and candidate.probability is not None:
-            return candidate.probability
-    return 1.0
 
 
 def _is_unknown(leftover: LeftoverState) -> bool:
