@@ -22,8 +22,8 @@ import httpx2
 
 from app.db.session import Database
 from app.jobs.supervisor import settings_environment
-from app.services.enrol import create_admin
 from app.services.prepare import prepare
+from app.services.staff import create_admin
 from app.settings import Settings
 
 FOOD = "apple"

@@ -21,8 +21,8 @@ from pathlib import Path
 import sqlalchemy as sa
 
 from app.db.session import Database
-from app.services.enrol import create_study
 from app.services.prepare import prepare
+from app.services.studies import create_study
 from app.settings import Settings
 from benchmarks.databases import database_url
 

@@ -30,10 +30,10 @@ from app.db.migrate import upgrade
 from app.db.session import Database
 from app.demo import running_server
 from app.nutrition.importers.sr28 import read_sr28
-from app.services.enrol import create_admin
 from app.services.import_foods import import_foods
 from app.services.prepare import prepare
 from app.services.search_foods import search_foods
+from app.services.staff import create_admin
 from app.settings import Settings
 from benchmarks.databases import database_url
 

@@ -10,11 +10,7 @@ from app.db.session import Database
 from app.errors import ConflictError, NotFoundError
 from app.services.audit import note
 from app.services.caller import Caller, DeviceCaller, new_code, new_token, sha256_hex
-from app.services.participants import create_participant, require_participant
-from app.services.staff import create_admin
-from app.services.studies import create_study
-
-__all__ = ["create_admin", "create_participant", "create_study", "enrol_device", "issue_enrolment_code"]
+from app.services.participants import require_participant
 
 ENROLMENT_VALID = timedelta(days=7)
 

@@ -47,7 +47,7 @@ def sign_in(database: Database, passwords: Passwords, name: str, password: str) 
         verdict = passwords.check(password, checked)
     except InvalidInputError:
         raise _failed() from None
-    if found is None or not verdict.is_right:
+    if found is None or found.disabled_at is not None or not verdict.is_right:
         raise _failed()
     token, now = new_token(), datetime.now(UTC)
     with database.write() as session:

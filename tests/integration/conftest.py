@@ -9,7 +9,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from app.main import create_app
-from app.services.enrol import create_admin
+from app.services.staff import create_admin
 from app.settings import Settings
 
 STUDY_MARKER = "plain:9x7:11"

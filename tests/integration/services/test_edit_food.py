@@ -18,10 +18,10 @@ from app.nutrition.foods import Density
 from app.services import edit_food
 from app.services.component_names import Figure
 from app.services.edit_food import Editor, FoodEdit
-from app.services.enrol import create_study
 from app.services.food_releases import list_releases
 from app.services.foods import read_food
 from app.services.search_foods import search_foods
+from app.services.studies import create_study
 from app.services.study_densities import Measurement, add_study_density
 from app.units import Unit
 
