@@ -10,9 +10,9 @@ from datetime import UTC, datetime
 from typing import Any
 
 from app.db.models import CameraCalibration, Device, Study
-from app.db.queries import calibrations, people
+from app.db.queries import calibrations, people, privacy
 from app.db.session import Database
-from app.errors import ConflictError, Failure, InvalidInputError, NotFoundError
+from app.errors import ConflictError, Failure, GoneError, InvalidInputError, NotFoundError
 from app.services import audit
 from app.services.access import require_study
 from app.services.api_children import ApiChildren
@@ -29,6 +29,7 @@ MAX_RMS_PX_AT_12MP = 1.0  # twice what phones and printed boards leave (vision/c
 LONG_SIDE_12MP = 4000.0
 MIN_REACH = 0.5  # half diagonals; a plate beside the marker fills more than the middle quarter of the picture
 MAX_OF_DEVICE = 100
+BY_PHONE = "device"  # no alias: only the audit log and its participant hold that
 LISTED = 1000
 GET_ANOTHER = (
     "Photograph the whole board ten times or so: from different sides, tilted by 30 to 45 degrees, near the middle and "
@@ -64,7 +65,7 @@ def calibrate_device(
     """Measure and keep. marker: None: the study's.
 
     Raises InvalidInputError (what is wrong with the photographs, by its code), ConflictError (`calibrations_too_many`),
-    UnavailableError (`server_busy`), PhotographError.
+    GoneError (left the study meanwhile), UnavailableError (`server_busy`), PhotographError.
     """
     if not MIN_PHOTOGRAPHS <= len(files) <= MAX_PHOTOGRAPHS:
         raise InvalidInputError(
@@ -88,8 +89,11 @@ def calibrate_device(
     )
     left_out = _require_good(found)
     with database.write() as session:
+        participant = privacy.join_participant(session, caller.participant_id)
+        device = session.get(Device, caller.device_id)
+        if participant is None or participant.withdrawn_at is not None or device is None:
+            raise GoneError("This participant has left the study.", code="withdrawn")
         _require_room(calibrations.count_of_device(session, caller.device_id))
-        device = session.get_one(Device, caller.device_id)
         row = CameraCalibration(
             id=uuid.uuid4(),
             device_id=caller.device_id,
@@ -98,7 +102,7 @@ def calibrate_device(
             camera={key: value for key, value in found["camera"].items() if key != "source"},
             rms_px=found["rms_px"],
             photographs=len(found["used"]),
-            author=str(caller.participant_alias),
+            author=BY_PHONE,
             created_at=datetime.now(UTC),
         )
         session.add(row)
@@ -137,7 +141,7 @@ def withdraw_calibration(database: Database, caller: Caller, calibration_id: uui
         found = calibrations.find(session, calibration_id)
         if found is None:
             raise _not_there()
-        calibration, study_id = found
+        calibration, study_id, participant_alias = found
         if isinstance(caller, DeviceCaller) and calibration.device_id != caller.device_id:
             raise _not_there()
         require_study(caller, study_id, "calibration")
@@ -148,7 +152,7 @@ def withdraw_calibration(database: Database, caller: Caller, calibration_id: uui
                 caller,
                 "calibration.withdraw",
                 study_id=study_id,
-                subject=calibration.author,
+                subject=participant_alias,
                 calibration=str(calibration.id),
             )
     return calibration

@@ -77,15 +77,15 @@ def of_study(session: Session, study_id: uuid.UUID, limit: int) -> list[tuple[Ca
     return [(calibration, code) for calibration, code in rows]
 
 
-def find(session: Session, calibration_id: uuid.UUID) -> tuple[CameraCalibration, uuid.UUID] | None:
-    """(calibration, its study)."""
+def find(session: Session, calibration_id: uuid.UUID) -> tuple[CameraCalibration, uuid.UUID, uuid.UUID] | None:
+    """(calibration, its study, its participant's alias)."""
     row = session.execute(
-        sa.select(CameraCalibration, Participant.study_id)
+        sa.select(CameraCalibration, Participant.study_id, Participant.alias)
         .join(Device, Device.id == CameraCalibration.device_id)
         .join(Participant, Participant.id == Device.participant_id)
         .where(CameraCalibration.id == calibration_id)
     ).one_or_none()
-    return None if row is None else (row[0], row[1])
+    return None if row is None else (row[0], row[1], row[2])
 
 
 def count_of_device(session: Session, device_id: uuid.UUID) -> int:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from app.db.models import CameraCalibration, Device, Job, Meal, Study
+from app.db.models import CameraCalibration, Device, Job, Meal, Participant, Study
 from app.jobs.child_pool import ChildResult
 from app.services.camera_choice import choose_camera, median_camera
 from app.services.estimate_meal import EstimateMeal
@@ -263,3 +263,22 @@ def test_meal_is_measured_with_its_phones_calibration_and_its_run_says_so(phone,
     assert run["parameters"]["camera_from"] == "device"
     assert run["camera"]["left"]["chosen_from"] == "device"
     assert run["camera"]["left"]["calibrations"] == [str(number)]
+
+
+def test_calibration_of_who_leaves_meanwhile_is_not_kept_and_no_row_holds_the_alias(phone, state, boards, monkeypatch):
+    photos = [jpeg(board) for board in boards]
+    assert calibrate(phone, photos).status_code == 201
+    with state.database.read() as session:
+        alias = str(session.query(Participant).one().alias)
+        (row,) = session.query(CameraCalibration).all()
+    assert alias not in row.author
+    run = state.children.run
+
+    def leaves(*arguments, **named):
+        found = run(*arguments, **named)
+        with state.database.write() as session:
+            session.query(Participant).update({"withdrawn_at": datetime.now(UTC)})
+        return found
+
+    monkeypatch.setattr(type(state.children), "run", lambda _, *arguments, **named: leaves(*arguments, **named))
+    assert code(calibrate(phone, photos)) == (410, "withdrawn")
