@@ -86,6 +86,11 @@ class Standing:
                 return state
         raise NotFoundError("This meal has no such item.", code="item_not_found")
 
+    def item_or_piece(self) -> ItemState:
+        """The item or the piece of the after-meal pair that the event is about. Raises as `item`."""
+        pieces = (piece.state for piece in self.state.leftovers)
+        return next((piece for piece in pieces if piece.item.id == self.event.item_id), None) or self.item()
+
     def record(self, state: ItemState) -> EffectiveRecord:
         """The item's effective record by now."""
         return self.session.get_one(EffectiveRecord, state.item.id)

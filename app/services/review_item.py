@@ -46,16 +46,16 @@ def set_food(standing: Standing) -> Change:
 
 
 def set_volume(standing: Standing) -> Change:
-    """It is so many millilitres."""
-    state = standing.item()
+    """It is so many millilitres; also of a piece that was left."""
+    state = standing.item_or_piece()
     return Change(
         old=amount_as_told(state), new=told_amount(standing.session, standing.event.told["amount"], None, TOLD_SD)
     )
 
 
 def set_mass(standing: Standing) -> Change:
-    """It is so many grams, or so many household measures of its food."""
-    state = standing.item()
+    """It is so many grams, or so many household measures of its food; also of a piece that was left."""
+    state = standing.item_or_piece()
     food = standing.session.get_one(Food, state.taken_for.food_id) if state.taken_for is not None else None
     new = told_amount(standing.session, standing.event.told["amount"], food, TOLD_SD)
     return Change(old=amount_as_told(state), new=new)

@@ -158,6 +158,17 @@ def test_piece_whose_amount_is_unknown_leaves_what_was_eaten_unknown(table):
     assert "leftover_not_measurable" in record["flags"]
 
 
+def test_person_weighs_a_piece_that_could_not_be_measured(table, reviewer):
+    piece = unmeasured_item(hint=None) | {"traits": left_of_apple()["traits"]}
+    table.ate(piece)
+    said = reviewer.say("set_mass", item=leftover(table)["id"], mass_g=60.0)
+    assert said["after"]["leftovers"][0]["mass_g"] == 60.0
+    assert said["after"]["status"] == "estimated"
+    record = table.record("apple")
+    assert record["left_g"] == pytest.approx(60.0 * said["items"][0]["edible_share"])
+    assert record["consumed_g"] == pytest.approx(record["edible_g"] - record["left_g"])
+
+
 def test_person_says_of_which_item_a_piece_is_and_takes_it_back(table, participant):
     meal = table.ate(left_of_apple(100.0)).get()
     items = {item["food"]["key"]: item["id"] for item in meal["items"]}
