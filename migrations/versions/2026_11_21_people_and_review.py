@@ -30,11 +30,15 @@ def upgrade() -> None:
     alter_jobs_and_runs()
     alter_items()
     alter_records()
+    for table, column in REFERENCES:
+        op.create_index(op.f(f"ix_{table}_{column}"), table, [column])
 
 
 def downgrade() -> None:
     """What people said about meals is lost, after-meal pairs, days and meals without photographs too."""
     connection = op.get_bind()
+    for table, column in REFERENCES:
+        op.drop_index(op.f(f"ix_{table}_{column}"), table)
     fit_into_older_tables()
     restore_older_tables()
     for table in reversed(NEW_TABLES):
@@ -43,6 +47,10 @@ def downgrade() -> None:
         op.execute("DROP FUNCTION refuse_change()")
 
 
+REFERENCES = (  # without an index each row that is erased makes the database read the whole table that refers to it
+    ("meal", "device_id"), ("job", "event_id"), ("item", "parent_id"), ("item", "event_id"), ("item_food", "event_id"),
+    ("item_measure", "event_id"), ("leftover", "event_id"), ("meal_event", "device_id"),
+)  # fmt: skip
 NEW_TABLES = (
     "audit_event", "erasure_receipt", "study_member", "tombstone", "webhook", "blob_deletion", "day_event",
     "diary_day", "camera_calibration", "meal_event", "webhook_delivery", "item_measure", "leftover",

@@ -23,7 +23,7 @@ class Job(Base):
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
     purpose: Mapped[str] = mapped_column(sa.String(16), default="meal")
-    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"))
+    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
     state: Mapped[str] = mapped_column(sa.String(16))
     attempts: Mapped[int] = mapped_column(default=0)
     executor_id: Mapped[str | None] = mapped_column(sa.String(64))  # the worker that has it, or had it last

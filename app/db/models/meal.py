@@ -31,7 +31,7 @@ class Meal(Base):
     client_id: Mapped[uuid.UUID]
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
     participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"))
-    device_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("device.id"))
+    device_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("device.id"), index=True)
     alias: Mapped[uuid.UUID] = mapped_column(unique=True, default=uuid.uuid4)
     origin: Mapped[str] = mapped_column(sa.String(16), default="photographed")
     captured_at: Mapped[datetime]

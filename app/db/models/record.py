@@ -72,8 +72,8 @@ class Item(Base):
     meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
     run_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("run.id"))
     origin: Mapped[str] = mapped_column(sa.String(16), default="pipeline")
-    parent_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("item.id"))
-    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"))
+    parent_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("item.id"), index=True)
+    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
     position: Mapped[int]
     rings: Mapped[list[Any]]
     volume_ml: Mapped[float | None]
@@ -103,7 +103,7 @@ class ItemMeasure(Base):
     __tablename__ = "item_measure"
 
     item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
-    event_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal_event.id"), primary_key=True)
+    event_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal_event.id"), primary_key=True, index=True)
     run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), index=True)
     rings: Mapped[list[Any]]
     volume_ml: Mapped[float | None]
@@ -126,7 +126,7 @@ class Leftover(Base):
     item_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("item.id"), index=True)
     leftover_class: Mapped[str] = mapped_column(sa.String(16))
     layer: Mapped[str] = mapped_column(sa.String(16), default="automatic")
-    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"))
+    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
     flags: Mapped[list[Any]]
     created_at: Mapped[datetime]
 
@@ -172,7 +172,7 @@ class ItemFood(Base):
     density_weighs: Mapped[str | None] = mapped_column(sa.String(8))
     edible_share: Mapped[float]
     layer: Mapped[str] = mapped_column(sa.String(16), default="automatic")
-    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"))
+    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
     recompute_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("recompute.id"))
     created_at: Mapped[datetime]
 

@@ -36,7 +36,7 @@ class MealEvent(Base):
     item_id: Mapped[uuid.UUID | None] = mapped_column(index=True)
     kind: Mapped[str] = mapped_column(sa.String(16))
     layer: Mapped[str] = mapped_column(sa.String(16))
-    device_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("device.id"))
+    device_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("device.id"), index=True)
     staff_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("staff.id"))
     old: Mapped[dict[str, Any]]
     new: Mapped[dict[str, Any]]

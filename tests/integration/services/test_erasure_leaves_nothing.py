@@ -20,6 +20,7 @@ from app.services.secret_box import SecretKeyError
 from app.settings import Settings
 from tests.conftest import postgres_database
 from tests.integration.persons import (
+    OWNERS,
     Person,
     all_keys,
     database_bytes,
@@ -72,6 +73,19 @@ def test_a_person_fills_every_table_that_can_hold_something_of_one(subject):
     """A table that a later version adds must be filled in tests/integration/persons.py, and then be erased."""
     empty = {table for table in personal_tables() if not subject.rows[table]}
     assert empty == set()
+
+
+def test_every_reference_to_rows_that_are_erased_has_an_index():
+    """Without one each erased row makes the database read the whole table that refers to it."""
+    missing = set()
+    for name in personal_tables():
+        table = Base.metadata.tables[name]
+        first = {next(iter(index.columns)).name for index in table.indexes} | {next(iter(table.primary_key)).name}
+        first |= {next(iter(each.columns)).name for each in table.constraints if isinstance(each, sa.UniqueConstraint)}
+        for key in table.foreign_keys:
+            if key.column.table.name in OWNERS and key.parent.name not in first:
+                missing.add((name, key.parent.name))
+    assert missing == set()
 
 
 def test_every_table_of_dbos_that_names_a_workflow_is_erased(state):
