@@ -43,7 +43,7 @@ class Sight:
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """What a piece is of. served: index, None: unmatched. margin: by how much the logarithm is better than without it.
+    """What a piece is of. served: index, None: unmatched. margin: by how much, at least, the logarithm gains by it.
 
     is_ambiguous: unmatched, and there was more than one good explanation (else there was none).
     """
@@ -69,63 +69,76 @@ def match_pieces(
     if not served or not left:
         return [Match(None, 0.0)] * len(left)
     told = told or {}
-    scores = [
-        (motion, _scores(served, left, motion, told)) for motion in (None, *_motions(served, left))
-    ]  # each (left, served)
-    totals = [(_prior(motion), table) for motion, table in scores]
-    best, chosen = max((_assign(table, prior) for prior, table in totals), key=lambda each: each[0])
+    unplaced = _scores(served, left)
+    totals = [  # (log prior, (left, served) scores) of each way in which the board may have moved
+        (math.log(NO_FRAME), _as_told(unplaced, told)),
+        *(
+            (motion.log_prior, _as_told(unplaced + _places(served, left, motion), told))
+            for motion in _motions(served, left)
+        ),
+    ]
+    assigned = [_assign(table, prior) for prior, table in totals]
+    best, chosen = max(assigned, key=lambda each: each[0])
+    # a motion that explains all worse by the margin can only explain it worse still without a match
+    near = [each for each, (total, _) in zip(totals, assigned, strict=True) if total > best - MIN_MARGIN]
+    far = max((total for total, _ in assigned if total <= best - MIN_MARGIN), default=-math.inf)
     matches = []
     for piece, item in enumerate(chosen):
         if item is None:
-            others = any(_best_of(table, piece) > 0.0 for _, table in totals) and piece not in told
+            others = any(table[piece].max() > 0.0 for _, table in totals) and piece not in told
             matches.append(Match(None, 0.0, is_ambiguous=others))
             continue
-        margin = best - max(_assign(_without(table, piece, item, served), prior)[0] for prior, table in totals)
+        without = max(_assign(_without(table, piece, item, served), prior)[0] for prior, table in near)
+        margin = best - max(without, far)
         is_sure = margin >= MIN_MARGIN
         matches.append(Match(item if is_sure else None, margin, is_ambiguous=not is_sure))
     return _within_what_was_served(served, left, matches, told)
 
 
-def _scores(
-    served: Sequence[Sight], left: Sequence[Sight], motion: _Motion | None, told: Mapping[int, int | None]
-) -> Float64Array:
-    table = np.empty((len(left), len(served)))
-    of_some = OF_SOME_ITEM - math.log(len(served))
+def _scores(served: Sequence[Sight], left: Sequence[Sight]) -> Float64Array:
+    """(left, served) all evidence but the places'."""
+    out = np.full((len(left), len(served)), OF_SOME_ITEM - math.log(len(served)))
     for j, piece in enumerate(left):
         for i, item in enumerate(served):
-            if j in told:
-                table[j, i] = FORCED if told[j] == i else -FORCED
-                continue
-            table[j, i] = of_some + _look(item, piece) + _place(item, piece, motion)
-            table[j, i] += _volume(item, piece) + _food(item, piece)
-    return table
+            out[j, i] += _look(item, piece) + _volume(item, piece) + _food(item, piece)
+    return out
+
+
+def _as_told(table: Float64Array, told: Mapping[int, int | None]) -> Float64Array:
+    out = table.copy()
+    for piece, item in told.items():
+        out[piece] = -FORCED
+        if item is not None:
+            out[piece, item] = FORCED
+    return out
 
 
 def _look(item: Sight, piece: Sight) -> float:
     """Colours of the same food, or, bitten, cut or stewed, of any."""
     if item.traits.lab is None or piece.traits.lab is None:
         return 0.0
-    distance = math.dist(item.traits.lab, piece.traits.lab)
-    return _ratio(distance, SAME_LOOK_SD, math.hypot(SAME_LOOK_SD, ANY_LOOK_SD), 3, SAME_LOOK_SHARE)
+    distance, any_sd = math.dist(item.traits.lab, piece.traits.lab), math.hypot(SAME_LOOK_SD, ANY_LOOK_SD)
+    own = 3.0 * math.log(any_sd / SAME_LOOK_SD) - 0.5 * distance**2 * (SAME_LOOK_SD**-2 - any_sd**-2)
+    return math.log(SAME_LOOK_SHARE * math.exp(own) + 1.0 - SAME_LOOK_SHARE)
 
 
-def _place(item: Sight, piece: Sight, motion: _Motion | None) -> float:
-    """A piece lies where its item lay, somewhere in its outline; or it was moved."""
-    if motion is None or item.traits.centre_mm is None or piece.traits.centre_mm is None:
-        return 0.0
-    moved = motion.rotation @ np.array(piece.traits.centre_mm) + motion.shift_mm
-    distance = float(np.hypot(*(moved - item.traits.centre_mm)))
-    return _ratio(distance, _place_sd(item), math.hypot(TABLE_SD_MM, PLACE_SD_MM), 2, STAYED_SHARE)
+def _places(served: Sequence[Sight], left: Sequence[Sight], motion: _Motion) -> Float64Array:
+    """(left, served): a piece lies where its item lay, somewhere in its outline; or it was moved."""
+    at, was = _centres(left) @ motion.rotation.T + motion.shift_mm, _centres(served)
+    distance = np.hypot(*np.moveaxis(at[:, None] - was[None], -1, 0))
+    own_sd, any_sd = np.array([_place_sd(item) for item in served]), math.hypot(TABLE_SD_MM, PLACE_SD_MM)
+    own = 2.0 * np.log(any_sd / own_sd) - 0.5 * distance**2 * (own_sd**-2 - any_sd**-2)
+    score = np.log(STAYED_SHARE * np.exp(own) + 1.0 - STAYED_SHARE)
+    return np.asarray(np.where(np.isnan(score), 0.0, score), np.float64)
+
+
+def _centres(sights: Sequence[Sight]) -> Float64Array:
+    """(n, 2) mm, NaN where a place is not known."""
+    return np.array([each.traits.centre_mm or (np.nan, np.nan) for each in sights], np.float64)
 
 
 def _place_sd(item: Sight) -> float:
     return math.hypot(PLACE_SD_MM, 0.5 * (item.traits.radius_mm or 0.0))
-
-
-def _ratio(distance: float, own_sd: float, any_sd: float, dimensions: int, share: float) -> float:
-    """Log ratio of two normal distributions about the same middle, where the first is in force `share` of the time."""
-    own = dimensions * math.log(any_sd / own_sd) - 0.5 * distance**2 * (own_sd**-2 - any_sd**-2)
-    return math.log(share * math.exp(own) + 1.0 - share)
 
 
 def _volume(item: Sight, piece: Sight) -> float:
@@ -142,10 +155,6 @@ def _food(item: Sight, piece: Sight) -> float:
     return SAME_FOOD if item.food == piece.food else -SAME_FOOD
 
 
-def _prior(motion: _Motion | None) -> float:
-    return math.log(NO_FRAME) if motion is None else motion.log_prior
-
-
 def _motions(served: Sequence[Sight], left: Sequence[Sight]) -> Iterator[_Motion]:
     """How the board may have moved against the meal: not at all, by half a turn, or as two pieces together tell.
 
@@ -154,31 +163,28 @@ def _motions(served: Sequence[Sight], left: Sequence[Sight]) -> Iterator[_Motion
     still = np.zeros(2)
     yield _Motion(np.eye(2), still, math.log(BOARD_STAYED))
     yield _Motion(-np.eye(2), still, math.log(BOARD_TURNED))
-    found = sorted(_by_two(served, left), key=lambda each: each[0])
     # each motion is fitted to what it is judged by: its two places and its angle are paid for, once (Occam's factor)
     paid = 2.0 * math.log(TABLE_SD_MM / PLACE_SD_MM) + math.log(2.0 * math.pi * TABLE_SD_MM / PLACE_SD_MM)
-    for _, rotation, shift in found[:MAX_MOTIONS]:
+    for rotation, shift in _by_two(served, left):
         yield _Motion(rotation, shift, math.log(ALL_MOVED) - paid)
 
 
-def _by_two(served: Sequence[Sight], left: Sequence[Sight]) -> Iterator[tuple[float, Float64Array, Float64Array]]:
-    """(misfit, rotation, shift) that bring two pieces onto two items that lay as far apart."""
-    items = [(np.array(each.traits.centre_mm), _place_sd(each)) for each in served if each.traits.centre_mm is not None]
-    pieces = [np.array(each.traits.centre_mm) for each in left if each.traits.centre_mm is not None]
-    for a in range(len(pieces)):
-        for b in range(a + 1, len(pieces)):
-            across = pieces[b] - pieces[a]
-            if np.hypot(*across) < MIN_LEVER_MM:
-                continue
-            for i, (first, first_sd) in enumerate(items):
-                for k, (second, second_sd) in enumerate(items):
-                    wanted = second - first
-                    misfit = abs(np.hypot(*wanted) - np.hypot(*across)) / math.hypot(first_sd, second_sd)
-                    if i == k or misfit > 2.0:
-                        continue
-                    angle = math.atan2(wanted[1], wanted[0]) - math.atan2(across[1], across[0])
-                    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-                    yield misfit, turn, 0.5 * (first + second) - turn @ (0.5 * (pieces[a] + pieces[b]))
+def _by_two(served: Sequence[Sight], left: Sequence[Sight]) -> Iterator[tuple[Float64Array, Float64Array]]:
+    """(rotation, shift) that bring two pieces onto two items that lay as far apart, the best fitting first."""
+    was, at = _centres(served), _centres(left)
+    sds = np.array([_place_sd(item) for item in served])
+    wanted, across = was[None] - was[:, None], at[None] - at[:, None]  # from the row's to the column's
+    lever, length = np.hypot(*np.moveaxis(across, -1, 0)), np.hypot(*np.moveaxis(wanted, -1, 0))
+    misfit = np.abs(lever[:, :, None, None] - length) / np.hypot(sds[:, None], sds[None])
+    misfit[np.tril_indices(len(left))] = np.inf  # each two pieces once
+    misfit[:, :, np.arange(len(served)), np.arange(len(served))] = np.inf
+    misfit[~(lever >= MIN_LEVER_MM)] = np.inf
+    fitting = np.argwhere(misfit <= 2.0)
+    order = np.argsort(misfit[tuple(fitting.T)], kind="stable")[:MAX_MOTIONS]
+    for a, b, i, k in fitting[order]:
+        angle = math.atan2(*wanted[i, k][::-1]) - math.atan2(*across[a, b][::-1])
+        turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+        yield turn, 0.5 * (was[i] + was[k]) - turn @ (0.5 * (at[a] + at[b]))
 
 
 def _assign(table: Float64Array, prior: float) -> tuple[float, list[int | None]]:
@@ -202,10 +208,6 @@ def _without(table: Float64Array, piece: int, item: int, served: Sequence[Sight]
     out = table.copy()
     out[piece, same] = -FORCED * len(table)
     return out
-
-
-def _best_of(table: Float64Array, piece: int) -> float:
-    return float(table[piece].max())
 
 
 def _within_what_was_served(
