@@ -6,7 +6,7 @@ The value itself is the median. The doubt about the nutrient figures themselves 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -86,11 +86,7 @@ def combine(terms: Sequence[Term]) -> Estimate:
     total = math.fsum(term.sign * term.value for term in terms)
     means = [term.sign * term.value * math.exp(term.doubt.log_variance / 2.0) for term in terms]
     mean = math.fsum(means)
-    variance = math.fsum(
-        means[i] * means[j] * math.expm1(_shared_log_variance(terms[i], terms[j], same=i == j))
-        for i in range(len(terms))
-        for j in range(len(terms))
-    )
+    variance = math.fsum(_covariances(terms, means))
     sd = math.sqrt(max(variance, 0.0))  # rounding may leave a tiny negative number where terms cancel
     if any(term.sign < 0 for term in terms):
         return Estimate(total, mean - Z_90 * sd, mean + Z_90 * sd)
@@ -101,16 +97,18 @@ def combine(terms: Sequence[Term]) -> Estimate:
     return Estimate(total, median / spread, median * spread)
 
 
-def _shared_log_variance(one: Term, other: Term, *, same: bool) -> float:
-    """The covariance of the logarithms of two terms: their shared parts, each with its own size in either term."""
-    if same:
-        return one.doubt.log_variance
-    shared = 0.0
-    if one.pair == other.pair:
-        shared += math.sqrt(_log_variance(one.doubt.pair) * _log_variance(other.doubt.pair))
-    if one.food == other.food:
-        shared += math.sqrt(_log_variance(one.doubt.density) * _log_variance(other.doubt.density))
-    return shared
+def _covariances(terms: Sequence[Term], means: Sequence[float]) -> Iterator[float]:
+    """Of all pairs of terms, both ways round: each shared part counts with its own size in either term."""
+    pair_sds = [math.sqrt(_log_variance(term.doubt.pair)) for term in terms]
+    density_sds = [math.sqrt(_log_variance(term.doubt.density)) for term in terms]
+    for i, one in enumerate(terms):
+        yield means[i] ** 2 * math.expm1(one.doubt.log_variance)
+        for j in range(i):
+            shared = pair_sds[i] * pair_sds[j] if one.pair == terms[j].pair else 0.0
+            if one.food == terms[j].food:
+                shared += density_sds[i] * density_sds[j]
+            if shared:
+                yield 2.0 * means[i] * means[j] * math.expm1(shared)
 
 
 def _log_variance(relative_sd: float) -> float:

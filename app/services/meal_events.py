@@ -169,12 +169,13 @@ class MealEvents:
                     "The meal has changed since you read it: GET it again, then say what still holds.",
                     version=meal.version,
                 )
-            self._write(session, caller, meal, event)
+            parts = parts_of(session, [meal])[0]  # held to the end, so that its rows need not be made again
+            self._write(session, caller, parts, event)
             projection = project_meal(session, meal, projector)
             return meal_view(session, meal, participant, study, projector, projection), True
 
-    def _write(self, session: Session, caller: Caller, meal: Meal, event: NewEvent) -> None:
-        rule, layer = self._rules[event.kind], layer_of(caller)
+    def _write(self, session: Session, caller: Caller, parts: MealParts, event: NewEvent) -> None:
+        meal, rule, layer = parts.meal, self._rules[event.kind], layer_of(caller)
         if layer not in rule.layers:
             raise NotAllowedError(f"A {layer} does not say this: {event.kind}.", code="event_not_yours")
         if meal.status in meals.UNESTIMATED and not rule.before_estimate:
@@ -183,7 +184,6 @@ class MealEvents:
                 code="meal_not_estimated",
                 meal_status=meal.status,
             )
-        parts = parts_of(session, [meal])[0]
         if len(parts.events) >= MAX_EVENTS:
             raise ConflictError(f"{MAX_EVENTS} events are all that a meal takes.", code="events_too_many")
         now = datetime.now(UTC)

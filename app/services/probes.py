@@ -2,17 +2,15 @@
 
 import uuid
 
-from sqlalchemy.orm import Session
-
-from app.db.models import Food
 from app.services.item_state import MealState
+from app.services.project_records import Projector
 
 
-def open_probes(session: Session, meal: MealState) -> dict[uuid.UUID, tuple[str, ...]]:
+def open_probes(projector: Projector, meal: MealState) -> dict[uuid.UUID, tuple[str, ...]]:
     """Item -> the probes of its food that nobody has answered; of items that count only."""
     found = {}
     for state in meal.items:
         if state.is_live and state.taken_for is not None:
-            asked = session.get_one(Food, state.taken_for.food_id).probes
+            asked = projector.food(state.taken_for.food_id).probes
             found[state.item.id] = tuple(probe for probe in asked if probe not in meal.answers[state.item.id])
     return found

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from app.db.models import Component, EffectiveRecord, Food, ItemFood, Meal
 from app.db.models.meal import AFTER_SLOTS
 from app.db.queries import foods, meals, records
-from app.db.queries.meal_parts import MealParts, parts_of
+from app.db.queries.meal_parts import MealParts, parts_of, records_of
 from app.db.queries.meals import UNESTIMATED
 from app.nutrition.mass import Mass
 from app.services.announce import announce_meal
@@ -61,6 +61,7 @@ class Projector:
     def project(self, parts: MealParts) -> MealProjection:
         """What follows from the parts of a meal."""
         state = fold_meal(parts)
+        self._read_foods(parts, state)
         left = _Leftovers(parts, state)
         items = tuple(self._item(parts, each, left) for each in state.items)
         return MealProjection(parts, state, items, _status(parts, state, items))
@@ -78,6 +79,15 @@ class Projector:
             self._contents[food_id] = {row.component.number: row.per_100_g for row in known}
             self.components |= {row.component.number: row.component for row in known}
         return self._contents[food_id]
+
+    def _read_foods(self, parts: MealParts, state: MealState) -> None:
+        """Read in two queries what the items of a meal need and is not known yet."""
+        taken_for = {each.taken_for.food_id for each in state.items if each.taken_for is not None}
+        named = taken_for | {one.food_id for candidates in parts.candidates.values() for one in candidates}
+        self._foods |= {food.id: food for food in foods.foods_by_id(self._session, named - self._foods.keys())}
+        for food_id, known in foods.nutrients_of_each(self._session, taken_for - self._contents.keys()).items():
+            self._contents[food_id] = {row.component.number: row.per_100_g for row in known}
+            self.components |= {row.component.number: row.component for row in known}
 
     def _item(self, parts: MealParts, state: ItemState, leftovers: "_Leftovers") -> ItemProjection:
         taken_for, flags = state.taken_for, [*state.flags, *leftovers.flags_of(state)]
@@ -190,7 +200,8 @@ def project_meal(session: Session, meal: Meal, projector: Projector | None = Non
 
 def write_records(session: Session, projection: MealProjection) -> int:
     """Write those records of a meal that differ from what they should be, as one change. Returns how many did."""
-    found = [(session.get(EffectiveRecord, item.state.item.id), item.columns) for item in projection.items]
+    here = records_of(session, projection.parts.meal.id)
+    found = [(here.get(item.state.item.id), item.columns) for item in projection.items]
     wanted = [(record, columns) for record, columns in found if record is None or differences(record, columns)]
     if not wanted:
         return 0

@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from app.db.models import Component, EffectiveRecord, Food, Meal, MealImage, Run, RunArtefact
 from app.db.queries import meals, records
-from app.db.queries.meal_parts import parts_of
+from app.db.queries.meal_parts import parts_of, records_of
 from app.db.session import Database
 from app.errors import ConflictError, GoneError, NotFoundError
 from app.nutrition.nutrients import MassTotal, NutrientTotal, Portion, total_mass, total_nutrients
@@ -149,12 +149,13 @@ def open_artefact(
 
 
 def _items(session: Session, projector: Projector, projection: MealProjection) -> Iterator[ItemView]:
-    asked = open_probes(session, projection.state)
+    asked = open_probes(projector, projection.state)
+    effective = records_of(session, projection.parts.meal.id)
     for found in projection.items:
         state = found.state
         yield ItemView(
             state=state,
-            record=session.get_one(EffectiveRecord, state.item.id),
+            record=effective[state.item.id],
             food=projector.food(state.taken_for.food_id) if state.taken_for is not None else None,
             candidates=tuple(
                 (projector.food(each.food_id), each.probability, each.source)

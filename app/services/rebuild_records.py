@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
-from app.db.models import EffectiveRecord
-from app.db.queries.meal_parts import meals_after, parts_of
+from app.db.queries.meal_parts import meals_after, parts_of, records_of
 from app.db.session import Database
 from app.services.project_records import MealProjection, Projector, differences, write_records
 
@@ -40,5 +39,6 @@ def rebuild_records(database: Database, *, write: bool) -> Rebuilt:
 
 def _count(session: Session, projection: MealProjection) -> int:
     """How many records of a meal differ."""
-    found = [(session.get(EffectiveRecord, item.state.item.id), item.columns) for item in projection.items]
+    here = records_of(session, projection.parts.meal.id)
+    found = [(here.get(item.state.item.id), item.columns) for item in projection.items]
     return sum(record is None or bool(differences(record, columns)) for record, columns in found)

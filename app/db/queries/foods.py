@@ -134,6 +134,20 @@ def nutrients_of(session: Session, food_id: int) -> list[NutrientRow]:
     return [NutrientRow(component, per_100_g) for component, per_100_g in session.execute(query)]
 
 
+def nutrients_of_each(session: Session, food_ids: Collection[int]) -> dict[int, list[NutrientRow]]:
+    """Food -> all components that are known of it, in the order of components.csv."""
+    query = (
+        sa.select(FoodNutrient.food_id, Component, FoodNutrient.per_100_g)
+        .join(Component, Component.id == FoodNutrient.component_id)
+        .where(FoodNutrient.food_id.in_(food_ids))
+        .order_by(Component.id)
+    )
+    found: dict[int, list[NutrientRow]] = {food_id: [] for food_id in food_ids}
+    for food_id, component, per_100_g in session.execute(query):
+        found[food_id].append(NutrientRow(component, per_100_g))
+    return found
+
+
 def portions_of(session: Session, food_id: int) -> list[FoodPortion]:
     """A food's household measures in the source's order."""
     query = sa.select(FoodPortion).where(FoodPortion.food_id == food_id).order_by(FoodPortion.position)

@@ -8,7 +8,18 @@ from typing import TypeVar
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import Item, ItemCandidate, ItemFood, ItemMeasure, Job, Leftover, Meal, MealEvent, Run
+from app.db.models import (
+    EffectiveRecord,
+    Item,
+    ItemCandidate,
+    ItemFood,
+    ItemMeasure,
+    Job,
+    Leftover,
+    Meal,
+    MealEvent,
+    Run,
+)
 
 Row = TypeVar("Row", ItemFood, ItemMeasure, ItemCandidate)
 
@@ -56,6 +67,12 @@ def parts_of(session: Session, meals: Sequence[Meal]) -> list[MealParts]:
     for leftover in session.scalars(after):
         by_item[leftover.after_item_id].leftovers.setdefault(leftover.after_item_id, []).append(leftover)
     return list(parts.values())
+
+
+def records_of(session: Session, meal_id: uuid.UUID) -> dict[uuid.UUID, EffectiveRecord]:
+    """Item -> effective record, of one meal."""
+    query = sa.select(EffectiveRecord).where(EffectiveRecord.meal_id == meal_id)
+    return {record.item_id: record for record in session.scalars(query)}
 
 
 def meals_after(
