@@ -101,6 +101,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/v1/meals/{meal_id}/artefacts/{name}"): VIEWER_OR_DEVICE,
     ("GET", "/v1/meals/{meal_id}/images/{slot}"): VIEWER_OR_DEVICE,
     ("GET", "/v1/records"): VIEWER_OR_DEVICE,
+    ("GET", "/v1/studies/{study}/changes"): VIEWER,
     # days and feedback
     ("GET", "/v1/me/days"): DEVICE,
     ("PUT", "/v1/me/days/{day}"): DEVICE,

@@ -466,6 +466,7 @@ def create_tables() -> None:
         sa.PrimaryKeyConstraint("participant_id", "local_date", name=op.f("pk_diary_day")),
     )
     op.create_index(op.f("ix_diary_day_study_id_local_date"), "diary_day", ["study_id", "local_date"])
+    op.create_index(op.f("ix_diary_day_study_id_change_seq"), "diary_day", ["study_id", "change_seq"])
 
     op.create_table(
         "camera_calibration",

@@ -50,4 +50,8 @@ class DiaryDay(Base):
     changed_at: Mapped[datetime]
     change_seq: Mapped[int] = mapped_column(sa.BigInteger)
 
-    __table_args__ = (one_of("status", DAY_STATUSES), sa.Index(None, "study_id", "local_date"))
+    __table_args__ = (
+        one_of("status", DAY_STATUSES),
+        sa.Index(None, "study_id", "local_date"),
+        sa.Index(None, "study_id", "change_seq"),
+    )

@@ -1,6 +1,7 @@
 """SQL of runs, items and effective records. Records page by the immutable (captured_at, item id)."""
 
 import uuid
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date, datetime
 from typing import Any
@@ -79,6 +80,17 @@ def page_of_records(
         query = query.where(record.study_id.in_(chosen.study_ids))
     if after is not None:
         query = query.where(sa.tuple_(record.captured_at, record.item_id) > sa.tuple_(*_bound(after)))
+    return _with_days(session, query)
+
+
+def rows_of_records(
+    session: Session, where: Sequence[sa.ColumnElement[bool]], order: Sequence[Any], limit: int
+) -> list[RecordRow]:
+    """At most `limit` records that fulfil the conditions, in this order."""
+    return _with_days(session, _rows().where(*where).order_by(*order).limit(limit))
+
+
+def _with_days(session: Session, query: sa.Select[*tuple[Any, ...]]) -> list[RecordRow]:
     rows: list[tuple[Any, ...]] = [tuple(row) for row in session.execute(query)]
     first = diary.first_days(session, {row[0].participant_id for row in rows})
     return [RecordRow(*(*row, first.get(row[0].participant_id))) for row in rows]

@@ -1,0 +1,47 @@
+"""/v1/studies/{study}/changes: what to pull to keep a copy of a study's records up to date."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import JSONResponse
+
+from app.api.deps import State
+from app.api.paging import Cursor, Limit, next_page
+from app.api.problems import problem_responses
+from app.api.render import render_record
+from app.api.schemas.changes import ChangedDayOut, ChangePage, ErasedRecordOut
+from app.services.list_changes import list_changes
+
+router = APIRouter(prefix="/v1/studies", tags=["records"])
+
+
+@router.get("/{study}/changes", response_model=ChangePage, responses=problem_responses(401, 403, 404, 422))
+def get_changes(
+    study: Annotated[str, Path(max_length=64)],
+    request: Request,
+    state: State,
+    limit: Limit = 100,
+    cursor: Cursor = None,
+) -> JSONResponse:
+    """Records and days that changed, and records that are erased, since the page before. Nothing is missed."""
+    page = list_changes(state.database, study, cursor=cursor, limit=limit)
+    rows = {
+        kind: [change.row for change in page.rows if change.place.kind == kind] for kind in ("record", "day", "erased")
+    }
+    body = ChangePage(
+        records=[render_record(row) for row in rows["record"]],
+        days=[
+            ChangedDayOut(
+                participant=code,
+                local_date=day.local_date,
+                status=day.status,
+                ate_nothing=day.ate_nothing,
+                change_seq=day.change_seq,
+            )
+            for day, code in rows["day"]
+        ],
+        erased=[ErasedRecordOut(id_sha256=row.digest, change_seq=row.change_seq) for row in rows["erased"]],
+        next=next_page(request, page.cursor) or "",
+        has_more=page.has_more,
+    )
+    return JSONResponse(body.model_dump(mode="json"), headers={"Cache-Control": "private, no-store"})

@@ -1,0 +1,49 @@
+"""What has changed in a study since a reader last asked: records, days, and records that are erased.
+
+The place in the study's counter of changes is taken under a lock, so a change that commits late stands late: who
+follows it misses nothing. An erased record is told by the SHA-256 of its id: who has pulled it can find it, the server
+cannot any more.
+"""
+
+from dataclasses import dataclass
+
+from app.db.queries import changes, people
+from app.db.queries.changes import KINDS, Change, Place
+from app.db.session import Database
+from app.errors import NotFoundError
+from app.services.cursors import broken_cursor, decode_cursor, encode_cursor
+
+START = Place(0, KINDS[-1], "")
+
+
+@dataclass(frozen=True, slots=True)
+class ChangePage:
+    """Rows in the order of change; cursor: to go on behind them, now or later; has_more: now."""
+
+    rows: list[Change]
+    cursor: str
+    has_more: bool
+
+
+def list_changes(database: Database, study_code: str, *, cursor: str | None, limit: int) -> ChangePage:
+    """The rows behind the cursor, or from the first. Raises NotFoundError, InvalidInputError for a broken cursor."""
+    listed = f"changes of {study_code}"
+    after = _place(decode_cursor(listed, cursor))
+    with database.read() as session:
+        study = people.find_study(session, study_code)
+        if study is None:
+            raise NotFoundError("There is no such study.")
+        rows = changes.page_of_changes(session, study.id, after, limit + 1)
+    page = rows[:limit]
+    last = page[-1].place if page else after
+    return ChangePage(page, encode_cursor(listed, f"{last.change_seq} {last.kind} {last.key}"), len(rows) > limit)
+
+
+def _place(key: str | None) -> Place:
+    if key is None:
+        return START
+    number, _, rest = key.partition(" ")
+    kind, _, row = rest.partition(" ")
+    if not number.isdecimal() or kind not in KINDS:
+        raise broken_cursor()
+    return Place(int(number), kind, row)

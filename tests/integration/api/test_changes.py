@@ -1,0 +1,89 @@
+"""Who pulls a study's changes has, after each pull, what the server has: nothing missed, erased records gone."""
+
+import hashlib
+
+import pytest
+
+from tests import estimates
+from tests.estimates import found_item
+from tests.integration.conftest import meal_metadata
+from tests.photographs import pair
+
+
+class Copy:
+    """A reader's copy of a study, kept up to date by pulling."""
+
+    def __init__(self, client, headers, limit=2):
+        self.client, self.headers = client, headers
+        self.next = f"/v1/studies/pilot/changes?limit={limit}"
+        self.records, self.days, self.pulled = {}, {}, 0
+
+    def pull(self):
+        while True:
+            answer = self.client.get(self.next, headers=self.headers)
+            assert answer.status_code == 200, answer.text
+            page = answer.json()
+            self.pulled += len(page["records"]) + len(page["days"]) + len(page["erased"])
+            self.records |= {record["id"]: record for record in page["records"]}
+            self.days |= {(day["participant"], day["local_date"]): day["status"] for day in page["days"]}
+            gone = {record["id_sha256"] for record in page["erased"]}
+            kept = {
+                key: one for key, one in self.records.items() if hashlib.sha256(key.encode()).hexdigest() not in gone
+            }
+            self.records = kept
+            self.next = page["next"]
+            if not page["has_more"]:
+                return
+
+
+def meal(phone, state, seed, items=1, **changes):
+    body = meal_metadata(hints=[{"point": [30, 20], "food": "apple"}], **changes)
+    assert phone.post(pair(seed), body).status_code == 202
+    estimates.save(state, body["id"], *[found_item(volume_ml=100.0 + n) for n in range(items)])
+    return body["id"]
+
+
+def truth(client, headers):
+    records = client.get("/v1/records?limit=1000", headers=headers).json()["items"]
+    return {record["id"]: record for record in records}
+
+
+def test_copy_is_the_server_s_after_each_pull(phone, state, client, admin):
+    copy = Copy(client, admin)
+    copy.pull()
+    assert copy.records == {}
+    kept = [meal(phone, state, seed, items=3) for seed in range(3)]
+    copy.pull()
+    assert copy.records == truth(client, admin)
+    assert len(copy.records) == 9
+    pulled = copy.pulled
+    copy.pull()
+    assert copy.pulled == pulled  # nothing changed, nothing comes again
+    phone.put("/v1/me/days/2026-11-20", json={"status": "closed"}, headers={"If-Match": '"0"'})
+    item = client.get(f"/v1/meals/{kept[0]}", headers=admin)
+    event = {"id": "8f0ccda4-7f0e-4e34-9a39-1f0c6d3bb9c1", "kind": "reject", "item": item.json()["items"][0]["id"]}
+    said = client.post(
+        f"/v1/meals/{kept[0]}/events", headers=phone.headers | {"If-Match": item.headers["etag"]}, json=event
+    )
+    assert said.status_code in {200, 201}, said.text
+    assert client.delete(f"/v1/meals/{kept[1]}", headers=phone.headers).status_code in {200, 204}
+    copy.pull()
+    assert copy.records.keys() == truth(client, admin).keys()
+    assert len(copy.records) == 6
+    statuses = {key: record["status"] for key, record in copy.records.items()}
+    assert statuses == {key: record["status"] for key, record in truth(client, admin).items()}
+    assert copy.days == {("P001", "2026-11-20"): "closed"}
+
+
+def test_meal_larger_than_a_page_comes_whole(phone, state, client, admin):
+    meal(phone, state, 1, items=5)
+    copy = Copy(client, admin, limit=2)
+    copy.pull()
+    assert copy.records == truth(client, admin)
+    assert len(copy.records) == 5
+
+
+@pytest.mark.parametrize("cursor", ["x", "e30", "W10"])
+def test_broken_cursor_is_refused(phone, client, admin, cursor):
+    answer = client.get("/v1/studies/pilot/changes", headers=admin, params={"cursor": cursor})
+    assert (answer.status_code, answer.json()["code"]) == (422, "cursor_invalid")
