@@ -160,7 +160,8 @@ def say(state, meal_client_id, kinds):
                 kind=kind,
                 layer="participant",
                 old={},
-                new={"mass_g": 120.0} if kind == "set_mass" else {},
+                new={"mass_g": 120.0, "of": "as_seen", "relative_sd": 0.1} if kind == "set_mass" else {},
+                request_sha256="",
                 created_at=datetime.now(UTC),
             )
             for number, (kind, item_id) in enumerate(events, 1)
