@@ -1,6 +1,7 @@
 """The worker's part in an after-meal pair: its own photographs, hints and camera; and the whole way on real pixels."""
 
 import io
+import json
 import pathlib
 
 import pytest
@@ -17,6 +18,7 @@ from tests.integration.after_pairs import Table, left_of_apple
 from tests.integration.conftest import meal_metadata
 from tests.photographs import photograph
 
+RENDERED = pathlib.Path(__file__).parents[2] / "data" / "after_meal"
 DEMO = pathlib.Path(__file__).parents[3] / "app" / "demo_data"
 APPLE = (1092, 620)
 CAMERA = {"width": 640, "height": 480, "fx": 512.0, "fy": 512.0, "cx": 320.0, "cy": 240.0}
@@ -120,3 +122,30 @@ def test_meal_that_nobody_touched_was_not_eaten(phone, state, settings):
     assert abs(apple["consumed_g"]) < 0.1 * apple["edible_g"]
     assert apple["consumed_interval_g"][0] < 0.0 < apple["consumed_interval_g"][1]
     assert meal["after"]["artefacts"]
+
+
+@pytest.mark.slow
+def test_half_an_orange_is_found_again_though_marker_and_phone_stand_elsewhere(phone, state, settings):
+    """A rendered meal of known volumes, the after-meal pair without a hint: who was eaten, and how much."""
+    truth = json.loads((RENDERED / "truth.json").read_text())
+    photos = {slot: (RENDERED / f"before_{slot}.jpg").read_bytes() for slot in ("left", "right")}
+    hints = [{"point": item["point"], "food": item["food"]} for item in truth["before"]["items"]]
+    metadata = meal_metadata(hints=hints)
+    assert phone.post(photos, metadata).status_code == 202
+    path = f"/v1/meals/{metadata['id']}"
+    for slot in ("left", "right"):
+        content = (RENDERED / f"after_{slot}.jpg").read_bytes()
+        assert phone.put(f"{path}/images/after_{slot}", content=content).status_code == 202
+    for purpose in ("meal", "after"):
+        work(state, settings, ChildrenInProcess(), purpose)
+    meal = phone.get(path).json()
+    orange, kiwi = (next(i for i in meal["items"] if i["food"]["key"] == hint["food"]) for hint in hints)
+    (left,) = meal["after"]["leftovers"]
+    assert (left["item"], left["class"], left["is_by_person"]) == (orange["id"], "food_left", False)
+    (served_ml, kiwi_ml), (left_ml,) = ([i["volume_ml"] for i in truth[pair]["items"]] for pair in ("before", "after"))
+    edible_g_per_ml = orange["density_g_per_ml"] * orange["edible_share"]
+    eaten_g = (served_ml - left_ml) * edible_g_per_ml
+    assert orange["consumed_g"] == pytest.approx(eaten_g, rel=0.15)  # two volumes, each within 5 % here
+    assert orange["consumed_interval_g"][0] < eaten_g < orange["consumed_interval_g"][1]
+    assert (kiwi["left_g"], kiwi["consumed_g"]) == (0.0, kiwi["edible_g"])
+    assert kiwi["volume_ml"] == pytest.approx(kiwi_ml, rel=0.15)
