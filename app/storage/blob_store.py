@@ -22,6 +22,10 @@ class BlobMissingError(TadaError):
     code = "blob_missing"
     status = 500
 
+    def __init__(self, key: str) -> None:
+        super().__init__("A file of this meal is not in the store. The people who run the server can see which.")
+        self.add_note(f"blob key: {key}")  # in the log's traceback; the caller need not know our ids
+
 
 @dataclass(frozen=True, slots=True)
 class StoredBlob:

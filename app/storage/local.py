@@ -62,21 +62,21 @@ class LocalBlobStore:
         try:
             shutil.copyfile(self._path(key), destination)
         except FileNotFoundError:
-            raise BlobMissingError(f"The blob {key} is not in the store.") from None
+            raise BlobMissingError(key) from None
 
     def read(self, key: str) -> bytes:
         """Read the file whole."""
         try:
             return self._path(key).read_bytes()
         except FileNotFoundError:
-            raise BlobMissingError(f"The blob {key} is not in the store.") from None
+            raise BlobMissingError(key) from None
 
     def stream(self, key: str, chunk_bytes: int = 256 * 1024) -> Iterator[bytes]:
         """Read the file piece by piece; it is opened before the first piece is asked for."""
         try:
             file = self._path(key).open("rb")
         except FileNotFoundError:
-            raise BlobMissingError(f"The blob {key} is not in the store.") from None
+            raise BlobMissingError(key) from None
 
         def pieces() -> Iterator[bytes]:
             with file:

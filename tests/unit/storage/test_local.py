@@ -1,5 +1,6 @@
 import os
 import time
+import traceback
 
 import pytest
 
@@ -131,3 +132,10 @@ def test_blob_is_put_though_its_folder_was_removed_as_empty_meanwhile(store, mon
     monkeypatch.setattr(store, "_make_durable_folder", make_and_lose)
     store.put_bytes(KEY, b"x")
     assert store.read(KEY) == b"x"
+
+
+def test_missing_blob_is_named_in_the_log_and_not_to_the_caller(store):
+    with pytest.raises(BlobMissingError) as caught:
+        store.read("study/meal/left/abc")
+    assert "study/meal" not in caught.value.message
+    assert "study/meal/left/abc" in "".join(traceback.format_exception(caught.value))
