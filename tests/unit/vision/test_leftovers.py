@@ -139,3 +139,44 @@ def test_twenty_pieces_of_twenty_items_each_find_theirs():
 
 def test_margin_says_how_much_better_the_match_is():
     assert all(match.margin > MIN_MARGIN for match in match_pieces(PLATE, LEFT))
+
+
+def random_meal(rng):
+    """(served, left, whose each piece is) of a meal at random: boards laid anew, bitten foods, clutter now and then."""
+    count = int(rng.integers(1, 5))
+    colours = rng.uniform([25, -30, -10], [92, 55, 65], (count, 3))
+    places = rng.uniform([-110, 60], [110, 280], (count, 2))
+    volumes = rng.uniform(40, 250, count)
+    served = [sight(*p, tuple(c), v) for p, c, v in zip(places, colours, volumes, strict=True)]
+    angle = rng.uniform(0, 2 * np.pi) if rng.random() < 0.25 else 0.0
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    shift = rng.uniform(-150, 150, 2) if angle else np.zeros(2)
+    left, truth = [], []
+    for i in np.flatnonzero(rng.random(count) < 0.6):
+        at = turn @ (places[i] + rng.normal(0, 15, 2)) + shift
+        is_bitten = rng.random() < 0.2
+        lab = rng.uniform([60, -5, 5], [90, 10, 40]) if is_bitten else colours[i] + rng.normal(0, 6, 3)
+        left.append(sight(*at, tuple(lab), volumes[i] * rng.uniform(0.1, 0.95) * np.exp(rng.normal(0, 0.08))))
+        truth.append(int(i))
+    if rng.random() < 0.1:
+        lab, at = rng.uniform([20, -60, -60], [95, 60, 60]), rng.uniform([-200, 0], [200, 300])
+        left.append(sight(*at, tuple(lab), rng.uniform(5, 60)))
+        truth.append(None)
+    order = rng.permutation(len(left))
+    return served, [left[k] for k in order], [truth[k] for k in order]
+
+
+def test_hardly_a_piece_of_a_thousand_random_meals_is_matched_wrongly():
+    rng = np.random.default_rng(11)
+    right = wrong = unsure = clutter = 0
+    for _ in range(1000):
+        served, left, truth = random_meal(rng)
+        for found, of in zip(matched(served, left), truth, strict=True):
+            right += found == of and of is not None
+            wrong += found is not None and found != of and of is not None
+            unsure += found is None and of is not None
+            clutter += found is not None and of is None
+    pieces = right + wrong + unsure
+    assert wrong < 0.03 * pieces
+    assert right > 0.8 * pieces
+    assert clutter < 50  # of some 100
