@@ -15,11 +15,11 @@ from app.api.render import render_meal
 from app.api.schemas.meals import MealOut
 from app.api.state import ApiState
 from app.api.upload import UploadLimits, received_body, received_parts
-from app.db.models import Meal
 from app.db.models.meal import AFTER_SLOTS, SLOTS
 from app.db.queries.meals import WAITING
 from app.errors import MalformedRequestError
 from app.services.caller import DeviceCaller
+from app.services.item_state import REMEASURING
 from app.services.read_meal import MealView, open_artefact, read_meal
 from app.services.receive_photo import ReceivedFile
 from app.services.submit_meal import MealMetadata
@@ -154,7 +154,7 @@ async def get_meal(
     """
     view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
     known = request.headers.get("if-none-match")
-    if wait and _may_change(view.meal) and (known is None or _is_known(known, view)):
+    if wait and _may_change(view) and (known is None or _is_known(known, view)):
         await state.waiter.wait(view.meal.id, view.meal.version, wait)
         view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
     if known is not None and _is_known(known, view):
@@ -215,9 +215,10 @@ async def _submit_after(
     return meal_response(view, 202 if is_new else 200)
 
 
-def _may_change(meal: Meal) -> bool:
-    """Whether the meal or its after-meal pair will be moved on by a worker, or the meal by its photographs."""
-    return meal.status not in FINAL or meal.after_status in WAITING
+def _may_change(view: MealView) -> bool:
+    """Whether a worker will move the meal, its after-meal pair or an item on, or photographs the meal."""
+    is_measured_anew = any(REMEASURING in item.record.flags for item in view.items)
+    return view.meal.status not in FINAL or view.meal.after_status in WAITING or is_measured_anew
 
 
 def meal_response(view: MealView, status: int) -> JSONResponse:
