@@ -199,6 +199,7 @@ def _summary_out(day: StudyDay) -> DaySummaryOut:
         meals_after_closing=row.meals_after_closing,
         median_upload_delay_seconds=row.median_upload_delay_seconds,
         items=row.items,
+        unmeasured_meals=row.unmeasured_meals,
         unmeasured_items=row.unmeasured_items,
         provisional_items=row.provisional_items,
         consumed_g=0.0 if row.ate_nothing else row.consumed_g,
@@ -217,6 +218,7 @@ def _intake_out(intake: day_summaries.Intake) -> IntakeOut:
         silent_days=intake.silent_days,
         first_day=row.first_day,
         last_day=row.last_day,
+        unmeasured_meals=row.unmeasured_meals,
         unmeasured_items=row.unmeasured_items,
         provisional_items=row.provisional_items,
         components={

@@ -58,6 +58,7 @@ def _summary(found: Feedback) -> SummaryOut:
             for meal in found.meals
         ],
         components=_amounts(found.amounts),
+        unmeasured_meals=found.unmeasured_meals,
         unmeasured_items=found.unmeasured_items,
         provisional_items=found.provisional_items,
         comparison=_comparison(found.comparison),

@@ -6,7 +6,7 @@ recommendation says nothing. Staff see the same of any participant of theirs.
 
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date, datetime, timedelta
 from typing import Literal
 
@@ -81,6 +81,7 @@ class Feedback:
     day: StudyDay | None
     meals: tuple[EatenMeal, ...]
     amounts: Mapping[str, EatenAmount]
+    unmeasured_meals: int
     unmeasured_items: int
     provisional_items: int
     comparison: CompareDays
@@ -128,13 +129,15 @@ def compare_days(rows: Sequence[DayRow], stage: LifeStage | None) -> CompareDays
     return CompareDays(WINDOW_DAYS, len(closed), len(whole), found, coverages, why_not)
 
 
-def sum_amounts(records: Iterable[EffectiveRecord]) -> dict[str, EatenAmount]:
+def sum_amounts(records: Iterable[EffectiveRecord], *, is_all: bool = True) -> dict[str, EatenAmount]:
     """Column -> the sum over records, with an interval that holds whatever the items' errors share.
 
     Each end is the sum of the items' ends, as if all erred alike: wider than it need be, never narrower.
+    is_all: False where something was eaten of which there is no record.
     """
     eaten = list(records)
-    return {column: _sum(eaten, column) for column in AMOUNTS}
+    sums = {column: _sum(eaten, column) for column in AMOUNTS}
+    return sums if is_all else {column: replace(found, coverage=None) for column, found in sums.items()}
 
 
 def _feedback(session: Session, participant: Participant, study: Study, day: date) -> Feedback:
@@ -142,14 +145,18 @@ def _feedback(session: Session, participant: Participant, study: Study, day: dat
     today = next((row for row in rows if row.local_date == day), None)
     eaten = meals_of_day(session, participant.id, day)
     every = [record for _, records in eaten for record in records]
+    unmeasured_meals = today.unmeasured_meals if today is not None else 0
     unmeasured = sum(record.consumed_g is None for record in every)
     provisional = sum(record.provisional for record in every)
     is_nothing = today is not None and today.ate_nothing
-    amounts = dict.fromkeys(AMOUNTS, EatenAmount(0.0, 0.0, 0.0, 1.0)) if is_nothing else sum_amounts(every)
+    amounts = sum_amounts(every, is_all=unmeasured_meals == 0)
+    if is_nothing:
+        amounts = dict.fromkeys(AMOUNTS, EatenAmount(0.0, 0.0, 0.0, 1.0))
     comparison = compare_days(rows, _stage_on(participant, day))
     locale = locale_of(study.locale)
     sentences = [
-        *_sentences_of_day(locale, day, today, len(eaten), amounts["energy_kcal"], unmeasured, provisional),
+        *_sentences_of_day(locale, day, today, len(eaten), amounts["energy_kcal"], unmeasured),
+        *_sentences_of_what_is_open(locale, today, provisional),
         *_sentences_of_comparison(locale, comparison),
     ]
     return Feedback(
@@ -166,6 +173,7 @@ def _feedback(session: Session, participant: Participant, study: Study, day: dat
             for meal, records in eaten
         ),
         amounts=amounts,
+        unmeasured_meals=unmeasured_meals,
         unmeasured_items=unmeasured,
         provisional_items=provisional,
         comparison=comparison,
@@ -188,8 +196,9 @@ def _sum(eaten: Sequence[EffectiveRecord], column: str) -> EatenAmount:
     grams = [(max(record.consumed_g, 0.0), record) for record in eaten if record.consumed_g is not None]
     whole_g = sum(gram for gram, _ in grams)
     coverage = None
-    if len(grams) == len(eaten) and whole_g > 0.0:
-        coverage = sum(gram for gram, record in grams if getattr(record, column) is not None) / whole_g
+    if len(grams) == len(eaten):
+        known_g = sum(gram for gram, record in grams if getattr(record, column) is not None)
+        coverage = known_g / whole_g if whole_g > 0.0 else float(len(known) == len(eaten))
     return EatenAmount(max(value, 0.0), low, high, coverage)
 
 
@@ -248,7 +257,6 @@ def _sentences_of_day(
     meals: int,
     energy: EatenAmount,
     unmeasured: int,
-    provisional: int,
 ) -> Iterable[str]:
     if today is not None and today.ate_nothing:
         yield feedback_sentence("nothing_eaten", locale, day=day)
@@ -261,6 +269,11 @@ def _sentences_of_day(
         yield feedback_sentence("energy_interval", locale, low=_rounded(energy.low), high=_rounded(energy.high))
     if unmeasured:
         yield feedback_sentence("unmeasured", locale, count=unmeasured)
+    if today is not None and today.unmeasured_meals:
+        yield feedback_sentence("unmeasured_meals", locale, count=today.unmeasured_meals)
+
+
+def _sentences_of_what_is_open(locale: Locale, today: DayRow | None, provisional: int) -> Iterable[str]:
     if provisional:
         yield feedback_sentence("provisional", locale)
     if today is None or today.status == "open":

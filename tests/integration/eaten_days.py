@@ -27,7 +27,16 @@ def eaten_item(grams=100.0, food=None, **columns):
 
 
 def add_meal(
-    state, code, day, *items, study="pilot", hour=12, delay=timedelta(minutes=5), deleted=False, device_of=None
+    state,
+    code,
+    day,
+    *items,
+    study="pilot",
+    hour=12,
+    delay=timedelta(minutes=5),
+    deleted=False,
+    device_of=None,
+    status="estimated",
 ):
     """A meal on a local day (UTC) with these items; its id."""
     day = date.fromisoformat(day) if isinstance(day, str) else day
@@ -48,7 +57,7 @@ def add_meal(
             time_zone="UTC",
             local_date=day,
             details={"hints": []},
-            status="estimated",
+            status=status,
             received_at=captured_at + delay,
             deleted_at=captured_at + delay if deleted else None,
         )

@@ -6,6 +6,9 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 COVERAGE = "The share of the eaten grams for which it is known, 0 to 1; null: grams of something are not known."
+UNMEASURED_MEALS = (
+    "No food of theirs is known (failed, not measured yet), and nobody said there was none: missing in sums."
+)
 
 
 class DayIn(BaseModel):
@@ -68,6 +71,7 @@ class DaySummaryOut(BaseModel):
     meals_after_closing: int
     median_upload_delay_seconds: float | None = Field(description="From eating to the server, of the day's meals.")
     items: int
+    unmeasured_meals: int = Field(description=UNMEASURED_MEALS)
     unmeasured_items: int = Field(description="Their grams are not known: the sums are of the others.")
     provisional_items: int = Field(description="An after-meal pair may still change them.")
     consumed_g: float | None
@@ -121,6 +125,7 @@ class IntakeOut(BaseModel):
     silent_days: int = Field(description="Days between the first and the last without a meal or a word.")
     first_day: date
     last_day: date
+    unmeasured_meals: int = Field(description=UNMEASURED_MEALS)
     unmeasured_items: int
     provisional_items: int
     components: dict[str, MeanAmountOut] = Field(description="By the record's column, such as energy_kcal.")

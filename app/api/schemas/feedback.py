@@ -58,6 +58,7 @@ class SummaryOut(BaseModel):
     ate_nothing: bool
     meals: list[EatenMealOut]
     components: dict[str, EatenAmountOut] = Field(description="Of the whole day: amounts, compared with nothing.")
+    unmeasured_meals: int = Field(description="No food of theirs is known: they are missing in the amounts.")
     unmeasured_items: int
     provisional_items: int
     comparison: ComparisonOut

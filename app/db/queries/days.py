@@ -49,7 +49,8 @@ class DayFilter:
 class Amount(NamedTuple):
     """A day's sum of a component over the items where it is known, and for which share of the grams that is.
 
-    value: None where it is known of no item. coverage: 0 to 1; None where an item's grams are not known.
+    value: None where it is known of no item. coverage: 0 to 1; None where grams of an item, or of a whole meal, are not
+    known.
     """
 
     value: float | None
@@ -61,7 +62,8 @@ class DayRow:
     """A participant's day.
 
     said_nothing: the word that nothing was eaten; it counts while there is no meal. version: 0 without a word.
-    meals_after_closing: meals that came in after the day was closed. unmeasured_items: whose eaten grams are not known.
+    meals_after_closing: meals that came in after the day was closed. unmeasured_meals: of which no food is known, and
+    nobody has said that there was none. unmeasured_items: whose eaten grams are not known.
     """
 
     participant_id: uuid.UUID
@@ -76,6 +78,7 @@ class DayRow:
     is_by_reviewer: bool
     meals: int
     meals_after_closing: int
+    unmeasured_meals: int
     median_upload_delay_seconds: float | None
     items: int
     unmeasured_items: int
@@ -91,7 +94,8 @@ class DayRow:
     @property
     def is_complete(self) -> bool:
         """Closed, and the eaten grams of everything are known."""
-        return self.ate_nothing or (self.status == "closed" and self.items > 0 and self.unmeasured_items == 0)
+        is_measured = self.items > 0 and self.unmeasured_items == 0 and self.unmeasured_meals == 0
+        return self.ate_nothing or (self.status == "closed" and is_measured)
 
     def amount(self, column: str) -> Amount:
         """One of AMOUNTS; a day when nothing was eaten has 0 of everything."""
@@ -198,12 +202,17 @@ def days_with_sums(page: sa.CTE) -> sa.Select[*tuple[Any, ...]]:
             by_reviewer.label("by_reviewer"),
             sa.func.coalesce(meals.c.meals, 0).label("meals"),
             sa.func.coalesce(meals.c.late, 0).label("meals_after_closing"),
+            sa.func.coalesce(meals.c.unmeasured_meals, 0).label("unmeasured_meals"),
             delays.c.median_seconds,
             sa.func.coalesce(eaten.c.item_count, 0).label("item_count"),
             sa.func.coalesce(eaten.c.unmeasured, 0).label("unmeasured"),
             sa.func.coalesce(eaten.c.provisional, 0).label("provisional"),
             eaten.c.consumed_g,
-            *(eaten.c[name] for column in AMOUNTS for name in (column, f"{column}_coverage")),
+            *(eaten.c[column] for column in AMOUNTS),
+            *(
+                sa.case((sa.func.coalesce(meals.c.unmeasured_meals, 0) == 0, eaten.c[name])).label(name)
+                for name in (f"{column}_coverage" for column in AMOUNTS)
+            ),
         )
         .select_from(page)
         .join(Participant, Participant.id == page.c.participant_id)
@@ -216,14 +225,23 @@ def days_with_sums(page: sa.CTE) -> sa.Select[*tuple[Any, ...]]:
 
 
 def coverage_of(amount: Any, consumed_g: Any) -> sa.ColumnElement[Any]:
-    """The share of the eaten grams for which an amount is known; NULL where grams are not known, or there are none.
+    """The share of the eaten grams for which an amount is known; NULL where grams are not known.
 
-    Differences below zero (more left than served, within the error) weigh nothing.
+    Differences below zero (more left than served, within the error) weigh nothing. Where nothing weighs anything, all
+    was left: known of everything, or not.
     """
     weight_g = sa.case((consumed_g > 0.0, consumed_g), else_=0.0)
     known_g = sa.func.sum(sa.case((amount.is_not(None), weight_g), else_=0.0))
     unknown = sa.func.sum(sa.case((consumed_g.is_(None), 1), else_=0))
-    return sa.case((unknown == 0, known_g / sa.func.nullif(sa.func.sum(weight_g), 0.0)))
+    of_nothing = sa.case((sa.func.count(amount) == sa.func.count(), 1.0), else_=0.0)
+    of_what_was_eaten = known_g / sa.func.nullif(sa.func.sum(weight_g), 0.0)
+    return sa.case((unknown == 0, sa.func.coalesce(of_what_was_eaten, of_nothing)))
+
+
+def is_unmeasured_meal() -> sa.ColumnElement[bool]:
+    """Whether no food is known of a meal (it failed, or is not measured yet) and nobody has confirmed that it is so."""
+    has_food = sa.exists().where(EffectiveRecord.meal_id == Meal.id, EffectiveRecord.status != "rejected")
+    return sa.and_(Meal.id.is_not(None), Meal.status != "confirmed", ~has_food)
 
 
 # The page stands first in each of these, joined by LEFT JOIN: SQLite, which does not know how few its rows are, would
@@ -236,6 +254,7 @@ def _meals_of(page: sa.CTE) -> sa.Subquery:
             page.c.local_date,
             sa.func.count(Meal.id).label("meals"),
             sa.func.sum(sa.case((is_late, 1), else_=0)).label("late"),
+            sa.func.sum(sa.case((is_unmeasured_meal(), 1), else_=0)).label("unmeasured_meals"),
         )
         .select_from(page)
         .outerjoin(Meal, _meal_of(page))
@@ -322,6 +341,7 @@ def _day_row(row: sa.Row[*tuple[Any, ...]]) -> DayRow:
         is_by_reviewer=bool(values["by_reviewer"]),
         meals=values["meals"],
         meals_after_closing=int(values["meals_after_closing"]),
+        unmeasured_meals=int(values["unmeasured_meals"]),
         median_upload_delay_seconds=values["median_seconds"],
         items=values["item_count"],
         unmeasured_items=int(values["unmeasured"]),

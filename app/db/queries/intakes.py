@@ -10,7 +10,17 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.models import Component, DiaryDay, EffectiveRecord, FoodNutrient, Meal, Participant
-from app.db.queries.days import AMOUNTS, FULL, Amount, DayFilter, coverage_of, days_with_sums, filtered, keys_of
+from app.db.queries.days import (
+    AMOUNTS,
+    FULL,
+    Amount,
+    DayFilter,
+    coverage_of,
+    days_with_sums,
+    filtered,
+    is_unmeasured_meal,
+    keys_of,
+)
 
 
 class MeanAmount(NamedTuple):
@@ -50,6 +60,7 @@ class IntakeRow:
     days: int
     closed_days: int
     open_days: int
+    unmeasured_meals: int
     unmeasured_items: int
     provisional_items: int
     whole_days: int
@@ -86,7 +97,12 @@ def page_of_intakes(
     day = days_with_sums(page).subquery()
     is_closed = day.c.status == "closed"
     is_nothing = sa.and_(is_closed, day.c.said_nothing, day.c.meals == 0)
-    is_measured = sa.and_(is_closed, day.c.item_count > 0, day.c.unmeasured == 0, day.c.energy_kcal_coverage >= FULL)
+    is_whole = sa.and_(day.c.item_count > 0, day.c.unmeasured == 0, day.c.unmeasured_meals == 0)
+    is_measured = sa.and_(is_closed, is_whole, day.c.energy_kcal_coverage >= FULL)
+    closed_sums = [
+        sa.func.coalesce(sa.func.sum(sa.case((is_closed, day.c[name]), else_=0)), 0).label(name)
+        for name in ("unmeasured_meals", "unmeasured", "provisional")
+    ]
     whole_kcal = sa.case((is_nothing, 0.0), (is_measured, day.c.energy_kcal))
     means: list[Any] = []
     for name in AMOUNTS:
@@ -106,8 +122,7 @@ def page_of_intakes(
             sa.func.max(day.c.local_date).label("last_day"),
             sa.func.count().label("days"),
             sa.func.count(sa.case((is_closed, 1))).label("closed_days"),
-            sa.func.coalesce(sa.func.sum(sa.case((is_closed, day.c.unmeasured), else_=0)), 0).label("unmeasured"),
-            sa.func.coalesce(sa.func.sum(sa.case((is_closed, day.c.provisional), else_=0)), 0).label("provisional"),
+            *closed_sums,
             sa.func.count(whole_kcal).label("whole_days"),
             sa.func.avg(whole_kcal).label("whole_kcal"),
             *means,
@@ -129,13 +144,17 @@ def closed_days(session: Session, chosen: DayFilter) -> list[ClosedDay]:
     record = EffectiveRecord
     same_day = (record.participant_id == DiaryDay.participant_id, record.local_date == DiaryDay.local_date)
     holds = (*same_day, record.status != "rejected")
-    has_meal = sa.exists().where(
+    is_there = (
         Meal.participant_id == DiaryDay.participant_id,
         Meal.local_date == DiaryDay.local_date,
         Meal.deleted_at.is_(None),
     )
-    is_nothing = sa.and_(DiaryDay.ate_nothing, ~has_meal)
-    is_measured = sa.and_(sa.exists().where(*holds), ~sa.exists().where(*holds, record.consumed_g.is_(None)))
+    is_nothing = sa.and_(DiaryDay.ate_nothing, ~sa.exists().where(*is_there))
+    is_measured = sa.and_(
+        sa.exists().where(*holds),
+        ~sa.exists().where(*holds, record.consumed_g.is_(None)),
+        ~sa.exists().where(*is_there, is_unmeasured_meal()),
+    )
     query = sa.select(DiaryDay.participant_id, DiaryDay.local_date, is_nothing, sa.or_(is_nothing, is_measured))
     query = filtered(query, DiaryDay.study_id, DiaryDay.participant_id, DiaryDay.local_date, chosen)
     query = query.where(DiaryDay.status == "closed").order_by(DiaryDay.participant_id, DiaryDay.local_date)
@@ -192,6 +211,7 @@ def _intake_row(row: sa.Row[*tuple[Any, ...]], profile: dict[str, Any] | None) -
         days=values["days"],
         closed_days=values["closed_days"],
         open_days=values["days"] - values["closed_days"],
+        unmeasured_meals=int(values["unmeasured_meals"]),
         unmeasured_items=int(values["unmeasured"]),
         provisional_items=int(values["provisional"]),
         whole_days=values["whole_days"],

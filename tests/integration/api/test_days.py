@@ -76,6 +76,38 @@ def test_closed_day_without_a_meal_is_not_a_day_of_nothing(phone, client, admin)
     )
 
 
+@pytest.mark.parametrize("status", ["receiving", "queued", "processing", "failed", "needs_review"])
+def test_meal_of_which_nothing_is_measured_makes_the_days_sums_lower_bounds(phone, state, client, admin, status):
+    set_profile(state, **MAN)
+    add_meal(state, "P001", "2026-11-01", eaten_item(100.0, energy_kcal=1000.0))
+    add_meal(state, "P001", "2026-11-01", hour=18, status=status)
+    close(phone, "2026-11-01")
+    day, mean = rows_of(client, admin)[0], intakes(client, admin)[0]
+    assert (day["meals"], day["unmeasured_meals"], day["unmeasured_items"]) == (2, 1, 0)
+    assert (day["energy_kcal"], day["energy_kcal_coverage"], day["plausibility"]) == (1000.0, None, "unknown")
+    assert (mean["unmeasured_meals"], mean["components"]["energy_kcal"]["coverage"]) == (1, None)
+    assert (mean["plausibility"]["verdict"], mean["plausibility"]["days"]) == ("unknown", 0)
+
+
+def test_meal_that_is_confirmed_without_foods_is_measured(phone, state, client, admin):
+    set_profile(state, **MAN)
+    add_meal(state, "P001", "2026-11-01", eaten_item(100.0, energy_kcal=1000.0))
+    add_meal(state, "P001", "2026-11-01", eaten_item(None, status="rejected"), hour=18, status="confirmed")
+    close(phone, "2026-11-01")
+    day = rows_of(client, admin)[0]
+    assert (day["unmeasured_meals"], day["energy_kcal_coverage"], day["plausibility"]) == (0, 1.0, "low")
+
+
+def test_what_was_left_untouched_is_a_day_of_nothing_measured_whole(phone, state, client, admin):
+    add_meal(state, "P001", "2026-11-01", eaten_item(-2.0, energy_kcal=-1.0, protein_g=None))
+    add_meal(state, "P001", "2026-11-02", eaten_item(100.0, energy_kcal=500.0))
+    close(phone, "2026-11-01", "2026-11-02")
+    untouched = rows_of(client, admin)[0]
+    assert (untouched["energy_kcal"], untouched["energy_kcal_coverage"]) == (-1.0, 1.0)
+    assert (untouched["protein_g"], untouched["protein_g_coverage"]) == (None, 0.0)
+    assert intakes(client, admin)[0]["plausibility"]["days"] == 2
+
+
 @pytest.mark.parametrize(("minutes", "median"), [([5], 5), ([1, 5, 600], 5), ([5, 1, 9, 600], 7)])
 def test_upload_delay_is_the_meals_median(phone, state, client, admin, minutes, median):
     for delay in minutes:

@@ -116,6 +116,18 @@ def test_partly_known_contents_never_tell_that_it_is_too_little(feedback, state)
     assert found["protein_g"]["verdict"] == "reaches"
 
 
+def test_meal_that_failed_is_told_and_its_day_compared_with_nothing(feedback, state):
+    set_profile(state, **WOMAN)
+    eat(state, feedback, 15, 16, 17)
+    add_meal(state, "P001", "2026-11-17", hour=19, status="failed")
+    body = feedback.get(PATH).json()
+    energy = body["components"]["energy_kcal"]
+    assert (body["unmeasured_meals"], energy["amount"], energy["coverage"]) == (1, 2000.0, None)
+    assert "Meals that were not measured, and are missing from these figures: 1." in body["sentences"]
+    compared = body["comparison"]
+    assert (compared["closed_days"], compared["whole_days"], compared["why_not"]) == (3, 2, "days_needed")
+
+
 def test_day_when_nothing_was_eaten_has_zeros_and_says_so(feedback):
     body = {"status": "closed", "ate_nothing": True}
     feedback.put("/v1/me/days/2026-11-19", json=body, headers={"If-Match": '"0"'})
