@@ -17,7 +17,7 @@ from typing import Any, Protocol
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from app.db.models import EffectiveRecord, Job, Meal, MealEvent
+from app.db.models import EffectiveRecord, Item, Job, Meal, MealEvent
 from app.db.models.base import Base
 from app.db.queries import meals
 from app.db.queries.meal_parts import MealParts, parts_of
@@ -30,6 +30,7 @@ from app.services.project_records import Projector, project_meal
 from app.services.read_meal import MealView, find_meal, meal_view
 
 MAX_EVENTS = 1000  # of a meal; each word reads them all
+MAX_ITEMS = 200  # of a meal, those that were split, merged and undone as well
 
 
 class JobQueue(Protocol):
@@ -188,6 +189,9 @@ class MealEvents:
             raise ConflictError(f"{MAX_EVENTS} events are all that a meal takes.", code="events_too_many")
         now = datetime.now(UTC)
         change = rule.carry_out(Standing(session, meal, parts, fold_meal(parts), event, layer, now))
+        made = sum(isinstance(row, Item) for row in change.rows)
+        if made and len(parts.items) + made > MAX_ITEMS:
+            raise ConflictError(f"{MAX_ITEMS} items are all that a meal takes.", code="items_too_many")
         sequence = 1 + max((each.sequence for each in parts.events), default=0)
         insert_event(session, caller, meal, event, change, sequence=sequence, now=now)
         for row in change.rows:

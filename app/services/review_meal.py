@@ -25,6 +25,7 @@ from app.services.served_mass import served_mass
 from app.services.told_amounts import TOLD_SD, told_amount
 
 ITEMS_OF_EVENT = uuid.UUID("b1c4b7a3-8a0f-4f27-8d9d-2d9a4b2f60c5")  # drawn once; ids of items are derived under it
+SMALLEST = 0.001  # grams or millilitres, as of all that is told
 SPLIT_SD = 0.3  # of a share told by eye: a half is right to 15 %, nine tenths to 3 %
 
 
@@ -161,6 +162,9 @@ def _part(standing: Standing, whole: ItemState, place: int, told: dict[str, Any]
     columns: dict[str, Any] = {}
     if share is not None:
         own_sd = SPLIT_SD * (1.0 - share)
+        known = amount.mass.mass_g if amount.mass is not None else amount.volume_ml
+        if known is not None and known * share < SMALLEST:
+            raise InvalidInputError("A part of the item would be too small to be one.", code="part_too_small")
         if amount.mass is not None:
             sd = math.hypot(amount.mass.relative_sd, own_sd)
             told_mass = {"mass_g": amount.mass.mass_g * share, "of": amount.mass.of, "relative_sd": sd}

@@ -18,13 +18,13 @@ Polygon = Annotated[
     Field(min_length=3, max_length=2000, description="x, y in the left photograph's upright pixels."),
 ]
 LiesAs = Annotated[FoodForm | None, Field(description="How it lies there, where that is not as it usually does.")]
-Grams = Annotated[Number, Field(gt=0, le=20_000)]
-Millilitres = Annotated[Number, Field(gt=0, le=20_000)]
+Grams = Annotated[Number, Field(ge=0.001, le=20_000)]
+Millilitres = Annotated[Number, Field(ge=0.001, le=20_000)]
 RelativeSd = Annotated[
     Number | None, Field(ge=0, le=2, description="How far off it may be, relative standard deviation; null: as usual.")
 ]
 Words = Annotated[Text, Field(min_length=1, max_length=2000)]
-Share = Annotated[Number, Field(gt=0, le=1)]
+Share = Annotated[Number, Field(ge=0.001, le=1)]
 
 
 class AmountIn(BaseModel):
@@ -38,7 +38,7 @@ class AmountIn(BaseModel):
     )
     volume_ml: Millilitres | None = None
     portion: Text | None = Field(default=None, max_length=200, description="`measure` of one of the food's portions.")
-    count: Annotated[Number, Field(gt=0, le=1000)] | None = None
+    count: Annotated[Number, Field(ge=0.001, le=1000)] | None = None
     relative_sd: RelativeSd = None
 
     @model_validator(mode="after")
@@ -116,7 +116,7 @@ class SetMassIn(_OfItem):
     mass_g: Grams | None = None
     of: Literal["as_seen", "edible"] | None = None
     portion: Text | None = Field(default=None, max_length=200)
-    count: Annotated[Number, Field(gt=0, le=1000)] | None = None
+    count: Annotated[Number, Field(ge=0.001, le=1000)] | None = None
     relative_sd: RelativeSd = None
 
     @model_validator(mode="after")
@@ -186,7 +186,7 @@ class PartIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    share: Annotated[Number, Field(gt=0, lt=1)] | None = None
+    share: Annotated[Number, Field(ge=0.001, lt=1)] | None = None
     polygon: Polygon | None = None
     food: FoodKey | None = None
     lies_as: LiesAs = None

@@ -1,7 +1,11 @@
 """What people say of a meal and what follows from it, over HTTP on both databases."""
 
-import pytest
+import uuid
 
+import pytest
+import sqlalchemy as sa
+
+from app.db.models import Study, Webhook, WebhookDelivery
 from app.services.rebuild_records import rebuild_records
 from tests import estimates
 from tests.estimates import found_item, unmeasured_item
@@ -247,3 +251,100 @@ def test_meal_that_is_not_estimated_yet_takes_no_corrections(phone, client):
     speaker = Speaker(client, phone.headers, body["id"])
     assert speaker.refused("confirm_meal") == (409, "meal_not_estimated")
     assert speaker.say("comment", text="It was my birthday.")["status"] == "queued"
+
+
+def test_answer_to_drained_says_what_the_food_is_and_makes_no_item(participant):
+    canned = participant.say("add", food="peaches-canned", amount={"mass_g": 120})["items"][-1]
+    told = {"item": canned["id"], "probe": "drained", "answer": "no"}
+    meal = participant.say("declare", **told, food="peach")
+    assert len(meal["items"]) == 4
+    assert meal["items"][-1]["food"]["key"] == "peach"
+    assert "drained" not in meal["items"][-1]["open_probes"]
+
+
+def test_yes_names_what_was_added_and_unknown_is_not_asked_again(participant):
+    added = participant.say("add", food="potatoes-boiled", amount={"mass_g": 200})["items"][-1]
+    told = {"item": added["id"], "probe": "fat_added"}
+    assert participant.refused("declare", **told, answer="yes") == (422, "declared_food_missing")
+    meal = participant.say("declare", **told, answer="unknown")
+    assert "fat_added" not in meal["items"][-1]["open_probes"]
+
+
+def test_declared_food_has_the_share_of_what_it_came_with(participant):
+    salad = participant.say("add", food="salad-greens", amount={"mass_g": 80}, share=0.5)["items"][-1]
+    told = {"item": salad["id"], "probe": "dressing", "answer": "yes", "food": "olive-oil"}
+    oil = participant.say("declare", **told, amount={"mass_g": 10})["items"][-1]
+    assert oil["consumed_g"] == pytest.approx(5)
+
+
+def test_participant_does_not_split_what_a_reviewer_has_spoken_of(participant, reviewer):
+    apple, _, unnamed = participant.items()
+    reviewer.say("confirm", item=apple["id"])
+    parts = [{"share": 0.5}, {"share": 0.5}]
+    assert participant.refused("split", item=apple["id"], parts=parts) == (409, "item_reviewed")
+    assert participant.refused("merge", items=[apple["id"], unnamed["id"]]) == (409, "item_reviewed")
+    event = new_event("split", item=unnamed["id"], parts=parts)
+    participant.send(event)
+    part = participant.items()[-1]
+    reviewer.say("set_food", item=part["id"], food="pear")
+    assert participant.refused("undo", event=event["id"]) == (409, "item_reviewed")
+    assert reviewer.say("undo", event=event["id"])["items"][2]["status"] == "needs_review"
+
+
+def test_different_foods_are_merged_only_as_one_that_is_named(participant):
+    apple, milk, _ = participant.items()
+    both = [apple["id"], milk["id"]]
+    assert participant.refused("merge", items=both) == (422, "merge_needs_food")
+    merged = participant.say("merge", items=both, food="fruit-salad")["items"][-1]
+    assert (merged["food"]["key"], merged["volume_ml"], merged["status"]) == ("fruit-salad", None, "needs_review")
+
+
+def test_meal_that_failed_can_be_told_in_words(phone, client, state):
+    body = meal_metadata(hints=HINTS)
+    phone.post(pair(), body)
+    failure = {"code": "marker_not_found", "message": "No board.", "advice": "Show it."}
+    estimates.save(state, body["id"], failure=failure)
+    speaker = Speaker(client, phone.headers, body["id"])
+    event = new_event("add", food="apple", amount={"mass_g": 150})
+    assert speaker.send(event).json()["status"] == "confirmed"
+    assert speaker.say("undo", event=event["id"])["status"] == "failed"
+    assert speaker.say("confirm_meal")["status"] == "confirmed"
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"kind": "set_mass", "mass_g": 100, "portion": "cup", "count": 1},
+        {"kind": "set_mass", "portion": "cup"},
+        {"kind": "set_mass", "mass_g": 0},
+        {"kind": "set_volume", "volume_ml": 1e300},
+        {"kind": "set_share", "share": 1.01},
+        {"kind": "set_share", "share": 0},
+        {"kind": "split", "parts": [{"share": 0.5}, {"share": 0.6}]},
+        {"kind": "split", "parts": [{"share": 0.5}, {"food": "apple"}]},
+        {"kind": "redraw", "polygon": [[0, 0], [1, 1]]},
+        {"kind": "confirm", "status": "confirmed"},
+        {"kind": "declare", "probe": "fat_added", "answer": "unknown", "food": "butter"},
+        {"kind": "eat"},
+    ],
+)
+def test_event_that_makes_no_sense_is_invalid(participant, fields):
+    answer = participant.send(new_event(fields["kind"], item=participant.items()[0]["id"]) | fields)
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input")
+    assert participant.history()["items"] == []
+
+
+def test_confirmed_meal_is_told_to_webhooks_once(participant, state):
+    with state.database.write() as session:
+        study = session.scalars(sa.select(Study)).one()
+        hook = Webhook(id=uuid.uuid4(), study_id=study.id, url="https://example.org", events=["meal.confirmed"])
+        hook.secret_sealed, hook.author, hook.created_at = "", "admin", study.created_at
+        session.add(hook)
+    _, milk, unnamed = participant.items()
+    for item in (milk, unnamed):
+        participant.say("reject", item=item["id"])
+    participant.say("confirm_meal")
+    participant.say("comment", text="Good.")
+    with state.database.read() as session:
+        told = [row.event for row in session.scalars(sa.select(WebhookDelivery))]
+    assert told == ["meal.confirmed"]
