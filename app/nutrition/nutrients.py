@@ -41,9 +41,9 @@ class Portion:
 
 @dataclass(frozen=True, slots=True)
 class NutrientTotal:
-    """A total in its component's unit, and the share (0 to 1) of the edible mass for which the content is known.
+    """A total in its component's unit, and the share (0 to 1) of the eaten grams for which the content is known.
 
-    coverage: None where a portion's mass is not known: then the total is incomplete, nobody knows by how much.
+    A food of which more was left than served, within the error, weighs nothing in it. coverage: None where a portion's mass is not known: then the total is incomplete, nobody knows by how much.
     """
 
     amount: Estimate
@@ -75,18 +75,19 @@ def total_nutrients(portions: Sequence[Portion]) -> Mapping[str, NutrientTotal]:
     """
     totals = {}
     measured = _measured(portions)
-    whole_g = math.fsum(edible_g for _, _, edible_g in measured)
+    eaten_g = _eaten_g(measured)
+    whole_g = math.fsum(eaten_g.values())
     is_whole = len(measured) == len(portions)
     numbers = dict.fromkeys([*COMPONENT_BY_NUMBER, *(n for portion, _, _ in measured for n in portion.per_100_g)])
     for number in numbers:
         known = [each for each in measured if number in each[0].per_100_g]
         if known:
-            covered_g = math.fsum(edible_g for _, _, edible_g in known)
+            covered_g = math.fsum(eaten_g[key] for key in {portion.food_key for portion, _, _ in known})
             terms = [
                 _term(portion, doubt, content_of_mass(portion.per_100_g[number], edible_g))
                 for portion, doubt, edible_g in known
             ]
-            coverage = covered_g / whole_g if whole_g else 1.0
+            coverage = covered_g / whole_g if whole_g else float(len(known) == len(measured))
             totals[number] = NutrientTotal(combine(terms), coverage if is_whole else None)
     return MappingProxyType(totals)
 
@@ -107,6 +108,14 @@ def _measured(portions: Sequence[Portion]) -> list[tuple[Portion, Doubt, float]]
         for portion in portions
         if portion.mass is not None and portion.edible_g is not None
     ]
+
+
+def _eaten_g(measured: Sequence[tuple[Portion, Doubt, float]]) -> dict[str, float]:
+    """Food -> grams of it that were eaten, served less left, not below 0."""
+    eaten_g: dict[str, float] = {}
+    for portion, _, edible_g in measured:
+        eaten_g[portion.food_key] = eaten_g.get(portion.food_key, 0.0) + portion.sign * edible_g
+    return {food_key: max(grams, 0.0) for food_key, grams in eaten_g.items()}
 
 
 def _term(portion: Portion, doubt: Doubt, value: float) -> Term:

@@ -27,7 +27,7 @@ class NutrientAmount(ComponentOut):
 
 
 class NutrientTotal(NutrientAmount):
-    """A meal's total of a component; coverage: for which share of the edible mass it is known."""
+    """A meal's total of a component; coverage: for which share of the eaten grams it is known."""
 
     coverage: float | None = Field(description="Null where an item's mass is not known: the total is incomplete.")
 

@@ -208,7 +208,7 @@ class ItemOut(BaseModel):
 class TotalsOut(BaseModel):
     """The meal's items together; doubt that they share (the pair's, a food's density) is not averaged away."""
 
-    edible_g: float | None
+    edible_g: float | None = Field(description="Edible grams that were consumed: the sum of the items' consumed_g.")
     edible_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
     unmeasured_items: int = Field(description="Items whose mass is not known; above 0, the totals are incomplete.")
     nutrients: list[NutrientTotal]

@@ -31,6 +31,23 @@ def test_unknown_content_is_absent_and_zero_is_zero():
     assert VITC not in amounts
 
 
+def test_coverage_is_of_what_was_eaten_not_of_what_was_served():
+    known = make_food("apple", per_100_g={"VITC": 4.0})
+    unknown = make_food("pear", per_100_g={"ENERC_KCAL": 57.0})
+    eaten = [portion(known, 100.0), portion(known, 90.0, "after", -1), portion(unknown, 100.0)]
+    assert total_nutrients(eaten)[VITC].coverage == pytest.approx(10.0 / 110.0)
+    more_left = [portion(known, 100.0), portion(known, 104.0, "after", -1), portion(unknown, 100.0)]
+    assert total_nutrients(more_left)[VITC].coverage == 0.0  # differences below zero weigh nothing
+
+
+def test_coverage_of_what_was_left_untouched_says_whether_it_is_known():
+    known = make_food("apple", per_100_g={"VITC": 4.0, "ENERC_KCAL": 52.0})
+    unknown = make_food("pear", per_100_g={"ENERC_KCAL": 57.0})
+    untouched = [portion(food, 100.0, pair, sign) for food in (known, unknown) for pair, sign in (("a", 1), ("b", -1))]
+    totals = total_nutrients(untouched)
+    assert (totals[VITC].coverage, totals[ENERGY].coverage) == (0.0, 1.0)
+
+
 def test_total_says_how_much_of_the_mass_it_covers():
     known = make_food("apple", per_100_g={"VITC": 4.0, "ENERC_KCAL": 52.0})
     unknown = make_food("pear", per_100_g={"ENERC_KCAL": 57.0})
