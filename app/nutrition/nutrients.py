@@ -43,7 +43,8 @@ class Portion:
 class NutrientTotal:
     """A total in its component's unit, and the share (0 to 1) of the eaten grams for which the content is known.
 
-    A food of which more was left than served, within the error, weighs nothing in it. coverage: None where a portion's mass is not known: then the total is incomplete, nobody knows by how much.
+    A food of which more was left than served, within the error, weighs nothing in it. coverage: None where a portion's
+    mass is not known: then the total is incomplete, nobody knows by how much.
     """
 
     amount: Estimate
