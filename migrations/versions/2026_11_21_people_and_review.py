@@ -184,6 +184,7 @@ def alter_meals(connection: sa.Connection) -> None:
         batch_op.add_column(sa.Column("after_failure_advice", sa.Text(), nullable=True))
         batch_op.add_column(sa.Column("after_due_at", INSTANT, nullable=True))
         batch_op.create_index(op.f("ix_meal_after_due_at"), ["after_due_at"])
+        batch_op.create_index(op.f("ix_meal_after_status"), ["after_status"])
         batch_op.create_index(op.f("ix_meal_participant_id_local_date"), ["participant_id", "local_date"])
         batch_op.create_check_constraint(op.f("ck_meal_origin"), one_of("origin", ("photographed", "declared")))
         batch_op.create_check_constraint(
@@ -307,6 +308,7 @@ def restore_older_tables() -> None:
         batch_op.create_check_constraint(op.f("ck_meal_image_slot"), one_of("slot", ("left", "right")))
     with op.batch_alter_table("meal") as batch_op:
         batch_op.drop_index(op.f("ix_meal_after_due_at"))
+        batch_op.drop_index(op.f("ix_meal_after_status"))
         batch_op.drop_index(op.f("ix_meal_participant_id_local_date"))
         batch_op.drop_constraint(op.f("uq_meal_alias"), type_="unique")
         for name in ("ck_meal_origin", "ck_meal_after_status"):

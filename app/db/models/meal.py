@@ -44,7 +44,7 @@ class Meal(Base):
     failure_code: Mapped[str | None] = mapped_column(sa.String(64))
     failure_message: Mapped[str | None] = mapped_column(sa.Text)
     failure_advice: Mapped[str | None] = mapped_column(sa.Text)
-    after_status: Mapped[str | None] = mapped_column(sa.String(16))
+    after_status: Mapped[str | None] = mapped_column(sa.String(16), index=True)
     after_details: Mapped[dict[str, Any] | None]
     after_failure_code: Mapped[str | None] = mapped_column(sa.String(64))
     after_failure_message: Mapped[str | None] = mapped_column(sa.Text)
