@@ -22,6 +22,8 @@ from app.services.project_records import MealProjection, Projector
 from app.services.read_after import AfterView, after_view
 from app.storage.blob_store import BlobStore
 
+NOBODY_KNOWS = MassTotal(None, 0)  # of a meal that failed or is not measured yet; confirmed without foods, it is 0
+
 
 @dataclass(frozen=True, slots=True)
 class ItemView:
@@ -111,7 +113,7 @@ def meal_view(
         artefacts=tuple(records.artefacts_of(session, run.id)) if run else (),
         items=items,
         components=projector.components,
-        total_mass=total_mass(portions),
+        total_mass=total_mass(portions) if portions or meal.status == "confirmed" else NOBODY_KNOWS,
         totals=total_nutrients(portions),
         after=after_view(session, projector, projection),
     )

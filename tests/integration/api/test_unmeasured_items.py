@@ -2,6 +2,7 @@
 
 import csv
 import io
+import uuid
 
 import pytest
 
@@ -71,3 +72,17 @@ def test_rebuilt_record_is_the_same(state):
 def test_demo_tells_that_it_was_not_measured(meal, capsys):
     show_meal(meal)
     assert "not measured: not_measurable" in capsys.readouterr().out
+
+
+def test_meal_that_is_not_measured_has_no_total_and_one_without_foods_has_nothing(phone, state):
+    body = meal_metadata()
+    phone.post(pair(), body)
+    path = f"/v1/meals/{body['id']}"
+    assert phone.get(path).json()["totals"]["edible_g"] is None
+    estimates.save(state, body["id"], failure={"code": "no_food_found", "message": "no food"})
+    failed = phone.get(path).json()
+    assert (failed["status"], failed["totals"]["edible_g"]) == ("failed", None)
+    event = {"id": str(uuid.uuid4()), "kind": "confirm_meal"}
+    headers = phone.headers | {"If-Match": "*"}
+    confirmed = phone.client.post(f"{path}/events", headers=headers, json=event).json()
+    assert (confirmed["status"], confirmed["totals"]["edible_g"]) == ("confirmed", 0.0)
