@@ -1,5 +1,6 @@
 """What was left becomes what was eaten: matching, refuse, windows, people's words, both orders of the two runs."""
 
+import threading
 import uuid
 from datetime import UTC, datetime, timedelta
 
@@ -100,6 +101,20 @@ def test_pieces_are_matched_whichever_run_ends_first(table, after_first):
         table.measured().after_measured(left_of_apple(100.0))
     assert (table.after["status"], leftover(table)["class"]) == ("estimated", "food_left")
     assert table.record("apple")["left_g"] > 0
+
+
+def test_runs_that_end_at_the_same_time_leave_no_piece_unmatched(phone, state):
+    for seed in range(5):
+        table = Table(phone, state, seed=seed).send_after()
+        both = [
+            threading.Thread(target=table.measured),
+            threading.Thread(target=table.after_measured, args=(left_of_apple(100.0),)),
+        ]
+        for thread in both:
+            thread.start()
+        for thread in both:
+            thread.join()
+        assert (table.after["status"], leftover(table)["class"]) == ("estimated", "food_left")
 
 
 def test_signed_difference_is_kept_where_more_is_left_than_was_served(table):
