@@ -49,5 +49,4 @@ def _added(standing: Standing, state: ItemState, food: Food, new: Mapping[str, A
     amount = told_amount(standing.session, told["amount"], food, DECLARED_SD)
     item: Item = new_item(standing, "declared", parent_id=state.item.id)
     rows: list[Base] = [item, taken_for(standing, item.id, food, None)]
-    share = told["share"] if told["share"] is not None else state.share
-    return Change(new={**new, "food": food.key, "item": str(item.id), "share": share, **amount}, rows=rows)
+    return Change(new={**new, "food": food.key, "item": str(item.id), "share": told["share"], **amount}, rows=rows)

@@ -235,19 +235,29 @@ class _History:
             word, flags = "rejected", (*flags, REPLACED)
         if not self._counts(item.event_id):
             word, flags = "rejected", (*flags, UNDONE)
-        shares = [event for event in words if event.kind == "set_share"]
-        first_share = made_by.new.get("share", 1.0) if made_by is not None else 1.0
         return ItemState(
             item=item,
             rings=measured.rings,
             taken_for=taken_for,
             amount=measured.amount,
-            share=float(max(shares, key=_precedence).new["share"] if shares else first_share),
+            share=self._share(item),
             word=word,
             reviewed=any(event.layer == "reviewer" for event in spoken),
             food_is_told=is_vouched or (taken_for is not None and taken_for.layer != "automatic"),
             flags=flags,
         )
+
+    def _share(self, item: Item) -> float:
+        """The participant's part of an item; of what was declared without a share, that of the item it came with."""
+        said = [event for event in self._of_item.get(item.id, ()) if event.kind == "set_share"]
+        if said:
+            return float(max(said, key=_precedence).new["share"])
+        made_by = self._by_id.get(item.event_id) if item.event_id is not None else None
+        share = made_by.new.get("share", 1.0) if made_by is not None else 1.0
+        parent = self._items.get(item.parent_id) if item.parent_id is not None else None
+        if share is None:
+            return self._share(parent) if parent is not None else 1.0
+        return float(share)
 
     def _newest_food(self, item: Item) -> ItemFood | None:
         rows = [row for row in self._parts.foods.get(item.id, ()) if self._counts(row.event_id)]

@@ -217,6 +217,26 @@ def test_answered_probe_is_an_item_of_its_own_and_not_asked_again(participant):
     assert meal["items"][-1]["status"] == "rejected"
 
 
+@pytest.mark.parametrize("order", ["declared_then_shared", "shared_then_declared"])
+def test_what_was_declared_of_a_shared_dish_is_shared_as_the_dish_is(participant, order):
+    dish = participant.say("add", food="potatoes-boiled", amount={"mass_g": 200})["items"][-1]["id"]
+    own = participant.say("add", food="potatoes-boiled", amount={"mass_g": 200})["items"][-1]["id"]
+    butter = {"probe": "fat_added", "answer": "yes", "food": "butter", "amount": {"mass_g": 20}}
+    if order == "declared_then_shared":
+        participant.say("declare", item=dish, **butter)
+        participant.say("declare", item=own, **butter, share=0.25)
+    for item in (dish, own):
+        participant.say("set_share", item=item, share=0.5)
+    if order == "shared_then_declared":
+        participant.say("declare", item=dish, **butter)
+        participant.say("declare", item=own, **butter, share=0.25)
+    of_dish, of_own = participant.items()[-2:]
+    assert (of_dish["share"], of_dish["consumed_g"]) == (0.5, pytest.approx(10.0))
+    assert (of_own["share"], of_own["consumed_g"]) == (0.25, pytest.approx(5.0))
+    meal = participant.say("set_share", item=of_dish["id"], share=1.0)
+    assert meal["items"][-2]["consumed_g"] == pytest.approx(20.0)
+
+
 def test_history_tells_staff_names_and_participants_only_layers(participant, reviewer):
     apple = participant.items()[0]["id"]
     participant.say("set_food", item=apple, food="banana")
