@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import psycopg
 import sqlalchemy as sa
 from sqlalchemy import event
 from sqlalchemy.orm import Session
@@ -18,6 +19,7 @@ from sqlalchemy.orm import Session
 BUSY_TIMEOUT_SECONDS = 30.0  # a writer waits this long for another writer on SQLite
 POOL_SIZE = 10  # connections a process, per engine
 STATEMENT_TIMEOUT_MS = 30_000  # PostgreSQL: no request may hold a connection longer
+PG_DATA_EXCEPTION = "22"  # class of SQLSTATEs: a value that cannot be
 PG_DISK_FULL = "53100"  # SQLSTATE disk_full
 
 
@@ -38,6 +40,7 @@ class Database:
                 hide_parameters=True,
                 connect_args={"options": f"-c statement_timeout={STATEMENT_TIMEOUT_MS} -c timezone=UTC"},
             )
+            event.listen(self.write_engine, "handle_error", _without_values)
             self.read_engine = self.write_engine.execution_options(postgresql_readonly=True)
 
     @contextmanager
@@ -112,6 +115,22 @@ def _sqlite_engine(url: str, *, begin: str, query_only: bool) -> sa.Engine:
         connection.exec_driver_sql(begin)
 
     return engine
+
+
+def _without_values(context: sa.engine.ExceptionContext) -> None:
+    """PostgreSQL tells the values that it refused ("DETAIL: Key (code)=(...)"): leave its first line and the SQLSTATE.
+
+    Of a data exception (class 22) the first line itself quotes the value.
+    """
+    original, ours = context.original_exception, context.sqlalchemy_exception
+    if not isinstance(original, psycopg.Error) or original.sqlstate is None:
+        return
+    told, kept = str(original), f"SQLSTATE {original.sqlstate}"
+    if not original.sqlstate.startswith(PG_DATA_EXCEPTION):
+        kept = f"{original.diag.message_primary} ({kept})"
+    original.args = (kept,)
+    if ours is not None:
+        ours.args = tuple(one.replace(told, kept) if isinstance(one, str) else one for one in ours.args)
 
 
 def is_disk_full(error: Exception) -> bool:

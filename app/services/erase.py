@@ -5,6 +5,7 @@ remembered by tombstones, whose digests name nobody. Each erasure stands in the 
 (services/erasure_ledger.py), leaves a receipt in numbers, and is noted in the audit log by aliases that lead nowhere.
 """
 
+import contextlib
 import hashlib
 import uuid
 from collections.abc import Collection
@@ -13,7 +14,7 @@ from datetime import UTC, datetime
 
 from sqlalchemy.orm import Session
 
-from app.db.models import ErasureReceipt, Meal
+from app.db.models import ErasureReceipt, Meal, MealImage
 from app.db.queries import meals, privacy, records
 from app.db.queries.privacy import Ids
 from app.db.session import Database
@@ -23,6 +24,7 @@ from app.services.caller import Caller
 from app.services.erasure_ledger import Deed, Erasure, ErasureLedger, Kind, digest_of
 from app.services.read_meal import find_meal
 from app.services.secret_box import SecretBox
+from app.storage.blob_store import BlobMissingError
 
 PHOTOGRAPH_ERASED = Failure(
     "photograph_erased",
@@ -49,8 +51,14 @@ class Eraser:
         return receipt
 
     def intend(self, kind: Kind, deed: Deed, thing_id: uuid.UUID) -> Erasure:
-        """Write the erasure into the ledger: from here on it happens."""
+        """Write the erasure into the ledger: from here on it happens.
+
+        One that stands there already is the same one: who asks again after a crash, or at the same time, gets the
+        receipt that a restore would bring back.
+        """
         digest = digest_of(self.box, kind, deed, thing_id)
+        with contextlib.suppress(BlobMissingError):
+            return self.ledger.read(kind, digest)
         erasure = Erasure(kind, deed, digest, receipt_id=uuid.uuid4(), at=datetime.now(UTC))
         self.ledger.write(erasure)
         return erasure
@@ -113,6 +121,14 @@ def erase_pictures(session: Session, query: Ids, now: datetime) -> dict[str, int
     privacy.want_deleted(session, [*photographs, *derived], None, now)
     privacy.touch_meals(session, query)
     return {"photographs": len(photographs), "derived_pictures": len(derived)}
+
+
+def erase_failed_pair(session: Session, images: Collection[MealImage], now: datetime) -> None:
+    """Photographs of an after-meal pair that could not be measured, when another is sent: rows and blobs."""
+    privacy.want_deleted(session, [image.blob_key for image in images], None, now)
+    for image in images:
+        session.delete(image)
+    session.flush()
 
 
 def add_receipt(

@@ -28,6 +28,7 @@ from app.services.caller import Caller, DeviceCaller, StaffCaller
 from app.services.item_state import ItemState, MealState, fold_meal
 from app.services.project_records import Projector, project_meal
 from app.services.read_meal import MealView, find_meal, meal_view
+from app.services.withdraw import require_in_study
 
 MAX_EVENTS = 1000  # of a meal; each word reads them all
 MAX_ITEMS = 200  # of a meal, those that were split, merged and undone as well
@@ -141,7 +142,8 @@ class MealEvents:
         """The meal with the event, and whether it is new: the same sent again changes nothing.
 
         expected: versions of the meal that the caller may have read; None: whichever it is.
-        Raises NotFoundError, NotAllowedError, ConflictError, InvalidInputError, PreconditionFailedError.
+        Raises NotFoundError, NotAllowedError, ConflictError, InvalidInputError, PreconditionFailedError, GoneError
+        (`withdrawn`: the phone's participant left meanwhile).
         """
         try:
             return self._append(caller, client_id, event, expected, participant_code)
@@ -157,8 +159,11 @@ class MealEvents:
         participant_code: str | None,
     ) -> tuple[MealView, bool]:
         with self._database.write() as session:
+            if isinstance(caller, DeviceCaller):
+                require_in_study(session, caller.participant_id)
             meal, participant, study = find_meal(session, caller, client_id, participant_code)
-            if meals.lock_meal(session, meal.id) is None:
+            locked = meals.lock_meal(session, meal.id)
+            if locked is None or locked.client_id != client_id:  # erased or anonymised while this waited for it
                 raise NotFoundError("There is no such meal.")
             projector = Projector(session)
             known = session.get(MealEvent, event.id)

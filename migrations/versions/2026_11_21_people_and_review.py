@@ -66,6 +66,12 @@ APPEND_ONLY_SQLITE = """
     CREATE TRIGGER audit_event_no_{lower} BEFORE {verb} ON audit_event
     BEGIN SELECT RAISE(ABORT, 'audit_event is append-only'); END
 """
+# INSERT OR REPLACE fires no DELETE trigger unless its connection asks for it (recursive_triggers)
+NO_REPLACE_SQLITE = """
+    CREATE TRIGGER audit_event_no_replace BEFORE INSERT ON audit_event
+    WHEN EXISTS (SELECT 1 FROM audit_event WHERE id = NEW.id)
+    BEGIN SELECT RAISE(ABORT, 'audit_event is append-only'); END
+"""
 APPEND_ONLY_POSTGRES = (
     (
         "CREATE FUNCTION refuse_change() RETURNS trigger LANGUAGE plpgsql AS "
@@ -116,6 +122,7 @@ def make_append_only(connection: sa.Connection) -> None:
         statements = list(APPEND_ONLY_POSTGRES)
     else:
         statements = [APPEND_ONLY_SQLITE.format(verb=verb, lower=verb.lower()) for verb in ("UPDATE", "DELETE")]
+        statements.append(NO_REPLACE_SQLITE)
     for statement in statements:
         op.execute(statement)
 

@@ -84,7 +84,8 @@ class Person:
             sha256 = hashlib.sha256(content).hexdigest()
             key = f"{meal.study_id}/{meal.id}/runs/{run.id}/topview.jpg/{sha256}"
             state.blobs.put_bytes(key, content)
-            state.blobs.put_bytes(f"{meal.study_id}/{meal.id}/runs/{run.id}/result.json/{'0' * 64}", mark.encode())
+            run.result_key = f"{meal.study_id}/{meal.id}/runs/{run.id}/result.json/{'0' * 64}"
+            state.blobs.put_bytes(run.result_key, mark.encode())
             artefact = RunArtefact(
                 run_id=run.id,
                 name="topview.jpg",

@@ -345,6 +345,32 @@ def is_named(session: Session, key: str) -> bool:
     return bool(session.scalar(sa.select(sa.or_(images, artefacts, results))))
 
 
+def of_known_studies(session: Session, keys: Collection[str]) -> set[str]:
+    """Those of the keys (`study/...`) whose study is there."""
+    of_keys = {key: _uuid_or_none(key.split("/")[0]) for key in keys}
+    wanted = {study_id for study_id in of_keys.values() if study_id is not None}
+    there = set(session.scalars(sa.select(Study.id).where(Study.id.in_(wanted))))
+    return {key for key, study_id in of_keys.items() if study_id in there}
+
+
+def needed_keys(session: Session, keys: Collection[str]) -> set[str]:
+    """Those of the keys that a row names, or that a job under way may come to name.
+
+    At most IN_A_STATEMENT keys. A job seals its answer and its pictures before it writes them down, perhaps days later
+    if its worker dies in between.
+    """
+    meal_of = {key: _meal_of(key) for key in keys}
+    meals = {meal_id for meal_id in meal_of.values() if meal_id is not None}
+    named = sa.union_all(
+        sa.select(MealImage.blob_key).where(MealImage.meal_id.in_(meals), MealImage.erased_at.is_(None)),
+        sa.select(RunArtefact.blob_key).join(Run, Run.id == RunArtefact.run_id).where(Run.meal_id.in_(meals)),
+        sa.select(Run.result_key).where(Run.meal_id.in_(meals)),
+    )
+    needed = set(session.scalars(named)) & set(keys)
+    at_work = set(session.scalars(sa.select(Job.meal_id).where(Job.meal_id.in_(meals), Job.state.in_(LIVE_STATES))))
+    return needed | {key for key, meal_id in meal_of.items() if meal_id in at_work}
+
+
 def meals_there(session: Session, keys: Sequence[str]) -> set[str]:
     """Those of the keys (`study/meal/...`) whose meal is there."""
     of_keys = {key: _meal_of(key) for key in keys}

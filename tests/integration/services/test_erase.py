@@ -20,6 +20,7 @@ from app.services.erase import PHOTOGRAPH_ERASED
 from app.services.erasure_ledger import digest_of
 from app.services.estimate_meal import EstimateMeal
 from app.services.reapply_erasures import reapply_erasures
+from app.services.retention import erase_old_pictures
 from tests import estimates
 from tests.integration.conftest import meal_metadata
 from tests.integration.persons import Person, store_bytes
@@ -77,7 +78,8 @@ def test_two_who_erase_the_same_meal_get_one_receipt(person, state):
     assert state.eraser.carry_out_on_meal(first, person.meal_id, None) is not None
     assert state.eraser.carry_out_on_meal(second, person.meal_id, None) is None
     with state.database.read() as session:
-        assert len(session.scalars(sa.select(ErasureReceipt)).all()) == 1
+        receipt = session.scalars(sa.select(ErasureReceipt)).one()
+    assert state.eraser.ledger.read("meal", first.digest).receipt_id == receipt.id  # what a restore would bring back
 
 
 def test_blob_that_a_row_names_is_not_deleted_whatever_the_intent_says(person, state):
@@ -104,6 +106,86 @@ def test_orphans_go_past_the_grace_time_and_what_is_named_or_young_stays(person,
         os.utime(folder / key, (past, past))
     assert BlobDeleter(state.database, state.blobs).delete_orphans() == 1
     assert {blob.key for blob in state.blobs.keys()} == before | {young}  # noqa: SIM118
+
+
+@pytest.mark.parametrize("how", ["retention", "anonymise"])
+def test_photograph_of_an_upload_that_lost_goes_though_its_meal_stays(how, person, state, settings, client):
+    stray = seal_stray(state, "left")
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(retention_days=1, withdrawal_policy="anonymise"))
+    if how == "retention":
+        erase_old_pictures(state.database, datetime.now(UTC) + timedelta(days=2))
+    else:
+        client.post("/v1/me/withdrawal", headers=person.phone.headers)
+    deleter = BlobDeleter(state.database, state.blobs)
+    deleter.delete_wanted()
+    make_old(settings)
+    assert deleter.delete_orphans() == 1
+    assert not state.blobs.has(stray)
+
+
+def test_erased_photographs_that_a_restored_store_brings_back_go_again(person, state, settings):
+    saved = {blob.key: state.blobs.read(blob.key) for blob in state.blobs.keys()}  # noqa: SIM118
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(retention_days=1))
+    erase_old_pictures(state.database, datetime.now(UTC) + timedelta(days=2))
+    deleter = BlobDeleter(state.database, state.blobs)
+    deleter.delete_wanted()
+    for key, content in saved.items():
+        state.blobs.put_bytes(key, content)
+    make_old(settings)
+    deleter.delete_orphans()
+    assert {key.split("/")[-2] for key in saved} > {"result.json"}
+    assert {blob.key.split("/")[-2] for blob in state.blobs.keys()} == {"result.json"}  # noqa: SIM118
+
+
+def test_what_a_job_under_way_has_sealed_is_no_orphan_however_old(person, state, settings):
+    sealed = seal_stray(state, f"runs/{uuid.uuid4()}/topview.jpg")
+    with state.database.write() as session:
+        session.execute(sa.update(Job).values(state="queued"))
+    make_old(settings)
+    assert BlobDeleter(state.database, state.blobs).delete_orphans() == 0
+    assert state.blobs.has(sealed)
+
+
+def test_photograph_that_is_sent_again_while_orphans_are_looked_for_stays(person, state, settings, monkeypatch):
+    stray = seal_stray(state, "left")
+    make_old(settings)
+    look = privacy.needed_keys
+
+    def look_then_sent_again(session, keys):
+        found = look(session, keys)
+        state.blobs.put_bytes(stray, b"sent again")
+        return found
+
+    monkeypatch.setattr(privacy, "needed_keys", look_then_sent_again)
+    assert BlobDeleter(state.database, state.blobs).delete_orphans() == 0
+    assert state.blobs.read(stray) == b"sent again"
+
+
+def test_store_of_another_database_is_left_alone(state, settings):
+    key = f"{uuid.uuid4()}/{uuid.uuid4()}/left/{'a' * 64}"
+    state.blobs.put_bytes(key, b"a photograph whose rows are elsewhere")
+    make_old(settings)
+    assert BlobDeleter(state.database, state.blobs).delete_orphans() == 0
+    assert state.blobs.has(key)
+
+
+def seal_stray(state, slot):
+    """Seal a blob of the person's meal that no row names; its key."""
+    with state.database.read() as session:
+        study_id, meal_id = session.execute(sa.select(Meal.study_id, Meal.id)).one()
+    key = f"{study_id}/{meal_id}/{slot}/{'a' * 64}"
+    state.blobs.put_bytes(key, b"sealed, and never written down")
+    return key
+
+
+def make_old(settings):
+    """All blobs, as if they were sealed two days ago."""
+    past = time.time() - timedelta(days=2).total_seconds()
+    for path in (settings.data_dir / "blobs").rglob("*"):
+        if path.is_file():
+            os.utime(path, (past, past))
 
 
 class ErasingChildren:
