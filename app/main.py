@@ -82,24 +82,24 @@ stable `code`.
 OUT_OF_ROUTES = (Problem, MealMetadataIn, NewMealMetadataIn, AfterMetadataIn, CheckMetadataIn, CalibrationMetadataIn)
 
 
-def create_app(settings: Settings) -> FastAPI:
-    """The app of one process."""
-
-    @asynccontextmanager
-    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        box = open_secret_box(settings)
-        database = Database(settings.resolved_database_url)
-        blobs = open_blob_store(settings.resolved_blob_url)
-        try:
-            await anyio.to_thread.run_sync(prepare, database, settings)
-        except BaseException:
-            database.dispose()
-            raise
-        queue = JobQueue(database)
-        waiter = MealWaiter(database)
-        last_use = LastUse(database)
-        children = ApiChildren(settings)
-        app.state.api = ApiState(
+@asynccontextmanager
+async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
+    """What the endpoints of one process share: opened at its start, closed at its end."""
+    box = open_secret_box(settings)
+    database = Database(settings.resolved_database_url)
+    blobs = open_blob_store(settings.resolved_blob_url)
+    try:
+        await anyio.to_thread.run_sync(prepare, database, settings)
+    except BaseException:
+        database.dispose()
+        raise
+    queue = JobQueue(database)
+    waiter = MealWaiter(database)
+    last_use = LastUse(database)
+    children = ApiChildren(settings)
+    try:
+        children.start_soon()
+        yield ApiState(
             settings=settings,
             database=database,
             blobs=blobs,
@@ -118,16 +118,23 @@ def create_app(settings: Settings) -> FastAPI:
             passwords=Passwords(),
             last_use=last_use,
         )
-        try:
-            children.start_soon()
-            yield
-        finally:
-            await anyio.to_thread.run_sync(children.close)
-            await waiter.close()
-            await anyio.to_thread.run_sync(last_use.close)
-            queue.close()
-            database.dispose()
+    finally:
+        await anyio.to_thread.run_sync(children.close)
+        await waiter.close()
+        await anyio.to_thread.run_sync(last_use.close)
+        queue.close()
+        database.dispose()
 
+
+@asynccontextmanager
+async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+    """From the app's settings, as they are when it starts, to the parts that its endpoints ask for."""
+    async with open_parts(app.state.settings) as app.state.api:
+        yield
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """The app of one process."""
     app = FastAPI(
         title="tada-server",
         version=__version__,
@@ -136,6 +143,7 @@ def create_app(settings: Settings) -> FastAPI:
         lifespan=lifespan,
         dependencies=[Depends(authorise)],
     )
+    app.state.settings = settings
     install_problem_handlers(app)
     app.add_middleware(BodyLimit)
     app.add_middleware(RequestLog)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import pytest
+from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
 from app.main import create_app
@@ -29,9 +30,16 @@ def settings(prepared_database_url, tmp_path) -> Settings:
     )
 
 
+@pytest.fixture(scope="session")
+def app() -> FastAPI:
+    """The app, whose hundred routes are made once; each test opens it with settings of its own."""
+    return create_app(Settings())
+
+
 @pytest.fixture
-def client(settings) -> Iterator[TestClient]:
-    with TestClient(create_app(settings), raise_server_exceptions=False) as client:
+def client(app, settings) -> Iterator[TestClient]:
+    app.state.settings = settings
+    with TestClient(app, raise_server_exceptions=False) as client:
         yield client
 
 

@@ -5,11 +5,9 @@ import uuid
 
 import pytest
 import sqlalchemy as sa
-from fastapi.testclient import TestClient
 
 from app.api.access import RULES, SAFE_METHODS
 from app.db.models import AuditEvent
-from app.main import create_app
 from app.services import safe_address
 from tests import estimates
 from tests.estimates import found_item
@@ -32,11 +30,9 @@ HOOKS = "/v1/studies/{study}/webhooks"
 ANY_VERSION = {"If-Match": "*"}
 
 
-@pytest.fixture
-def client(settings, monkeypatch):
+@pytest.fixture(autouse=True)
+def every_name_is_public(monkeypatch):
     monkeypatch.setattr(safe_address, "system_resolver", lambda *_: ["8.8.8.8"])
-    with TestClient(create_app(settings), raise_server_exceptions=False) as client:
-        yield client
 
 
 class Walk:

@@ -10,14 +10,12 @@ from datetime import UTC, date, datetime
 
 import pytest
 import sqlalchemy as sa
-from fastapi.testclient import TestClient
 
 from app.db.models import AuditEvent, Job, Meal, Participant, Webhook, WebhookDelivery
 from app.db.models.webhook import ALL_EVENTS, EVENTS
 from app.db.queries import jobs
 from app.db.queries.meals import lock_meal
 from app.errors import Failure
-from app.main import create_app
 from app.services import announce, safe_address
 from app.services.caller import DeviceCaller
 from app.services.chores import worker_chores
@@ -33,10 +31,8 @@ SECRET = re.compile(r"whsec_[A-Za-z0-9+/]{43}=")
 
 
 @pytest.fixture
-def client(settings):
-    settings = settings.model_copy(update={"webhook_allow_loopback": True})
-    with TestClient(create_app(settings), raise_server_exceptions=False) as client:
-        yield client
+def settings(settings):
+    return settings.model_copy(update={"webhook_allow_loopback": True})
 
 
 @pytest.fixture
