@@ -21,7 +21,7 @@ from app.db.session import Database
 from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundError
 from app.services import audit
 from app.services.caller import DeviceCaller
-from app.services.erase import is_meal_deleted, meal_deleted
+from app.services.erase import erase_failed_pair, is_meal_deleted, meal_deleted
 from app.services.location_policy import policy_of
 from app.services.meal_time import MealTime
 from app.services.project_records import project_meal
@@ -232,12 +232,9 @@ class SubmitAfterPair:
 
 def _start_anew(session: Session, meal: Meal, known: _Known, now: datetime) -> None:
     """Make room for another pair: the failed one's photographs go, its run stays."""
-    privacy.want_deleted(session, [image.blob_key for image in known.stored.values()], None, now)
-    for image in known.stored.values():
-        session.delete(image)
+    erase_failed_pair(session, known.stored.values(), now)
     meal.after_status, meal.after_details = "receiving", None
     meal.after_failure_code = meal.after_failure_message = meal.after_failure_advice = None
-    session.flush()
 
 
 def _blob_key(study_id: uuid.UUID, meal_id: uuid.UUID, slot: str, attempt: int, photo: SealablePhoto) -> str:
