@@ -29,7 +29,7 @@ from app.vision.stillness import judge_matches, judge_table
 from app.vision.trace import Trace
 from app.vision.traits import sheet_white, traits_of
 
-PIPELINE_VERSION = "3"  # changes whenever the same photographs may give another answer
+PIPELINE_VERSION = "4"  # changes whenever the same photographs may give another answer
 
 
 def estimate_meal(
