@@ -31,6 +31,7 @@ from app.services.study_days import person_on
 MIN_COVERAGE = 0.9  # of a day's grams; a day of which less is known is left out, since it would count as little eaten
 LESS: Mapping[str, str] = {"205": "291"}  # the requirement is of available carbohydrate: fibre is taken off
 IRON = "303"
+NIACIN = "406"  # preformed; the need is of equivalents, to which tryptophan adds much (IOM 1998, chapter 6)
 MENSTRUATING = frozenset(  # their need of iron is skewed: half the group is not below the EAR (IOM 2001, chapter 9)
     {
         LifeStage.FEMALE_14_18,
@@ -44,6 +45,7 @@ Reason = Literal[
     "energy_follows_need",
     "no_ear",
     "need_is_skewed",
+    "intake_is_lower_bound",
     "too_few_persons",
     "no_repeated_days",
     "no_difference_between_persons",
@@ -181,4 +183,4 @@ def _why_not(stage: LifeStage, reference: ReferenceIntake | None, number: str) -
         return "no_ear"
     if number == IRON and stage in MENSTRUATING:
         return "need_is_skewed"
-    return None
+    return "intake_is_lower_bound" if number == NIACIN else None

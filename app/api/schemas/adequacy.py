@@ -33,6 +33,7 @@ class StageAdequacyOut(BaseModel):
             "energy_follows_need",
             "no_ear",
             "need_is_skewed",
+            "intake_is_lower_bound",
             "too_few_persons",
             "no_repeated_days",
             "no_difference_between_persons",

@@ -104,7 +104,13 @@ def test_protein_is_judged_a_kilogram_and_carbohydrate_without_fibre(state, clie
 
 @pytest.mark.usefixtures("group")
 @pytest.mark.parametrize(
-    ("component", "reason"), [("ENERC_KCAL", "energy_follows_need"), ("FIBTG", "no_ear"), ("NA", "no_ear")]
+    ("component", "reason"),
+    [
+        ("ENERC_KCAL", "energy_follows_need"),
+        ("FIBTG", "no_ear"),
+        ("NA", "no_ear"),
+        ("NIA", "intake_is_lower_bound"),  # preformed niacin beside a need of equivalents
+    ],
 )
 def test_what_cannot_be_judged_so_says_why(client, admin, component, reason):
     (men,) = asked(client, admin, component)["groups"]
