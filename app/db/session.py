@@ -1,8 +1,9 @@
 """Engines and transactions, on SQLite and PostgreSQL alike: `database.write()` and `database.read()`.
 
 Only services open transactions. SQLite: write-ahead log, full sync, one writer at a time (BEGIN IMMEDIATE, kept short),
-readers on connections that cannot write. PostgreSQL: READ COMMITTED writes, read-only reads. Errors do not quote the
-values of their statements: they end up in logs, and the values are about people.
+readers on connections that cannot write. PostgreSQL: READ COMMITTED writes, read-only reads. A read sees one
+moment, however many queries it makes: else a page of changes may pass one over for good. Errors do not quote the values
+of their statements: they end up in logs, and the values are about people.
 """
 
 import sqlite3
@@ -41,7 +42,9 @@ class Database:
                 connect_args={"options": f"-c statement_timeout={STATEMENT_TIMEOUT_MS} -c timezone=UTC"},
             )
             event.listen(self.write_engine, "handle_error", _without_values)
-            self.read_engine = self.write_engine.execution_options(postgresql_readonly=True)
+            self.read_engine = self.write_engine.execution_options(
+                isolation_level="REPEATABLE READ", postgresql_readonly=True
+            )
 
     @contextmanager
     def write(self) -> Iterator[Session]:
@@ -51,7 +54,10 @@ class Database:
 
     @contextmanager
     def read(self) -> Iterator[Session]:
-        """A session in one read-only transaction; a write in it is an error of the database."""
+        """A session in one read-only transaction: a snapshot from its first query on.
+
+        A write in it is an error of the database.
+        """
         with Session(self.read_engine, expire_on_commit=False) as session, session.begin():
             yield session
 
