@@ -404,9 +404,9 @@ def workflows_without_job(session: Session, limit: int) -> list[str]:
 
 def stream_meals_of(session: Session, participant_id: uuid.UUID) -> Iterator[Meal]:
     """A participant's meals in the order of eating, a few at a time in memory."""
-    query = sa.select(Meal).where(Meal.participant_id == participant_id).order_by(Meal.captured_at, Meal.id)
-    for meal in session.scalars(query.execution_options(yield_per=20)):
-        yield meal
+    query = sa.select(Meal.id).where(Meal.participant_id == participant_id).order_by(Meal.captured_at, Meal.id)
+    for meal_id in list(session.scalars(query)):  # ids only: a stream of rows does not survive its session's emptying
+        yield session.get_one(Meal, meal_id)
         session.expunge_all()
 
 

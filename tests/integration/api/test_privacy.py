@@ -241,6 +241,20 @@ def test_export_holds_all_that_is_known_and_the_photographs_byte_for_byte(person
     assert list(state.blobs.staging_folder().iterdir()) == []
 
 
+def test_export_of_many_meals_holds_each_in_the_order_of_eating(person, state):
+    with state.database.write() as session:
+        meal = session.scalars(sa.select(Meal)).one()
+        plain = {key: getattr(meal, key) for key in Meal.__table__.columns.keys()}  # noqa: SIM118
+        for n in range(1, 46):
+            other = {"id": uuid.uuid4(), "client_id": uuid.uuid4(), "alias": uuid.uuid4()}
+            session.add(Meal(**plain | other | {"captured_at": meal.captured_at + timedelta(minutes=n)}))
+    answer = person.phone.get("/v1/me/export")
+    assert answer.status_code == 200
+    told = json.loads(zipfile.ZipFile(io.BytesIO(answer.content)).read("data.json"))["meals"]
+    assert len(told) == 46
+    assert [each["captured_at"] for each in told] == sorted(each["captured_at"] for each in told)
+
+
 def test_export_is_noted_as_a_read_of_photographs(person, state):
     person.phone.get("/v1/me/export")
     with state.database.read() as session:
