@@ -4,6 +4,7 @@ Behind a reverse proxy the caller's address stands in X-Forwarded-For, which any
 proxies that TADA_TRUSTED_PROXIES names, and from nobody by default.
 """
 
+import gc
 import ipaddress
 import socket
 import sys
@@ -114,6 +115,8 @@ class _Server(uvicorn.Server):
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
+        gc.collect()
+        gc.freeze()  # what is there now stays: collecting it again and again would hold up requests by 0.1 s
         for server in self.servers:
             for listening in server.sockets:
                 host, port = listening.getsockname()[:2]

@@ -27,7 +27,7 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
     if session.get(Run, job_id) is not None:
         return  # saved before: the job ran again after its worker died between commit and report
     meal = meals.lock_meal(session, job.meal_id)
-    if meal is None or meal.deleted_at is not None:
+    if meal is None:
         return  # the meal went while it was estimated: nothing of it may come back
     now, failure = datetime.now(UTC), answer["failure"]
     session.add(

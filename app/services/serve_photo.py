@@ -57,8 +57,6 @@ def find_photo(
     with database.read() as session:
         meal, _, _ = find_meal(session, caller, client_id, participant_code)
         image = next((one for one in meals.images_of(session, meal.id) if one.slot == slot), None)
-    if meal.deleted_at is not None:
-        raise GoneError("This meal was deleted.", code="meal_deleted")
     if image is None:
         raise NotFoundError(f"This meal has no photograph {slot!r}.")
     if image.erased_at is not None:

@@ -190,6 +190,7 @@ def alter_meals(connection: sa.Connection) -> None:
         batch_op.add_column(sa.Column("after_failure_message", sa.Text(), nullable=True))
         batch_op.add_column(sa.Column("after_failure_advice", sa.Text(), nullable=True))
         batch_op.add_column(sa.Column("after_due_at", INSTANT, nullable=True))
+        batch_op.drop_column("deleted_at")  # nothing ever set it: a meal that is deleted is not there
         batch_op.create_index(op.f("ix_meal_after_due_at"), ["after_due_at"])
         batch_op.create_index(op.f("ix_meal_after_status"), ["after_status"])
         batch_op.create_index(op.f("ix_meal_participant_id_local_date"), ["participant_id", "local_date"])
@@ -314,6 +315,7 @@ def restore_older_tables() -> None:
         batch_op.drop_column("erased_at")
         batch_op.create_check_constraint(op.f("ck_meal_image_slot"), one_of("slot", ("left", "right")))
     with op.batch_alter_table("meal") as batch_op:
+        batch_op.add_column(sa.Column("deleted_at", INSTANT, nullable=True))
         batch_op.drop_index(op.f("ix_meal_after_due_at"))
         batch_op.drop_index(op.f("ix_meal_after_status"))
         batch_op.drop_index(op.f("ix_meal_participant_id_local_date"))

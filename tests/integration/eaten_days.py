@@ -34,7 +34,6 @@ def add_meal(
     study="pilot",
     hour=12,
     delay=timedelta(minutes=5),
-    deleted=False,
     device_of=None,
     status="estimated",
 ):
@@ -59,7 +58,6 @@ def add_meal(
             details={"hints": []},
             status=status,
             received_at=captured_at + delay,
-            deleted_at=captured_at + delay if deleted else None,
         )
         session.add(meal)
         session.flush()

@@ -53,7 +53,6 @@ class Meal(Base):
     version: Mapped[int] = mapped_column(default=1)
     received_at: Mapped[datetime]
     submitted_at: Mapped[datetime | None]
-    deleted_at: Mapped[datetime | None]
 
     __table_args__ = (
         sa.UniqueConstraint("participant_id", "client_id"),

@@ -150,8 +150,8 @@ def find_day(session: Session, participant_id: uuid.UUID, local_date: date) -> D
 def keys_of(chosen: DayFilter, after: tuple[date, uuid.UUID] | None) -> sa.Select[*tuple[Any, ...]]:
     """The participant-days that have a meal or a word."""
     parts = []
-    for table, condition in ((Meal, Meal.deleted_at.is_(None)), (DiaryDay, sa.true())):
-        query = sa.select(table.participant_id, table.local_date).where(condition)
+    for table in (Meal, DiaryDay):
+        query = sa.select(table.participant_id, table.local_date)
         query = filtered(query, table.study_id, table.participant_id, table.local_date, chosen)
         if after is not None:
             key = sa.tuple_(table.local_date, table.participant_id)
@@ -257,7 +257,7 @@ def _meals_of(page: sa.CTE) -> sa.Subquery:
             sa.func.sum(sa.case((is_unmeasured_meal(), 1), else_=0)).label("unmeasured_meals"),
         )
         .select_from(page)
-        .outerjoin(Meal, _meal_of(page))
+        .outerjoin(Meal, _same_day(Meal.participant_id, Meal.local_date, page))
         .outerjoin(DiaryDay, _same_day(DiaryDay.participant_id, DiaryDay.local_date, page))
         .group_by(page.c.participant_id, page.c.local_date)
         .subquery()
@@ -277,7 +277,7 @@ def _delays_of(page: sa.CTE) -> sa.Subquery:
             sa.func.count().over(partition_by=of_day).label("places"),
         )
         .select_from(page)
-        .outerjoin(Meal, _meal_of(page))
+        .outerjoin(Meal, _same_day(Meal.participant_id, Meal.local_date, page))
         .subquery()
     )
     twice = 2 * ranked.c.place
@@ -316,10 +316,6 @@ def _records_of(page: sa.CTE) -> sa.Subquery:
         .group_by(page.c.participant_id, page.c.local_date)
         .subquery()
     )
-
-
-def _meal_of(page: sa.CTE) -> sa.ColumnElement[bool]:
-    return sa.and_(_same_day(Meal.participant_id, Meal.local_date, page), Meal.deleted_at.is_(None))
 
 
 def _same_day(participant_id: Any, local_date: Any, page: sa.CTE) -> sa.ColumnElement[bool]:

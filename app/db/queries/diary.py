@@ -23,11 +23,7 @@ def events_of(session: Session, participant_id: uuid.UUID, days: Collection[date
 
 def first_days(session: Session, participant_ids: Collection[uuid.UUID]) -> dict[uuid.UUID, date]:
     """Participant -> the study's day 1 for them; absent where neither a start, a meal nor a closed day is known."""
-    first_meal = (
-        sa.select(sa.func.min(Meal.local_date))
-        .where(Meal.participant_id == Participant.id, Meal.deleted_at.is_(None))
-        .scalar_subquery()
-    )
+    first_meal = sa.select(sa.func.min(Meal.local_date)).where(Meal.participant_id == Participant.id).scalar_subquery()
     first_closed = (
         sa.select(sa.func.min(DiaryDay.local_date))
         .where(DiaryDay.participant_id == Participant.id, DiaryDay.status == "closed")
@@ -48,7 +44,7 @@ def count_meals(session: Session, participant_id: uuid.UUID, local_date: date) -
     query = (
         sa.select(sa.func.count())
         .select_from(Meal)
-        .where(Meal.participant_id == participant_id, Meal.local_date == local_date, Meal.deleted_at.is_(None))
+        .where(Meal.participant_id == participant_id, Meal.local_date == local_date)
     )
     return session.execute(query).scalar_one()
 

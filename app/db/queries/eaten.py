@@ -13,9 +13,7 @@ def meals_of_day(
     session: Session, participant_id: uuid.UUID, local_date: date
 ) -> list[tuple[Meal, list[EffectiveRecord]]]:
     """The day's meals in their order; records that were rejected are left out, meals without any are there."""
-    of_day = sa.select(Meal).where(
-        Meal.participant_id == participant_id, Meal.local_date == local_date, Meal.deleted_at.is_(None)
-    )
+    of_day = sa.select(Meal).where(Meal.participant_id == participant_id, Meal.local_date == local_date)
     meals = session.scalars(of_day.order_by(Meal.captured_at, Meal.id)).all()
     records = sa.select(EffectiveRecord).where(
         EffectiveRecord.meal_id.in_([meal.id for meal in meals]), EffectiveRecord.status != "rejected"

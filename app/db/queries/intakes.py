@@ -147,7 +147,6 @@ def closed_days(session: Session, chosen: DayFilter) -> list[ClosedDay]:
     is_there = (
         Meal.participant_id == DiaryDay.participant_id,
         Meal.local_date == DiaryDay.local_date,
-        Meal.deleted_at.is_(None),
     )
     is_nothing = sa.and_(DiaryDay.ate_nothing, ~sa.exists().where(*is_there))
     is_measured = sa.and_(

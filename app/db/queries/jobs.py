@@ -132,7 +132,7 @@ def waiting_without_live_job(session: Session) -> list[tuple[uuid.UUID, str]]:
     found = []
     for purpose, status in (("meal", Meal.status), ("after", Meal.after_status)):
         live = sa.exists().where(Job.meal_id == Meal.id, Job.purpose == purpose, Job.state.in_(LIVE_STATES))
-        query = sa.select(Meal.id).where(status.in_(WAITING), Meal.deleted_at.is_(None), ~live)
+        query = sa.select(Meal.id).where(status.in_(WAITING), ~live)
         found += [(meal_id, purpose) for meal_id in session.scalars(query.order_by(Meal.submitted_at))]
     return found
 

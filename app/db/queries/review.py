@@ -57,9 +57,7 @@ def undone_events(session: Session, meal_id: uuid.UUID) -> set[str]:
 def words_about_questions(session: Session, participant_id: uuid.UUID) -> list[tuple[MealEvent, Meal]]:
     """Questions to a participant, the newest first, and behind them all answers and undoings of the same meals."""
     of_person = (
-        sa.select(MealEvent, Meal)
-        .join(Meal, Meal.id == MealEvent.meal_id)
-        .where(Meal.participant_id == participant_id, Meal.deleted_at.is_(None))
+        sa.select(MealEvent, Meal).join(Meal, Meal.id == MealEvent.meal_id).where(Meal.participant_id == participant_id)
     )
     newest = of_person.where(MealEvent.kind == "question").order_by(MealEvent.created_at.desc(), MealEvent.id.desc())
     questions = [(event, meal) for event, meal in session.execute(newest.limit(QUESTIONS_LOOKED_AT))]
@@ -79,7 +77,6 @@ def page_of_queue(
         .join(Participant, Participant.id == record.participant_id)
         .outerjoin(Food, Food.id == record.food_id)
         .where(record.study_id == chosen.study_id, record.reviewed.is_(False), record.status != "rejected")
-        .where(Meal.deleted_at.is_(None))
         .order_by(record.doubt.desc(), record.item_id.desc())
         .limit(limit)
     )

@@ -93,8 +93,14 @@ def test_nothing_eaten_is_refused_where_there_are_meals(phone, state):
     assert say(phone, CLOSED, 0).status_code == 200
 
 
-def test_deleted_meal_does_not_stand_against_nothing_eaten(phone, state):
-    add_meal(state, "P001", DAY, deleted=True)
+def send_and_delete(phone, day):
+    body = meal_metadata(captured_at=f"{day}T12:30:00+08:00")
+    assert phone.post(pair(), body).json()["local_date"] == str(day)
+    assert phone.client.delete(f"/v1/meals/{body['id']}", headers=phone.headers).status_code == 200
+
+
+def test_deleted_meal_does_not_stand_against_nothing_eaten(phone):
+    send_and_delete(phone, DAY)
     assert say(phone, NOTHING, 0).json()["ate_nothing"] is True
 
 
@@ -205,7 +211,7 @@ def test_meal_before_the_studys_day_start_is_on_the_day_before(enrol, state):
 
 
 def test_study_day_counts_from_the_start_or_the_first_day(phone, state):
-    add_meal(state, "P001", "2026-11-17", deleted=True)
+    send_and_delete(phone, "2026-11-17")
     add_meal(state, "P001", "2026-11-18", eaten_item())
     add_meal(state, "P001", "2026-11-20")
     assert [day["study_day"] for day in days_of(phone)] == [1, 3]

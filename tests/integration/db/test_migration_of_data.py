@@ -12,7 +12,7 @@ from app.db.session import Database
 
 FIRST = "20261121_first"
 CHAIN = ("study", "participant", "device", "meal", "job", "run", "item", "effective_record")
-REPLACED = {"run": {"food_release_id"}}  # by food_releases
+REPLACED = {"run": {"food_release_id"}, "meal": {"deleted_at"}}  # by food_releases; by tombstones
 WORDS = {"location_policy": "drop", "state": "done", "status": "confirmed"}  # that the checks allow
 
 
