@@ -9,7 +9,7 @@ import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, Protocol
+from typing import Any
 
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
@@ -22,6 +22,7 @@ from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundErro
 from app.services import audit
 from app.services.caller import DeviceCaller
 from app.services.erase import erase_failed_pair, is_meal_deleted, meal_deleted
+from app.services.job_queue import JobQueue
 from app.services.location_policy import policy_of
 from app.services.meal_time import MealTime
 from app.services.project_records import project_meal
@@ -34,14 +35,6 @@ from app.settings import Settings
 from app.storage.blob_store import BlobStore
 
 ARRIVING = frozenset({None, "receiving", "nothing_left"})  # the pair is not queued yet
-
-
-class JobQueue(Protocol):
-    """Where jobs wait (jobs/engine.py)."""
-
-    def enqueue(self, session: Session, job_id: uuid.UUID) -> None:
-        """Make the job run once the session's transaction is committed."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

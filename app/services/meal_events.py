@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import groupby
-from typing import Any, Protocol
+from typing import Any
 
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
@@ -26,20 +26,13 @@ from app.errors import ConflictError, NotAllowedError, NotFoundError, Preconditi
 from app.services import audit
 from app.services.caller import Caller, DeviceCaller, StaffCaller
 from app.services.item_state import ItemState, MealState, fold_meal
+from app.services.job_queue import JobQueue
 from app.services.project_records import Projector, project_meal
 from app.services.read_meal import MealView, find_meal, meal_view
 from app.services.withdraw import require_in_study
 
 MAX_EVENTS = 1000  # of a meal; each word reads them all
 MAX_ITEMS = 200  # of a meal, those that were split, merged and undone as well
-
-
-class JobQueue(Protocol):
-    """Where jobs wait (jobs/engine.py)."""
-
-    def enqueue(self, session: Session, job_id: uuid.UUID) -> None:
-        """Make the job run once the session's transaction is committed."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

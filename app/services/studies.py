@@ -14,7 +14,7 @@ from app.db.session import Database
 from app.errors import ConflictError, InvalidInputError, NotFoundError, PreconditionFailedError
 from app.services.access import known_studies
 from app.services.audit import note
-from app.services.caller import Caller, DeviceCaller, StaffCaller
+from app.services.caller import Caller, StaffCaller
 from app.services.cursors import Page, decode_cursor, encode_cursor
 from app.vision.marker import parse_marker
 
@@ -106,12 +106,6 @@ def change_study(
                 version=study.version,
             )
         return study
-
-
-def study_of_phone(database: Database, caller: DeviceCaller) -> Study:
-    """The study that a phone's participant is in."""
-    with database.read() as session:
-        return session.get_one(Study, caller.study_id)
 
 
 def known_study(study: Study | None) -> Study:

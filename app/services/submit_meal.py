@@ -9,7 +9,7 @@ import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Any, Protocol
+from typing import Any
 
 import structlog
 from sqlalchemy.exc import IntegrityError
@@ -24,6 +24,7 @@ from app.services import audit
 from app.services.announce import announce_meal
 from app.services.caller import DeviceCaller
 from app.services.erase import is_meal_deleted, meal_deleted
+from app.services.job_queue import JobQueue
 from app.services.location_policy import policy_of
 from app.services.meal_time import MealTime
 from app.services.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
@@ -37,14 +38,6 @@ log = structlog.get_logger()
 
 MEAL_NAMESPACE = uuid.UUID("6f0d3d0a-6c0c-4e0e-9a53-52f9b4a4d7f1")  # drawn once; our ids are derived under it
 COMPARED = ("captured_at", "time_zone", "marker", "camera", "hints", "app_version")  # equal: the same meal again
-
-
-class JobQueue(Protocol):
-    """Where jobs wait (jobs/engine.py)."""
-
-    def enqueue(self, session: Session, job_id: uuid.UUID) -> None:
-        """Make the job run once the session's transaction is committed."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
