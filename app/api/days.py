@@ -202,7 +202,7 @@ def _summary_out(day: StudyDay) -> DaySummaryOut:
         unmeasured_meals=row.unmeasured_meals,
         unmeasured_items=row.unmeasured_items,
         provisional_items=row.provisional_items,
-        consumed_g=0.0 if row.ate_nothing else row.consumed_g,
+        consumed_g=0.0 if row.is_nothing else row.consumed_g,
         energy_to_basal_rate=judged.ratio,
         plausibility=judged.verdict,
         **amounts,

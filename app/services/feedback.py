@@ -148,7 +148,7 @@ def _feedback(session: Session, participant: Participant, study: Study, day: dat
     unmeasured_meals = today.unmeasured_meals if today is not None else 0
     unmeasured = sum(record.consumed_g is None for record in every)
     provisional = sum(record.provisional for record in every)
-    is_nothing = today is not None and today.ate_nothing
+    is_nothing = today is not None and today.is_nothing
     amounts = sum_amounts(every, is_all=unmeasured_meals == 0)
     if is_nothing:
         amounts = dict.fromkeys(AMOUNTS, EatenAmount(0.0, 0.0, 0.0, 1.0))

@@ -92,14 +92,20 @@ class DayRow:
         return self.status == "closed" and self.said_nothing and self.meals == 0
 
     @property
+    def is_nothing(self) -> bool:
+        """Closed, and nothing was eaten: by that word, or since each meal was confirmed to be without food."""
+        is_empty = self.meals > 0 and self.items == 0 and self.unmeasured_meals == 0
+        return self.ate_nothing or (self.status == "closed" and is_empty)
+
+    @property
     def is_complete(self) -> bool:
         """Closed, and the eaten grams of everything are known."""
         is_measured = self.items > 0 and self.unmeasured_items == 0 and self.unmeasured_meals == 0
-        return self.ate_nothing or (self.status == "closed" and is_measured)
+        return self.is_nothing or (self.status == "closed" and is_measured)
 
     def amount(self, column: str) -> Amount:
         """One of AMOUNTS; a day when nothing was eaten has 0 of everything."""
-        return Amount(0.0, 1.0) if self.ate_nothing else self.amounts[column]
+        return Amount(0.0, 1.0) if self.is_nothing else self.amounts[column]
 
 
 class seconds_between(FunctionElement[float]):  # noqa: N801  # named as the SQL function that it stands for

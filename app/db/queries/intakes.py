@@ -96,7 +96,8 @@ def page_of_intakes(
     )
     day = days_with_sums(page).subquery()
     is_closed = day.c.status == "closed"
-    is_nothing = sa.and_(is_closed, day.c.said_nothing, day.c.meals == 0)
+    is_empty = sa.and_(day.c.meals > 0, day.c.item_count == 0, day.c.unmeasured_meals == 0)
+    is_nothing = sa.and_(is_closed, sa.or_(sa.and_(day.c.said_nothing, day.c.meals == 0), is_empty))
     is_whole = sa.and_(day.c.item_count > 0, day.c.unmeasured == 0, day.c.unmeasured_meals == 0)
     is_measured = sa.and_(is_closed, is_whole, day.c.energy_kcal_coverage >= FULL)
     closed_sums = [
@@ -148,12 +149,11 @@ def closed_days(session: Session, chosen: DayFilter) -> list[ClosedDay]:
         Meal.participant_id == DiaryDay.participant_id,
         Meal.local_date == DiaryDay.local_date,
     )
-    is_nothing = sa.and_(DiaryDay.ate_nothing, ~sa.exists().where(*is_there))
-    is_measured = sa.and_(
-        sa.exists().where(*holds),
-        ~sa.exists().where(*holds, record.consumed_g.is_(None)),
-        ~sa.exists().where(*is_there, is_unmeasured_meal()),
-    )
+    has_meal, has_item = sa.exists().where(*is_there), sa.exists().where(*holds)
+    is_known = ~sa.exists().where(*is_there, is_unmeasured_meal())
+    is_empty = sa.and_(has_meal, ~has_item, is_known)
+    is_nothing = sa.or_(sa.and_(DiaryDay.ate_nothing, ~has_meal), is_empty)
+    is_measured = sa.and_(has_item, ~sa.exists().where(*holds, record.consumed_g.is_(None)), is_known)
     query = sa.select(DiaryDay.participant_id, DiaryDay.local_date, is_nothing, sa.or_(is_nothing, is_measured))
     query = filtered(query, DiaryDay.study_id, DiaryDay.participant_id, DiaryDay.local_date, chosen)
     query = query.where(DiaryDay.status == "closed").order_by(DiaryDay.participant_id, DiaryDay.local_date)

@@ -255,3 +255,19 @@ def test_records_carry_the_days_status_its_number_and_the_delay(phone, state, cl
     set_profile(state, starts_on=date(2026, 11, 2))
     records = client.get("/v1/records", headers=admin).json()["items"]
     assert [record["study_day"] for record in records] == [0, 2]
+
+
+def test_closed_day_of_meals_that_were_confirmed_without_food_is_a_day_of_nothing(phone, state, client, admin):
+    set_profile(state, **MAN)
+    add_meal(state, "P001", "2026-11-01", eaten_item(None, status="rejected"), status="confirmed")
+    add_meal(state, "P001", "2026-11-02", status="confirmed")
+    add_meal(state, "P001", "2026-11-03", eaten_item(energy_kcal=3000.0))
+    assert rows_of(client, admin)[0]["energy_kcal"] is None  # an open day may lack a meal
+    close(phone, "2026-11-01", "2026-11-02", "2026-11-03")
+    rejected, empty, _ = rows_of(client, admin)
+    for day in (rejected, empty):
+        assert (day["energy_kcal"], day["energy_kcal_coverage"], day["consumed_g"]) == (0.0, 1.0, 0.0)
+        assert (day["ate_nothing"], day["plausibility"]) == (False, "low")  # ate_nothing is a word of its own
+    mean = intakes(client, admin)[0]
+    assert mean["components"]["energy_kcal"] == {"mean": pytest.approx(1000.0), "days": 3, "coverage": 1.0}
+    assert mean["plausibility"]["days"] == 3
