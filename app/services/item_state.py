@@ -250,14 +250,15 @@ class _History:
     def _share(self, item: Item) -> float:
         """The participant's part of an item; of what was declared without a share, that of the item it came with."""
         said = [event for event in self._of_item.get(item.id, ()) if event.kind == "set_share"]
+        made_by = self._by_id.get(item.event_id) if item.event_id is not None else None
+        first = made_by.new.get("share") if made_by is not None else None
+        if made_by is not None and made_by.kind in ("add", "declare") and first is not None:
+            said.append(made_by)  # a split or a merge says nothing of it: what it makes has what it was made from had
         if said:
             return float(max(said, key=_precedence).new["share"])
-        made_by = self._by_id.get(item.event_id) if item.event_id is not None else None
-        share = made_by.new.get("share", 1.0) if made_by is not None else 1.0
-        parent = self._items.get(item.parent_id) if item.parent_id is not None else None
-        if share is None:
-            return self._share(parent) if parent is not None else 1.0
-        return float(share)
+        if made_by is not None and made_by.kind == "declare" and item.parent_id in self._items:
+            return self._share(self._items[item.parent_id])
+        return float(first) if first is not None else 1.0
 
     def _newest_food(self, item: Item) -> ItemFood | None:
         rows = [row for row in self._parts.foods.get(item.id, ()) if self._counts(row.event_id)]

@@ -172,7 +172,7 @@ class AddIn(_Event):
     lies_as: LiesAs = None
     region: RegionIn | None = None
     amount: AmountIn | None = None
-    share: Share = 1.0
+    share: Share | None = Field(default=None, description="Null: nothing is said of it, and all of it is theirs.")
 
     @model_validator(mode="after")
     def _something(self) -> "AddIn":
