@@ -63,6 +63,7 @@ from app.services.declare_meal import DeclareMeal
 from app.services.erase import Eraser
 from app.services.erasure_ledger import ErasureLedger
 from app.services.event_rules import EVENT_RULES
+from app.services.export_me import ExportPlaces
 from app.services.last_use import LastUse
 from app.services.meal_events import MealEvents
 from app.services.passwords import Passwords
@@ -116,6 +117,7 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
             sign_in_by_address=RateLimit(settings.sign_in_attempts_per_minute),
             sign_in_by_name=RateLimit(settings.sign_in_attempts_per_minute),
             passwords=Passwords(),
+            export_places=ExportPlaces(),
             last_use=last_use,
         )
     finally:

@@ -7,6 +7,7 @@ from typing import IO, Annotated, Any
 from fastapi import APIRouter, Path, Query
 from fastapi.responses import StreamingResponse
 
+from app.api.closing_stream import ClosingStream
 from app.api.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
 from app.api.problems import problem_responses
 from app.api.schemas.privacy import ReceiptOut
@@ -61,9 +62,21 @@ def post_withdrawal(
 @router.get("/me/export", response_class=StreamingResponse, responses=EXPORT_RESPONSES)
 def get_my_export(state: State, caller: CurrentDevice) -> StreamingResponse:
     """All that the server holds on the participant of the calling phone, as one ZIP file."""
-    file, size = export_me(state.database, state.blobs, caller)
-    return StreamingResponse(
+    state.submit_meal.require_room()
+    leave = state.export_places.take(caller.participant_id)
+    try:
+        file, size = export_me(state.database, state.blobs, caller)
+    except BaseException:
+        leave()
+        raise
+
+    def close() -> None:
+        file.close()
+        leave()
+
+    return ClosingStream(
         _pieces(file),
+        close,
         media_type="application/zip",
         headers={
             "Content-Length": str(size),
@@ -75,9 +88,8 @@ def get_my_export(state: State, caller: CurrentDevice) -> StreamingResponse:
 
 
 def _pieces(file: IO[bytes]) -> Iterator[bytes]:
-    with file:
-        while piece := file.read(PIECE_BYTES):
-            yield piece
+    while piece := file.read(PIECE_BYTES):
+        yield piece
 
 
 def _receipt_out(receipt: ErasureReceipt) -> ReceiptOut:

@@ -8,6 +8,7 @@ import anyio.to_thread
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import JSONResponse, StreamingResponse
 
+from app.api.closing_stream import ClosingStream
 from app.api.deps import CurrentCaller, CurrentDevice, State
 from app.api.metadata import parse_metadata, parse_new_meal, read_limited
 from app.api.problems import problem_responses
@@ -177,8 +178,9 @@ def get_artefact(
 ) -> StreamingResponse:
     """A picture or point cloud of one step of the last run on the meal's pair, or on its after-meal pair."""
     artefact, content = open_artefact(state.database, state.blobs, caller, meal_id, name, participant, pair)
-    return StreamingResponse(
+    return ClosingStream(
         content,
+        content.close,
         media_type=artefact.media_type,
         headers={
             "Content-Length": str(artefact.bytes),

@@ -11,6 +11,7 @@ from app.services.after_meal import SubmitAfterPair
 from app.services.api_children import ApiChildren
 from app.services.declare_meal import DeclareMeal
 from app.services.erase import Eraser
+from app.services.export_me import ExportPlaces
 from app.services.last_use import LastUse
 from app.services.meal_events import MealEvents
 from app.services.passwords import Passwords
@@ -40,4 +41,5 @@ class ApiState:
     sign_in_by_address: RateLimit
     sign_in_by_name: RateLimit
     passwords: Passwords
+    export_places: ExportPlaces
     last_use: LastUse

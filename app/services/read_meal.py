@@ -1,7 +1,7 @@
 """One meal as the phone or a researcher sees it: what has arrived, where it stands, what was found."""
 
 import uuid
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
@@ -127,7 +127,7 @@ def open_artefact(
     name: str,
     participant_code: str | None,
     purpose: str = "meal",
-) -> tuple[RunArtefact, Iterator[bytes]]:
+) -> tuple[RunArtefact, Generator[bytes, None, None]]:
     """An artefact of the last run of the meal's pair (purpose "meal") or its after-meal pair ("after"), and its bytes.
 
     The reading is noted.

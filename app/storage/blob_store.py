@@ -5,7 +5,7 @@ key again is harmless, so an upload or a job that is tried again needs no clean-
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -58,8 +58,11 @@ class BlobStore(Protocol):
         """A small blob's bytes. Raises BlobMissingError."""
         ...
 
-    def stream(self, key: str, chunk_bytes: int = 256 * 1024) -> Iterator[bytes]:
-        """A blob's bytes piece by piece. Raises BlobMissingError before the first piece."""
+    def stream(self, key: str, chunk_bytes: int = 256 * 1024) -> Generator[bytes, None, None]:
+        """A blob's bytes piece by piece; close it if you do not read it to the end.
+
+        Raises BlobMissingError before the first piece.
+        """
         ...
 
     def has(self, key: str) -> bool:

@@ -6,7 +6,7 @@ import shutil
 import tempfile
 import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -71,14 +71,14 @@ class LocalBlobStore:
         except FileNotFoundError:
             raise BlobMissingError(key) from None
 
-    def stream(self, key: str, chunk_bytes: int = 256 * 1024) -> Iterator[bytes]:
+    def stream(self, key: str, chunk_bytes: int = 256 * 1024) -> Generator[bytes, None, None]:
         """Read the file piece by piece; it is opened before the first piece is asked for."""
         try:
             file = self._path(key).open("rb")
         except FileNotFoundError:
             raise BlobMissingError(key) from None
 
-        def pieces() -> Iterator[bytes]:
+        def pieces() -> Generator[bytes, None, None]:
             with file:
                 while piece := file.read(chunk_bytes):
                     yield piece

@@ -255,6 +255,29 @@ def test_export_of_many_meals_holds_each_in_the_order_of_eating(person, state):
     assert [each["captured_at"] for each in told] == sorted(each["captured_at"] for each in told)
 
 
+def test_third_export_of_a_person_at_once_is_refused_and_let_in_once_another_has_ended(person, state, enrol):
+    leaving = [state.export_places.take(person.participant_id) for _ in range(2)]
+    answer = person.phone.get("/v1/me/export")
+    assert (answer.status_code, answer.json()["code"], answer.headers["Retry-After"]) == (503, "server_busy", "60")
+    assert enrol("other").get("/v1/me/export").status_code == 200
+    leaving[0]()
+    for _ in range(3):  # each leaves when it ends
+        assert person.phone.get("/v1/me/export").status_code == 200
+
+
+def test_exports_of_all_at_once_are_bounded_and_one_that_fails_leaves_its_place(person, state, monkeypatch):
+    others = [state.export_places.take(uuid.uuid4()) for _ in range(7)]
+    with monkeypatch.context() as patched:
+        patched.setattr("app.services.export_me.README", None)
+        assert person.phone.get("/v1/me/export").status_code == 500
+    assert person.phone.get("/v1/me/export").status_code == 200
+    others.append(state.export_places.take(uuid.uuid4()))
+    assert person.phone.get("/v1/me/export").status_code == 503
+    for leave in others:
+        leave()
+    assert person.phone.get("/v1/me/export").status_code == 200
+
+
 def test_export_is_noted_as_a_read_of_photographs(person, state):
     person.phone.get("/v1/me/export")
     with state.database.read() as session:
