@@ -156,6 +156,8 @@ class _Leftovers:
         """Masses of what was left of an item, by the item's own density; None: nobody has looked."""
         if not self._is_measured:
             return [] if self._state.nothing_left else None
+        if item.item.origin == "declared" and not self._of(item):
+            return None  # no camera sees it, so its pieces were not looked for
         left = [each for each in self._of(item) if each.leftover_class == "food_left"]
         return [served_mass(weighing, each.state.amount) for each in left]
 

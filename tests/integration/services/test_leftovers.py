@@ -267,6 +267,17 @@ def test_nothing_left_by_word_ends_the_wait_and_can_be_taken_back(enrol, state, 
     assert table.record("apple")["left_g"] is None
 
 
+def test_what_no_camera_saw_nobody_has_looked_for_after_the_meal(table, participant):
+    table.ate(left_of_apple())
+    dish = participant.say("add", food="potatoes-boiled", amount={"mass_g": 200})["items"][-1]["id"]
+    told = {"item": dish, "probe": "fat_added", "answer": "yes", "food": "butter", "amount": {"mass_g": 10}}
+    butter = participant.say("declare", **told)["items"][-1]
+    assert (butter["left_g"], butter["consumed_g"]) == (None, pytest.approx(10.0))
+    piece = leftover(table)["id"]
+    said = participant.say("set_leftover", item=piece, of=butter["id"], **{"class": "food_left"})
+    assert said["items"][-1]["left_g"] > 0.0  # but what a person says is left of it is
+
+
 def test_nothing_left_may_be_said_before_the_meal_is_measured(table, participant):
     participant.say("nothing_left")
     table.measured()
