@@ -13,7 +13,7 @@ class ChangedDayOut(BaseModel):
     participant: str
     local_date: date
     status: str
-    ate_nothing: bool
+    ate_nothing: bool = Field(description="The word as it was said: a meal on that day says more (GET /v1/days).")
     change_seq: int
 
 
