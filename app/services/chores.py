@@ -2,9 +2,12 @@
 
 from datetime import UTC, datetime, timedelta
 
+import structlog
+
 from app.db.session import Database
 from app.jobs.chores import Chore
 from app.services.after_windows import AfterWindows
+from app.services.clock_jumps import ClockJumps
 from app.services.delete_blobs import BlobDeleter
 from app.services.deliver_webhooks import DeliverWebhooks
 from app.services.erase import Eraser
@@ -17,12 +20,17 @@ from app.settings import Settings
 from app.storage.blob_store import BlobStore
 from app.storage.opening import open_blob_store
 
+log = structlog.get_logger()
+
 HOUR = 3600.0
 UNDER_WAY = timedelta(minutes=10)  # an erasure that was asked for just now is still carried out by who was asked
 
 
-def worker_chores(database: Database, blobs: BlobStore, box: SecretBox, settings: Settings) -> list[Chore]:
-    """The chores of one worker."""
+def worker_chores(
+    database: Database, blobs: BlobStore, box: SecretBox, settings: Settings, clock: ClockJumps | None = None
+) -> list[Chore]:
+    """The chores of one worker. clock: another in tests."""
+    clock = clock or ClockJumps()
     deleter = BlobDeleter(database, blobs)
     ledger = ErasureLedger(open_blob_store(settings.resolved_erasure_url), box)
     eraser = Eraser(database, box, ledger)
@@ -30,12 +38,18 @@ def worker_chores(database: Database, blobs: BlobStore, box: SecretBox, settings
     def finish_erasures() -> int:
         return reapply_erasures(eraser, blobs, before=datetime.now(UTC) - UNDER_WAY)
 
+    def keep_to_retention() -> int:
+        if not clock.is_steady():
+            log.error("clock_jumped", detail="Photographs past their retention stay for a day: is the clock right?")
+            return 0
+        return erase_old_pictures(database)
+
     deliver = DeliverWebhooks(database, box, WebhookPost(allow_loopback=settings.webhook_allow_loopback))
     return [
         Chore("close_after_windows", 10.0, AfterWindows(database).close_due),
         Chore("delete_blobs", 5.0, deleter.delete_wanted),
         Chore("finish_erasures", HOUR, finish_erasures),
-        Chore("erase_old_pictures", HOUR, lambda: erase_old_pictures(database)),
+        Chore("erase_old_pictures", HOUR, keep_to_retention),
         Chore("delete_orphans", HOUR, deleter.delete_orphans),
         Chore("deliver_webhooks", 1.0, deliver.run),
         Chore("give_up_deliveries", 60.0, deliver.give_up_unsendable),

@@ -15,6 +15,7 @@ from app.db.models import BlobDeletion, ErasureReceipt, Job, Meal, MealImage, Pa
 from app.db.queries import privacy
 from app.jobs.faults import JobFailure
 from app.services.chores import worker_chores
+from app.services.clock_jumps import ClockJumps
 from app.services.delete_blobs import BlobDeleter
 from app.services.erase import PHOTOGRAPH_ERASED
 from app.services.erasure_ledger import digest_of
@@ -250,6 +251,19 @@ def test_worker_does_the_chores_of_privacy(person, state, settings, client):
     for name in ("delete_blobs", "finish_erasures", "erase_old_pictures", "delete_orphans"):
         chores[name].run()
     assert list(state.blobs.keys()) == []
+
+
+def test_photographs_past_retention_stay_while_the_clock_is_in_doubt(person, state, settings):
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(retention_days=1))
+        session.execute(sa.update(Meal).values(received_at=datetime.now(UTC) - timedelta(days=2)))
+    wall = SimpleNamespace(seconds=0.0)
+    clock = ClockJumps(lambda: wall.seconds, lambda: 0.0)
+    chores = {each.name: each for each in worker_chores(state.database, state.blobs, state.secrets, settings, clock)}
+    wall.seconds = 1e9
+    assert chores["erase_old_pictures"].run() == 0
+    wall.seconds = 0.0
+    assert chores["erase_old_pictures"].run() == 1
 
 
 def test_digest_of_each_deed_differs(state):
