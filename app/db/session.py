@@ -21,6 +21,7 @@ BUSY_TIMEOUT_SECONDS = 30.0  # a writer waits this long for another writer on SQ
 POOL_SIZE = 10  # connections a process, per engine
 STATEMENT_TIMEOUT_MS = 30_000  # PostgreSQL: no request may hold a connection longer
 PG_DATA_EXCEPTION = "22"  # class of SQLSTATEs: a value that cannot be
+PG_DEADLOCK = "40P01"
 PG_DISK_FULL = "53100"  # SQLSTATE disk_full
 
 
@@ -137,6 +138,11 @@ def _without_values(context: sa.engine.ExceptionContext) -> None:
     original.args = (kept,)
     if ours is not None:
         ours.args = tuple(one.replace(told, kept) if isinstance(one, str) else one for one in ours.args)
+
+
+def is_deadlock(error: Exception) -> bool:
+    """Whether PostgreSQL ended the transaction so that another could go on: the same once more will do."""
+    return getattr(getattr(error, "orig", None), "sqlstate", None) == PG_DEADLOCK
 
 
 def is_disk_full(error: Exception) -> bool:

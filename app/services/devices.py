@@ -6,13 +6,14 @@ from datetime import UTC, datetime
 from sqlalchemy.orm import Session
 
 from app.db.models import Device, Participant, Study
-from app.db.queries import people
+from app.db.queries import people, privacy
 from app.db.session import Database
 from app.errors import NotFoundError
 from app.services.audit import note
 from app.services.caller import Caller, DeviceCaller, StaffCaller
 from app.services.cursors import Page, broken_cursor, decode_cursor, encode_cursor
 from app.services.studies import known_study
+from app.services.withdraw import has_left
 
 
 def list_devices(
@@ -39,20 +40,22 @@ def revoke_device(database: Database, caller: StaffCaller, study_code: str, devi
 
 
 def sign_out_phone(database: Database, caller: DeviceCaller) -> None:
-    """A phone gives its token up."""
+    """A phone gives its token up. Raises GoneError: its participant left meanwhile."""
     with database.write() as session:
-        device = session.get_one(Device, caller.device_id)
-        _revoke(session, caller, device, session.get_one(Participant, device.participant_id))
+        participant = privacy.join_participant(session, caller.participant_id)
+        device = session.get(Device, caller.device_id)
+        if participant is None or device is None:
+            raise has_left()
+        _revoke(session, caller, device, participant)
 
 
 def read_phone(database: Database, caller: DeviceCaller) -> tuple[Study, Participant, Device]:
-    """What a phone may know of itself."""
+    """What a phone may know of itself. Raises GoneError: its participant left meanwhile."""
     with database.read() as session:
-        return (
-            session.get_one(Study, caller.study_id),
-            session.get_one(Participant, caller.participant_id),
-            session.get_one(Device, caller.device_id),
-        )
+        participant, device = session.get(Participant, caller.participant_id), session.get(Device, caller.device_id)
+        if participant is None or device is None:
+            raise has_left()
+        return session.get_one(Study, caller.study_id), participant, device
 
 
 def _revoke(session: Session, caller: Caller, device: Device, participant: Participant) -> None:

@@ -4,8 +4,8 @@ import uuid
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
-from app.db.models import AccessToken, Device, Enrolment, Participant, Study
-from app.db.queries import people
+from app.db.models import AccessToken, Device, Enrolment, Study
+from app.db.queries import people, privacy
 from app.db.session import Database
 from app.errors import ConflictError, NotFoundError
 from app.services.audit import note
@@ -73,9 +73,9 @@ def enrol_device(database: Database, *, code: str, device: NewDevice) -> IssuedD
     """Exchange a code for a device's token, once. Raises NotFoundError for a code unknown, used or expired alike."""
     token, now = new_token(), datetime.now(UTC)
     with database.write() as session:
+        participant = privacy.join_participant(session, people.whose_enrolment(session, sha256_hex(code)))
         enrolment = people.take_enrolment(session, sha256_hex(code), now)
-        participant = session.get_one(Participant, enrolment.participant_id) if enrolment else None
-        if participant is None or participant.withdrawn_at is not None:
+        if participant is None or participant.withdrawn_at is not None or enrolment is None:
             raise NotFoundError(
                 "This enrolment code is unknown, used or expired. Ask the study for a new one.",
                 code="enrolment_code_invalid",

@@ -10,18 +10,21 @@ import uuid
 from datetime import datetime
 from typing import Any
 
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from app.db.models import ErasureReceipt, Meal, Participant, Study
 from app.db.queries import jobs, people, privacy, records
+from app.db.session import is_deadlock
 from app.errors import ConflictError, GoneError, NotFoundError
 from app.services import announce, audit
 from app.services.access import require_study
 from app.services.caller import Caller, DeviceCaller, StaffCaller
-from app.services.erase import PHOTOGRAPH_ERASED, Eraser, add_receipt, erase_meals, erase_pictures
+from app.services.erase import PHOTOGRAPH_ERASED, Eraser, add_receipt, erase_meals, erase_pictures, public_digest
 from app.services.erasure_ledger import DEEDS, Deed, Erasure, digest_of
 from app.services.project_records import project_meal
 
+TRIES = 5  # of a withdrawal that PostgreSQL ended for another's sake
 WITHDRAWN = "withdrawn"  # stands where a name stood
 KEPT_DETAILS = ("captured_at", "time_zone", "marker", "camera")
 NO_DETAILS: dict[str, Any] = {"hints": [], "location": None, "app_version": None}
@@ -73,12 +76,28 @@ def withdraw_participant(eraser: Eraser, caller: StaffCaller, study_code: str, p
 def carry_out_on_participant(
     eraser: Eraser, erasure: Erasure, participant_id: uuid.UUID, caller: Caller | None
 ) -> ErasureReceipt | None:
-    """End the phones and do the deed in one transaction; None if it was done before or nobody is there."""
+    """End the phones and do the deed in one transaction; None if it was done before or nobody is there.
+
+    It locks the person, then their meals. An estimate that is just saved holds its meal and wants the person: then
+    PostgreSQL ends one of the two, and who leaves does not hear of it.
+    """
+    for tries_left in reversed(range(TRIES)):
+        try:
+            return _in_one_transaction(eraser, erasure, participant_id, caller)
+        except OperationalError as error:
+            if not tries_left or not is_deadlock(error):
+                raise
+    return None
+
+
+def _in_one_transaction(
+    eraser: Eraser, erasure: Erasure, participant_id: uuid.UUID, caller: Caller | None
+) -> ErasureReceipt | None:
     with eraser.database.write() as session:
-        privacy.end_enrolments(session, participant_id)  # first: whoever is just enrolling a phone holds their code
-        participant = privacy.lock_participant(session, participant_id)
+        participant = privacy.lock_participant(session, participant_id)  # first, as all who touch enrolments do
         if participant is None or privacy.tombstones_among(session, "participant", [erasure.digest]):
             return None
+        privacy.end_enrolments(session, participant_id)
         study_id, alias = participant.study_id, participant.alias
         tokens = privacy.end_tokens(session, participant_id)
         ended = [eraser.box.digest("token", token_sha256) for token_sha256 in tokens]
@@ -125,6 +144,10 @@ def _erase(session: Session, participant: Participant, erasure: Erasure) -> dict
     participant_id, study_id = participant.id, participant.study_id
     gone = privacy.lock_meals_of(session, participant_id)
     counts = erase_meals(session, study_id, gone, privacy.meals_of(participant_id), erasure)
+    days = [public_digest(day_id) for day_id in privacy.day_ids(session, participant_id)]
+    if days:
+        number = records.next_change_seq(session, study_id)
+        privacy.add_tombstones(session, "day", days, erasure.at, study_id=study_id, change_seq=number)
     for table, count in privacy.delete_participant(session, participant_id).items():
         counts[table] = counts.get(table, 0) + count
     return counts
@@ -156,7 +179,8 @@ def _anonymise(session: Session, participant: Participant, now: datetime) -> dic
         device.clock_skew_seconds = device.last_used_at = None
     participant.code, participant.alias = f"{WITHDRAWN}-{secrets.token_hex(8)}", uuid.uuid4()
     participant.profile = None
-    privacy.touch_records(session, participant.id, records.next_change_seq(session, participant.study_id))
+    number = records.next_change_seq(session, participant.study_id)
+    privacy.touch_records_and_days(session, participant.id, number)
     return counts | {"meals_anonymised": len(stay)}
 
 

@@ -226,6 +226,13 @@ def end_enrolments(session: Session, participant_id: uuid.UUID, now: datetime) -
     )
 
 
+def whose_enrolment(session: Session, code_sha256: str) -> uuid.UUID | None:
+    """The participant of a code, whether it is valid or not; None: there is no such code."""
+    return session.scalars(
+        sa.select(Enrolment.participant_id).where(Enrolment.code_sha256 == code_sha256)
+    ).one_or_none()
+
+
 def take_enrolment(session: Session, code_sha256: str, now: datetime) -> Enrolment | None:
     """Mark a valid code as used and return it; None if it is unknown, used or expired. Of two callers one wins."""
     query = (

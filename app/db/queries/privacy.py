@@ -79,7 +79,7 @@ def lock_participant(session: Session, participant_id: uuid.UUID) -> Participant
     return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
 
 
-def join_participant(session: Session, participant_id: uuid.UUID) -> Participant | None:
+def join_participant(session: Session, participant_id: uuid.UUID | None) -> Participant | None:
     """The participant, so that something may be added to them: waits for a withdrawal under way."""
     query = sa.select(Participant).where(Participant.id == participant_id).with_for_update(read=True, key_share=True)
     return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
@@ -228,14 +228,20 @@ def touch_meals(session: Session, meals: Ids) -> None:
     )
 
 
-def touch_records(session: Session, participant_id: uuid.UUID, change_seq: int) -> None:
-    """Let those who pull changes hear that a participant's records are another's name now."""
-    session.execute(
-        sa.update(EffectiveRecord)
-        .where(EffectiveRecord.participant_id == participant_id)
-        .values(change_seq=change_seq)
-        .execution_options(synchronize_session=False)
-    )
+def touch_records_and_days(session: Session, participant_id: uuid.UUID, change_seq: int) -> None:
+    """Let those who pull changes hear that a participant's records and days stand under another code now."""
+    for table in (EffectiveRecord, DiaryDay):
+        session.execute(
+            sa.update(table)
+            .where(table.participant_id == participant_id)
+            .values(change_seq=change_seq)
+            .execution_options(synchronize_session=False)
+        )
+
+
+def day_ids(session: Session, participant_id: uuid.UUID) -> list[uuid.UUID]:
+    """The ids of a participant's days."""
+    return list(session.scalars(sa.select(DiaryDay.id).where(DiaryDay.participant_id == participant_id)))
 
 
 def events_of(session: Session, meals: Ids) -> Iterator[MealEvent]:

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import threading
+import time
 import uuid
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
@@ -25,9 +26,13 @@ from app.db.models import (
     Study,
     Tombstone,
 )
+from app.db.queries import meals, people, privacy
+from app.errors import GoneError
 from app.services import audit
+from app.services.caller import DeviceCaller
 from app.services.delete_blobs import BlobDeleter
-from app.services.erase import record_digest
+from app.services.devices import read_phone, sign_out_phone
+from app.services.erase import public_digest
 from app.services.retention import erase_old_pictures
 from tests.integration.conftest import meal_metadata
 from tests.integration.persons import Person, database_bytes, store_bytes
@@ -73,7 +78,7 @@ def test_erased_records_leave_tombstones_in_the_order_of_changes(person, client,
     client.delete(person.path, headers=person.phone.headers)
     with state.database.read() as session:
         found = session.scalars(sa.select(Tombstone).where(Tombstone.kind == "record")).all()
-    assert {row.digest for row in found} == {record_digest(item_id) for item_id in item_ids}
+    assert {row.digest for row in found} == {public_digest(item_id) for item_id in item_ids}
     assert all(row.change_seq > last for row in found)
 
 
@@ -125,6 +130,56 @@ def test_word_that_is_on_its_way_while_its_person_is_anonymised_is_not_kept(pers
     assert (answer.status_code, answer.json()["code"]) == (410, "withdrawn")
     with state.database.read() as session:
         assert "Ottilie" not in str([event.new for event in session.scalars(sa.select(MealEvent))])
+
+
+def test_withdrawal_and_a_fresh_enrolment_code_at_once_do_not_block_each_other(
+    person, state, client, admin, monkeypatch
+):
+    client.post(f"/v1/studies/pilot/participants/{person.mark}/enrolment-codes", headers=admin)
+    issuing, end = threading.Event(), people.end_enrolments
+
+    def end_slowly(session, participant_id, now):
+        issuing.set()
+        time.sleep(0.5)  # the withdrawal comes in
+        end(session, participant_id, now)
+
+    monkeypatch.setattr(people, "end_enrolments", end_slowly)
+    path = f"/v1/studies/pilot/participants/{person.mark}/enrolment-codes"
+    with ThreadPoolExecutor(1) as pool:
+        issued = pool.submit(client.post, path, headers=admin)
+        issuing.wait(10)
+        left = client.post("/v1/me/withdrawal", headers=person.phone.headers)
+        assert (issued.result().status_code, left.status_code) == (201, 200)
+    answer = client.post("/v1/enrolments", json={"code": issued.result().json()["code"], "device_name": "again"})
+    assert answer.status_code == 404
+
+
+def test_withdrawal_gets_through_beside_one_who_holds_a_meal_and_wants_the_person(person, state, client):
+    holding = threading.Event()
+
+    def save_something():
+        with state.database.write() as session:
+            meals.lock_meal(session, person.meal_id)
+            holding.set()
+            time.sleep(0.7)  # the withdrawal locks the person and waits for the meal
+            privacy.join_participant(session, person.participant_id)
+
+    with ThreadPoolExecutor(1) as pool:
+        saving = pool.submit(save_something)
+        holding.wait(10)
+        assert client.post("/v1/me/withdrawal", headers=person.phone.headers).status_code == 200
+        saving.result()
+
+
+def test_phone_whose_person_is_erased_while_it_asks_hears_that_they_left(person, state, client):
+    with state.database.read() as session:
+        study_id = session.scalars(sa.select(Study.id)).one()
+    phone = DeviceCaller(person.device_id, person.participant_id, study_id, uuid.uuid4())
+    client.post("/v1/me/withdrawal", headers=person.phone.headers)
+    for call in (read_phone, sign_out_phone):
+        with pytest.raises(GoneError) as caught:
+            call(state.database, phone)
+        assert caught.value.code == "withdrawn"
 
 
 def test_kept_data_stay_after_withdrawal(person, state, client, admin):
