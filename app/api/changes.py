@@ -9,7 +9,8 @@ from app.api.deps import State
 from app.api.paging import Cursor, Limit, next_page
 from app.api.problems import problem_responses
 from app.api.render import render_record
-from app.api.schemas.changes import ChangedDayOut, ChangePage, ErasedRecordOut
+from app.api.schemas.changes import ChangedDayOut, ChangePage, ErasedOut
+from app.api.schemas.records import RecordOfItem
 from app.services.list_changes import list_changes
 
 router = APIRouter(prefix="/v1/studies", tags=["records"])
@@ -29,9 +30,10 @@ def get_changes(
         kind: [change.row for change in page.rows if change.place.kind == kind] for kind in ("record", "day", "erased")
     }
     body = ChangePage(
-        records=[render_record(row) for row in rows["record"]],
+        records=[RecordOfItem.model_validate(render_record(row), from_attributes=True) for row in rows["record"]],
         days=[
             ChangedDayOut(
+                id=day.id,
                 participant=code,
                 local_date=day.local_date,
                 status=day.status,
@@ -40,7 +42,7 @@ def get_changes(
             )
             for day, code in rows["day"]
         ],
-        erased=[ErasedRecordOut(id_sha256=row.digest, change_seq=row.change_seq) for row in rows["erased"]],
+        erased=[ErasedOut(kind=row.kind, id_sha256=row.digest, change_seq=row.change_seq) for row in rows["erased"]],
         next=next_page(request, page.cursor) or "",
         has_more=page.has_more,
     )

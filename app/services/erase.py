@@ -106,7 +106,7 @@ def erase_meals(
         privacy.add_tombstones(
             session,
             "record",
-            [record_digest(item_id) for item_id in item_ids],
+            [public_digest(item_id) for item_id in item_ids],
             erasure.at,
             study_id=study_id,
             change_seq=records.next_change_seq(session, study_id),
@@ -157,9 +157,9 @@ def find_receipt(database: Database, receipt_id: uuid.UUID) -> ErasureReceipt:
     return receipt
 
 
-def record_digest(item_id: uuid.UUID) -> str:
-    """SHA-256 of the item's id as text: whoever pulled the record can make it, nobody else."""
-    return hashlib.sha256(str(item_id).encode()).hexdigest()
+def public_digest(public_id: uuid.UUID) -> str:
+    """SHA-256 of an item's or a day's id as text: whoever pulled it can make the digest, nobody else."""
+    return hashlib.sha256(str(public_id).encode()).hexdigest()
 
 
 def _is_below(key: str, folders: set[str]) -> bool:

@@ -409,7 +409,7 @@ def create_tables() -> None:
         sa.Column("study_id", sa.Uuid(), nullable=True),
         sa.Column("change_seq", sa.BigInteger(), nullable=True),
         sa.Column("erased_at", INSTANT, nullable=False),
-        sa.CheckConstraint("kind IN ('participant', 'meal', 'token', 'record')", name=op.f("ck_tombstone_kind")),
+        sa.CheckConstraint("kind IN ('participant', 'meal', 'token', 'record', 'day')", name=op.f("ck_tombstone_kind")),
         sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_tombstone_study_id_study")),
         sa.PrimaryKeyConstraint("kind", "digest", name=op.f("pk_tombstone")),
     )
@@ -463,6 +463,7 @@ def create_tables() -> None:
         "diary_day",
         sa.Column("participant_id", sa.Uuid(), nullable=False),
         sa.Column("local_date", sa.Date(), nullable=False),
+        sa.Column("id", sa.Uuid(), nullable=False),
         sa.Column("study_id", sa.Uuid(), nullable=False),
         sa.Column("status", sa.String(length=16), nullable=False),
         sa.Column("ate_nothing", sa.Boolean(), nullable=False),
@@ -475,6 +476,7 @@ def create_tables() -> None:
         ),
         sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_diary_day_study_id_study")),
         sa.PrimaryKeyConstraint("participant_id", "local_date", name=op.f("pk_diary_day")),
+        sa.UniqueConstraint("id", name=op.f("uq_diary_day_id")),
     )
     op.create_index(op.f("ix_diary_day_study_id_local_date"), "diary_day", ["study_id", "local_date"])
     op.create_index(op.f("ix_diary_day_study_id_change_seq"), "diary_day", ["study_id", "change_seq"])

@@ -1,15 +1,18 @@
 """What has changed in a study, over the wire."""
 
+import uuid
 from datetime import date
+from typing import Literal
 
 from pydantic import BaseModel, Field
 
-from app.api.schemas.records import RecordOut
+from app.api.schemas.records import RecordOfItem
 
 
 class ChangedDayOut(BaseModel):
     """How a participant's day stands."""
 
+    id: uuid.UUID
     participant: str
     local_date: date
     status: str
@@ -17,18 +20,19 @@ class ChangedDayOut(BaseModel):
     change_seq: int
 
 
-class ErasedRecordOut(BaseModel):
-    """A record that is erased for good: delete yours of this digest."""
+class ErasedOut(BaseModel):
+    """A record or a day that is erased for good: delete yours of this digest."""
 
-    id_sha256: str = Field(description="SHA-256, hex, of the record's id as text (lower case, with dashes).")
+    kind: Literal["record", "day"]
+    id_sha256: str = Field(description="SHA-256, hex, of its id as text (lower case, with dashes).")
     change_seq: int
 
 
 class ChangePage(BaseModel):
-    """Changes in their order; a row that changes again comes again. Follow `next` now or whenever you ask again."""
+    """Changes in their order. Keep rows by `id`: one that changes again comes again. Follow `next` whenever you ask."""
 
-    records: list[RecordOut]
+    records: list[RecordOfItem]
     days: list[ChangedDayOut]
-    erased: list[ErasedRecordOut]
+    erased: list[ErasedOut]
     next: str = Field(description="Path and query of what comes behind these; empty pages until something changes.")
     has_more: bool = Field(description="Whether there is more now.")

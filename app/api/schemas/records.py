@@ -8,7 +8,7 @@ from pydantic import BaseModel, Field
 from app.api.schemas.foods import FoodRef
 
 
-class RecordOut(BaseModel):
+class RecordOfItem(BaseModel):
     """What holds for one item now. What is not known is null, never 0.
 
     That is a component that the food table lacks, and all that follows from a volume that could not be measured.
@@ -21,8 +21,6 @@ class RecordOut(BaseModel):
     captured_at: datetime
     time_zone: str
     local_date: date
-    day_status: str = Field(description="closed: all that was eaten on the day is told; open: leave it out of means.")
-    study_day: int | None = Field(description="1 on the participant's first day.")
     upload_delay_seconds: float = Field(description="From eating to the first of the meal on the server.")
     status: str
     origin: str
@@ -56,6 +54,13 @@ class RecordOut(BaseModel):
     vitamin_c_mg: float | None
     flags: list[str]
     change_seq: int
+
+
+class RecordOut(RecordOfItem):
+    """The same with what is known of its day when it is asked for."""
+
+    day_status: str = Field(description="closed: all that was eaten on the day is told; open: leave it out of means.")
+    study_day: int | None = Field(description="1 on the participant's first day.")
 
 
 class RecordPage(BaseModel):

@@ -37,12 +37,16 @@ class DayEvent(Base):
 
 
 class DiaryDay(Base):
-    """How a local day stands: a projection of its events. A day without a row is open."""
+    """How a local day stands: a projection of its events. A day without a row is open.
+
+    id: its name for those who pull changes: says nothing, and may be named after the day is erased.
+    """
 
     __tablename__ = "diary_day"
 
     participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"), primary_key=True)
     local_date: Mapped[date] = mapped_column(primary_key=True)
+    id: Mapped[uuid.UUID] = mapped_column(unique=True, default=uuid.uuid4)
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
     status: Mapped[str] = mapped_column(sa.String(16))
     ate_nothing: Mapped[bool]

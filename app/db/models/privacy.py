@@ -10,7 +10,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 from app.db.models.base import Base, one_of
 
 ACTOR_KINDS = ("staff", "device", "system")
-TOMBSTONE_KINDS = ("participant", "meal", "token", "record")
+TOMBSTONE_KINDS = ("participant", "meal", "token", "record", "day")
 ERASED_WHATS = ("participant", "meal", "photographs")
 
 BigId = sa.BigInteger().with_variant(sa.Integer(), "sqlite")  # SQLite counts up INTEGER keys only
@@ -41,8 +41,8 @@ class AuditEvent(Base):
 class Tombstone(Base):
     """Something that was here and is erased for good, by a digest that only its holder can make.
 
-    participant, meal, token: HMAC-SHA-256 of the id under the server's secret key. record: SHA-256 of the item's id,
-    with the study's change_seq, so that those who pulled the record learn that it is gone.
+    participant, meal, token: HMAC-SHA-256 of the id under the server's secret key. record, day: SHA-256 of the item's,
+    the day's id, with the study's change_seq, so that those who pulled it learn that it is gone.
     """
 
     __tablename__ = "tombstone"

@@ -1,9 +1,7 @@
 """SQL of what has changed in a study: records, days, and what is erased, in the order of its counter of changes."""
 
 import uuid
-from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import date
 from typing import Any
 
 import sqlalchemy as sa
@@ -17,7 +15,7 @@ KINDS = ("record", "day", "erased")  # their order within one change
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Behind which row a page begins: change, kind and that row's key (item id; participant and day; digest)."""
+    """Behind which row a page begins: change, kind and that row's key (item id; day's id; digest)."""
 
     change_seq: int
     kind: str
@@ -48,28 +46,22 @@ def page_of_changes(session: Session, study_id: uuid.UUID, after: Place, limit: 
 def _records(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> list[Change]:
     record = EffectiveRecord
     key = uuid.UUID(after.key) if after.kind == "record" and after.key else None
-    where = _behind(after, "record", record.change_seq, {record.item_id: key})
+    where = _behind(after, "record", record.change_seq, record.item_id, key)
     order = (record.change_seq, record.item_id)
     rows: list[RecordRow] = rows_of_records(session, (record.study_id == study_id, where), order, limit)
     return [Change(Place(row.record.change_seq, "record", row.record.item_id.hex), row) for row in rows]
 
 
 def _days(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> list[Change]:
-    keys: dict[Any, Any] = {DiaryDay.participant_id: None, DiaryDay.local_date: None}
-    if after.kind == "day":
-        participant, day = after.key.split("/")
-        keys = {DiaryDay.participant_id: uuid.UUID(participant), DiaryDay.local_date: date.fromisoformat(day)}
+    key = uuid.UUID(after.key) if after.kind == "day" else None
     query = (
         sa.select(DiaryDay, Participant.code)
         .join(Participant, Participant.id == DiaryDay.participant_id)
-        .where(DiaryDay.study_id == study_id, _behind(after, "day", DiaryDay.change_seq, keys))
-        .order_by(DiaryDay.change_seq, *keys)
+        .where(DiaryDay.study_id == study_id, _behind(after, "day", DiaryDay.change_seq, DiaryDay.id, key))
+        .order_by(DiaryDay.change_seq, DiaryDay.id)
         .limit(limit)
     )
-    return [
-        Change(Place(day.change_seq, "day", f"{day.participant_id.hex}/{day.local_date}"), (day, code))
-        for day, code in session.execute(query)
-    ]
+    return [Change(Place(day.change_seq, "day", day.id.hex), (day, code)) for day, code in session.execute(query)]
 
 
 def _erased(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> list[Change]:
@@ -77,9 +69,9 @@ def _erased(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> 
     query = (
         sa.select(Tombstone)
         .where(
-            Tombstone.kind == "record",
+            Tombstone.kind.in_(("record", "day")),
             Tombstone.study_id == study_id,
-            _behind(after, "erased", Tombstone.change_seq, {Tombstone.digest: key}),
+            _behind(after, "erased", Tombstone.change_seq, Tombstone.digest, key),
         )
         .order_by(Tombstone.change_seq, Tombstone.digest)
         .limit(limit)
@@ -87,13 +79,11 @@ def _erased(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> 
     return [Change(Place(row.change_seq or 0, "erased", row.digest), row) for row in session.scalars(query)]
 
 
-def _behind(after: Place, kind: str, change_seq: Any, keys: Mapping[Any, Any]) -> sa.ColumnElement[bool]:
+def _behind(after: Place, kind: str, change_seq: Any, column: Any, key: Any) -> sa.ColumnElement[bool]:
     """Rows of a kind behind a place: of later changes, and of the same change those that come after it there."""
     if KINDS.index(kind) > KINDS.index(after.kind):
         return sa.and_(change_seq >= after.change_seq)
-    if kind != after.kind or None in keys.values():
+    if key is None:
         return sa.and_(change_seq > after.change_seq)
-    bounds = [sa.bindparam(None, value, type_=column.type) for column, value in keys.items()]
-    return sa.tuple_(change_seq, *keys) > sa.tuple_(
-        sa.bindparam(None, after.change_seq, type_=sa.BigInteger()), *bounds
-    )
+    change = sa.bindparam(None, after.change_seq, type_=sa.BigInteger())
+    return sa.tuple_(change_seq, column) > sa.tuple_(change, sa.bindparam(None, key, type_=column.type))

@@ -25,12 +25,11 @@ class Copy:
             page = answer.json()
             self.pulled += len(page["records"]) + len(page["days"]) + len(page["erased"])
             self.records |= {record["id"]: record for record in page["records"]}
-            self.days |= {(day["participant"], day["local_date"]): day["status"] for day in page["days"]}
-            gone = {record["id_sha256"] for record in page["erased"]}
-            kept = {
-                key: one for key, one in self.records.items() if hashlib.sha256(key.encode()).hexdigest() not in gone
-            }
-            self.records = kept
+            self.days |= {day["id"]: (day["participant"], day["local_date"], day["status"]) for day in page["days"]}
+            gone = {erased["id_sha256"] for erased in page["erased"]}
+            for rows in (self.records, self.days):
+                for key in [key for key in rows if hashlib.sha256(key.encode()).hexdigest() in gone]:
+                    del rows[key]
             self.next = page["next"]
             if not page["has_more"]:
                 return
@@ -45,7 +44,8 @@ def meal(phone, state, seed, items=1, **changes):
 
 def truth(client, headers):
     records = client.get("/v1/records?limit=1000", headers=headers).json()["items"]
-    return {record["id"]: record for record in records}
+    of_days = ("day_status", "study_day")  # told by the days themselves
+    return {record["id"]: {key: record[key] for key in record if key not in of_days} for record in records}
 
 
 def test_copy_is_the_server_s_after_each_pull(phone, state, client, admin):
@@ -72,7 +72,25 @@ def test_copy_is_the_server_s_after_each_pull(phone, state, client, admin):
     assert len(copy.records) == 6
     statuses = {key: record["status"] for key, record in copy.records.items()}
     assert statuses == {key: record["status"] for key, record in truth(client, admin).items()}
-    assert copy.days == {("P001", "2026-11-20"): "closed"}
+    assert list(copy.days.values()) == [("P001", "2026-11-20", "closed")]
+
+
+@pytest.mark.parametrize("policy", ["anonymise", "erase"])
+def test_copy_forgets_who_has_left(enrol, state, client, admin, policy):
+    phone, other = enrol("P001", withdrawal_policy=policy), enrol("P002")
+    copy = Copy(client, admin)
+    for one, seed in ((phone, 1), (other, 2)):
+        meal(one, state, seed)
+        one.put("/v1/me/days/2026-11-20", json={"status": "closed"}, headers={"If-Match": '"0"'})
+    copy.pull()
+    assert {participant for participant, _, _ in copy.days.values()} == {"P001", "P002"}
+    assert client.post("/v1/me/withdrawal", headers=phone.headers).status_code in {200, 201}
+    copy.pull()
+    left = {record["participant"] for record in copy.records.values()}
+    assert left == {participant for participant, _, _ in copy.days.values()}
+    assert len(left) == (1 if policy == "erase" else 2)
+    assert "P001" not in left
+    assert copy.records == truth(client, admin)
 
 
 def test_meal_larger_than_a_page_comes_whole(phone, state, client, admin):
