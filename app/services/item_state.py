@@ -26,11 +26,16 @@ OF_REJECTED = "of_rejected"
 
 @dataclass(frozen=True, slots=True)
 class SetMass:
-    """Grams that a person set. of: "as_seen", with peel, core and bone, or "edible"."""
+    """Grams that a person set. of: "as_seen", with peel, core and bone, or "edible".
+
+    portion_of: key of the food whose household measure was told: the grams count while the item is this food. None:
+    grams that were told as such, of whatever food it is.
+    """
 
     mass_g: float
     of: str
     relative_sd: float
+    portion_of: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,8 +232,9 @@ class _History:
         made_by = self._by_id.get(item.event_id) if item.event_id is not None else None
         spoken = [event for event in words if event.kind in WORDS] + ([made_by] if made_by is not None else [])
         spoken += [event for event in self.counting if event.kind == "confirm_meal" and str(item.id) in _named(event)]
-        measured = _measured(self._parts, item, made_by, words)
         taken_for = self._newest_food(item)
+        food_key = self._parts.food_keys[taken_for.food_id] if taken_for is not None else None
+        measured = _measured(self._parts, item, made_by, words, food_key)
         is_vouched = any(event.kind in ("confirm", "confirm_meal") for event in spoken)
         word, flags = _word(spoken), measured.flags
         if item.id in self._replaced_by:
@@ -276,8 +282,10 @@ Precedence = tuple[int, int]
 AS_FOUND: Precedence = (-1, 0)  # the pipeline's first measurement goes before all that people say
 
 
-def _measured(parts: MealParts, item: Item, made_by: MealEvent | None, words: Sequence[MealEvent]) -> _Measured:
-    """How much there is of an item, and where.
+def _measured(
+    parts: MealParts, item: Item, made_by: MealEvent | None, words: Sequence[MealEvent], food_key: str | None
+) -> _Measured:
+    """How much there is of an item, and where. food_key: the food that it is taken for.
 
     The newest region that was drawn counts. Until it is measured the amount stays what it was; where it cannot be
     measured, the amount of the old region is nothing to go by, and only what somebody told stays.
@@ -297,7 +305,7 @@ def _measured(parts: MealParts, item: Item, made_by: MealEvent | None, words: Se
         rings, flags = (row.rings, list(row.flags)) if row is not None else (_rings(done, item), [REMEASURE_FAILED])
     if drawn and drawn[0] in waiting:
         rings, flags = _rings(drawn[0], item), [REMEASURING]
-    told = [(_precedence(event), event) for event in about if _tells_amount(event, item)]
+    told = [(_precedence(event), event) for event in about if _tells_amount(event, item, food_key)]
     if told:
         told_at, event = max(told, key=lambda each: each[0])
         if found.volume_ml is None or told_at > found_at:
@@ -348,9 +356,11 @@ def _told_of(event: MealEvent, item: Item) -> Mapping[str, Any]:
     return {}
 
 
-def _tells_amount(event: MealEvent, item: Item) -> bool:
+def _tells_amount(event: MealEvent, item: Item, food_key: str | None) -> bool:
+    """Whether the event sets an amount that counts: a household measure is one of the food that it was told for."""
     told = _told_of(event, item)
-    return told.get("mass_g") is not None or told.get("volume_ml") is not None
+    is_of_food = told.get("portion_of") in (None, food_key)
+    return (told.get("mass_g") is not None and is_of_food) or told.get("volume_ml") is not None
 
 
 def _amount_told(event: MealEvent, item: Item, found: Amount) -> Amount:
@@ -358,7 +368,7 @@ def _amount_told(event: MealEvent, item: Item, found: Amount) -> Amount:
     told = _told_of(event, item)
     relative_sd = float(told["relative_sd"])
     if told.get("mass_g") is not None:
-        mass = SetMass(float(told["mass_g"]), told["of"], relative_sd)
+        mass = SetMass(float(told["mass_g"]), told["of"], relative_sd, told.get("portion_of"))
         return replace(found, mass=mass, layer=event.layer)
     volume = estimate(float(told["volume_ml"]), Doubt(item=relative_sd))
     return Amount(volume.value, volume.low, volume.high, {"item": relative_sd}, layer=event.layer)

@@ -223,10 +223,11 @@ def differences(record: EffectiveRecord, columns: Mapping[str, Any]) -> list[str
     return [name for name, value in columns.items() if getattr(record, name) != value]
 
 
-def with_food(parts: MealParts, row: ItemFood) -> MealParts:
-    """The parts as they would be with one more row of what an item is taken for."""
+def with_food(parts: MealParts, row: ItemFood, key: str) -> MealParts:
+    """The parts as they would be with one more row of what an item is taken for; key: of its food."""
     rows = [*parts.foods.get(row.item_id, ()), row]
-    return replace(parts, foods={**parts.foods, row.item_id: rows})
+    food_keys = parts.food_keys | {row.food_id: key}
+    return replace(parts, foods={**parts.foods, row.item_id: rows}, food_keys=food_keys)
 
 
 def _record_status(state: ItemState, amounts: FoodAmounts | None) -> str:

@@ -115,7 +115,7 @@ class _Recomputation:
             return []
         parts = before.parts
         for row in rows:
-            parts = with_food(parts, row)
+            parts = with_food(parts, row, projector.food(row.food_id).key)
         after = projector.project(parts)
         found = [_difference(session, projector, after, row) for row in rows]
         if self._write:

@@ -157,8 +157,12 @@ def _with_exact_shares(parts: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _part(standing: Standing, whole: ItemState, place: int, told: dict[str, Any]) -> tuple[Item, dict[str, Any]]:
-    """One of the items that a split makes, and the grams that it has by share where those of the whole were told."""
-    share, amount, told_mass = told["share"], whole.amount, {}
+    """One of the items that a split makes, and the grams that it has by share where those of the whole were told.
+
+    Grams of a household measure stay those of the measure's food; the volume is there for a part that is another one.
+    """
+    share, amount = told["share"], whole.amount
+    told_mass: dict[str, Any] = {}
     columns: dict[str, Any] = {}
     if share is not None:
         own_sd = SPLIT_SD * (1.0 - share)
@@ -168,7 +172,9 @@ def _part(standing: Standing, whole: ItemState, place: int, told: dict[str, Any]
         if amount.mass is not None:
             sd = math.hypot(amount.mass.relative_sd, own_sd)
             told_mass = {"mass_g": amount.mass.mass_g * share, "of": amount.mass.of, "relative_sd": sd}
-        elif amount.volume_ml is not None:
+            if amount.mass.portion_of is not None:
+                told_mass["portion_of"] = amount.mass.portion_of
+        if amount.volume_ml is not None:
             pair_sd, item_sd = amount.relative_sd.get("pair", 0.0), amount.relative_sd.get("item", 0.0)
             columns = _volume(amount.volume_ml * share, pair_sd, math.hypot(item_sd, own_sd))
     rings = [told["polygon"]] if told["polygon"] is not None else whole.rings

@@ -23,6 +23,7 @@ def told_amount(
 ) -> dict[str, Any]:
     """An amount of the API (`AmountIn`) as an event keeps it: mass_g and of, or volume_ml; relative_sd; empty for None.
 
+    A household measure is kept with the key of its food (portion_of): of another food its grams say nothing.
     food: whose household measures count. Raises InvalidInputError (`portion_unknown`) where it has none of that name.
     """
     if told is None:
@@ -31,9 +32,10 @@ def told_amount(
     relative_sd = given.get("relative_sd")
     if "portion" in given:
         sd = max(default_sd, PORTION_SD) if relative_sd is None else relative_sd
-        mass_g = _portion_g(session, food, given["portion"]) * given["count"]
+        one_g, key = _portion(session, food, given["portion"])
         return {
-            "mass_g": mass_g, "of": "edible", "relative_sd": sd, "portion": given["portion"], "count": given["count"],
+            "mass_g": one_g * given["count"], "of": "edible", "relative_sd": sd,
+            "portion": given["portion"], "count": given["count"], "portion_of": key,
         }  # fmt: skip
     sd = default_sd if relative_sd is None else relative_sd
     if "mass_g" in given:
@@ -41,12 +43,12 @@ def told_amount(
     return {"volume_ml": given["volume_ml"], "relative_sd": sd}
 
 
-def _portion_g(session: Session, food: Food | None, measure: str) -> float:
-    """Edible grams of one such measure of the food."""
+def _portion(session: Session, food: Food | None, measure: str) -> tuple[float, str]:
+    """Edible grams of one such measure of the food, and the food's key."""
     known = foods.portions_of(session, food.id) if food is not None else []
     for portion in known:
-        if portion.measure == measure:
-            return portion.mass_g / portion.amount
+        if food is not None and portion.measure == measure:
+            return portion.mass_g / portion.amount, food.key
     raise InvalidInputError(
         "The food has no such household measure: send one of `portions` of GET /v1/foods/{key}, or grams.",
         code="portion_unknown",

@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 
 from app.db.models import (
     EffectiveRecord,
+    Food,
     Item,
     ItemCandidate,
     ItemFood,
@@ -28,7 +29,8 @@ Row = TypeVar("Row", ItemFood, ItemMeasure, ItemCandidate)
 class MealParts:
     """One meal's. items: of its newest run, of its newest after-meal run, and those that people made.
 
-    foods, measures, candidates, leftovers: by item. failed_remeasures: events whose regions no run will measure.
+    foods, measures, candidates, leftovers: by item. food_keys: of all in foods, by id; a key stays from version to
+    version. failed_remeasures: events whose regions no run will measure.
     """
 
     meal: Meal
@@ -37,6 +39,7 @@ class MealParts:
     items: list[Item] = field(default_factory=list)
     events: list[MealEvent] = field(default_factory=list)
     foods: dict[uuid.UUID, list[ItemFood]] = field(default_factory=dict)
+    food_keys: dict[int, str] = field(default_factory=dict)
     measures: dict[uuid.UUID, list[ItemMeasure]] = field(default_factory=dict)
     candidates: dict[uuid.UUID, list[ItemCandidate]] = field(default_factory=dict)
     leftovers: dict[uuid.UUID, list[Leftover]] = field(default_factory=dict)
@@ -57,8 +60,11 @@ def parts_of(session: Session, meals: Sequence[Meal]) -> list[MealParts]:
     events = sa.select(MealEvent).where(MealEvent.meal_id.in_(ids)).order_by(MealEvent.sequence)
     for event in session.scalars(events):
         parts[event.meal_id].events.append(event)
-    for food in _of_items(session, ItemFood, by_item):
-        by_item[food.item_id].foods.setdefault(food.item_id, []).append(food)
+    taken_for = _of_items(session, ItemFood, by_item)
+    keys = _keys_of(session, {row.food_id for row in taken_for})
+    for row in taken_for:
+        by_item[row.item_id].foods.setdefault(row.item_id, []).append(row)
+        by_item[row.item_id].food_keys[row.food_id] = keys[row.food_id]
     for measure in _of_items(session, ItemMeasure, by_item):
         by_item[measure.item_id].measures.setdefault(measure.item_id, []).append(measure)
     for candidate in _of_items(session, ItemCandidate, by_item):
@@ -104,6 +110,13 @@ def _add_items(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> dict[u
             its.items.append(item)
             by_item[item.id] = its
     return by_item
+
+
+def _keys_of(session: Session, food_ids: Collection[int]) -> dict[int, str]:
+    if not food_ids:
+        return {}
+    keys: dict[int, str] = dict(session.execute(sa.select(Food.id, Food.key).where(Food.id.in_(food_ids))).all())
+    return keys
 
 
 def _of_items(session: Session, table: type[Row], items: Collection[uuid.UUID]) -> list[Row]:

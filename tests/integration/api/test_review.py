@@ -43,6 +43,11 @@ def _records_follow_from_events(request):
     assert rebuild_records(state.database, write=False).different == 0
 
 
+def measure_of(speaker, food):
+    """A household measure of a food."""
+    return speaker.client.get(f"/v1/foods/{food}", headers=speaker.headers).json()["portions"][0]["measure"]
+
+
 def statuses(meal):
     return [item["status"] for item in meal["items"]]
 
@@ -123,6 +128,30 @@ def test_grams_and_household_measures_are_set_by_hand(participant):
     meal = participant.say("set_mass", item=milk["id"], portion=portion["measure"], count=1.5)
     assert meal["items"][1]["edible_g"] == pytest.approx(1.5 * portion["mass_g"] / portion["amount"])
     assert participant.refused("set_mass", item=milk["id"], portion="a barrel", count=1) == (422, "portion_unknown")
+
+
+def test_household_measure_counts_for_the_food_that_it_was_told_of(participant):
+    before = participant.items()[0]
+    measure = measure_of(participant, "apple")
+    told = participant.say("set_mass", item=before["id"], portion=measure, count=2)["items"][0]
+    assert told["edible_g"] != before["edible_g"]
+    event = new_event("set_food", item=before["id"], food="banana")
+    changed = participant.send(event).json()["items"][0]
+    assert changed["volume_ml"] == before["volume_ml"]
+    assert changed["mass_g"] == pytest.approx(before["volume_ml"] * changed["density_g_per_ml"])
+    undone = participant.say("undo", event=event["id"])["items"][0]
+    assert undone == told
+
+
+def test_parts_of_a_portion_are_portions_of_the_same_food(participant):
+    apple = participant.items()[0]
+    participant.say("set_mass", item=apple["id"], portion=measure_of(participant, "apple"), count=2)
+    whole_g = participant.items()[0]["edible_g"]
+    parts = [{"share": 0.5}, {"share": 0.5, "food": "banana"}]
+    same, other = participant.say("split", item=apple["id"], parts=parts)["items"][-2:]
+    assert same["edible_g"] == pytest.approx(whole_g / 2)
+    assert other["volume_ml"] == pytest.approx(apple["volume_ml"] / 2)
+    assert other["mass_g"] == pytest.approx(other["volume_ml"] * other["density_g_per_ml"])
 
 
 def test_share_scales_what_was_consumed(participant):

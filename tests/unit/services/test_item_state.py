@@ -62,6 +62,7 @@ class History:
         return event
 
     def food(self, item, food_id, layer="automatic", event_id=None):
+        self.parts.food_keys[food_id] = f"food-{food_id}"
         rows = self.parts.foods.setdefault(item.id, [])
         rows.append(ItemFood(item_id=item.id, version=1 + len(rows), food_id=food_id, layer=layer, event_id=event_id))
 
@@ -210,6 +211,48 @@ def test_told_grams_hold_over_an_older_region_that_is_measured_later(one):
     assert (state.amount.mass.mass_g, state.amount.volume_ml) == (33.0, 140.0)
 
 
+def test_portion_counts_as_long_as_the_food_that_it_is_of(one):
+    history, item = one
+    history.set_food(item, 1)
+    history.say("set_volume", item, volume_ml=70.0, relative_sd=0.1)
+    history.say("set_mass", item, mass_g=182.0, of="edible", relative_sd=0.2, portion_of="food-1")
+    assert history.state(item).amount.mass.mass_g == 182.0
+    other = history.set_food(item, 2)
+    state = history.state(item)
+    assert (state.amount.mass, state.amount.volume_ml, state.word) == (None, 70.0, "corrected")
+    history.undo(other)
+    assert history.state(item).amount.mass.mass_g == 182.0
+
+
+def test_portion_stays_when_the_same_food_has_a_newer_version_or_is_named_again(one):
+    history, item = one
+    history.food(item, 1)
+    history.say("set_mass", item, mass_g=182.0, of="edible", relative_sd=0.2, portion_of="food-1")
+    history.food(item, 7)
+    history.parts.food_keys[7] = "food-1"
+    assert history.state(item).amount.mass.mass_g == 182.0
+    history.set_food(item, 2)
+    history.set_food(item, 1)
+    assert history.state(item).amount.mass.mass_g == 182.0
+
+
+def test_grams_stay_whatever_the_food_is(one):
+    history, item = one
+    history.set_food(item, 1)
+    history.say("set_mass", item, mass_g=33.0, of="as_seen", relative_sd=0.1)
+    history.set_food(item, 2)
+    assert history.state(item).amount.mass.mass_g == 33.0
+
+
+def test_reviewers_portion_gives_way_to_a_food_that_it_is_not_of(one):
+    history, item = one
+    history.set_food(item, 1)
+    history.say("set_mass", item, mass_g=40.0, of="edible", relative_sd=0.1)
+    history.say("set_mass", item, "reviewer", mass_g=182.0, of="edible", relative_sd=0.2, portion_of="food-1")
+    history.set_food(item, 2)
+    assert history.state(item).amount.mass.mass_g == 40.0
+
+
 def test_declared_food_goes_with_the_item_that_it_came_with(one):
     history, item = one
     event = history.say("declare", item, probe="fat_added", answer="yes", mass_g=5.0, of="edible", relative_sd=0.2)
@@ -247,7 +290,10 @@ def test_order_in_which_rows_are_read_does_not_matter(one):
 
 # Random histories, also such as the rules of events would refuse, against a slow fold of another build.
 
-KINDS = ("confirm", "reject", "set_food", "set_volume", "set_mass", "set_share", "split", "merge", "undo", "redraw")
+KINDS = (
+    "confirm", "reject", "set_food", "set_volume", "set_mass", "portion", "set_share", "split", "merge", "undo",
+    "redraw",
+)  # fmt: skip
 STEPS = st.lists(
     st.tuples(
         st.sampled_from(KINDS), st.sampled_from(("participant", "reviewer")), st.integers(0, 99), st.integers(0, 99)
@@ -272,15 +318,20 @@ def told(steps):
             if events:
                 history.undo(events[other % len(events)], layer)
         elif kind == "set_food":
-            history.set_food(item, 2 + other, layer)
+            history.set_food(item, 1 + other % 3, layer)
         elif kind == "redraw":
             event = history.say("redraw", item, layer, polygon=RING)
             if other % 3:
                 history.measure(item, event, 10.0 + other if other % 2 else None)
         else:
-            values = {"volume_ml": 1.0 + other} if kind == "set_volume" else {"mass_g": 1.0 + other, "of": "edible"}
-            values = values if kind in ("set_volume", "set_mass") else {}
-            history.say(kind, item, layer, share=(1 + other) / 100, relative_sd=0.1, **values)
+            grams = {"mass_g": 1.0 + other, "of": "edible"}
+            values = {
+                "set_volume": {"volume_ml": 1.0 + other},
+                "set_mass": grams,
+                "portion": grams | {"portion_of": f"food-{1 + other % 3}"},
+            }.get(kind, {})
+            said = "set_mass" if kind == "portion" else kind
+            history.say(said, item, layer, share=(1 + other) / 100, relative_sd=0.1, **values)
     return history.parts
 
 
@@ -360,7 +411,7 @@ class SlowFold:
         for event in self.words(item, "set_volume", "set_mass", "redraw"):
             if event.kind == "set_volume":
                 return ("ml", event.new["volume_ml"])
-            if event.kind == "set_mass":
+            if event.kind == "set_mass" and event.new.get("portion_of") in (None, f"food-{self.food(item)}"):
                 return ("g", event.new["mass_g"])
             if event.id in measures and not is_lost:
                 if measures[event.id] is not None:
