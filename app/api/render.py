@@ -149,6 +149,7 @@ def _artefact(view: MealView, artefact: RunArtefact, query: str = "") -> Artefac
 
 def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
     record, its = view.record, view.state.taken_for
+    density = its if record.density_g_per_ml is not None else None
     nutrients = view.amounts.nutrients if view.amounts is not None else {}
     return ItemOut(
         id=record.item_id,
@@ -164,8 +165,8 @@ def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
         volume_ml=record.volume_ml,
         volume_interval_ml=_interval(record.volume_low_ml, record.volume_high_ml),
         density_g_per_ml=record.density_g_per_ml,
-        density_sd_g_per_ml=its.density_sd_g_per_ml if its else None,
-        density_basis=its.density_basis if its else None,
+        density_sd_g_per_ml=density.density_sd_g_per_ml if density else None,
+        density_basis=density.density_basis if density else None,
         density_source=record.density_source,
         mass_g=record.mass_g,
         mass_interval_g=_interval(record.mass_low_g, record.mass_high_g),

@@ -94,10 +94,11 @@ class Projector:
         amounts = None
         if taken_for is not None and state.is_live:
             weighing = weighing_of(taken_for)
+            is_by_volume = state.amount.mass is None
             amounts = food_amounts(
                 self.food(taken_for.food_id).key,
                 self.contents(taken_for.food_id),
-                weighing,
+                weighing if is_by_volume else replace(weighing, density=None),
                 served_mass(weighing, state.amount),
                 left=leftovers.masses(state, weighing),
                 share=state.share,

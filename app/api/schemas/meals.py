@@ -185,7 +185,9 @@ class ItemOut(BaseModel):
     candidates: list[CandidateOut]
     volume_ml: float | None = Field(description="Null where it could not be measured: flag `not_measurable`.")
     volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
-    density_g_per_ml: float | None
+    density_g_per_ml: float | None = Field(
+        description="Turns the volume into grams. Null where a person set the grams: they follow from nothing else then."
+    )
     density_sd_g_per_ml: float | None = Field(description="What the next item of this food may differ from it.")
     density_basis: str | None = Field(description="study, measured, fao, portion, related or group.")
     density_source: str | None

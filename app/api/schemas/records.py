@@ -31,7 +31,9 @@ class RecordOfItem(BaseModel):
     volume_ml: float | None = Field(description="Null where it could not be measured: a person must set an amount.")
     volume_low_ml: float | None
     volume_high_ml: float | None
-    density_g_per_ml: float | None
+    density_g_per_ml: float | None = Field(
+        description="Turns the volume into grams. Null where a person set the grams: they follow from nothing else then."
+    )
     density_source: str | None
     mass_g: float | None
     mass_low_g: float | None

@@ -197,7 +197,8 @@ class EffectiveRecord(Base):
     mass_g and edible_g: as served. left_g: edible grams left over; NULL: nobody has looked. consumed_g: what was eaten,
     edible less left, times the participant's share of the dish; signed, since clipping would bias means. The components
     are those of consumed_g. Components that the food table does not know are NULL, never 0; so is all that follows from
-    an unknown amount, and every amount of a rejected item. provisional: an after-meal pair may still come. doubt: the
+    an unknown amount, and every amount of a rejected item. density_g_per_ml: turned the volume into grams; NULL where a
+    person set the grams. provisional: an after-meal pair may still come. doubt: the
     review queue's order, the greatest first. The columns of the day's and the page's filters are copied from the meal,
     which never changes them.
     """

@@ -132,6 +132,9 @@ def _rejected_ones_amount_to_nothing(records):
     for record in records:
         if record["status"] == "rejected":
             assert [record[name] for name in ("mass_g", "edible_g", "left_g", "consumed_g", *AMOUNTS)] == [None] * 14
+        if record["density_g_per_ml"] is not None and record["mass_g"] is not None:
+            by_volume = told(record["volume_ml"] * record["density_g_per_ml"])
+            assert by_volume in (record["mass_g"], record["edible_g"])
         if record["consumed_g"] is not None:
             assert record["consumed_low_g"] <= record["consumed_g"] <= record["consumed_high_g"]
             expected = (record["edible_g"] - (record["left_g"] or 0.0)) * record["share"]

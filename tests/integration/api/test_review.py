@@ -122,12 +122,27 @@ def test_grams_and_household_measures_are_set_by_hand(participant):
     meal = participant.say("set_mass", item=apple["id"], mass_g=150, of="edible", relative_sd=0.02)
     assert meal["items"][0]["edible_g"] == pytest.approx(150)
     assert meal["items"][0]["mass_g"] == pytest.approx(150 / meal["items"][0]["edible_share"])
+    assert meal["items"][0]["volume_ml"] == apple["volume_ml"]
     portion = next(
         p for p in participant.client.get("/v1/foods/milk-whole", headers=participant.headers).json()["portions"]
     )
     meal = participant.say("set_mass", item=milk["id"], portion=portion["measure"], count=1.5)
     assert meal["items"][1]["edible_g"] == pytest.approx(1.5 * portion["mass_g"] / portion["amount"])
     assert participant.refused("set_mass", item=milk["id"], portion="a barrel", count=1) == (422, "portion_unknown")
+
+
+def test_density_is_shown_only_where_grams_follow_from_it(participant):
+    apple = participant.items()[0]
+    shown = ("density_g_per_ml", "density_sd_g_per_ml", "density_basis", "density_source")
+    assert None not in [apple[name] for name in shown]
+    weighed = participant.say("set_mass", item=apple["id"], mass_g=150)["items"][0]
+    assert [weighed[name] for name in shown] == [None] * 4
+    records = participant.client.get("/v1/records", headers=participant.headers).json()["items"]
+    record = next(record for record in records if record["id"] == apple["id"])
+    assert (record["density_g_per_ml"], record["density_source"]) == (None, None)
+    assert record["volume_ml"] == apple["volume_ml"]
+    measured = participant.say("set_volume", item=apple["id"], volume_ml=200)["items"][0]
+    assert [measured[name] for name in shown] == [apple[name] for name in shown]
 
 
 def test_household_measure_counts_for_the_food_that_it_was_told_of(participant):
