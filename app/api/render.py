@@ -191,8 +191,8 @@ def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
 def _totals(view: MealView) -> TotalsOut:
     mass: Estimate | None = view.total_mass.edible_g
     return TotalsOut(
-        edible_g=mass.value if mass is not None else None,
-        edible_interval_g=(mass.low, mass.high) if mass is not None else None,
+        consumed_g=mass.value if mass is not None else None,
+        consumed_interval_g=(mass.low, mass.high) if mass is not None else None,
         unmeasured_items=view.total_mass.unmeasured,
         nutrients=[
             NutrientTotal(

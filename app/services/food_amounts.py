@@ -60,10 +60,11 @@ class Weighing:
 class FoodAmounts:
     """What a helping of a food amounts to.
 
-    weighing: what turns its volume into grams; without a density where a person set the grams. per_100_g: component number -> content of 100 g edible portion. mass: as served; None, and nothing after it, where
-    the volume or the density is not known. left: what was left of it; None: nobody has looked. share: the person's, of
-    a dish that is shared. consumed_g: edible grams eaten, signed; None where what was left cannot be told. nutrients:
-    component number -> amount in what was eaten.
+    weighing: what turns its volume into grams; without a density where a person set the grams. per_100_g: component
+    number -> content of 100 g edible portion. mass: as served; None, and nothing after it, where the volume or the
+    density is not known. left: what was left of it; None: nobody has looked. share: the person's, of a dish that is
+    shared. consumed_g: edible grams eaten, signed; None where what was left cannot be told. nutrients: component number
+    -> amount in what was eaten.
     """
 
     food_key: str

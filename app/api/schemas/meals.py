@@ -186,7 +186,7 @@ class ItemOut(BaseModel):
     volume_ml: float | None = Field(description="Null where it could not be measured: flag `not_measurable`.")
     volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
     density_g_per_ml: float | None = Field(
-        description="Turns the volume into grams. Null where a person set the grams: they follow from nothing else then."
+        description="Turned the volume into grams; null where a person set the grams."
     )
     density_sd_g_per_ml: float | None = Field(description="What the next item of this food may differ from it.")
     density_basis: str | None = Field(description="study, measured, fao, portion, related or group.")
@@ -210,8 +210,8 @@ class ItemOut(BaseModel):
 class TotalsOut(BaseModel):
     """The meal's items together; doubt that they share (the pair's, a food's density) is not averaged away."""
 
-    edible_g: float | None = Field(description="Edible grams that were consumed: the sum of the items' consumed_g.")
-    edible_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
+    consumed_g: float | None = Field(description="The sum of the items' consumed_g.")
+    consumed_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
     unmeasured_items: int = Field(description="Items whose mass is not known; above 0, the totals are incomplete.")
     nutrients: list[NutrientTotal]
 
@@ -293,8 +293,8 @@ MEAL_EXAMPLE: dict[str, Any] = {
         }
     ],
     "totals": {
-        "edible_g": 131.4,
-        "edible_interval_g": [110.8, 155.9],
+        "consumed_g": 131.4,
+        "consumed_interval_g": [110.8, 155.9],
         "unmeasured_items": 0,
         "nutrients": [ENERGY_EXAMPLE | {"coverage": 1.0}],
     },

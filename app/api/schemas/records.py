@@ -32,7 +32,7 @@ class RecordOfItem(BaseModel):
     volume_low_ml: float | None
     volume_high_ml: float | None
     density_g_per_ml: float | None = Field(
-        description="Turns the volume into grams. Null where a person set the grams: they follow from nothing else then."
+        description="Turned the volume into grams; null where a person set the grams."
     )
     density_source: str | None
     mass_g: float | None

@@ -167,10 +167,10 @@ def _meal_is_the_sum(meal, live):
     known = [record for record in live if record["consumed_g"] is not None]
     assert totals["unmeasured_items"] == len(live) - len(known)
     if known:
-        assert totals["edible_g"] == told(sum(record["consumed_g"] for record in known))
+        assert totals["consumed_g"] == told(sum(record["consumed_g"] for record in known))
     if len(known) == 1:
         ends = (known[0]["consumed_low_g"], known[0]["consumed_high_g"])
-        assert totals["edible_interval_g"] == pytest.approx(ends)
+        assert totals["consumed_interval_g"] == pytest.approx(ends)
     by_number = {one["number"]: one for one in totals["nutrients"]}
     for name, numbers in RECORD_COLUMNS.items():
         values = [record[name] for record in known if record[name] is not None]

@@ -58,7 +58,7 @@ def test_records_have_nulls_in_json_and_empty_cells_in_csv(phone):
 def test_totals_of_the_meal_say_that_they_are_incomplete(meal):
     apple, totals = meal["items"][0], meal["totals"]
     assert totals["unmeasured_items"] == 1
-    assert totals["edible_g"] == apple["edible_g"]
+    assert totals["consumed_g"] == apple["consumed_g"]
     assert {total["coverage"] for total in totals["nutrients"]} == {None}
     amounts = {one["number"]: [one["amount"], *one["interval"]] for one in apple["nutrients"]}
     assert {one["number"]: pytest.approx([one["amount"], *one["interval"]]) for one in totals["nutrients"]} == amounts
@@ -78,11 +78,11 @@ def test_meal_that_is_not_measured_has_no_total_and_one_without_foods_has_nothin
     body = meal_metadata()
     phone.post(pair(), body)
     path = f"/v1/meals/{body['id']}"
-    assert phone.get(path).json()["totals"]["edible_g"] is None
+    assert phone.get(path).json()["totals"]["consumed_g"] is None
     estimates.save(state, body["id"], failure={"code": "no_food_found", "message": "no food"})
     failed = phone.get(path).json()
-    assert (failed["status"], failed["totals"]["edible_g"]) == ("failed", None)
+    assert (failed["status"], failed["totals"]["consumed_g"]) == ("failed", None)
     event = {"id": str(uuid.uuid4()), "kind": "confirm_meal"}
     headers = phone.headers | {"If-Match": "*"}
     confirmed = phone.client.post(f"{path}/events", headers=headers, json=event).json()
-    assert (confirmed["status"], confirmed["totals"]["edible_g"]) == ("confirmed", 0.0)
+    assert (confirmed["status"], confirmed["totals"]["consumed_g"]) == ("confirmed", 0.0)
