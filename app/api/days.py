@@ -202,6 +202,7 @@ def _summary_out(day: StudyDay) -> DaySummaryOut:
         unmeasured_meals=row.unmeasured_meals,
         unmeasured_items=row.unmeasured_items,
         provisional_items=row.provisional_items,
+        leftovers_unknown_items=row.leftovers_unknown_items,
         consumed_g=0.0 if row.is_nothing else row.consumed_g,
         energy_to_basal_rate=judged.ratio,
         plausibility=judged.verdict,
@@ -221,6 +222,7 @@ def _intake_out(intake: day_summaries.Intake) -> IntakeOut:
         unmeasured_meals=row.unmeasured_meals,
         unmeasured_items=row.unmeasured_items,
         provisional_items=row.provisional_items,
+        leftovers_unknown_items=row.leftovers_unknown_items,
         components={
             name: MeanAmountOut(mean=mean.value, days=mean.days, coverage=mean.coverage)
             for name, mean in row.means.items()

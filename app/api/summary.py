@@ -61,6 +61,7 @@ def _summary(found: Feedback) -> SummaryOut:
         unmeasured_meals=found.unmeasured_meals,
         unmeasured_items=found.unmeasured_items,
         provisional_items=found.provisional_items,
+        leftovers_unknown_items=found.leftovers_unknown_items,
         comparison=_comparison(found.comparison),
         locale=found.locale,
         sentences=list(found.sentences),

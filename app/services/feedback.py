@@ -84,6 +84,7 @@ class Feedback:
     unmeasured_meals: int
     unmeasured_items: int
     provisional_items: int
+    leftovers_unknown_items: int
     comparison: CompareDays
     locale: Locale
     sentences: tuple[str, ...]
@@ -176,6 +177,7 @@ def _feedback(session: Session, participant: Participant, study: Study, day: dat
         unmeasured_meals=unmeasured_meals,
         unmeasured_items=unmeasured,
         provisional_items=provisional,
+        leftovers_unknown_items=today.leftovers_unknown_items if today is not None else 0,
         comparison=comparison,
         locale=locale,
         sentences=tuple(sentences),
@@ -271,6 +273,8 @@ def _sentences_of_day(
         yield feedback_sentence("unmeasured", locale, count=unmeasured)
     if today is not None and today.unmeasured_meals:
         yield feedback_sentence("unmeasured_meals", locale, count=today.unmeasured_meals)
+    if today is not None and today.leftovers_unknown_items:
+        yield feedback_sentence("leftovers_unknown", locale, count=today.leftovers_unknown_items)
 
 
 def _sentences_of_what_is_open(locale: Locale, today: DayRow | None, provisional: int) -> Iterable[str]:

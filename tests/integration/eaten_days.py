@@ -68,9 +68,8 @@ def add_meal(
 
 def _add_record(session, meal, position, columns):
     food = columns.pop("food")
-    item = Item(
-        id=uuid.uuid4(), meal_id=meal.id, origin="declared", position=position, rings=[], relative_sd={}, flags=[]
-    )
+    origin = columns.pop("origin", "declared")
+    item = Item(id=uuid.uuid4(), meal_id=meal.id, origin=origin, position=position, rings=[], relative_sd={}, flags=[])
     session.add(item)
     session.flush()
     food_id = session.scalars(sa.select(Food.id).where(Food.key == food)).first() if food else None
@@ -83,7 +82,7 @@ def _add_record(session, meal, position, columns):
             captured_at=meal.captured_at,
             local_date=meal.local_date,
             food_id=food_id,
-            origin="declared",
+            origin=origin,
             flags=[],
             change_seq=1,
             **columns,

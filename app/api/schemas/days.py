@@ -9,6 +9,10 @@ COVERAGE = "The share of the eaten grams for which it is known, 0 to 1; null: gr
 UNMEASURED_MEALS = (
     "No food of theirs is known (failed, not measured yet), and nobody said there was none: missing in sums."
 )
+LEFTOVERS_UNKNOWN = (
+    "Items that count as eaten up, since nobody has looked what was left of them, where the study expects an "
+    "after-meal pair: with any, what was consumed is an upper bound."
+)
 
 
 class DayIn(BaseModel):
@@ -74,6 +78,7 @@ class DaySummaryOut(BaseModel):
     unmeasured_meals: int = Field(description=UNMEASURED_MEALS)
     unmeasured_items: int = Field(description="Their grams are not known: the sums are of the others.")
     provisional_items: int = Field(description="An after-meal pair may still change them.")
+    leftovers_unknown_items: int = Field(description=LEFTOVERS_UNKNOWN)
     consumed_g: float | None
     energy_kcal: float | None
     energy_kcal_coverage: float | None = Field(description=COVERAGE)
@@ -128,6 +133,7 @@ class IntakeOut(BaseModel):
     unmeasured_meals: int = Field(description=UNMEASURED_MEALS)
     unmeasured_items: int
     provisional_items: int
+    leftovers_unknown_items: int = Field(description=LEFTOVERS_UNKNOWN)
     components: dict[str, MeanAmountOut] = Field(description="By the record's column, such as energy_kcal.")
     plausibility: PlausibilityOut = Field(description="Of closed days of which everything is measured.")
 

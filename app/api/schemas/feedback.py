@@ -61,6 +61,9 @@ class SummaryOut(BaseModel):
     unmeasured_meals: int = Field(description="No food of theirs is known: they are missing in the amounts.")
     unmeasured_items: int
     provisional_items: int
+    leftovers_unknown_items: int = Field(
+        description="Counted as eaten up: nobody has looked what was left, where the study expects an after-meal pair."
+    )
     comparison: ComparisonOut
     locale: str
     sentences: list[str] = Field(description="To be shown as they stand, in this order.")

@@ -31,6 +31,7 @@ AMOUNTS = (
     "potassium_mg",
     "vitamin_c_mg",
 )  # the headline columns of effective_record
+SEEN = ("pipeline", "added", "split", "merged")  # origins of items that are in a meal's photographs
 FULL = 1.0 - 1e-9  # a coverage of everything, but for rounding
 
 
@@ -63,7 +64,8 @@ class DayRow:
 
     said_nothing: the word that nothing was eaten; it counts while there is no meal. version: 0 without a word.
     meals_after_closing: meals that came in after the day was closed. unmeasured_meals: of which no food is known, and
-    nobody has said that there was none. unmeasured_items: whose eaten grams are not known.
+    nobody has said that there was none. unmeasured_items: whose eaten grams are not known. leftovers_unknown_items:
+    those that count as eaten up since nobody has looked, where the study expects an after-meal pair.
     """
 
     participant_id: uuid.UUID
@@ -83,6 +85,7 @@ class DayRow:
     items: int
     unmeasured_items: int
     provisional_items: int
+    leftovers_unknown_items: int
     consumed_g: float | None
     amounts: Mapping[str, Amount]
 
@@ -213,6 +216,7 @@ def days_with_sums(page: sa.CTE) -> sa.Select[*tuple[Any, ...]]:
             sa.func.coalesce(eaten.c.item_count, 0).label("item_count"),
             sa.func.coalesce(eaten.c.unmeasured, 0).label("unmeasured"),
             sa.func.coalesce(eaten.c.provisional, 0).label("provisional"),
+            sa.func.coalesce(eaten.c.leftovers_unknown, 0).label("leftovers_unknown"),
             eaten.c.consumed_g,
             *(eaten.c[column] for column in AMOUNTS),
             *(
@@ -248,6 +252,20 @@ def is_unmeasured_meal() -> sa.ColumnElement[bool]:
     """Whether no food is known of a meal (it failed, or is not measured yet) and nobody has confirmed that it is so."""
     has_food = sa.exists().where(EffectiveRecord.meal_id == Meal.id, EffectiveRecord.status != "rejected")
     return sa.and_(Meal.id.is_not(None), Meal.status != "confirmed", ~has_food)
+
+
+def is_leftover_unknown() -> sa.ColumnElement[bool]:
+    """Whether a record's eaten grams are all that was served since nobody has looked what was left, and should have.
+
+    Of what was declared no camera sees what is left. For a query of records with their Meal and Study.
+    """
+    return sa.and_(
+        Study.expects_after_pair,
+        Meal.origin == "photographed",
+        EffectiveRecord.origin.in_(SEEN),
+        EffectiveRecord.consumed_g.is_not(None),
+        EffectiveRecord.left_g.is_(None),
+    )
 
 
 # The page stands first in each of these, joined by LEFT JOIN: SQLite, which does not know how few its rows are, would
@@ -311,6 +329,7 @@ def _records_of(page: sa.CTE) -> sa.Subquery:
             sa.func.count(record.item_id).label("item_count"),
             sa.func.count(sa.case((record.consumed_g.is_(None), record.item_id))).label("unmeasured"),
             sa.func.sum(sa.case((record.provisional, 1), else_=0)).label("provisional"),
+            sa.func.sum(sa.case((is_leftover_unknown(), 1), else_=0)).label("leftovers_unknown"),
             sa.func.sum(record.consumed_g).label("consumed_g"),
             *columns,
         )
@@ -319,6 +338,8 @@ def _records_of(page: sa.CTE) -> sa.Subquery:
             record,
             sa.and_(_same_day(record.participant_id, record.local_date, page), record.status != "rejected"),
         )
+        .outerjoin(Meal, Meal.id == record.meal_id)
+        .outerjoin(Study, Study.id == record.study_id)
         .group_by(page.c.participant_id, page.c.local_date)
         .subquery()
     )
@@ -348,6 +369,7 @@ def _day_row(row: sa.Row[*tuple[Any, ...]]) -> DayRow:
         items=values["item_count"],
         unmeasured_items=int(values["unmeasured"]),
         provisional_items=int(values["provisional"]),
+        leftovers_unknown_items=int(values["leftovers_unknown"]),
         consumed_g=values["consumed_g"],
         amounts={column: Amount(values[column], values[f"{column}_coverage"]) for column in AMOUNTS},
     )

@@ -63,6 +63,7 @@ class IntakeRow:
     unmeasured_meals: int
     unmeasured_items: int
     provisional_items: int
+    leftovers_unknown_items: int
     whole_days: int
     whole_energy_kcal: float | None
     means: Mapping[str, MeanAmount]
@@ -102,7 +103,7 @@ def page_of_intakes(
     is_measured = sa.and_(is_closed, is_whole, day.c.energy_kcal_coverage >= FULL)
     closed_sums = [
         sa.func.coalesce(sa.func.sum(sa.case((is_closed, day.c[name]), else_=0)), 0).label(name)
-        for name in ("unmeasured_meals", "unmeasured", "provisional")
+        for name in ("unmeasured_meals", "unmeasured", "provisional", "leftovers_unknown")
     ]
     whole_kcal = sa.case((is_nothing, 0.0), (is_measured, day.c.energy_kcal))
     means: list[Any] = []
@@ -213,6 +214,7 @@ def _intake_row(row: sa.Row[*tuple[Any, ...]], profile: dict[str, Any] | None) -
         unmeasured_meals=int(values["unmeasured_meals"]),
         unmeasured_items=int(values["unmeasured"]),
         provisional_items=int(values["provisional"]),
+        leftovers_unknown_items=int(values["leftovers_unknown"]),
         whole_days=values["whole_days"],
         whole_energy_kcal=values["whole_kcal"],
         means={name: MeanAmount(values[name], values[f"{name}_days"], values[f"{name}_coverage"]) for name in AMOUNTS},

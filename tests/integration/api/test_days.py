@@ -5,7 +5,9 @@ import io
 from datetime import date, timedelta
 
 import pytest
+import sqlalchemy as sa
 
+from app.db.models import Meal, Study
 from app.db.queries.days import AMOUNTS
 from tests.integration.eaten_days import add_meal, eaten_item, set_profile
 
@@ -203,6 +205,33 @@ def test_mean_intake_is_over_closed_days_and_counts_the_open_ones(client, admin)
     assert protein == {"mean": pytest.approx((2.5 + 0.0) / 2), "days": 2, "coverage": None}
     assert (found["unmeasured_items"], found["provisional_items"]) == (1, 1)
     assert (found["plausibility"]["verdict"], found["plausibility"]["days"]) == ("unknown", 2)
+
+
+def test_what_nobody_knows_the_leftovers_of_is_counted_where_a_pair_is_expected(phone, state, client, admin):
+    seen = {"origin": "added"}
+    of_declared_meal = add_meal(state, "P001", "2026-11-01", eaten_item(**seen), hour=8)
+    add_meal(
+        state,
+        "P001",
+        "2026-11-01",
+        eaten_item(**seen),
+        eaten_item(**seen, left_g=20.0),
+        eaten_item(**seen, left_g=0.0),
+        eaten_item(None, **seen),
+        eaten_item(**seen | {"status": "rejected"}),
+        eaten_item(),  # declared: no camera sees what is left of it
+    )
+    with state.database.write() as session:
+        session.execute(sa.update(Meal).where(Meal.client_id == of_declared_meal).values(origin="declared"))
+    add_meal(state, "P001", "2026-11-02", eaten_item(**seen))
+    close(phone, "2026-11-01")
+    assert [row["leftovers_unknown_items"] for row in rows_of(client, admin)] == [0, 0]
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(expects_after_pair=True))
+    assert [row["leftovers_unknown_items"] for row in rows_of(client, admin)] == [1, 1]
+    text = client.get("/v1/days?format=csv", headers=admin).text
+    assert [row["leftovers_unknown_items"] for row in csv.DictReader(io.StringIO(text))] == ["1", "1"]
+    assert intakes(client, admin)[0]["leftovers_unknown_items"] == 1  # of closed days
 
 
 def test_intake_without_a_closed_day_is_null(phone, state, client, admin):

@@ -112,6 +112,7 @@ def test_figures_agree_whatever_was_said(talked_over, client, admin, state):
     for day in days:
         _day_is_the_sum(day, [record for record in live if record["local_date"] == day["local_date"]])
         _summary_is_the_day(phone, day)
+    _leftovers_are_unknown_of_what_nobody_looked_at(phone, state, live)
     intake = client.get("/v1/studies/pilot/intakes", headers=admin).json()["items"][0]
     closed = [day for day in days if day["day_status"] == "closed"]
     for name in AMOUNTS:
@@ -196,9 +197,20 @@ def _day_is_the_sum(day, live):
             assert day[f"{name}_coverage"] is None
 
 
+def _leftovers_are_unknown_of_what_nobody_looked_at(phone, state, live):
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(expects_after_pair=True))
+    for day in phone.get("/v1/days").json()["items"]:
+        summed = [record for record in live if record["local_date"] == day["local_date"] and record["consumed_g"]]
+        unknown = [each for each in summed if each["left_g"] is None and each["origin"] != "declared"]
+        assert day["leftovers_unknown_items"] == len(unknown)
+        _summary_is_the_day(phone, day)
+
+
 def _summary_is_the_day(phone, day):
     body = phone.get("/v1/me/summary", date=day["local_date"]).json()
-    assert (body["unmeasured_items"], body["unmeasured_meals"]) == (day["unmeasured_items"], day["unmeasured_meals"])
+    for name in ("unmeasured_items", "unmeasured_meals", "leftovers_unknown_items"):
+        assert body[name] == day[name]
     for name in AMOUNTS:
         found = body["components"][name]
         assert found["amount"] == told(max(day[name], 0.0) if day[name] is not None else None)
