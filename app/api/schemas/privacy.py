@@ -12,9 +12,7 @@ class ReceiptOut(BaseModel):
 
     id: uuid.UUID
     what: str = Field(description="participant, meal or photographs")
-    policy: str = Field(
-        description="keep, anonymise, erase; or retention: the study's time for photographs was over."
-    )
+    policy: str = Field(description="keep, anonymise, erase; or retention: the study's time for photographs was over.")
     counts: dict[str, int] = Field(description="How many of each kind of row were removed, or changed by their name.")
     erased_at: datetime
 
