@@ -60,7 +60,7 @@ class EatenMeal:
 
 @dataclass(frozen=True, slots=True)
 class CompareDays:
-    """What the comparison rests on: closed days of the window, those of them that are measured whole.
+    """What the comparison rests on: closed days of the window, those of them that are measured whole and final.
 
     why_not: why nothing is compared.
     """

@@ -72,7 +72,7 @@ def judge_days(profile: Mapping[str, Any] | None, day: date, energy_kcal: float 
 
 
 def judge_day(row: DayRow) -> Plausibility:
-    """Whether a single day's energy is plausible; unknown unless all that was eaten is told and measured."""
+    """Whether a single day's energy is plausible; unknown unless all that was eaten is told, measured and final."""
     energy = row.amount("energy_kcal")
     is_whole = row.is_complete and energy.coverage is not None and energy.coverage >= FULL
     return judge_days(row.profile, row.local_date, energy.value if is_whole else None, int(is_whole))

@@ -135,7 +135,7 @@ class IntakeOut(BaseModel):
     provisional_items: int
     leftovers_unknown_items: int = Field(description=LEFTOVERS_UNKNOWN)
     components: dict[str, MeanAmountOut] = Field(description="By the record's column, such as energy_kcal.")
-    plausibility: PlausibilityOut = Field(description="Of closed days of which everything is measured.")
+    plausibility: PlausibilityOut = Field(description="Of closed days of which everything is measured and final.")
 
 
 class IntakePage(BaseModel):

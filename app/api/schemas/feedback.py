@@ -44,7 +44,7 @@ class ComparisonOut(BaseModel):
 
     window_days: int
     closed_days: int
-    whole_days: int = Field(description="Closed days on which everything was measured: the comparison rests on them.")
+    whole_days: int = Field(description="Closed days of which everything is measured and final: they are compared.")
     why_not: Literal["days_needed", "profile_needed"] | None
     components: dict[str, ComparedOut]
 

@@ -102,9 +102,9 @@ class DayRow:
 
     @property
     def is_complete(self) -> bool:
-        """Closed, and the eaten grams of everything are known."""
+        """Closed, and the eaten grams of everything are known, and final: no after-meal pair is waited for."""
         is_measured = self.items > 0 and self.unmeasured_items == 0 and self.unmeasured_meals == 0
-        return self.is_nothing or (self.status == "closed" and is_measured)
+        return self.is_nothing or (self.status == "closed" and is_measured and self.provisional_items == 0)
 
     def amount(self, column: str) -> Amount:
         """One of AMOUNTS; a day when nothing was eaten has 0 of everything."""

@@ -35,7 +35,7 @@ class MeanAmount(NamedTuple):
 
 
 class ClosedDay(NamedTuple):
-    """is_nothing: nothing was eaten. is_whole: nothing was, or the eaten grams of everything are known."""
+    """is_nothing: nothing was eaten. is_whole: nothing was, or the eaten grams of everything are known and final."""
 
     participant_id: uuid.UUID
     local_date: date
@@ -48,7 +48,7 @@ class IntakeRow:
     """A participant's mean daily intake over closed days.
 
     open_days: days with a meal or a word that are not closed, left out. first_day, last_day: of all their days.
-    days: with a meal or a word. whole_days: closed days of which everything is measured and has an energy;
+    days: with a meal or a word. whole_days: closed days of which everything is measured, final, and has an energy;
     whole_energy_kcal: their mean energy.
     """
 
@@ -99,7 +99,8 @@ def page_of_intakes(
     is_closed = day.c.status == "closed"
     is_empty = sa.and_(day.c.meals > 0, day.c.item_count == 0, day.c.unmeasured_meals == 0)
     is_nothing = sa.and_(is_closed, sa.or_(sa.and_(day.c.said_nothing, day.c.meals == 0), is_empty))
-    is_whole = sa.and_(day.c.item_count > 0, day.c.unmeasured == 0, day.c.unmeasured_meals == 0)
+    is_final = day.c.provisional == 0
+    is_whole = sa.and_(day.c.item_count > 0, day.c.unmeasured == 0, day.c.unmeasured_meals == 0, is_final)
     is_measured = sa.and_(is_closed, is_whole, day.c.energy_kcal_coverage >= FULL)
     closed_sums = [
         sa.func.coalesce(sa.func.sum(sa.case((is_closed, day.c[name]), else_=0)), 0).label(name)
@@ -154,7 +155,8 @@ def closed_days(session: Session, chosen: DayFilter) -> list[ClosedDay]:
     is_known = ~sa.exists().where(*is_there, is_unmeasured_meal())
     is_empty = sa.and_(has_meal, ~has_item, is_known)
     is_nothing = sa.or_(sa.and_(DiaryDay.ate_nothing, ~has_meal), is_empty)
-    is_measured = sa.and_(has_item, ~sa.exists().where(*holds, record.consumed_g.is_(None)), is_known)
+    is_open = sa.or_(record.consumed_g.is_(None), record.provisional)
+    is_measured = sa.and_(has_item, ~sa.exists().where(*holds, is_open), is_known)
     query = sa.select(DiaryDay.participant_id, DiaryDay.local_date, is_nothing, sa.or_(is_nothing, is_measured))
     query = filtered(query, DiaryDay.study_id, DiaryDay.participant_id, DiaryDay.local_date, chosen)
     query = query.where(DiaryDay.status == "closed").order_by(DiaryDay.participant_id, DiaryDay.local_date)

@@ -7,7 +7,7 @@ from datetime import date, timedelta
 import pytest
 import sqlalchemy as sa
 
-from app.db.models import Meal, Study
+from app.db.models import EffectiveRecord, Meal, Study
 from app.db.queries.days import AMOUNTS
 from tests.integration.eaten_days import add_meal, eaten_item, set_profile
 
@@ -204,7 +204,8 @@ def test_mean_intake_is_over_closed_days_and_counts_the_open_ones(client, admin)
     assert energy == {"mean": pytest.approx((196.0 + 300.0 + 0.0) / 3), "days": 3, "coverage": None}
     assert protein == {"mean": pytest.approx((2.5 + 0.0) / 2), "days": 2, "coverage": None}
     assert (found["unmeasured_items"], found["provisional_items"]) == (1, 1)
-    assert (found["plausibility"]["verdict"], found["plausibility"]["days"]) == ("unknown", 2)
+    plausibility = found["plausibility"]
+    assert (plausibility["verdict"], plausibility["days"]) == ("unknown", 1)  # the day of nothing: one is not final
 
 
 def test_what_nobody_knows_the_leftovers_of_is_counted_where_a_pair_is_expected(phone, state, client, admin):
@@ -253,6 +254,21 @@ def test_mean_energy_of_whole_days_is_judged_with_the_limits_of_their_number(pho
         pytest.approx(1.053, abs=0.001),
     )
     assert rows_of(client, admin)[0]["plausibility"] == "plausible"  # one day alone tells less
+
+
+def test_day_with_a_provisional_record_is_not_judged_until_the_record_is_final(phone, state, client, admin):
+    set_profile(state, **MAN)
+    for day in (1, 2):
+        add_meal(state, "P001", f"2026-11-0{day}", eaten_item(energy_kcal=1600.0), eaten_item(None, status="rejected"))
+        close(phone, f"2026-11-0{day}")
+    add_meal(state, "P001", "2026-11-02", eaten_item(energy_kcal=600.0, provisional=True), hour=18)
+    assert [row["plausibility"] for row in rows_of(client, admin)] == ["plausible", "unknown"]
+    judged = intakes(client, admin)[0]["plausibility"]
+    assert (judged["days"], judged["ratio"]) == (1, pytest.approx(1600 / 1676.14, rel=1e-4))
+    with state.database.write() as session:
+        session.execute(sa.update(EffectiveRecord).values(provisional=False))
+    assert [row["plausibility"] for row in rows_of(client, admin)] == ["plausible", "plausible"]
+    assert intakes(client, admin)[0]["plausibility"]["days"] == 2
 
 
 def test_intakes_page_by_participant_and_filter_by_day(enrol, state, client, admin):

@@ -121,7 +121,9 @@ def test_figures_agree_whatever_was_said(talked_over, client, admin, state):
         shares = [day[f"{name}_coverage"] for day in closed]
         mean = None if None in shares else sum(shares) / len(shares)
         assert intake["components"][name]["coverage"] == told(mean)
-    whole = [day for day in closed if day["unmeasured_meals"] == day["unmeasured_items"] == 0]
+    whole = [
+        day for day in closed if day["unmeasured_meals"] == day["unmeasured_items"] == day["provisional_items"] == 0
+    ]
     assert intake["plausibility"]["days"] == sum(day["energy_kcal_coverage"] >= 1.0 - EXACT for day in whole)
 
 

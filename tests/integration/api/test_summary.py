@@ -86,7 +86,7 @@ def test_comparison_needs_three_closed_days_that_are_measured_whole(feedback, st
         "vitamin_c_mg": "below",  # 75 mg
     }
     assert any("rests on 4 closed days of the last 14" in sentence for sentence in body["sentences"])
-    assert any("could not be measured: 1" in sentence for sentence in body["sentences"])
+    assert any("could not be measured or is not final yet: 1" in sentence for sentence in body["sentences"])
     assert any(sentence.startswith("Days differ") for sentence in body["sentences"])
 
 
@@ -126,6 +126,19 @@ def test_meal_that_failed_is_told_and_its_day_compared_with_nothing(feedback, st
     assert "Meals that were not measured, and are missing from these figures: 1." in body["sentences"]
     compared = body["comparison"]
     assert (compared["closed_days"], compared["whole_days"], compared["why_not"]) == (3, 2, "days_needed")
+
+
+def test_day_with_a_provisional_record_is_left_out_of_the_comparison(feedback, state):
+    set_profile(state, **WOMAN)
+    eat(state, feedback, 14, 15, 16)
+    eat(state, feedback, 17, provisional=True)
+    body = feedback.get(PATH).json()
+    assert body["provisional_items"] == 1
+    compared = body["comparison"]
+    assert (compared["closed_days"], compared["whole_days"]) == (4, 3)
+    assert {each["days"] for each in compared["components"].values()} == {3}
+    left_out = "Of these, days left out because something could not be measured or is not final yet: 1."
+    assert left_out in body["sentences"]
 
 
 def test_leftovers_that_nobody_told_are_told_where_a_pair_is_expected(feedback, state):
