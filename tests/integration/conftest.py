@@ -10,6 +10,7 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
 from app.main import create_app
+from app.services.api_children import ApiChildren
 from app.services.staff import create_admin
 from app.settings import Settings
 
@@ -38,9 +39,18 @@ def app() -> FastAPI:
 
 @pytest.fixture
 def client(app, settings) -> Iterator[TestClient]:
+    """The app on a database that is prepared already; its children start when a test needs one."""
+    settings.data_dir.mkdir(parents=True)
     app.state.settings = settings
-    with TestClient(app, raise_server_exceptions=False) as client:
+    client = TestClient(app, raise_server_exceptions=False)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("app.main.prepare", lambda *_: None)
+        patch.setattr(ApiChildren, "start_soon", lambda _: None)
+        client.__enter__()
+    try:
         yield client
+    finally:
+        client.__exit__(None, None, None)
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-from app.api.records import FORMULA_STARTS, _safe
+from app.api.csv_stream import FORMULA_STARTS, _safe
 
 
 def test_search_gives_the_raw_apple_first(phone):
