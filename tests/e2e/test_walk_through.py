@@ -40,7 +40,7 @@ def check_the_records(records):
     assert (apple["origin"], honey["origin"]) == ("pipeline", "added")
     assert (honey["status"], honey["consumed_g"], honey["volume_ml"]) == ("confirmed", 20.0, None)
     assert {record["day_status"] for record in records} == {"closed"}
-    assert {record["study_day"] for record in records} == {2}
+    assert {record["study_day"] for record in records} == {1}
 
 
 def check_what_is_left(folder, printed):
@@ -52,5 +52,5 @@ def check_what_is_left(folder, printed):
         assert {"data.json", "README.txt"} <= set(archive.namelist())
         data = archive.read("data.json").decode()
     assert "P007" in data
-    assert "121.47" in data
-    assert "121.473701" not in data  # the study rounds places to two decimals
+    assert "13.4" in data
+    assert "13.404954" not in data  # the study rounds places to two decimals
