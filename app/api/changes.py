@@ -11,6 +11,7 @@ from app.api.problems import problem_responses
 from app.api.render import render_record
 from app.api.schemas.changes import ChangedDayOut, ChangePage, ErasedOut
 from app.api.schemas.records import RecordOfItem
+from app.db.queries.changes import KINDS
 from app.services.list_changes import list_changes
 
 router = APIRouter(prefix="/v1/studies", tags=["records"])
@@ -26,9 +27,7 @@ def get_changes(
 ) -> JSONResponse:
     """Records and days that changed, and records that are erased, since the page before. Nothing is missed."""
     page = list_changes(state.database, study, cursor=cursor, limit=limit)
-    rows = {
-        kind: [change.row for change in page.rows if change.place.kind == kind] for kind in ("record", "day", "erased")
-    }
+    rows = {kind: [change.row for change in page.rows if change.place.kind == kind] for kind in KINDS}
     body = ChangePage(
         records=[RecordOfItem.model_validate(render_record(row), from_attributes=True) for row in rows["record"]],
         days=[

@@ -23,7 +23,8 @@ from app.api.schemas.days import (
     MeanAmountOut,
     PlausibilityOut,
 )
-from app.db.queries.days import AMOUNTS, DayFilter, DayRow
+from app.db.models.record import HEADLINE_COLUMNS
+from app.db.queries.days import DayFilter, DayRow
 from app.errors import InvalidInputError
 from app.services import day_summaries, diary
 from app.services.diary import Whose, Word
@@ -184,7 +185,7 @@ def _decided_by(row: DayRow) -> Literal["participant", "reviewer"] | None:
 def _summary_out(day: StudyDay) -> DaySummaryOut:
     row, judged = day.row, judge_day(day.row)
     amounts: dict[str, float | None] = {}
-    for name in AMOUNTS:
+    for name in HEADLINE_COLUMNS:
         amount = row.amount(name)
         amounts |= {name: amount.value, f"{name}_coverage": amount.coverage}
     return DaySummaryOut(

@@ -13,8 +13,9 @@ from typing import Literal
 from sqlalchemy.orm import Session
 
 from app.db.models import EffectiveRecord, Participant, Study
+from app.db.models.record import HEADLINE_COLUMNS
 from app.db.queries import days, diary
-from app.db.queries.days import AMOUNTS, FULL, DayFilter, DayRow
+from app.db.queries.days import FULL, DayFilter, DayRow
 from app.db.queries.eaten import meals_of_day
 from app.db.session import Database
 from app.errors import InvalidInputError, NotAllowedError
@@ -137,7 +138,7 @@ def sum_amounts(records: Iterable[EffectiveRecord], *, is_all: bool = True) -> d
     is_all: False where something was eaten of which there is no record.
     """
     eaten = list(records)
-    sums = {column: _sum(eaten, column) for column in AMOUNTS}
+    sums = {column: _sum(eaten, column) for column in HEADLINE_COLUMNS}
     return sums if is_all else {column: replace(found, coverage=None) for column, found in sums.items()}
 
 
@@ -152,7 +153,7 @@ def _feedback(session: Session, participant: Participant, study: Study, day: dat
     is_nothing = today is not None and today.is_nothing
     amounts = sum_amounts(every, is_all=unmeasured_meals == 0)
     if is_nothing:
-        amounts = dict.fromkeys(AMOUNTS, EatenAmount(0.0, 0.0, 0.0, 1.0))
+        amounts = dict.fromkeys(HEADLINE_COLUMNS, EatenAmount(0.0, 0.0, 0.0, 1.0))
     comparison = compare_days(rows, _stage_on(participant, day))
     locale = locale_of(study.locale)
     sentences = [

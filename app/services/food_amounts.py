@@ -12,6 +12,7 @@ from app.nutrition.foods import Density, Food, FoodForm, food_form
 from app.nutrition.mass import AFTER, BEFORE, Mass, consumed_mass, edible_share, estimate_mass
 from app.nutrition.nutrients import Portion, nutrients_in
 
+# The names stand here and in db/models/record.py (a test compares): `tada estimate` loads no database.
 RECORD_COLUMNS = dict(  # columns of effective_record, units in their names -> component numbers, the best first
     zip(
         (

@@ -5,6 +5,7 @@ follows it misses nothing. An erased record is told by the SHA-256 of its id: wh
 cannot any more.
 """
 
+import uuid
 from dataclasses import dataclass
 
 from app.db.queries import changes, people
@@ -13,6 +14,7 @@ from app.db.session import Database
 from app.errors import NotFoundError
 from app.services.cursors import broken_cursor, decode_cursor, encode_cursor
 
+MOST_CHANGES = 2**63 - 1  # what a BIGINT counts
 START = Place(0, KINDS[-1], "")
 
 
@@ -40,10 +42,16 @@ def list_changes(database: Database, study_code: str, *, cursor: str | None, lim
 
 
 def _place(key: str | None) -> Place:
+    """The place that a cursor names: a cursor is not signed, so each part is looked at."""
     if key is None:
         return START
-    number, _, rest = key.partition(" ")
-    kind, _, row = rest.partition(" ")
-    if not number.isdecimal() or kind not in KINDS:
+    try:
+        number, kind, row = key.split(" ")
+        place = Place(int(number), kind, row)
+        if kind != "erased":
+            uuid.UUID(row)
+    except ValueError:
+        raise broken_cursor() from None
+    if kind not in KINDS or not 0 <= place.change_seq <= MOST_CHANGES:
         raise broken_cursor()
-    return Place(int(number), kind, row)
+    return place

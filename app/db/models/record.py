@@ -11,6 +11,18 @@ from app.db.models.base import Base, one_of
 from app.db.models.job import JOB_PURPOSES
 from app.db.models.review import LAYERS
 
+HEADLINE_COLUMNS = (  # the components that a record holds itself, units in their names
+    "energy_kcal",
+    "protein_g",
+    "fat_g",
+    "carbohydrate_g",
+    "fibre_g",
+    "sugar_g",
+    "saturated_fat_g",
+    "sodium_mg",
+    "potassium_mg",
+    "vitamin_c_mg",
+)
 RECORD_STATUSES = ("proposed", "needs_review", "confirmed", "corrected", "rejected")
 ITEM_ORIGINS = ("pipeline", "after", "declared", "added", "split", "merged")
 LEFTOVER_CLASSES = ("food_left", "refuse", "unmatched")

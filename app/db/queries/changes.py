@@ -37,15 +37,14 @@ def page_of_changes(session: Session, study_id: uuid.UUID, after: Place, limit: 
         *_days(session, study_id, after, limit),
         *_erased(session, study_id, after, limit),
     ]
-    found.sort(
-        key=lambda change: (change.place.change_seq, KINDS.index(change.place.kind))
-    )  # keys are in order already
+    # stable, and each kind is in the order of its keys already
+    found.sort(key=lambda change: (change.place.change_seq, KINDS.index(change.place.kind)))
     return found[:limit]
 
 
 def _records(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> list[Change]:
     record = EffectiveRecord
-    key = uuid.UUID(after.key) if after.kind == "record" and after.key else None
+    key = uuid.UUID(after.key) if after.kind == "record" else None
     where = _behind(after, "record", record.change_seq, record.item_id, key)
     order = (record.change_seq, record.item_id)
     rows: list[RecordRow] = rows_of_records(session, (record.study_id == study_id, where), order, limit)

@@ -16,21 +16,10 @@ from sqlalchemy.orm import Session
 from sqlalchemy.sql.functions import FunctionElement
 
 from app.db.models import DayEvent, DiaryDay, EffectiveRecord, Meal, Participant, Study
+from app.db.models.record import HEADLINE_COLUMNS
 
 DayStatus = Literal["open", "closed"]
 
-AMOUNTS = (
-    "energy_kcal",
-    "protein_g",
-    "fat_g",
-    "carbohydrate_g",
-    "fibre_g",
-    "sugar_g",
-    "saturated_fat_g",
-    "sodium_mg",
-    "potassium_mg",
-    "vitamin_c_mg",
-)  # the headline columns of effective_record
 SEEN = ("pipeline", "added", "split", "merged")  # origins of items that are in a meal's photographs
 FULL = 1.0 - 1e-9  # a coverage of everything, but for rounding
 
@@ -107,7 +96,7 @@ class DayRow:
         return self.is_nothing or (self.status == "closed" and is_measured and self.provisional_items == 0)
 
     def amount(self, column: str) -> Amount:
-        """One of AMOUNTS; a day when nothing was eaten has 0 of everything."""
+        """One of HEADLINE_COLUMNS; a day when nothing was eaten has 0 of everything."""
         return Amount(0.0, 1.0) if self.is_nothing else self.amounts[column]
 
 
@@ -218,10 +207,10 @@ def days_with_sums(page: sa.CTE) -> sa.Select[*tuple[Any, ...]]:
             sa.func.coalesce(eaten.c.provisional, 0).label("provisional"),
             sa.func.coalesce(eaten.c.leftovers_unknown, 0).label("leftovers_unknown"),
             eaten.c.consumed_g,
-            *(eaten.c[column] for column in AMOUNTS),
+            *(eaten.c[column] for column in HEADLINE_COLUMNS),
             *(
                 sa.case((sa.func.coalesce(meals.c.unmeasured_meals, 0) == 0, eaten.c[name])).label(name)
-                for name in (f"{column}_coverage" for column in AMOUNTS)
+                for name in (f"{column}_coverage" for column in HEADLINE_COLUMNS)
             ),
         )
         .select_from(page)
@@ -316,7 +305,7 @@ def _delays_of(page: sa.CTE) -> sa.Subquery:
 def _records_of(page: sa.CTE) -> sa.Subquery:
     record = EffectiveRecord
     columns: list[Any] = []
-    for name in AMOUNTS:
+    for name in HEADLINE_COLUMNS:
         amount = getattr(record, name)
         columns += [
             sa.func.sum(amount).label(name),
@@ -371,5 +360,5 @@ def _day_row(row: sa.Row[*tuple[Any, ...]]) -> DayRow:
         provisional_items=int(values["provisional"]),
         leftovers_unknown_items=int(values["leftovers_unknown"]),
         consumed_g=values["consumed_g"],
-        amounts={column: Amount(values[column], values[f"{column}_coverage"]) for column in AMOUNTS},
+        amounts={column: Amount(values[column], values[f"{column}_coverage"]) for column in HEADLINE_COLUMNS},
     )

@@ -10,8 +10,8 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.models import Component, DiaryDay, EffectiveRecord, FoodNutrient, Meal, Participant
+from app.db.models.record import HEADLINE_COLUMNS
 from app.db.queries.days import (
-    AMOUNTS,
     FULL,
     Amount,
     DayFilter,
@@ -108,7 +108,7 @@ def page_of_intakes(
     ]
     whole_kcal = sa.case((is_nothing, 0.0), (is_measured, day.c.energy_kcal))
     means: list[Any] = []
-    for name in AMOUNTS:
+    for name in HEADLINE_COLUMNS:
         amount = sa.case((is_nothing, 0.0), (is_closed, day.c[name]))
         coverage = sa.case((is_nothing, 1.0), (is_closed, day.c[f"{name}_coverage"]))
         closed_days = sa.func.count(sa.case((is_closed, 1)))
@@ -219,5 +219,8 @@ def _intake_row(row: sa.Row[*tuple[Any, ...]], profile: dict[str, Any] | None) -
         leftovers_unknown_items=int(values["leftovers_unknown"]),
         whole_days=values["whole_days"],
         whole_energy_kcal=values["whole_kcal"],
-        means={name: MeanAmount(values[name], values[f"{name}_days"], values[f"{name}_coverage"]) for name in AMOUNTS},
+        means={
+            name: MeanAmount(values[name], values[f"{name}_days"], values[f"{name}_coverage"])
+            for name in HEADLINE_COLUMNS
+        },
     )

@@ -4,6 +4,7 @@ import hashlib
 
 import pytest
 
+from app.services.cursors import encode_cursor
 from tests import estimates
 from tests.estimates import found_item
 from tests.integration.conftest import meal_metadata
@@ -101,7 +102,10 @@ def test_meal_larger_than_a_page_comes_whole(phone, state, client, admin):
     assert len(copy.records) == 5
 
 
-@pytest.mark.parametrize("cursor", ["x", "e30", "W10"])
+FORGED = ["1 record zzz", "1 record ", "1 day x/2026-01-01", f"{10**30} erased ", "-1 erased ", "1 meal x", ""]
+
+
+@pytest.mark.parametrize("cursor", ["x", "e30", "W10", *(encode_cursor("changes of pilot", key) for key in FORGED)])
 def test_broken_cursor_is_refused(phone, client, admin, cursor):
     answer = client.get("/v1/studies/pilot/changes", headers=admin, params={"cursor": cursor})
     assert (answer.status_code, answer.json()["code"]) == (422, "cursor_invalid")

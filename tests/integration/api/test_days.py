@@ -8,7 +8,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.db.models import EffectiveRecord, Meal, Study
-from app.db.queries.days import AMOUNTS
+from app.db.models.record import HEADLINE_COLUMNS
 from tests.integration.eaten_days import add_meal, eaten_item, set_profile
 
 MAN = {"sex": "male", "birth_year": 1986, "weight_kg": 70.0}  # 40 years: 1676 kcal a day at rest (Schofield)
@@ -62,8 +62,8 @@ def test_sums_have_their_coverage_and_what_is_not_known_is_null(client, admin):
         0,
         3,
     )
-    assert [nothing[name] for name in AMOUNTS] == [0.0] * len(AMOUNTS)
-    assert [nothing[f"{name}_coverage"] for name in AMOUNTS] == [1.0] * len(AMOUNTS)
+    assert [nothing[name] for name in HEADLINE_COLUMNS] == [0.0] * len(HEADLINE_COLUMNS)
+    assert [nothing[f"{name}_coverage"] for name in HEADLINE_COLUMNS] == [1.0] * len(HEADLINE_COLUMNS)
     assert (left_open["day_status"], left_open["study_day"], left_open["energy_kcal"]) == ("open", 5, 5000.0)
 
 

@@ -11,7 +11,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.db.models import Study
-from app.db.queries.days import AMOUNTS
+from app.db.models.record import HEADLINE_COLUMNS
 from app.services.food_amounts import RECORD_COLUMNS
 from app.services.rebuild_records import rebuild_records
 from tests.estimates import unmeasured_item
@@ -115,7 +115,7 @@ def test_figures_agree_whatever_was_said(talked_over, client, admin, state):
     _leftovers_are_unknown_of_what_nobody_looked_at(phone, state, live)
     intake = client.get("/v1/studies/pilot/intakes", headers=admin).json()["items"][0]
     closed = [day for day in days if day["day_status"] == "closed"]
-    for name in AMOUNTS:
+    for name in HEADLINE_COLUMNS:
         known = [day[name] for day in closed if day[name] is not None]
         assert intake["components"][name]["mean"] == told(sum(known) / len(known) if known else None)
         shares = [day[f"{name}_coverage"] for day in closed]
@@ -134,7 +134,9 @@ def _cell(value):
 def _rejected_ones_amount_to_nothing(records):
     for record in records:
         if record["status"] == "rejected":
-            assert [record[name] for name in ("mass_g", "edible_g", "left_g", "consumed_g", *AMOUNTS)] == [None] * 14
+            assert [record[name] for name in ("mass_g", "edible_g", "left_g", "consumed_g", *HEADLINE_COLUMNS)] == [
+                None
+            ] * 14
         if record["density_g_per_ml"] is not None and record["mass_g"] is not None:
             by_volume = told(record["volume_ml"] * record["density_g_per_ml"])
             assert by_volume in (record["mass_g"], record["edible_g"])
@@ -143,7 +145,7 @@ def _rejected_ones_amount_to_nothing(records):
             expected = (record["edible_g"] - (record["left_g"] or 0.0)) * record["share"]
             assert record["consumed_g"] == told(expected)
         else:
-            assert [record[name] for name in AMOUNTS] == [None] * len(AMOUNTS)
+            assert [record[name] for name in HEADLINE_COLUMNS] == [None] * len(HEADLINE_COLUMNS)
             assert record["status"] in ("needs_review", "rejected")
 
 
@@ -151,7 +153,7 @@ def _csv_says_the_same(phone, records):
     rows = list(csv.DictReader(io.StringIO(phone.get("/v1/records", format="csv").text)))
     assert [row["id"] for row in rows] == [record["id"] for record in records]
     for row, record in zip(rows, records, strict=True):
-        for name in ("consumed_g", "consumed_low_g", "edible_g", "left_g", "share", *AMOUNTS):
+        for name in ("consumed_g", "consumed_low_g", "edible_g", "left_g", "share", *HEADLINE_COLUMNS):
             assert row[name] == _cell(record[name])
 
 
@@ -161,7 +163,7 @@ def _export_says_the_same(phone, records):
     told_of = {record["item_id"]: record for meal in data["meals"] for record in meal["records"]}
     assert set(told_of) == {record["id"] for record in records}
     for record in records:
-        for name in ("consumed_g", "edible_g", "status", "provisional", *AMOUNTS):
+        for name in ("consumed_g", "edible_g", "status", "provisional", *HEADLINE_COLUMNS):
             assert told_of[record["id"]][name] == record[name]
 
 
@@ -186,13 +188,13 @@ def _meal_is_the_sum(meal, live):
 
 def _day_is_the_sum(day, live):
     if day["ate_nothing"]:
-        assert [day[name] for name in AMOUNTS] == [0.0] * len(AMOUNTS)
+        assert [day[name] for name in HEADLINE_COLUMNS] == [0.0] * len(HEADLINE_COLUMNS)
         return
     known = [record for record in live if record["consumed_g"] is not None]
     assert (day["items"], day["unmeasured_items"]) == (len(live), len(live) - len(known))
     assert day["provisional_items"] == sum(record["provisional"] for record in live)
     assert day["consumed_g"] == told(sum(record["consumed_g"] for record in known) if known else None)
-    for name in AMOUNTS:
+    for name in HEADLINE_COLUMNS:
         values = [record[name] for record in live if record[name] is not None]
         assert day[name] == told(sum(values) if values else None)
         if len(known) < len(live) or day["unmeasured_meals"] or not live:
@@ -213,7 +215,7 @@ def _summary_is_the_day(phone, day):
     body = phone.get("/v1/me/summary", date=day["local_date"]).json()
     for name in ("unmeasured_items", "unmeasured_meals", "leftovers_unknown_items"):
         assert body[name] == day[name]
-    for name in AMOUNTS:
+    for name in HEADLINE_COLUMNS:
         found = body["components"][name]
         assert found["amount"] == told(max(day[name], 0.0) if day[name] is not None else None)
         if day[name] is not None:
