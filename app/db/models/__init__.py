@@ -16,6 +16,7 @@ from app.db.models.food import (
     StudyDensity,
 )
 from app.db.models.food_search import FoodCode, FoodPosting, FoodWord, FoodWordTrigram
+from app.db.models.identification import IndexEntry, ItemIdentification
 from app.db.models.job import Job, WorkerLease
 from app.db.models.meal import Meal, MealImage
 from app.db.models.people import AccessToken, Device, Enrolment, Participant, Staff, Study, StudyMember
@@ -59,9 +60,11 @@ __all__ = [
     "FoodRelease",
     "FoodWord",
     "FoodWordTrigram",
+    "IndexEntry",
     "Item",
     "ItemCandidate",
     "ItemFood",
+    "ItemIdentification",
     "ItemMeasure",
     "Job",
     "Leftover",

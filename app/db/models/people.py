@@ -23,6 +23,7 @@ class Study(Base):
     camera: intrinsics that hold where neither the meal nor its device has any. after_window_minutes: how long after
     eating began an after-meal pair is waited for. day_starts_minutes: after midnight; a meal before it belongs to the
     day before. retention_days: photographs and derived pictures go so many days after upload; NULL: they stay.
+    shares_index: other studies' foods are identified by this one's confirmed items too.
     version grows with every change of the protocol.
     """
 
@@ -42,6 +43,7 @@ class Study(Base):
     locale: Mapped[str] = mapped_column(sa.String(8), default="en")
     gives_feedback: Mapped[bool] = mapped_column(default=False)
     day_starts_minutes: Mapped[int] = mapped_column(default=0)
+    shares_index: Mapped[bool] = mapped_column(default=False)
     version: Mapped[int] = mapped_column(default=1)
     change_seq: Mapped[int] = mapped_column(sa.BigInteger, default=0)
     created_at: Mapped[datetime]

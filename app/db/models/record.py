@@ -44,6 +44,7 @@ class Run(Base):
     marker: Mapped[str] = mapped_column(sa.String(64))
     camera: Mapped[dict[str, Any] | None]
     parameters: Mapped[dict[str, Any]]
+    colour: Mapped[dict[str, Any] | None]  # each photograph's colour correction by the marker
     stages: Mapped[dict[str, Any]]
     seconds: Mapped[float]
     food_releases: Mapped[list[Any]]  # the tables in force, "name version", the one that goes first at the head
@@ -150,7 +151,11 @@ class Leftover(Base):
 
 
 class ItemCandidate(Base):
-    """A food that an item may be, best first; source tells who says so (the phone's hint, later the index)."""
+    """A food that an item may be; source tells who says so: the phone's "hint" or the "index".
+
+    Append-only: positions go on where a later run identifies the item again, and its candidates hold; best first in
+    each run. run_id: NULL, the run that found the item. probability: NULL, a hint's.
+    """
 
     __tablename__ = "item_candidate"
 
@@ -159,6 +164,7 @@ class ItemCandidate(Base):
     food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"))
     probability: Mapped[float | None]
     source: Mapped[str] = mapped_column(sa.String(16))
+    run_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("run.id"), index=True)
 
 
 class ItemFood(Base):

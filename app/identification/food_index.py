@@ -1,0 +1,126 @@
+"""The index that ships with the program: described regions of known foods, and how their likeness becomes probability.
+
+One compressed NumPy archive of numbers and short words: no pickle, no photograph. Where each label stands in the food
+table is a table of its own beside it, to be read and corrected by people.
+"""
+
+import csv
+import hashlib
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.identification.calibrate import Calibration
+from app.identification.metric import BlockLayout, Metric, Vectors
+
+SHIPPED = "ecustfd.npz"
+LABELS = "labels.csv"
+
+
+@dataclass(frozen=True, slots=True)
+class KnownFood:
+    """A label of the index: its name for people, and its food's key in the food table, which may lack it."""
+
+    label: str
+    name: str
+    food_key: str
+
+
+@dataclass(frozen=True, slots=True)
+class FoodIndex:
+    """vectors: (n, d); labels: (n,) places in foods; specimens: (n,) names, which pictures show the same piece.
+
+    volumes_ml: of each food's measured pieces. version: names the source and the content.
+    """
+
+    version: str
+    vcm_version: str
+    foods: tuple[KnownFood, ...]
+    vectors: Vectors
+    labels: NDArray[np.intp]
+    specimens: tuple[str, ...]
+    layout: tuple[BlockLayout, ...]
+    metric: Metric
+    calibration: Calibration
+    volumes_ml: Mapping[str, tuple[float, ...]]
+
+
+@cache
+def shipped_index() -> FoodIndex:
+    """The index built from ECUSTFD (docs/identification.md)."""
+    folder = resources.files("app.identification") / "shipped"
+    foods = read_labels((folder / LABELS).read_text(encoding="utf-8"))
+    with (folder / SHIPPED).open("rb") as file:
+        return read_index(io.BytesIO(file.read()), foods)
+
+
+def read_labels(text: str) -> tuple[KnownFood, ...]:
+    """Lines of label, name, food_key. Raises ValueError for a label or a food that stands twice."""
+    foods = tuple(KnownFood(row["label"], row["name"], row["food_key"]) for row in csv.DictReader(io.StringIO(text)))
+    for column in ({food.label for food in foods}, {food.food_key for food in foods}):
+        if len(column) != len(foods):
+            raise ValueError("a label or a food stands twice")
+    return foods
+
+
+def write_index(path: Path, index: FoodIndex) -> None:
+    """The archive that read_index reads; the same index gives the same bytes."""
+    sizes = [(food.label, volume) for food in index.foods for volume in index.volumes_ml.get(food.label, ())]
+    np.savez_compressed(
+        path,
+        allow_pickle=False,
+        source=np.array(index.version.rsplit(" ", 1)[0]),
+        vcm_version=np.array(index.vcm_version),
+        label_names=np.array([food.label for food in index.foods]),
+        vectors=index.vectors.astype(np.float16),
+        labels=index.labels.astype(np.uint8 if len(index.foods) < 256 else np.uint16),
+        specimens=np.array(index.specimens),
+        block_names=np.array([block.name for block in index.layout]),
+        block_sizes=np.array([block.size for block in index.layout], np.int32),
+        block_is_histogram=np.array([block.is_histogram for block in index.layout]),
+        centre=index.metric.centre,
+        sd=index.metric.sd,
+        weight=index.metric.weight,
+        calibration=np.array([index.calibration.temperature, index.calibration.none_score]),
+        volume_labels=np.array([label for label, _ in sizes]),
+        volumes_ml=np.array([volume for _, volume in sizes], np.float64),
+    )
+
+
+def read_index(file: BinaryIO, known: Sequence[KnownFood]) -> FoodIndex:
+    """An archive of write_index. known: what its labels are. Raises ValueError, KeyError if it is none of that kind."""
+    by_label = {food.label: food for food in known}
+    with np.load(file, allow_pickle=False) as archive:
+        held = {name: archive[name] for name in archive.files}
+    sizes: dict[str, list[float]] = {}
+    for label, volume in zip(held["volume_labels"].tolist(), held["volumes_ml"].tolist(), strict=True):
+        sizes.setdefault(label, []).append(volume)
+    vectors = held["vectors"].astype(np.float64)
+    digest = hashlib.sha256(held["vectors"].tobytes() + held["labels"].tobytes() + held["calibration"].tobytes())
+    return FoodIndex(
+        version=f"{held['source']} {digest.hexdigest()[:12]}",
+        vcm_version=str(held["vcm_version"]),
+        foods=tuple(by_label[label] for label in held["label_names"].tolist()),
+        vectors=vectors,
+        labels=held["labels"].astype(np.intp),
+        specimens=tuple(held["specimens"].tolist()),
+        layout=tuple(
+            BlockLayout(name, size, is_histogram)
+            for name, size, is_histogram in zip(
+                held["block_names"].tolist(),
+                held["block_sizes"].tolist(),
+                held["block_is_histogram"].tolist(),
+                strict=True,
+            )
+        ),
+        metric=Metric(held["centre"], held["sd"], held["weight"]),
+        calibration=Calibration(*held["calibration"].tolist()),
+        volumes_ml={label: tuple(volumes) for label, volumes in sizes.items()},
+    )
