@@ -1,14 +1,25 @@
 """A picture of each step, like the paper's Figure 6, and the point cloud: what a run shows of itself.
 
-Trace in -> JPEG and PLY files as bytes. Steps that the run did not reach have no picture.
+Trace in -> JPEG and PLY files as bytes, in the colours that the marker corrects. Steps that the run did not reach have
+no picture.
 """
 
 import cv2
 import numpy as np
 
+from app.vision.color import apply_colour
 from app.vision.features import undistort_to_pinhole
 from app.vision.measure import MeasuredItem
-from app.vision.model import Artefact, Float32Array, Float64Array, ImageArray, ItemEstimate, Photo, View
+from app.vision.model import (
+    Artefact,
+    ColourCorrection,
+    Float32Array,
+    Float64Array,
+    ImageArray,
+    ItemEstimate,
+    Photo,
+    View,
+)
 from app.vision.pointcloud import write_ply
 from app.vision.rectification import rectify_by_fundamental
 from app.vision.trace import Trace
@@ -34,7 +45,7 @@ def draw_artefacts(trace: Trace, left: Photo, items: tuple[ItemEstimate, ...]) -
         "disparity.jpg": _disparity(trace),
         "points.jpg": _point_cloud(trace),
         "slices.jpg": _slices(trace),
-        "overlay.jpg": _overlay(left, items) if items else None,
+        "overlay.jpg": _overlay(left, trace.colours[0], items) if items and trace.colours else None,
     }
     out = [_jpeg(name, picture) for name, picture in pictures.items() if picture is not None]
     if trace.points_table is not None and trace.rectified is not None:
@@ -53,11 +64,11 @@ def _jpeg(name: str, picture: ImageArray) -> Artefact:
     return Artefact(name, "image/jpeg", data.tobytes())
 
 
-def _reduced(view: View) -> tuple[ImageArray, float]:
+def _reduced(view: View, colour: ColourCorrection) -> tuple[ImageArray, float]:
     pixels = view.photo.pixels_bgr
     scale = min(1.0, WIDTH_PX / 2 / pixels.shape[1])
     small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.uint8), scale
+    return apply_colour(np.asarray(small, np.uint8), colour), scale
 
 
 def _side_by_side(first: ImageArray, second: ImageArray) -> ImageArray:
@@ -73,7 +84,8 @@ def _matches(trace: Trace) -> ImageArray | None:
     """Good matches thin, the sixteen that made F bold."""
     if trace.refined is None or trace.matches is None or trace.epipolar is None:
         return None
-    (first, scale), (second, scale_second) = _reduced(trace.refined.first), _reduced(trace.refined.second)
+    first, scale = _reduced(trace.refined.first, trace.colour_of(0))
+    second, scale_second = _reduced(trace.refined.second, trace.colour_of(1))
     picture = _side_by_side(first, second)
     good = np.flatnonzero(trace.epipolar.is_good & ~trace.matches.is_board)
     some = good[np.linspace(0, len(good) - 1, min(SHOWN_MATCHES, len(good))).astype(np.int64)]
@@ -111,8 +123,8 @@ def _rectified_by_f(trace: Trace) -> ImageArray | None:
     frame = np.array([[scale, 0.0, -scale * low[0]], [0.0, scale, -scale * low[1]], [0.0, 0.0, 1.0]])
     shown = tuple(int(np.ceil(side)) for side in (high - low) * scale)
     pictures = []
-    for view, homography in zip(views, found, strict=True):
-        small, reduction = _reduced(view)
+    for view, homography, colour in zip(views, found, (trace.colour_of(0), trace.colour_of(1)), strict=True):
+        small, reduction = _reduced(view, colour)
         reduce = np.diag([reduction, reduction, 1.0])
         camera = reduce @ view.camera.matrix
         flat = cv2.undistort(small, camera, np.array(view.camera.distortion))
@@ -125,7 +137,8 @@ def _rectified(trace: Trace) -> ImageArray | None:
     """The pair that depth is measured on; the second is sheared so that the marker's plane coincides."""
     if trace.rectified is None:
         return None
-    return _with_rows(_side_by_side(trace.rectified.first_bgr, trace.rectified.second_bgr))
+    first, second = trace.rectified.first_bgr, trace.rectified.second_bgr
+    return _with_rows(_side_by_side(apply_colour(first, trace.colour_of(0)), apply_colour(second, trace.colour_of(1))))
 
 
 def _with_rows(picture: ImageArray) -> ImageArray:
@@ -138,7 +151,7 @@ def _disparity(trace: Trace) -> ImageArray | None:
     if trace.rectified is None or trace.disparity is None:
         return None
     disparity = trace.rectified.disparity_from_parallax(trace.disparity.parallax_px)
-    return _side_by_side(trace.rectified.first_bgr, _coloured(disparity))
+    return _side_by_side(apply_colour(trace.rectified.first_bgr, trace.colour_of(0)), _coloured(disparity))
 
 
 def _coloured(values: Float32Array) -> ImageArray:
@@ -160,7 +173,7 @@ def _cloud(trace: Trace) -> tuple[Float64Array, ImageArray]:
     known = np.isfinite(trace.points_table[..., 2])
     points, colours = trace.points_table[known].astype(np.float64), trace.rectified.first_bgr[known]
     step = max(1, len(points) // CLOUD_POINTS)
-    return points[::step], colours[::step]
+    return points[::step], apply_colour(colours[None, ::step], trace.colour_of(0))[0]
 
 
 def _point_cloud(trace: Trace) -> ImageArray | None:
@@ -174,7 +187,8 @@ def _point_cloud(trace: Trace) -> ImageArray | None:
         seen, colours = trace.points_table[keep].astype(np.float64), trace.rectified.first_bgr[keep]
         hidden = volume.completed_mm + np.array([0.0, 0.0, item.support_mm])
         grey = np.full((len(hidden), 3), GREY, np.uint8)
-        points, paint = np.concatenate([hidden, seen]), np.concatenate([grey, colours])
+        painted = apply_colour(colours[None], trace.colour_of(0))[0]
+        points, paint = np.concatenate([hidden, seen]), np.concatenate([grey, painted])
         panels.append(_render(points, paint, volume, trace.rectified.first_centre_mm))
     return np.asarray(np.hstack(panels), np.uint8)
 
@@ -240,15 +254,16 @@ def _slices(trace: Trace) -> ImageArray | None:
     return np.asarray(np.hstack(panels), np.uint8)
 
 
-def _overlay(left: Photo, items: tuple[ItemEstimate, ...]) -> ImageArray:
+def _overlay(left: Photo, colour: ColourCorrection, items: tuple[ItemEstimate, ...]) -> ImageArray:
     """Outlines and volumes on the photograph sent as left."""
     pixels = left.pixels_bgr
     scale = min(1.0, WIDTH_PX / pixels.shape[1])
-    picture = np.asarray(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+    small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    picture = apply_colour(np.asarray(small, np.uint8), colour)
     for number, item in enumerate(items):
-        colour = ITEM_COLOURS[number % len(ITEM_COLOURS)]
+        line = ITEM_COLOURS[number % len(ITEM_COLOURS)]
         rings = [np.rint(ring * scale).astype(np.int32) for ring in item.rings]
-        cv2.polylines(picture, rings, True, colour, 3, cv2.LINE_AA)
+        cv2.polylines(picture, rings, True, line, 3, cv2.LINE_AA)
         if not rings:
             continue
         words = "not measurable"
@@ -256,7 +271,7 @@ def _overlay(left: Photo, items: tuple[ItemEstimate, ...]) -> ImageArray:
             words = f"{item.volume_ml:.0f} ml ({item.volume_interval_ml[0]:.0f} - {item.volume_interval_ml[1]:.0f})"
         x, y = rings[0].min(axis=0)
         place = (int(np.clip(x, 5, picture.shape[1] - 380)), int(max(y - 12, 30)))
-        _write(picture, words, place, 0.9, colour)
+        _write(picture, words, place, 0.9, line)
     return picture
 
 

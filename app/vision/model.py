@@ -21,6 +21,7 @@ MaskArray = NDArray[np.bool_]
 MarkerKind = Literal["plain", "colour"]
 Method = Literal["shape", "paper"]
 SliceForm = Literal["circle", "ellipse"]
+ColourKind = Literal["colour", "white", "none"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +91,22 @@ class MarkerObservation:
 
 
 @dataclass(frozen=True, slots=True)
+class ColourCorrection:
+    """What brings one photograph's colours to those under neutral light, exposed for the marker (color.py).
+
+    matrix: (3, 3) in linear sRGB, red first: corrected = matrix @ as taken. kind: "colour", from the colour board's
+    colours; "white", one gain a channel from its paper; "none", the identity. delta_e_mean, delta_e_worst: CIEDE2000
+    of the coloured squares after it, None without them. flags: stable codes.
+    """
+
+    matrix: Float64Array
+    kind: ColourKind
+    delta_e_mean: float | None = None
+    delta_e_worst: float | None = None
+    flags: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class View:
     """One photograph with its camera and pose: x_camera = rotation @ x_table + translation_mm.
 
@@ -145,7 +162,7 @@ class ItemTraits:
     """What an item is known again by in another pair of the same meal; None: not to be seen.
 
     centre_mm: (x, y) in the table frame, the middle of its surface; radius_mm: of a disc that spreads as far. lab:
-    CIELAB (D65), the mean over it, the marker's paper as white.
+    CIELAB (D65), the mean over it, colours corrected by the marker.
     """
 
     centre_mm: tuple[float, float] | None = None
@@ -188,6 +205,7 @@ class MealEstimate:
 
     views: (left, right), or None if it failed before. stages: seconds by step, in order.
     parameters: what the run depended on beside its inputs and the version (for the record).
+    colours: the corrections of the (left, right) photograph, or None if a marker was not found.
     """
 
     method: Method
@@ -198,3 +216,4 @@ class MealEstimate:
     views: tuple[View, View] | None = None
     parameters: Mapping[str, float | int | str] = field(default_factory=dict)
     artefacts: Sequence[Artefact] = ()
+    colours: tuple[ColourCorrection, ColourCorrection] | None = None

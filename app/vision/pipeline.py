@@ -11,6 +11,7 @@ import numpy as np
 
 from app.errors import Failure
 from app.vision.camera import estimate_views
+from app.vision.color import measure_colour
 from app.vision.disparity import match_dense
 from app.vision.epipolar import Epipolar, compare_fundamentals
 from app.vision.features import Matches, is_on_sheet, match_features
@@ -27,9 +28,9 @@ from app.vision.segmentation import segment_foods
 from app.vision.shape import measure_shapes
 from app.vision.stillness import judge_matches, judge_table
 from app.vision.trace import Trace
-from app.vision.traits import sheet_white, traits_of
+from app.vision.traits import traits_of
 
-PIPELINE_VERSION = "4"  # changes whenever the same photographs may give another answer
+PIPELINE_VERSION = "5"  # changes whenever the same photographs may give another answer
 
 
 def estimate_meal(
@@ -56,6 +57,7 @@ def estimate_meal(
         views=trace.views,
         parameters={"seed": options.seed, **trace.parameters()},
         artefacts=draw_artefacts(trace, pair.left, items) if want_artefacts else (),
+        colours=trace.colours,
     )
 
 
@@ -70,6 +72,7 @@ def _run(
         if isinstance(right, Failure):
             return right
         observations = agree_on_corners(pair, left, right)
+        trace.colours = measure_colour(pair.left, left), measure_colour(pair.right, right)
     with stage("camera"):
         views = estimate_views(pair, observations, options)
         if isinstance(views, Failure):
@@ -120,7 +123,7 @@ def _run(
         if isinstance(measured, Failure):
             return measured
         trace.items = measured
-        white = sheet_white(options.marker, plane, rectified.first_bgr, rectified.is_seen)
+        colour = trace.colour_of(0)
         return tuple(
             ItemEstimate(
                 rings=rings_of(item.region.mask, places, is_swapped=trace.is_swapped),
@@ -129,7 +132,7 @@ def _run(
                 relative_sd=item.volume.relative_sd if item.volume is not None else {},
                 hint=item.region.hint,
                 flags=item.flags,
-                traits=traits_of(item.region.mask, points, rectified.first_bgr, white),
+                traits=traits_of(item.region.mask, points, rectified.first_bgr, colour),
             )
             for item in measured
         )

@@ -1,12 +1,13 @@
 """What a run has found so far: filled step by step, read by figures.py and for the record's parameters."""
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from app.vision.disparity import DisparityMap
 from app.vision.epipolar import Epipolar
 from app.vision.features import Matches
 from app.vision.measure import MeasuredItem
-from app.vision.model import Float32Array, View
+from app.vision.model import ColourCorrection, Float32Array, View
 from app.vision.reconstruction import DepthModel
 from app.vision.rectification import RectifiedPair
 from app.vision.relative_pose import RefinedViews
@@ -17,9 +18,10 @@ class Trace:
     """Each step's result, None or empty where the run ended before.
 
     views: (left, right) as sent. refined: first and second by where they stand; is_swapped: first is the right one.
-    points_table: (H, W, 3) mm. items: measured foods.
+    points_table: (H, W, 3) mm. items: measured foods. colours: corrections of the (left, right) photograph.
     """
 
+    colours: tuple[ColourCorrection, ColourCorrection] | None = None
     views: tuple[View, View] | None = None
     is_swapped: bool = False
     matches: Matches | None = None
@@ -30,6 +32,12 @@ class Trace:
     depth: DepthModel | None = None
     points_table: Float32Array | None = None
     items: list[MeasuredItem] = field(default_factory=list)
+
+    def colour_of(self, place: Literal[0, 1]) -> ColourCorrection:
+        """The correction of the first or the second view by where they stand. Raises ValueError before the marker."""
+        if self.colours is None:
+            raise ValueError("Colours are measured on the markers, which are not found yet.")
+        return self.colours[1 - place if self.is_swapped else place]
 
     def parameters(self) -> dict[str, float | int | str]:
         """What the record keeps of a run: the views' geometry and how well each step fitted."""

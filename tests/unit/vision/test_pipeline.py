@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
+from app.vision.color import apply_colour
+from app.vision.colour_space import encode_srgb, linear_rgb
 from app.vision.model import EstimateOptions, Hint, Photo, PhotoPair
 from app.vision.pipeline import PIPELINE_VERSION, estimate_meal
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
@@ -125,7 +127,32 @@ def test_photograph_without_marker_says_so(pair):
     estimate = estimate_meal(PhotoPair(pair.left, grey), OPTIONS)
     assert estimate.failure is not None
     assert estimate.views is None
+    assert estimate.colours is None
     assert list(estimate.stages) == ["marker"]
+
+
+def tinted(photo, gains):
+    """As another light or white balance makes it. gains: red, green, blue."""
+    linear = linear_rgb(photo.pixels_bgr) * gains
+    return Photo(np.ascontiguousarray(np.rint(255 * encode_srgb(linear)).astype(np.uint8)[..., ::-1]))
+
+
+def test_colours_are_corrected_for_each_photograph_and_do_not_follow_its_light(estimate, pair):
+    """The photographs swapped as well, so that the first view is the right one."""
+    gains = {"left": np.array([0.9, 0.7, 0.5]), "right": np.array([0.5, 0.7, 0.9])}
+    views = PhotoPair(tinted(pair.right, gains["right"]), tinted(pair.left, gains["left"]))
+    found = estimate_meal(views, OPTIONS, want_artefacts=True)
+    assert [each.kind for each in estimate.colours] == ["white", "white"]
+    for before, after, gain in zip(estimate.colours, found.colours[::-1], gains.values(), strict=True):
+        assert np.diag(after.matrix) * gain == pytest.approx(np.diag(before.matrix), rel=0.03)
+    assert found.items[0].traits.lab == pytest.approx(estimate.items[0].traits.lab, abs=2.0)
+    (overlay,) = [each for each in found.artefacts if each.name == "overlay.jpg"]
+    picture = cv2.imdecode(np.frombuffer(overlay.content, np.uint8), cv2.IMREAD_COLOR)
+    table = np.median(picture.reshape(-1, 3), axis=0)
+    as_taken = np.median(views.left.pixels_bgr.reshape(-1, 3), axis=0)
+    untinted = np.median(apply_colour(pair.right.pixels_bgr, estimate.colours[1]).reshape(-1, 3), axis=0)
+    assert table == pytest.approx(untinted, abs=4.0)
+    assert np.abs(as_taken - untinted).max() > 20.0
 
 
 def test_photographs_are_not_modified(pair):
