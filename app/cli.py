@@ -14,6 +14,7 @@ import typer
 from app import __version__
 from app.cli_database import JsonOption, author, opened_database
 from app.cli_foods import foods_cli
+from app.cli_index import index_cli
 from app.cli_people import admin_cli, staff_cli
 from app.errors import Failure, InvalidInputError, TadaError
 from app.settings import Settings
@@ -28,6 +29,7 @@ records_cli = typer.Typer(no_args_is_help=True, help="Effective records.")
 db_cli = typer.Typer(no_args_is_help=True, help="The database.")
 for name, group in (
     ("foods", foods_cli),
+    ("index", index_cli),
     ("records", records_cli),
     ("db", db_cli),
     ("admin", admin_cli),

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from app.errors import Failure
+from app.services.describe_task import describe_task
 from app.services.estimate_json import camera_to_json, estimate_to_json, failure_to_json, options_from_json
 from app.vision import precheck
 from app.vision.calibration import calibrate
@@ -197,4 +198,5 @@ TASKS: Mapping[str, Callable[[Mapping[str, Any], StageListener], dict[str, Any]]
     "check": check_task,
     "calibrate": calibrate_task,
     "picture": picture_task,
+    "describe": describe_task,
 }
