@@ -118,6 +118,34 @@ def estimate(
 
 
 @cli.command()
+def identify(
+    photo: Annotated[Path, typer.Argument(help="A photograph of food.")],
+    box: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,W,H", help="Where the food is, px upright; without it, where it seems to be."),
+    ] = None,
+    marker: Annotated[
+        str | None, typer.Option(metavar="M", help="A marker in the photograph, to correct its colours by.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Tell which food a photograph shows, by the index that ships with the program."""
+    from app.services.identify_photo import identified_to_json, identify_photo, parse_box
+    from app.vision.marker import parse_marker
+    from app.vision.vcm_region import SIDE_PX
+
+    where = parse_box(box) if box is not None else None
+    spec = parse_marker(marker) if marker is not None else None
+    answer = identified_to_json(identify_photo(read_photo_or_fail(photo, least_short_side_px=SIDE_PX), where, spec))
+    if as_json:
+        print(json.dumps(answer))
+        return
+    for candidate in answer["candidates"][:5]:
+        print(f"{candidate['probability']:6.1%}  {candidate['food']}")
+    print(f"{answer['none_of_these']:6.1%}  none that the index knows")
+
+
+@cli.command()
 def calibrate(
     photos: Annotated[list[Path], typer.Argument(help="Photographs of the board, at different slants.")],
     marker: MarkerOption = DEFAULT_MARKER,
@@ -149,6 +177,8 @@ def marker_command(
     as_json: JsonOption = False,
 ) -> None:
     """Write the printable board at true size (-o), or look for it in a photograph (--find)."""
+    from app.services.estimate_json import colour_to_json
+    from app.vision.color import measure_colour
     from app.vision.marker import find_marker, parse_marker
 
     spec = parse_marker(marker)
@@ -162,9 +192,16 @@ def marker_command(
         return
     if find is None:
         return
-    found = find_marker(read_photo_or_fail(find), spec)
+    photo = read_photo_or_fail(find)
+    found = find_marker(photo, spec)
     corners = None if isinstance(found, Failure) else found.corners_px.round(3).tolist()
-    answer: dict[str, Any] = {"found": corners is not None, "marker": str(spec), "corners_px": corners}
+    colour = None if isinstance(found, Failure) else colour_to_json(measure_colour(photo, found))
+    answer: dict[str, Any] = {
+        "found": corners is not None,
+        "marker": str(spec),
+        "corners_px": corners,
+        "colour": colour,
+    }
     if isinstance(found, Failure):
         answer["failure"] = {"code": found.code, "message": found.message, "advice": found.advice}
     if as_json:
@@ -173,6 +210,8 @@ def marker_command(
         print(f"{find}: not found ({found.code}). {found.message} {found.advice}".strip())
     else:
         print(f"{find}: {spec} found, {len(found.corners_px)} inner corners.")
+        if colour is not None and colour["delta_e_worst"] is not None:
+            print(f"{find}: its colours are right to a CIEDE2000 of {colour['delta_e_worst']} (the worst square).")
     raise SystemExit(0 if corners is not None else 1)
 
 
@@ -252,15 +291,16 @@ def doctor(
     raise SystemExit(0 if all(finding.is_ok for finding in findings) else 1)
 
 
-def read_photo_or_fail(path: Path) -> "Photo":
-    """A photograph from a file, or an InvalidInputError that names it."""
-    from app.vision.photo import read_photo
+def read_photo_or_fail(path: Path, *, least_short_side_px: int | None = None) -> "Photo":
+    """A photograph from a file, or an InvalidInputError that names it. least_short_side_px: None: as a marker needs."""
+    from app.vision.photo import MIN_SHORT_SIDE_PX, read_photo
 
     try:
         data = path.read_bytes()
     except OSError as error:
         raise InvalidInputError(f"{path} cannot be read: {error.strerror}.") from None
-    photo = read_photo(data, max_pixels=Settings().max_photo_pixels)
+    least = MIN_SHORT_SIDE_PX if least_short_side_px is None else least_short_side_px
+    photo = read_photo(data, max_pixels=Settings().max_photo_pixels, least_short_side_px=least)
     if isinstance(photo, Failure):
         raise InvalidInputError(f"{path}: {photo.message} {photo.advice}".strip(), code=photo.code)
     return photo

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from app.identification.metric import Vectors
 
-NONE_PRIOR = 0.05  # of a food that the index does not know, before a study has shown how often that is; a judgement
+NONE_PRIOR = 0.05  # of a food that the index does not know, where it is asked about those it may know; a judgement
 BINS = 15
 SEARCH_FROM = (np.log(0.1), 0.4)
 

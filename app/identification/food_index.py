@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import BinaryIO
 
@@ -55,10 +56,13 @@ class FoodIndex:
 @cache
 def shipped_index() -> FoodIndex:
     """The index built from ECUSTFD (docs/identification.md)."""
-    folder = resources.files("app.identification") / "shipped"
-    foods = read_labels((folder / LABELS).read_text(encoding="utf-8"))
-    with (folder / SHIPPED).open("rb") as file:
-        return read_index(io.BytesIO(file.read()), foods)
+    with (_folder() / SHIPPED).open("rb") as file:
+        return read_index(io.BytesIO(file.read()), shipped_foods())
+
+
+def shipped_foods() -> tuple[KnownFood, ...]:
+    """The labels of the shipped index and their foods."""
+    return read_labels((_folder() / LABELS).read_text(encoding="utf-8"))
 
 
 def read_labels(text: str) -> tuple[KnownFood, ...]:
@@ -124,3 +128,7 @@ def read_index(file: BinaryIO, known: Sequence[KnownFood]) -> FoodIndex:
         calibration=Calibration(*held["calibration"].tolist()),
         volumes_ml={label: tuple(volumes) for label, volumes in sizes.items()},
     )
+
+
+def _folder() -> Traversable:
+    return resources.files("app.identification") / "shipped"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.identification.calibrate import NONE_PRIOR, posterior
+from app.identification.calibrate import posterior
 from app.identification.food_index import FoodIndex
 from app.identification.habits import Eaten, log_prior, new_food_share
 from app.identification.kernel_classifier import fit_classifier
@@ -84,7 +84,8 @@ class _Known:
 class Identifier:
     """An index with what was learned; immutable: what is confirmed later makes another."""
 
-    def __init__(self, index: FoodIndex, learned: Sequence[Example] = ()) -> None:
+    def __init__(self, index: FoodIndex, learned: Sequence[Example] = (), *, none_prior: float | None = None) -> None:
+        """none_prior: of a food that the index does not know; None: as the study's own examples show (habits)."""
         kept = newest_of_each(learned)
         self._known = _classes(index, kept)
         place = {known.food_key: number for number, known in enumerate(self._known)}
@@ -96,7 +97,8 @@ class Identifier:
         own = [one for one in kept if one.is_own]
         self._eaten = [Eaten(one.food_key, one.day_minute) for one in own]
         shipped = frozenset(food.food_key for food in index.foods)
-        self._none_prior = new_food_share(shipped, [one.food_key for one in own]) if own else NONE_PRIOR
+        shown = new_food_share(shipped, [one.food_key for one in own])
+        self._none_prior = none_prior if none_prior is not None else shown
         self.version = _version(index, kept)
         self.vcm_version = index.vcm_version
 

@@ -1,5 +1,6 @@
 """The pipeline's options and answer as JSON: to and from the child process, in the store, on the command line."""
 
+import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -9,9 +10,21 @@ import numpy as np
 from app.errors import Failure
 from app.vision.camera import camera_from_mapping
 from app.vision.marker import parse_marker
-from app.vision.model import Camera, EstimateOptions, Float64Array, Hint, ItemEstimate, ItemTraits, MealEstimate
+from app.vision.model import (
+    Camera,
+    ColourCorrection,
+    EstimateOptions,
+    Float32Array,
+    Float64Array,
+    Hint,
+    ItemEstimate,
+    ItemTraits,
+    MealEstimate,
+)
+from app.vision.vcm import VCM_VERSION
 
 PIXEL_DECIMALS = 1  # an outline is no finer than that
+MATRIX_DECIMALS = 5
 
 
 def options_to_json(options: EstimateOptions) -> dict[str, Any]:
@@ -78,19 +91,42 @@ def hint_from_json(value: Mapping[str, Any]) -> Hint:
 
 def estimate_to_json(estimate: MealEstimate, options: EstimateOptions) -> dict[str, Any]:
     """A MealEstimate as JSON, without its artefacts. Keys: see docs/cli.md, `tada estimate --json`."""
-    failure, views = estimate.failure, estimate.views
+    failure, views, colours = estimate.failure, estimate.views, estimate.colours
     return {
         "items": [_item(item) for item in estimate.items],
         "failure": failure_to_json(failure) if failure is not None else None,
         "marker": str(options.marker),
         "camera": camera_to_json(views[0].camera) if views is not None else None,
         "camera_right": camera_to_json(views[1].camera) if views is not None else None,
+        "colour": {"left": colour_to_json(colours[0]), "right": colour_to_json(colours[1])} if colours else None,
         "stages": {name: round(seconds, 4) for name, seconds in estimate.stages.items()},
         "seconds": round(sum(estimate.stages.values()), 4),
         "method": estimate.method,
         "pipeline_version": estimate.pipeline_version,
         "parameters": dict(estimate.parameters),
     }
+
+
+def colour_to_json(colour: ColourCorrection) -> dict[str, Any]:
+    """A photograph's colour correction."""
+    return {
+        "kind": colour.kind,
+        "matrix": np.round(colour.matrix, MATRIX_DECIMALS).tolist(),
+        "delta_e_mean": round(colour.delta_e_mean, 2) if colour.delta_e_mean is not None else None,
+        "delta_e_worst": round(colour.delta_e_worst, 2) if colour.delta_e_worst is not None else None,
+        "flags": list(colour.flags),
+    }
+
+
+def colour_from_json(value: Mapping[str, Any]) -> ColourCorrection:
+    """The reverse of colour_to_json."""
+    return ColourCorrection(
+        matrix=np.array(value["matrix"], np.float64),
+        kind=value["kind"],
+        delta_e_mean=value["delta_e_mean"],
+        delta_e_worst=value["delta_e_worst"],
+        flags=tuple(value["flags"]),
+    )
 
 
 def failure_to_json(failure: Failure) -> dict[str, str]:
@@ -116,7 +152,18 @@ def _item(item: ItemEstimate) -> dict[str, Any]:
         "hint": item.hint,
         "flags": list(item.flags),
         "traits": _traits(item.traits),
+        "vcm": {"version": VCM_VERSION, "vector": vector_to_json(item.vcm)} if item.vcm is not None else None,
     }
+
+
+def vector_to_json(vector: Float32Array) -> str:
+    """Base64 of little-endian float16: what the index is made of, and as fine as its measures are."""
+    return base64.b64encode(vector.astype("<f2").tobytes()).decode()
+
+
+def vector_from_json(text: str) -> Float64Array:
+    """The reverse of vector_to_json, (d,)."""
+    return np.frombuffer(base64.b64decode(text), "<f2").astype(np.float64)
 
 
 def _traits(traits: ItemTraits) -> dict[str, Any]:

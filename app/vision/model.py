@@ -179,6 +179,7 @@ class ItemEstimate:
     volume_interval_ml: 90 %. relative_sd: the volume's relative standard deviations by part, which add up in squares:
     "pair" is shared by all items of the pair (pose, scale), "item" is its own.
     hint: index into options.hints of the hint that this item answers, or None. flags: stable codes.
+    vcm: what it looks like in the left photograph (vcm.py, of vcm.VCM_VERSION); None where nothing of it is in view.
     """
 
     rings: tuple[Float64Array, ...]
@@ -188,6 +189,7 @@ class ItemEstimate:
     hint: int | None = None
     flags: tuple[str, ...] = ()
     traits: ItemTraits = ItemTraits()
+    vcm: Float32Array | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,26 +71,32 @@ class ReducedPhoto:
     factor: int
 
 
-def read_photo(data: bytes, *, max_pixels: int) -> Photo | Failure:
-    """The photograph in these bytes.
+def read_photo(data: bytes, *, max_pixels: int, least_short_side_px: int = MIN_SHORT_SIDE_PX) -> Photo | Failure:
+    """The photograph in these bytes. least_short_side_px: by default what a marker needs.
 
     Failures: not_an_image, image_truncated, image_unreadable, image_too_many_pixels (nothing decoded), image_too_small.
     """
-    found = read_reduced_photo(data, max_pixels=max_pixels, least_long_side_px=None)
+    found = read_reduced_photo(
+        data, max_pixels=max_pixels, least_long_side_px=None, least_short_side_px=least_short_side_px
+    )
     return found if isinstance(found, Failure) else found.photo
 
 
-def read_reduced_photo(data: bytes, *, max_pixels: int, least_long_side_px: int | None) -> ReducedPhoto | Failure:
+def read_reduced_photo(
+    data: bytes, *, max_pixels: int, least_long_side_px: int | None, least_short_side_px: int = MIN_SHORT_SIDE_PX
+) -> ReducedPhoto | Failure:
     """The same, halved once or more as long as its long side keeps so many pixels; None: in full. Failures: the same.
 
     A JPEG is reduced while it is decoded (by its cosine transform), which takes half the time.
     """
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", module=r"PIL\.")  # of damaged EXIF entries; the sound ones are read
-        return _read(data, max_pixels, least_long_side_px)
+        return _read(data, max_pixels, least_long_side_px, least_short_side_px)
 
 
-def _read(data: bytes, max_pixels: int, least_long_side_px: int | None) -> ReducedPhoto | Failure:
+def _read(
+    data: bytes, max_pixels: int, least_long_side_px: int | None, least_short_side_px: int
+) -> ReducedPhoto | Failure:
     opener = _opener(data)
     if opener is None:
         return Failure("not_an_image", "The file is no photograph.", "Send a JPEG, PNG or HEIC file.")
@@ -105,10 +111,10 @@ def _read(data: bytes, max_pixels: int, least_long_side_px: int | None) -> Reduc
             f"The photograph has {width} x {height} = {width * height} pixels; at most {max_pixels} are accepted.",
             "Choose a smaller picture size in the camera's settings.",
         )
-    if min(width, height) < MIN_SHORT_SIDE_PX:
+    if min(width, height) < least_short_side_px:
         return Failure(
             "image_too_small",
-            f"The photograph has only {width} x {height} pixels; the shorter side needs {MIN_SHORT_SIDE_PX} at least.",
+            f"The photograph has only {width} x {height} pixels; the shorter needs {least_short_side_px} at least.",
             "Send the photograph itself, not its preview.",
         )
     try:

@@ -29,6 +29,7 @@ from app.vision.shape import measure_shapes
 from app.vision.stillness import judge_matches, judge_table
 from app.vision.trace import Trace
 from app.vision.traits import traits_of
+from app.vision.vcm import describe_rings
 
 PIPELINE_VERSION = "5"  # changes whenever the same photographs may give another answer
 
@@ -123,18 +124,21 @@ def _run(
         if isinstance(measured, Failure):
             return measured
         trace.items = measured
-        colour = trace.colour_of(0)
+    with stage("describe"):
+        colour, left_colour = trace.colour_of(0), trace.colours[0]
+        outlines = [rings_of(item.region.mask, places, is_swapped=trace.is_swapped) for item in measured]
         return tuple(
             ItemEstimate(
-                rings=rings_of(item.region.mask, places, is_swapped=trace.is_swapped),
+                rings=rings,
                 volume_ml=item.volume.volume_ml if item.volume is not None else None,
                 volume_interval_ml=item.volume.interval_ml if item.volume is not None else None,
                 relative_sd=item.volume.relative_sd if item.volume is not None else {},
                 hint=item.region.hint,
                 flags=item.flags,
                 traits=traits_of(item.region.mask, points, rectified.first_bgr, colour),
+                vcm=describe_rings(pair.left.pixels_bgr, rings, left_colour),
             )
-            for item in measured
+            for item, rings in zip(measured, outlines, strict=True)
         )
 
 

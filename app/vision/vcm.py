@@ -9,7 +9,7 @@ A block is a histogram (square roots of shares, so that distances between two ar
 (each in its own unit; whoever compares them brings them to one scale).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -17,8 +17,9 @@ import cv2
 import numpy as np
 
 from app.vision import vcm_color, vcm_shape, vcm_texture
-from app.vision.model import Float32Array, Float64Array
-from app.vision.vcm_region import Region
+from app.vision.color import apply_colour
+from app.vision.model import ColourCorrection, Float32Array, Float64Array, ImageArray
+from app.vision.vcm_region import Region, region_of_rings
 
 VCM_VERSION = "1"  # changes whenever the same region may give another vector
 
@@ -65,6 +66,18 @@ BLOCKS: tuple[Block, ...] = (
 LENGTH = sum(block.size for block in BLOCKS)
 OUTLINE_PX = 3
 LEAST_INNER_PX = 200  # a sliver has no inside: all of it is taken
+
+
+def describe_rings(
+    pixels_bgr: ImageArray, rings: Sequence[Float64Array], colour: ColourCorrection | None
+) -> Float32Array | None:
+    """The VCM of the region within outlines, px, in corrected colours; None where nothing of it is in view."""
+    region = region_of_rings(pixels_bgr, rings)
+    if region is None:
+        return None
+    if colour is not None:
+        region = Region(apply_colour(region.pixels_bgr, colour), region.mask)
+    return describe(region)
 
 
 def describe(region: Region) -> Float32Array:
