@@ -38,6 +38,7 @@ for name, group in (
     cli.add_typer(group, name=name)
 
 DEFAULT_MARKER = "plain:9x7:11"
+LEAST_SHOWN = 0.05  # of a candidate's probability
 MarkerOption = Annotated[str, typer.Option("--marker", metavar="M", help="KIND:COLSxROWS:MM, such as plain:9x7:11.")]
 
 
@@ -325,6 +326,9 @@ def print_estimate(answer: dict[str, Any], debug: Path | None) -> None:
         if item["mass_g"] is not None:
             line += f": {item['mass_g']:.0f} g, {item['energy_kcal']:.0f} kcal"
         print(line + (f"  [{', '.join(item['flags'])}]" if item["flags"] else ""))
+        likely = [one for one in item["candidates"] if one["probability"] >= LEAST_SHOWN][:3]
+        if likely:
+            print("        looks like " + ", ".join(f"{one['food']} ({one['probability']:.0%})" for one in likely))
     print(f"{answer['seconds']:.2f} s, method {answer['method']} {answer['pipeline_version']}")
     if debug is not None:
         print(f"pictures in {debug}")

@@ -10,6 +10,7 @@ from app.nutrition.foods import FOOD_FORMS, load_starter_table
 from app.services.child_tasks import run_estimate
 from app.services.estimate_json import hint_from_json, options_from_json, with_forms
 from app.services.food_amounts import amounts_of
+from app.services.identify_photo import identify_items
 from app.vision.model import EstimateOptions, Method
 
 HINT_KEYS = frozenset({"point", "box", "polygon", "food", "lies_as"})
@@ -58,6 +59,7 @@ def estimate_files(
         debug.mkdir(parents=True, exist_ok=True)
         for artefact in estimate.artefacts:
             (debug / artefact.name).write_bytes(artefact.content)
+    identify_items(answer["items"])
     for item in answer["items"]:
         hint = options.hints[item["hint"]] if item["hint"] is not None else None
         food = table[hint.food] if hint is not None and hint.food else None

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -12,8 +12,9 @@ import numpy as np
 from app.errors import Failure, InvalidInputError
 from app.identification.calibrate import NONE_PRIOR
 from app.identification.food_index import shipped_index
-from app.identification.identifier import Identification, Identifier
+from app.identification.identifier import Circumstances, Identification, Identifier
 from app.nutrition.foods import load_starter_table
+from app.services.estimate_json import vector_from_json
 from app.vision.color import apply_colour, measure_colour
 from app.vision.food_boxes import propose_boxes
 from app.vision.marker import find_marker
@@ -55,6 +56,21 @@ def identify_photo(photo: Photo, box: Box | None, marker: MarkerSpec | None = No
         _identify(pixels, boxes, UNPOINTED_NONE_PRIOR), key=lambda each: each[0].candidates[0].probability
     )
     return IdentifiedPhoto(surest, where, time.perf_counter() - started)
+
+
+def identify_items(items: Iterable[dict[str, Any]]) -> None:
+    """Put candidates into the items of an estimate's answer, and what they were found by out of it."""
+    identifier = _identifier(None)
+    for item in items:
+        described = item.pop("vcm")
+        if described is None:
+            item.update(candidates=[], none_of_these=None)
+            continue
+        relative_sd = math.sqrt(sum(sd * sd for sd in item["relative_sd"].values()))
+        found = identifier.identify(
+            vector_from_json(described["vector"]), Circumstances(item["volume_ml"], relative_sd)
+        )
+        item.update(candidates=candidates_to_json(found), none_of_these=round(found.none_probability, 4))
 
 
 def parse_box(text: str) -> Box:
@@ -106,7 +122,7 @@ def _identify(pixels: np.ndarray, boxes: Sequence[Box], none_prior: float) -> li
 
 
 @cache
-def _identifier(none_prior: float) -> Identifier:
+def _identifier(none_prior: float | None) -> Identifier:
     return Identifier(shipped_index(), none_prior=none_prior)
 
 
