@@ -5,6 +5,7 @@ there is; the file is gone once it is closed. Left out are secrets (hashes of to
 rows and blobs.
 """
 
+import base64
 import json
 import tempfile
 import threading
@@ -37,7 +38,9 @@ This is all that the study's server holds on you, made on {when}.
 data.json     you (as the study knows you: by a code), your phones, days and meals. Of each meal: when and where it was
               sent from as far as the study keeps that, its photographs (length and SHA-256), what was found in them,
               which foods it was taken for and why, what you and the study's staff said about it (events), and the
-              records that came of it. Masses are in grams, volumes in millilitres, times in UTC.
+              records that came of it. Masses are in grams, volumes in millilitres, times in UTC. "looks" are figures
+              of colour, texture and shape of a food (base64 of little-endian 16-bit floating-point numbers), by which
+              foods are known again; "known_to_the_index" are those that the study's index has learned from.
 photographs/  your photographs as they are kept, a folder a meal. "file" in data.json names each; it is null where the
               photograph was erased.
 
@@ -180,6 +183,8 @@ def _text(value: Any) -> str:
         return value.isoformat()
     if isinstance(value, uuid.UUID):
         return str(value)
+    if isinstance(value, bytes):
+        return base64.b64encode(value).decode()
     raise TypeError(f"no JSON for {type(value).__name__}")
 
 

@@ -5,6 +5,7 @@ import pathlib
 import uuid
 from datetime import UTC, datetime, timedelta
 
+import numpy as np
 import sqlalchemy as sa
 
 from app.db.models import (
@@ -14,9 +15,11 @@ from app.db.models import (
     DiaryDay,
     Enrolment,
     Food,
+    IndexEntry,
     Item,
     ItemCandidate,
     ItemFood,
+    ItemIdentification,
     ItemMeasure,
     Job,
     Leftover,
@@ -33,6 +36,7 @@ from app.db.queries.jobs import DBOS_SCHEMA
 from app.db.queries.privacy import WORKFLOW_TABLES
 from app.services.caller import sha256_hex
 from app.services.rebuild_records import rebuild_records
+from app.vision.vcm import LENGTH, VCM_VERSION
 from tests import estimates
 from tests.estimates import found_item
 from tests.integration.conftest import meal_metadata
@@ -49,6 +53,8 @@ class Person:
 
     def __init__(self, state, enrol, mark, seed):
         self.state, self.mark = state, mark
+        numbers = np.random.default_rng(seed).uniform(-1.0, 1.0, LENGTH)
+        self.vector = numbers.astype("<f2").tobytes()  # what their food looked like
         before = all_keys(state.database)
         self.phone = enrol(mark)
         self.token_sha256 = sha256_hex(self.phone.headers["Authorization"].removeprefix("Bearer "))
@@ -107,7 +113,20 @@ class Person:
                 request_sha256=hashlib.sha256(mark.encode()).hexdigest(),
                 created_at=now,
             )
-            session.add_all([artefact, event])
+            confirmed = MealEvent(
+                id=uuid.uuid4(),
+                meal_id=meal.id,
+                sequence=11,
+                item_id=item.id,
+                kind="confirm",
+                layer="participant",
+                device_id=meal.device_id,
+                old={},
+                new={"status": "confirmed"},
+                request_sha256=hashlib.sha256(f"confirmed by {mark}".encode()).hexdigest(),
+                created_at=now,
+            )
+            session.add_all([artefact, event, confirmed])
             session.flush()
             job = Job(
                 id=uuid.uuid4(), meal_id=meal.id, purpose="remeasure", event_id=event.id, state="done", enqueued_at=now
@@ -157,7 +176,34 @@ class Person:
                 session.flush()
             session.add_all(
                 [
-                    ItemCandidate(item_id=after.id, position=0, food_id=apple.id, probability=0.5, source="index"),
+                    ItemCandidate(
+                        item_id=after.id,
+                        position=0,
+                        food_id=apple.id,
+                        probability=0.5,
+                        source="index",
+                        run_id=remeasured.id,
+                    ),
+                    ItemIdentification(
+                        item_id=item.id,
+                        run_id=run.id,
+                        vcm_version=VCM_VERSION,
+                        vector=self.vector,
+                        index_version="test",
+                        none_probability=0.1,
+                        created_at=now,
+                    ),
+                    IndexEntry(
+                        item_id=item.id,
+                        run_id=run.id,
+                        vcm_version=VCM_VERSION,
+                        study_id=meal.study_id,
+                        participant_id=person.id,
+                        food_key="apple",
+                        volume_ml=item.volume_ml,
+                        captured_at=meal.captured_at,
+                        day_minute=12 * 60 + 30,
+                    ),
                     ItemFood(
                         item_id=after.id,
                         version=1,
@@ -275,6 +321,7 @@ class Person:
         needles = [text.lower().encode() for text in texts]
         needles += [uuid.UUID(text).hex.encode() for text in texts if len(text) == 36 and text.count("-") == 4]
         needles += [content[len(content) // 2 :][:64].lower() for content in self.photos.values()]
+        needles += [self.vector[:64].lower() if self.state.database.is_sqlite else self.vector[:64].hex().encode()]
         return needles
 
 

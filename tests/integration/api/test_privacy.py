@@ -1,5 +1,6 @@
 """What a person may do with their data over the wire: delete a meal, leave, take all along; who reads the log."""
 
+import base64
 import csv
 import io
 import json
@@ -18,6 +19,8 @@ from app.db.models import (
     BlobDeletion,
     Device,
     EffectiveRecord,
+    IndexEntry,
+    ItemIdentification,
     Meal,
     MealEvent,
     MealImage,
@@ -34,6 +37,7 @@ from app.services.delete_blobs import BlobDeleter
 from app.services.devices import read_phone, sign_out_phone
 from app.services.erase import public_digest
 from app.services.retention import erase_old_pictures
+from app.vision.vcm import VCM_VERSION
 from tests.integration.conftest import meal_metadata
 from tests.integration.persons import Person, database_bytes, store_bytes
 from tests.photographs import pair, photograph
@@ -80,6 +84,15 @@ def test_erased_records_leave_tombstones_in_the_order_of_changes(person, client,
         found = session.scalars(sa.select(Tombstone).where(Tombstone.kind == "record")).all()
     assert {row.digest for row in found} == {public_digest(item_id) for item_id in item_ids}
     assert all(row.change_seq > last for row in found)
+
+
+@pytest.mark.parametrize(("policy", "stays"), [("keep", True), ("anonymise", True), ("erase", False)])
+def test_what_food_looked_like_stays_with_its_item_and_goes_with_it(policy, stays, person, state, client):
+    set_study(state, withdrawal_policy=policy)
+    client.post("/v1/me/withdrawal", headers=person.phone.headers)
+    with state.database.read() as session:
+        assert list(session.scalars(sa.select(ItemIdentification.vector))) == [person.vector] * stays
+        assert list(session.scalars(sa.select(IndexEntry.food_key))) == ["apple"] * stays
 
 
 @pytest.mark.parametrize("policy", ["keep", "anonymise", "erase"])
@@ -207,7 +220,8 @@ def test_anonymised_data_lead_to_nobody_and_keep_what_was_eaten_and_when(person,
         assert (meal.local_date, meal.captured_at) == (day, captured_at)
         assert [(row.food_id, row.volume_ml, row.consumed_g) for row in records(session)] == before
         assert session.scalars(sa.select(MealImage)).all() == []
-        assert session.scalars(sa.select(MealEvent)).one().new == {"text": ""}
+        (comment,) = session.scalars(sa.select(MealEvent).where(MealEvent.kind == "comment"))
+        assert comment.new == {"text": ""}
         device = session.scalars(sa.select(Device)).one()
         assert (device.model, device.app_version, device.last_used_at) == (None, None, None)
         someone = session.scalars(sa.select(Participant)).one()
@@ -263,6 +277,8 @@ def test_photographs_past_retention_go_and_records_stay(person, state, client, a
     with state.database.read() as session:
         assert all(image.erased_at for image in session.scalars(sa.select(MealImage)))
         assert session.scalars(sa.select(RunArtefact)).all() == []
+        assert session.scalars(sa.select(ItemIdentification.vector)).all() == [person.vector]  # a measurement
+        assert session.scalars(sa.select(IndexEntry)).one()
     for name in ("images/left", "artefacts/topview.jpg"):
         answer = person.phone.get(f"{person.path}/{name}")
         assert (answer.status_code, answer.json()["code"]) == (410, "photograph_erased"), name
@@ -287,6 +303,10 @@ def test_export_holds_all_that_is_known_and_the_photographs_byte_for_byte(person
     assert meal["events"][0]["new"]["text"] == f"said {person.mark}"
     assert meal["candidates"][0]["food"]["name"]
     assert meal["records"]
+    assert base64.b64decode(meal["looks"][0]["vector"]) == person.vector
+    assert meal["looks"][0]["vcm_version"] == VCM_VERSION
+    assert meal["known_to_the_index"][0]["food_key"] == "apple"
+    assert any(candidate["source"] == "index" and candidate["run_id"] for candidate in meal["candidates"])
     for image in meal["photographs"]:
         assert archive.read(image["file"]) == person.photos[image["slot"]]
     assert "README.txt" in archive.namelist()
