@@ -11,9 +11,16 @@ import numpy as np
 
 from app.errors import Failure
 from app.services.describe_task import describe_task
-from app.services.estimate_json import camera_to_json, estimate_to_json, failure_to_json, options_from_json
+from app.services.estimate_json import (
+    camera_to_json,
+    colour_from_json,
+    estimate_to_json,
+    failure_to_json,
+    options_from_json,
+)
 from app.vision import precheck
 from app.vision.calibration import calibrate
+from app.vision.color import apply_colour
 from app.vision.model import EstimateOptions, MealEstimate, Photo, PhotoPair
 from app.vision.photo import read_photo, read_reduced_photo
 from app.vision.pipeline import PIPELINE_VERSION, estimate_meal
@@ -173,7 +180,7 @@ class _PhotosOnDisk(Sequence[Photo]):
 def picture_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]:
     """A photograph as an upright JPEG without metadata.
 
-    request: photo, output (paths), width_px at most, max_pixels.
+    request: photo, output (paths), width_px at most, max_pixels, colour (estimate_json) or null: as taken.
     """
     width_px = int(request["width_px"])
     read = read_reduced_photo(
@@ -188,6 +195,8 @@ def picture_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]
     if width > width_px:
         size = (width_px, max(1, round(height * width_px / width)))
         pixels_bgr = np.asarray(cv2.resize(pixels_bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
+    if request["colour"] is not None:
+        pixels_bgr = apply_colour(pixels_bgr, colour_from_json(request["colour"]))
     encoded = cv2.imencode(".jpg", pixels_bgr, [cv2.IMWRITE_JPEG_QUALITY, PICTURE_QUALITY])[1]
     Path(request["output"]).write_bytes(encoded.tobytes())
     return {"failure": None, "width": int(pixels_bgr.shape[1]), "height": int(pixels_bgr.shape[0])}

@@ -1,15 +1,24 @@
-"""A meal's photograph for eyes: upright, without metadata, no wider than asked for; each reading is noted."""
+"""A meal's photograph for eyes: upright, its colours corrected by the marker, without metadata; each reading is noted.
+
+The correction is that of the newest run of the photograph's pair; without one (not measured yet, marker not found,
+measured before there were corrections) the picture is as it was taken.
+"""
 
 import hashlib
+import json
 import tempfile
 import uuid
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import structlog
+from sqlalchemy.orm import Session
 
 from app.db.models import MealImage
-from app.db.queries import meals
+from app.db.models.meal import AFTER_SLOTS
+from app.db.queries import meals, records
 from app.db.session import Database
 from app.errors import GoneError, NotFoundError, TadaError
 from app.services import audit
@@ -23,7 +32,7 @@ from app.storage.blob_store import BlobStore
 log = structlog.get_logger()
 
 SECONDS = 20.0  # of one photograph: 60 megapixels of HEIC take some five on a slow machine
-VERSION = "1"  # of how pictures are made; another one makes other tags
+VERSION = "2"  # of how pictures are made; another one makes other tags
 
 
 class PhotoDamagedError(TadaError):
@@ -35,33 +44,46 @@ class PhotoDamagedError(TadaError):
 
 @dataclass(frozen=True, slots=True)
 class FoundPhoto:
-    """A photograph that the caller may see."""
+    """A photograph that the caller may see. colour: its correction (estimate_json), None: to be shown as taken."""
 
     image: MealImage
     study_id: uuid.UUID
     meal_alias: uuid.UUID
+    colour: Mapping[str, Any] | None
+
+    @property
+    def colour_kind(self) -> str:
+        """What corrects its colours: "colour" or "white" of the marker, or "none"."""
+        return str(self.colour["kind"]) if self.colour is not None else "none"
 
     def etag(self, width_px: int) -> str:
-        """Of the picture at this width."""
-        name = f"{VERSION} {self.image.stored_sha256} {width_px}"
+        """Of the picture at this width, in these colours."""
+        name = f"{VERSION} {self.image.stored_sha256} {width_px} {json.dumps(self.colour, sort_keys=True)}"
         return f'"{hashlib.sha256(name.encode()).hexdigest()[:32]}"'
 
 
 def find_photo(
-    database: Database, caller: Caller, client_id: uuid.UUID, slot: str, participant_code: str | None
+    database: Database,
+    caller: Caller,
+    client_id: uuid.UUID,
+    slot: str,
+    participant_code: str | None,
+    *,
+    as_taken: bool = False,
 ) -> FoundPhoto:
-    """The photograph of a slot.
+    """The photograph of a slot, with its colour correction unless it is wanted as taken.
 
     Raises NotFoundError, GoneError (`photograph_erased`, `meal_deleted`), ConflictError.
     """
     with database.read() as session:
         meal, _, _ = find_meal(session, caller, client_id, participant_code)
         image = next((one for one in meals.images_of(session, meal.id) if one.slot == slot), None)
+        colour = None if as_taken else _colour_of(session, meal.id, slot)
     if image is None:
         raise NotFoundError(f"This meal has no photograph {slot!r}.")
     if image.erased_at is not None:
         raise _erased()
-    return FoundPhoto(image, meal.study_id, meal.alias)
+    return FoundPhoto(image, meal.study_id, meal.alias, colour)
 
 
 def render_photo(
@@ -91,6 +113,7 @@ def render_photo(
                 "output": str(target),
                 "width_px": width_px,
                 "max_pixels": settings.max_photo_pixels,
+                "colour": found.colour,
             },
             seconds=SECONDS,
         )
@@ -111,6 +134,14 @@ def render_photo(
             width_px=width_px,
         )
     return content
+
+
+def _colour_of(session: Session, meal_id: uuid.UUID, slot: str) -> Mapping[str, Any] | None:
+    run = records.last_run(session, meal_id, "after" if slot in AFTER_SLOTS else "meal")
+    if run is None or run.colour is None:
+        return None
+    found: Mapping[str, Any] = run.colour[slot.removeprefix("after_")]
+    return found if found["kind"] != "none" else None
 
 
 def _erased() -> GoneError:

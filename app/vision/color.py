@@ -30,17 +30,22 @@ def measure_colour(photo: Photo, marker: MarkerObservation) -> ColourCorrection:
     samples = sample_board(photo.pixels_bgr, marker)
     white = find_white(samples) if samples is not None else None
     if samples is None or white is None:
-        return ColourCorrection(np.eye(3), "none", flags=("colour_uncorrected",))
-    fit = fit_matrix(samples, white) if marker.spec.kind == "colour" else None
+        flags = ["colour_uncorrected"]
+        return ColourCorrection(np.eye(3), "none", flags=tuple(flags))
+    has_colours = marker.spec.kind == "colour"
+    fit = fit_matrix(samples, white) if has_colours else None
     matrix = fit.matrix if fit is not None else np.diag(PAPER_WHITE / white.linear)
-    told = {
-        "marker_partly_shadowed": white.is_partly_dark,
-        "marker_overexposed": white.is_overexposed,
-        "marker_washed_out": _is_washed_out(samples),
-        "marker_colours_left_out": fit is not None and fit.left_out > 0,
-        "colour_white_only": fit is None and marker.spec.kind == "colour",
-    }
-    flags = [flag for flag, holds in told.items() if holds]
+    flags = [
+        flag
+        for flag, holds in (
+            ("marker_partly_shadowed", white.is_partly_dark),
+            ("marker_overexposed", white.is_overexposed),
+            ("marker_washed_out", _is_washed_out(samples)),
+            ("marker_colours_left_out", fit is not None and fit.left_out > 0),
+            ("colour_white_only", has_colours and fit is None),
+        )
+        if holds
+    ]
     brightest = _brightness(photo.pixels_bgr, matrix)
     if brightest > MAX_BRIGHT:
         matrix = matrix * (MAX_BRIGHT / brightest)

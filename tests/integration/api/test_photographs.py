@@ -9,7 +9,11 @@ import pytest
 import sqlalchemy as sa
 from PIL import Image
 
-from app.db.models import AuditEvent, Meal, MealImage
+from app.db.models import AuditEvent, Meal, MealImage, Run
+from app.services.estimate_json import colour_to_json
+from app.vision.model import ColourCorrection
+from tests import estimates
+from tests.integration.after_pairs import Table, apple
 from tests.integration.conftest import meal_metadata
 from tests.photographs import pair, photograph
 
@@ -121,3 +125,68 @@ def test_photograph_that_changed_on_the_disk_is_not_shown(phone, state, settings
     answer = phone.get(f"{path}/left")
     assert (answer.status_code, answer.json()["code"]) == (500, "photo_damaged")
     assert readings(state) == []
+
+
+def grey_photograph(level=100):
+    buffer = io.BytesIO()
+    Image.fromarray(np.full((480, 640, 3), level, np.uint8)).save(buffer, "JPEG", quality=95)
+    return buffer.getvalue()
+
+
+def estimated(state, meal_id, purpose="meal", **gains):
+    """A run of the pair whose corrections are gains of red, green and blue: left=(...), right=(...)."""
+    run_id = estimates.save(state, meal_id, purpose=purpose)
+    sides = {side: colour_to_json(ColourCorrection(np.diag(three), "white")) for side, three in gains.items()}
+    with state.database.write() as session:
+        session.get(Run, run_id).colour = sides or None
+
+
+def middle(answer):
+    return np.array(opened(answer).getpixel((200, 200)))
+
+
+def test_photograph_is_corrected_by_the_newest_run_of_its_pair_or_given_as_taken(phone, state):
+    path = sent(phone, {"left": grey_photograph(), "right": grey_photograph(101)})
+    meal_id = path.split("/")[3]
+    before = phone.get(f"{path}/left")
+    assert (before.headers["x-colour-correction"], middle(before).tolist()) == ("none", [100, 100, 100])
+
+    estimated(state, meal_id, left=(2.0, 1.0, 0.5), right=(1.0, 1.0, 2.0))
+    left, right = phone.get(f"{path}/left"), phone.get(f"{path}/right")
+    assert left.headers["x-colour-correction"] == "white"
+    assert middle(left) == pytest.approx([137, 100, 71], abs=3)  # sRGB of twice and of half the light of 100
+    assert middle(right) == pytest.approx([101, 101, 138], abs=3)
+    taken = phone.get(f"{path}/left", colour="as_taken")
+    assert (taken.headers["x-colour-correction"], taken.content) == ("none", before.content)
+    tags = {answer.headers["etag"] for answer in (before, left, right)}
+    assert len(tags) == 3
+    assert taken.headers["etag"] == before.headers["etag"]
+    assert phone.get(f"{path}/left", colour="sepia").status_code == 422
+
+
+def test_tag_of_a_picture_before_its_correction_does_not_stand_for_it_afterwards(phone, state):
+    path = sent(phone, {"left": grey_photograph(), "right": grey_photograph(101)})
+    headers = phone.headers | {"If-None-Match": phone.get(f"{path}/left").headers["etag"]}
+    assert phone.client.get(f"{path}/left", headers=headers).status_code == 304
+    estimated(state, path.split("/")[3], left=(2.0, 1.0, 0.5), right=(1.0, 1.0, 1.0))
+    assert phone.client.get(f"{path}/left", headers=headers).status_code == 200
+    assert phone.client.get(f"{path}/left", params={"colour": "as_taken"}, headers=headers).status_code == 304
+
+
+def test_run_without_a_correction_leaves_the_photograph_as_taken(phone, state):
+    path = sent(phone, {"left": grey_photograph(), "right": grey_photograph(101)})
+    estimated(state, path.split("/")[3])
+    assert middle(phone.get(f"{path}/left")).tolist() == [100, 100, 100]
+
+
+def test_after_meal_photograph_is_corrected_by_the_after_meal_run(phone, state):
+    table = Table(phone, state)
+    table.measured(apple())
+    table.put("after_left", grey_photograph())
+    table.put("after_right", grey_photograph(101))
+    path = f"/v1/meals/{table.id}/images"
+    estimated(state, table.id, left=(1.0, 1.0, 1.0), right=(1.0, 1.0, 1.0))
+    assert middle(phone.get(f"{path}/after_left")).tolist() == [100, 100, 100]
+    estimated(state, table.id, "after", left=(2.0, 1.0, 0.5), right=(1.0, 1.0, 1.0))
+    assert middle(phone.get(f"{path}/after_left")) == pytest.approx([137, 100, 71], abs=3)
+    assert phone.get(f"{path}/left").headers["x-colour-correction"] == "white"

@@ -14,6 +14,7 @@ from app.vision.colour_space import LINEAR_OF_BYTE, encode_srgb, lab_of, linear_
 from app.vision.marker import find_marker, parse_marker
 from app.vision.model import ColourCorrection, MarkerObservation, Photo
 from app.vision.photo import read_photo
+from benchmarks.colour import read_board, seen_squares
 from tests.unit.vision.boards import COLOUR, PLAIN, board_photo, places, printed_colours
 
 PHONE = np.array([[0.62, 0.12, 0.02], [0.05, 0.60, 0.06], [0.01, 0.10, 0.45]])  # a sensor's mixing and a warm light
@@ -259,38 +260,17 @@ def test_odd_shapes_are_corrected_too():
 
 @pytest.mark.parametrize("name", ["meal-03", "meal-06", "meal-09", "meal-12", "meal-15"])
 def test_rendered_colour_boards_come_within_4_of_their_colours(shared_data, name):
-    """Measured on the corrected photographs, over more of each square than the fit took."""
+    """Measured on the corrected photographs, over more of each square than the fit took, by the scenes' true poses."""
+    folder = shared_data / "scenes" / "dev" / "meals" / name
     for side in ("left", "right"):
-        folder = shared_data / "scenes" / "dev" / "meals" / name
-        photo = read_photo((folder / f"{side}.jpg").read_bytes(), max_pixels=10**8)
-        marker = find_marker(photo, parse_marker("colour:4x5:12"))
+        photo, marker = read_board(folder, side)
         found = measure_colour(photo, marker)
         assert found.kind == "colour"
-        measured = seen_squares(
-            apply_colour(photo.pixels_bgr, found), photo, json.loads((folder / "truth.json").read_text()), side
+        seen = seen_squares(
+            apply_colour(photo.pixels_bgr, found), json.loads((folder / "truth.json").read_text()), side
         )
-        difference = ciede2000(lab_of(measured), lab_of(reference_linear()))
+        difference = ciede2000(lab_of(seen), lab_of(reference_linear()))
         assert difference.max() < 4.0, difference.round(1)
-
-
-def seen_squares(pixels_bgr, photo, truth, side):
-    """(10, 3) linear, mean over two thirds of each coloured square, by the scene's true poses."""
-    camera, marker, pose = truth["camera"], truth["marker"], truth["poses_world_to_camera"][side]
-    matrix = np.array([[pose["f"], 0, pose["cx"]], [0, pose["f"], pose["cy"]], [0, 0, 1.0]])
-    turn = np.array([[np.cos(marker["yaw"]), -np.sin(marker["yaw"])], [np.sin(marker["yaw"]), np.cos(marker["yaw"])]])
-    across = np.linspace(-1 / 3, 1 / 3, 9)
-    offsets = np.stack(np.meshgrid(across, across), -1).reshape(-1, 2)
-    out = []
-    for row, column in COLOUR_SQUARES:
-        sheet = (np.array([column + 0.5 - marker["cols"] / 2, marker["rows"] / 2 - row - 0.5]) + offsets) * marker[
-            "square_mm"
-        ]
-        table = np.column_stack([sheet @ turn.T + marker["centre"], np.full(len(sheet), 0.3)])
-        rotation = cv2.Rodrigues(np.array(pose["R"]))[0]
-        seen = cv2.projectPoints(table, rotation, np.array(pose["t_mm"]), matrix, np.array(camera["distortion"]))[0]
-        x, y = np.rint(seen.reshape(-1, 2)).astype(int).T
-        out.append(linear_rgb(pixels_bgr[y, x]).mean(axis=0))
-    return np.array(out)
 
 
 def test_grey_photographs_of_real_boards_stay_grey(shared_data):
