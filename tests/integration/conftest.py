@@ -10,11 +10,36 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
 from app.main import create_app
+from app.services import passwords
 from app.services.api_children import ApiChildren
 from app.services.staff import create_admin
 from app.settings import Settings
 
 STUDY_MARKER = "plain:9x7:11"
+FULL_COST = {name: getattr(passwords, name) for name in ("MEMORY_KIB", "PASSES", "LANES")}
+
+
+@pytest.fixture(scope="session", autouse=True)
+def cheap_passwords() -> Iterator[None]:
+    """Passwords hashed at the least cost: hundreds of tests sign somebody in, and few are about what it costs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(passwords, "MEMORY_KIB", 8)
+        patch.setattr(passwords, "PASSES", 1)
+        patch.setattr(passwords, "LANES", 1)
+        passwords._hash_of_nobody.cache_clear()
+        yield
+    passwords._hash_of_nobody.cache_clear()
+
+
+@pytest.fixture
+def full_password_cost() -> Iterator[None]:
+    """Passwords as the server hashes them; to be asked for before the client."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in FULL_COST.items():
+            patch.setattr(passwords, name, value)
+        passwords._hash_of_nobody.cache_clear()
+        yield
+    passwords._hash_of_nobody.cache_clear()
 
 
 @pytest.fixture

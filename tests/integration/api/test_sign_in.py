@@ -55,6 +55,7 @@ def test_unknown_wrong_and_disabled_give_the_same_answer(client, admin, olga):
     assert answers[0].json()["code"] == "sign_in_failed"
 
 
+@pytest.mark.usefixtures("full_password_cost")
 def test_every_refusal_does_the_same_work(client, admin, olga, state, monkeypatch):
     checked = []
     check = state.passwords._hasher.verify_and_update
@@ -70,6 +71,7 @@ def test_every_refusal_does_the_same_work(client, admin, olga, state, monkeypatc
     assert checked[0] == checked[1] == checked[2]  # the same algorithm at the same cost
 
 
+@pytest.mark.usefixtures("full_password_cost")
 def test_hash_of_nobody_is_no_way_in():
     passwords = Passwords()
     assert not passwords.check("nobody has this password", None).is_right
@@ -134,6 +136,7 @@ def test_same_word_from_another_keyboard_is_the_same_password(client, admin):
     assert sign_in(client, "rene", "cre\u0300me bru\u0302le\u0301e au four").status_code == 201
 
 
+@pytest.mark.usefixtures("full_password_cost")
 def test_hash_of_older_cost_is_renewed_at_the_next_sign_in(client, admin, olga, state):
     from pwdlib.hashers.argon2 import Argon2Hasher
 

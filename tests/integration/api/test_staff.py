@@ -55,6 +55,7 @@ def test_password_that_is_too_easy_or_too_long_is_refused(client, admin, name, p
     assert client.get(f"/v1/staff/{name}", headers=admin).status_code == 404
 
 
+@pytest.mark.usefixtures("full_password_cost")
 def test_password_is_kept_as_argon2id_only(client, admin, state):
     make_staff(client, admin, "olga")
     with state.database.read() as session:
