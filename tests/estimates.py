@@ -1,8 +1,11 @@
 """The pipeline's answer as the child sends it, made up: what the services do with it does not depend on vision."""
 
+import base64
 import hashlib
 import json
 import uuid
+
+import numpy as np
 
 from app.db.models import Job, Meal
 from app.services.save_estimate import save_estimate
@@ -26,6 +29,26 @@ def unmeasured_item(hint=0):
     """An item that is there, and how much of it cannot be told."""
     unknown = {"volume_ml": None, "volume_interval_ml": None, "relative_sd": {}, "flags": ["not_measurable"]}
     return found_item(hint=hint) | unknown
+
+
+def vcm(*numbers, version="1"):
+    """What an item looks like, as the child describes it."""
+    return {"version": version, "vector": base64.b64encode(np.array(numbers, "<f2").tobytes()).decode()}
+
+
+def identified_item(probabilities, none=0.0, volume_ml=185.0, hint=None, **changes):
+    """An item of which the index has said what it may be, by food's key, as the worker seals it."""
+    return found_item(
+        volume_ml,
+        hint,
+        **{
+            "vcm": vcm(0.0, 0.5, 1.0),
+            "candidates": [{"food": key, "probability": p} for key, p in probabilities.items()],
+            "none_probability": none,
+            "index_version": "test 1",
+        }
+        | changes,
+    )
 
 
 def answer(*items, **changes):

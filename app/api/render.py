@@ -162,6 +162,8 @@ def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
             CandidateOut(food=FoodRef(key=food.key, name=food.name), probability=probability, source=source)
             for food, probability, source in view.candidates
         ],
+        none_of_these=view.none_probability,
+        index_version=view.index_version,
         volume_ml=record.volume_ml,
         volume_interval_ml=_interval(record.volume_low_ml, record.volume_high_ml),
         density_g_per_ml=record.density_g_per_ml,

@@ -62,6 +62,7 @@ def _item(queued: QueuedItem) -> QueuedItemOut:
             CandidateOut(food=FoodRef(key=one.key, name=one.name), probability=by.probability, source=by.source)
             for one, by in queued.candidates
         ],
+        none_of_these=queued.none_probability,
         volume_ml=record.volume_ml,
         volume_interval_ml=_interval(record.volume_low_ml, record.volume_high_ml),
         mass_g=record.mass_g,

@@ -7,7 +7,7 @@ import hashlib
 import json
 import tempfile
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,6 +22,7 @@ from app.db.models.meal import AFTER_SLOTS, SLOTS
 from app.db.queries import foods, meals, privacy
 from app.db.session import Database
 from app.errors import Failure
+from app.identification.food_index import FoodIndex, shipped_index
 from app.jobs.child_pool import ChildPool, ChildRequest
 from app.jobs.faults import JobFailure
 from app.services.camera_choice import choose_camera
@@ -32,6 +33,7 @@ from app.services.estimate_json import (
     options_to_json,
     with_forms,
 )
+from app.services.identify import IdentifyFoods
 from app.services.project_records import project_meal
 from app.services.receive_photo import sha256_of_file
 from app.services.remeasure import regions_to_measure
@@ -54,8 +56,16 @@ PHOTO_DAMAGED = Failure(
 class EstimateMeal:
     """The use cases of a worker; one a process."""
 
-    def __init__(self, database: Database, blobs: BlobStore, children: ChildPool, settings: Settings) -> None:
+    def __init__(
+        self,
+        database: Database,
+        blobs: BlobStore,
+        children: ChildPool,
+        settings: Settings,
+        index: Callable[[], FoodIndex] = shipped_index,
+    ) -> None:
         self._database = database
+        self._identify = IdentifyFoods(database, index)
         self._blobs = blobs
         self._children = children
         self._settings = settings
@@ -87,6 +97,8 @@ class EstimateMeal:
             chosen.note_in(answer)
             if regions is not None:  # whose each hint is: by the time it is saved, the meal may stand otherwise
                 answer["regions"] = [str(item_id) for item_id in regions.items]
+            if job.purpose != "after":  # pieces that were left are of the foods that were served
+                self._identify.add_candidates(meal, answer)
             for artefact in answer["artefacts"]:
                 artefact["blob_key"] = f"{prefix}/{artefact['name']}/{artefact['sha256']}"
                 self._blobs.put_file(artefact["blob_key"], folder / artefact["name"])

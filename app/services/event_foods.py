@@ -44,8 +44,7 @@ def taken_for(
     )
 
 
-def same_food(standing: Standing, item_id: uuid.UUID, row: ItemFood) -> ItemFood:
-    """The row of a new item that is the same food as another, weighed the same."""
-    return item_food(
-        item_id, row.food_id, weighing_of(row), row.lies_as, layer=standing.layer, event_id=standing.event.id
-    )
+def same_food(standing: Standing, item_id: uuid.UUID, row: ItemFood, *, is_guessed: bool) -> ItemFood:
+    """The row of a new item that is the same food as another, weighed the same; what was guessed stays a guess."""
+    layer = "automatic" if is_guessed else standing.layer
+    return item_food(item_id, row.food_id, weighing_of(row), row.lies_as, layer=layer, event_id=standing.event.id)

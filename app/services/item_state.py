@@ -12,7 +12,7 @@ from typing import Any
 
 from app.db.models import Item, ItemFood, ItemMeasure, Leftover, MealEvent
 from app.db.models.review import LAYERS
-from app.db.queries.meal_parts import MealParts
+from app.db.queries.meal_parts import FROM_HINT, FROM_INDEX, MealParts
 from app.nutrition.doubt import Doubt, estimate
 
 CORRECTIONS = frozenset({"set_food", "set_volume", "set_mass", "redraw", "split", "merge"})
@@ -22,6 +22,8 @@ REMEASURE_FAILED = "remeasure_failed"
 REPLACED = "replaced"
 UNDONE = "undone"
 OF_REJECTED = "of_rejected"
+FOOD_IDENTIFIED = "food_identified"  # the server alone says what it is
+FOOD_DOUBTFUL = "food_doubtful"  # a hint says what it is, and the index is sure that it is another food
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +62,9 @@ NOTHING_KNOWN = Amount(None, None, None, {})
 class ItemState:
     """An item as it stands. word: what a person has made of it, None, "confirmed", "corrected" or "rejected".
 
-    reviewed: a reviewer has spoken of it. food_is_told: a person has said what it is, or that it is right. flags: of
-    the measurement that counts, and those named above.
+    reviewed: a reviewer has spoken of it. food_is_told: a person has said what it is, or that it is right;
+    food_is_guessed: the server alone takes it for this food, by its looks. flags: of the measurement that counts, and
+    those named above. run_id: the run that saw its region as it stands, None: none did.
     """
 
     item: Item
@@ -73,6 +76,8 @@ class ItemState:
     reviewed: bool
     food_is_told: bool
     flags: tuple[str, ...]
+    food_is_guessed: bool = False
+    run_id: uuid.UUID | None = None
 
     @property
     def is_live(self) -> bool:
@@ -148,6 +153,13 @@ def region_drawn(event: MealEvent, item: Item) -> Mapping[str, Any] | None:
         ring = _part_of(event, item)["polygon"]
         region = {"polygon": ring} if ring is not None else None
     return region
+
+
+def lies_as_told(event: MealEvent, item: Item) -> str | None:
+    """How an item that the event made was said to lie."""
+    said = _part_of(event, item) if event.kind == "split" else event.new
+    lies_as: str | None = said.get("lies_as")
+    return lies_as
 
 
 def items_of(event: MealEvent) -> list[uuid.UUID]:
@@ -251,7 +263,16 @@ class _History:
             reviewed=any(event.layer == "reviewer" for event in spoken),
             food_is_told=is_vouched or (taken_for is not None and taken_for.layer != "automatic"),
             flags=flags,
+            food_is_guessed=not is_vouched and self._is_guessed(item, taken_for),
+            run_id=measured.run_id,
         )
+
+    def _is_guessed(self, item: Item, taken_for: ItemFood | None) -> bool:
+        """Whether the index, and not a hint, says what it is; a part of a guessed item is guessed itself."""
+        if taken_for is None or taken_for.layer != "automatic":
+            return False
+        sources = {candidate.source for candidate in self._parts.candidates.get(item.id, ())}
+        return FROM_HINT not in sources and (FROM_INDEX in sources or taken_for.event_id is not None)
 
     def _share(self, item: Item) -> float:
         """The participant's part of an item; of what was declared without a share, that of the item it came with."""
@@ -276,6 +297,7 @@ class _Measured:
     amount: Amount
     rings: Sequence[Any]
     flags: tuple[str, ...]
+    run_id: uuid.UUID | None
 
 
 Precedence = tuple[int, int]
@@ -298,11 +320,12 @@ def _measured(
     done = next((event for event in drawn if event not in waiting), None)
     found_at, found = AS_FOUND, _amount_of(item)
     rings: Sequence[Any] = item.rings
-    flags = list(item.flags)
+    flags, run_id = list(item.flags), item.run_id
     if done is not None:
         row = rows.get(done.id)
         found_at, found = _precedence(done), _amount_of(row, done.layer) if row is not None else NOTHING_KNOWN
         rings, flags = (row.rings, list(row.flags)) if row is not None else (_rings(done, item), [REMEASURE_FAILED])
+        run_id = row.run_id if row is not None else None
     if drawn and drawn[0] in waiting:
         rings, flags = _rings(drawn[0], item), [REMEASURING]
     told = [(_precedence(event), event) for event in about if _tells_amount(event, item, food_key)]
@@ -311,8 +334,8 @@ def _measured(
         if found.volume_ml is None or told_at > found_at:
             is_newest = not drawn or told_at >= _precedence(drawn[0])
             kept = [flag for flag in flags if flag == REMEASURING] if is_newest else flags
-            return _Measured(_amount_told(event, item, found), rings, tuple(kept))
-    return _Measured(found, rings, tuple(flags))
+            return _Measured(_amount_told(event, item, found), rings, tuple(kept), run_id)
+    return _Measured(found, rings, tuple(flags), run_id)
 
 
 def _rings(event: MealEvent, item: Item) -> Sequence[Any]:

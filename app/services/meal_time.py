@@ -68,12 +68,18 @@ def local_day(instant: datetime, time_zone: str, day_starts_minutes: int) -> dat
         raise ValueError(f"a day starts 0 to 1439 minutes after midnight, not {day_starts_minutes}")
     zone = ZoneInfo(time_zone)
     local = instant.astimezone(zone)
-    if local.hour * 60 + local.minute >= day_starts_minutes:
+    if local_minute(instant, time_zone) >= day_starts_minutes:
         return local.date()
     day = local.date() - timedelta(days=1)
     while not _is_in_calendar(day, zone):
         day -= timedelta(days=1)
     return day
+
+
+def local_minute(instant: datetime, time_zone: str) -> int:
+    """Minutes after midnight by the zone's wall clock, 0 to 1439."""
+    local = instant.astimezone(ZoneInfo(time_zone))
+    return local.hour * 60 + local.minute
 
 
 def latest_day(now: datetime) -> date:

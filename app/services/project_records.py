@@ -19,24 +19,39 @@ from app.db.queries.meals import UNESTIMATED
 from app.nutrition.mass import Mass
 from app.services.announce import announce_meal
 from app.services.food_amounts import NO_FOOD, FoodAmounts, Weighing, food_amounts
+from app.services.item_candidates import ItemCandidates, candidates_of
 from app.services.item_foods import weighing_of
-from app.services.item_state import ItemState, LeftoverState, MealState, fold_meal
+from app.services.item_state import (
+    FOOD_DOUBTFUL,
+    FOOD_IDENTIFIED,
+    ItemState,
+    LeftoverState,
+    MealState,
+    fold_meal,
+)
 from app.services.match_leftovers import match_leftovers
+from app.services.project_index import entry_of, write_entries
 from app.services.review_doubt import UNKNOWN, review_doubt
 from app.services.served_mass import served_mass
 
 AFTER_WAITED_FOR = frozenset({None, "receiving", "queued", "processing"})
 AFTER_MEASURED = frozenset({"estimated", "needs_review"})
+SURE = 0.95  # of the index that a hint names the wrong food: a phone is wrong less often than it is
 SETTLED = frozenset({"confirmed", "corrected", "rejected"})
 
 
 @dataclass(frozen=True, slots=True)
 class ItemProjection:
-    """An item as it stands, what it amounts to (None: no food), and the effective record's columns but change_seq."""
+    """An item as it stands, what it amounts to (None: no food), and the effective record's columns but change_seq.
+
+    entry: the columns of its entry in the index; None: it has none.
+    """
 
     state: ItemState
+    candidates: ItemCandidates
     amounts: FoodAmounts | None
     columns: Mapping[str, Any]
+    entry: Mapping[str, Any] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +105,9 @@ class Projector:
             self.components |= {row.component.number: row.component for row in known}
 
     def _item(self, parts: MealParts, state: ItemState, leftovers: "_Leftovers") -> ItemProjection:
-        taken_for, flags = state.taken_for, [*state.flags, *leftovers.flags_of(state)]
+        taken_for, candidates = state.taken_for, candidates_of(parts, state)
+        of_food = self._food_flags(state, candidates)
+        flags = [*state.flags, *leftovers.flags_of(state)]
         amounts = None
         if taken_for is not None and state.is_live:
             weighing = weighing_of(taken_for)
@@ -103,7 +120,7 @@ class Projector:
                 left=leftovers.masses(state, weighing),
                 share=state.share,
             )
-        meal = parts.meal
+        meal, status = parts.meal, _record_status(state, amounts)
         columns = {
             "item_id": state.item.id,
             "meal_id": meal.id,
@@ -111,7 +128,7 @@ class Projector:
             "participant_id": meal.participant_id,
             "captured_at": meal.captured_at,
             "local_date": meal.local_date,
-            "status": _record_status(state, amounts),
+            "status": status,
             "origin": state.item.origin,
             "provisional": is_provisional(meal),
             "reviewed": state.reviewed,
@@ -121,27 +138,31 @@ class Projector:
             "volume_high_ml": state.amount.volume_high_ml,
             "share": state.share,
             **(amounts.record_columns() if amounts is not None else NO_FOOD),
-            "flags": flags,
-            "doubt": self._doubt(parts, state, amounts, flags),
+            "flags": [*flags, *of_food],
+            "doubt": 0.0,
         }
-        return ItemProjection(state, amounts, columns)
+        if state.is_live:  # what the flags of the food say is in the probability already
+            columns["doubt"] = _doubt(self._probability(state, candidates) if of_food else 1.0, amounts, flags)
+        food_key = self.food(taken_for.food_id).key if taken_for is not None else None
+        entry = entry_of(parts, state, status, food_key)
+        return ItemProjection(state, candidates, amounts, columns, entry)
 
-    def _doubt(self, parts: MealParts, state: ItemState, amounts: FoodAmounts | None, flags: Sequence[str]) -> float:
-        if not state.is_live:
+    def _food_flags(self, state: ItemState, candidates: ItemCandidates) -> list[str]:
+        """Why the food may be another one, as long as no person has said or seen what it is."""
+        if state.taken_for is None or state.food_is_told or not state.is_live:
+            return []
+        if state.food_is_guessed:
+            return [FOOD_IDENTIFIED]
+        best = next(iter(candidates.by_index), None)
+        is_other = best is not None and self.food(best.food_id).key != self.food(state.taken_for.food_id).key
+        return [FOOD_DOUBTFUL] if is_other and best is not None and (best.probability or 0.0) >= SURE else []
+
+    def _probability(self, state: ItemState, candidates: ItemCandidates) -> float:
+        """Of the food that the item is taken for, by whichever version, as the index sees it."""
+        if state.taken_for is None:
             return 0.0
-        if amounts is None or amounts.mass is None or state.taken_for is None:
-            return UNKNOWN
-        probability = 1.0 if state.food_is_told else self._probability(parts, state.item.id, state.taken_for)
-        served_g = amounts.mass.edible_g.value * amounts.share
-        return review_doubt(probability, amounts.consumed_g, served_g, flags)
-
-    def _probability(self, parts: MealParts, item_id: uuid.UUID, taken_for: ItemFood) -> float:
-        """Of the food that the item is taken for, by whichever version; 1 where the server has not reckoned it."""
-        key = self.food(taken_for.food_id).key
-        for candidate in parts.candidates.get(item_id, ()):
-            if candidate.probability is not None and self.food(candidate.food_id).key == key:
-                return candidate.probability
-        return 1.0
+        key = self.food(state.taken_for.food_id).key
+        return next((one.probability or 0.0 for one in candidates.by_index if self.food(one.food_id).key == key), 0.0)
 
 
 class _Leftovers:
@@ -202,12 +223,17 @@ def project_meal(session: Session, meal: Meal, projector: Projector | None = Non
 
 
 def write_records(session: Session, projection: MealProjection) -> int:
-    """Write those records of a meal that differ from what they should be, as one change. Returns how many did."""
-    here = records_of(session, projection.parts.meal.id)
+    """Write those records of a meal that differ from what they should be, as one change, and entries of the index.
+
+    Returns of how many items one or the other did.
+    """
+    meal_id = projection.parts.meal.id
+    moved = write_entries(session, meal_id, entries_wanted(projection))
+    here = records_of(session, meal_id)
     found = [(here.get(item.state.item.id), item.columns) for item in projection.items]
     wanted = [(record, columns) for record, columns in found if record is None or differences(record, columns)]
     if not wanted:
-        return 0
+        return len(moved)
     change_seq = records.next_change_seq(session, projection.parts.meal.study_id)
     for record, columns in wanted:
         if record is None:
@@ -216,7 +242,7 @@ def write_records(session: Session, projection: MealProjection) -> int:
         for name, value in columns.items():
             setattr(record, name, value)
         record.change_seq = change_seq
-    return len(wanted)
+    return len(moved.union(columns["item_id"] for _, columns in wanted))
 
 
 def differences(record: EffectiveRecord, columns: Mapping[str, Any]) -> list[str]:
@@ -224,11 +250,23 @@ def differences(record: EffectiveRecord, columns: Mapping[str, Any]) -> list[str
     return [name for name, value in columns.items() if getattr(record, name) != value]
 
 
+def entries_wanted(projection: MealProjection) -> dict[uuid.UUID, Mapping[str, Any] | None]:
+    """Item -> the columns of its entry in the index, None where it is to have none."""
+    return {item.state.item.id: item.entry for item in projection.items}
+
+
 def with_food(parts: MealParts, row: ItemFood, key: str) -> MealParts:
     """The parts as they would be with one more row of what an item is taken for; key: of its food."""
     rows = [*parts.foods.get(row.item_id, ()), row]
     food_keys = parts.food_keys | {row.food_id: key}
     return replace(parts, foods={**parts.foods, row.item_id: rows}, food_keys=food_keys)
+
+
+def _doubt(probability: float, amounts: FoodAmounts | None, flags: Sequence[str]) -> float:
+    """Of an item that counts. probability: that it is the food that it is taken for."""
+    if amounts is None or amounts.mass is None:
+        return UNKNOWN
+    return review_doubt(probability, amounts.consumed_g, amounts.mass.edible_g.value * amounts.share, flags)
 
 
 def _record_status(state: ItemState, amounts: FoodAmounts | None) -> str:

@@ -29,13 +29,16 @@ NOBODY_KNOWS = MassTotal(None, 0)  # of a meal that failed or is not measured ye
 class ItemView:
     """An item as it stands with its effective record; food and amounts are None where it is no food yet.
 
-    open_probes: what the participant is to be asked of it.
+    candidates: (food, probability, source); none_probability: that it is none of them, by the index of this version;
+    None: not identified. open_probes: what the participant is to be asked of it.
     """
 
     state: ItemState
     record: EffectiveRecord
     food: Food | None
     candidates: tuple[tuple[Food, float | None, str], ...]
+    none_probability: float | None
+    index_version: str | None
     amounts: FoodAmounts | None
     open_probes: tuple[str, ...]
 
@@ -154,15 +157,16 @@ def _items(session: Session, projector: Projector, projection: MealProjection) -
     asked = open_probes(projector, projection.state)
     effective = records_of(session, projection.parts.meal.id)
     for found in projection.items:
-        state = found.state
+        state, identified = found.state, found.candidates.identified
         yield ItemView(
             state=state,
             record=effective[state.item.id],
             food=projector.food(state.taken_for.food_id) if state.taken_for is not None else None,
             candidates=tuple(
-                (projector.food(each.food_id), each.probability, each.source)
-                for each in projection.parts.candidates.get(state.item.id, ())
+                (projector.food(each.food_id), each.probability, each.source) for each in found.candidates.all
             ),
+            none_probability=found.candidates.none_probability,
+            index_version=identified.index_version if identified is not None else None,
             amounts=found.amounts,
             open_probes=asked.get(state.item.id, ()),
         )

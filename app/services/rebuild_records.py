@@ -6,14 +6,15 @@ from sqlalchemy.orm import Session
 
 from app.db.queries.meal_parts import meals_after, parts_of, records_of
 from app.db.session import Database
-from app.services.project_records import MealProjection, Projector, differences, write_records
+from app.services.project_index import differing_entries
+from app.services.project_records import MealProjection, Projector, differences, entries_wanted, write_records
 
 BATCH = 50  # meals a transaction: writers wait for no more than that
 
 
 @dataclass(frozen=True, slots=True)
 class Rebuilt:
-    """How many records were compared, and how many were missing or other than what would be built."""
+    """How many records were compared; of how many items record or entry in the index is not what would be built."""
 
     compared: int
     different: int
@@ -38,7 +39,13 @@ def rebuild_records(database: Database, *, write: bool) -> Rebuilt:
 
 
 def _count(session: Session, projection: MealProjection) -> int:
-    """How many records of a meal differ."""
-    here = records_of(session, projection.parts.meal.id)
-    found = [(here.get(item.state.item.id), item.columns) for item in projection.items]
-    return sum(record is None or bool(differences(record, columns)) for record, columns in found)
+    """Of how many items of a meal the record or the index's entry differs."""
+    meal_id = projection.parts.meal.id
+    different = set(differing_entries(session, meal_id, entries_wanted(projection)))
+    here = records_of(session, meal_id)
+    for item in projection.items:
+        item_id = item.state.item.id
+        record = here.get(item_id)
+        if record is None or differences(record, item.columns):
+            different.add(item_id)
+    return len(different)

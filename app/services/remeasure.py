@@ -12,8 +12,10 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from app.db.models import Food, Item, ItemMeasure, Job, Meal, MealEvent
-from app.db.queries.meal_parts import parts_of
-from app.services.item_state import ItemState, fold_meal, region_drawn
+from app.db.queries.meal_parts import MealParts, parts_of
+from app.services.item_foods import item_food, weighing_for
+from app.services.item_state import ItemState, fold_meal, lies_as_told, region_drawn
+from app.services.save_candidates import save_candidates
 
 MAX_REGIONS = 40  # hints of one run
 FAILED = "remeasure_failed"
@@ -45,19 +47,49 @@ def regions_to_measure(session: Session, job: Job, meal: Meal) -> Regions:
     return Regions(tuple(hints), tuple(items))
 
 
-def save_measures(session: Session, job: Job, answer: Mapping[str, Any]) -> None:
-    """Write what the run found of the regions that the job's event drew; where it found nothing, flags say so."""
+def save_measures(session: Session, job: Job, meal: Meal, answer: Mapping[str, Any]) -> None:
+    """Write what the run found of the regions that the job's event drew; where it found nothing, flags say so.
+
+    An item that nobody has said a food of is taken for the one that its new region looks like, if the index is sure.
+    """
     event = session.get_one(MealEvent, job.event_id)
     asked = [uuid.UUID(item_id) for item_id in answer["regions"]]
     found = {asked[item["hint"]]: item for item in answer["items"] if item["hint"] is not None}
-    for item in _concerned(session, event):
-        if region_drawn(event, item) is not None:
-            session.add(_measure(item, event, job.id, found.get(item.id), has_failed=answer["failure"] is not None))
+    drawn = [item for item in _concerned(session, event) if region_drawn(event, item) is not None]
+    session.add_all(
+        _measure(item, event, job.id, found.get(item.id), has_failed=answer["failure"] is not None) for item in drawn
+    )
+    seen = [(item, found[item.id]) for item in drawn if item.id in found]
+    likely = save_candidates(session, job.id, seen)
+    parts = parts_of(session, [meal])[0]
+    states = {state.item.id: state for state in fold_meal(parts).items}
+    for (item, _), food in zip(seen, likely, strict=True):
+        state = states[item.id]
+        if food is None or state.run_id != job.id or not _is_open(parts, state, food):
+            continue
+        lies_as = lies_as_told(event, item)
+        before = max((row.version for row in parts.foods.get(item.id, ())), default=0)
+        session.add(
+            item_food(
+                item.id,
+                food.id,
+                weighing_for(session, food, meal.study_id, lies_as),
+                lies_as,
+                version=before + 1,
+                event_id=event.id,
+            )
+        )
 
 
 def largest_ring(rings: Sequence[Sequence[Sequence[float]]]) -> Sequence[Sequence[float]]:
     """The outline of the greatest area; a hint has one ring."""
     return max(rings, key=lambda ring: abs(_twice_signed_area(ring)))
+
+
+def _is_open(parts: MealParts, state: ItemState, food: Food) -> bool:
+    """Whether the server may take the item for this food: it is none yet, or another by the server's own guess."""
+    row = state.taken_for
+    return row is None or (state.food_is_guessed and parts.food_keys[row.food_id] != food.key)
 
 
 def _concerned(session: Session, event: MealEvent) -> list[Item]:

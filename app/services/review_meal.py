@@ -77,7 +77,7 @@ def split(standing: Standing) -> Change:
             food = named_food(standing.session, told["food"])
             food_rows.append(taken_for(standing, item.id, food, told["lies_as"]))
         elif state.taken_for is not None:
-            food_rows.append(same_food(standing, item.id, state.taken_for))
+            food_rows.append(same_food(standing, item.id, state.taken_for, is_guessed=state.food_is_guessed))
         items.append(item)
         parts.append({"item": str(item.id), **told, **amount})
     jobs = [remeasure_job(standing)] if any(part["polygon"] is not None for part in parts) else []
@@ -221,14 +221,15 @@ def _merged_food(standing: Standing, item: Item, states: Sequence[ItemState]) ->
     if key is not None:
         food = named_food(standing.session, key)
         return taken_for(standing, item.id, food, standing.event.told["lies_as"])
-    rows = [state.taken_for for state in states if state.taken_for is not None]
+    known = sorted((state for state in states if state.taken_for is not None), key=lambda each: each.food_is_guessed)
+    rows = [state.taken_for for state in known if state.taken_for is not None]
     if not rows:
         return None
     if len({_same_as(standing.session, row.food_id) for row in rows}) > 1:
         raise InvalidInputError(
             "The items are different foods: say in `food` which one they are together.", code="merge_needs_food"
         )
-    return same_food(standing, item.id, rows[0])
+    return same_food(standing, item.id, rows[0], is_guessed=known[0].food_is_guessed)
 
 
 def _same_as(session: Session, food_id: int) -> str:

@@ -1,24 +1,31 @@
 """What waits for a reviewer in a study, the most doubtful item first; what waits for a participant: open questions."""
 
 import uuid
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
+from sqlalchemy.orm import Session
+
 from app.db.models import Food, ItemCandidate, Meal, MealEvent
-from app.db.queries import review
+from app.db.queries import foods, review
+from app.db.queries.meal_parts import parts_of
 from app.db.queries.review import QueueFilter, QueueRow
 from app.db.session import Database
 from app.services.caller import DeviceCaller
-from app.services.cursors import Page, broken_cursor, decode_cursor, encode_cursor
+from app.services.cursors import ID, NUMBER, Page, decode_cursor, encode_cursor
+from app.services.item_candidates import NOT_IDENTIFIED, ItemCandidates, candidates_of
+from app.services.item_state import fold_meal
 
 MOST_QUESTIONS = 100  # that are shown; when some are answered, others follow
 
 
 @dataclass(frozen=True, slots=True)
 class QueuedItem:
-    """An item and the foods that it may be, best first."""
+    """An item and the foods that it may be, best first; none_probability: that it is none of them."""
 
     row: QueueRow
     candidates: tuple[tuple[Food, ItemCandidate], ...]
+    none_probability: float | None
 
 
 def read_queue(database: Database, chosen: QueueFilter, *, cursor: str | None, limit: int) -> Page[QueuedItem]:
@@ -27,16 +34,14 @@ def read_queue(database: Database, chosen: QueueFilter, *, cursor: str | None, l
     An item whose doubt changes between two pages may come twice or not at all: a reviewer starts at the head again.
     """
     listed = f"review-queue/{sorted((name, str(value)) for name, value in asdict(chosen).items())}"
-    key = decode_cursor(listed, cursor)
-    after = _place(key) if key is not None else None
+    after = decode_cursor(listed, cursor, NUMBER, ID)
     with database.read() as session:
         rows = review.page_of_queue(session, chosen, after=after, limit=limit + 1)
-        candidates = review.candidates_of(session, [row.record.item_id for row in rows])
-    shown = [QueuedItem(row, tuple(candidates.get(row.record.item_id, ()))) for row in rows[:limit]]
+        shown = _with_candidates(session, rows[:limit])
     if len(rows) <= limit:
         return Page(shown, None)
     last = shown[-1].row.record
-    return Page(shown, encode_cursor(listed, f"{last.doubt!r} {last.item_id}"))
+    return Page(shown, encode_cursor(listed, last.doubt, last.item_id))
 
 
 def open_questions(database: Database, caller: DeviceCaller) -> list[tuple[MealEvent, Meal]]:
@@ -52,9 +57,14 @@ def open_questions(database: Database, caller: DeviceCaller) -> list[tuple[MealE
     return found[:MOST_QUESTIONS]
 
 
-def _place(key: str) -> tuple[float, uuid.UUID]:
-    try:
-        doubt, item_id = key.split(" ")
-        return float(doubt), uuid.UUID(item_id)
-    except ValueError:
-        raise broken_cursor() from None
+def _with_candidates(session: Session, rows: Sequence[QueueRow]) -> list[QueuedItem]:
+    meals = {row.meal.id: row.meal for row in rows}
+    found: dict[uuid.UUID, ItemCandidates] = {}
+    for parts in parts_of(session, list(meals.values())):
+        found |= {state.item.id: candidates_of(parts, state) for state in fold_meal(parts).items}
+    shown = [(row, found.get(row.record.item_id, NOT_IDENTIFIED)) for row in rows]
+    named = {one.food_id for _, its in shown for one in its.all}
+    known = {food.id: food for food in foods.foods_by_id(session, named)}
+    return [
+        QueuedItem(row, tuple((known[one.food_id], one) for one in its.all), its.none_probability) for row, its in shown
+    ]

@@ -12,12 +12,13 @@ from sqlalchemy.orm import Session
 
 from app.db.models import Food, Item, ItemCandidate, ItemFood, Job, Meal, Run, RunArtefact
 from app.db.queries import foods, meals
+from app.db.queries.meal_parts import FROM_HINT
 from app.services.item_foods import item_food, weighing_for
 from app.services.project_records import project_meal
 from app.services.remeasure import save_measures
+from app.services.save_candidates import save_candidates
 
 ITEM_NAMESPACE = uuid.UUID("3f2ad0a5-93ce-4f0f-8f39-4f1f1d1b7f6e")  # drawn once; item ids are derived under it
-FROM_HINT = "hint"
 NOTHING_THERE = "no_food_found"  # of the after-meal pair that is an answer: the plate is empty
 
 
@@ -40,6 +41,7 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
             marker=answer["marker"],
             camera={"left": answer["camera"], "right": answer["camera_right"]} if answer["camera"] else None,
             parameters=answer["parameters"],
+            colour=answer.get("colour"),  # computed before an upgrade, saved after it
             stages=answer["stages"],
             seconds=answer["seconds"],
             food_releases=[f"{release.name} {release.version}" for release in foods.releases_in_force(session)],
@@ -52,7 +54,7 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
     session.flush()
     session.add_all(RunArtefact(run_id=job_id, **artefact) for artefact in answer["artefacts"])
     if job.purpose == "remeasure":
-        save_measures(session, job, answer)
+        save_measures(session, job, meal, answer)
     elif job.purpose == "after":
         _save_after(session, meal, job_id, answer)
     else:
@@ -83,10 +85,16 @@ def item_row(
 
 
 def _save_meal(session: Session, meal: Meal, run_id: uuid.UUID, answer: Mapping[str, Any]) -> None:
-    """What was found in the meal's own pair: its items, and what the hints say they are."""
+    """What was found in the meal's own pair: its items, what the hints say they are, else what the index is sure of."""
     failure = answer["failure"]
     items = [item_row(meal.id, run_id, position, found) for position, found in enumerate(answer["items"])]
-    _save_items(session, meal, items, _answered(answer, meal.details["hints"]))
+    hints = _answered(answer, meal.details["hints"])
+    _save_items(session, meal, items, hints)
+    likely = save_candidates(session, run_id, list(zip(items, answer["items"], strict=True)))
+    for item, hint, food in zip(items, hints, likely, strict=True):
+        row = _taken_for(session, meal, item, food, hint.get("lies_as")) if "food" not in hint else None
+        if row is not None:
+            session.add(row)
     if failure:
         meal.failure_code, meal.failure_message = failure["code"], failure["message"]
         meal.failure_advice = failure.get("advice", "")

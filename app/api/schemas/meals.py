@@ -167,8 +167,8 @@ class CandidateOut(BaseModel):
     """A food that the item may be; source: who says so."""
 
     food: FoodRef
-    probability: float | None
-    source: str
+    probability: float | None = Field(description="By the index; null: a hint's.")
+    source: str = Field(description="hint, the phone's; or index")
 
 
 class ItemOut(BaseModel):
@@ -182,7 +182,13 @@ class ItemOut(BaseModel):
     )
     food: FoodRef | None
     lies_as: str | None = Field(description="How it was said to lie; null: as it usually does.")
-    candidates: list[CandidateOut]
+    candidates: list[CandidateOut] = Field(
+        description="A hint's, then the index's, best first: choose one by the event `set_food` with its key."
+    )
+    none_of_these: float | None = Field(
+        description="Probability that it is none of the index's candidates; null: the index was not asked."
+    )
+    index_version: str | None = Field(description="Which index gave the candidates (docs/candidates.md).")
     volume_ml: float | None = Field(description="Null where it could not be measured: flag `not_measurable`.")
     volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
     density_g_per_ml: float | None = Field(
@@ -267,8 +273,11 @@ MEAL_EXAMPLE: dict[str, Any] = {
             "polygon": [[[1010.5, 540.0], [1180.0, 560.5], [1100.0, 700.0]]],
             "food": {"key": "apple", "name": "Apple, raw, with skin"},
             "candidates": [
-                {"food": {"key": "apple", "name": "Apple, raw, with skin"}, "probability": None, "source": "hint"}
+                {"food": {"key": "apple", "name": "Apple, raw, with skin"}, "probability": 0.93, "source": "index"},
+                {"food": {"key": "peach", "name": "Peach, raw"}, "probability": 0.04, "source": "index"},
             ],
+            "none_of_these": 0.02,
+            "index_version": "ecustfd 3f9a1c0b7d52 + 12 confirmed 90b1c2d3e4f5",
             "lies_as": None,
             "volume_ml": 185.0,
             "volume_interval_ml": [158.0, 216.0],
@@ -289,7 +298,7 @@ MEAL_EXAMPLE: dict[str, Any] = {
             "parent": None,
             "open_probes": [],
             "nutrients": [ENERGY_EXAMPLE],
-            "flags": [],
+            "flags": ["food_identified"],
         }
     ],
     "totals": {

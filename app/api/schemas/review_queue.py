@@ -21,6 +21,9 @@ class QueuedItemOut(BaseModel):
     provisional: bool
     food: FoodRef | None
     candidates: list[CandidateOut] = Field(description="Best first: choose one by `set_food`.")
+    none_of_these: float | None = Field(
+        description="Probability that it is none of the index's candidates; null: the index was not asked."
+    )
     volume_ml: float | None
     volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
     mass_g: float | None

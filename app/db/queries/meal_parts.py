@@ -3,6 +3,7 @@
 import uuid
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from typing import TypeVar
 
 import sqlalchemy as sa
@@ -14,6 +15,7 @@ from app.db.models import (
     Item,
     ItemCandidate,
     ItemFood,
+    ItemIdentification,
     ItemMeasure,
     Job,
     Leftover,
@@ -22,15 +24,29 @@ from app.db.models import (
     Run,
 )
 
+FROM_HINT, FROM_INDEX = "hint", "index"  # who says that an item may be a food
+
 Row = TypeVar("Row", ItemFood, ItemMeasure, ItemCandidate)
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """An ItemIdentification without its vector."""
+
+    item_id: uuid.UUID
+    run_id: uuid.UUID
+    vcm_version: str
+    index_version: str | None
+    none_probability: float | None
+    created_at: datetime
 
 
 @dataclass(slots=True)
 class MealParts:
     """One meal's. items: of its newest run, of its newest after-meal run, and those that people made.
 
-    foods, measures, candidates, leftovers: by item. food_keys: of all in foods, by id; a key stays from version to
-    version. failed_remeasures: events whose regions no run will measure.
+    foods, measures, candidates, identified, leftovers: by item, of all runs. food_keys: of all in foods, by id; a key
+    stays from version to version. failed_remeasures: events whose regions no run will measure.
     """
 
     meal: Meal
@@ -42,6 +58,7 @@ class MealParts:
     food_keys: dict[int, str] = field(default_factory=dict)
     measures: dict[uuid.UUID, list[ItemMeasure]] = field(default_factory=dict)
     candidates: dict[uuid.UUID, list[ItemCandidate]] = field(default_factory=dict)
+    identified: dict[uuid.UUID, list[Identified]] = field(default_factory=dict)
     leftovers: dict[uuid.UUID, list[Leftover]] = field(default_factory=dict)
     failed_remeasures: set[uuid.UUID] = field(default_factory=set)
 
@@ -69,6 +86,8 @@ def parts_of(session: Session, meals: Sequence[Meal]) -> list[MealParts]:
         by_item[measure.item_id].measures.setdefault(measure.item_id, []).append(measure)
     for candidate in _of_items(session, ItemCandidate, by_item):
         by_item[candidate.item_id].candidates.setdefault(candidate.item_id, []).append(candidate)
+    for seen in _identified(session, by_item):
+        by_item[seen.item_id].identified.setdefault(seen.item_id, []).append(seen)
     after = sa.select(Leftover).where(Leftover.after_item_id.in_(list(by_item))).order_by(Leftover.version)
     for leftover in session.scalars(after):
         by_item[leftover.after_item_id].leftovers.setdefault(leftover.after_item_id, []).append(leftover)
@@ -110,6 +129,19 @@ def _add_items(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> dict[u
             its.items.append(item)
             by_item[item.id] = its
     return by_item
+
+
+def _identified(session: Session, items: Collection[uuid.UUID]) -> list[Identified]:
+    """The newest last."""
+    seen = ItemIdentification
+    query = (
+        sa.select(
+            seen.item_id, seen.run_id, seen.vcm_version, seen.index_version, seen.none_probability, seen.created_at
+        )
+        .where(seen.item_id.in_(list(items)))
+        .order_by(seen.item_id, seen.created_at, seen.vcm_version)
+    )
+    return [Identified(*row) for row in session.execute(query)]
 
 
 def _keys_of(session: Session, food_ids: Collection[int]) -> dict[int, str]:

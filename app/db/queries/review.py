@@ -1,13 +1,12 @@
 """SQL of review: a meal's history, questions to a participant, and the queue of items by doubt."""
 
 import uuid
-from collections.abc import Collection
 from dataclasses import dataclass
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import EffectiveRecord, Food, ItemCandidate, Meal, MealEvent, Participant, Staff
+from app.db.models import EffectiveRecord, Food, Meal, MealEvent, Participant, Staff
 
 QUESTIONS_LOOKED_AT = 1000  # of one participant, the newest
 
@@ -95,19 +94,3 @@ def page_of_queue(
         bound = sa.tuple_(sa.literal(after[0], record.doubt.type), sa.literal(after[1], record.item_id.type))
         query = query.where(sa.tuple_(record.doubt, record.item_id) < bound)
     return [QueueRow(*row) for row in session.execute(query)]
-
-
-def candidates_of(
-    session: Session, item_ids: Collection[uuid.UUID]
-) -> dict[uuid.UUID, list[tuple[Food, ItemCandidate]]]:
-    """Item -> the foods that it may be, best first."""
-    query = (
-        sa.select(Food, ItemCandidate)
-        .join(ItemCandidate, ItemCandidate.food_id == Food.id)
-        .where(ItemCandidate.item_id.in_(item_ids))
-        .order_by(ItemCandidate.item_id, ItemCandidate.position)
-    )
-    found: dict[uuid.UUID, list[tuple[Food, ItemCandidate]]] = {}
-    for food, candidate in session.execute(query):
-        found.setdefault(candidate.item_id, []).append((food, candidate))
-    return found

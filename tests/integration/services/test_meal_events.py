@@ -8,13 +8,25 @@ import sqlalchemy as sa
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from app.db.models import Device, EffectiveRecord, Item, ItemFood, ItemMeasure, Job, Meal, MealEvent, Participant, Staff
+from app.db.models import (
+    Device,
+    EffectiveRecord,
+    IndexEntry,
+    Item,
+    ItemFood,
+    ItemMeasure,
+    Job,
+    Meal,
+    MealEvent,
+    Participant,
+    Staff,
+)
 from app.errors import PreconditionFailedError, TadaError
 from app.services.caller import DeviceCaller, StaffCaller
 from app.services.meal_events import NewEvent
 from app.services.rebuild_records import rebuild_records
 from tests import estimates
-from tests.estimates import found_item, unmeasured_item
+from tests.estimates import identified_item, unmeasured_item, vcm
 from tests.integration.conftest import meal_metadata
 from tests.photographs import pair
 
@@ -39,10 +51,13 @@ class Table:
         self.client_id = None
 
     def lay(self):
-        """A new meal, estimated."""
+        """A new meal, estimated: an apple, milk that could not be measured, and what the index takes for a banana."""
         body = meal_metadata(hints=HINTS)
         assert self.phone.post(pair(), body).status_code == 202
-        estimates.save(self.state, body["id"], found_item(hint=0), unmeasured_item(hint=1), found_item(90.0, hint=2))
+        apple = identified_item({"apple": 0.9, "pear": 0.05}, hint=0)
+        banana = identified_item({"banana": 0.85, "pear": 0.1}, volume_ml=90.0, hint=2)
+        milk = unmeasured_item(hint=1) | {"vcm": vcm(1.0, 0.0)}
+        estimates.save(self.state, body["id"], apple, milk, banana)
         self.client_id = uuid.UUID(body["id"])
 
     def say(self, caller, kind, item=None, expected=None, **told):
@@ -54,6 +69,11 @@ class Table:
             meal = sa.select(Meal.id).where(Meal.client_id == self.client_id).scalar_subquery()
             return list(session.scalars(sa.select(model).where(model.meal_id == meal)))
 
+    def rows_of_items(self, model):
+        items = [item.id for item in self.rows(Item)]
+        with self.state.database.read() as session:
+            return list(session.scalars(sa.select(model).where(model.item_id.in_(items))))
+
     def items(self):
         return sorted(self.rows(Item), key=lambda item: item.position)
 
@@ -62,7 +82,9 @@ class Table:
         for job in self.rows(Job):
             if job.purpose == "remeasure" and job.state == "queued":
                 drawn = [item for item in self.items() if item.event_id == job.event_id] or [self._redrawn(job)]
-                found = [found_item(volume_ml, hint=number) for number in range(len(drawn) if volume_ml else 0)]
+                count = len(drawn) if volume_ml else 0
+                likely = {"pear": 0.9 if count == 1 else 0.5}
+                found = [identified_item(likely, volume_ml=volume_ml, hint=number) for number in range(count)]
                 regions = [str(item.id) for item in drawn]
                 estimates.save(self.state, self.client_id, *found, purpose="remeasure", regions=regions)
 
@@ -135,6 +157,9 @@ def test_records_after_any_words_are_those_of_a_rebuild(table, steps):
             assert (len(table.rows(MealEvent)), len(table.items())) == before
         settled = [row for row in table.rows(EffectiveRecord) if row.status in ("confirmed", "corrected")]
         assert all(row.consumed_g is not None for row in settled)
+        learned = table.rows_of_items(IndexEntry)
+        assert {entry.item_id for entry in learned} <= {row.item_id for row in settled}
+        assert not {entry.item_id for entry in learned} & {r.item_id for r in settled if "food_identified" in r.flags}
     assert rebuild_records(table.state.database, write=False).different == 0
 
 
