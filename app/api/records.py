@@ -8,7 +8,7 @@ from fastapi.responses import JSONResponse, Response
 
 from app.api.csv_stream import csv_response
 from app.api.deps import CurrentCaller, State
-from app.api.paging import next_page
+from app.api.paging import Cursor, next_page
 from app.api.problems import problem_responses
 from app.api.render import render_record
 from app.api.schemas.records import RecordOut, RecordPage
@@ -43,7 +43,7 @@ def get_records(
     food: Annotated[str | None, Query(max_length=100, description="A food's key.")] = None,
     status: Annotated[RecordStatus | None, Query()] = None,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
-    cursor: Annotated[str | None, Query(max_length=300, description="From the page before: follow `next`.")] = None,
+    cursor: Cursor = None,
     output: Annotated[
         Literal["json", "csv"] | None, Query(alias="format", description="Default: by the Accept header, else json.")
     ] = None,

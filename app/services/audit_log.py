@@ -12,7 +12,7 @@ from app.db.session import Database
 from app.errors import InvalidInputError, NotFoundError
 from app.services.access import require_study
 from app.services.caller import StaffCaller
-from app.services.cursors import Page, decode_cursor, encode_cursor
+from app.services.cursors import WHOLE_NUMBER, Page, decode_cursor, encode_cursor
 
 STREAM_PAGE = 1000
 
@@ -51,13 +51,11 @@ def read_audit(
             require_study(caller, study.id)
             chosen = replace(chosen, study_id=study.id)
         listed = "audit " + json.dumps(asdict(chosen), default=str, sort_keys=True)
-        after = decode_cursor(listed, cursor)
-        if after is not None and not after.isdecimal():
-            raise InvalidInputError("The cursor is broken: follow `next` of the page before it.", code="cursor_invalid")
-        found = privacy.page_of_audit(session, chosen, after=int(after) if after else None, limit=limit + 1)
+        after = decode_cursor(listed, cursor, WHOLE_NUMBER)
+        found = privacy.page_of_audit(session, chosen, after=after, limit=limit + 1)
         codes = privacy.study_codes(session)
     rows = [NamedEvent(event, codes.get(event.study_id) if event.study_id else None) for event in found[:limit]]
-    return Page(rows, encode_cursor(listed, str(found[limit - 1].id)) if len(found) > limit else None)
+    return Page(rows, encode_cursor(listed, found[limit - 1].id) if len(found) > limit else None)
 
 
 def stream_audit(

@@ -4,12 +4,22 @@ import base64
 import binascii
 import hashlib
 import json
+import math
+import uuid
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from datetime import UTC, date, datetime
+from typing import Any, Generic, TypeVar, overload
 
 from app.errors import InvalidInputError
 
 Row = TypeVar("Row")
+Value = TypeVar("Value")
+First = TypeVar("First")
+Second = TypeVar("Second")
+Third = TypeVar("Third")
+
+MOST = 2**63 - 1  # what a BIGINT counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,13 +30,48 @@ class Page(Generic[Row]):
     cursor: str | None
 
 
-def encode_cursor(listed: str, key: str) -> str:
+@dataclass(frozen=True, slots=True)
+class Part(Generic[Value]):
+    """A part of a row's key: how it is read. A cursor is not signed, so what could not have been written is refused."""
+
+    read: Callable[[str], Value]
+
+
+TEXT: Part[str] = Part(str)
+WHOLE_NUMBER: Part[int] = Part(lambda text: _bounded(int(text)))
+NUMBER: Part[float] = Part(lambda text: _finite(float(text)))
+INSTANT: Part[datetime] = Part(lambda text: datetime.fromisoformat(text).astimezone(UTC))
+DAY: Part[date] = Part(date.fromisoformat)
+ID: Part[uuid.UUID] = Part(uuid.UUID)
+
+
+def encode_cursor(listed: str, *key: object) -> str:
     """The cursor behind the row of this key. listed: the list's name and its filters."""
-    return base64.urlsafe_b64encode(json.dumps([key, _fingerprint(listed)]).encode()).decode().rstrip("=")
+    value = [" ".join(_text(part) for part in key), _fingerprint(listed)]
+    return base64.urlsafe_b64encode(json.dumps(value).encode()).decode().rstrip("=")
 
 
-def decode_cursor(listed: str, cursor: str | None) -> str | None:
-    """The key behind which the page begins; None: at the start. Raises InvalidInputError for no cursor of this list."""
+@overload
+def decode_cursor(listed: str, cursor: str | None, one: Part[First], /) -> First | None: ...
+
+
+@overload
+def decode_cursor(
+    listed: str, cursor: str | None, one: Part[First], two: Part[Second], /
+) -> tuple[First, Second] | None: ...
+
+
+@overload
+def decode_cursor(
+    listed: str, cursor: str | None, one: Part[First], two: Part[Second], three: Part[Third], /
+) -> tuple[First, Second, Third] | None: ...
+
+
+def decode_cursor(listed: str, cursor: str | None, /, *parts: Part[Any]) -> Any:
+    """The key behind which the page begins, part by part; None: at the start.
+
+    Raises InvalidInputError for what is no cursor of this list. A key of one part may hold spaces.
+    """
     if cursor is None:
         return None
     try:
@@ -40,12 +85,51 @@ def decode_cursor(listed: str, cursor: str | None) -> str | None:
         raise InvalidInputError(
             "The cursor belongs to other filters: start again without it.", code="cursor_of_other_filters"
         )
-    return key
+    values = _read(key, parts)
+    return values[0] if len(parts) == 1 else values
 
 
 def broken_cursor() -> InvalidInputError:
     """The error for a cursor that is none."""
     return InvalidInputError("The cursor is broken: follow `next` of the page before it.", code="cursor_invalid")
+
+
+def _read(key: str, parts: Sequence[Part[Any]]) -> tuple[Any, ...]:
+    """The key's values, each in the one way that encode_cursor writes it."""
+    texts = key.split(" ") if len(parts) > 1 else [key]
+    try:
+        values = tuple(part.read(text) for part, text in zip(parts, texts, strict=True))
+    except (ValueError, OverflowError):
+        raise broken_cursor() from None
+    if [_text(value) for value in values] != texts:
+        raise broken_cursor()
+    return values
+
+
+def _text(part: object) -> str:
+    match part:
+        case uuid.UUID():
+            return part.hex
+        case datetime():
+            return part.astimezone(UTC).isoformat()
+        case date():
+            return part.isoformat()
+        case float():
+            return repr(part)
+        case _:
+            return str(part)
+
+
+def _bounded(number: int) -> int:
+    if not 0 <= number <= MOST:
+        raise ValueError(number)
+    return number
+
+
+def _finite(number: float) -> float:
+    if not math.isfinite(number):
+        raise ValueError(number)
+    return number
 
 
 def _fingerprint(listed: str) -> str:

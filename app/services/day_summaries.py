@@ -1,7 +1,6 @@
 """Days for researchers: a row a participant-day, and mean intakes over closed days, open ones left out and counted."""
 
 import json
-import uuid
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from datetime import date
@@ -10,11 +9,11 @@ from app.db.queries import days, intakes, people
 from app.db.queries.days import DayFilter
 from app.db.queries.intakes import IntakeRow
 from app.db.session import Database
-from app.errors import InvalidInputError, NotFoundError
+from app.errors import NotFoundError
 from app.nutrition.plausible_energy import Plausibility
 from app.services.access import require_study, visible_studies
 from app.services.caller import Caller, DeviceCaller
-from app.services.cursors import Page, decode_cursor, encode_cursor
+from app.services.cursors import DAY, ID, TEXT, Page, decode_cursor, encode_cursor
 from app.services.study_days import StudyDay, judge_days, number_days
 
 STREAM_PAGE = 1000  # rows a query while streaming: each its own short transaction
@@ -38,14 +37,14 @@ def list_day_summaries(
         chosen = replace(chosen, participant_id=caller.participant_id)
     else:
         chosen = replace(chosen, study_ids=visible_studies(caller))
-    after = _key(decode_cursor(listed, cursor))
+    after = decode_cursor(listed, cursor, DAY, ID)
     with database.read() as session:
         rows = days.page_of_days(session, chosen, after=after, limit=limit + 1)
         numbered = number_days(session, rows[:limit])
     if len(rows) <= limit:
         return Page(numbered, None)
     last = rows[limit - 1]
-    return Page(numbered, encode_cursor(listed, f"{last.local_date.isoformat()} {last.participant_id.hex}"))
+    return Page(numbered, encode_cursor(listed, last.local_date, last.participant_id))
 
 
 def stream_day_summaries(database: Database, caller: Caller, chosen: DayFilter) -> Iterator[StudyDay]:
@@ -71,7 +70,7 @@ def list_intakes(
 ) -> Page[Intake]:
     """Mean daily intakes of a study's participants, by code. Raises NotFoundError, InvalidInputError."""
     listed = f"intakes of {study_code} from {first_day} to {last_day}"
-    after = decode_cursor(listed, cursor)
+    after = decode_cursor(listed, cursor, TEXT)
     with database.read() as session:
         study = people.find_study(session, study_code)
         if study is None:
@@ -89,15 +88,3 @@ def list_intakes(
         for row in rows[:limit]
     ]
     return Page(found, encode_cursor(listed, rows[limit - 1].participant_code) if len(rows) > limit else None)
-
-
-def _key(text: str | None) -> tuple[date, uuid.UUID] | None:
-    if text is None:
-        return None
-    try:
-        day, participant = text.split(" ")
-        return date.fromisoformat(day), uuid.UUID(participant)
-    except ValueError:
-        raise InvalidInputError(
-            "The cursor is broken: follow `next` of the page before it.", code="cursor_invalid"
-        ) from None

@@ -11,7 +11,7 @@ from app.db.session import Database
 from app.errors import NotFoundError
 from app.services.audit import note
 from app.services.caller import Caller, DeviceCaller, StaffCaller
-from app.services.cursors import Page, broken_cursor, decode_cursor, encode_cursor
+from app.services.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
 from app.services.studies import known_study
 from app.services.withdraw import has_left
 
@@ -21,11 +21,14 @@ def list_devices(
 ) -> Page[tuple[Device, str]]:
     """(phone, its participant's code) of a study, the last enrolled first."""
     listed = f"devices of {study_code} {participant_code or ''}"
-    after = _after(decode_cursor(listed, cursor))
+    after = decode_cursor(listed, cursor, INSTANT, ID)
     with database.read() as session:
         study = known_study(people.find_study(session, study_code))
         rows = people.page_of_devices(session, study.id, participant_code, after=after, limit=limit + 1)
-    return Page(rows[:limit], encode_cursor(listed, _key_of(rows[limit - 1][0])) if len(rows) > limit else None)
+    if len(rows) <= limit:
+        return Page(rows, None)
+    last = rows[limit - 1][0]
+    return Page(rows[:limit], encode_cursor(listed, last.enrolled_at, last.id))
 
 
 def revoke_device(database: Database, caller: StaffCaller, study_code: str, device_id: uuid.UUID) -> None:
@@ -64,17 +67,3 @@ def _revoke(session: Session, caller: Caller, device: Device, participant: Parti
         device.revoked_at = now
         people.end_tokens_of_device(session, device.id, now)
         note(session, caller, "device.revoke", study_id=participant.study_id, subject=participant.alias)
-
-
-def _key_of(device: Device) -> str:
-    return f"{device.enrolled_at.isoformat()} {device.id.hex}"
-
-
-def _after(key: str | None) -> tuple[datetime, uuid.UUID] | None:
-    if key is None:
-        return None
-    try:
-        enrolled_at, device_id = key.split(" ")
-        return datetime.fromisoformat(enrolled_at).astimezone(UTC), uuid.UUID(device_id)
-    except (ValueError, OverflowError):
-        raise broken_cursor() from None

@@ -7,7 +7,7 @@ from app.db.models import MealEvent
 from app.db.queries import review
 from app.db.session import Database
 from app.services.caller import Caller, DeviceCaller
-from app.services.cursors import Page, broken_cursor, decode_cursor, encode_cursor
+from app.services.cursors import WHOLE_NUMBER, Page, decode_cursor, encode_cursor
 from app.services.read_meal import find_meal
 
 
@@ -33,19 +33,12 @@ def read_history(
     with database.read() as session:
         meal, code, _ = find_meal(session, caller, client_id, participant_code)
         listed = f"events/{meal.id}"
-        key = decode_cursor(listed, cursor)
-        after = _sequence(key) if key is not None else 0
-        found = review.page_of_events(session, meal.id, after=after, limit=limit + 1)
+        after = decode_cursor(listed, cursor, WHOLE_NUMBER)
+        found = review.page_of_events(session, meal.id, after=after or 0, limit=limit + 1)
         undone = review.undone_events(session, meal.id)
     rows = [
         HistoryRow(event, event.layer if isinstance(caller, DeviceCaller) else name or code, str(event.id) in undone)
         for event, name in found[:limit]
     ]
     is_last = len(found) <= limit
-    return Page(rows, None if is_last else encode_cursor(listed, str(rows[-1].event.sequence)))
-
-
-def _sequence(key: str) -> int:
-    if not (key.isascii() and key.isdigit() and len(key) < 10):
-        raise broken_cursor()
-    return int(key)
+    return Page(rows, None if is_last else encode_cursor(listed, rows[-1].event.sequence))

@@ -17,7 +17,7 @@ from app.nutrition.energy_requirement import Person
 from app.nutrition.life_stage import MAX_AGE_YEARS, PREGNANCY_YEARS
 from app.services.audit import note
 from app.services.caller import Caller, StaffCaller
-from app.services.cursors import Page, decode_cursor, encode_cursor
+from app.services.cursors import TEXT, Page, decode_cursor, encode_cursor
 from app.services.studies import known_study
 
 PROFILE_KEYS = (
@@ -71,7 +71,7 @@ def create_participant(
 def list_participants(database: Database, study_code: str, *, cursor: str | None, limit: int) -> Page[Participant]:
     """The study's participants by code, the withdrawn ones too as far as they are kept."""
     listed = f"participants of {study_code}"
-    after = decode_cursor(listed, cursor)
+    after = decode_cursor(listed, cursor, TEXT)
     with database.read() as session:
         study = known_study(people.find_study(session, study_code))
         rows = people.page_of_participants(session, study.id, after=after, limit=limit + 1)

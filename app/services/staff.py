@@ -16,7 +16,7 @@ from app.db.session import Database
 from app.errors import ConflictError, InvalidInputError, NotFoundError
 from app.services.audit import note
 from app.services.caller import Caller, new_token, sha256_hex
-from app.services.cursors import Page, decode_cursor, encode_cursor
+from app.services.cursors import TEXT, Page, decode_cursor, encode_cursor
 from app.services.passwords import Passwords
 
 NAME_LENGTH = 100
@@ -69,7 +69,7 @@ def create_staff(
 
 def list_staff(database: Database, *, cursor: str | None, limit: int) -> Page[Staff]:
     """All staff by name, the disabled ones too."""
-    after = decode_cursor("staff", cursor)
+    after = decode_cursor("staff", cursor, TEXT)
     with database.read() as session:
         rows = people.page_of_staff(session, after=after, limit=limit + 1)
     return Page(rows[:limit], encode_cursor("staff", rows[limit - 1].name) if len(rows) > limit else None)

@@ -15,7 +15,7 @@ from app.errors import ConflictError, InvalidInputError, NotFoundError, Precondi
 from app.services.access import known_studies
 from app.services.audit import note
 from app.services.caller import Caller, StaffCaller
-from app.services.cursors import Page, decode_cursor, encode_cursor
+from app.services.cursors import TEXT, Page, decode_cursor, encode_cursor
 from app.vision.marker import parse_marker
 
 PROTOCOL = frozenset(
@@ -32,6 +32,7 @@ PROTOCOL = frozenset(
         "locale",
         "gives_feedback",
         "day_starts_minutes",
+        "shares_index",
     }
 )
 
@@ -56,7 +57,7 @@ def create_study(database: Database, *, code: str, name: str, caller: Caller | N
 
 def list_studies(database: Database, caller: StaffCaller, *, cursor: str | None, limit: int) -> Page[Study]:
     """The studies where the caller has a role, by code; all of them for an admin."""
-    known, after = known_studies(caller), decode_cursor("studies", cursor)
+    known, after = known_studies(caller), decode_cursor("studies", cursor, TEXT)
     with database.read() as session:
         rows = people.page_of_studies(session, known, after=after, limit=limit + 1)
     return Page(rows[:limit], encode_cursor("studies", rows[limit - 1].code) if len(rows) > limit else None)

@@ -12,7 +12,7 @@ from app.db.session import Database
 from app.errors import ConflictError, NotFoundError
 from app.services.audit import note
 from app.services.caller import Role, StaffCaller
-from app.services.cursors import Page, decode_cursor, encode_cursor
+from app.services.cursors import TEXT, Page, decode_cursor, encode_cursor
 from app.services.staff import known_staff, normal_name
 from app.services.studies import known_study
 
@@ -30,7 +30,7 @@ class Membership:
 def list_members(database: Database, study_code: str, *, cursor: str | None, limit: int) -> Page[Membership]:
     """A study's members by name. Raises NotFoundError."""
     listed = f"members of {study_code}"
-    after = decode_cursor(listed, cursor)
+    after = decode_cursor(listed, cursor, TEXT)
     with database.read() as session:
         study = known_study(people.find_study(session, study_code))
         rows = people.page_of_members(session, study.id, after=after, limit=limit + 1)

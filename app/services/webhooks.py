@@ -17,7 +17,7 @@ from app.errors import ConflictError, NotFoundError, PreconditionFailedError
 from app.services import audit
 from app.services.access import require_study
 from app.services.caller import StaffCaller
-from app.services.cursors import Page, broken_cursor, decode_cursor, encode_cursor
+from app.services.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
 from app.services.safe_address import parse_target, resolve_safely
 from app.services.secret_box import SecretBox, SecretKeyError
 from app.services.webhook_signature import SigningSecrets, new_secret, open_secrets, seal_secrets
@@ -145,14 +145,14 @@ class Webhooks:
     ) -> Page[WebhookDelivery]:
         """The log, the newest first. Raises InvalidInputError for a cursor that is broken or of another list."""
         listed = f"deliveries {webhook_id.hex} {state}"
-        key = decode_cursor(listed, cursor)
-        before = _parsed(key) if key is not None else None
+        before = decode_cursor(listed, cursor, INSTANT, ID)
         with self._database.read() as session:
             hook = _webhook(session, caller, study_code, webhook_id)
             rows = sql.page_of_deliveries(session, hook.id, state=state, before=before, limit=limit + 1)
         if len(rows) <= limit:
             return Page(rows, None)
-        return Page(rows[:limit], encode_cursor(listed, _key(rows[limit - 1])))
+        last = rows[limit - 1]
+        return Page(rows[:limit], encode_cursor(listed, last.created_at, last.id))
 
     def replay(
         self, caller: StaffCaller, study_code: str, webhook_id: uuid.UUID, delivery_id: uuid.UUID
@@ -234,15 +234,3 @@ def _require_room(session: Session, study: Study) -> None:
         raise ConflictError(
             f"The study has {MOST_ENABLED} webhooks already: disable one first.", code="webhooks_too_many"
         )
-
-
-def _key(last: WebhookDelivery) -> str:
-    return f"{last.created_at.isoformat()} {last.id.hex}"
-
-
-def _parsed(key: str) -> tuple[datetime, uuid.UUID]:
-    created_at, _, delivery_id = key.partition(" ")
-    try:
-        return datetime.fromisoformat(created_at).astimezone(UTC), uuid.UUID(delivery_id)
-    except (ValueError, OverflowError):
-        raise broken_cursor() from None

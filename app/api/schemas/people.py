@@ -53,6 +53,11 @@ class ProtocolIn(BaseModel):
         default=False, description="Whether participants see what they ate; it changes what people eat."
     )
     day_starts: DayStart = "00:00"
+    shares_index: bool = Field(
+        default=False,
+        description="Whether all studies of this server learn from its confirmed items: from figures of what a food "
+        "looked like, which food it was, its volume. Never photographs, nothing of persons.",
+    )
 
 
 class StudyIn(ProtocolIn):
@@ -92,6 +97,7 @@ class StudyOut(BaseModel):
     locale: str
     gives_feedback: bool
     day_starts: str
+    shares_index: bool
     version: int
     created_at: datetime
 
