@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import structlog
 
 from app.db.models import Meal
@@ -117,8 +118,13 @@ class IdentifyFoods:
             entries = tuple(found)
             if held is None or held.entries != entries:
                 vectors = dict(known) | {key: numbers_of(vector) for key, vector in read.items()}
-                kept = {(one.item_id, one.run_id): vectors[one.item_id, one.run_id] for one in entries}
-                held = _Learned(entries, kept, Identifier(index, [_example(one, kept) for one in entries]))
+                kept = {key: vectors[key] for entry in entries if (key := (entry.item_id, entry.run_id)) in vectors}
+                length = index.vectors.shape[1]
+                usable = {key for key, one in kept.items() if one.shape == (length,) and not np.isnan(one).any()}
+                learned = [_example(one, kept) for one in entries if (one.item_id, one.run_id) in usable]
+                if len(learned) < len(entries):
+                    log.error("vectors_unusable", study_id=str(meal.study_id), count=len(entries) - len(learned))
+                held = _Learned(entries, kept, Identifier(index, learned))
             self._learned[meal.study_id] = held
             while len(self._learned) > MOST_STUDIES:
                 del self._learned[next(iter(self._learned))]
