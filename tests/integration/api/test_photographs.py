@@ -9,7 +9,7 @@ import pytest
 import sqlalchemy as sa
 from PIL import Image
 
-from app.db.models import AuditEvent, Meal, MealImage, Run
+from app.db.models import AuditEvent, Meal, MealImage
 from app.services.estimate_json import colour_to_json
 from app.vision.model import ColourCorrection
 from tests import estimates
@@ -135,10 +135,8 @@ def grey_photograph(level=100):
 
 def estimated(state, meal_id, purpose="meal", **gains):
     """A run of the pair whose corrections are gains of red, green and blue: left=(...), right=(...)."""
-    run_id = estimates.save(state, meal_id, purpose=purpose)
     sides = {side: colour_to_json(ColourCorrection(np.diag(three), "white")) for side, three in gains.items()}
-    with state.database.write() as session:
-        session.get(Run, run_id).colour = sides or None
+    estimates.save(state, meal_id, apple(hint=None), purpose=purpose, colour=sides or None)
 
 
 def middle(answer):
@@ -181,11 +179,10 @@ def test_run_without_a_correction_leaves_the_photograph_as_taken(phone, state):
 
 def test_after_meal_photograph_is_corrected_by_the_after_meal_run(phone, state):
     table = Table(phone, state)
-    table.measured(apple())
+    estimated(state, table.id, left=(1.0, 1.0, 1.0), right=(1.0, 1.0, 1.0))
     table.put("after_left", grey_photograph())
     table.put("after_right", grey_photograph(101))
     path = f"/v1/meals/{table.id}/images"
-    estimated(state, table.id, left=(1.0, 1.0, 1.0), right=(1.0, 1.0, 1.0))
     assert middle(phone.get(f"{path}/after_left")).tolist() == [100, 100, 100]
     estimated(state, table.id, "after", left=(2.0, 1.0, 0.5), right=(1.0, 1.0, 1.0))
     assert middle(phone.get(f"{path}/after_left")) == pytest.approx([137, 100, 71], abs=3)
