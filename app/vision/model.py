@@ -96,7 +96,7 @@ class ColourCorrection:
 
     matrix: (3, 3) in linear sRGB, red first: corrected = matrix @ as taken. kind: "colour", from the colour board's
     colours; "white", one gain a channel from its paper; "none", the identity. delta_e_mean, delta_e_worst: CIEDE2000
-    of the coloured squares after it, None without them. flags: stable codes.
+    of the coloured squares at the board's own exposure, None without them. flags: stable codes.
     """
 
     matrix: Float64Array
