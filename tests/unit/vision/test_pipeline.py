@@ -13,7 +13,7 @@ from app.vision.pipeline import PIPELINE_VERSION, estimate_meal
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
 
 BALL = Ball((115.0, 15.0), 33.0)
-STAGES = ["marker", "camera", "match", "rectify", "disparity", "depth", "segment", "volume"]
+STAGES = ["marker", "camera", "match", "rectify", "disparity", "depth", "segment", "volume", "describe"]
 OPTIONS = EstimateOptions(SPEC, CAMERA)
 TOLERANCE = 0.12  # the paper's own method errs by 7.7 % on the mean of six fruit; this is one ball
 
