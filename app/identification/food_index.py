@@ -7,13 +7,16 @@ table is a table of its own beside it, to be read and corrected by people.
 import csv
 import hashlib
 import io
+import re
+import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +26,24 @@ from app.identification.metric import BlockLayout, Metric, Vectors
 
 SHIPPED = "ecustfd.npz"
 LABELS = "labels.csv"
+ARRAYS = (
+    "source",
+    "vcm_version",
+    "label_names",
+    "vectors",
+    "labels",
+    "specimens",
+    "block_names",
+    "block_sizes",
+    "block_is_histogram",
+    "centre",
+    "sd",
+    "weight",
+    "calibration",
+    "volume_labels",
+    "volumes_ml",
+)
+DIGEST = re.compile(r" [0-9a-f]{12}$")  # of the content, at a version's end
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,12 +96,12 @@ def read_labels(text: str) -> tuple[KnownFood, ...]:
 
 
 def write_index(path: Path, index: FoodIndex) -> None:
-    """The archive that read_index reads; the same index gives the same bytes."""
+    """The archive that read_index reads; the same index gives the same bytes. Vectors are kept in half precision."""
     sizes = [(food.label, volume) for food in index.foods for volume in index.volumes_ml.get(food.label, ())]
     np.savez_compressed(
         path,
         allow_pickle=False,
-        source=np.array(index.version.rsplit(" ", 1)[0]),
+        source=np.array(DIGEST.sub("", index.version)),
         vcm_version=np.array(index.vcm_version),
         label_names=np.array([food.label for food in index.foods]),
         vectors=index.vectors.astype(np.float16),
@@ -99,17 +120,21 @@ def write_index(path: Path, index: FoodIndex) -> None:
 
 
 def read_index(file: BinaryIO, known: Sequence[KnownFood]) -> FoodIndex:
-    """An archive of write_index. known: what its labels are. Raises ValueError, KeyError if it is none of that kind."""
+    """An archive of write_index. known: what its labels are.
+
+    Raises ValueError if it is none of that kind, damaged, or has a label that is not known.
+    """
     by_label = {food.label: food for food in known}
-    with np.load(file, allow_pickle=False) as archive:
-        held = {name: archive[name] for name in archive.files}
+    held = _arrays(file)
+    strange = sorted(set(held["label_names"].tolist()) - by_label.keys())
+    if strange:
+        raise ValueError(f"labels of the index that nobody knows: {', '.join(strange)}")
     sizes: dict[str, list[float]] = {}
     for label, volume in zip(held["volume_labels"].tolist(), held["volumes_ml"].tolist(), strict=True):
         sizes.setdefault(label, []).append(volume)
     vectors = held["vectors"].astype(np.float64)
-    digest = hashlib.sha256(held["vectors"].tobytes() + held["labels"].tobytes() + held["calibration"].tobytes())
     return FoodIndex(
-        version=f"{held['source']} {digest.hexdigest()[:12]}",
+        version=f"{held['source']} {_digest(held)}",
         vcm_version=str(held["vcm_version"]),
         foods=tuple(by_label[label] for label in held["label_names"].tolist()),
         vectors=vectors,
@@ -128,6 +153,38 @@ def read_index(file: BinaryIO, known: Sequence[KnownFood]) -> FoodIndex:
         calibration=Calibration(*held["calibration"].tolist()),
         volumes_ml={label: tuple(volumes) for label, volumes in sizes.items()},
     )
+
+
+def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
+    """The archive's arrays by name. Raises ValueError where they are not what write_index wrote."""
+    try:
+        with np.lib.npyio.NpzFile(file, allow_pickle=False) as archive:
+            held = {name: archive[name] for name in ARRAYS}
+    except (ValueError, KeyError, EOFError, OSError, zipfile.BadZipFile, zlib.error) as error:
+        raise ValueError(f"this is no index of foods, or a damaged one: {error}") from error
+    rows, length = held["vectors"].shape if held["vectors"].ndim == 2 else (0, 0)
+    fits = (
+        rows > 0
+        and held["labels"].shape == held["specimens"].shape == (rows,)
+        and int(held["labels"].max()) < len(held["label_names"])
+        and held["centre"].shape == held["sd"].shape == held["weight"].shape == (length,)
+        and int(held["block_sizes"].sum()) == length
+        and held["calibration"].shape == (2,)
+        and all(np.isfinite(held[name]).all() for name in ("vectors", "centre", "sd", "weight", "calibration"))
+        and bool((held["sd"] > 0.0).all())
+        and held["calibration"][0] > 0.0
+    )
+    if not fits:
+        raise ValueError("this is no index of foods, or a damaged one: its parts do not fit together")
+    return held
+
+
+def _digest(held: Mapping[str, NDArray[Any]]) -> str:
+    """Of all that an archive holds, in the order of the names."""
+    digest = hashlib.sha256()
+    for name in sorted(held):
+        digest.update(f"{name} {held[name].dtype.str} {held[name].shape} ".encode() + held[name].tobytes())
+    return digest.hexdigest()[:12]
 
 
 def _folder() -> Traversable:

@@ -5,6 +5,7 @@ somebody eats this now (habits), each for every food that the index knows and fo
 """
 
 import hashlib
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,15 +18,16 @@ from app.identification.kernel_classifier import fit_classifier
 from app.identification.metric import Vectors
 from app.identification.sizes import FoodSize, food_size, size_log_likelihood
 
+MOST_EATEN = 1400  # of the study's items that show what is eaten at a time of day: each answer looks at all of them
 MOST_EXAMPLES = 1400  # learned, beside those that ship: what one linear system solves in less than a second
-LEAST_A_FOOD = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Example:
     """A confirmed item: vector (d,) by the index's VCM version; the rest as far as it is known.
 
-    name: unique, for the index's version. is_own: of the study itself, not of one that shares its index.
+    name: unique, for the index's version. is_own: of the study itself, not of one that shares its index. day_minute:
+    after local midnight.
     """
 
     name: str
@@ -85,7 +87,13 @@ class Identifier:
     """An index with what was learned; immutable: what is confirmed later makes another."""
 
     def __init__(self, index: FoodIndex, learned: Sequence[Example] = (), *, none_prior: float | None = None) -> None:
-        """none_prior: of a food that the index does not know; None: as the study's own examples show (habits)."""
+        """learned: the newest last. none_prior: of a food that the index does not know; None: as own examples show.
+
+        Raises ValueError if an example's vector is not of the index's length, or not finite, or none_prior is not
+        between 0 and 1.
+        """
+        if none_prior is not None and not 0.0 < none_prior < 1.0:
+            raise ValueError(f"the share of foods that the index does not know is between 0 and 1, not {none_prior}")
         kept = newest_of_each(learned)
         self._known = _classes(index, kept)
         place = {known.food_key: number for number, known in enumerate(self._known)}
@@ -94,16 +102,20 @@ class Identifier:
         vectors = np.concatenate([index.vectors, *(one.vector.reshape(1, -1) for one in kept)])
         self._metric, self._calibration = index.metric, index.calibration
         self._classifier = fit_classifier(index.metric.embed(vectors), labels, len(self._known))
-        own = [one for one in kept if one.is_own]
-        self._eaten = [Eaten(one.food_key, one.day_minute) for one in own]
-        shipped = frozenset(food.food_key for food in index.foods)
-        shown = new_food_share(shipped, [one.food_key for one in own])
+        own = [one for one in learned if one.is_own]  # all: shares of those kept would be alike for all foods
+        self._eaten = [Eaten(one.food_key, one.day_minute) for one in own[-MOST_EATEN:]]
+        others = {one.food_key for one in kept if not one.is_own}
+        known_without = frozenset(others | {food.food_key for food in index.foods})
+        shown = new_food_share(known_without, [one.food_key for one in own])
         self._none_prior = none_prior if none_prior is not None else shown
-        self.version = _version(index, kept)
+        self.version = _version(index, learned)
         self.vcm_version = index.vcm_version
 
     def identify(self, vector: Vectors, circumstances: Circumstances = NOTHING_KNOWN, most: int = 10) -> Identification:
-        """The likeliest foods of a region. vector: (d,) of vcm_version."""
+        """The likeliest foods of a region. vector: (d,) of vcm_version.
+
+        Raises ValueError if the vector is of another length or not finite.
+        """
         scores = self._classifier.scores(self._metric.embed(np.asarray(vector, np.float64).reshape(1, -1)))
         likelihoods, none = self._calibration.log_likelihoods(scores)
         at = circumstances
@@ -119,17 +131,18 @@ class Identifier:
 
 
 def newest_of_each(learned: Sequence[Example], most: int = MOST_EXAMPLES) -> list[Example]:
-    """At most so many examples, the last of each food, the same number a food and LEAST_A_FOOD at least.
+    """At most so many examples, in their order: of each food its newest, as many as any other food has.
 
-    learned: the newest last. Own examples go before those of others.
+    learned: the newest last. Own examples go before those of others. Where there are more foods than that, those of the
+    newest examples.
     """
-    by_food: dict[str, list[Example]] = {}
-    for one in sorted(learned, key=lambda each: each.is_own):  # stable: own ones last, each part in its order
-        by_food.setdefault(one.food_key, []).append(one)
-    if len(learned) <= most:
-        return list(learned)
-    allowed = max(LEAST_A_FOOD, most // len(by_food))
-    return [one for of_food in by_food.values() for one in of_food[-allowed:]]
+    of_food: Counter[str] = Counter()
+    ranks = {}
+    for place in sorted(range(len(learned)), key=lambda place: (not learned[place].is_own, -place)):
+        one = learned[place]
+        ranks[place] = (of_food[one.food_key], not one.is_own, -place)
+        of_food[one.food_key] += 1
+    return [learned[place] for place in sorted(sorted(ranks, key=ranks.__getitem__)[:most])]
 
 
 def _classes(index: FoodIndex, learned: Sequence[Example]) -> list[_Known]:
@@ -149,5 +162,8 @@ def _classes(index: FoodIndex, learned: Sequence[Example]) -> list[_Known]:
 def _version(index: FoodIndex, learned: Sequence[Example]) -> str:
     if not learned:
         return index.version
-    names = hashlib.sha256("\n".join(f"{one.name} {one.food_key}" for one in learned).encode()).hexdigest()[:12]
-    return f"{index.version} + {len(learned)} confirmed {names}"
+    digest = hashlib.sha256()
+    for one in learned:
+        told = (one.name, one.food_key, one.volume_ml, one.day_minute, one.is_own)
+        digest.update(repr(told).encode() + np.asarray(one.vector, np.float64).tobytes())
+    return f"{index.version} + {len(learned)} confirmed {digest.hexdigest()[:12]}"

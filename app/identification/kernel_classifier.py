@@ -1,9 +1,10 @@
 """Kernel ridge classification: each class's membership (1 or 0) regressed on likeness to the examples.
 
 Saunders, Gammerman and Vovk, "Ridge regression learning algorithm in dual variables", ICML 1998, with the Gaussian
-kernel; for classes it is the least squares support vector machine of Suykens and Vandewalle (1999). It needs no
-training beyond one linear system, so that confirmed items join by solving it again, and a class of five examples
-stands beside one of seventy: each example's noise grows with the root of its class's size.
+kernel; for classes it is, but for its bias, the machine of Suykens and Vandewalle, "Least squares support vector
+machine classifiers", Neural Process. Lett. 9(3), 1999. It needs no training beyond one linear system, so that confirmed
+items join by solving it again, and a class of five examples stands beside one of seventy: each example's noise grows
+with the root of its class's size.
 """
 
 from collections.abc import Sequence
@@ -42,7 +43,10 @@ def fit_classifier(examples: Vectors, labels: NDArray[np.intp], classes: int) ->
 def held_out_scores(
     examples: Vectors, labels: NDArray[np.intp], classes: int, folds: Sequence[NDArray[np.intp]]
 ) -> Vectors:
-    """(n, classes): each example's scores by a classifier without its fold. folds: rows to hold out together."""
+    """(n, classes): each example's scores by a classifier without its fold; 0 for what is in no fold.
+
+    folds: rows to hold out together, not all of them.
+    """
     kernel = likeness(examples, examples)
     scores = np.zeros((len(examples), classes))
     for held in folds:

@@ -23,12 +23,12 @@ class FoodSize:
 
 
 def food_size(volumes_ml: Sequence[float]) -> FoodSize | None:
-    """What pieces of a food, ml, say of the next one; None without any.
+    """What pieces of a food, ml, say of the next one; None without any. What is no volume (0, NaN) is left out.
 
-    The spread is shrunk towards OWN_LOG_SD and widened by the doubt about the mean (Gelman et al., Bayesian Data
-    Analysis, 3.3, with known weights).
+    The spread is shrunk towards OWN_LOG_SD and widened by the doubt about the mean: the scaled inverse chi-squared
+    prior of Gelman et al., Bayesian Data Analysis, 3.3, with a flat one of the mean, and a normal for the t.
     """
-    logs = [math.log(volume) for volume in volumes_ml if volume > 0.0]
+    logs = [math.log(volume) for volume in volumes_ml if 0.0 < volume < math.inf]
     if not logs:
         return None
     count = len(logs)
@@ -41,9 +41,9 @@ def food_size(volumes_ml: Sequence[float]) -> FoodSize | None:
 def size_log_likelihood(size: FoodSize | None, volume_ml: float | None, relative_sd: float = 0.0) -> float:
     """Natural logarithm of how much likelier this volume is for the food than for any; 0 where either is not known.
 
-    At least log(1 - AS_EXPECTED).
+    relative_sd: of the measurement. At least log(1 - AS_EXPECTED); a volume or doubt that is no number tells nothing.
     """
-    if size is None or volume_ml is None or volume_ml <= 0.0:
+    if size is None or volume_ml is None or not (0.0 < volume_ml < math.inf and math.isfinite(relative_sd)):
         return 0.0
     value = math.log(volume_ml)
     of_any = _log_density(value, ANY_LOG_ML, math.hypot(ANY_LOG_SD, relative_sd))

@@ -18,7 +18,7 @@ import numpy as np
 
 from app.vision import vcm_color, vcm_shape, vcm_texture
 from app.vision.color import apply_colour
-from app.vision.model import ColourCorrection, Float32Array, Float64Array, ImageArray
+from app.vision.model import ColourCorrection, Float32Array, Float64Array, ImageArray, MaskArray
 from app.vision.vcm_region import Region, region_of_rings
 
 VCM_VERSION = "1"  # changes whenever the same region may give another vector
@@ -40,14 +40,14 @@ class Block:
 class Surface:
     """A region and what several blocks need of it.
 
-    inner: the mask without its outline, where the background mixes in. grey: (h, w) uint8. lab: (h, w, 3) float32
-    CIELAB (D65), L 0 to 100.
+    inner: (h, w), the mask without its outline, where the background mixes in. grey: (h, w). lab: (h, w, 3) CIELAB
+    (D65), L 0 to 100.
     """
 
     region: Region
-    inner: np.ndarray
-    grey: np.ndarray
-    lab: np.ndarray
+    inner: MaskArray
+    grey: ImageArray
+    lab: Float32Array
 
 
 BLOCKS: tuple[Block, ...] = (
@@ -81,13 +81,17 @@ def describe_rings(
 
 
 def describe(region: Region) -> Float32Array:
-    """(LENGTH,) float32: the region's VCM, finite. Colours are taken as they are: correct them before (color.py)."""
+    """(LENGTH,) float32: the region's VCM, finite. Colours are taken as they are: correct them before (color.py).
+
+    Raises ValueError if nothing of the region is marked, or its mask has not the size of its pixels.
+    """
+    if region.mask.shape != region.pixels_bgr.shape[:2] or not region.mask.any():
+        raise ValueError(f"a region of {region.pixels_bgr.shape[:2]} px with a mask of {region.mask.shape}, or empty")
     inner = cv2.erode(region.mask.astype(np.uint8), np.ones((OUTLINE_PX, OUTLINE_PX), np.uint8)) > 0
     surface = Surface(
         region=region,
         inner=inner if np.count_nonzero(inner) > LEAST_INNER_PX else region.mask,
-        grey=cv2.cvtColor(region.pixels_bgr, cv2.COLOR_BGR2GRAY),
-        lab=cv2.cvtColor(region.pixels_bgr.astype(np.float32) / 255.0, cv2.COLOR_BGR2LAB),
+        grey=np.asarray(cv2.cvtColor(region.pixels_bgr, cv2.COLOR_BGR2GRAY), np.uint8),
+        lab=np.asarray(cv2.cvtColor(region.pixels_bgr.astype(np.float32) / 255.0, cv2.COLOR_BGR2LAB), np.float32),
     )
-    made = [block.make(surface) for block in BLOCKS]
-    return np.nan_to_num(np.concatenate(made)).astype(np.float32)
+    return np.concatenate([block.make(surface) for block in BLOCKS]).astype(np.float32)

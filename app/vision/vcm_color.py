@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from app.vision.model import Float64Array
+from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.vcm_region import Region
 
 LAB_RANGES = ((0.0, 100.0, 16), (-40.0, 70.0, 22), (-20.0, 90.0, 22))  # of foods: low, high, bins
@@ -12,12 +12,15 @@ RINGS = ((0.0, 1 / 3), (1 / 3, 2 / 3), (2 / 3, 1.0))  # of the greatest distance
 PERCENTILES = (5, 25, 50, 75, 95)
 
 
-def lab_histograms(lab: Float64Array) -> Float64Array:
-    """(60,) histograms of L*, a* and b*, each a third. Swain and Ballard, "Color indexing", IJCV 7(1), 1991."""
+def lab_histograms(lab: Float32Array) -> Float64Array:
+    """(60,) histograms of L*, a* and b*, 16, 22 and 22 bins. lab: (n, 3) pixels.
+
+    Swain and Ballard, "Color indexing", IJCV 7(1), 1991.
+    """
     return np.concatenate([_histogram(lab[:, i], low, high, bins) for i, (low, high, bins) in enumerate(LAB_RANGES)])
 
 
-def hue_saturation(region: Region, inner: np.ndarray) -> Float64Array:
+def hue_saturation(region: Region, inner: MaskArray) -> Float64Array:
     """(26,) hue, each pixel with the weight of its saturation, since grey has no hue; and saturation (HSV).
 
     Van de Weijer and Schmid, "Coloring local feature extraction", ECCV 2006.
@@ -27,7 +30,7 @@ def hue_saturation(region: Region, inner: np.ndarray) -> Float64Array:
     return np.concatenate([hue, _histogram(hsv[:, 1], 0.0, 256.0, SATURATION_BINS)])
 
 
-def lab_rings(lab: np.ndarray, mask: np.ndarray) -> Float64Array:
+def lab_rings(lab: Float32Array, mask: MaskArray) -> Float64Array:
     """(18,) mean and standard deviation of L*, a*, b* in three rings by the distance from the outline.
 
     Where colour lies, whichever way the food is turned: the crumb of a bun, the seeds of a kiwifruit. After Stricker
@@ -45,8 +48,8 @@ def lab_rings(lab: np.ndarray, mask: np.ndarray) -> Float64Array:
     return np.concatenate(measures).astype(np.float64)
 
 
-def lab_moments(lab: np.ndarray) -> Float64Array:
-    """(24,) mean, standard deviation, skewness and percentiles 5 to 95 of L*, a*, b*.
+def lab_moments(lab: Float32Array) -> Float64Array:
+    """(24,) mean, standard deviation, five percentiles a channel, and skewness of L*, a*, b*. lab: (n, 3) pixels.
 
     Stricker and Orengo, "Similarity of color images", SPIE 2420, 1995.
     """

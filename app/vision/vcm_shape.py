@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from app.vision.model import Float64Array
+from app.vision.model import Float64Array, ImageArray, MaskArray
 
 RADII = 64  # of the outline, all around
 HARMONICS = 12
@@ -12,8 +12,11 @@ CELLS, DIRECTIONS = 4, 8
 LEAST_MOMENT = 1e-12
 
 
-def outline_measures(mask: np.ndarray) -> Float64Array:
-    """(11,) sides of the smallest rectangle around it, rectangularity, circularity, solidity; Hu's seven moments.
+def outline_measures(mask: MaskArray) -> Float64Array:
+    """(11,) elongation, rectangularity, circularity, solidity; Hu's seven moments.
+
+    Of the outermost outline, through its pixels' centres: holes do not count. Elongation: the shorter over the longer
+    side of the smallest rectangle around it.
 
     Zhang and Lu, "Review of shape representation and description techniques", Pattern Recognition 37(1), 2004; Hu,
     "Visual pattern recognition by moment invariants", IRE Trans. IT 8(2), 1962, as -sign(h) log10 |h|.
@@ -36,11 +39,11 @@ def outline_measures(mask: np.ndarray) -> Float64Array:
     )
 
 
-def radial_descriptors(mask: np.ndarray) -> Float64Array:
+def radial_descriptors(mask: MaskArray) -> Float64Array:
     """(12,) log sizes of the first harmonics of the distance from centroid to outline, over the mean distance.
 
     Zhang and Lu, "A comparative study of Fourier descriptors for shape representation and retrieval", ACCV 2002: the
-    centroid distance; sizes alone do not turn with the food.
+    centroid distance, here at equal steps of direction in place of length; sizes alone do not turn with the food.
     """
     points = _outline(mask).reshape(-1, 2).astype(np.float64)
     from_middle = points - points.mean(axis=0)
@@ -51,7 +54,7 @@ def radial_descriptors(mask: np.ndarray) -> Float64Array:
     return np.asarray(np.log(spectrum[1 : HARMONICS + 1] / max(float(spectrum[0]), 1e-9) + 1e-4), np.float64)
 
 
-def oriented_gradients(grey: np.ndarray, mask: np.ndarray) -> Float64Array:
+def oriented_gradients(grey: ImageArray, mask: MaskArray) -> Float64Array:
     """(128,) histograms of oriented gradients over the food's box, 4 x 4 cells of 8 directions, without sign.
 
     Dalal and Triggs, "Histograms of oriented gradients for human detection", CVPR 2005, normalised over the whole box.
@@ -68,7 +71,7 @@ def oriented_gradients(grey: np.ndarray, mask: np.ndarray) -> Float64Array:
     return np.asarray(np.sqrt(counts / (counts.sum() + 1e-6)), np.float64)
 
 
-def _outline(mask: np.ndarray) -> np.ndarray:
+def _outline(mask: MaskArray) -> np.ndarray:
     """(n, 1, 2) the outermost outline of the largest piece, px."""
     found = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
     return np.asarray(max(found, key=cv2.contourArea)).reshape(-1, 1, 2)

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from app.vision.model import Float64Array
+from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 
 PATTERN_SCALES = (1.0, 0.5)
 PATTERN_RADII_PX = (1, 2, 3)
@@ -28,11 +28,11 @@ def _pattern_of_code() -> np.ndarray:
 PATTERN_OF_CODE = _pattern_of_code()
 
 
-def binary_patterns(grey: np.ndarray, inner: np.ndarray) -> Float64Array:
+def binary_patterns(grey: ImageArray, inner: MaskArray) -> Float64Array:
     """(60,) rotation-invariant uniform local binary patterns at two scales and three radii.
 
     Ojala, Pietikäinen and Mäenpää, "Multiresolution gray-scale and rotation invariant texture classification with
-    local binary patterns", IEEE PAMI 24(7), 2002: LBP(8, r), riu2.
+    local binary patterns", IEEE PAMI 24(7), 2002: LBP(8, r), riu2; a neighbour counts as brighter from LEAST_STEP on.
     """
     histograms = []
     for scale in PATTERN_SCALES:
@@ -41,8 +41,12 @@ def binary_patterns(grey: np.ndarray, inner: np.ndarray) -> Float64Array:
     return np.concatenate(histograms)
 
 
-def color_patterns(lab: np.ndarray, inner: np.ndarray) -> Float64Array:
-    """(20,) the same of a* and of b*, at half the size: Mäenpää and Pietikäinen, Pattern Recognition 37(8), 2004."""
+def color_patterns(lab: Float32Array, inner: MaskArray) -> Float64Array:
+    """(20,) the same of a* and of b*, at half the size and one radius.
+
+    Mäenpää and Pietikäinen, "Classification with color and texture: jointly or separately?", Pattern Recognition 37(8),
+    2004: color and texture apart.
+    """
     histograms = []
     for channel in (1, 2):
         picture, mask = _resized(lab[..., channel] * COLOR_STEPS, inner, 0.5)
@@ -50,11 +54,11 @@ def color_patterns(lab: np.ndarray, inner: np.ndarray) -> Float64Array:
     return np.concatenate(histograms)
 
 
-def gabor_energies(grey: np.ndarray, inner: np.ndarray) -> Float64Array:
-    """(9,) at each of three wavelengths: log mean size of the response over six orientations, and its differences.
+def gabor_energies(grey: ImageArray, inner: MaskArray) -> Float64Array:
+    """(9,) at each of three wavelengths (4, 8, 16 px): log mean response, largest and spread over the mean.
 
-    Manjunath and Ma, "Texture features for browsing and retrieval of image data", IEEE PAMI 18(8), 1996; mean, largest
-    over mean and spread over mean in place of the responses themselves, which turn with the food.
+    Manjunath and Ma, "Texture features for browsing and retrieval of image data", IEEE PAMI 18(8), 1996; these
+    three over six orientations in place of the responses themselves, which turn with the food.
     """
     values = grey.astype(np.float32) / 255.0
     flat = (values - values[inner].mean()) / (values[inner].std() + 0.02)
@@ -67,17 +71,18 @@ def gabor_energies(grey: np.ndarray, inner: np.ndarray) -> Float64Array:
     return np.array(measures)
 
 
-def gradient_sizes(grey: np.ndarray, inner: np.ndarray) -> Float64Array:
+def gradient_sizes(grey: ImageArray, inner: MaskArray) -> Float64Array:
     """(6,) mean, standard deviation and percentiles 25 to 95 of log(1 + size) of the Sobel gradient.
 
-    How rough a surface is: after Tamura, Mori and Yamawaki's contrast and coarseness, IEEE SMC 8(6), 1978.
+    How rough a surface is. Tamura, Mori and Yamawaki, "Textural features corresponding to visual perception", IEEE
+    Trans. SMC 8(6), 1978, tell roughness by contrast and coarseness; these are simpler and stand for both.
     """
     across, down = cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1)
     sizes = np.log1p(np.hypot(across, down))[inner]
     return np.concatenate([[sizes.mean(), sizes.std()], np.percentile(sizes, PERCENTILES)]).astype(np.float64)
 
 
-def _gabor_kernels() -> list[np.ndarray]:
+def _gabor_kernels() -> list[Float32Array]:
     """Even kernels without a mean, of weight 1, an orientation each."""
     kernels = []
     for step in range(GABOR_ORIENTATIONS):
@@ -92,9 +97,9 @@ def _gabor_kernels() -> list[np.ndarray]:
 GABOR_KERNELS = _gabor_kernels()
 
 
-def _pattern_histogram(picture: np.ndarray, mask: np.ndarray, radius_px: int) -> Float64Array:
+def _pattern_histogram(picture: Float32Array, mask: MaskArray, radius_px: int) -> Float64Array:
     """(10,) square roots of the patterns' shares. picture: (h, w) float32."""
-    framed = cv2.copyMakeBorder(picture, *(radius_px,) * 4, cv2.BORDER_REPLICATE)
+    framed = np.pad(picture, radius_px, mode="edge")
     code = np.zeros(picture.shape, np.int32)
     for bit in range(NEIGHBOURS):
         angle = 2.0 * np.pi * bit / NEIGHBOURS
@@ -104,7 +109,7 @@ def _pattern_histogram(picture: np.ndarray, mask: np.ndarray, radius_px: int) ->
     return np.asarray(np.sqrt(counts / counts.sum()), np.float64)
 
 
-def _shifted(framed: np.ndarray, frame_px: int, dx: float, dy: float) -> np.ndarray:
+def _shifted(framed: Float32Array, frame_px: int, dx: float, dy: float) -> Float32Array:
     """The picture inside a frame, seen from (dx, dy) px away, between pixels bilinearly."""
     height, width = framed.shape[0] - 2 * frame_px, framed.shape[1] - 2 * frame_px
     dx, dy = round(dx, 9), round(dy, 9)  # a whole number of px stays one
@@ -117,14 +122,14 @@ def _shifted(framed: np.ndarray, frame_px: int, dx: float, dy: float) -> np.ndar
         out = out + (1 - fx) * fy * framed[y + 1 : y + 1 + height, x : x + width]
     if fx > 1e-6 and fy > 1e-6:
         out = out + fx * fy * framed[y + 1 : y + 1 + height, x + 1 : x + 1 + width]
-    return out
+    return np.asarray(out, np.float32)
 
 
-def _resized(picture: np.ndarray, mask: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
+def _resized(picture: Float32Array, mask: MaskArray, scale: float) -> tuple[Float32Array, MaskArray]:
     """Picture and mask at a scale; the whole picture's mask if nothing of it is left."""
     if scale == 1.0:
         return picture, mask
     size = (max(1, round(picture.shape[1] * scale)), max(1, round(picture.shape[0] * scale)))
-    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    small = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
     covered = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
     return small, covered if covered.any() else np.ones_like(covered)
