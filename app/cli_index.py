@@ -34,8 +34,10 @@ def index_rebuild(
     as_json: JsonOption = False,
 ) -> None:
     """Describe items again that have no vector of the current version, from their photographs. Safe beside workers."""
+    from app.jobs.child_pool import ChildPool
     from app.services.rebuild_index import check_index, rebuild_index
     from app.storage.opening import open_blob_store
+    from app.worker import TASKS
 
     settings = Settings()
     with opened_database() as database:
@@ -43,7 +45,11 @@ def index_rebuild(
             found = check_index(database, study_code=study)
         else:
             blobs = open_blob_store(settings.resolved_blob_url)
-            found = rebuild_index(database, blobs, settings, study_code=study)
+            children = ChildPool(settings, TASKS, children=1)
+            try:
+                found = rebuild_index(database, blobs, children, settings, study_code=study)
+            finally:
+                children.close()
     if as_json:
         print(json.dumps(asdict(found)))
     else:

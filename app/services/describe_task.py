@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 
 from app.errors import Failure
-from app.services.estimate_json import failure_to_json, vector_to_json
-from app.vision.model import ColourCorrection
+from app.services.estimate_json import colour_from_json, failure_to_json, vector_to_json
+from app.vision.color import measure_colour
+from app.vision.marker import find_marker, parse_marker
+from app.vision.model import ColourCorrection, Photo
 from app.vision.photo import read_photo
 from app.vision.vcm import VCM_VERSION, describe_rings
 
@@ -16,18 +18,29 @@ from app.vision.vcm import VCM_VERSION, describe_rings
 def describe_task(request: Mapping[str, Any], _: Callable[[str], None]) -> dict[str, Any]:
     """The regions' vectors (VCM) in the colours that their run saw.
 
-    request: photo (path), max_pixels, regions: [{"rings": [[[x, y], ...], ...] px, "colour": {"kind", "matrix"} or
-    null: the pixels as they are}]. vectors: base64 of little-endian float16; null where nothing of it is in view.
+    request: photo (path), max_pixels, regions: [{"rings": [[[x, y], ...], ...] px, "colour": what the run kept of the
+    photograph's (estimate_json), null: its pipeline corrected none yet, "marker": by which it is measured then}].
+    vectors: estimate_json's; null where nothing of the region is in view.
     """
     photo = read_photo(Path(request["photo"]).read_bytes(), max_pixels=int(request["max_pixels"]))
     if isinstance(photo, Failure):
         return {"failure": failure_to_json(photo), "vcm_version": VCM_VERSION, "vectors": []}
+    measured: dict[str, ColourCorrection | None] = {}
     vectors = []
     for asked in request["regions"]:
-        rings = [np.asarray(ring, np.float64) for ring in asked["rings"]]
-        colour = None
         if asked["colour"] is not None:
-            colour = ColourCorrection(np.asarray(asked["colour"]["matrix"], np.float64), asked["colour"]["kind"])
+            colour: ColourCorrection | None = colour_from_json(asked["colour"])
+        else:
+            if asked["marker"] not in measured:
+                measured[asked["marker"]] = _colour_by_marker(photo, asked["marker"])
+            colour = measured[asked["marker"]]
+        rings = [np.asarray(ring, np.float64) for ring in asked["rings"]]
         vector = describe_rings(photo.pixels_bgr, rings, colour)
         vectors.append(vector_to_json(vector) if vector is not None else None)
     return {"failure": None, "vcm_version": VCM_VERSION, "vectors": vectors}
+
+
+def _colour_by_marker(photo: Photo, marker: str) -> ColourCorrection | None:
+    """As the pipeline measures it; None where the board is not found: the pixels as they are."""
+    found = find_marker(photo, parse_marker(marker))
+    return None if isinstance(found, Failure) else measure_colour(photo, found)

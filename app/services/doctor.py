@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from app.db.queries import jobs, meals
+from app.db.queries import jobs, meals, vectors
 from app.db.session import Database
 from app.errors import TadaError
 from app.jobs.engine import JobQueue
@@ -13,6 +13,7 @@ from app.services.project_records import project_meal
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
 from app.storage.opening import open_blob_store
+from app.vision.vcm import VCM_VERSION
 
 WAITING_TOO_LONG_SECONDS = 600
 LISTED = 5  # names told of a longer list
@@ -37,6 +38,7 @@ def examine(database: Database, settings: Settings, *, requeue: bool) -> list[Fi
         *_parts(database, blobs, settings),
         *_stranded(database, requeue=requeue),
         _photos(database, blobs),
+        _vectors(database),
     ]
 
 
@@ -81,3 +83,11 @@ def _photos(database: Database, blobs: BlobStore) -> Finding:
         listed = ", ".join(missing[:LISTED]) + (" ..." if len(missing) > LISTED else "")
         return Finding("photographs", is_ok=False, message=f"{len(missing)} of {total} missing: {listed}")
     return Finding("photographs", is_ok=True, message=f"all {total} are in the store")
+
+
+def _vectors(database: Database) -> Finding:
+    """Whether the index learns from all that was confirmed: told, and no fault, as after an upgrade."""
+    with database.read() as session:
+        count = vectors.confirmed_without_vector(session, VCM_VERSION)
+    message = f"{count} confirmed items have no vector of version {VCM_VERSION}"
+    return Finding("index", is_ok=True, message=f"{message}: `tada index rebuild`" if count else message)

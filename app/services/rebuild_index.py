@@ -8,7 +8,7 @@ done, so that a run that broke off is gone on with by the next.
 import base64
 import tempfile
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -32,7 +32,6 @@ from app.vision.vcm import VCM_VERSION
 
 log = structlog.get_logger()
 
-TASKS = "app.services.child_tasks:TASKS"
 BATCH = 200  # meals a reading
 SECONDS = 60.0  # of one photograph and its regions
 
@@ -63,17 +62,15 @@ def check_index(database: Database, *, study_code: str | None) -> Described:
     return found
 
 
-def rebuild_index(database: Database, blobs: BlobStore, settings: Settings, *, study_code: str | None) -> Described:
+def rebuild_index(
+    database: Database, blobs: BlobStore, children: ChildPool, settings: Settings, *, study_code: str | None
+) -> Described:
     """Describe what has no vector of the current version. Raises NotFoundError for no such study."""
     with database.read() as session:
         found = Described(kept=vectors.described(session, VCM_VERSION, study_id=_study_id(session, study_code)))
-    children = ChildPool(settings, TASKS, children=1)
-    try:
-        for meal_id in _meals(database, study_code):
-            done = _describe_meal(database, blobs, children, settings, meal_id)
-            found = _plus(found, described=done.described, gone=done.gone, unreadable=done.unreadable)
-    finally:
-        children.close()
+    for meal_id in _meals(database, study_code):
+        done = _describe_meal(database, blobs, children, settings, meal_id)
+        found = _plus(found, described=done.described, gone=done.gone, unreadable=done.unreadable)
     return found
 
 
@@ -115,7 +112,7 @@ def _vectors(
         arguments={
             "photo": str(photo),
             "max_pixels": settings.max_photo_pixels,
-            "regions": [{"rings": region.rings, "colour": _colour(region.colour)} for region in regions],
+            "regions": [_asked(region) for region in regions],
         },
     )
     ended = children.run(request, lambda _: None, seconds=SECONDS)
@@ -175,10 +172,10 @@ def _study_id(session: Session, code: str | None) -> uuid.UUID | None:
     return study.id
 
 
-def _colour(of_run: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """What the run corrected the described photograph's colours by; None: the pixels as they are."""
-    told = of_run.get(DESCRIBED_SLOT) if of_run is not None else None
-    return {"kind": told["kind"], "matrix": told["matrix"]} if told is not None else None
+def _asked(region: SeenRegion) -> dict[str, Any]:
+    """The region as describe_task takes it."""
+    colour = region.colour.get(DESCRIBED_SLOT) if region.colour is not None else None
+    return {"rings": region.rings, "colour": colour, "marker": region.marker}
 
 
 def _plus(counted: Described, **more: int) -> Described:

@@ -15,12 +15,13 @@ DESCRIBED_SLOT = "left"  # outlines are in this photograph's pixels
 
 @dataclass(frozen=True, slots=True)
 class SeenRegion:
-    """An item's outline (rings, px) as a run saw it. colour: what the run kept of its photographs' colours."""
+    """An item's outline (rings, px) as a run saw it. colour: its photographs' corrections, None: it kept none."""
 
     item_id: uuid.UUID
     run_id: uuid.UUID
     rings: Sequence[Any]
     colour: dict[str, Any] | None
+    marker: str
 
 
 def meals_to_describe(
@@ -42,18 +43,18 @@ def meals_to_describe(
 def regions_to_describe(session: Session, meal_id: uuid.UUID, vcm_version: str) -> list[SeenRegion]:
     """The regions of a meal that a run measured and that have no vector of this version, in the order of items."""
     found = (
-        sa.select(Item.id, Run.id.label("run_id"), Item.rings, Run.colour, Item.position)
+        sa.select(Item.id, Run.id.label("run_id"), Item.rings, Run.colour, Run.marker, Item.position)
         .join(Run, Run.id == Item.run_id)
         .where(Item.meal_id == meal_id, _is_bare_item(vcm_version))
     )
     measured = (
-        sa.select(Item.id, Run.id.label("run_id"), ItemMeasure.rings, Run.colour, Item.position)
+        sa.select(Item.id, Run.id.label("run_id"), ItemMeasure.rings, Run.colour, Run.marker, Item.position)
         .join(ItemMeasure, ItemMeasure.item_id == Item.id)
         .join(Run, Run.id == ItemMeasure.run_id)
         .where(Item.meal_id == meal_id, _is_bare_measure(vcm_version))
     )
     rows = sorted([*session.execute(found), *session.execute(measured)], key=lambda row: (row.position, row.id))
-    return [SeenRegion(row.id, row.run_id, row.rings, row.colour) for row in rows if _is_outline(row.rings)]
+    return [SeenRegion(row.id, row.run_id, row.rings, row.colour, row.marker) for row in rows if _is_outline(row.rings)]
 
 
 def described(session: Session, vcm_version: str, *, study_id: uuid.UUID | None) -> int:

@@ -42,7 +42,6 @@ PIECES = (
     "inf",
     "-inf",
     "2026-02-30",
-    "20261120",
     "2026-W47-5",
     "0000-00-00",
     "2026-11-20T12:00:00",
@@ -65,6 +64,7 @@ FORGED_KEYS = (
         f"{number} {kind} {row}"
         for number, kind, row in itertools.product(("-1", "7"), ("x", "record"), ("x", "\u0661"))
     ),
+    f"20261120 {ID.hex}",
     "a b c d",
     " ",
     "  ",

@@ -32,6 +32,7 @@ def test_new_study_has_the_safe_defaults(client, admin):
     body = made.json()
     assert (body["location_policy"], body["withdrawal_policy"], body["gives_feedback"]) == ("drop", "erase", False)
     assert (body["day_starts"], body["after_window_minutes"], body["locale"]) == ("00:00", 240, "en")
+    assert body["shares_index"] is False
     assert client.get("/v1/studies/s", headers=admin).json() == body
 
 
@@ -48,6 +49,7 @@ def test_every_setting_of_a_new_study_is_kept(client, admin):
         "locale": "zh",
         "gives_feedback": True,
         "day_starts": "04:30",
+        "shares_index": True,
     }
     client.post("/v1/studies", headers=admin, json={"code": "s", "name": "S"} | settings)
     kept = client.get("/v1/studies/s", headers=admin).json()
@@ -64,6 +66,12 @@ def test_owner_changes_what_is_named_and_nothing_else(owner, state):
     body = changed.json()
     assert (body["name"], body["day_starts"], body["marker"], body["version"]) == ("Other", "04:00", None, 2)
     assert audit(state, "study.change") == [{"fields": ["day_starts_minutes", "name"], "version": 2}]
+
+
+def test_owner_shares_what_the_study_learns_and_takes_it_back(owner, state):
+    assert change(owner, shares_index=True).json()["shares_index"] is True
+    assert change(owner, '"2"', shares_index=False).json()["shares_index"] is False
+    assert [each["fields"] for each in audit(state, "study.change")] == [["shares_index"]] * 2
 
 
 def test_change_that_changes_nothing_keeps_the_version(owner, state):
@@ -98,6 +106,7 @@ def test_null_takes_marker_camera_and_retention_away(owner):
         {"name": None},
         {"name": ""},
         {"expects_after_pair": None},
+        {"shares_index": None},
         {"code": "other"},
         {"camera": {"width": 0}},
     ],
