@@ -16,6 +16,8 @@ import structlog
 
 from app.db.migrate import upgrade
 from app.db.session import Database, normalise_url
+from app.nutrition.importers.imported import ImportedTable
+from app.nutrition.importers.sr28 import read_sr28
 from app.services.prepare import prepare
 from app.settings import Settings
 
@@ -30,6 +32,17 @@ def pytest_runtest_makereport(item, call):
         report.outcome = "failed"
         report.longrepr = f"skipped, which CI does not allow: {report.longrepr}"
     return report
+
+
+def pytest_collection_modifyitems(items):
+    """For xdist: what shares something dear to make (a file's tests, SR28) stays on one worker; the long come first."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    of_sr28 = {item.path for item in items if "sr28_table" in item.fixturenames}
+    items.sort(  # stable: else as they were
+        key=lambda item: ("e2e" not in item.path.parts, item.path not in of_sr28, item.path not in slow)
+    )
+    for item in items:
+        item.add_marker(pytest.mark.xdist_group("sr28" if item.path in of_sr28 else str(item.path)))
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -55,6 +68,12 @@ def sr28_folder(shared_data, tmp_path_factory) -> pathlib.Path:
     with zipfile.ZipFile(shared_data / "food_tables" / "sr28asc.zip") as archive:
         archive.extractall(folder)
     return folder
+
+
+@pytest.fixture(scope="session")
+def sr28_table(shared_data) -> ImportedTable:
+    """The SR28 release as the importer reads it."""
+    return read_sr28(shared_data / "food_tables" / "sr28asc.zip")
 
 
 @pytest.fixture(scope="session")
@@ -91,43 +110,66 @@ def database_url(request, kind, tmp_path) -> Iterator[str]:
 
 
 @pytest.fixture
-def database(database_url) -> Iterator[Database]:
-    """A migrated database."""
-    database = Database(database_url)
-    upgrade(database)
-    yield database
-    database.dispose()
+def database(request, kind, tmp_path) -> Iterator[Database]:
+    """A migrated database, copied from a template: quicker than making each anew."""
+    with copied_database(request, kind, tmp_path, "migrated") as url:
+        database = Database(url)
+        yield database
+        database.dispose()
 
 
 @pytest.fixture
 def prepared_database_url(request, kind, tmp_path) -> Iterator[str]:
-    """The URL of a database as `prepare` leaves it, copied from a template: quicker than making each anew."""
+    """The URL of a database as `prepare` leaves it, copied from a template too."""
+    with copied_database(request, kind, tmp_path, "template") as url:
+        yield url
+
+
+@contextlib.contextmanager
+def copied_database(request, kind, folder, template) -> Iterator[str]:
+    """A copy of a template of this kind ("migrated", "template"): its URL."""
+    original = request.getfixturevalue(f"{kind}_{template}")
     if kind == "sqlite":
-        shutil.copyfile(request.getfixturevalue("sqlite_template"), tmp_path / "tada.sqlite3")
-        yield f"sqlite:///{tmp_path / 'tada.sqlite3'}"
+        shutil.copyfile(original, folder / "tada.sqlite3")
+        yield f"sqlite:///{folder / 'tada.sqlite3'}"
     else:
-        template = request.getfixturevalue("postgres_template")
-        with postgres_database(request.getfixturevalue("postgres_server"), template) as url:
+        with postgres_database(request.getfixturevalue("postgres_server"), original) as url:
             yield url
+
+
+@pytest.fixture(scope="session")
+def sqlite_migrated(tmp_path_factory) -> pathlib.Path:
+    path = tmp_path_factory.mktemp("migrated") / "template.sqlite3"
+    make_template(f"sqlite:///{path}", upgrade)
+    return path
+
+
+@pytest.fixture(scope="session")
+def postgres_migrated(postgres_server) -> Iterator[str]:
+    with postgres_database(postgres_server) as url:
+        make_template(url, upgrade)
+        yield sa.make_url(url).database
 
 
 @pytest.fixture(scope="session")
 def sqlite_template(tmp_path_factory) -> pathlib.Path:
     folder = tmp_path_factory.mktemp("template")
-    prepare_and_close(f"sqlite:///{folder / 'template.sqlite3'}", folder)
+    make_template(f"sqlite:///{folder / 'template.sqlite3'}", lambda new: prepare(new, Settings(data_dir=folder)))
     return folder / "template.sqlite3"
 
 
 @pytest.fixture(scope="session")
 def postgres_template(postgres_server, tmp_path_factory) -> Iterator[str]:
+    folder = tmp_path_factory.mktemp("template")
     with postgres_database(postgres_server) as url:
-        prepare_and_close(url, tmp_path_factory.mktemp("template"))
+        make_template(url, lambda new: prepare(new, Settings(data_dir=folder)))
         yield sa.make_url(url).database
 
 
-def prepare_and_close(url, folder):
+def make_template(url, fill):
+    """A database filled and closed, with nothing left in its log."""
     database = Database(url)
-    prepare(database, Settings(data_dir=folder))
+    fill(database)
     if database.is_sqlite:
         with database.write_engine.connect() as connection:
             connection.exec_driver_sql("COMMIT")

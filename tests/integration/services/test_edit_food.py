@@ -1,9 +1,6 @@
 """Corrections in the database: what they leave as it is, what the constraints hold; `tada foods create, edit, ...`."""
 
 import json
-import os
-import subprocess
-import sys
 import uuid
 
 import pytest
@@ -24,6 +21,7 @@ from app.services.search_foods import search_foods
 from app.services.studies import create_study
 from app.services.study_densities import Measurement, add_study_density
 from app.units import Unit
+from tests.commands import run_tada
 
 EDITOR = Editor("a test", "to see")
 
@@ -180,9 +178,8 @@ def test_a_study_s_density_goes_by_the_key_in_force(database):
 @pytest.fixture
 def tada(prepared_database_url, tmp_path):
     def run(*arguments, stdin=""):
-        environment = os.environ | {"TADA_DATABASE_URL": prepared_database_url, "TADA_DATA_DIR": str(tmp_path / "data")}
-        command = [sys.executable, "-m", "app.cli", "foods", *map(str, arguments)]
-        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False, input=stdin)
+        places = {"TADA_DATABASE_URL": prepared_database_url, "TADA_DATA_DIR": tmp_path / "data"}
+        return run_tada("foods", *arguments, stdin=stdin, **places)
 
     return run
 

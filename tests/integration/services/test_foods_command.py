@@ -13,6 +13,7 @@ from app.cli_database import opened_database
 from app.db.models import Food, FoodActivation, FoodNutrient, FoodRelease
 from app.db.session import Database
 from app.errors import StorageFullError
+from tests.commands import run_tada
 
 APPLE = {
     "FD_GROUP.txt": "~0900~^~Fruits and Fruit Juices~\r\n",
@@ -28,9 +29,8 @@ APPLE = {
 @pytest.fixture
 def tada(prepared_database_url, tmp_path):
     def run(*arguments):
-        environment = os.environ | {"TADA_DATABASE_URL": prepared_database_url, "TADA_DATA_DIR": str(tmp_path / "data")}
-        command = [sys.executable, "-m", "app.cli", *map(str, arguments)]
-        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        places = {"TADA_DATABASE_URL": prepared_database_url, "TADA_DATA_DIR": tmp_path / "data"}
+        return run_tada(*arguments, **places)
 
     return run
 
@@ -111,6 +111,24 @@ def test_unknown_format_and_missing_options_are_told(tada, tmp_path):
     assert "give one of sr28, fdc, fao-density, csv" in tada("foods", "import", "usda", tmp_path).stderr
     assert "--name, --version and --released-on" in tada("foods", "import", "csv", tmp_path).stderr
     assert "leave the options out" in tada("foods", "import", "sr28", tmp_path, "--name", "x").stderr
+
+
+@pytest.mark.parametrize("kind", ["sqlite"])
+def test_the_program_itself_imports_refuses_and_searches(prepared_database_url, tmp_path):
+    """As processes of their own, where all else here runs in the test's."""
+
+    def tada(*arguments):
+        environment = os.environ | {"TADA_DATABASE_URL": prepared_database_url, "TADA_DATA_DIR": str(tmp_path / "data")}
+        command = [sys.executable, "-m", "app.cli", "foods", *map(str, arguments)]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+    done = tada("import", "sr28", release(tmp_path / "sr28.zip"))
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (0, "  1 of 1 foods written")
+    broken = tada("import", "sr28", release(tmp_path / "broken.zip", WEIGHT=None))
+    assert (broken.returncode, broken.stdout, "WEIGHT.txt" in broken.stderr) == (2, "", True)
+    assert "Traceback" not in broken.stderr
+    nothing = tada("search", "xyzzy")
+    assert (nothing.returncode, nothing.stdout) == (1, "No food of that name.\n")
 
 
 def test_database_that_does_not_answer_is_told_in_a_sentence(tmp_path):

@@ -1,15 +1,9 @@
 """The search on both databases, over small tables of known foods."""
 
 import contextlib
-import csv
 import json
-import os
-import re
-import subprocess
-import sys
 from dataclasses import replace
 from datetime import date
-from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
@@ -20,13 +14,13 @@ from app.db.migrate import upgrade
 from app.db.session import Database, normalise_url
 from app.nutrition.foods import Food, FoodTable
 from app.nutrition.importers.imported import ImportedTable, Skipped
-from app.nutrition.importers.sr28 import read_sr28
 from app.services import search_foods as search
-from app.services.import_foods import import_foods, load_starter
+from app.services.import_foods import import_foods
 from app.services.search_foods import food_groups, search_foods
+from tests.commands import run_tada
 from tests.conftest import postgres_database
+from tests.food_queries import judged
 
-JUDGED = Path(__file__).parents[2] / "data" / "food_search" / "judged.csv"
 FRUIT, DISHES = "Fruits and Fruit Juices", "Meals, Entrees, and Side Dishes"
 
 
@@ -226,11 +220,9 @@ def test_a_dish_defaults_to_fndds_once_that_is_imported(database):
 
 
 def test_command_finds_and_says_no(prepared_database_url, tmp_path):
-    environment = os.environ | {"TADA_DATABASE_URL": prepared_database_url, "TADA_DATA_DIR": str(tmp_path)}
-
     def tada(*arguments):
-        command = [sys.executable, "-m", "app.cli", "foods", "search", *arguments]
-        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        places = {"TADA_DATABASE_URL": prepared_database_url, "TADA_DATA_DIR": tmp_path}
+        return run_tada("foods", "search", *arguments, **places)
 
     answer = tada("red", "aple", "--limit", "1", "--json")
     assert (answer.returncode, [food["key"] for food in json.loads(answer.stdout)]) == (0, ["apple"])
@@ -276,33 +268,3 @@ def test_both_databases_give_the_same_order(sqlite_template, postgres_template, 
         database.dispose()
     assert answers[0] == answers[1]
     assert sum(bool(keys) for keys in answers[0].values()) > 80
-
-
-@pytest.mark.slow
-def test_judged_queries_find_what_a_person_expects(database, shared_data):
-    import_foods(database, read_sr28(shared_data / "food_tables" / "sr28asc.zip"), "test")
-    alone = judge(database)
-    load_starter(database)
-    both = judge(database)
-    assert search_foods(database, "apple")[0].key == "apple"
-    assert (alone["first"], alone["three"]) >= (0.85, 0.95)
-    assert (both["first"], both["three"]) >= (0.9, 0.97)
-
-
-def judged():
-    return list(csv.DictReader(JUDGED.read_text(encoding="utf-8").splitlines()))
-
-
-def judge(database):
-    rows = judged()
-    hits = [
-        [
-            bool(re.search(row["first"], found.name, re.IGNORECASE))
-            for found in search_foods(database, row["query"], limit=3)
-        ]
-        for row in rows
-    ]
-    return {
-        "first": sum(any(hit[:1]) for hit in hits) / len(rows),
-        "three": sum(any(hit) for hit in hits) / len(rows),
-    }

@@ -10,7 +10,6 @@ from app.nutrition.importers.fdc import read_fdc
 from app.nutrition.importers.fdc_portions import portion_of
 from app.nutrition.importers.imported import Skipped
 from app.nutrition.importers.source_files import ImportFileError
-from app.nutrition.importers.sr28 import read_sr28
 from tests.unit.nutrition.importers.release_files import write_folder, write_zip
 
 CUP_ML = 236.5882365
@@ -318,10 +317,10 @@ def test_excerpts_that_are_no_release_are_refused_with_what_is_missing(shared_da
         read_fdc(shared_data / "food_tables")
 
 
-def test_portions_of_the_sr_legacy_excerpt_weigh_what_sr28_says(shared_data):
+def test_portions_of_the_sr_legacy_excerpt_weigh_what_sr28_says(shared_data, sr28_table):
     """The same foods, published in two layouts: an independent check of how a row becomes a measure."""
     tables = shared_data / "food_tables"
-    sr28 = {food.name: food for food in read_sr28(tables / "sr28asc.zip").table.foods}
+    sr28 = {food.name: food for food in sr28_table.table.foods}
     with (tables / "fdc_sr_legacy_food.csv").open(newline="") as file:
         names = {row["fdc_id"]: row["description"] for row in csv.DictReader(file)}
     compared = agreeing = 0

@@ -188,9 +188,9 @@ def plainly(release_path):
         return {name: [*fields(f"{name}.txt")] for name in ("FOOD_DES", "NUT_DATA", "WEIGHT")}
 
 
-@pytest.fixture(scope="module")
-def imported(release_path):
-    return read_sr28(release_path)
+@pytest.fixture
+def imported(sr28_table):
+    return sr28_table
 
 
 def test_every_food_value_and_portion_of_the_release_is_there_and_none_is_skipped(imported, plainly):
