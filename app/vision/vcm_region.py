@@ -24,7 +24,7 @@ CLOSING_PX = 5
 SEED = 1  # of the clusters that GrabCut begins with
 LEAST_CORNERS = 3
 LEAST_VIEW_PX = 1.0  # of a region, across and down, in the photograph: less is nothing to look at
-FARTHEST_PX = 2.0**24  # of a corner, at the region's size: what lies beyond fits OpenCV's whole numbers no more
+FARTHEST_PX = 2.0**18  # of a corner, at the region's size: rows beyond it are drawn one by one, for nothing
 SUBPIXEL_BITS = 4
 
 Box = tuple[float, float, float, float]  # x, y, width, height, px

@@ -1,0 +1,124 @@
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from app.vision.vcm import BLOCKS, LENGTH, VCM_VERSION, describe, describe_rings
+from app.vision.vcm_region import Region, region_of_rings
+from tests.unit.vision.food_regions import LOPSIDED, lopsided_mask, plain, speckled, speckled_region, turned
+
+TURNS_WITH_THE_FOOD = {"oriented_gradients"}
+IN_ANOTHER_PROCESS = """
+import hashlib
+from app.vision.vcm import describe
+from app.vision.vcm_region import region_of_box
+from tests.unit.vision.food_regions import speckled, speckled_region
+print(hashlib.sha256(describe(speckled_region()).tobytes()).hexdigest())
+print(hashlib.sha256(describe(region_of_box(speckled(), (30, 40, 90, 80))).tobytes()).hexdigest())
+"""
+
+
+def parts(vector: np.ndarray) -> dict[str, np.ndarray]:
+    ends = np.cumsum([block.size for block in BLOCKS])
+    return dict(zip([block.name for block in BLOCKS], np.split(vector, ends[:-1]), strict=True))
+
+
+def test_vector_is_made_up_of_its_blocks():
+    vector = describe(speckled_region())
+    assert (vector.shape, vector.dtype) == ((LENGTH,), np.float32)
+    assert len({block.name for block in BLOCKS}) == len(BLOCKS)
+    assert VCM_VERSION
+    for block, part in zip(BLOCKS, parts(vector).values(), strict=True):
+        if block.kind == "histogram":
+            assert ((part >= 0.0) & (part <= 1.0)).all()
+            count = round(float((part**2).sum()))
+            assert (part**2).sum() == pytest.approx(count, abs=1e-4)  # so many histograms, each of shares of 1
+            assert count >= 1
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_region_turned_looks_the_same_but_for_where_its_edges_are(quarters):
+    straight, around = parts(describe(speckled_region())), parts(describe(turned(speckled_region(), quarters)))
+    for name in straight.keys() - TURNS_WITH_THE_FOOD:
+        assert around[name] == pytest.approx(straight[name], abs=0.02), name
+
+
+def test_photograph_of_more_pixels_gives_nearly_the_same_vector():
+    small = speckled(grain_px=3.0)
+    large = cv2.resize(small, None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC)
+    once = parts(describe(region_of_rings(small, [LOPSIDED])))
+    thrice = parts(describe(region_of_rings(large, [LOPSIDED * 3.0 + 1.0])))  # centres of pixels: 0 is at 1
+    for block in BLOCKS:
+        tolerance = 0.05 if block.kind == "histogram" else 0.05 * float(np.abs(once[block.name]).max()) + 0.1
+        assert thrice[block.name] == pytest.approx(once[block.name], abs=tolerance), block.name
+
+
+def test_ground_around_the_food_counts_for_nothing():
+    region = speckled_region()
+    reached = cv2.dilate(region.mask.astype(np.uint8), np.ones((49, 49)))  # by the largest kernel, half of 44 px
+    black = np.where(reached[..., None] > 0, region.pixels_bgr, 0)
+    other = parts(describe(Region(black.astype(np.uint8), region.mask)))
+    for name, part in parts(describe(region)).items():
+        if name not in TURNS_WITH_THE_FOOD:  # over the food's box, with its corners
+            assert other[name] == pytest.approx(part, abs=0.02), name
+
+
+def test_same_region_gives_the_same_bytes_on_any_number_of_threads_and_in_another_process():
+    first = describe(speckled_region()).tobytes()
+    threads = cv2.getNumThreads()
+    try:
+        for count in (1, 3):
+            cv2.setNumThreads(count)
+            assert describe(speckled_region()).tobytes() == first
+    finally:
+        cv2.setNumThreads(threads)
+    here = subprocess.run([sys.executable, "-c", IN_ANOTHER_PROCESS], capture_output=True, text=True, check=True)
+    there = subprocess.run([sys.executable, "-c", IN_ANOTHER_PROCESS], capture_output=True, text=True, check=True)
+    assert len(here.stdout.split()) == 2
+    assert here.stdout == there.stdout
+
+
+def test_region_is_not_changed_by_its_description():
+    region = speckled_region()
+    pixels, mask = region.pixels_bgr.copy(), region.mask.copy()
+    describe(region)
+    assert np.array_equal(region.pixels_bgr, pixels)
+    assert np.array_equal(region.mask, mask)
+
+
+@pytest.mark.parametrize("colour", [(0, 0, 0), (255, 255, 255), (120, 120, 120), (0, 0, 255)])
+@pytest.mark.parametrize("mask", [np.eye(1, 25600, 12880).reshape(160, 160) > 0, lopsided_mask(), np.ones((160, 160))])
+def test_one_colour_and_one_pixel_are_described(colour, mask):
+    assert np.isfinite(describe(Region(plain(colour), np.asarray(mask, bool)))).all()
+
+
+def test_region_without_food_or_with_another_masks_size_raises():
+    with pytest.raises(ValueError, match="mask"):
+        describe(Region(speckled(), np.zeros((160, 160), bool)))
+    with pytest.raises(ValueError, match="mask"):
+        describe(Region(speckled(), np.ones((80, 80), bool)))
+
+
+def test_outlines_without_a_region_have_no_vector():
+    assert describe_rings(speckled(), [LOPSIDED + 1000.0], None) is None
+    ours = describe_rings(speckled(), [LOPSIDED], None)
+    assert ours.tobytes() == describe(region_of_rings(speckled(), [LOPSIDED])).tobytes()
+
+
+shapes = st.tuples(st.integers(1, 24), st.integers(1, 24))
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.data(), shapes)
+def test_any_region_has_a_finite_vector(data, shape):
+    pixels = data.draw(arrays.arrays(np.uint8, (*shape, 3)))
+    mask = data.draw(arrays.arrays(np.bool_, shape))
+    mask.flat[0] = True
+    vector = describe(Region(pixels, mask))
+    assert vector.shape == (LENGTH,)
+    assert np.isfinite(vector).all()
