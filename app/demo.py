@@ -26,11 +26,11 @@ from app.services.prepare import prepare
 from app.services.staff import create_admin
 from app.settings import Settings
 
-FOOD = "apple"
 FOOD_POINT = (1092, 620)  # in the bundled left photograph
 MARKER = "plain:9x7:11"
 START_SECONDS = 60
 ESTIMATE_SECONDS = 180
+SHOWN_CANDIDATES = 3
 SHOWN_NUTRIENTS = ("ENERC_KCAL", "CHOCDF", "FIBTG", "SUGAR", "PROCNT", "FAT", "K", "VITC")
 LISTENING = re.compile(r"listens on (http://\S+)")
 
@@ -55,6 +55,7 @@ def run_demo(output: Path) -> int:
             if meal["status"] == "failed":
                 say(f"The meal failed: {meal['failure']}")
                 return 1
+            meal = say_what_it_is(client, token, meal)
             show_meal(meal)
             show_records(client, token)
             save_artefacts(client, token, meal, output)
@@ -121,7 +122,7 @@ def send_meal(client: httpx2.Client, token: str) -> dict[str, Any]:
         "id": str(uuid.uuid4()),
         "captured_at": datetime.now(ZoneInfo("Asia/Shanghai")).isoformat(timespec="seconds"),
         "time_zone": "Asia/Shanghai",
-        "hints": [{"point": FOOD_POINT, "food": FOOD}],
+        "hints": [{"point": FOOD_POINT}],
     }
     bundled = importlib.resources.files("app") / "demo_data"
     parts = {"metadata": ("metadata.json", json.dumps(metadata).encode(), "application/json")}
@@ -129,7 +130,7 @@ def send_meal(client: httpx2.Client, token: str) -> dict[str, Any]:
         parts[side] = (f"{side}.jpg", (bundled / f"{side}.jpg").read_bytes(), "image/jpeg")
     meal = answer(client.post("/v1/meals", headers=phone, files=parts))
     durable = all(image["durable"] for image in meal["images"].values())
-    say(f"Uploaded a meal: both photographs durable: {durable}; hint: {FOOD} at {FOOD_POINT}.")
+    say(f"Uploaded a meal: both photographs durable: {durable}; hint: a food at {FOOD_POINT}, not which.")
     deadline, seen = time.monotonic() + ESTIMATE_SECONDS, None
     while meal["status"] in ("queued", "processing") and time.monotonic() < deadline:
         state = (meal["status"], meal["stage"])
@@ -138,6 +139,24 @@ def send_meal(client: httpx2.Client, token: str) -> dict[str, Any]:
             seen = state
         meal = answer(client.get(f"/v1/meals/{meal['id']}", headers=phone, params={"wait": 25}))
     print(f"   {meal['status']}", flush=True)
+    return meal
+
+
+def say_what_it_is(client: httpx2.Client, token: str, meal: dict[str, Any]) -> dict[str, Any]:
+    """Print what the server takes each item for, and tap the first of it, as a participant would who sees an apple."""
+    phone = {"Authorization": f"Bearer {token}"}
+    for item in [each for each in meal["items"] if each["candidates"]]:
+        say(f"Which food is it? By the index {item['index_version']}:")
+        for candidate in item["candidates"][:SHOWN_CANDIDATES]:
+            print(f"   {candidate['probability']:6.1%}  {candidate['food']['name']}")
+        print(f"   {item['none_of_these']:6.1%}  none that the index knows")
+        first = item["candidates"][0]["food"]
+        word = {"kind": "confirm"} if item["food"] == first else {"kind": "set_food", "food": first["key"]}
+        event = {"id": str(uuid.uuid4()), "item": item["id"], **word}
+        path = f"/v1/meals/{meal['id']}"
+        as_read = {"If-Match": client.get(path, headers=phone).raise_for_status().headers["ETag"]}
+        meal = answer(client.post(f"{path}/events", headers=phone | as_read, json=event))
+        say(f"The participant taps {first['name']} ({word['kind']}): the meal is {meal['status']}.")
     return meal
 
 
