@@ -35,36 +35,36 @@ class EatenRow:
 
 
 def entries_for(
-    session: Session, study_id: uuid.UUID, vcm_version: str, *, without_meal: uuid.UUID, most: int
+    session: Session, study_id: uuid.UUID, vcm_version: str, *, without_meal: uuid.UUID, most: int, most_recent: int
 ) -> list[Entry]:
-    """At most so many entries that a study learns from, the newest last: its own, and those of studies that share.
+    """The entries that a study learns from, the newest last: its own, and those of studies that share.
 
-    Each food gives its newest ones, its own study's first, as many as any other food has.
+    At most `most` of all, of which each food gives its newest ones, its own study's first, as many as any other food
+    has; and where there are more, the newest `most_recent` of its own besides, which show how often a food is eaten.
     """
     is_own = IndexEntry.study_id == study_id
     newest = (sa.case((is_own, 0), else_=1), IndexEntry.captured_at.desc(), IndexEntry.item_id)
-    ranked = (
-        sa.select(
-            IndexEntry.item_id,
-            IndexEntry.run_id,
-            IndexEntry.food_key,
-            IndexEntry.volume_ml,
-            IndexEntry.captured_at,
-            IndexEntry.day_minute,
-            is_own.label("is_own"),
-            sa.func.row_number().over(partition_by=IndexEntry.food_key, order_by=newest).label("place"),
-        )
-        .where(
-            IndexEntry.vcm_version == vcm_version,
-            sa.or_(is_own, IndexEntry.study_id.in_(sa.select(Study.id).where(Study.shares_index))),
-            IndexEntry.item_id.not_in(sa.select(Item.id).where(Item.meal_id == without_meal)),
-        )
-        .subquery()
+    chosen = sa.select(
+        IndexEntry.item_id,
+        IndexEntry.run_id,
+        IndexEntry.food_key,
+        IndexEntry.volume_ml,
+        IndexEntry.captured_at,
+        IndexEntry.day_minute,
+        is_own.label("is_own"),
+    ).where(
+        IndexEntry.vcm_version == vcm_version,
+        sa.or_(is_own, IndexEntry.study_id.in_(sa.select(Study.id).where(Study.shares_index))),
+        IndexEntry.item_id.not_in(sa.select(Item.id).where(Item.meal_id == without_meal)),
     )
-    columns = [column for column in ranked.c if column.name != "place"]
+    place = sa.func.row_number().over(partition_by=IndexEntry.food_key, order_by=newest).label("place")
+    ranked = chosen.add_columns(place).subquery()
     order = (ranked.c.place, ranked.c.is_own.desc(), ranked.c.captured_at.desc(), ranked.c.item_id)
-    rows = session.execute(sa.select(*columns).order_by(*order).limit(most))
-    found = [Entry(**row) for row in rows.mappings()]
+    of_each_food = sa.select(*[column for column in ranked.c if column.name != "place"]).order_by(*order).limit(most)
+    found = {Entry(**row) for row in session.execute(of_each_food).mappings()}
+    if len(found) == most:
+        recent = chosen.where(is_own).order_by(*newest).limit(most_recent)
+        found |= {Entry(**row) for row in session.execute(recent).mappings()}
     return sorted(found, key=lambda entry: (entry.captured_at, entry.item_id))
 
 

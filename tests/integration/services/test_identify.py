@@ -9,6 +9,7 @@ import sqlalchemy as sa
 from structlog.testing import capture_logs
 
 from app.db.models import ItemIdentification, Job, Meal, Study
+from app.db.queries.index_entries import entries_for
 from app.identification.food_index import shipped_index
 from app.identification.identifier import Identifier
 from app.jobs.child_pool import ChildResult
@@ -287,7 +288,7 @@ def test_vector_of_another_version_is_kept_and_not_identified(kitchen, phone, lo
 def test_identifier_is_made_again_only_where_the_entries_have_changed(kitchen, phone, state, index, looks, monkeypatch):
     made = []
     monkeypatch.setattr(
-        "app.services.identify.Identifier", lambda *arguments: made.append(arguments) or Identifier(*arguments)
+        "app.services.learned_index.Identifier", lambda *arguments: made.append(arguments) or Identifier(*arguments)
     )
     service = IdentifyFoods(state.database, lambda: index)
 
@@ -305,3 +306,26 @@ def test_identifier_is_made_again_only_where_the_entries_have_changed(kitchen, p
     assert (identify(), len(made)) == (first, 1)
     told.say("set_food", item=told.items()[0]["id"], food="plum")
     assert (identify() != first, len(made)) == (True, 2)
+
+
+def test_bounded_entries_are_the_newest_of_each_food_own_ones_first(kitchen, enrol, looks, state):
+    here, there = enrol("P001", study="here"), enrol("P002", study="there")
+    share(state, "there")
+    served = [
+        (here, "litchi", 1), (here, "litchi", 2), (here, "litchi", 3), (here, "plum", 4),
+        (there, "plum", 5), (there, "litchi", 6),
+    ]  # fmt: skip
+    for phone, food, hour in served:
+        kitchen.told(phone, food, looks("litchi")[0][0], captured_at=f"2026-11-20T{hour:02}:00:00+08:00")
+
+    def found(most, most_recent):
+        with state.database.read() as session:
+            study_id = session.scalars(sa.select(Study.id).where(Study.code == "here")).one()
+            entries = entries_for(session, study_id, "1", without_meal=uuid.uuid4(), most=most, most_recent=most_recent)
+        return [(entry.food_key, entry.day_minute // 60, entry.is_own) for entry in entries]
+
+    assert found(2, 0) == [("litchi", 3, True), ("plum", 4, True)]
+    assert found(3, 0) == [("litchi", 2, True), ("litchi", 3, True), ("plum", 4, True)]
+    assert found(4, 0) == [*found(3, 0), ("plum", 5, False)]
+    assert found(2, 3) == found(3, 0)
+    assert found(99, 0) == [(food, hour, phone is here) for phone, food, hour in served]
