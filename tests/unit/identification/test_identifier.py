@@ -1,0 +1,214 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.identification.habits import NEW_FOODS, NEW_OF, Eaten
+from app.identification.identifier import Circumstances, Example, Identifier, newest_of_each
+from tests.unit.identification.small_index import LENGTH, LOOKS, pictures_of, small_index
+
+NEW_LOOK = "tofu"  # none of the index
+
+
+def learned(look: str, count: int, food_key: str | None = None, **more) -> list[Example]:
+    """Confirmed items of a food, the newest last."""
+    return [
+        Example(name=f"{look} {number}", food_key=food_key or f"{look}-raw", vector=vector, **more)
+        for number, vector in enumerate(pictures_of(look, count, seed=1))
+    ]
+
+
+def asked(look: str, seed: int = 7) -> np.ndarray:
+    return pictures_of(look, 1, seed=seed)[0]
+
+
+def keys(found) -> list[str]:
+    return [candidate.food_key for candidate in found.candidates]
+
+
+def test_shipped_food_is_found_with_its_name_and_label():
+    best = Identifier(small_index()).identify(asked("egg")).candidates[0]
+    assert (best.name, best.label, best.food_key) == ("Egg", "egg", "egg-raw")
+    assert best.probability > 0.6
+
+
+def test_probabilities_come_best_first_and_add_up_to_1_with_none():
+    found = Identifier(small_index(), learned(NEW_LOOK, 3)).identify(asked("bun"))
+    probabilities = [candidate.probability for candidate in found.candidates]
+    assert probabilities == sorted(probabilities, reverse=True)
+    assert len(probabilities) == 5
+    assert sum(probabilities) + found.none_probability == pytest.approx(1.0)
+    assert len(Identifier(small_index()).identify(asked("bun"), most=2).candidates) == 2
+
+
+def test_what_the_index_does_not_know_is_likely_none_of_it():
+    identifier = Identifier(small_index())
+    unknown = np.mean([identifier.identify(asked("yam", seed)).none_probability for seed in range(20)])
+    known = np.mean([identifier.identify(asked("egg", seed)).none_probability for seed in range(20)])
+    assert unknown > 0.5 > 3 * known
+
+
+def test_sixth_of_a_new_food_is_found_after_five_confirmed():
+    identifier = Identifier(small_index(), learned(NEW_LOOK, 5))
+    for seed in range(7, 17):
+        found = identifier.identify(asked(NEW_LOOK, seed))
+        assert keys(found)[0] == "tofu-raw"
+    assert (found.candidates[0].name, found.candidates[0].label) == (None, None)
+
+
+def test_one_confirmed_item_is_enough_to_be_among_the_first_three():
+    assert "tofu-raw" in keys(Identifier(small_index(), learned(NEW_LOOK, 1)).identify(asked(NEW_LOOK)))[:3]
+
+
+def test_known_foods_are_still_found_beside_what_was_learned():
+    identifier = Identifier(small_index(), learned(NEW_LOOK, 5) + learned("yam", 40))
+    for look in LOOKS[:4]:
+        assert keys(identifier.identify(asked(look)))[0] == f"{look}-raw"
+
+
+def test_confirmed_items_of_a_shipped_food_join_it():
+    other_variety = learned("kale", 5, food_key="apple-raw")
+    found = Identifier(small_index(), other_variety).identify(asked("kale"))
+    assert (found.candidates[0].food_key, found.candidates[0].label) == ("apple-raw", "apple")
+    assert len(found.candidates) == 4
+
+
+def test_volume_decides_between_foods_that_look_alike():
+    alike = learned("tofu", 6, food_key="small", volume_ml=20.0) + learned("tofu", 6, food_key="large", volume_ml=500.0)
+    alike = [replace(one, name=f"{one.food_key} {one.name}") for one in alike]
+    identifier = Identifier(small_index(), alike)
+    assert keys(identifier.identify(asked("tofu"), Circumstances(volume_ml=22.0)))[0] == "small"
+    assert keys(identifier.identify(asked("tofu"), Circumstances(volume_ml=480.0)))[0] == "large"
+    small, large = sorted(
+        (each for each in identifier.identify(asked("tofu")).candidates if each.food_key in {"small", "large"}),
+        key=lambda each: each.food_key,
+    )
+    assert small.probability == pytest.approx(large.probability, rel=0.2)
+
+
+@pytest.mark.parametrize("volume_ml", [None, 0.0, -1.0, math.nan, math.inf])
+def test_volume_that_is_none_changes_nothing(volume_ml):
+    identifier = Identifier(small_index(volumes_ml={"egg": (50.0, 60.0)}))
+    told = identifier.identify(asked("egg"), Circumstances(volume_ml=volume_ml, volume_relative_sd=math.nan))
+    assert told == identifier.identify(asked("egg"))
+
+
+def test_own_habits_and_the_time_of_day_move_the_answer():
+    identifier = Identifier(small_index())
+    before = {each.food_key: each.probability for each in identifier.identify(asked("plum")).candidates}
+    own = [Eaten("bun-raw", 8 * 60)] * 30
+    at_eight = identifier.identify(asked("plum"), Circumstances(day_minute=8 * 60, own=own))
+    at_eight_in_the_evening = identifier.identify(asked("plum"), Circumstances(day_minute=20 * 60, own=own))
+    of_bun = [
+        {each.food_key: each.probability for each in found.candidates}["bun-raw"]
+        for found in (at_eight, at_eight_in_the_evening)
+    ]
+    assert of_bun[0] > of_bun[1] > before["bun-raw"]
+
+
+def test_study_that_confirms_known_foods_alone_meets_new_ones_less():
+    stranger = asked("yam")
+    fresh = Identifier(small_index()).identify(stranger).none_probability
+    settled = Identifier(small_index(), learned("egg", 60)).identify(stranger).none_probability
+    curious = [replace(one, food_key=f"new {one.name}") for one in learned("rice", 60)]
+    assert settled < fresh
+    assert Identifier(small_index())._none_prior == NEW_FOODS / NEW_OF
+    assert Identifier(small_index(), curious)._none_prior == pytest.approx((60 + NEW_FOODS) / (60 + NEW_OF))
+
+
+def test_food_that_another_study_taught_is_not_new():
+    once = learned("tofu", 1)
+    of_others = [replace(one, name=f"their {one.name}", is_own=False) for one in learned("tofu", 1)]
+    alone, shared = Identifier(small_index(), once), Identifier(small_index(), of_others + once)
+    assert alone._none_prior == pytest.approx((1 + NEW_FOODS) / (1 + NEW_OF))
+    assert shared._none_prior == pytest.approx(NEW_FOODS / (1 + NEW_OF))
+
+
+def test_habits_are_of_all_that_was_confirmed_not_of_the_examples_kept(monkeypatch):
+    monkeypatch.setattr("app.identification.identifier.newest_of_each", lambda every: newest_of_each(every, 10))
+    many = learned("egg", 40) + learned("bun", 5)
+    identifier = Identifier(small_index(), many)
+    plain = asked("yam")
+    found = {each.food_key: each.probability for each in identifier.identify(plain).candidates}
+    other = Identifier(small_index(), learned("egg", 5) + learned("bun", 5)).identify(plain)
+    without = {each.food_key: each.probability for each in other.candidates}
+    assert found["egg-raw"] / found["bun-raw"] > without["egg-raw"] / without["bun-raw"]
+
+
+def test_same_input_gives_the_same_answer():
+    def identify():
+        return Identifier(small_index(), learned("tofu", 4)).identify(asked("tofu"), Circumstances(volume_ml=80.0))
+
+    assert identify() == identify()
+
+
+def test_version_changes_with_each_confirmed_item_and_with_what_it_says():
+    index, examples = small_index(), learned("tofu", 3)
+    versions = [Identifier(index, examples[:count]).version for count in range(4)]
+    for change in ({"volume_ml": 9.0}, {"food_key": "yam-raw"}, {"vector": asked("yam")}, {"is_own": False}):
+        versions.append(Identifier(index, [*examples[:2], replace(examples[2], **change)]).version)
+    versions.append(Identifier(index, [*examples[:2], replace(examples[2], name="another")]).version)
+    assert len(set(versions)) == len(versions)
+    assert versions[0] == index.version
+    assert all(version.startswith(index.version) for version in versions)
+
+
+@pytest.mark.parametrize("bad", [np.zeros(LENGTH - 1), np.zeros(1), np.full(LENGTH, np.nan), np.full(LENGTH, np.inf)])
+def test_vector_of_another_length_or_of_no_numbers_raises(bad):
+    with pytest.raises(ValueError, match=r"numbers|finite|dimension"):
+        Identifier(small_index()).identify(bad)
+    with pytest.raises(ValueError, match=r"numbers|finite|dimension"):
+        Identifier(small_index(), [Example("bad", "bad", bad)])
+
+
+@pytest.mark.parametrize("none_prior", [0.0, 1.0, -0.1, math.nan])
+def test_certainty_about_unknown_foods_raises(none_prior):
+    with pytest.raises(ValueError, match="between 0 and 1"):
+        Identifier(small_index(), none_prior=none_prior)
+
+
+# ---- which examples are kept
+
+
+def example(food_key: str, number: int, *, is_own: bool = True) -> Example:
+    return Example(f"{food_key} {number}", food_key, np.zeros(LENGTH), is_own=is_own)
+
+
+def counts(kept: list[Example]) -> dict[str, int]:
+    return {key: sum(one.food_key == key for one in kept) for key in {one.food_key for one in kept}}
+
+
+def test_few_examples_are_all_kept_in_their_order():
+    examples = [example("a", 0), example("b", 0, is_own=False), example("a", 1)]
+    assert newest_of_each(examples, 3) == examples
+    assert newest_of_each([], 3) == []
+
+
+def test_newest_of_a_food_are_kept():
+    examples = [example("a", number) for number in range(100)]
+    assert newest_of_each(examples, 10) == examples[-10:]
+
+
+def test_each_food_has_as_many_as_any_other_and_none_leaves_room_unused():
+    examples = [example("a", number) for number in range(100)] + [example("b", number) for number in range(50)]
+    examples += [example("c", number) for number in range(3)]
+    kept = newest_of_each(examples, 33)
+    assert counts(kept) == {"a": 15, "b": 15, "c": 3}
+    assert [one.name for one in kept if one.food_key == "a"] == [f"a {number}" for number in range(85, 100)]
+
+
+def test_own_examples_go_before_newer_ones_of_others():
+    own = [example("a", number) for number in range(6)]
+    others = [example("a", number, is_own=False) for number in range(100, 106)]
+    kept = newest_of_each(own + others, 8)
+    assert [one.name for one in kept] == [*(f"a {number}" for number in range(6)), "a 104", "a 105"]
+
+
+def test_more_foods_than_room_keep_the_newest_and_the_bound():
+    examples = [example(f"food {number}", 0) for number in range(500)]
+    examples[3] = replace(examples[3], is_own=False)
+    kept = newest_of_each(examples, 50)
+    assert kept == examples[-50:]
+    twice = [example(f"food {number}", copy) for copy in range(2) for number in range(40)]
+    assert set(counts(newest_of_each(twice, 40)).values()) == {1}
