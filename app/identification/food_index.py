@@ -160,7 +160,7 @@ def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
     try:
         with np.lib.npyio.NpzFile(file, allow_pickle=False) as archive:
             held = {name: archive[name] for name in ARRAYS}
-    except (ValueError, KeyError, EOFError, OSError, zipfile.BadZipFile, zlib.error) as error:
+    except (ValueError, KeyError, EOFError, OSError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         raise ValueError(f"this is no index of foods, or a damaged one: {error}") from error
     rows, length = held["vectors"].shape if held["vectors"].ndim == 2 else (0, 0)
     fits = (

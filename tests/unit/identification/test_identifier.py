@@ -146,9 +146,9 @@ def test_same_input_gives_the_same_answer():
 def test_version_changes_with_each_confirmed_item_and_with_what_it_says():
     index, examples = small_index(), learned("tofu", 3)
     versions = [Identifier(index, examples[:count]).version for count in range(4)]
-    for change in ({"volume_ml": 9.0}, {"food_key": "yam-raw"}, {"vector": asked("yam")}, {"is_own": False}):
-        versions.append(Identifier(index, [*examples[:2], replace(examples[2], **change)]).version)
-    versions.append(Identifier(index, [*examples[:2], replace(examples[2], name="another")]).version)
+    changes = [{"volume_ml": 9.0}, {"food_key": "yam-raw"}, {"is_own": False}, {"day_minute": 5}, {"name": "another"}]
+    for change in [*changes, {"vector": asked("yam")}]:
+        versions += [Identifier(index, [*examples[:2], replace(examples[2], **change)]).version]
     assert len(set(versions)) == len(versions)
     assert versions[0] == index.version
     assert all(version.startswith(index.version) for version in versions)

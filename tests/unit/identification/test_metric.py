@@ -94,7 +94,7 @@ def test_blocks_that_do_not_make_up_the_vectors_raise():
 
 @pytest.mark.parametrize("vectors", [np.zeros((1, 51)), np.zeros((1, 1)), np.zeros(52), np.full((2, 52), np.nan)])
 def test_vectors_of_another_length_or_of_no_numbers_raise(vectors):
-    with pytest.raises(ValueError, match="numbers|finite"):
+    with pytest.raises(ValueError, match=r"numbers|finite"):
         fit_metric(examples(), LAYOUT).embed(vectors)
 
 
