@@ -64,9 +64,9 @@ def save_measures(session: Session, job: Job, meal: Meal, answer: Mapping[str, A
     parts = parts_of(session, [meal])[0]
     states = {state.item.id: state for state in fold_meal(parts).items}
     for (item, _), food in zip(seen, likely, strict=True):
-        state = states[item.id]
-        if food is None or state.run_id != job.id or not _is_open(parts, state, food):
-            continue
+        state = states.get(item.id)
+        if food is None or state is None or state.run_id != job.id or not _is_open(parts, state, food):
+            continue  # not sure, or a newer region or a person's word holds
         lies_as = lies_as_told(event, item)
         before = max((row.version for row in parts.foods.get(item.id, ())), default=0)
         session.add(

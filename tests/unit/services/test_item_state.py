@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.db.models import Item, ItemFood, ItemMeasure, Leftover, Meal, MealEvent
+from app.db.models import Item, ItemCandidate, ItemFood, ItemMeasure, Leftover, Meal, MealEvent
 from app.db.queries.meal_parts import MealParts
 from app.services.item_state import fold_meal
 
@@ -82,10 +82,15 @@ class History:
     def undo(self, event, layer="participant"):
         return self.say("undo", None, layer, event=str(event.id))
 
-    def measure(self, item, event, volume_ml, flags=()):
+    def candidate(self, item, source):
+        rows = self.parts.candidates.setdefault(item.id, [])
+        rows.append(ItemCandidate(item_id=item.id, position=len(rows), food_id=1, probability=0.9, source=source))
+
+    def measure(self, item, event, volume_ml, flags=(), run_id=None):
         row = ItemMeasure(
             item_id=item.id,
             event_id=event.id,
+            run_id=run_id,
             rings=[RING],
             volume_ml=volume_ml,
             volume_low_ml=volume_ml and 0.8 * volume_ml,
@@ -200,6 +205,62 @@ def test_older_measurement_that_comes_late_does_not_go_over_a_newer_region(one):
     history.measure(item, newer, 150.0)
     history.measure(item, older, 120.0)
     assert history.state(item).amount.volume_ml == 150.0
+
+
+def test_region_was_seen_by_the_run_whose_measurement_holds(one):
+    history, item = one
+    item.run_id, first, second = uuid.uuid4(), uuid.uuid4(), uuid.uuid4()
+    assert history.state(item).run_id == item.run_id
+    older = history.say("redraw", item, polygon=RING)
+    assert history.state(item).run_id == item.run_id  # not measured yet
+    history.measure(item, older, 50.0, run_id=first)
+    assert history.state(item).run_id == first
+    newer = history.say("redraw", item, polygon=RING)
+    history.parts.failed_remeasures.add(newer.id)
+    assert history.state(item).run_id is None
+    history.parts.failed_remeasures.clear()
+    history.measure(item, newer, 60.0, run_id=second)
+    assert history.state(item).run_id == second
+    history.undo(newer)
+    assert history.state(item).run_id == first
+
+
+@pytest.mark.parametrize(
+    ("sources", "word", "is_guessed"),
+    [
+        (["index"], None, True),
+        (["hint", "index"], None, False),
+        ([], None, False),  # taken for it before there was an index
+        (["index"], "confirm", False),
+        (["index"], "set_volume", True),
+    ],
+)
+def test_food_is_guessed_where_only_the_index_says_so(one, sources, word, is_guessed):
+    history, item = one
+    history.food(item, 1)
+    for source in sources:
+        history.candidate(item, source)
+    if word is not None:
+        history.say(word, item, volume_ml=50.0, relative_sd=0.1)
+    assert history.state(item).food_is_guessed is is_guessed
+
+
+def test_food_that_somebody_said_is_a_guess_again_once_the_word_is_undone(one):
+    history, item = one
+    history.food(item, 1)
+    history.candidate(item, "index")
+    said = history.set_food(item, 2)
+    assert not history.state(item).food_is_guessed
+    history.undo(said)
+    assert history.state(item).food_is_guessed
+
+
+def test_part_that_was_given_a_guessed_food_is_guessed(one):
+    history, item = one
+    event, (first, second) = history.split(item)
+    history.food(first, 1, "automatic", event.id)
+    history.food(second, 1, "participant", event.id)
+    assert [history.state(part).food_is_guessed for part in (first, second)] == [True, False]
 
 
 def test_told_grams_hold_over_an_older_region_that_is_measured_later(one):

@@ -3,7 +3,7 @@ from datetime import UTC, date, datetime, timedelta, timezone
 import pytest
 
 from app.errors import InvalidInputError
-from app.services.meal_time import meal_time
+from app.services.meal_time import local_minute, meal_time
 
 NOW = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
 
@@ -19,6 +19,20 @@ def test_local_day_is_the_zones_day_not_the_utc_day():
     assert found.local_date(0) == date(2026, 11, 21)
     assert found.captured_at.astimezone(UTC).date() == date(2026, 11, 20)
     assert found.utc_offset_minutes == 480
+
+
+@pytest.mark.parametrize(
+    ("instant", "zone", "minute"),
+    [
+        ("2026-11-20T16:00:00Z", "Asia/Shanghai", 0),
+        ("2026-11-20T15:59:59Z", "Asia/Shanghai", 1439),
+        ("2026-11-20T06:15:00Z", "Asia/Kathmandu", 720),  # 5 hours 45 minutes ahead
+        ("2026-07-01T10:00:00Z", "Europe/Berlin", 720),
+        ("2026-12-01T10:00:00Z", "Europe/Berlin", 660),
+    ],
+)
+def test_local_minute_is_that_of_the_clock_on_the_wall(instant, zone, minute):
+    assert local_minute(datetime.fromisoformat(instant), zone) == minute
 
 
 def test_utc_instant_is_accepted_in_any_zone():
