@@ -9,7 +9,7 @@ import base64
 import tempfile
 import uuid
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,8 +22,8 @@ from app.db.queries import meals, people, vectors
 from app.db.queries.meal_parts import parts_of
 from app.db.queries.vectors import DESCRIBED_SLOT, SeenRegion
 from app.db.session import Database
-from app.errors import NotFoundError
-from app.jobs.child_pool import ChildPool, ChildRequest
+from app.errors import NotFoundError, UnavailableError
+from app.jobs.child_pool import ChildPool, ChildRequest, ChildStartError
 from app.services.project_records import Projector, write_records
 from app.services.receive_photo import sha256_of_file
 from app.settings import Settings
@@ -65,12 +65,15 @@ def check_index(database: Database, *, study_code: str | None) -> Described:
 def rebuild_index(
     database: Database, blobs: BlobStore, children: ChildPool, settings: Settings, *, study_code: str | None
 ) -> Described:
-    """Describe what has no vector of the current version. Raises NotFoundError for no such study."""
+    """Describe what has no vector of the current version.
+
+    Raises NotFoundError for no such study, UnavailableError where no child process starts.
+    """
     with database.read() as session:
         found = Described(kept=vectors.described(session, VCM_VERSION, study_id=_study_id(session, study_code)))
     for meal_id in _meals(database, study_code):
         done = _describe_meal(database, blobs, children, settings, meal_id)
-        found = _plus(found, described=done.described, gone=done.gone, unreadable=done.unreadable)
+        found = _plus(found, **asdict(done))
     return found
 
 
@@ -94,8 +97,8 @@ def _fetch(blobs: BlobStore, image: MealImage, path: Path) -> bool:
     """Whether the photograph is there as it was sealed."""
     try:
         blobs.fetch(image.blob_key, path)
-    except BlobMissingError:
-        log.error("photo_missing", blob_key=image.blob_key)  # noqa: TRY400  # told; the key is all that there is to say
+    except (BlobMissingError, OSError):
+        log.exception("photo_missing", blob_key=image.blob_key)
         return False
     if sha256_of_file(path) != image.stored_sha256:
         log.error("photo_damaged", blob_key=image.blob_key)
@@ -115,7 +118,10 @@ def _vectors(
             "regions": [_asked(region) for region in regions],
         },
     )
-    ended = children.run(request, lambda _: None, seconds=SECONDS)
+    try:
+        ended = children.run(request, lambda _: None, seconds=SECONDS)
+    except ChildStartError as error:
+        raise UnavailableError("No child process starts that could read photographs: see the log.") from error
     if ended.outcome != "ok" or ended.result["failure"] is not None:
         log.error("regions_not_described", outcome=ended.outcome, message=ended.message.partition(":")[0])
         return [None] * len(regions)
@@ -131,7 +137,7 @@ def _write(
             return Described(gone=len(regions))
         bare = {(one.item_id, one.run_id) for one in vectors.regions_to_describe(session, meal_id, VCM_VERSION)}
         now = datetime.now(UTC)
-        session.add_all(
+        new = [
             ItemIdentification(
                 item_id=region.item_id,
                 run_id=region.run_id,
@@ -143,11 +149,12 @@ def _write(
             )
             for region, vector in zip(regions, made, strict=True)
             if vector is not None and (region.item_id, region.run_id) in bare  # another command may have been quicker
-        )
+        ]
+        session.add_all(new)
         session.flush()
         write_records(session, Projector(session).project(parts_of(session, [meal])[0]))
-    described = sum(vector is not None for vector in made)
-    return Described(described=described, unreadable=len(made) - described)
+    unreadable = sum(vector is None for vector in made)
+    return Described(kept=len(made) - unreadable - len(new), described=len(new), unreadable=unreadable)
 
 
 def _meals(database: Database, study_code: str | None) -> Iterator[uuid.UUID]:

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.db.models import IndexEntry, Item, ItemIdentification, ItemMeasure, Job, Meal, MealEvent, MealImage, Run, Study
-from app.errors import NotFoundError
-from app.jobs.child_pool import ChildPool, ChildResult
+from app.errors import NotFoundError, UnavailableError
+from app.jobs.child_pool import ChildPool, ChildResult, ChildStartError
 from app.services.doctor import examine
 from app.services.estimate_json import colour_to_json
 from app.services.rebuild_index import Described, check_index, rebuild_index
@@ -155,6 +155,36 @@ def test_photograph_that_ends_its_child_is_told_and_not_fatal(state, meal_of, re
     meal_of()
     assert rebuild(by=Children(lambda: ChildResult("crashed"))) == Described(unreadable=1)
     assert new_vectors(state) == []
+
+
+def test_rebuild_that_broke_off_is_gone_on_with(state, meal_of, rebuild, children):
+    for seed in (1, 2):
+        meal_of(seed)
+
+    class Failing:
+        left = 1
+
+        def run(self, *arguments, **options):
+            self.left -= 1
+            if self.left < 0:
+                raise ChildStartError("the machine is full")
+            return children.run(*arguments, **options)
+
+    with pytest.raises(UnavailableError, match="child process"):
+        rebuild(by=Failing())
+    assert len(new_vectors(state)) == 1
+    assert rebuild() == Described(kept=1, described=1)
+
+
+def test_region_that_another_command_described_meanwhile_keeps_that_vector(state, meal_of, rebuild):
+    _, photo = meal_of()
+
+    def be_overtaken():
+        assert rebuild() == Described(described=1)
+        return ChildResult("ok", {"failure": None, "vcm_version": VCM_VERSION, "vectors": [OLD["vector"]]})
+
+    assert rebuild(by=Children(be_overtaken)) == Described(kept=1)
+    assert [row.vector for row in new_vectors(state)] == [expected(photo, [RING])]
 
 
 @pytest.mark.parametrize("deed", ["erase", "anonymise"])

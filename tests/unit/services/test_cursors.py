@@ -81,3 +81,10 @@ def test_cursor_of_another_list_is_told_as_such():
     with pytest.raises(InvalidInputError) as caught:
         decode_cursor("l", encode_cursor("m", date(2026, 11, 20)), DAY)
     assert caught.value.code == "cursor_of_other_filters"
+
+
+def test_cursor_of_changes_that_was_kept_over_an_upgrade_still_leads_on():
+    kept = "WyIxMiByZWNvcmQgMDAwMDAwMDAtMDAwMC0wMDAwLTAwMDAtMDAwMDAwMDAwMDA3IiwgIjNlYzYxYjJmZmU5YmM5OTMiXQ"
+    row = str(uuid.UUID(int=7))
+    assert encode_cursor("changes of pilot", 12, "record", row) == kept
+    assert decode_cursor("changes of pilot", kept, WHOLE_NUMBER, TEXT, TEXT) == (12, "record", row)
