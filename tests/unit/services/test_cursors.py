@@ -4,7 +4,7 @@ import uuid
 from datetime import UTC, date, datetime, timedelta, timezone
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.errors import InvalidInputError
@@ -14,6 +14,7 @@ INSTANTS = st.datetimes(datetime(2, 1, 1), datetime(9998, 1, 1), timezones=st.ju
 TEXTS = st.text(st.characters(blacklist_characters="\0", blacklist_categories=["Cs"]))
 
 
+@settings(deadline=None)
 @given(INSTANTS, st.uuids(), st.dates(), st.integers(0, 2**63 - 1), st.floats(allow_nan=False, allow_infinity=False))
 def test_key_is_read_as_it_was_written(instant, row, day, count, number):
     assert decode_cursor("l", encode_cursor("l", instant, row), INSTANT, ID) == (instant, row)
@@ -26,6 +27,7 @@ def test_key_is_read_as_it_was_written(instant, row, day, count, number):
     assert decode_cursor("l", encode_cursor("l", number), NUMBER) == number
 
 
+@settings(deadline=None)
 @given(TEXTS)
 def test_key_of_one_text_may_be_any_text(text):
     assert decode_cursor("l", encode_cursor("l", text), TEXT) == text
