@@ -116,6 +116,16 @@ def test_rings_of_a_food_at_the_photographs_edge_begin_there():
     assert rings[0, 0] == pytest.approx(lab_of_colour(GREEN), abs=0.5)
 
 
+def test_deepest_pixel_belongs_to_the_innermost_ring():
+    picture, mask = plain(GREEN, 9), np.zeros((9, 9), bool)
+    mask[3:6, 3:6] = True
+    picture[4, 4] = RED
+    rings = lab_rings(lab_pixels(picture), mask).reshape(3, 2, 3)
+    assert rings[2, 0] == pytest.approx(lab_of_colour(RED), abs=0.5)
+    assert rings[1, 0] == pytest.approx(lab_of_colour(GREEN), abs=0.5)
+    assert rings[0, 1].max() > 10.0  # so thin that no pixel lies in the outermost third: all of it stands for it
+
+
 def test_hole_is_an_outline_and_its_colour_counts_for_nothing():
     picture, mask = target()
     ring = mask & (np.hypot(*(np.mgrid[:160, :160] - 80)) > 31)

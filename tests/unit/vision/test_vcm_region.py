@@ -132,6 +132,18 @@ def test_disc_off_the_middle_of_its_box_is_found():
     assert overlap(region.mask, truth) > 0.9
 
 
+def test_larger_of_two_pieces_in_a_box_is_the_food():
+    photo = disc_on_a_ground(400, 150, 200, 60)
+    crumb = disc_on_a_ground(400, 250, 200, 15)
+    photo[:, 225:] = crumb[:, 225:]
+    region = region_of_box(photo, (80, 130, 200, 140))
+    reds = cv2.inRange(region.pixels_bgr, (0, 0, 150), (95, 95, 255))
+    count, pieces = cv2.connectedComponents(cv2.morphologyEx(reds, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)))
+    areas = [np.count_nonzero(pieces == piece) for piece in range(1, count)]
+    assert len(areas) == 2
+    assert overlap(region.mask, pieces == 1 + int(np.argmax(areas))) > 0.9
+
+
 def test_nothing_that_stands_out_gives_an_ellipse_in_the_box():
     region = region_of_box(plain((90, 120, 150), 200), (50, 60, 100, 80))
     assert abs(np.count_nonzero(region.mask) / (np.pi / 4 * SIDE_PX * SIDE_PX * 0.8) - 1.0) < 0.05

@@ -107,6 +107,14 @@ def test_gabor_energies_do_not_depend_on_exposure_nor_contrast():
     assert gabor_energies(dim, MASK) == pytest.approx(gabor_energies(GREY, MASK), abs=0.08)  # 0.02 against noise
 
 
+def test_brightness_of_a_plain_part_is_no_texture():
+    halves = np.where(np.arange(160) < 80, 40, 220).astype(np.uint8) * np.ones((160, 1), np.uint8)
+    away_from_the_edge = np.zeros((160, 160), bool)
+    away_from_the_edge[:, :50] = away_from_the_edge[:, 110:] = True
+    energies = gabor_energies(halves, away_from_the_edge).reshape(3, 3)
+    assert (energies[:, 0] < math.log(2e-4)).all()  # 1e-4 stands for none
+
+
 def test_gradients_of_a_ramp_are_its_slope():
     ramp = np.tile(np.arange(160, dtype=np.uint8), (160, 1))
     inner = np.zeros((160, 160), bool)
