@@ -67,7 +67,7 @@ def save_measures(session: Session, job: Job, meal: Meal, answer: Mapping[str, A
         state = states.get(item.id)
         if food is None or state is None or state.run_id != job.id or not _is_open(parts, state, food):
             continue  # not sure, or a newer region or a person's word holds
-        lies_as = lies_as_told(event, item)
+        lies_as = lies_as_told(event, item) or (state.taken_for.lies_as if state.taken_for is not None else None)
         before = max((row.version for row in parts.foods.get(item.id, ())), default=0)
         session.add(
             item_food(

@@ -212,6 +212,14 @@ def test_redrawn_region_that_is_surely_something_is_taken_for_it_as_long_as_nobo
     assert meal.items()[0]["food"]["key"] == "apple"
 
 
+def test_food_that_a_redrawn_region_is_taken_for_lies_as_was_told(meal_of, remeasure):
+    meal = meal_of(identified_item(SURE, hint=0), hints=[{"point": [3, 3], "lies_as": "heap"}])
+    meal.say("redraw", item=meal.items()[0]["id"], polygon=RING)
+    remeasure(meal, identified_item({"peach": 0.85}, hint=0))
+    (item,) = meal.items()
+    assert (item["food"]["key"], item["lies_as"]) == ("peach", "heap")
+
+
 def test_added_region_is_identified(meal_of, remeasure):
     meal = meal_of(identified_item(SURE))
     meal.say("add", region={"polygon": RING})
