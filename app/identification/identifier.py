@@ -97,8 +97,7 @@ class Identifier:
         kept = newest_of_each(learned)
         self._known = _classes(index, kept)
         place = {known.food_key: number for number, known in enumerate(self._known)}
-        own_labels = np.array([place[food.food_key] for food in index.foods], np.intp)
-        labels = np.concatenate([own_labels[index.labels], np.array([place[one.food_key] for one in kept], np.intp)])
+        labels = np.concatenate([index.labels, np.array([place[one.food_key] for one in kept], np.intp)])
         vectors = np.concatenate([index.vectors, *(one.vector.reshape(1, -1) for one in kept)])
         self._metric, self._calibration = index.metric, index.calibration
         self._classifier = fit_classifier(index.metric.embed(vectors), labels, len(self._known))
@@ -146,6 +145,7 @@ def newest_of_each(learned: Sequence[Example], most: int = MOST_EXAMPLES) -> lis
 
 
 def _classes(index: FoodIndex, learned: Sequence[Example]) -> list[_Known]:
+    """The index's foods in their order, then those that were learned beside them."""
     volumes: dict[str, list[float]] = {}
     for one in learned:
         if one.volume_ml is not None:

@@ -134,8 +134,8 @@ def test_disc_off_the_middle_of_its_box_is_found():
 
 def test_larger_of_two_pieces_in_a_box_is_the_food():
     photo = disc_on_a_ground(400, 150, 200, 60)
-    crumb = disc_on_a_ground(400, 250, 200, 15)
-    photo[:, 225:] = crumb[:, 225:]
+    crumb = disc_on_a_ground(400, 250, 200, 30)
+    photo[:, 215:] = crumb[:, 215:]
     region = region_of_box(photo, (80, 130, 200, 140))
     reds = cv2.inRange(region.pixels_bgr, (0, 0, 150), (95, 95, 255))
     count, pieces = cv2.connectedComponents(cv2.morphologyEx(reds, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)))
