@@ -23,7 +23,6 @@ from app.vision.model import (
 )
 from app.vision.vcm import VCM_VERSION
 
-PIXEL_DECIMALS = 1  # an outline is no finer than that
 MATRIX_DECIMALS = 5
 
 
@@ -141,7 +140,7 @@ def with_forms(options: EstimateOptions, forms: Mapping[str, Any]) -> EstimateOp
 
 
 def _item(item: ItemEstimate) -> dict[str, Any]:
-    rings = [_ring(ring) for ring in item.rings]
+    rings = [ring.tolist() for ring in item.rings]
     volume_ml, interval_ml = item.volume_ml, item.volume_interval_ml
     return {
         "polygon": rings[0] if len(rings) == 1 else rings,
@@ -172,11 +171,6 @@ def _traits(traits: ItemTraits) -> dict[str, Any]:
         "radius_mm": round(traits.radius_mm, 1) if traits.radius_mm is not None else None,
         "lab": [round(each, 1) for each in traits.lab] if traits.lab is not None else None,
     }
-
-
-def _ring(ring: Float64Array) -> list[list[float]]:
-    rounded: list[list[float]] = np.round(ring, PIXEL_DECIMALS).tolist()
-    return rounded
 
 
 def _tuple(value: Sequence[float] | None) -> Any:

@@ -15,6 +15,7 @@ from app.vision.segmentation import HintMask
 
 POINT_RADIUS_SHARE = 0.008  # of the long side: a fingertip
 TOLERANCE_PX = 1.5  # of an outline's corners, in the photograph
+DECIMALS = 1
 MIN_HOLE_SHARE = 0.01  # of the outline's area; smaller holes are noise
 SPLAT_SIDE_PX = 1000  # of the reduced photograph that a mask is carried over to
 
@@ -101,6 +102,6 @@ def _rings(mask: MaskArray) -> list[np.ndarray]:
 
 
 def _simplified(ring: np.ndarray) -> Float64Array:
-    """The ring without corners that change it by less than TOLERANCE_PX."""
+    """The ring without corners that change it by less than TOLERANCE_PX, to tenths of a pixel, as it is kept."""
     simple = cv2.approxPolyDP(np.ascontiguousarray(ring, np.float32).reshape(-1, 1, 2), TOLERANCE_PX, closed=True)
-    return np.asarray(simple, np.float64).reshape(-1, 2)
+    return np.asarray(np.round(np.asarray(simple, np.float64).reshape(-1, 2), DECIMALS), np.float64)

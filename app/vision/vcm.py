@@ -60,7 +60,7 @@ BLOCKS: tuple[Block, ...] = (
     Block("gabor_energies", 9, "measures", lambda of: vcm_texture.gabor_energies(of.grey, of.inner)),
     Block("gradient_sizes", 6, "measures", lambda of: vcm_texture.gradient_sizes(of.grey, of.inner)),
     Block("oriented_gradients", 128, "histogram", lambda of: vcm_shape.oriented_gradients(of.grey, of.region.mask)),
-    Block("outline_measures", 11, "measures", lambda of: vcm_shape.outline_measures(of.region.mask)),
+    Block("outline_measures", 8, "measures", lambda of: vcm_shape.outline_measures(of.region.mask)),
     Block("radial_descriptors", 12, "measures", lambda of: vcm_shape.radial_descriptors(of.region.mask)),
 )
 LENGTH = sum(block.size for block in BLOCKS)

@@ -53,7 +53,7 @@ def lab_moments(lab: Float32Array) -> Float64Array:
 
     Stricker and Orengo, "Similarity of color images", SPIE 2420, 1995.
     """
-    mean, sd = lab.mean(axis=0), lab.std(axis=0)
+    mean, sd = lab.mean(axis=0, dtype=np.float64), lab.std(axis=0, dtype=np.float64)
     apart = lab - mean
     skewness = (apart * apart * apart).mean(axis=0) / (sd**3 + 1e-6)
     percentiles = np.concatenate([np.percentile(channel, PERCENTILES) for channel in np.ascontiguousarray(lab.T)])

@@ -9,23 +9,24 @@ RADII = 64  # of the outline, all around
 HARMONICS = 12
 GRADIENT_SIDE_PX = 64
 CELLS, DIRECTIONS = 4, 8
-LEAST_MOMENT = 1e-12
+HU_MOMENTS = 4  # the others change their sign with a tenth of a pixel of outline where a food is nearly symmetric
+LEAST_MOMENT = 1e-6  # of a drawn disc; less is the pixels' doing
 
 
 def outline_measures(mask: MaskArray) -> Float64Array:
-    """(11,) elongation, rectangularity, circularity, solidity; Hu's seven moments.
+    """(8,) elongation, rectangularity, circularity, solidity; Hu's first four moments.
 
     Of the outermost outline, through its pixels' centres: holes do not count. Elongation: the shorter over the longer
     side of the smallest rectangle around it.
 
     Zhang and Lu, "Review of shape representation and description techniques", Pattern Recognition 37(1), 2004; Hu,
-    "Visual pattern recognition by moment invariants", IRE Trans. IT 8(2), 1962, as -sign(h) log10 |h|.
+    "Visual pattern recognition by moment invariants", IRE Trans. IT 8(2), 1962, as -log10 h.
     """
     outline = _outline(mask)
     area, length = float(cv2.contourArea(outline)), float(cv2.arcLength(outline, closed=True))
     _, (across, down), _ = cv2.minAreaRect(outline)
     hull = float(cv2.contourArea(cv2.convexHull(outline)))
-    moments = cv2.HuMoments(cv2.moments(outline)).ravel()
+    moments = cv2.HuMoments(cv2.moments(outline)).ravel()[:HU_MOMENTS]  # sums of squares
     return np.concatenate(
         [
             [
@@ -34,7 +35,7 @@ def outline_measures(mask: MaskArray) -> Float64Array:
                 4.0 * np.pi * area / (length * length + 1.0),
                 area / (hull + 1.0),
             ],
-            -np.sign(moments) * np.log10(np.abs(moments) + LEAST_MOMENT),
+            -np.log10(np.maximum(moments, 0.0) + LEAST_MOMENT),
         ]
     )
 
