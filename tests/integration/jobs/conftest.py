@@ -13,7 +13,8 @@ import pytest
 import sqlalchemy as sa
 
 from app.db.models import Job, Meal
-from app.jobs.engine import JobQueue, prepare_job_tables
+from app.db.session import Database
+from app.jobs.engine import JobQueue
 from app.jobs.leases import living_workers
 from app.jobs.supervisor import settings_environment
 from app.settings import Settings
@@ -112,9 +113,10 @@ class Jobs:
 
 
 @pytest.fixture
-def jobs(database, tmp_path):
-    prepare_job_tables(database)
+def jobs(prepared_database_url, tmp_path):
+    database = Database(prepared_database_url)
     found = Jobs(database, tmp_path)
     found.run_sql("CREATE TABLE fake_save (job_id TEXT, pid INTEGER)")
     yield found
     found.close()
+    database.dispose()
