@@ -27,7 +27,7 @@ def rebuild_records(database: Database, *, write: bool) -> Rebuilt:
     while True:
         opened = database.write() if write else database.read()
         with opened as session:
-            batch = meals_after(session, after, BATCH)
+            batch = meals_after(session, after, BATCH, lock=write)
             if not batch:
                 return Rebuilt(compared, different)
             after = batch[-1].id

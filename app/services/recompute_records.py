@@ -66,7 +66,7 @@ def recompute_nutrients(
     while True:
         try:
             with database.write() if write else database.read() as session:
-                batch = meals_after(session, after, BATCH, study_id=study_id)
+                batch = meals_after(session, after, BATCH, lock=write, study_id=study_id)
                 if not batch:
                     return work.done
                 differences = work.batch(session, batch)

@@ -101,10 +101,12 @@ def records_of(session: Session, meal_id: uuid.UUID) -> dict[uuid.UUID, Effectiv
 
 
 def meals_after(
-    session: Session, after: uuid.UUID | None, limit: int, *, study_id: uuid.UUID | None = None
+    session: Session, after: uuid.UUID | None, limit: int, *, lock: bool, study_id: uuid.UUID | None = None
 ) -> list[Meal]:
-    """Meals by id, behind `after`."""
+    """Meals by id, behind `after`. lock: for who writes what follows from them; nobody speaks of them meanwhile."""
     query = sa.select(Meal).order_by(Meal.id).limit(limit)
+    if lock:
+        query = query.with_for_update()
     if after is not None:
         query = query.where(Meal.id > after)
     if study_id is not None:
