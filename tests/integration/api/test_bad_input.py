@@ -83,18 +83,18 @@ def test_limits_are_named_in_the_answer(phone):
     assert phone.post(pair() | {"right": png_bomb(9000, 9000)}).json()["limit_pixels"] == 3_000_000
 
 
-@pytest.mark.parametrize("kind", ["JPEG", "PNG", "HEIC", "grey", "progressive"])
-def test_every_format_that_phones_send_is_taken(phone, kind):
+@pytest.mark.parametrize("form", ["JPEG", "PNG", "HEIC", "grey", "progressive"])
+def test_every_format_that_phones_send_is_taken(phone, form):
     made = {
         "JPEG": photograph,
         "PNG": lambda: photograph(size=(320, 240), kind="PNG"),
         "HEIC": heic,
         "grey": grey,
         "progressive": lambda: photograph(progressive=True),
-    }[kind]()
+    }[form]()
     answer = phone.post(pair() | {"left": made})
     assert answer.status_code == 202, answer.json()
-    expected = {"PNG": "image/png", "HEIC": "image/heic"}.get(kind, "image/jpeg")
+    expected = {"PNG": "image/png", "HEIC": "image/heic"}.get(form, "image/jpeg")
     assert answer.json()["images"]["left"]["media_type"] == expected
 
 
