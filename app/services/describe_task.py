@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 
 from app.errors import Failure
-from app.services.estimate_json import colour_from_json, failure_to_json, vector_to_json
+from app.services.estimate_json import colour_from_json, failure_to_json
+from app.services.vcm_json import vcm_to_json
 from app.vision.color import measure_colour
 from app.vision.marker import find_marker, parse_marker
 from app.vision.model import ColourCorrection, Photo
 from app.vision.photo import read_photo
-from app.vision.vcm import VCM_VERSION, describe_rings
+from app.vision.vcm import describe_rings
 
 
 def describe_task(request: Mapping[str, Any], _: Callable[[str], None]) -> dict[str, Any]:
@@ -20,13 +21,13 @@ def describe_task(request: Mapping[str, Any], _: Callable[[str], None]) -> dict[
 
     request: photo (path), max_pixels, regions: [{"rings": [[[x, y], ...], ...] px, "colour": what the run kept of the
     photograph's (estimate_json), null: its pipeline corrected none yet, "marker": by which it is measured then}].
-    vectors: estimate_json's; null where nothing of the region is in view.
+    vcms: vcm_json's; null where nothing of the region is in view.
     """
     photo = read_photo(Path(request["photo"]).read_bytes(), max_pixels=int(request["max_pixels"]))
     if isinstance(photo, Failure):
-        return {"failure": failure_to_json(photo), "vcm_version": VCM_VERSION, "vectors": []}
+        return {"failure": failure_to_json(photo), "vcms": []}
     measured: dict[str, ColourCorrection | None] = {}
-    vectors = []
+    vcms = []
     for asked in request["regions"]:
         if asked["colour"] is not None:
             colour: ColourCorrection | None = colour_from_json(asked["colour"])
@@ -36,8 +37,8 @@ def describe_task(request: Mapping[str, Any], _: Callable[[str], None]) -> dict[
             colour = measured[asked["marker"]]
         rings = [np.asarray(ring, np.float64) for ring in asked["rings"]]
         vector = describe_rings(photo.pixels_bgr, rings, colour)
-        vectors.append(vector_to_json(vector) if vector is not None else None)
-    return {"failure": None, "vcm_version": VCM_VERSION, "vectors": vectors}
+        vcms.append(vcm_to_json(vector) if vector is not None else None)
+    return {"failure": None, "vcms": vcms}
 
 
 def _colour_by_marker(photo: Photo, marker: str) -> ColourCorrection | None:

@@ -1,6 +1,5 @@
 """The pipeline's options and answer as JSON: to and from the child process, in the store, on the command line."""
 
-import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -8,20 +7,18 @@ from typing import Any
 import numpy as np
 
 from app.errors import Failure
+from app.services.vcm_json import vcm_to_json
 from app.vision.camera import camera_from_mapping
 from app.vision.marker import parse_marker
 from app.vision.model import (
     Camera,
     ColourCorrection,
     EstimateOptions,
-    Float32Array,
-    Float64Array,
     Hint,
     ItemEstimate,
     ItemTraits,
     MealEstimate,
 )
-from app.vision.vcm import VCM_VERSION
 
 MATRIX_DECIMALS = 5
 
@@ -151,18 +148,8 @@ def _item(item: ItemEstimate) -> dict[str, Any]:
         "hint": item.hint,
         "flags": list(item.flags),
         "traits": _traits(item.traits),
-        "vcm": {"version": VCM_VERSION, "vector": vector_to_json(item.vcm)} if item.vcm is not None else None,
+        "vcm": vcm_to_json(item.vcm) if item.vcm is not None else None,
     }
-
-
-def vector_to_json(vector: Float32Array) -> str:
-    """Base64 of little-endian float16: what the index is made of, and as fine as its measures are."""
-    return base64.b64encode(vector.astype("<f2").tobytes()).decode()
-
-
-def vector_from_json(text: str) -> Float64Array:
-    """The reverse of vector_to_json, (d,)."""
-    return np.frombuffer(base64.b64decode(text), "<f2").astype(np.float64)
 
 
 def _traits(traits: ItemTraits) -> dict[str, Any]:

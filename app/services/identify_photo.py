@@ -14,7 +14,7 @@ from app.identification.calibrate import NONE_PRIOR
 from app.identification.food_index import shipped_index
 from app.identification.identifier import Circumstances, Identification, Identifier
 from app.nutrition.foods import load_starter_table
-from app.services.estimate_json import vector_from_json
+from app.services.vcm_json import vcm_from_json
 from app.vision.color import apply_colour, measure_colour
 from app.vision.food_boxes import propose_boxes
 from app.vision.marker import find_marker
@@ -67,9 +67,7 @@ def identify_items(items: Iterable[dict[str, Any]]) -> None:
             item.update(candidates=[], none_of_these=None)
             continue
         relative_sd = math.sqrt(sum(sd * sd for sd in item["relative_sd"].values()))
-        found = identifier.identify(
-            vector_from_json(described["vector"]), Circumstances(item["volume_ml"], relative_sd)
-        )
+        found = identifier.identify(vcm_from_json(described).numbers(), Circumstances(item["volume_ml"], relative_sd))
         item.update(candidates=candidates_to_json(found), none_of_these=round(found.none_probability, 4))
 
 

@@ -5,7 +5,6 @@ transaction, written in a short one after a look whether meal and photograph are
 done, so that a run that broke off is gone on with by the next.
 """
 
-import base64
 import tempfile
 import uuid
 from collections.abc import Iterator, Sequence
@@ -26,6 +25,7 @@ from app.errors import NotFoundError, UnavailableError
 from app.jobs.child_pool import ChildPool, ChildRequest, ChildStartError
 from app.services.project_records import Projector, write_records
 from app.services.receive_photo import sha256_of_file
+from app.services.vcm_json import vcm_from_json
 from app.settings import Settings
 from app.storage.blob_store import BlobMissingError, BlobStore
 from app.vision.vcm import VCM_VERSION
@@ -125,7 +125,7 @@ def _vectors(
     if ended.outcome != "ok" or ended.result["failure"] is not None:
         log.error("regions_not_described", outcome=ended.outcome, message=ended.message.partition(":")[0])
         return [None] * len(regions)
-    return [base64.b64decode(text) if text is not None else None for text in ended.result["vectors"]]
+    return [vcm_from_json(one).vector if one is not None else None for one in ended.result["vcms"]]
 
 
 def _write(

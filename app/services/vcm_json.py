@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from app.identification.metric import Vectors
+from app.vision.model import Float32Array
+from app.vision.vcm import VCM_VERSION
 
 FLOAT = np.dtype("<f2")
 
@@ -24,10 +26,20 @@ class ItemVcm:
         return numbers_of(self.vector)
 
 
+def vcm_to_json(vector: Float32Array) -> dict[str, str]:
+    """(d,) of the pipeline's VCM_VERSION; float16 is as fine as its measures are, and what the index is made of."""
+    return {"version": VCM_VERSION, "vector": base64.b64encode(vector.astype(FLOAT).tobytes()).decode()}
+
+
+def vcm_from_json(value: Mapping[str, str]) -> ItemVcm:
+    """The reverse of vcm_to_json."""
+    return ItemVcm(value["version"], base64.b64decode(value["vector"]))
+
+
 def vcm_of(found: Mapping[str, Any]) -> ItemVcm | None:
     """Of an item of the answer; None where it was not described, as in answers of a pipeline before there was VCM."""
     vcm = found.get("vcm")
-    return ItemVcm(vcm["version"], base64.b64decode(vcm["vector"])) if vcm is not None else None
+    return vcm_from_json(vcm) if vcm is not None else None
 
 
 def numbers_of(vector: bytes) -> Vectors:

@@ -181,7 +181,7 @@ def test_region_that_another_command_described_meanwhile_keeps_that_vector(state
 
     def be_overtaken():
         assert rebuild() == Described(described=1)
-        return ChildResult("ok", {"failure": None, "vcm_version": VCM_VERSION, "vectors": [OLD["vector"]]})
+        return ChildResult("ok", {"failure": None, "vcms": [OLD]})
 
     assert rebuild(by=Children(be_overtaken)) == Described(kept=1)
     assert [row.vector for row in new_vectors(state)] == [expected(photo, [RING])]
@@ -195,7 +195,7 @@ def test_person_who_leaves_while_their_meal_is_described_leaves_no_new_vector(de
 
     def leave():
         assert client.post("/v1/me/withdrawal", headers=speaker.headers).status_code == 200
-        return ChildResult("ok", {"failure": None, "vcm_version": VCM_VERSION, "vectors": [OLD["vector"]]})
+        return ChildResult("ok", {"failure": None, "vcms": [OLD]})
 
     assert rebuild(by=Children(leave)) == Described(gone=1)
     assert new_vectors(state) == []
