@@ -1,7 +1,8 @@
 """Which food each item of a run's answer may be, by the index, what the study has confirmed, and who eats what when.
 
 Runs in the worker, after the child has described the regions and before the answer is sealed, so that saving it is the
-same whenever it is done. It never fails a meal: where it cannot be done, the items have no candidates.
+same whenever it is done. It never fails a meal: where it cannot be done, the items have no candidates. While the
+database is away it is tried again, as all of the job is.
 """
 
 import math
@@ -9,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import structlog
+from sqlalchemy.exc import SQLAlchemyError
 
 from app.db.models import Meal
 from app.db.queries import index_entries
@@ -16,6 +18,7 @@ from app.db.session import Database
 from app.identification.food_index import FoodIndex, shipped_index
 from app.identification.habits import Eaten
 from app.identification.identifier import Circumstances
+from app.jobs.faults import is_passing
 from app.services.item_state import FOOD_IDENTIFIED
 from app.services.learned_index import LearnedIndex
 from app.services.meal_time import local_minute
@@ -37,13 +40,18 @@ class IdentifyFoods:
         self._learned = LearnedIndex(database)
 
     def add_candidates(self, meal: Meal, answer: dict[str, Any]) -> None:
-        """Give each described item of the answer `candidates`, `none_probability` and `index_version`."""
+        """Give each described item of the answer `candidates`, `none_probability` and `index_version`.
+
+        Raises SQLAlchemyError for a passing fault of the database (app/jobs/faults.py).
+        """
         described = [(found, vcm) for found in answer["items"] if (vcm := vcm_of(found)) is not None]
         if not described:
             return
         try:
             told = self._identify(meal, described)
-        except Exception:  # whatever it is: the volumes are there, and a person can name the foods
+        except Exception as error:  # whatever it is: the volumes are there, and a person can name the foods
+            if isinstance(error, SQLAlchemyError) and is_passing(error):
+                raise  # the database is away for a while, and the candidates of a run are told once only
             log.exception("identify_failed", meal_id=str(meal.id))
             return
         for (found, _), fields in zip(described, told, strict=True):

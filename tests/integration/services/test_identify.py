@@ -276,6 +276,23 @@ def test_meal_is_estimated_without_an_index(state, settings, phone, looks):
     assert (item["candidates"], item["none_of_these"]) == ([], None)
 
 
+def test_database_that_is_away_while_a_meal_is_identified_costs_no_candidates(kitchen, phone, looks, monkeypatch):
+    body = meal_metadata()
+    phone.post(pair(), body)
+    kitchen.children.items = [found_item(20.0, None, vcm=vcm(*looks("banana")[0][0]))]
+
+    def away(*_arguments, **_options):
+        raise sa.exc.OperationalError("SELECT", None, Exception("the server closed the connection"))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("app.services.learned_index.index_entries.entries_for", away)
+        with pytest.raises(sa.exc.OperationalError):
+            kitchen.work()
+    kitchen.work()
+    (item,) = Speaker(phone.client, phone.headers, body["id"]).items()
+    assert keys(item)[0] == "banana"
+
+
 def test_vector_of_another_version_is_kept_and_not_identified(kitchen, phone, looks):
     body = meal_metadata()
     phone.post(pair(), body)
