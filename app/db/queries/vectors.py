@@ -28,11 +28,11 @@ def meals_to_describe(
     session: Session, vcm_version: str, *, after: uuid.UUID | None, limit: int, study_id: uuid.UUID | None
 ) -> list[uuid.UUID]:
     """Meals by id, those behind `after`, of which a run saw a region that has no vector of this version."""
-    seen = sa.union(
-        sa.select(Item.meal_id).where(_is_bare_item(vcm_version)),
-        sa.select(Item.meal_id).join(ItemMeasure, ItemMeasure.item_id == Item.id).where(_is_bare_measure(vcm_version)),
-    ).subquery()
-    query = sa.select(Meal.id).where(Meal.id.in_(sa.select(seen.c.meal_id))).order_by(Meal.id).limit(limit)
+    is_found = sa.exists().where(Item.meal_id == Meal.id, _is_bare_item(vcm_version))
+    is_measured = sa.exists().where(
+        Item.meal_id == Meal.id, ItemMeasure.item_id == Item.id, _is_bare_measure(vcm_version)
+    )
+    query = sa.select(Meal.id).where(sa.or_(is_found, is_measured)).order_by(Meal.id).limit(limit)
     if after is not None:
         query = query.where(Meal.id > after)
     if study_id is not None:
