@@ -38,7 +38,8 @@ for name, group in (
     cli.add_typer(group, name=name)
 
 DEFAULT_MARKER = "plain:9x7:11"
-LEAST_SHOWN = 0.05  # of a candidate's probability
+LEAST_SHOWN = 0.05  # of a candidate's probability, beside a volume
+LEAST_LISTED = 0.001  # where candidates are what was asked for, as in a meal: 0.1 %
 MarkerOption = Annotated[str, typer.Option("--marker", metavar="M", help="KIND:COLSxROWS:MM, such as plain:9x7:11.")]
 
 
@@ -142,7 +143,8 @@ def identify(
         print(json.dumps(answer))
         return
     for candidate in answer["candidates"][:5]:
-        print(f"{candidate['probability']:6.1%}  {candidate['food']}")
+        if candidate["probability"] >= LEAST_LISTED:
+            print(f"{candidate['probability']:6.1%}  {candidate['food']}")
     print(f"{answer['none_of_these']:6.1%}  none that the index knows")
 
 

@@ -49,7 +49,11 @@ def identify_photo(photo: Photo, box: Box | None, marker: MarkerSpec | None = No
     if box is not None:
         found = _identify(pixels, [box], NONE_PRIOR)
         if not found:
-            raise InvalidInputError("The box is empty or lies outside the photograph.", code="box_outside")
+            height, width = pixels.shape[:2]
+            raise InvalidInputError(
+                f"The box has less than a pixel in the photograph, which is {width} x {height} px (upright).",
+                code="box_outside",
+            )
         return IdentifiedPhoto(*found[0], time.perf_counter() - started)
     boxes = propose_boxes(pixels)
     surest, where = max(

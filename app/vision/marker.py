@@ -54,7 +54,7 @@ def parse_marker(text: str) -> MarkerSpec:
     match = MARKER_TEXT.fullmatch(text)
     if match is None:
         raise InvalidInputError(
-            f"“{text[:80]}” is no marker: write kind:columns x rows:side in mm, such as plain:9x7:11 or colour:4x5:12.",
+            f"“{text[:80]}” is no marker: write KIND:COLUMNSxROWS:MM, such as plain:9x7:11 or colour:4x5:12.",
             code="marker_invalid",
         )
     kind: MarkerKind = "plain" if match[1] == "plain" else "colour"

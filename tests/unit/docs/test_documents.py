@@ -43,6 +43,11 @@ def test_every_code_stands_in_the_documents_and_no_other():
     assert codes_in_the_source() == listed
 
 
+def test_no_code_is_told_twice():
+    rows = re.findall(r"^\| `([a-z_]+)` \|", (DOCS / "errors.md").read_text(), re.MULTILINE)
+    assert sorted(rows) == sorted(set(rows))
+
+
 def flags_in_the_source():
     """Every flag that an item can carry: the words in what is assigned to `flags`, or appended to it."""
     flags = set()

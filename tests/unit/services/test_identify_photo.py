@@ -79,6 +79,7 @@ def test_box_without_food_in_view_is_told(path, box):
     done = run(path, f"--box={box}")
     assert done.exit_code != 0
     assert done.exception.code == "box_outside"
+    assert "1632 x 1224 px" in done.exception.message
 
 
 @pytest.mark.parametrize("text", ["", "1,2,3", "1,2,3,4,5", "a,b,c,d", "1,2,0,4", "1,2,-3,4", "nan,2,3,4", "1,2,inf,4"])
@@ -106,6 +107,14 @@ def test_command_speaks_to_people_without_json(path):
     done = run(path)
     assert "Apple, raw, with skin" in done.stdout
     assert "none that the index knows" in done.stdout
+
+
+def test_foods_of_hardly_any_probability_are_not_listed_for_people(tmp_path):
+    path = tmp_path / "grey.png"
+    cv2.imwrite(str(path), np.full((400, 600, 3), 128, np.uint8))
+    lines = run(str(path)).stdout.splitlines()
+    assert "none that the index knows" in lines[-1]
+    assert not [line for line in lines if line.strip().startswith("0.0%")]
 
 
 def test_small_photograph_is_enough_for_a_food(tmp_path, photo):
