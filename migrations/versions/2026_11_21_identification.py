@@ -1,6 +1,7 @@
 """what items look like and what the index says of them, confirmed items as the index's entries, colour corrections
 
-New columns keep their server defaults, so that a process of the version before can still write beside a newer one.
+New columns keep their server defaults, and rows of the new tables go with their item, so that a process of the version
+before can still write, and erase, beside a newer one.
 
 Revision ID: 20261121_identification
 Revises: 20261121_people_review
@@ -34,7 +35,9 @@ def upgrade() -> None:
             "(index_version IS NULL) = (none_probability IS NULL)",
             name=op.f("ck_item_identification_identified_by_an_index"),
         ),
-        sa.ForeignKeyConstraint(["item_id"], ["item.id"], name=op.f("fk_item_identification_item_id_item")),
+        sa.ForeignKeyConstraint(
+            ["item_id"], ["item.id"], name=op.f("fk_item_identification_item_id_item"), ondelete="CASCADE"
+        ),
         sa.ForeignKeyConstraint(["run_id"], ["run.id"], name=op.f("fk_item_identification_run_id_run")),
         sa.PrimaryKeyConstraint("item_id", "run_id", "vcm_version", name=op.f("pk_item_identification")),
     )
@@ -51,7 +54,7 @@ def upgrade() -> None:
         sa.Column("captured_at", INSTANT, nullable=False),
         sa.Column("day_minute", sa.Integer(), nullable=False),
         sa.CheckConstraint("day_minute >= 0 AND day_minute < 1440", name=op.f("ck_index_entry_day_minute")),
-        sa.ForeignKeyConstraint(["item_id"], ["item.id"], name=op.f("fk_index_entry_item_id_item")),
+        sa.ForeignKeyConstraint(["item_id"], ["item.id"], name=op.f("fk_index_entry_item_id_item"), ondelete="CASCADE"),
         sa.ForeignKeyConstraint(["run_id"], ["run.id"], name=op.f("fk_index_entry_run_id_run")),
         sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_index_entry_study_id_study")),
         sa.ForeignKeyConstraint(

@@ -8,6 +8,8 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.models.base import Base
 
+OF_ITS_ITEM = "CASCADE"  # a process of the version before these tables, in a rolling upgrade, erases meals too
+
 
 class ItemIdentification(Base):
     """An item's region as one run saw it: its Visual Characterization Metrics, and by which index it was identified.
@@ -19,7 +21,7 @@ class ItemIdentification(Base):
 
     __tablename__ = "item_identification"
 
-    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
+    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id", ondelete=OF_ITS_ITEM), primary_key=True)
     run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), primary_key=True, index=True)
     vcm_version: Mapped[str] = mapped_column(sa.String(16), primary_key=True)
     vector: Mapped[bytes] = mapped_column(sa.LargeBinary)
@@ -42,7 +44,7 @@ class IndexEntry(Base):
 
     __tablename__ = "index_entry"
 
-    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
+    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id", ondelete=OF_ITS_ITEM), primary_key=True)
     run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), index=True)
     vcm_version: Mapped[str] = mapped_column(sa.String(16))
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
