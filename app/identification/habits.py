@@ -28,7 +28,11 @@ class Eaten:
 def log_prior(
     foods: Sequence[str], day_minute: int | None, own: Sequence[Eaten], study: Sequence[Eaten]
 ) -> list[float]:
-    """Natural logarithm of the share of each food, in their order; they add up to 1. own: the participant's items."""
+    """Natural logarithm of the share of each food, in their order; they add up to 1.
+
+    own: the participant's items. study: the others'. Own ones among these would count twice, and what somebody has not
+    eaten yet would be as good as ruled out.
+    """
     known = set(foods)
     of_study = _weights(known, day_minute, study)
     of_own = _weights(known, day_minute, own)

@@ -27,7 +27,7 @@ class Example:
     """A confirmed item: vector (d,) by the index's VCM version; the rest as far as it is known.
 
     name: unique, for the index's version. is_own: of the study itself, not of one that shares its index. day_minute:
-    after local midnight.
+    after local midnight. eater: whose, by any name of theirs.
     """
 
     name: str
@@ -36,16 +36,18 @@ class Example:
     volume_ml: float | None = None
     day_minute: int = 720
     is_own: bool = True
+    eater: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Circumstances:
-    """What is known of an item beside its looks. own: the participant's confirmed items. day_minute: local."""
+    """What is known of an item beside its looks. own: the confirmed items of its eater. day_minute: local."""
 
     volume_ml: float | None = None
     volume_relative_sd: float = 0.0
     day_minute: int | None = None
     own: Sequence[Eaten] = ()
+    eater: str | None = None
 
 
 NOTHING_KNOWN = Circumstances()
@@ -102,7 +104,7 @@ class Identifier:
         self._metric, self._calibration = index.metric, index.calibration
         self._classifier = fit_classifier(index.metric.embed(vectors), labels, len(self._known))
         own = [one for one in learned if one.is_own]  # all: shares of those kept would be alike for all foods
-        self._eaten = [Eaten(one.food_key, one.day_minute) for one in own[-MOST_EATEN:]]
+        self._eaten = [(one.eater, Eaten(one.food_key, one.day_minute)) for one in own[-MOST_EATEN:]]
         others = {one.food_key for one in kept if not one.is_own}
         known_without = frozenset(others | {food.food_key for food in index.foods})
         shown = new_food_share(known_without, [one.food_key for one in own])
@@ -119,7 +121,8 @@ class Identifier:
         likelihoods, none = self._calibration.log_likelihoods(scores)
         at = circumstances
         sizes = [size_log_likelihood(each.size, at.volume_ml, at.volume_relative_sd) for each in self._known]
-        habits = log_prior([each.food_key for each in self._known], at.day_minute, at.own, self._eaten)
+        others = [eaten for eater, eaten in self._eaten if eater is None or eater != at.eater]
+        habits = log_prior([each.food_key for each in self._known], at.day_minute, at.own, others)
         shares, none_share = posterior(likelihoods + np.array(sizes), none, np.array(habits), self._none_prior)
         best = np.argsort(-shares[0], kind="stable")[:most]
         return Identification(
@@ -164,6 +167,6 @@ def _version(index: FoodIndex, learned: Sequence[Example]) -> str:
         return index.version
     digest = hashlib.sha256()
     for one in learned:
-        told = (one.name, one.food_key, one.volume_ml, one.day_minute, one.is_own)
+        told = (one.name, one.food_key, one.volume_ml, one.day_minute, one.is_own, one.eater)
         digest.update(repr(told).encode() + np.asarray(one.vector, np.float64).tobytes())
     return f"{index.version} + {len(learned)} confirmed {digest.hexdigest()[:12]}"

@@ -71,6 +71,7 @@ class IdentifyFoods:
                 volume_relative_sd=math.hypot(*found["relative_sd"].values()),
                 day_minute=day_minute,
                 own=own,
+                eater=str(meal.participant_id),
             )
             answer = identifier.identify(vcm.numbers(), circumstances, MOST_SEALED)
             told.append(

@@ -95,6 +95,7 @@ def _examples(
             volume_ml=entry.volume_ml,
             day_minute=entry.day_minute,
             is_own=entry.is_own,
+            eater=str(entry.participant_id),
         )
         for entry in entries
         if _key(entry) in usable

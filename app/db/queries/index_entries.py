@@ -17,6 +17,7 @@ class Entry:
 
     item_id: uuid.UUID
     run_id: uuid.UUID
+    participant_id: uuid.UUID
     food_key: str
     volume_ml: float | None
     captured_at: datetime
@@ -47,6 +48,7 @@ def entries_for(
     chosen = sa.select(
         IndexEntry.item_id,
         IndexEntry.run_id,
+        IndexEntry.participant_id,
         IndexEntry.food_key,
         IndexEntry.volume_ml,
         IndexEntry.captured_at,

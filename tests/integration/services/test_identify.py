@@ -216,6 +216,14 @@ def test_what_a_participant_eats_moves_the_ranking_of_two_look_alikes(kitchen, e
     assert ratio(kitchen.serve(other, between, captured_at=NOON)) == pytest.approx(before)
 
 
+def test_who_alone_has_confirmed_anything_is_not_told_their_habits_twice(kitchen, enrol, looks, between):
+    phone, other = enrol("P001"), enrol("P002")
+    for vector in looks("plum")[0][:4]:
+        kitchen.told(phone, "plum", vector, captured_at=NOON)
+    own, of_study = (ratio(kitchen.serve(each, between, captured_at=NOON)) for each in (phone, other))
+    assert own == pytest.approx(of_study, rel=0.01)
+
+
 def test_time_of_day_moves_the_ranking_of_two_look_alikes(kitchen, phone, between):
     for _ in range(8):
         declare(phone, "peach", NOON)

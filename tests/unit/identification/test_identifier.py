@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.identification.habits import NEW_FOODS, NEW_OF, Eaten
+from app.identification.habits import EQUAL_WEIGHT, NEW_FOODS, NEW_OF, STUDY_WEIGHT, Eaten
 from app.identification.identifier import Circumstances, Example, Identifier, newest_of_each
 from tests.unit.identification.small_index import LENGTH, LOOKS, pictures_of, small_index
 
@@ -107,6 +107,21 @@ def test_own_habits_and_the_time_of_day_move_the_answer():
     assert of_bun[0] > of_bun[1] > before["bun-raw"]
 
 
+def test_what_somebody_has_confirmed_counts_once_for_them_and_as_much_for_another():
+    identifier = Identifier(small_index(), learned("egg", 40, eater="me"))
+
+    def odds(**known):
+        found = identifier.identify(asked("yam"), Circumstances(day_minute=720, **known))
+        of = {each.food_key: each.probability for each in found.candidates}
+        return of["egg-raw"] / of["bun-raw"]
+
+    by_looks = odds(eater="me")
+    own = [Eaten("egg-raw", 720)] * 40
+    by_hand = (40 + STUDY_WEIGHT / 4) / (STUDY_WEIGHT / 4)
+    assert odds(eater="me", own=own) / by_looks == pytest.approx(by_hand)
+    assert odds(eater="you") / by_looks == pytest.approx((40 + EQUAL_WEIGHT / 4) / (EQUAL_WEIGHT / 4))
+
+
 def test_study_that_confirms_known_foods_alone_meets_new_ones_less():
     stranger = asked("yam")
     fresh = Identifier(small_index()).identify(stranger).none_probability
@@ -147,6 +162,7 @@ def test_version_changes_with_each_confirmed_item_and_with_what_it_says():
     index, examples = small_index(), learned("tofu", 3)
     versions = [Identifier(index, examples[:count]).version for count in range(4)]
     changes = [{"volume_ml": 9.0}, {"food_key": "yam-raw"}, {"is_own": False}, {"day_minute": 5}, {"name": "another"}]
+    changes += [{"eater": "another"}]
     for change in [*changes, {"vector": asked("yam")}]:
         versions += [Identifier(index, [*examples[:2], replace(examples[2], **change)]).version]
     assert len(set(versions)) == len(versions)
