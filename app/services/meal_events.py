@@ -19,7 +19,7 @@ from sqlalchemy.orm import Session
 
 from app.db.models import EffectiveRecord, Item, Job, Meal, MealEvent
 from app.db.models.base import Base
-from app.db.queries import meals
+from app.db.queries import meals, privacy
 from app.db.queries.meal_parts import MealParts, parts_of
 from app.db.session import Database
 from app.errors import ConflictError, NotAllowedError, NotFoundError, PreconditionFailedError
@@ -155,6 +155,8 @@ class MealEvents:
             if isinstance(caller, DeviceCaller):
                 require_in_study(session, caller.participant_id)
             meal, participant, study = find_meal(session, caller, client_id, participant_code)
+            if not isinstance(caller, DeviceCaller):  # the person before the meal here too, as a withdrawal locks them
+                privacy.join_participant(session, meal.participant_id)
             locked = meals.lock_meal(session, meal.id)
             if locked is None or locked.client_id != client_id:  # erased or anonymised while this waited for it
                 raise NotFoundError("There is no such meal.")
