@@ -135,12 +135,18 @@ class Identifier:
 def newest_of_each(learned: Sequence[Example], most: int = MOST_EXAMPLES) -> list[Example]:
     """At most so many examples, in their order: of each food its newest, as many as any other food has.
 
-    learned: the newest last. Own examples go before those of others. Where there are more foods than that, those of the
-    newest examples.
+    learned: the newest last. Own examples go before those of others, and eaters take turns, so that nobody makes up a
+    food alone. Where there are more foods than that, those of the newest examples.
     """
+    of_eater: Counter[tuple[str, str | None]] = Counter()
+    turns = {}
+    for place in reversed(range(len(learned))):
+        eater = learned[place].food_key, learned[place].eater
+        turns[place] = of_eater[eater]
+        of_eater[eater] += 1
     of_food: Counter[str] = Counter()
     ranks = {}
-    for place in sorted(range(len(learned)), key=lambda place: (not learned[place].is_own, -place)):
+    for place in sorted(turns, key=lambda place: (not learned[place].is_own, turns[place], -place)):
         one = learned[place]
         ranks[place] = (of_food[one.food_key], not one.is_own, -place)
         of_food[one.food_key] += 1

@@ -40,11 +40,13 @@ def entries_for(
 ) -> list[Entry]:
     """The entries that a study learns from, the newest last: its own, and those of studies that share.
 
-    At most `most` of all, of which each food gives its newest ones, its own study's first, as many as any other food
-    has; and where there are more, the newest `most_recent` of its own besides, which show how often a food is eaten.
+    At most `most` of all, of which each food gives as many as any other food has: its own study's first, its eaters by
+    turns, so that nobody makes up a food alone, of each the newest. Where there are more, the newest `most_recent` of
+    its own besides, which show how often a food is eaten.
     """
     is_own = IndexEntry.study_id == study_id
-    newest = (sa.case((is_own, 0), else_=1), IndexEntry.captured_at.desc(), IndexEntry.item_id)
+    newest = (IndexEntry.captured_at.desc(), IndexEntry.item_id)
+    eater = (IndexEntry.food_key, IndexEntry.participant_id)
     chosen = sa.select(
         IndexEntry.item_id,
         IndexEntry.run_id,
@@ -59,11 +61,14 @@ def entries_for(
         sa.or_(is_own, IndexEntry.study_id.in_(sa.select(Study.id).where(Study.shares_index))),
         IndexEntry.item_id.not_in(sa.select(Item.id).where(Item.meal_id == without_meal)),
     )
-    place = sa.func.row_number().over(partition_by=IndexEntry.food_key, order_by=newest).label("place")
-    ranked = chosen.add_columns(place).subquery()
+    turn = sa.func.row_number().over(partition_by=eater, order_by=newest).label("turn")
+    turns = chosen.add_columns(turn).subquery()
+    best = (turns.c.is_own.desc(), turns.c.turn, turns.c.captured_at.desc(), turns.c.item_id)
+    place = sa.func.row_number().over(partition_by=turns.c.food_key, order_by=best).label("place")
+    ranked = sa.select(turns, place).subquery()
     order = (ranked.c.place, ranked.c.is_own.desc(), ranked.c.captured_at.desc(), ranked.c.item_id)
-    of_each_food = sa.select(*[column for column in ranked.c if column.name != "place"]).order_by(*order).limit(most)
-    found = {Entry(**row) for row in session.execute(of_each_food).mappings()}
+    columns = [column for column in ranked.c if column.name not in {"turn", "place"}]
+    found = {Entry(**row) for row in session.execute(sa.select(*columns).order_by(*order).limit(most)).mappings()}
     if len(found) == most:
         recent = chosen.where(is_own).order_by(*newest).limit(most_recent)
         found |= {Entry(**row) for row in session.execute(recent).mappings()}

@@ -354,3 +354,20 @@ def test_bounded_entries_are_the_newest_of_each_food_own_ones_first(kitchen, enr
     assert found(4, 0) == [*found(3, 0), ("plum", 5, False)]
     assert found(2, 3) == found(3, 0)
     assert found(99, 0) == [(food, hour, phone is here) for phone, food, hour in served]
+
+
+def test_bounded_entries_of_a_food_are_of_its_eaters_by_turns(kitchen, enrol, looks, state):
+    served = [("P001", 1), ("P002", 2), ("P001", 3), ("P002", 4), ("P002", 5), ("P002", 6)]
+    for participant, hour in served:
+        phone, at = enrol(participant), f"2026-11-20T{hour:02}:00:00+08:00"
+        kitchen.told(phone, "litchi", looks("litchi")[0][0], captured_at=at)
+    with state.database.read() as session:
+        study_id = session.scalars(sa.select(Study.id)).one()
+        entries = [
+            [
+                entry.day_minute // 60
+                for entry in entries_for(session, study_id, "1", without_meal=uuid.uuid4(), most=most, most_recent=0)
+            ]
+            for most in (1, 2, 4, 5)
+        ]
+    assert entries == [[6], [3, 6], [1, 3, 5, 6], [1, 3, 4, 5, 6]]

@@ -1,4 +1,5 @@
 import math
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -219,6 +220,15 @@ def test_own_examples_go_before_newer_ones_of_others():
     others = [example("a", number, is_own=False) for number in range(100, 106)]
     kept = newest_of_each(own + others, 8)
     assert [one.name for one in kept] == [*(f"a {number}" for number in range(6)), "a 104", "a 105"]
+
+
+def test_one_who_confirms_without_end_leaves_the_others_their_turns():
+    others = [replace(example("a", number), eater=f"P{number % 3}") for number in range(9)]
+    flood = [replace(example("a", number), eater="flood") for number in range(100, 200)]
+    kept = newest_of_each(others + flood, 12)
+    assert Counter(one.eater for one in kept) == {"P0": 3, "P1": 3, "P2": 3, "flood": 3}
+    assert [one.name for one in kept if one.eater == "flood"] == ["a 197", "a 198", "a 199"]
+    assert Counter(one.eater for one in newest_of_each(others + flood, 30))["flood"] == 21  # no room is left unused
 
 
 def test_more_foods_than_room_keep_the_newest_and_the_bound():
