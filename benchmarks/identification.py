@@ -170,7 +170,7 @@ def print_learning(index: FoodIndex) -> None:
                 scores = fit_classifier(examples[rows], index.labels[rows], len(index.foods)).scores(examples[asked])
                 looks, _ = index.calibration.log_likelihoods(scores)
                 eaten = [Eaten(names[place], LUNCH)] * count
-                likely = looks + np.array(log_prior(names, LUNCH, eaten, eaten))
+                likely = looks + np.array(log_prior(names, LUNCH, eaten, []))  # nobody else has eaten anything
                 found += [
                     (int((by_looks > by_looks[place]).sum()), int((by_both > by_both[place]).sum()))
                     for by_looks, by_both in zip(looks, likely, strict=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 DAY_MINUTES = 1440
 SAME_TIME_SD_MINUTES = 90.0
 ANY_TIME = 0.35  # the weight of a meal at quite another time of day
-STUDY_WEIGHT = 20.0  # the study's shares stand for so many of the participant's items
+STUDY_WEIGHT = 10.0  # the others' shares stand for so many of the participant's items
 EQUAL_WEIGHT = 20.0  # equal shares stand for so many of the study's items
 NEW_FOODS, NEW_OF = 6.0, 20.0  # to begin with: an index of a few foods often meets others; a judgement
 
