@@ -71,7 +71,8 @@ def identify_items(items: Iterable[dict[str, Any]]) -> None:
             item.update(candidates=[], none_of_these=None)
             continue
         relative_sd = math.sqrt(sum(sd * sd for sd in item["relative_sd"].values()))
-        found = identifier.identify(vcm_from_json(described).numbers(), Circumstances(item["volume_ml"], relative_sd))
+        circumstances = Circumstances(item["volume_ml"], relative_sd)
+        found = identifier.identify(vcm_from_json(described).numbers(), circumstances, _all_foods())
         item.update(candidates=candidates_to_json(found), none_of_these=round(found.none_probability, 4))
 
 
@@ -119,8 +120,15 @@ def _identify(pixels: np.ndarray, boxes: Sequence[Box], none_prior: float) -> li
     regions = [(region_of_box(pixels, box), box) for box in boxes]
     identifier = _identifier(none_prior)
     return [
-        (identifier.identify(describe(region).astype(np.float64)), box) for region, box in regions if region is not None
+        (identifier.identify(describe(region).astype(np.float64), most=_all_foods()), box)
+        for region, box in regions
+        if region is not None
     ]
+
+
+def _all_foods() -> int:
+    """How many there are to list: all, so that what is told adds up to one with "none of these"."""
+    return len(shipped_index().foods)
 
 
 @cache
