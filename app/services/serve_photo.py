@@ -16,7 +16,7 @@ from typing import Any
 import structlog
 from sqlalchemy.orm import Session
 
-from app.db.models import MealImage
+from app.db.models import Meal, MealImage
 from app.db.models.meal import AFTER_SLOTS
 from app.db.queries import meals, records
 from app.db.session import Database
@@ -78,7 +78,7 @@ def find_photo(
     with database.read() as session:
         meal, _, _ = find_meal(session, caller, client_id, participant_code)
         image = next((one for one in meals.images_of(session, meal.id) if one.slot == slot), None)
-        colour = None if as_taken else _colour_of(session, meal.id, slot)
+        colour = None if as_taken else _colour_of(session, meal, slot)
     if image is None:
         raise NotFoundError(f"This meal has no photograph {slot!r}.")
     if image.erased_at is not None:
@@ -136,8 +136,11 @@ def render_photo(
     return content
 
 
-def _colour_of(session: Session, meal_id: uuid.UUID, slot: str) -> Mapping[str, Any] | None:
-    run = records.last_run(session, meal_id, "after" if slot in AFTER_SLOTS else "meal")
+def _colour_of(session: Session, meal: Meal, slot: str) -> Mapping[str, Any] | None:
+    is_after = slot in AFTER_SLOTS
+    if is_after and meal.after_status in meals.UNESTIMATED:  # a failed pair's run is not of the one sent in its place
+        return None
+    run = records.last_run(session, meal.id, "after" if is_after else "meal")
     if run is None or run.colour is None:
         return None
     found: Mapping[str, Any] = run.colour[slot.removeprefix("after_")]

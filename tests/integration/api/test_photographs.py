@@ -187,3 +187,19 @@ def test_after_meal_photograph_is_corrected_by_the_after_meal_run(phone, state):
     estimated(state, table.id, "after", left=(2.0, 1.0, 0.5), right=(1.0, 1.0, 1.0))
     assert middle(phone.get(f"{path}/after_left")) == pytest.approx([137, 100, 71], abs=3)
     assert phone.get(f"{path}/left").headers["x-colour-correction"] == "white"
+
+
+def test_failed_pairs_correction_is_not_laid_on_the_pair_that_is_sent_in_its_place(phone, state):
+    table = Table(phone, state)
+    estimated(state, table.id, left=(1.0, 1.0, 1.0), right=(1.0, 1.0, 1.0))
+    table.put("after_left", grey_photograph())
+    table.put("after_right", grey_photograph(101))
+    sides = {side: colour_to_json(ColourCorrection(np.diag((2.0, 1.0, 0.5)), "white")) for side in ("left", "right")}
+    failure = {"code": "baseline_too_small", "message": "Too near.", "advice": "Move."}
+    estimates.save(state, table.id, purpose="after", colour=sides, failure=failure)
+    path = f"/v1/meals/{table.id}/images/after_left"
+    assert phone.get(path).headers["x-colour-correction"] == "white"
+    table.put("after_left", grey_photograph(102))
+    assert middle(phone.get(path)).tolist() == [102, 102, 102]
+    table.put("after_right", grey_photograph(103))
+    assert middle(phone.get(path)).tolist() == [102, 102, 102]
