@@ -17,8 +17,8 @@ from app.vision.model import Float64Array, ImageArray, MaskArray
 
 SIDE_PX = 128  # of a region's longer side: the grain of bread and the pores of an orange are still there
 MARGIN = 0.25  # of the region's sides, on each side: what lies around it
-CUT_SIDE_PX = 80  # of a box while the food in it is told from its background, which takes time
-CUT_ROUNDS = 4
+CUT_SIDE_PX = 64  # of a box while the food in it is told from its background, which takes time
+CUT_ROUNDS = 2  # more of them tell foods apart no better, and take half the time of naming one
 LEAST_COVER = 0.25  # of its box: less is a highlight or a shadow, and the food was not found
 CLOSING_PX = 5
 SEED = 1  # of the clusters that GrabCut begins with
