@@ -12,9 +12,11 @@
    confirmed those at that time of day.
 4. Disturbed light, with the photographs at hand (FOLDER/photos/ecustfd): white balance and exposure off.
 5. Without a box, with the photographs at hand.
-6. Processor time of one region, from decoded pixels to candidates, on one thread, against decoding its photograph.
+6. Plates with two foods, with the photographs at hand: none of these photographs is in the index, though pieces on them
+   may be in it from photographs of their own.
+7. Processor time of one region, from decoded pixels to candidates, on one thread, against decoding its photograph.
 
-FOLDER (default: TADA_SHARED_DATA, or ../shared); without it 4 to 6 are left out.
+FOLDER (default: TADA_SHARED_DATA, or ../shared); without it 4 to 7 are left out.
 """
 
 import argparse
@@ -46,7 +48,7 @@ from app.identification.held_out import (  # noqa: E402
 )
 from app.identification.identifier import Identifier  # noqa: E402
 from app.identification.kernel_classifier import KernelClassifier, fit_classifier  # noqa: E402
-from app.services.build_index import LabelledFood, labelled_foods  # noqa: E402
+from app.services.build_index import LabelledFood, boxes_of, labelled_foods  # noqa: E402
 from app.vision.food_boxes import propose_boxes  # noqa: E402
 from app.vision.vcm import describe  # noqa: E402
 from app.vision.vcm_region import region_of_box  # noqa: E402
@@ -79,6 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     judges = Judges(index, examples)
     print_light(judges, foods)
     print_without_box(judges, foods)
+    print_mixed(index, folder)
     print_time(foods)
     return 0
 
@@ -228,6 +231,25 @@ def print_without_box(judges: Judges, foods: Sequence[LabelledFood]) -> None:
         chances = judges.chances(food, [describe(region) for region in regions if region is not None], 0.5)
         right += judges.index.foods[int(chances[chances.max(axis=1).argmax()].argmax())].label == food.label
     print(f"\nwithout a box: top-1 {right / len(foods):.1%} of {len(foods)}")
+
+
+def print_mixed(index: FoodIndex, folder: Path) -> None:
+    identifier = Identifier(index, none_prior=NONE_PRIOR)
+    labels = {food.label for food in index.foods}
+    chances, ranks = [], []
+    for path in sorted((folder / "images").glob("mix*.jpg")):
+        pixels = np.asarray(cv2.imread(str(path)))
+        for label, box in boxes_of(path, folder / "boxes" / f"{path.stem}.xml"):
+            region = region_of_box(pixels, box) if label in labels else None
+            if region is None:
+                continue
+            ranked = identifier.identify(describe(region).astype(np.float64), most=len(labels)).candidates
+            chances.append(ranked[0].probability)
+            ranks.append([one.label for one in ranked].index(label))
+    at = np.array(ranks)
+    error = expected_calibration_error(np.array(chances), at == 0)
+    named = f"top-1 {np.mean(at < 1):.1%}, top-5 {np.mean(at < 5):.1%}"
+    print(f"\ntwo foods on a plate: {named}, ECE {error:.3f} of {len(at)} regions")
 
 
 def print_time(foods: Sequence[LabelledFood]) -> None:

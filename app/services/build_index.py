@@ -78,13 +78,18 @@ def labelled_foods(folder: Path) -> Iterator[LabelledFood]:
         named, boxes = NAME.fullmatch(path.stem), folder / "boxes" / f"{path.stem}.xml"
         if named is None or not boxes.exists():
             continue
-        width, height, found = _read_boxes(boxes)
-        photo_width, photo_height = _size(path)
-        across, down = photo_width / width, photo_height / height  # some photographs were reduced after they were boxed
-        for label, (x0, y0, x1, y1) in found:
+        for label, box in boxes_of(path, boxes):
             if label == named["label"]:
-                box = (x0 * across, y0 * down, (x1 - x0) * across, (y1 - y0) * down)
                 yield LabelledFood(path, label, f"{label}{named['specimen']}", box)
+
+
+def boxes_of(photo: Path, boxes: Path) -> Iterator[tuple[str, Box]]:
+    """Label and box, in the photograph's pixels, of each thing that was boxed in it; the coin beside the food too."""
+    width, height, found = _read_boxes(boxes)
+    photo_width, photo_height = _size(photo)
+    across, down = photo_width / width, photo_height / height  # a photograph may have been reduced after it was boxed
+    for label, (x0, y0, x1, y1) in found:
+        yield label, (x0 * across, y0 * down, (x1 - x0) * across, (y1 - y0) * down)
 
 
 def describe_food(food: LabelledFood) -> Vectors:
