@@ -20,6 +20,7 @@ from app.nutrition.importers.imported import ImportedTable
 from app.nutrition.importers.sr28 import read_sr28
 from app.services.prepare import prepare
 from app.settings import Settings
+from tests.reused_database import ReusedDatabases
 
 SHARED_DATA = pathlib.Path(os.environ.get("TADA_SHARED_DATA", pathlib.Path(__file__).parents[2] / "shared"))
 
@@ -131,9 +132,13 @@ def database(request, kind, tmp_path) -> Iterator[Database]:
 
 @pytest.fixture
 def prepared_database_url(request, kind, tmp_path) -> Iterator[str]:
-    """The URL of a database as `prepare` leaves it, copied from a template too."""
-    with copied_database(request, kind, tmp_path, "template") as url:
-        yield url
+    """The URL of a database as `prepare` leaves it: copied from a template too, on PostgreSQL used again."""
+    if kind == "postgres":
+        with request.getfixturevalue("postgres_prepared").one() as url:
+            yield url
+    else:
+        with copied_database(request, kind, tmp_path, "template") as url:
+            yield url
 
 
 @contextlib.contextmanager
@@ -175,6 +180,13 @@ def postgres_template(postgres_server, tmp_path_factory) -> Iterator[str]:
     with postgres_database(postgres_server) as url:
         make_template(url, lambda new: prepare(new, Settings(data_dir=folder)))
         yield sa.make_url(url).database
+
+
+@pytest.fixture(scope="session")
+def postgres_prepared(postgres_server, postgres_template) -> Iterator[ReusedDatabases]:
+    reused = ReusedDatabases(lambda: postgres_database(postgres_server, postgres_template))
+    yield reused
+    reused.close()
 
 
 def make_template(url, fill):

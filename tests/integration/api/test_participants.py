@@ -128,7 +128,7 @@ def test_png_is_read_back_by_another_program_and_its_code_enrols(owner, particip
 
 
 @pytest.mark.parametrize(
-    ("accept", "kind"),
+    ("accept", "media_type"),
     [
         ("image/svg+xml", "image/svg+xml"),
         ("image/png, */*", "image/png"),
@@ -136,6 +136,6 @@ def test_png_is_read_back_by_another_program_and_its_code_enrols(owner, particip
         ("text/html, application/json", "application/json"),
     ],
 )
-def test_answer_is_what_the_caller_accepts_first(owner, participant, accept, kind):
+def test_answer_is_what_the_caller_accepts_first(owner, participant, accept, media_type):
     answer = owner.post(f"{participant}/enrolment-codes", headers={"Accept": accept})
-    assert answer.headers["content-type"].split(";")[0] == kind
+    assert answer.headers["content-type"].split(";")[0] == media_type

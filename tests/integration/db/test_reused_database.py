@@ -1,0 +1,86 @@
+"""The tests' own tool: a database that is used again is as it was made."""
+
+import uuid
+from datetime import UTC, datetime
+
+import pytest
+import sqlalchemy as sa
+
+from app.db.models import Food, Staff, Study
+from app.db.session import Database
+from app.services.staff import create_admin
+
+
+@pytest.fixture
+def used(postgres_prepared):
+    """A database taken, changed by what is given, and given back; then the next one that is taken."""
+
+    def then(change):
+        with postgres_prepared.one() as first:
+            database = Database(first)
+            change(database)
+            database.dispose()
+        with postgres_prepared.one() as second:
+            return first == second, Database(second)
+
+    return then
+
+
+def add_study(database):
+    with database.write() as session:
+        now = datetime.now(UTC)
+        session.add(Study(id=uuid.uuid4(), code="left", name="Left", created_at=now, location_policy="drop"))
+
+
+def count(database, table):
+    with database.read() as session:
+        found = session.scalar(sa.select(sa.func.count()).select_from(table))
+    database.dispose()
+    return found
+
+
+def test_what_a_test_wrote_is_gone_in_the_next(used):
+    def change(database):
+        add_study(database)
+        create_admin(database, "left")  # it is noted in the audit log, which refuses to be emptied
+
+    is_same, database = used(change)
+    assert is_same
+    assert count(database, Study) == count(database, Staff) == 0
+
+
+def test_foods_that_a_test_changed_are_not_used_again(used):
+    def change(database):
+        with database.write() as session:
+            session.execute(sa.update(Food).where(Food.key == "apple").values(name="Changed"))
+
+    is_same, database = used(change)
+    assert not is_same
+    with database.read() as session:
+        assert session.scalars(sa.select(Food.name).where(Food.key == "apple")).one() != "Changed"
+    database.dispose()
+
+
+def test_tables_that_a_test_made_or_altered_are_not_used_again(used):
+    for statement in ("CREATE TABLE left_over (a integer)", "ALTER TABLE study ADD COLUMN left_over integer"):
+
+        def change(database, statement=statement):
+            with database.write() as session:
+                session.execute(sa.text(statement))
+
+        is_same, database = used(change)
+        assert not is_same
+        database.dispose()
+
+
+def test_database_that_somebody_still_uses_is_not_used_again(used):
+    held = []
+
+    def change(database):
+        held.append(sa.create_engine(database.write_engine.url, poolclass=sa.NullPool).connect())
+
+    is_same, database = used(change)
+    assert not is_same
+    database.dispose()
+    for connection in held:
+        connection.invalidate()
