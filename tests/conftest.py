@@ -101,6 +101,7 @@ def forget_durability(server_url):
     with admin.connect() as connection:
         for name in ("fsync", "synchronous_commit", "full_page_writes"):
             connection.execute(sa.text(f"ALTER SYSTEM SET {name} = off"))
+        connection.execute(sa.text("ALTER SYSTEM SET autovacuum = off"))  # of databases that live for seconds
         connection.execute(sa.text("SELECT pg_reload_conf()"))
     admin.dispose()
 

@@ -1,5 +1,6 @@
 """The tests' own tool: a database that is used again is as it was made."""
 
+import contextlib
 import uuid
 from datetime import UTC, datetime
 
@@ -13,15 +14,18 @@ from app.services.staff import create_admin
 
 @pytest.fixture
 def used(postgres_prepared):
-    """A database taken, changed by what is given, and given back; then the next one that is taken."""
+    """A database taken, changed by what is given, and given back; then the next one that is taken: is it the same?"""
 
+    @contextlib.contextmanager
     def then(change):
         with postgres_prepared.one() as first:
             database = Database(first)
             change(database)
             database.dispose()
         with postgres_prepared.one() as second:
-            return first == second, Database(second)
+            database = Database(second)
+            yield first == second, database
+            database.dispose()
 
     return then
 
@@ -34,9 +38,7 @@ def add_study(database):
 
 def count(database, table):
     with database.read() as session:
-        found = session.scalar(sa.select(sa.func.count()).select_from(table))
-    database.dispose()
-    return found
+        return session.scalar(sa.select(sa.func.count()).select_from(table))
 
 
 def test_what_a_test_wrote_is_gone_in_the_next(used):
@@ -44,9 +46,9 @@ def test_what_a_test_wrote_is_gone_in_the_next(used):
         add_study(database)
         create_admin(database, "left")  # it is noted in the audit log, which refuses to be emptied
 
-    is_same, database = used(change)
-    assert is_same
-    assert count(database, Study) == count(database, Staff) == 0
+    with used(change) as (is_same, database):
+        assert is_same
+        assert count(database, Study) == count(database, Staff) == 0
 
 
 def test_foods_that_a_test_changed_are_not_used_again(used):
@@ -54,11 +56,9 @@ def test_foods_that_a_test_changed_are_not_used_again(used):
         with database.write() as session:
             session.execute(sa.update(Food).where(Food.key == "apple").values(name="Changed"))
 
-    is_same, database = used(change)
-    assert not is_same
-    with database.read() as session:
+    with used(change) as (is_same, database), database.read() as session:
+        assert not is_same
         assert session.scalars(sa.select(Food.name).where(Food.key == "apple")).one() != "Changed"
-    database.dispose()
 
 
 def test_tables_that_a_test_made_or_altered_are_not_used_again(used):
@@ -68,9 +68,8 @@ def test_tables_that_a_test_made_or_altered_are_not_used_again(used):
             with database.write() as session:
                 session.execute(sa.text(statement))
 
-        is_same, database = used(change)
-        assert not is_same
-        database.dispose()
+        with used(change) as (is_same, _):
+            assert not is_same
 
 
 def test_database_that_somebody_still_uses_is_not_used_again(used):
@@ -79,8 +78,7 @@ def test_database_that_somebody_still_uses_is_not_used_again(used):
     def change(database):
         held.append(sa.create_engine(database.write_engine.url, poolclass=sa.NullPool).connect())
 
-    is_same, database = used(change)
-    assert not is_same
-    database.dispose()
+    with used(change) as (is_same, _):
+        assert not is_same
     for connection in held:
         connection.invalidate()
