@@ -26,6 +26,7 @@ class Job(Base):
     event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
     state: Mapped[str] = mapped_column(sa.String(16))
     attempts: Mapped[int] = mapped_column(default=0)
+    turn: Mapped[int] = mapped_column(sa.BigInteger, default=0, server_default="0")  # the lower, the sooner
     executor_id: Mapped[str | None] = mapped_column(sa.String(64))  # the worker that has it, or had it last
     enqueued_at: Mapped[datetime]
     started_at: Mapped[datetime | None]
