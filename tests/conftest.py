@@ -21,6 +21,7 @@ from app.nutrition.importers.sr28 import read_sr28
 from app.services.prepare import prepare
 from app.settings import Settings
 from tests.reused_database import ReusedDatabases
+from tests.s3_server import S3Server
 
 SHARED_DATA = pathlib.Path(os.environ.get("TADA_SHARED_DATA", pathlib.Path(__file__).parents[2] / "shared"))
 
@@ -93,6 +94,19 @@ def postgres_server() -> Iterator[str]:
         yield server.get_uri()
     finally:
         server.cleanup()
+
+
+@pytest.fixture(scope="session")
+def s3_server() -> Iterator[S3Server]:
+    """A real S3 server of our own. Ends with the session; not in pytest's own folder, as above.
+
+    A test that kills or stops it starts one of its own: `S3Server.start(folder)`.
+    """
+    server = S3Server.start(pathlib.Path(tempfile.mkdtemp(prefix="tada-s3-")))
+    try:
+        yield server
+    finally:
+        server.stop()
 
 
 def forget_durability(server_url):
