@@ -60,6 +60,35 @@ class Settings(BaseSettings):
     sign_in_attempts_per_minute: int = Field(
         default=10, ge=1, description="Tries a minute and address, and a minute and name, sign-in."
     )
+    device_uploads_per_minute: int = Field(
+        default=120, ge=0, description="Requests a minute and phone that send photographs or metadata; 0: no limit."
+    )
+    device_calls_per_minute: int = Field(default=600, ge=0, description="Other calls a minute and phone; 0: no limit.")
+    staff_calls_per_minute: int = Field(default=1200, ge=0, description="Calls a minute and person; 0: no limit.")
+    exports_per_minute: int = Field(
+        default=30, ge=0, description="Files asked for a minute and phone or person; 0: no limit."
+    )
+    address_uploads_per_minute: int = Field(
+        default=6000, ge=0, description="Uploads a minute and address; 0: no limit."
+    )
+    address_calls_per_minute: int = Field(
+        default=12_000, ge=0, description="Other calls a minute and address; 0: no limit."
+    )
+    max_connections: int = Field(default=1000, ge=1, description="Open connections of one process.")
+    max_connections_per_address: int = Field(
+        default=500, ge=1, description="Connections, and requests at the same time, of one address in one process."
+    )
+    header_seconds: float = Field(default=10.0, gt=0, description="Within it a request's head must have come.")
+    stall_seconds: float = Field(
+        default=60.0, gt=0, description="Within it 16 KiB of a body must come, or of an answer be read."
+    )
+    metrics_token: SecretStr | None = Field(
+        default=None, min_length=16, description="Who sends it may read /metrics; unset: callers on the same machine."
+    )
+    metrics_host: str = Field(default="127.0.0.1", description="Address of a worker's metrics.")
+    worker_metrics_port: int | None = Field(
+        default=None, ge=0, le=65535, description="Port of a worker's /metrics and /healthz; unset: none, 0: any free."
+    )
     log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = Field(default="INFO", description="Least level told.")
     log_format: Literal["json", "console"] = Field(default="json", description="json, or console for a person.")
 
