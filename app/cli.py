@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from app import __version__
-from app.cli_database import JsonOption, author, opened_database
+from app.cli_database import JsonOption, author, database_as_it_is, opened_database
 from app.cli_foods import foods_cli
 from app.cli_index import index_cli
 from app.cli_people import admin_cli, staff_cli
@@ -273,10 +273,30 @@ def records_recompute(
 
 
 @db_cli.command("upgrade")
-def db_upgrade() -> None:
+def db_upgrade(
+    revision: Annotated[str | None, typer.Option(help="Only the schema, and only up to this revision.")] = None,
+) -> None:
     """Bring the schema up to date and load the starter food table."""
-    with opened_database():
-        print("The database is up to date.")
+    from app.db.migrate import upgrade
+
+    if revision is None:
+        with opened_database():
+            print("The database is up to date.")
+        return
+    with database_as_it_is() as database:
+        upgrade(database, revision)
+    print(f"The schema is at {revision}.")
+
+
+@db_cli.command("current")
+def db_current() -> None:
+    """Print the schema's revision and how it stands to this program: older, current or newer. Changes nothing."""
+    from app.db.migrate import SchemaState, current_revision, head_revision, schema_state
+
+    with database_as_it_is() as database:
+        found, state = current_revision(database), schema_state(database)
+    print(f"{found or 'none'}: {state.value}; this program was written for {head_revision()}")
+    raise SystemExit(1 if state is SchemaState.OLDER else 0)
 
 
 @cli.command()

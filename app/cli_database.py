@@ -22,15 +22,22 @@ def opened_database() -> Iterator["Database"]:
 
     Raises StorageFullError or UnavailableError, in words, if it has no room or does not answer.
     """
+    from app.services.prepare import prepare
+
+    with database_as_it_is() as database:
+        prepare(database, Settings())
+        yield database
+
+
+@contextmanager
+def database_as_it_is() -> Iterator["Database"]:
+    """The configured database, not migrated, for one command. Raises the same."""
     from sqlalchemy.exc import OperationalError
 
     from app.db.session import Database, is_disk_full
-    from app.services.prepare import prepare
 
-    settings = Settings()
-    database = Database(settings.resolved_database_url)
+    database = Database(Settings().resolved_database_url)
     try:
-        prepare(database, settings)
         yield database
     except OperationalError as error:
         if is_disk_full(error):

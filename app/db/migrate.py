@@ -1,21 +1,76 @@
-"""Brings the schema up to date with Alembic, or back: `upgrade`, `downgrade`; tells whether it is: `is_current`.
+"""Brings the schema up to date with Alembic, or back: `upgrade`, `downgrade`; tells how it stands: `schema_state`.
+
+One migrator at a time, in one transaction, which holds the lock too: whatever ends the migrator, or its connection,
+ends both, and the schema is as it was. Nothing is waited for without end. Code beside a newer schema is the rule while
+machines are upgraded one by one (docs/upgrades.md): such code goes on, and migrates nothing.
 
 The migrations lie in migrations/ of the checkout and inside the wheel as app/_migrations.
 """
 
-from collections.abc import Callable
+import enum
+import sqlite3
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import sqlalchemy as sa
+import structlog
 from alembic import command
 from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 
-from app.db.session import Database
+from app.db.session import BUSY_TIMEOUT_SECONDS, Database
+from app.errors import ConflictError, InvalidInputError, UnavailableError
 
-LOCK_TIMEOUT_MS = 10_000  # PostgreSQL: a migration gives up rather than queue behind a long reader and block all others
+log = structlog.get_logger()
+
 ADVISORY_LOCK = 7_241_960_311  # one migrator at a time; the number has no meaning
+LOOK_SECONDS = 0.2  # how often a migrator that waits for its turn asks for it
+PG_LOCK_NOT_AVAILABLE = "55P03"  # SQLSTATE of a lock_timeout that ran out
+PG_DEADLOCK = "40P01"
+PG_CHECKS_CLIENTS = 140_000  # the first PostgreSQL that notices during a long statement that its client has died
+
+
+class SchemaState(enum.Enum):
+    """How the database's schema stands to the one that this code was written for."""
+
+    OLDER = "older"
+    CURRENT = "current"
+    NEWER = "newer"
+
+
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """What a migrator waits for at most, in seconds; another one in tests."""
+
+    turn_seconds: float = 120.0  # while another migrator works; on SQLite while anybody writes
+    lock_seconds: float = 5.0  # PostgreSQL: for one table; everybody who comes later waits behind it for so long
+    tries: int = 8  # to get the tables' locks; in between the others go on
+    pause_seconds: float = 2.0
+    statement_seconds: float = 3600.0  # PostgreSQL: an index on the largest table
+    idle_seconds: float = 300.0  # PostgreSQL: a migrator that does nothing for so long has been stopped
+
+
+class MigrationBusyError(UnavailableError):
+    """Another process migrates, or on SQLite writes, and did not end in time; nothing was changed."""
+
+    code = "migration_busy"
+
+
+class MigrationBlockedError(UnavailableError):
+    """A table was in use without pause: its lock was never free; nothing was changed."""
+
+    code = "migration_blocked"
+
+
+class SchemaUnknownError(ConflictError):
+    """The schema was made by a newer program, which alone knows the way back."""
+
+    code = "schema_unknown"
 
 
 def migrations_folder() -> Path:
@@ -25,57 +80,154 @@ def migrations_folder() -> Path:
     return installed if installed.is_dir() else package.parent / "migrations"
 
 
-def upgrade(database: Database, revision: str = "head") -> None:
-    """Migrate up to `revision`, one migrator at a time: the others wait and then find nothing to do."""
-    _migrate(database, command.upgrade, revision)
+def upgrade(database: Database, revision: str = "head", patience: Patience | None = None) -> None:
+    """Migrate up to `revision`. Does nothing if a newer program has migrated further than this one knows.
+
+    Raises MigrationBusyError or MigrationBlockedError when patience ends, InvalidInputError for a revision that there is
+    not, SchemaUnknownError when `revision` is told and the schema is a newer program's. Nothing is changed then.
+    """
+    if revision == "head":
+        state = schema_state(database)
+        if state is not SchemaState.OLDER:
+            if state is SchemaState.NEWER:
+                log.info("schema_is_newer", revision=current_revision(database), known=head_revision())
+            return
+    _migrate(database, command.upgrade, revision, patience or Patience())
 
 
-def downgrade(database: Database, revision: str) -> None:
-    """Migrate down to `revision`; what the older schema cannot hold is lost, as its migration says."""
-    _migrate(database, command.downgrade, revision)
+def downgrade(database: Database, revision: str, patience: Patience | None = None) -> None:
+    """Migrate down to `revision`; what the older schema cannot hold is lost, as its migration says. Raises: upgrade."""
+    _migrate(database, command.downgrade, revision, patience or Patience())
+
+
+def schema_state(database: Database) -> SchemaState:
+    """A revision that this code does not know is a newer one: those before its own it knows all."""
+    found = current_revision(database)
+    if found == head_revision():
+        return SchemaState.CURRENT
+    return SchemaState.OLDER if found is None or found in revisions() else SchemaState.NEWER
 
 
 def is_current(database: Database) -> bool:
-    """Whether the schema is the one that this code was written for."""
-    head = ScriptDirectory(str(migrations_folder())).get_current_head()
+    """Whether the schema is the very one that this code was written for."""
+    return schema_state(database) is SchemaState.CURRENT
+
+
+def current_revision(database: Database) -> str | None:
+    """The schema's revision; None where there is none yet."""
     with database.read_engine.connect() as connection:
-        return _revision_of(connection) == head
+        return _revision_of(connection)
 
 
-def _migrate(database: Database, run: Callable[[Config, str], None], revision: str) -> None:
-    with database.write_engine.connect() as connection:
-        if database.is_sqlite:
-            # It alters a table by making it anew, and dropping the old one would count as deleting its rows. Only
-            # outside a transaction can this be set.
-            _set_foreign_keys(connection, "OFF")
-        else:
-            connection.execute(sa.text("SELECT pg_advisory_lock(:n)"), {"n": ADVISORY_LOCK})
-            connection.commit()
+def head_revision() -> str:
+    """The revision that this code was written for."""
+    return revisions()[-1]
+
+
+@cache
+def revisions() -> tuple[str, ...]:
+    """All that this code knows, the first one first."""
+    scripts = ScriptDirectory(str(migrations_folder()))
+    return tuple(reversed([script.revision for script in scripts.walk_revisions()]))
+
+
+def _migrate(database: Database, run: Callable[[Config, str], None], revision: str, patience: Patience) -> None:
+    if revision not in {"head", "base", *revisions()}:
+        raise InvalidInputError(f"There is no revision {revision!r}. Those that there are: {', '.join(revisions())}.")
+    turn = _sqlite_turn if database.is_sqlite else _postgres_turn
+    deadline = time.monotonic() + patience.turn_seconds
+    for attempt in range(1, patience.tries + 1):
         try:
-            with connection.begin():  # on SQLite BEGIN IMMEDIATE is the lock
-                if not database.is_sqlite:
-                    connection.execute(sa.text(f"SET LOCAL lock_timeout = {LOCK_TIMEOUT_MS}"))
-                    connection.execute(sa.text("SET LOCAL statement_timeout = 0"))
+            with turn(database, patience, deadline) as connection:
                 before = _revision_of(connection)
+                if before is not None and before not in revisions():
+                    if revision == "head":  # a newer program was quicker
+                        return
+                    raise SchemaUnknownError(
+                        f"The schema ({before}) was made by a newer program than this one, which only that knows to "
+                        "change."
+                    )
                 run(_config(connection), revision)
                 if database.is_sqlite and _revision_of(connection) != before:
                     _require_whole_references(connection)
+        except sa.exc.OperationalError as error:
+            if getattr(error.orig, "sqlstate", None) not in (PG_LOCK_NOT_AVAILABLE, PG_DEADLOCK):
+                raise
+            log.warning("migration_waits_for_a_table", attempt=attempt, of=patience.tries)
+            if attempt == patience.tries:
+                raise MigrationBlockedError(
+                    f"A table that has to change was in use at each of {patience.tries} tries, so nothing was changed. "
+                    "Look in pg_stat_activity for transactions that stay open (a backup, an export, somebody's psql), "
+                    "then migrate again."
+                ) from error
+        else:
+            return
+        time.sleep(patience.pause_seconds)
+
+
+@contextmanager
+def _postgres_turn(database: Database, patience: Patience, deadline: float) -> Iterator[sa.Connection]:
+    """A connection in the one transaction that may migrate; committed at the end. The lock is the transaction's own."""
+    with database.write_engine.connect() as connection:
+        while True:
+            with connection.begin():
+                if connection.scalar(sa.text("SELECT pg_try_advisory_xact_lock(:n)"), {"n": ADVISORY_LOCK}):
+                    _limit(connection, patience)
+                    yield connection
+                    return
+            if time.monotonic() > deadline:
+                raise _busy("Another process migrates", patience)
+            time.sleep(LOOK_SECONDS)
+
+
+def _limit(connection: sa.Connection, patience: Patience) -> None:
+    limits = {
+        "lock_timeout": patience.lock_seconds,
+        "statement_timeout": patience.statement_seconds,
+        "idle_in_transaction_session_timeout": patience.idle_seconds,
+    }
+    if (connection.dialect.server_version_info or (0,))[0] * 10_000 >= PG_CHECKS_CLIENTS:
+        limits["client_connection_check_interval"] = patience.lock_seconds
+    for name, seconds in limits.items():
+        connection.execute(sa.text(f"SET LOCAL {name} = {int(seconds * 1000)}"))
+
+
+@contextmanager
+def _sqlite_turn(database: Database, patience: Patience, _deadline: float) -> Iterator[sa.Connection]:
+    """The same on SQLite, where BEGIN IMMEDIATE is the lock."""
+    with database.write_engine.connect() as connection:
+        # It alters a table by making it anew, and dropping the old one would count as deleting its rows. Only outside a
+        # transaction can this be set.
+        _set_pragma(connection, "foreign_keys = OFF")
+        _set_pragma(connection, f"busy_timeout = {int(patience.turn_seconds * 1000)}")
+        try:
+            try:
+                transaction = connection.begin()
+            except sa.exc.OperationalError as error:
+                if getattr(error.orig, "sqlite_errorcode", None) != sqlite3.SQLITE_BUSY:
+                    raise
+                raise _busy("Another process writes to the database", patience) from error
+            with transaction:
+                yield connection
         finally:
-            if database.is_sqlite:
-                _set_foreign_keys(connection, "ON")
-            else:
-                connection.execute(sa.text("SELECT pg_advisory_unlock(:n)"), {"n": ADVISORY_LOCK})
-                connection.commit()
+            _set_pragma(connection, f"busy_timeout = {int(BUSY_TIMEOUT_SECONDS * 1000)}")
+            _set_pragma(connection, "foreign_keys = ON")
+
+
+def _busy(what: str, patience: Patience) -> MigrationBusyError:
+    return MigrationBusyError(
+        f"{what}, for more than {patience.turn_seconds:.0f} s: wait for it to end, then do the same again."
+    )
 
 
 def _revision_of(connection: sa.Connection) -> str | None:
     return MigrationContext.configure(connection).get_current_revision()
 
 
-def _set_foreign_keys(connection: sa.Connection, state: str) -> None:
+def _set_pragma(connection: sa.Connection, setting: str) -> None:
     """On the driver's own connection: SQLAlchemy's would begin a transaction."""
     cursor = connection.connection.cursor()
-    cursor.execute(f"PRAGMA foreign_keys = {state}")
+    cursor.execute(f"PRAGMA {setting}")
     cursor.close()
 
 

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 
 import sqlalchemy as sa
 
-from app.db.migrate import is_current
+from app.db.migrate import SchemaState, schema_state
 from app.db.queries import meals
 from app.db.session import Database
 from app.jobs.leases import living_workers
@@ -34,7 +34,7 @@ def check_readiness(database: Database, blobs: BlobStore, settings: Settings) ->
     """Ask each part that an upload needs. Never raises for a part that is out of order."""
     workers, oldest = 0, None
     try:
-        if is_current(database):
+        if schema_state(database) is not SchemaState.OLDER:  # beside a newer one the code goes on (docs/upgrades.md)
             state = "ok"
             workers = len(living_workers(database))
             with database.read() as session:
