@@ -9,6 +9,7 @@ import time
 from collections.abc import Mapping, Sequence
 
 import structlog
+from pydantic import SecretStr
 
 from app.settings import Settings
 
@@ -25,8 +26,10 @@ WORKER_COMMAND = (sys.executable, "-m", "app.worker")
 def settings_environment(settings: Settings) -> dict[str, str]:
     """The variables from which another process reads the same settings."""
     values = settings.model_dump(mode="json", exclude_none=True)
-    if settings.secret_key is not None:
-        values["secret_key"] = settings.secret_key.get_secret_value()
+    for name in values:
+        value = getattr(settings, name)
+        if isinstance(value, SecretStr):
+            values[name] = value.get_secret_value()
     return {
         f"TADA_{name.upper()}": value if isinstance(value, str) else json.dumps(value) for name, value in values.items()
     }

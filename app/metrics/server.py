@@ -1,0 +1,87 @@
+"""A worker's metrics over HTTP, on a port of their own: /metrics for who may read it, /healthz for whoever asks.
+
+/healthz says only that the process lives: a worker whose database is away waits for it, and a restart would not help.
+"""
+
+import threading
+from collections.abc import Mapping
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import cast
+
+from prometheus_client import CollectorRegistry
+from prometheus_client.exposition import choose_encoder
+
+from app.metrics.reader import may_read
+
+REQUEST_SECONDS = 10.0  # a caller that says nothing for so long is left
+
+
+class MetricsServer:
+    """Serves a registry until it is stopped. port 0: any free one. token: None: to this machine only."""
+
+    def __init__(self, registry: CollectorRegistry, host: str, port: int, token: str | None) -> None:
+        self._server = _Server((host, port), _Handler)
+        self._server.registry = registry
+        self._server.token = token
+        self._thread = threading.Thread(target=self._server.serve_forever, name="metrics", daemon=True)
+
+    @property
+    def port(self) -> int:
+        """The port that it listens on."""
+        return self._server.server_port
+
+    def start(self) -> None:
+        """Begin; returns at once."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+    registry: CollectorRegistry
+    token: str | None
+
+
+class _Handler(BaseHTTPRequestHandler):
+    timeout = REQUEST_SECONDS
+    server_version = "tada"
+    sys_version = ""
+
+    def do_GET(self) -> None:  # the name that http.server asks for
+        path = self.path.partition("?")[0]
+        if path == "/healthz":
+            self._answer(HTTPStatus.OK, "application/json", b'{"status":"ok"}')
+        elif path != "/metrics":
+            self._answer(HTTPStatus.NOT_FOUND, "text/plain", b"There is /metrics and /healthz.\n")
+        else:
+            self._answer_metrics()
+
+    def _answer_metrics(self) -> None:
+        server = cast("_Server", self.server)
+        headers: Mapping[str, str] = {name.lower(): value for name, value in self.headers.items()}
+        match may_read(server.token, str(self.client_address[0]), headers):
+            case "may read":
+                encode, content_type = choose_encoder(headers.get("accept", ""))
+                self._answer(HTTPStatus.OK, content_type, encode(server.registry))
+            case "wrong token":
+                self._answer(HTTPStatus.UNAUTHORIZED, "text/plain", b"Send the bearer token.\n")
+            case "hidden":
+                self._answer(HTTPStatus.NOT_FOUND, "text/plain", b"Nothing here.\n")
+
+    def _answer(self, status: HTTPStatus, content_type: str, body: bytes) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", content_type)
+        self.send_header("Content-Length", str(len(body)))
+        if status is HTTPStatus.UNAUTHORIZED:
+            self.send_header("WWW-Authenticate", "Bearer")
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002  # http.server's own name
+        """Nothing: a line a scrape tells nobody anything."""
