@@ -16,6 +16,7 @@ from starlette.responses import JSONResponse, Response
 from app.api.route_name import route_name
 from app.db.session import is_disk_full
 from app.errors import InvalidInputError, StorageFullError, TadaError, UnavailableError
+from app.logs import tell
 
 log = structlog.get_logger()
 
@@ -84,6 +85,7 @@ def install_problem_handlers(app: FastAPI) -> None:
 
 def render_problem(error: TadaError) -> JSONResponse:
     """A TadaError as a response, with Retry-After where it makes sense."""
+    tell(code=error.code)  # the request's line in the log, and its figures, tell it too
     body = {
         "type": "about:blank",
         "title": _title(error.status),
@@ -120,6 +122,7 @@ async def _on_invalid_request(_: Request, error: Exception) -> Response:
         {"at": ".".join(str(part) for part in item["loc"]), "message": item["msg"], "type": item["type"]}
         for item in error.errors()
     ]
+    tell(code="invalid_input")
     first = f"{problems[0]['at']}: {problems[0]['message']}" if problems else "invalid"
     body = {
         "type": "about:blank",
@@ -136,12 +139,14 @@ async def _on_invalid_request(_: Request, error: Exception) -> Response:
 async def _on_http_exception(_: Request, error: Exception) -> Response:
     if not isinstance(error, HTTPException):
         raise error
+    code = CODES_BY_STATUS.get(error.status_code, "http_error")
+    tell(code=code)
     body = {
         "type": "about:blank",
         "title": _title(error.status_code),
         "status": error.status_code,
         "detail": str(error.detail),
-        "code": CODES_BY_STATUS.get(error.status_code, "http_error"),
+        "code": code,
         "retryable": False,
     }
     return JSONResponse(body, status_code=error.status_code, headers=error.headers, media_type=PROBLEM_JSON)
