@@ -34,9 +34,9 @@ def database_as_it_is() -> Iterator["Database"]:
     """The configured database, not migrated, for one command. Raises the same."""
     from sqlalchemy.exc import OperationalError
 
-    from app.db.session import Database, is_disk_full
+    from app.db.session import is_disk_full, open_database
 
-    database = Database(Settings().resolved_database_url)
+    database = open_database(Settings())
     try:
         yield database
     except OperationalError as error:

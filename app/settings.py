@@ -1,14 +1,18 @@
 """Settings: typed, frozen, from TADA_* variables; read once by a composition root, never at import time.
 
-The one secret among them, TADA_SECRET_KEY, has no default; tokens and codes are drawn per user and stored as hashes.
+The secrets among them have no defaults; tokens and codes are drawn per user and stored as hashes. A setting may also
+stand in a file of the folder that TADA_SECRETS_DIR names, called as its variable (in small letters too): so secrets of
+Docker, Kubernetes and systemd need not go through the environment. A variable goes before a file.
 """
 
+import os
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
+from urllib.parse import quote, urlsplit
 
 from pydantic import Field, SecretStr
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SecretsSettingsSource, SettingsConfigDict
 
 MEBIBYTE = 1024 * 1024
 
@@ -20,6 +24,20 @@ class Settings(BaseSettings):
 
     data_dir: Path = Field(default=Path("data"), description="Where the embedded database and blob store live.")
     database_url: str | None = Field(default=None, description="SQLAlchemy URL; default: SQLite in data_dir.")
+    database_password: SecretStr | None = Field(
+        default=None, description="Of the user that the URL of the database names; default: what stands in the URL."
+    )
+    database_pool_size: int = Field(default=10, ge=1, description="Connections to the database that a process keeps.")
+    database_pool_overflow: int = Field(default=10, ge=0, description="Connections more than that, for a while.")
+    database_pool_wait_seconds: float = Field(
+        default=10.0, gt=0, description="Wait for a free connection; then 503, come back."
+    )
+    database_statement_seconds: float = Field(
+        default=30.0, gt=0, description="PostgreSQL: one statement, at most; migrations have their own limit."
+    )
+    database_connection_life_seconds: float = Field(
+        default=1800.0, gt=0, description="PostgreSQL: after it a connection is made anew."
+    )
     blob_url: str | None = Field(default=None, description="file:///path; default: a folder in data_dir.")
     erasure_url: str | None = Field(
         default=None,
@@ -92,10 +110,35 @@ class Settings(BaseSettings):
     log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = Field(default="INFO", description="Least level told.")
     log_format: Literal["json", "console"] = Field(default="json", description="json, or console for a person.")
 
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Arguments, then variables, then files of TADA_SECRETS_DIR. Raises NotADirectoryError for one that is none."""
+        del dotenv_settings, file_secret_settings
+        folder = os.environ.get("TADA_SECRETS_DIR")
+        if not folder:
+            return init_settings, env_settings
+        if not Path(folder).is_dir():
+            raise NotADirectoryError(f"TADA_SECRETS_DIR: {folder} is no folder.")
+        return init_settings, env_settings, SecretsSettingsSource(settings_cls, secrets_dir=folder)
+
     @cached_property
     def resolved_database_url(self) -> str:
-        """The database that is used: the given one, or SQLite in the data folder."""
-        return self.database_url or f"sqlite:///{self.data_dir.absolute() / 'tada.sqlite3'}"
+        """The database that is used: the given one, with its password, or SQLite in the data folder."""
+        if self.database_url is None:
+            return f"sqlite:///{self.data_dir.absolute() / 'tada.sqlite3'}"
+        parts = urlsplit(self.database_url)
+        if self.database_password is None or parts.username is None or parts.password is not None:
+            return self.database_url
+        user, _, host = parts.netloc.rpartition("@")
+        password = quote(self.database_password.get_secret_value(), safe="")
+        return parts._replace(netloc=f"{user}:{password}@{host}").geturl()
 
     @cached_property
     def resolved_blob_url(self) -> str:

@@ -2,7 +2,7 @@
 
 import argparse
 
-from app.db.session import Database
+from app.db.session import Database, open_database
 from app.jobs.child_pool import ChildPool
 from app.jobs.chores import Chore
 from app.jobs.process_life import die_with_parent
@@ -21,7 +21,7 @@ TASKS = "app.services.child_tasks:TASKS"
 def run_worker(settings: Settings) -> int:
     """Work until SIGTERM or SIGINT. Returns the exit status."""
     configure_logging(settings)
-    database = Database(settings.resolved_database_url)
+    database = open_database(settings)
     prepare(database, settings)
     database.dispose()
     blobs = open_blob_store(settings.resolved_blob_url)

@@ -83,8 +83,8 @@ def migrations_folder() -> Path:
 def upgrade(database: Database, revision: str = "head", patience: Patience | None = None) -> None:
     """Migrate up to `revision`. Does nothing if a newer program has migrated further than this one knows.
 
-    Raises MigrationBusyError or MigrationBlockedError when patience ends, InvalidInputError for a revision that there is
-    not, SchemaUnknownError when `revision` is told and the schema is a newer program's. Nothing is changed then.
+    Raises MigrationBusyError or MigrationBlockedError when patience ends, InvalidInputError for no such revision,
+    SchemaUnknownError when `revision` is told and the schema is a newer program's. Nothing is changed then.
     """
     if revision == "head":
         state = schema_state(database)
@@ -186,7 +186,7 @@ def _limit(connection: sa.Connection, patience: Patience) -> None:
         "statement_timeout": patience.statement_seconds,
         "idle_in_transaction_session_timeout": patience.idle_seconds,
     }
-    if (connection.dialect.server_version_info or (0,))[0] * 10_000 >= PG_CHECKS_CLIENTS:
+    if int(connection.scalar(sa.text("SHOW server_version_num"))) >= PG_CHECKS_CLIENTS:
         limits["client_connection_check_interval"] = patience.lock_seconds
     for name, seconds in limits.items():
         connection.execute(sa.text(f"SET LOCAL {name} = {int(seconds * 1000)}"))

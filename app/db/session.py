@@ -9,38 +9,78 @@ of their statements: they end up in logs, and the values are about people.
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import psycopg
 import sqlalchemy as sa
 from sqlalchemy import event
 from sqlalchemy.orm import Session
 
+from app.settings import Settings
+
 BUSY_TIMEOUT_SECONDS = 30.0  # a writer waits this long for another writer on SQLite
-POOL_SIZE = 10  # connections a process, per engine
-STATEMENT_TIMEOUT_MS = 30_000  # PostgreSQL: no request may hold a connection longer
+CONNECT_SECONDS = 10  # PostgreSQL: to a host that does not answer
+# PostgreSQL: a host that vanished (no FIN, no RST) is noticed within a minute, also in the middle of a statement
+TCP_LIVENESS = {"keepalives_idle": 30, "keepalives_interval": 10, "keepalives_count": 3, "tcp_user_timeout": 60_000}
 PG_DATA_EXCEPTION = "22"  # class of SQLSTATEs: a value that cannot be
 PG_DEADLOCK = "40P01"
 PG_DISK_FULL = "53100"  # SQLSTATE disk_full
 
 
+@dataclass(frozen=True, slots=True)
+class PoolLimits:
+    """What one process takes of a database server at most: `size` connections are kept, `overflow` more for a while."""
+
+    size: int = 10
+    overflow: int = 10
+    wait_seconds: float = 10.0  # for a free connection; then the request is told to come back (503)
+    statement_seconds: float = 30.0  # PostgreSQL: no request may hold a connection longer
+    life_seconds: float = 1800.0  # PostgreSQL: then a connection is made anew, so that a failover or a balancer is met
+
+    @classmethod
+    def of(cls, settings: Settings) -> Self:
+        """As TADA_DATABASE_* say."""
+        return cls(
+            size=settings.database_pool_size,
+            overflow=settings.database_pool_overflow,
+            wait_seconds=settings.database_pool_wait_seconds,
+            statement_seconds=settings.database_statement_seconds,
+            life_seconds=settings.database_connection_life_seconds,
+        )
+
+
+def open_database(settings: Settings) -> "Database":
+    """The database that the settings name, within the limits that they set."""
+    return Database(settings.resolved_database_url, PoolLimits.of(settings))
+
+
 class Database:
     """The engines of one process. Make one in a composition root, pass it on, dispose of it at the end."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, limits: PoolLimits | None = None) -> None:
+        limits = limits or PoolLimits()
+        self.limits = limits
         self.url = normalise_url(url)
         self.is_sqlite = self.url.startswith("sqlite")
         if self.is_sqlite:
-            self.write_engine = _sqlite_engine(self.url, begin="BEGIN IMMEDIATE", query_only=False)
-            self.read_engine = _sqlite_engine(self.url, begin="BEGIN DEFERRED", query_only=True)
+            self.write_engine = _sqlite_engine(self.url, limits, begin="BEGIN IMMEDIATE", query_only=False)
+            self.read_engine = _sqlite_engine(self.url, limits, begin="BEGIN DEFERRED", query_only=True)
         else:
             self.write_engine = sa.create_engine(
                 self.url,
-                pool_size=POOL_SIZE,
+                pool_size=limits.size,
+                max_overflow=limits.overflow,
+                pool_timeout=limits.wait_seconds,
+                pool_recycle=limits.life_seconds,
                 pool_pre_ping=True,
                 hide_parameters=True,
-                connect_args={"options": f"-c statement_timeout={STATEMENT_TIMEOUT_MS} -c timezone=UTC"},
+                connect_args={
+                    "options": f"-c statement_timeout={int(limits.statement_seconds * 1000)} -c timezone=UTC",
+                    "connect_timeout": CONNECT_SECONDS,
+                    **TCP_LIVENESS,
+                },
             )
             event.listen(self.write_engine, "handle_error", _without_values)
             self.read_engine = self.write_engine.execution_options(
@@ -102,12 +142,17 @@ def sqlite_connection_pragmas(connection: sqlite3.Connection) -> None:
     connection.execute("PRAGMA secure_delete = ON")  # erased is erased, in the file too
 
 
-def _sqlite_engine(url: str, *, begin: str, query_only: bool) -> sa.Engine:
+def _sqlite_engine(url: str, limits: PoolLimits, *, begin: str, query_only: bool) -> sa.Engine:
     path = sa.make_url(url).database
     if path:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
     engine = sa.create_engine(
-        url, pool_size=POOL_SIZE, hide_parameters=True, connect_args={"timeout": BUSY_TIMEOUT_SECONDS}
+        url,
+        pool_size=limits.size,
+        max_overflow=limits.overflow,
+        pool_timeout=limits.wait_seconds,
+        hide_parameters=True,
+        connect_args={"timeout": BUSY_TIMEOUT_SECONDS},
     )
 
     @event.listens_for(engine, "connect")

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 
 import structlog
 
-from app.db.session import Database
+from app.db.session import Database, open_database
 from app.jobs.child_pool import ChildPool, ChildPoolClosedError, ChildStartError
 from app.jobs.chores import Chore, ChoreThread
 from app.jobs.engine import prepare_job_tables
@@ -45,7 +45,7 @@ def run_jobs(
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
-    database = Database(settings.resolved_database_url)
+    database = open_database(settings)
     prepare_job_tables(database)
     pool = ChildPool(settings, tasks)
     worker = JobWorker(database, make_use_cases(database, pool), concurrency=settings.worker_concurrency, times=times)
