@@ -92,6 +92,28 @@ class PreconditionFailedError(TadaError):
     status = 412
 
 
+class RequestTimeoutError(TadaError):
+    """The caller was too slow in sending the request; nothing of it was kept."""
+
+    code = "request_timeout"
+    status = 408
+    retryable = True
+
+
+class TargetTooLongError(TadaError):
+    """The request's address is longer than any of ours."""
+
+    code = "target_too_long"
+    status = 414
+
+
+class HeadersTooLargeError(TadaError):
+    """The request has too many headers, or too large ones."""
+
+    code = "headers_too_large"
+    status = 431
+
+
 class PreconditionRequiredError(TadaError):
     """A change that must say what it is a change of, in `If-Match`."""
 

@@ -46,7 +46,8 @@ from app.api import (
 )
 from app.api.access import RULES, authorise
 from app.api.body_limit import BodyLimit
-from app.api.problems import Problem, install_problem_handlers
+from app.api.call_limits import UNCOUNTED_PATHS, AddressLimit, CallLimits
+from app.api.problems import Problem, install_problem_handlers, problem_responses
 from app.api.rate_limit import RateLimit
 from app.api.request_log import RequestLog
 from app.api.schemas.after import AfterMetadataIn
@@ -55,7 +56,7 @@ from app.api.schemas.checks import CheckMetadataIn
 from app.api.schemas.meals import MealMetadataIn, NewMealMetadataIn
 from app.api.state import ApiState
 from app.api.waiting import MealWaiter
-from app.db.session import Database
+from app.db.session import open_database
 from app.jobs.engine import JobQueue
 from app.services.after_meal import SubmitAfterPair
 from app.services.api_children import ApiChildren
@@ -87,7 +88,7 @@ OUT_OF_ROUTES = (Problem, MealMetadataIn, NewMealMetadataIn, AfterMetadataIn, Ch
 async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
     """What the endpoints of one process share: opened at its start, closed at its end."""
     box = open_secret_box(settings)
-    database = Database(settings.resolved_database_url)
+    database = open_database(settings)
     blobs = open_blob_store(settings.resolved_blob_url)
     try:
         await anyio.to_thread.run_sync(prepare, database, settings)
@@ -110,6 +111,7 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
             declare_meal=DeclareMeal(database, box),
             waiter=waiter,
             upload_limiter=anyio.CapacityLimiter(settings.max_uploads),
+            call_limits=CallLimits(settings),
             enrolment_limit=RateLimit(settings.enrolment_attempts_per_minute),
             secrets=box,
             children=children,
@@ -148,6 +150,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.settings = settings
     install_problem_handlers(app)
     app.add_middleware(BodyLimit)
+    app.add_middleware(AddressLimit)  # before a body is read
     app.add_middleware(RequestLog)
     for resource in (
         meals,
@@ -200,8 +203,13 @@ def _openapi(app: FastAPI) -> dict[str, Any]:
             routes=app.routes,
         )
         for (method, path), rule in RULES.items():
-            if rule.is_open and method.lower() in schema["paths"].get(path, {}):
-                schema["paths"][path][method.lower()].pop("security", None)
+            operation = schema["paths"].get(path, {}).get(method.lower())
+            if operation is None:
+                continue
+            if rule.is_open:
+                operation.pop("security", None)
+            if path not in UNCOUNTED_PATHS:
+                operation["responses"].setdefault("429", problem_responses(429)[429])
         schemas = schema["components"]["schemas"]
         for model in OUT_OF_ROUTES:
             found = model.model_json_schema(ref_template="#/components/schemas/{model}")

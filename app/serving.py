@@ -6,14 +6,17 @@ proxies that TADA_TRUSTED_PROXIES names, and from nobody by default.
 
 import gc
 import ipaddress
+import resource
 import socket
 import sys
+from functools import partial
 from urllib.parse import urlsplit
 
 import structlog
 import uvicorn
 from fastapi import FastAPI
 
+from app.api.http_protocol import ConnectionWatch, WatchedProtocol, connection_limits
 from app.api.state import ApiState
 from app.errors import InvalidInputError
 from app.jobs.supervisor import WorkerProcess
@@ -24,7 +27,7 @@ from app.settings import Settings
 log = structlog.get_logger()
 
 KEEP_ALIVE_SECONDS = 30
-HEADER_BYTES = 32 * 1024
+FILES_A_CONNECTION = 4  # its socket, two files in the making, one to spare
 
 
 def serve(settings: Settings, *, with_worker: bool) -> int:
@@ -34,6 +37,7 @@ def serve(settings: Settings, *, with_worker: bool) -> int:
     embedded_worker = WorkerProcess(settings) if with_worker and settings.is_embedded else None
     app = create_app(settings)
     server = _Server(server_config(settings, app), app)
+    allow_files(settings.max_connections * FILES_A_CONNECTION)
     if embedded_worker is not None:
         embedded_worker.start()
     try:
@@ -47,6 +51,7 @@ def serve(settings: Settings, *, with_worker: bool) -> int:
 def server_config(settings: Settings, app: FastAPI) -> uvicorn.Config:
     """How uvicorn runs the app. Raises InvalidInputError for proxies that are none."""
     proxies = trusted_proxies(settings.trusted_proxies)
+    watch = ConnectionWatch(connection_limits(settings, proxies))
     return uvicorn.Config(
         app,
         host=settings.host,
@@ -58,8 +63,17 @@ def server_config(settings: Settings, app: FastAPI) -> uvicorn.Config:
         forwarded_allow_ips=proxies,
         timeout_keep_alive=KEEP_ALIVE_SECONDS,
         timeout_graceful_shutdown=10,
-        h11_max_incomplete_event_size=HEADER_BYTES,
+        http=partial(WatchedProtocol, watch),  # type: ignore[arg-type]  # it is only ever called
+        ws="none",
     )
+
+
+def allow_files(wanted: int) -> None:
+    """Raise this process's limit of open files to what its connections need, as far as the system lets it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
 
 
 def trusted_proxies(value: str | None) -> list[str]:

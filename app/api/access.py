@@ -16,6 +16,7 @@ from fastapi import Depends, Request, Security
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from starlette.datastructures import Headers
 
+from app.api.call_limits import count_caller
 from app.api.state import ApiState
 from app.db.queries import people
 from app.errors import NotAllowedError, NotFoundError, UnauthenticatedError
@@ -174,7 +175,8 @@ def authorise(
 ) -> Caller | None:
     """The caller, if the route's rule lets them in; None where it is open.
 
-    Raises UnauthenticatedError, GoneError (left the study), NotAllowedError, NotFoundError (a study not theirs).
+    Raises UnauthenticatedError, GoneError (left the study), RateLimitedError, NotAllowedError, NotFoundError (a study
+    not theirs).
     """
     rule = RULES.get((request.method, request.scope["route"].path))
     if rule is None:
@@ -184,6 +186,7 @@ def authorise(
     if credentials is None:
         raise UnauthenticatedError("Send the header `Authorization: Bearer TOKEN`.")
     caller = authenticate(state.database, state.secrets, credentials.credentials)
+    count_caller(request, state.call_limits, caller)
     _note_use(state, caller, request.headers)
     if isinstance(caller, DeviceCaller):
         if not rule.device:

@@ -1,6 +1,7 @@
-"""No request has a body larger than its route needs, and none has a NUL in its address.
+"""No request has a body larger than its route needs, none is packed, and none has a NUL in its address.
 
 Uploads have their own limits (upload.py), all other routes this one. PostgreSQL can neither store nor compare a NUL.
+A packed body (Content-Encoding) is refused: a kilobyte may unpack to a gigabyte, and photographs hardly shrink.
 """
 
 import re
@@ -8,7 +9,7 @@ import re
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.problems import render_problem
-from app.errors import InvalidInputError, TooLargeError
+from app.errors import InvalidInputError, TadaError, TooLargeError, UnsupportedMediaError
 
 # they count for themselves, part by part
 UPLOADS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+)?)?|checks|calibrations)$")
@@ -27,13 +28,20 @@ class BodyLimit:
             await self._app(scope, receive, send)
             return
         if "\0" in scope["path"] or b"%00" in scope["query_string"] or b"\0" in scope["query_string"]:
-            error = InvalidInputError("The address contains the character NUL, which no name of ours does.")
+            error: TadaError = InvalidInputError("The address contains the character NUL, which no name of ours does.")
             await render_problem(error)(scope, receive, send)
+            return
+        headers = dict(scope["headers"])
+        if headers.get(b"content-encoding", b"identity").strip().lower() not in (b"identity", b""):
+            error = UnsupportedMediaError("Send the body unpacked, without Content-Encoding.", code="body_packed")
+            answer = render_problem(error)
+            answer.headers["Accept-Encoding"] = "identity"  # RFC 9110, section 15.5.16
+            await answer(scope, receive, send)
             return
         if UPLOADS.match(scope["path"]):
             await self._app(scope, receive, send)
             return
-        declared = dict(scope["headers"]).get(b"content-length", b"0")
+        declared = headers.get(b"content-length", b"0")
         if declared.isdigit() and int(declared) > LIMIT_BYTES:
             await render_problem(_too_large())(scope, receive, send)
             return

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import anyio
 
+from app.api.call_limits import CallLimits
 from app.api.rate_limit import RateLimit
 from app.api.waiting import MealWaiter
 from app.db.session import Database
@@ -34,6 +35,7 @@ class ApiState:
     declare_meal: DeclareMeal
     waiter: MealWaiter
     upload_limiter: anyio.CapacityLimiter
+    call_limits: CallLimits
     enrolment_limit: RateLimit
     secrets: SecretBox
     children: ApiChildren

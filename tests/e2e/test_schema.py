@@ -18,7 +18,19 @@ EXAMPLES = int(os.environ.get("TADA_TEST_EXAMPLES", "8"))  # of an operation, si
 @pytest.fixture(scope="module")
 def live_app(tmp_path_factory):
     folder = tmp_path_factory.mktemp("schema")
-    app = create_app(Settings(data_dir=folder, min_free_bytes=0, enrolment_attempts_per_minute=100_000))
+    app = create_app(
+        Settings(
+            data_dir=folder,
+            min_free_bytes=0,
+            enrolment_attempts_per_minute=100_000,
+            device_uploads_per_minute=0,
+            device_calls_per_minute=0,
+            staff_calls_per_minute=0,
+            exports_per_minute=0,
+            address_uploads_per_minute=0,
+            address_calls_per_minute=0,
+        )
+    )
     with TestClient(app, raise_server_exceptions=False) as client:
         admin = {"Authorization": f"Bearer {create_admin(app.state.api.database, 'admin')}"}
         client.post("/v1/studies", headers=admin, json={"code": "s", "name": "s", "marker": "plain:9x7:11"})
