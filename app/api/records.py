@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse, Response
+from pydantic import StringConstraints
 
 from app.api.csv_stream import csv_response
 from app.api.deps import CurrentCaller, State
@@ -12,13 +13,16 @@ from app.api.paging import Cursor, next_page
 from app.api.problems import problem_responses
 from app.api.render import render_record
 from app.api.schemas.records import RecordOut, RecordPage
-from app.db.queries.records import RecordFilter, RecordRow
+from app.db.queries.record_pages import RecordFilter
+from app.db.queries.records import RecordRow
 from app.errors import InvalidInputError
 from app.services.list_records import list_records, stream_records
 
 router = APIRouter(prefix="/v1/records", tags=["records"])
 
 RecordStatus = Literal["proposed", "needs_review", "confirmed", "corrected", "rejected"]
+FoodKey = Annotated[str, StringConstraints(max_length=100)]
+MOST_FOODS = 10  # in one filter: each is found in an index by itself
 CSV_COLUMNS = tuple(
     part for name in RecordOut.model_fields for part in (("food_key", "food_name") if name == "food" else (name,))
 )
@@ -40,8 +44,10 @@ def get_records(
     participant: Annotated[str | None, Query(max_length=64)] = None,
     first_day: Annotated[date | None, Query(alias="from", description="First local day, included.")] = None,
     last_day: Annotated[date | None, Query(alias="to", description="Last local day, included.")] = None,
-    food: Annotated[str | None, Query(max_length=100, description="A food's key.")] = None,
-    status: Annotated[RecordStatus | None, Query()] = None,
+    food: Annotated[
+        list[FoodKey] | None, Query(max_length=MOST_FOODS, description="A food's key; any of several.")
+    ] = None,
+    status: Annotated[list[RecordStatus] | None, Query(max_length=5, description="Any of several.")] = None,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
     cursor: Cursor = None,
     output: Annotated[
@@ -56,8 +62,8 @@ def get_records(
         participant_code=participant,
         first_day=first_day,
         last_day=last_day,
-        food_key=food,
-        status=status,
+        food_keys=tuple(food or ()),
+        statuses=tuple(status or ()),
     )
     wants_csv = output == "csv" or (output is None and request.headers.get("accept", "").startswith("text/csv"))
     if wants_csv:

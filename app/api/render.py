@@ -20,7 +20,7 @@ from app.api.schemas.meals import (
 from app.api.schemas.records import RecordOut
 from app.db.models import Component, EffectiveRecord, Food, RunArtefact
 from app.db.models.meal import AFTER_SLOTS, SLOTS
-from app.db.queries.records import RecordRow
+from app.db.queries.records import FoodName, RecordRow
 from app.nutrition.doubt import Estimate
 from app.services.read_after import LeftoverView
 from app.services.read_meal import ItemView, MealView
@@ -115,7 +115,7 @@ def render_record(row: RecordRow) -> RecordOut:
     )
 
 
-def food_ref(food: Food | None) -> FoodRef | None:
+def food_ref(food: Food | FoodName | None) -> FoodRef | None:
     """A food by key and name."""
     return FoodRef(key=food.key, name=food.name) if food is not None else None
 

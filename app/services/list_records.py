@@ -5,7 +5,8 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 
 from app.db.queries import records
-from app.db.queries.records import RecordFilter, RecordRow
+from app.db.queries.record_pages import RecordFilter
+from app.db.queries.records import RecordRow
 from app.db.session import Database
 from app.services.access import visible_studies
 from app.services.caller import Caller, DeviceCaller

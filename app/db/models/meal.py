@@ -61,6 +61,7 @@ class Meal(Base):
         one_of("after_status", AFTER_STATUSES),
         sa.Index(None, "study_id", "captured_at", "id"),
         sa.Index(None, "participant_id", "local_date"),
+        sa.Index(None, "study_id", "local_date", "participant_id"),
         sa.Index(None, "status", "submitted_at"),
     )
 

@@ -267,6 +267,8 @@ class EffectiveRecord(Base):
         one_of("origin", ITEM_ORIGINS),
         sa.Index(None, "captured_at", "item_id"),
         sa.Index(None, "study_id", "captured_at", "item_id"),
+        sa.Index(None, "study_id", "status", "captured_at", "item_id"),
+        sa.Index(None, "food_id", "study_id", "status", "captured_at", "item_id"),
         sa.Index(None, "participant_id", "captured_at", "item_id"),
         sa.Index(None, "study_id", "change_seq"),
         sa.Index(None, "study_id", "reviewed", "doubt", "item_id"),

@@ -4,7 +4,7 @@ import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date, datetime
-from typing import Any
+from typing import Any, NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -21,20 +21,14 @@ from app.db.models import (
     Study,
 )
 from app.db.queries import diary
+from app.db.queries.record_pages import Key, RecordFilter, search_of
 
 
-@dataclass(frozen=True, slots=True)
-class RecordFilter:
-    """Which records: None leaves a filter out. first_day and last_day are local days, both included."""
+class FoodName(NamedTuple):
+    """A food by its key, and by its name in the version that a record holds."""
 
-    study_code: str | None = None
-    participant_code: str | None = None
-    participant_id: uuid.UUID | None = None
-    study_ids: frozenset[uuid.UUID] | None = None
-    first_day: date | None = None
-    last_day: date | None = None
-    food_key: str | None = None
-    status: str | None = None
+    key: str
+    name: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,51 +43,59 @@ class RecordRow:
     time_zone: str
     study_code: str
     participant_code: str
-    food: Food | None
     food_release: str | None
     received_at: datetime
     day_status: str
+    food: FoodName | None
     first_day: date | None
 
 
-def page_of_records(
-    session: Session, chosen: RecordFilter, *, after: tuple[datetime, uuid.UUID] | None, limit: int
-) -> list[RecordRow]:
+def page_of_records(session: Session, chosen: RecordFilter, *, after: Key | None, limit: int) -> list[RecordRow]:
     """At most `limit` records in the order of (captured_at, item id), those behind `after`."""
-    record = EffectiveRecord
-    query = _rows().order_by(record.captured_at, record.item_id).limit(limit)
-    conditions = {
-        Study.code: chosen.study_code,
-        Participant.code: chosen.participant_code,
-        record.participant_id: chosen.participant_id,
-        record.status: chosen.status,
-        Food.key: chosen.food_key,
-    }
-    for column, value in conditions.items():
-        if value is not None:
-            query = query.where(column == value)
-    if chosen.first_day is not None:
-        query = query.where(record.local_date >= chosen.first_day)
-    if chosen.last_day is not None:
-        query = query.where(record.local_date <= chosen.last_day)
-    if chosen.study_ids is not None:
-        query = query.where(record.study_id.in_(chosen.study_ids))
-    if after is not None:
-        query = query.where(sa.tuple_(record.captured_at, record.item_id) > sa.tuple_(*_bound(after)))
-    return _with_days(session, query)
+    search = search_of(session, chosen)
+    if search is None:
+        return []
+    page = search.keys(after, limit)
+    query = _rows(page.join(EffectiveRecord, EffectiveRecord.item_id == page.c.item_id))
+    return _with_days(session, query.order_by(page.c.captured_at, page.c.item_id))
 
 
 def rows_of_records(
     session: Session, where: Sequence[sa.ColumnElement[bool]], order: Sequence[Any], limit: int
 ) -> list[RecordRow]:
     """At most `limit` records that fulfil the conditions, in this order."""
-    return _with_days(session, _rows().where(*where).order_by(*order).limit(limit))
+    return _with_days(session, _rows(EffectiveRecord).where(*where).order_by(*order).limit(limit))
 
 
 def _with_days(session: Session, query: sa.Select[*tuple[Any, ...]]) -> list[RecordRow]:
-    rows: list[tuple[Any, ...]] = [tuple(row) for row in session.execute(query)]
+    rows = session.execute(query).all()
     first = diary.first_days(session, {row[0].participant_id for row in rows})
-    return [RecordRow(*(*row, first.get(row[0].participant_id))) for row in rows]
+    return [
+        RecordRow(
+            record=record,
+            meal_client_id=meal,
+            time_zone=time_zone,
+            study_code=study,
+            participant_code=participant,
+            food=FoodName(food_key, food_name) if food_key is not None else None,
+            food_release=food_release,
+            received_at=received_at,
+            day_status=day_status,
+            first_day=first.get(record.participant_id),
+        )
+        for (
+            record,
+            food_key,
+            food_name,
+            meal,
+            time_zone,
+            study,
+            participant,
+            food_release,
+            received_at,
+            day_status,
+        ) in rows
+    ]
 
 
 def last_run(session: Session, meal_id: uuid.UUID, purpose: str = "meal") -> Run | None:
@@ -120,20 +122,23 @@ def next_change_seq(session: Session, study_id: uuid.UUID) -> int:
     return session.execute(query).scalar_one()
 
 
-def _rows() -> sa.Select[*tuple[Any, ...]]:
+def _rows(source: Any) -> sa.Select[*tuple[Any, ...]]:
+    """Records with what goes with them, from a source that has EffectiveRecord in it."""
     record = EffectiveRecord
     return (
         sa.select(
             record,
+            Food.key,
+            Food.name,
             Meal.client_id,
             Meal.time_zone,
             Study.code,
             Participant.code,
-            Food,
             FoodRelease.name + " " + FoodRelease.version,
             Meal.received_at,
             sa.func.coalesce(DiaryDay.status, "open"),
         )
+        .select_from(source)
         .join(Meal, Meal.id == record.meal_id)
         .join(Study, Study.id == record.study_id)
         .join(Participant, Participant.id == record.participant_id)
@@ -143,13 +148,4 @@ def _rows() -> sa.Select[*tuple[Any, ...]]:
         )
         .outerjoin(Food, Food.id == record.food_id)
         .outerjoin(FoodRelease, FoodRelease.id == Food.release_id)
-    )
-
-
-def _bound(after: tuple[datetime, uuid.UUID]) -> tuple[sa.BindParameter[Any], sa.BindParameter[Any]]:
-    captured_at, item_id = after
-    record = EffectiveRecord
-    return (
-        sa.bindparam(None, captured_at, type_=record.captured_at.type),
-        sa.bindparam(None, item_id, type_=record.item_id.type),
     )

@@ -1,0 +1,186 @@
+"""Which records are on a page: their keys (captured_at, item id), found in indexes alone, whatever the filters.
+
+The filters are resolved to ids first (study, participant, food). Each combination of ids that an index begins with is a
+branch, in which the index holds the rows in the page's order already; the branches are merged and the merge stops with
+the page. So a page costs the same at the start, in the middle and at the end, and a filter that leaves nothing costs
+nothing. What the rows are joined with is read for the page alone. docs/queries.md tells which index serves what.
+"""
+
+import itertools
+import uuid
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, time, timedelta
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.db.models import EffectiveRecord, Food, Participant, Study
+from app.db.models.record import RECORD_STATUSES
+
+MOST_BRANCHES = 256  # of one statement; with more the records are read in their order, and those of no branch passed by
+EASTERNMOST = timedelta(hours=14)  # a local day begins so long before the same day of UTC
+# A local day ends so long after the same day of UTC has begun: the day itself, 12 h in the westernmost zone, 24 h where
+# the study's day starts late, and 24 h where a zone moved over the date line and has no such day (services/meal_time).
+LATEST_END = timedelta(days=3, hours=12)
+CALENDAR = (date(1900, 1, 1), date(9000, 1, 1))  # days beyond bound nothing: no record is there
+
+Key = tuple[datetime, uuid.UUID]
+Branch = tuple[sa.ColumnElement[bool], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RecordFilter:
+    """Which records: None, or an empty tuple, leaves a filter out. first_day and last_day: local days, both included.
+
+    food_keys, statuses: one of these.
+    """
+
+    study_code: str | None = None
+    participant_code: str | None = None
+    participant_id: uuid.UUID | None = None
+    study_ids: frozenset[uuid.UUID] | None = None
+    first_day: date | None = None
+    last_day: date | None = None
+    food_keys: tuple[str, ...] = ()
+    statuses: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RecordSearch:
+    """A filter whose names are ids: the branches to read, and what each row of them must fulfil besides."""
+
+    branches: Sequence[Branch]
+    conditions: Branch
+
+    def keys(self, after: Key | None, limit: int) -> sa.CTE:
+        """At most `limit` keys behind `after`, as a table of captured_at and item_id; its order is for the reader."""
+        record = EffectiveRecord
+        conditions = self.conditions
+        if after is not None:
+            conditions += (sa.tuple_(record.captured_at, record.item_id) > sa.tuple_(*_bound(after)),)
+        parts = [sa.select(record.captured_at, record.item_id).where(*branch, *conditions) for branch in self.branches]
+        every = sa.union_all(*parts).subquery("branch")
+        return (
+            sa.select(every.c.captured_at, every.c.item_id)
+            .order_by(every.c.captured_at, every.c.item_id)
+            .limit(limit)
+            .cte("page")
+        )
+
+
+def search_of(session: Session, chosen: RecordFilter) -> RecordSearch | None:
+    """The filter as it is searched for; None: it names what is not there, or what the caller may not see."""
+    record = EffectiveRecord
+    studies = studies_of(session, chosen.study_code, chosen.study_ids)
+    people = _participants(session, chosen, studies)
+    foods = _foods(session, chosen.food_keys)
+    statuses = sorted(set(chosen.statuses)) or None
+    if any(found is not None and not found for found in (studies, people, foods)):
+        return None
+    days = _within_days(chosen.first_day, chosen.last_day)
+    of_food, of_status = _one_of(record.food_id, foods), _one_of(record.status, statuses)
+    if people is not None:
+        branches, rest = _branches((record.participant_id, people)), (*of_food, *of_status, *days)
+    elif foods is not None:
+        searched = studies if studies is not None else all_studies(session)
+        branches = _branches(
+            (record.food_id, foods), (record.study_id, searched), (record.status, statuses or RECORD_STATUSES)
+        )
+        rest = days
+    elif statuses is not None:
+        searched = studies if studies is not None else all_studies(session)
+        branches, rest = _branches((record.study_id, searched), (record.status, statuses)), days
+    elif studies is not None:
+        branches, rest = _branches((record.study_id, studies)), days
+    else:
+        branches, rest = [()], days
+    if len(branches) > MOST_BRANCHES:
+        of_study, of_person = _one_of(record.study_id, studies), _one_of(record.participant_id, people)
+        return RecordSearch([()], (*of_study, *of_person, *of_food, *of_status, *days))
+    return RecordSearch(branches, rest) if branches else None
+
+
+def studies_of(
+    session: Session, study_code: str | None, study_ids: frozenset[uuid.UUID] | None
+) -> list[uuid.UUID] | None:
+    """The studies that a filter and the caller's own leave; None: all there are."""
+    if study_code is None:
+        return None if study_ids is None else sorted(study_ids)
+    found = session.scalars(sa.select(Study.id).where(Study.code == study_code))
+    return [study for study in found if study_ids is None or study in study_ids]
+
+
+def all_studies(session: Session) -> list[uuid.UUID]:
+    """The ids of all studies, or of one more than a statement may have branches."""
+    return list(session.scalars(sa.select(Study.id).order_by(Study.id).limit(MOST_BRANCHES + 1)))
+
+
+def participants_of(
+    session: Session, code: str | None, participant_id: uuid.UUID | None, studies: Sequence[uuid.UUID] | None
+) -> list[uuid.UUID] | None:
+    """The participants of this code or id in these studies (None: in all); None: neither is asked for."""
+    if code is None and participant_id is None:
+        return None
+    # through the studies, which are few: there is no index of codes alone
+    query = sa.select(Participant.id).join(Study, Study.id == Participant.study_id).order_by(Participant.id)
+    if code is not None:
+        query = query.where(Participant.code == code)
+    if participant_id is not None:
+        query = query.where(Participant.id == participant_id)
+    if studies is not None:
+        query = query.where(Study.id.in_(studies))
+    return list(session.scalars(query))
+
+
+def _participants(
+    session: Session, chosen: RecordFilter, studies: Sequence[uuid.UUID] | None
+) -> list[uuid.UUID] | None:
+    return participants_of(session, chosen.participant_code, chosen.participant_id, studies)
+
+
+def _foods(session: Session, keys: Sequence[str]) -> list[int] | None:
+    """The ids of all versions of these foods, in all releases; None: foods are not asked for."""
+    if not keys:
+        return None
+    return list(session.scalars(sa.select(Food.id).where(Food.key.in_(keys)).order_by(Food.id)))
+
+
+def _within_days(first_day: date | None, last_day: date | None) -> Branch:
+    """The local days exactly, and bounds of the instant around them, by which an index is entered and left."""
+    record = EffectiveRecord
+    earliest, latest = CALENDAR
+    conditions: list[sa.ColumnElement[bool]] = []
+    if first_day is not None:
+        conditions.append(record.local_date >= first_day)
+        if earliest < first_day < latest:
+            conditions.append(record.captured_at >= _midnight(first_day) - EASTERNMOST)
+    if last_day is not None:
+        conditions.append(record.local_date <= last_day)
+        if earliest < last_day < latest:
+            conditions.append(record.captured_at < _midnight(last_day) + LATEST_END)
+    return tuple(conditions)
+
+
+def _midnight(day: date) -> datetime:
+    return datetime.combine(day, time(), UTC)
+
+
+def _branches(*columns: tuple[Any, Sequence[Any]]) -> list[Branch]:
+    """A branch for each combination of the columns' values."""
+    each = [[column == value for value in values] for column, values in columns]
+    return list(itertools.product(*each))
+
+
+def _one_of(column: Any, values: Sequence[Any] | None) -> Branch:
+    return (column.in_(values),) if values is not None else ()
+
+
+def _bound(after: Key) -> tuple[sa.BindParameter[Any], sa.BindParameter[Any]]:
+    captured_at, item_id = after
+    record = EffectiveRecord
+    return (
+        sa.bindparam(None, captured_at, type_=record.captured_at.type),
+        sa.bindparam(None, item_id, type_=record.item_id.type),
+    )
