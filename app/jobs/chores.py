@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import structlog
 
+from app.metrics import instruments
+
 log = structlog.get_logger()
 
 LOOK_SECONDS = 0.5
@@ -52,3 +54,6 @@ class ChoreThread:
                     chore.run()
                 except Exception as error:  # the worker's edge: its next turn comes
                     log.warning("chore_failed", chore=chore.name, exc_info=error)
+                    instruments.CHORES_FAILED.labels(chore.name).inc()
+                else:
+                    instruments.CHORE_DONE.labels(chore.name).set_to_current_time()

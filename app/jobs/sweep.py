@@ -17,6 +17,7 @@ from app.db.queries.meals import WAITING, lock_meal
 from app.db.session import Database
 from app.jobs.engine import JobQueue
 from app.jobs.faults import INTERNAL_ERROR, JOB_GAVE_UP
+from app.metrics import instruments
 
 log = structlog.get_logger()
 
@@ -52,13 +53,15 @@ def _move_job(session: Session, queue: JobQueue, job_id: uuid.UUID, settle: Sett
         job.state = "queued"
         session.flush()
         queue.enqueue(session, job_id)
-        log.warning("job_queued_again", job_id=str(job_id), reason="it had no workflow")
+        instruments.SWEPT.labels("queued").inc()
+        log.warning("job_queued_again", job_id=str(job_id), meal_id=str(meal.id), reason="it had no workflow")
         return True
     failure = JOB_GAVE_UP if status in GIVEN_UP else INTERNAL_ERROR
     jobs.fail_job(job, meal, failure, datetime.now(UTC))
     if job.purpose != "meal":
         settle(session, meal)
-    log.error("job_failed", job_id=str(job_id), code=failure.code, workflow_status=status)
+    instruments.SWEPT.labels("failed").inc()
+    log.error("job_failed", job_id=str(job_id), meal_id=str(meal.id), code=failure.code, workflow_status=status)
     return True
 
 
@@ -71,6 +74,7 @@ def _move_meal(session: Session, queue: JobQueue, meal_id: uuid.UUID, purpose: s
         return False
     if not made:
         _queue_first_job(session, queue, meal, purpose)
+        instruments.SWEPT.labels("queued").inc()
         log.warning("meal_queued_again", meal_id=str(meal_id), purpose=purpose, reason="it had no job")
         return True
     if purpose == "meal":  # its job is finished and left it waiting: another would do the same
@@ -78,6 +82,7 @@ def _move_meal(session: Session, queue: JobQueue, meal_id: uuid.UUID, purpose: s
     else:
         jobs.fail_after_pair(meal, INTERNAL_ERROR)
         settle(session, meal)
+    instruments.SWEPT.labels("failed").inc()
     log.error("meal_failed", meal_id=str(meal_id), purpose=purpose, code=INTERNAL_ERROR.code)
     return True
 
