@@ -44,7 +44,7 @@ def index_rebuild(
         if check:
             found = check_index(database, study_code=study)
         else:
-            blobs = open_blob_store(settings.resolved_blob_url)
+            blobs = open_blob_store(settings.resolved_blob_url, settings)
             children = ChildPool(settings, TASKS, children=1)
             try:
                 found = rebuild_index(database, blobs, children, settings, study_code=study)

@@ -89,7 +89,7 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
     """What the endpoints of one process share: opened at its start, closed at its end."""
     box = open_secret_box(settings)
     database = open_database(settings)
-    blobs = open_blob_store(settings.resolved_blob_url)
+    blobs = open_blob_store(settings.resolved_blob_url, settings)
     try:
         await anyio.to_thread.run_sync(prepare, database, settings)
     except BaseException:
@@ -115,7 +115,7 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
             enrolment_limit=RateLimit(settings.enrolment_attempts_per_minute),
             secrets=box,
             children=children,
-            eraser=Eraser(database, box, ErasureLedger(open_blob_store(settings.resolved_erasure_url), box)),
+            eraser=Eraser(database, box, ErasureLedger(open_blob_store(settings.resolved_erasure_url, settings), box)),
             sign_in_by_address=RateLimit(settings.sign_in_attempts_per_minute),
             sign_in_by_name=RateLimit(settings.sign_in_attempts_per_minute),
             passwords=Passwords(),

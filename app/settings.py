@@ -38,11 +38,20 @@ class Settings(BaseSettings):
     database_connection_life_seconds: float = Field(
         default=1800.0, gt=0, description="PostgreSQL: after it a connection is made anew."
     )
-    blob_url: str | None = Field(default=None, description="file:///path; default: a folder in data_dir.")
+    blob_url: str | None = Field(
+        default=None, description="file:///path or s3://bucket/prefix; default: a folder in data_dir."
+    )
     erasure_url: str | None = Field(
         default=None,
-        description="file:///path of the ledger of erasures, kept out of backups; default: a folder in data_dir.",
+        description="The ledger of erasures, kept out of backups: file:///path or s3://bucket/prefix; default: a "
+        "folder in data_dir, or where blobs are in S3, .erasures beside them.",
     )
+    s3_endpoint: str | None = Field(default=None, description="http(s)://host:port of an S3 server that is not AWS.")
+    s3_region: str = Field(default="us-east-1", min_length=1, description="The bucket's region.")
+    s3_access_key_id: str | None = Field(
+        default=None, description="With the secret key; neither: what AWS gives the machine or container."
+    )
+    s3_secret_access_key: SecretStr | None = Field(default=None, description="Goes with the access key's id.")
     secret_key: SecretStr | None = Field(
         default=None,
         min_length=32,
@@ -71,7 +80,11 @@ class Settings(BaseSettings):
 
     estimate_seconds: float = Field(default=120.0, gt=0, description="Hard limit of one estimate; then it is killed.")
     estimate_memory_bytes: int = Field(default=3072 * MEBIBYTE, gt=0, description="Address space of its process.")
-    worker_concurrency: int = Field(default=1, ge=1, description="Estimates at the same time in one worker.")
+    worker_concurrency: int | None = Field(
+        default=None,
+        ge=1,
+        description="Estimates at the same time in one worker; default: as many as its cores and memory carry.",
+    )
 
     api_children: int = Field(default=1, ge=1, description="Processes of one server that decode photographs at once.")
     enrolment_attempts_per_minute: int = Field(default=20, ge=1, description="Tries a minute and address, enrolment.")
@@ -147,7 +160,12 @@ class Settings(BaseSettings):
 
     @cached_property
     def resolved_erasure_url(self) -> str:
-        """The ledger of erasures that is used: the given one, or a folder in the data folder."""
+        """The ledger of erasures that is used: the given one, or a folder in the data folder.
+
+        With blobs in S3 it stands beside them, where all machines see it and none takes it along when it goes.
+        """
+        if self.erasure_url is None and self.resolved_blob_url.startswith("s3://"):
+            return f"{self.resolved_blob_url.rstrip('/')}/.erasures"
         return self.erasure_url or f"file://{self.data_dir.absolute() / 'erasures'}"
 
     @property

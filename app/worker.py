@@ -24,7 +24,7 @@ def run_worker(settings: Settings) -> int:
     database = open_database(settings)
     prepare(database, settings)
     database.dispose()
-    blobs = open_blob_store(settings.resolved_blob_url)
+    blobs = open_blob_store(settings.resolved_blob_url, settings)
     box = open_secret_box(settings)
 
     def make_use_cases(database: Database, pool: ChildPool) -> EstimateMeal:

@@ -32,7 +32,7 @@ def worker_chores(
     """The chores of one worker. clock: another in tests."""
     clock = clock or ClockJumps()
     deleter = BlobDeleter(database, blobs)
-    ledger = ErasureLedger(open_blob_store(settings.resolved_erasure_url), box)
+    ledger = ErasureLedger(open_blob_store(settings.resolved_erasure_url, settings), box)
     eraser = Eraser(database, box, ledger)
 
     def finish_erasures() -> int:

@@ -31,7 +31,7 @@ class Finding:
 def examine(database: Database, settings: Settings, *, requeue: bool) -> list[Finding]:
     """Look at every part. Changes nothing unless `requeue`."""
     try:
-        blobs = open_blob_store(settings.resolved_blob_url)
+        blobs = open_blob_store(settings.resolved_blob_url, settings)
     except (TadaError, OSError) as error:
         return [Finding("blob store", is_ok=False, message=f"{settings.resolved_blob_url}: {error}")]
     return [

@@ -51,7 +51,7 @@ def check_readiness(database: Database, blobs: BlobStore, settings: Settings) ->
         checks["blob_store"] = f"cannot be written ({error.strerror})"
     else:
         checks["blob_store"] = "ok"
-        low = free is not None and free < settings.min_free_bytes
+        low = free < settings.min_free_bytes
         checks["disk"] = f"{free} bytes free, less than {settings.min_free_bytes}" if low else "ok"
     waited = (datetime.now(UTC) - oldest).total_seconds() if oldest is not None else None
     return Readiness(checks, workers, waited)

@@ -26,9 +26,9 @@ def prepare(database: Database, settings: Settings) -> None:
 
 def _erase_what_a_restore_brought_back(database: Database, settings: Settings) -> None:
     """Before anybody serves or works: what the ledger of erasures has must not be here."""
-    store = open_blob_store(settings.resolved_erasure_url)
+    store = open_blob_store(settings.resolved_erasure_url, settings)
     if next(store.keys(), None) is None:
         return
     box = open_secret_box(settings)
     eraser = Eraser(database, box, ErasureLedger(store, box))
-    reapply_erasures(eraser, open_blob_store(settings.resolved_blob_url))
+    reapply_erasures(eraser, open_blob_store(settings.resolved_blob_url, settings))

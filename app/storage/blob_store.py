@@ -27,6 +27,24 @@ class BlobMissingError(TadaError):
         self.add_note(f"blob key: {key}")  # in the log's traceback; the caller need not know our ids
 
 
+class BlobDamagedError(TadaError):
+    """The store gave other bytes than were put, or fewer: its disk or somebody's tool altered them."""
+
+    code = "blob_damaged"
+    status = 500
+
+    def __init__(self, key: str) -> None:
+        super().__init__("A file of this meal is damaged in the store. The people who run the server can see which.")
+        self.add_note(f"blob key: {key}")
+
+
+class StoreRefusesError(OSError):
+    """The store answers, and will not serve us as we are set: a wrong key, a bucket that is not there.
+
+    Its errno is one that passes (app/jobs/faults.py): meals wait until the setting is mended, and none fails by it.
+    """
+
+
 @dataclass(frozen=True, slots=True)
 class StoredBlob:
     """A blob as a listing tells it: its key, and when it was put there."""
@@ -36,14 +54,17 @@ class StoredBlob:
 
 
 class BlobStore(Protocol):
-    """What the services need of a store. All calls block; errors of the store are OSError."""
+    """What the services need of a store. All calls block, for a bounded time; errors of the store are OSError.
+
+    A store on another machine compares what it gives back with the SHA-256 of what was put: BlobDamagedError.
+    """
 
     def staging_folder(self) -> Path:
         """A local folder for files in the making, from which `put_file` is cheapest."""
         ...
 
     def put_file(self, key: str, source: Path) -> None:
-        """Move a finished local file under the key. When this returns, the blob is durable."""
+        """Move a finished local file under the key. When this returns, the blob is durable and the file gone."""
         ...
 
     def put_bytes(self, key: str, content: bytes) -> None:
@@ -61,7 +82,7 @@ class BlobStore(Protocol):
     def stream(self, key: str, chunk_bytes: int = 256 * 1024) -> Generator[bytes, None, None]:
         """A blob's bytes piece by piece; close it if you do not read it to the end.
 
-        Raises BlobMissingError before the first piece.
+        Raises BlobMissingError before the first piece, BlobDamagedError instead of the last one.
         """
         ...
 
@@ -84,8 +105,8 @@ class BlobStore(Protocol):
         """Remove what processes that died left in the staging folder."""
         ...
 
-    def free_bytes(self) -> int | None:
-        """Room left, or None where the store has no limit that it knows of."""
+    def free_bytes(self) -> int:
+        """Room left for uploads on this machine: where the blobs are, or for a store elsewhere the staging folder."""
         ...
 
     def check(self) -> None:

@@ -4,17 +4,16 @@ import contextlib
 import os
 import shutil
 import tempfile
-import time
 import uuid
 from collections.abc import Generator, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
 from app.storage.blob_store import BlobMissingError, StoredBlob, require_valid_key, require_valid_prefix
+from app.storage.staging import open_staging, remove_abandoned
 
 STAGING = ".incoming"  # no key starts with a full stop (KEY_PATTERN)
 MOVES = 5  # tries to move a file into a folder that a deletion beside us may take away as empty
-ABANDONED_SECONDS = 3600  # what nobody has touched for so long belonged to a process that died
 
 
 class LocalBlobStore:
@@ -22,9 +21,7 @@ class LocalBlobStore:
 
     def __init__(self, root: Path) -> None:
         self._root = root
-        self._staging = root / STAGING
-        self._staging.mkdir(parents=True, exist_ok=True)
-        self.remove_abandoned()
+        self._staging = open_staging(root / STAGING)
 
     def staging_folder(self) -> Path:
         """The folder of files in the making, on the store's own file system."""
@@ -154,11 +151,7 @@ class LocalBlobStore:
 
     def remove_abandoned(self) -> None:
         """Remove what nobody has touched for an hour."""
-        limit = time.time() - ABANDONED_SECONDS
-        for path in self._staging.iterdir():
-            with contextlib.suppress(FileNotFoundError):  # another process cleans up at the same time
-                if path.stat().st_mtime < limit:
-                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+        remove_abandoned(self._staging)
 
 
 def _sync_folder(folder: Path) -> None:

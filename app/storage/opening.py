@@ -1,16 +1,50 @@
-"""From a blob URL to a store: `open_blob_store("file:///var/lib/tada/blobs")`."""
+"""From a blob URL to a store: `file:///var/lib/tada/blobs`, or `s3://bucket/prefix` with the TADA_S3_ settings."""
 
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from app.errors import InvalidInputError
+from app.settings import Settings
 from app.storage.blob_store import BlobStore
 from app.storage.local import LocalBlobStore
+from app.storage.s3 import S3BlobStore, S3Place
+
+STAGING = "staging"  # a folder in data_dir, for what goes to a store elsewhere
 
 
-def open_blob_store(url: str) -> BlobStore:
-    """The store that a URL names. Raises InvalidInputError with what is allowed."""
+def open_blob_store(url: str, settings: Settings) -> BlobStore:
+    """The store that a URL names; asks no network. Raises InvalidInputError, `settings_invalid`."""
     parts = urlsplit(url)
-    if parts.scheme == "file" and parts.path:
+    if parts.scheme == "file" and parts.path and not parts.netloc:
         return LocalBlobStore(Path(unquote(parts.path)))
-    raise InvalidInputError(f"TADA_BLOB_URL is {url!r}; it must be file:///an/absolute/path.", code="settings_invalid")
+    if parts.scheme == "s3":
+        return S3BlobStore(s3_place(url, settings), settings.data_dir.absolute() / STAGING)
+    raise _invalid("TADA_BLOB_URL and TADA_ERASURE_URL are file:///an/absolute/path or s3://bucket/prefix.")
+
+
+def s3_place(url: str, settings: Settings) -> S3Place:
+    """What s3://bucket/prefix and the settings say. Raises InvalidInputError; never quotes the URL."""
+    parts = urlsplit(url)
+    if "@" in parts.netloc or ":" in parts.netloc or parts.query or parts.fragment or not parts.netloc:
+        raise _invalid(
+            "A store's URL is s3://bucket/prefix and no more: keys stand in TADA_S3_ACCESS_KEY_ID and so on."
+        )
+    if (settings.s3_access_key_id is None) != (settings.s3_secret_access_key is None):
+        raise _invalid("TADA_S3_ACCESS_KEY_ID and TADA_S3_SECRET_ACCESS_KEY go together: set both or none.")
+    endpoint = settings.s3_endpoint
+    if endpoint is not None:
+        said = urlsplit(endpoint)
+        if said.scheme not in ("http", "https") or not said.hostname or said.username or said.path.strip("/"):
+            raise _invalid("TADA_S3_ENDPOINT must be like https://s3.example.org:9000: http or https, a host, no path.")
+    return S3Place(
+        bucket=parts.netloc,
+        prefix=unquote(parts.path).strip("/"),
+        region=settings.s3_region,
+        endpoint=endpoint.rstrip("/") if endpoint is not None else None,
+        access_key_id=settings.s3_access_key_id,
+        secret_access_key=settings.s3_secret_access_key,
+    )
+
+
+def _invalid(message: str) -> InvalidInputError:
+    return InvalidInputError(message, code="settings_invalid")

@@ -4,9 +4,11 @@ import traceback
 
 import pytest
 
+from app.settings import Settings
 from app.storage.blob_store import BlobMissingError
-from app.storage.local import ABANDONED_SECONDS, LocalBlobStore
+from app.storage.local import LocalBlobStore
 from app.storage.opening import open_blob_store
+from app.storage.staging import ABANDONED_SECONDS
 
 KEY = "study/meal/left/0123"
 
@@ -88,9 +90,9 @@ def test_abandoned_staged_files_go_at_the_next_start_and_young_ones_stay(store):
 
 
 def test_url_opens_a_local_store_and_others_are_refused(tmp_path):
-    assert open_blob_store(f"file://{tmp_path}/a%20b").staging_folder() == tmp_path / "a b" / ".incoming"
+    assert open_blob_store(f"file://{tmp_path}/a%20b", Settings()).staging_folder() == tmp_path / "a b" / ".incoming"
     with pytest.raises(Exception, match="TADA_BLOB_URL"):
-        open_blob_store("ftp://somewhere")
+        open_blob_store("ftp://somewhere", Settings())
 
 
 def test_keys_lists_what_is_stored_under_a_prefix_and_nothing_staged(store):

@@ -1,0 +1,276 @@
+"""Blobs as objects of an S3 bucket (AWS, MinIO, SeaweedFS and others), over obstore.
+
+Every call is bounded in time: a few seconds to connect, PATIENCE for an answer, a few tries. What is put carries its
+SHA-256 twice: as S3's own checksum, which the server compares before it says yes, and as the object's metadata, which
+is compared when the object is read. Objects are read in ranges, so a slow reader holds neither memory nor a connection.
+"""
+
+import errno
+import hashlib
+import io
+import shutil
+import threading
+import uuid
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import obstore
+from obstore.exceptions import BaseError
+from obstore.store import S3Store
+from pydantic import SecretStr
+
+from app.storage.blob_store import (
+    KEY_PATTERN,
+    BlobDamagedError,
+    BlobMissingError,
+    StoredBlob,
+    require_valid_key,
+    require_valid_prefix,
+)
+from app.storage.s3_errors import is_empty_range, is_missing, store_error
+from app.storage.staging import open_staging, remove_abandoned
+
+if TYPE_CHECKING:
+    from obstore.store import S3Config  # not there at run time
+
+MEBIBYTE = 1024 * 1024
+PART_BYTES = 8 * MEBIBYTE  # larger files go in parts, one after the other; S3 takes none under 5 MiB
+PUTS_AT_ONCE = 4  # in one process: each holds at most two parts in memory
+RANGE_BYTES = 1 * MEBIBYTE
+PAGE_KEYS = 1000  # what S3 lists at a time
+PROBES = ".probe"  # no key begins with a full stop (KEY_PATTERN), so no listing shows a probe
+DIGEST = "sha256"  # the object's metadata: x-amz-meta-sha256
+READ_BYTES = 256 * 1024
+
+
+@dataclass(frozen=True, slots=True)
+class S3Place:
+    """Where the objects are. endpoint None: AWS; keys None: the SDK's chain (environment, web identity, machine)."""
+
+    bucket: str
+    prefix: str
+    region: str
+    endpoint: str | None = None
+    access_key_id: str | None = None
+    secret_access_key: SecretStr | None = None
+
+    def __str__(self) -> str:
+        return f"s3://{self.bucket}/{self.prefix}" + (f" at {self.endpoint}" if self.endpoint else "")
+
+
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """Seconds to connect and for one answer; `tries` at most, and none after `retry_seconds`."""
+
+    connect_seconds: float = 3.0
+    answer_seconds: float = 20.0
+    retry_seconds: float = 10.0
+    tries: int = 5
+    turn_seconds: float = 20.0  # for other puts of this process to end
+
+
+PATIENCE = Patience()
+PROBE_PATIENCE = Patience(
+    connect_seconds=2.0, answer_seconds=4.0, retry_seconds=0.0, tries=1
+)  # readiness is asked often
+
+
+class S3BlobStore:
+    """A BlobStore in a bucket, with a staging folder on this machine."""
+
+    def __init__(self, place: S3Place, staging: Path, patience: Patience = PATIENCE) -> None:
+        self._place = place
+        self._staging = open_staging(staging)
+        self._patience = patience
+        self._store = _open(place, patience)
+        self._probed = _open(place, PROBE_PATIENCE)
+        self._turns = threading.BoundedSemaphore(PUTS_AT_ONCE)
+        self.keeps_versions: bool | None = None
+        """Whether the bucket keeps what is deleted, so that no erasure is one; None before the first `check`."""
+
+    def __str__(self) -> str:
+        return str(self._place)
+
+    def staging_folder(self) -> Path:
+        """A folder of this machine."""
+        return self._staging
+
+    def put_file(self, key: str, source: Path) -> None:
+        """Send the file, in parts if it is large; then remove it."""
+        require_valid_key(key)
+        digest = hashlib.sha256()
+        with source.open("rb") as file:
+            while piece := file.read(READ_BYTES):
+                digest.update(piece)
+            file.seek(0)
+            self._put(key, file, digest.hexdigest())
+        source.unlink()
+
+    def put_bytes(self, key: str, content: bytes) -> None:
+        """Send the bytes."""
+        require_valid_key(key)
+        self._put(key, io.BytesIO(content), hashlib.sha256(content).hexdigest())
+
+    def fetch(self, key: str, destination: Path) -> None:
+        """Copy range by range."""
+        ranges = self._ranges(key)
+        with destination.open("wb") as file:
+            file.writelines(ranges)
+
+    def read(self, key: str) -> bytes:
+        """All ranges at once."""
+        return b"".join(self._ranges(key))
+
+    def stream(self, key: str, chunk_bytes: int = READ_BYTES) -> Generator[bytes, None, None]:
+        """Range by range; the first is there before the first piece is asked for."""
+        ranges = self._ranges(key)
+        first = next(ranges, b"")
+
+        def pieces() -> Generator[bytes, None, None]:
+            block = first
+            while block:
+                for start in range(0, len(block), chunk_bytes):
+                    yield block[start : start + chunk_bytes]
+                block = next(ranges, b"")
+
+        return pieces()
+
+    def has(self, key: str) -> bool:
+        """Ask for its first byte: unlike HEAD, S3 then says whether it is the bucket that is not there."""
+        require_valid_key(key)
+        try:
+            with self._told(key):
+                obstore.get(self._store, key, options={"range": (0, 1)}).bytes()
+        except BlobMissingError:
+            return False
+        except _EmptyObjectError:
+            return True
+        return True
+
+    def delete(self, key: str) -> None:
+        """Remove the object; to S3 one that is not there is no error."""
+        require_valid_key(key)
+        try:
+            with self._told(key):
+                obstore.delete(self._store, key)
+        except BlobMissingError:  # some servers say so
+            return
+
+    def keys(self, prefix: str = "") -> Iterator[StoredBlob]:
+        """Page by page of a thousand; what stands in the bucket and is no key of ours is left out."""
+        require_valid_prefix(prefix)
+        pages = obstore.list(self._store, prefix or None, chunk_size=PAGE_KEYS)
+        while True:
+            with self._told(None):
+                page = next(pages, None)
+            if page is None:
+                return
+            for found in page:
+                if KEY_PATTERN.match(found["path"]):
+                    yield StoredBlob(found["path"], found["last_modified"])
+
+    def free_bytes(self) -> int:
+        """What the staging folder's file system has left; a bucket tells no limit."""
+        return shutil.disk_usage(self._staging).free
+
+    def check(self) -> None:
+        """Put and delete a probe that no listing shows."""
+        key = f"{PROBES}/{uuid.uuid4().hex}"
+        with self._told(key):
+            made = obstore.put(self._probed, key, b"ok")
+            obstore.delete(self._probed, key)
+        self.keeps_versions = made["version"] not in (None, "null")
+
+    def remove_abandoned(self) -> None:
+        """Remove what nobody has touched for an hour; parts of uploads that were cut are the bucket's own business."""
+        remove_abandoned(self._staging)
+
+    def _put(self, key: str, content: io.BufferedIOBase, digest: str) -> None:
+        if not self._turns.acquire(timeout=self._patience.turn_seconds):
+            raise TimeoutError(errno.ETIMEDOUT, "too many uploads wait for the file store", str(self._place))
+        try:
+            with self._told(key):
+                obstore.put(
+                    self._store,
+                    key,
+                    content,
+                    attributes={DIGEST: digest},
+                    chunk_size=PART_BYTES,
+                    max_concurrency=1,
+                )
+        finally:
+            self._turns.release()
+
+    def _ranges(self, key: str) -> Generator[bytes, None, None]:
+        """The object in ranges; the last one comes only if the whole is what was put."""
+        require_valid_key(key)
+        digest, start = hashlib.sha256(), 0
+        while True:
+            try:
+                with self._told(key):
+                    found = obstore.get(self._store, key, options={"range": (start, start + RANGE_BYTES)})
+                    block = bytes(found.bytes())
+            except _EmptyObjectError:
+                return
+            digest.update(block)
+            start += len(block)
+            total_bytes = found.meta["size"]
+            if start == total_bytes:
+                if found.attributes.get(DIGEST, digest.hexdigest()) != digest.hexdigest():
+                    raise BlobDamagedError(key)
+                yield block
+                return
+            if len(block) != RANGE_BYTES:
+                raise BlobDamagedError(key)
+            yield block
+
+    @contextmanager
+    def _told(self, key: str | None) -> Iterator[None]:
+        """Errors of obstore as ours; their texts hold addresses and keys of blobs, so they are not chained."""
+        try:
+            yield
+        except (BaseError, FileNotFoundError) as error:
+            said = str(error)
+        else:
+            return
+        if is_empty_range(said):
+            raise _EmptyObjectError
+        if key is not None and is_missing(said):
+            raise BlobMissingError(key)
+        raise store_error(said, self._place)
+
+
+class _EmptyObjectError(Exception):
+    """A range was asked for of an object without bytes."""
+
+
+def _open(place: S3Place, patience: Patience) -> S3Store:
+    config: S3Config = {
+        "region": place.region,
+        "checksum_algorithm": "SHA256",  # without it SeaweedFS takes altered bytes, though the signature covers them
+        "disable_bulk_delete": True,  # some servers lack it, and we delete one at a time
+    }
+    if place.endpoint is not None:
+        config["endpoint"] = place.endpoint
+    if place.access_key_id is not None and place.secret_access_key is not None:
+        config["access_key_id"] = place.access_key_id
+        config["secret_access_key"] = place.secret_access_key.get_secret_value()
+    return S3Store(
+        place.bucket,
+        prefix=place.prefix or None,
+        config=config,
+        client_options={
+            "allow_http": place.endpoint is not None and place.endpoint.startswith("http://"),
+            "connect_timeout": timedelta(seconds=patience.connect_seconds),
+            "timeout": timedelta(seconds=patience.answer_seconds),
+        },
+        retry_config={
+            "max_retries": patience.tries - 1,
+            "retry_timeout": timedelta(seconds=patience.retry_seconds),
+            "backoff": {"init_backoff": timedelta(seconds=0.2), "max_backoff": timedelta(seconds=2), "base": 2},
+        },
+    )
