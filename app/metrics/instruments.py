@@ -6,6 +6,7 @@ scrape (services/figures.py).
 """
 
 import platform
+import re
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
 from prometheus_client.process_collector import ProcessCollector
@@ -110,6 +111,11 @@ CLOCK_DOUBTED = Gauge(
     "1: the clock jumped ahead; until it is steady nothing is erased for its age.",
     registry=REGISTRY,
 )
+
+
+def outcome_label(code: str) -> str:
+    """A code as a label: what a child process made up, and no code of ours, is "other"."""
+    return code if re.fullmatch(r"[a-z_]{1,64}", code) else "other"
 
 
 def tell_build(part: str) -> None:

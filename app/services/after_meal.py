@@ -19,6 +19,7 @@ from app.db.models.meal import AFTER_SLOTS
 from app.db.queries import jobs, meals, privacy
 from app.db.session import Database
 from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundError
+from app.logs import tell
 from app.services import audit
 from app.services.caller import DeviceCaller
 from app.services.erase import erase_failed_pair, is_meal_deleted, meal_deleted
@@ -79,6 +80,7 @@ class SubmitAfterPair:
     def zone_of(self, caller: DeviceCaller, client_id: uuid.UUID) -> str:
         """The meal's time zone, which its after-meal pair has unless it tells another. Raises as `announce`."""
         meal_id = meal_id_of(caller.participant_id, client_id)
+        tell(meal_id=str(meal_id))
         with self._database.read() as session:
             return self._meal(session.get(Meal, meal_id), session, meal_id).time_zone
 
@@ -113,6 +115,7 @@ class SubmitAfterPair:
         captured_at: datetime | None,
     ) -> Submitted:
         meal_id = meal_id_of(caller.participant_id, client_id)
+        tell(meal_id=str(meal_id))
         with self._database.read() as session:  # before sealing, so that a refused request leaves no blob
             known = self._check(session, session.get(Meal, meal_id), meal_id, details, photos, captured_at)
         keys = {slot: _blob_key(caller.study_id, meal_id, slot, known.attempt, photo) for slot, photo in photos.items()}

@@ -6,6 +6,7 @@ import structlog
 
 from app.db.session import Database
 from app.jobs.chores import Chore
+from app.metrics import instruments
 from app.services.after_windows import AfterWindows
 from app.services.clock_jumps import ClockJumps
 from app.services.delete_blobs import BlobDeleter
@@ -39,7 +40,9 @@ def worker_chores(
         return reapply_erasures(eraser, blobs, before=datetime.now(UTC) - UNDER_WAY)
 
     def keep_to_retention() -> int:
-        if not clock.is_steady():
+        is_steady = clock.is_steady()
+        instruments.CLOCK_DOUBTED.set(not is_steady)
+        if not is_steady:
             log.error("clock_jumped", detail="Photographs past their retention stay for a day: is the clock right?")
             return 0
         return erase_old_pictures(database)

@@ -11,6 +11,7 @@ import structlog
 
 from app.db.queries import privacy
 from app.db.session import Database
+from app.metrics import instruments
 from app.storage.blob_store import BlobStore
 
 log = structlog.get_logger()
@@ -84,6 +85,7 @@ class BlobDeleter:
             if privacy.needed_keys(session, [key]):
                 return False
         self._blobs.delete(key)
+        instruments.BLOBS_DELETED.labels("orphan").inc()
         return True
 
     def _delete(self, key: str) -> None:
@@ -91,8 +93,7 @@ class BlobDeleter:
             if privacy.is_named(session, key):
                 log.error("deletion_refused", reason="a row names the blob")
                 return
-        if not key.endswith("/"):
-            self._blobs.delete(key)
-            return
-        for blob in list(self._blobs.keys(key)):
-            self._blobs.delete(blob.key)
+        keys = [blob.key for blob in self._blobs.keys(key)] if key.endswith("/") else [key]
+        for one in keys:
+            self._blobs.delete(one)
+            instruments.BLOBS_DELETED.labels("erased").inc()

@@ -21,6 +21,7 @@ from app.db.models import WebhookDelivery
 from app.db.queries import webhooks
 from app.db.queries.webhooks import Due
 from app.db.session import Database
+from app.metrics import instruments
 from app.services import audit
 from app.services.secret_box import SecretBox, SecretKeyError
 from app.services.webhook_post import TOTAL_SECONDS, Answer, WebhookPost
@@ -52,9 +53,11 @@ SECRET_UNREADABLE = "The webhook's secret cannot be opened: TADA_SECRET_KEY is n
 
 @dataclass(frozen=True, slots=True)
 class _Claimed:
-    """A delivery that is ours for a while; attempt: its number, from 1."""
+    """A delivery that is ours for a while; attempt: its number, from 1. meal_id: whose news it is, for the log."""
 
     delivery_id: uuid.UUID
+    event: str
+    meal_id: uuid.UUID | None
     webhook_id: uuid.UUID
     url: str
     secret_sealed: str
@@ -140,7 +143,16 @@ class DeliverWebhooks:
                 return None
             delivery, hook = found
             body = json.dumps(delivery.payload, sort_keys=True, separators=(",", ":")).encode()
-            return _Claimed(delivery.id, hook.id, hook.url, hook.secret_sealed, body, delivery.attempts)
+            return _Claimed(
+                delivery.id,
+                delivery.event,
+                delivery.meal_id,
+                hook.id,
+                hook.url,
+                hook.secret_sealed,
+                body,
+                delivery.attempts,
+            )
 
     def _deliver(self, claimed: _Claimed) -> None:
         """Send it and, as long as the receiver takes them and others need not wait, what is due to the same webhook."""
@@ -151,6 +163,7 @@ class DeliverWebhooks:
                 answer = self._send(following)
                 self._rest_or_go_on(following.webhook_id, answer)
                 self._note(following, answer)
+                _tell(following, answer)
                 goes_on = answer.is_success and time.monotonic() < turn_ends
                 following = self._claim(Due(self._now(), only=claimed.webhook_id)) if goes_on else None
         except Exception as error:  # the worker's edge: the claim runs out, and it is tried again
@@ -228,6 +241,23 @@ class DeliverWebhooks:
             return pause
         asked = min(answer.retry_after_seconds, LONGEST_RETRY_AFTER.total_seconds())
         return max(pause, timedelta(seconds=asked))
+
+
+def _tell(claimed: _Claimed, answer: Answer) -> None:
+    """What came of a try, into log and figures: ids, the event and the status; never the address or a payload."""
+    is_over = answer.status == GONE or claimed.attempt >= MOST_ATTEMPTS
+    outcome = "delivered" if answer.is_success else "given_up" if is_over else "failed"
+    instruments.DELIVERIES.labels(outcome).inc()
+    log.info(
+        "webhook_tried",
+        outcome=outcome,
+        webhook_event=claimed.event,
+        delivery_id=str(claimed.delivery_id),
+        webhook_id=str(claimed.webhook_id),
+        attempt=claimed.attempt,
+        status=answer.status,
+        **({"meal_id": str(claimed.meal_id)} if claimed.meal_id is not None else {}),
+    )
 
 
 def _words(answer: Answer) -> str:

@@ -11,6 +11,7 @@ from app.db.queries import meals, records
 from app.db.queries.meal_parts import parts_of, records_of
 from app.db.session import Database
 from app.errors import ConflictError, GoneError, NotFoundError
+from app.logs import tell
 from app.nutrition.nutrients import MassTotal, NutrientTotal, Portion, total_mass, total_nutrients
 from app.services import audit
 from app.services.access import known_studies, require_study
@@ -81,6 +82,7 @@ def find_meal(
             "More than one participant has a meal of this id: add ?participant=CODE.", code="meal_id_ambiguous"
         )
     require_study(caller, found[0][0].study_id, "meal")
+    tell(meal_id=str(found[0][0].id))
     return found[0]
 
 

@@ -1,0 +1,277 @@
+"""A phone's meal comes in: whole in one request or part by part, any part again, until it is complete and queued.
+
+Photographs are sealed in the blob store first; then meal, photographs and job are written in one transaction. What is
+acknowledged is on disk; what is sent again is recognised by its SHA-256. A request that fails after sealing leaves its
+blob: another request of the same meal may have just sealed the same key, so deleting it here could lose a photograph.
+"""
+
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import structlog
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from app.db.models import Job, Meal, MealImage, Study
+from app.db.models.meal import SLOTS
+from app.db.queries import meals, people, privacy
+from app.db.session import Database
+from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundError
+from app.logs import tell
+from app.services import audit
+from app.services.announce import announce_meal
+from app.services.caller import DeviceCaller
+from app.services.erase import is_meal_deleted, meal_deleted
+from app.services.job_queue import JobQueue
+from app.services.location_policy import policy_of
+from app.services.meal_time import MealTime
+from app.services.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
+from app.services.seal_photos import image_row, seal_photos, storage_full
+from app.services.secret_box import SecretBox
+from app.services.withdraw import require_in_study
+from app.settings import Settings
+from app.storage.blob_store import BlobStore
+
+log = structlog.get_logger()
+
+MEAL_NAMESPACE = uuid.UUID("6f0d3d0a-6c0c-4e0e-9a53-52f9b4a4d7f1")  # drawn once; our ids are derived under it
+COMPARED = ("captured_at", "time_zone", "marker", "camera", "hints", "app_version")  # equal: the same meal again
+
+
+@dataclass(frozen=True, slots=True)
+class MealMetadata:
+    """What the phone tells beside the photographs, checked. location: WGS84, degrees."""
+
+    client_id: uuid.UUID
+    time: MealTime
+    marker: str | None = None
+    camera: Mapping[str, Any] | None = None
+    hints: tuple[Mapping[str, Any], ...] = ()
+    location: Mapping[str, float] | None = None
+    app_version: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Submitted:
+    """meal_id: ours. is_new: something was kept that was not there before."""
+
+    meal_id: uuid.UUID
+    is_new: bool
+
+
+class SubmitMeal:
+    """The use case; one a process."""
+
+    def __init__(
+        self, database: Database, blobs: BlobStore, queue: JobQueue, settings: Settings, box: SecretBox
+    ) -> None:
+        self._database = database
+        self._box = box
+        self._blobs = blobs
+        self._queue = queue
+        self._settings = settings
+
+    def require_room(self) -> None:
+        """Refuse an upload early while the disk is nearly full. Raises StorageFullError."""
+        if self._blobs.free_bytes() < self._settings.min_free_bytes:
+            raise storage_full()
+
+    def submit(
+        self,
+        caller: DeviceCaller,
+        client_id: uuid.UUID,
+        metadata: MealMetadata | None,
+        files: Mapping[str, ReceivedFile],
+    ) -> Submitted:
+        """Keep what came. metadata None: the meal must be known already.
+
+        Raises InvalidInputError, TooLargeError, UnsupportedMediaError (nothing kept), NotFoundError, ConflictError
+        (the id holds something else), GoneError (deleted, or its participant has left), StorageFullError.
+        """
+        meal_id = meal_id_of(caller.participant_id, client_id)
+        tell(meal_id=str(meal_id))
+        with self._database.read() as session:
+            study = session.get_one(Study, caller.study_id)
+        policy = policy_of(study)
+        if metadata is not None and metadata.marker is None and study.marker is None:
+            raise InvalidInputError(
+                "Neither the metadata nor the study says which marker lies beside the plate: send marker, "
+                "such as plain:9x7:11.",
+                code="marker_missing",
+            )
+        photos = {
+            slot: prepare_photo(
+                slot,
+                file,
+                max_pixels=self._settings.max_photo_pixels,
+                policy=policy,
+            )
+            for slot, file in files.items()
+        }
+        location = policy.kept(
+            metadata.location if metadata is not None else None, (photo.location for photo in photos.values())
+        )
+        details = _details(metadata, location) if metadata is not None else None
+        with self._database.read() as session:  # before sealing, so that a refused request leaves no blob
+            stored = self._check(session, meal_id, details, photos)
+        keys = {slot: f"{study.id}/{meal_id}/{slot}/{photo.stored_sha256}" for slot, photo in photos.items()}
+        seal_photos(self._blobs, photos, keys, stored)
+        meal = _Arriving(client_id, meal_id, metadata, details, location)
+        try:
+            try:
+                return self._write(caller, meal, photos, keys)
+            except IntegrityError:  # the same meal came twice at the same time and the other was first
+                return self._write(caller, meal, photos, keys)
+        except GoneError:  # erased while this was sealed: nobody will ever need it, unless a row has it from before
+            with self._database.write() as session:
+                privacy.want_deleted(session, list(keys.values()), None, datetime.now(UTC))
+            raise
+
+    def _check(
+        self,
+        session: Session,
+        meal_id: uuid.UUID,
+        details: Mapping[str, Any] | None,
+        photos: Mapping[str, SealablePhoto],
+    ) -> dict[str, MealImage]:
+        meal = session.get(Meal, meal_id)
+        if meal is None:
+            if is_meal_deleted(session, self._box, meal_id):
+                raise meal_deleted()
+            if details is None:
+                raise NotFoundError("There is no such meal yet: PUT /v1/meals/{id} with its metadata first.")
+            return {}
+        if meal.origin == "declared":
+            raise ConflictError(
+                "The meal of this id was told without photographs. Use a new id for a new meal.", code="meal_id_reused"
+            )
+        changed = sorted(k for k in COMPARED if details is not None and details[k] != meal.details.get(k))
+        if changed:
+            raise ConflictError(
+                "A meal with this id is already here with other metadata. Use a new id for a new meal.",
+                code="meal_id_reused",
+                fields=changed,
+            )
+        stored = {image.slot: image for image in meals.images_of(session, meal_id)}
+        for slot, photo in photos.items():
+            if slot in stored and stored[slot].received_sha256 != photo.received_sha256:
+                raise ConflictError(
+                    f"A meal with this id already has another {slot} photograph. Use a new id for a new meal.",
+                    code="meal_id_reused",
+                    slot=slot,
+                    stored_sha256=stored[slot].received_sha256,
+                )
+        return stored
+
+    def _write(
+        self,
+        caller: DeviceCaller,
+        arriving: "_Arriving",
+        photos: Mapping[str, SealablePhoto],
+        keys: Mapping[str, str],
+    ) -> Submitted:
+        now, meal_id = datetime.now(UTC), arriving.meal_id
+        with self._database.write() as session:
+            require_in_study(session, caller.participant_id)
+            meal = meals.lock_meal(session, meal_id)
+            stored = self._check(session, meal_id, arriving.details, photos)
+            is_new = meal is None
+            if meal is None and arriving.metadata is not None and arriving.details is not None:
+                meal = _new_meal(session, caller, arriving.client_id, meal_id, arriving.metadata, arriving.details, now)
+                session.add(meal)
+                session.flush()
+                if arriving.metadata.app_version is not None:
+                    people.note_app_version(session, caller.device_id, arriving.metadata.app_version)
+            if meal is None:
+                raise NotFoundError("There is no such meal yet: PUT /v1/meals/{id} with its metadata first.")
+            for slot, photo in photos.items():
+                if slot not in stored:
+                    session.add(image_row(meal_id, slot, photo, keys[slot], now))
+                    meal.version += 1
+                    is_new = True
+            if arriving.location is not None and meal.details.get("location") is None:  # a photograph told it
+                meal.details = meal.details | {"location": arriving.location}
+            if meal.status == "receiving" and set(stored) | set(photos) == set(SLOTS):
+                self._queue_estimate(session, meal, now)
+            if is_new:
+                audit.note(session, caller, "meal.receive", subject=meal.alias, slots=sorted(set(photos) - set(stored)))
+        if is_new:
+            log.info("meal_kept", meal_id=str(meal_id), slots=sorted(photos), status=meal.status)
+        return Submitted(meal_id, is_new)
+
+    def _queue_estimate(self, session: Session, meal: Meal, now: datetime) -> None:
+        job = Job(id=uuid.uuid4(), meal_id=meal.id, state="queued", attempts=0, enqueued_at=now)
+        session.add(job)
+        meal.status, meal.submitted_at = "queued", now
+        meal.version += 1
+        session.flush()
+        self._queue.enqueue(session, job.id)
+        log.info("meal_queued", meal_id=str(meal.id), job_id=str(job.id), purpose=job.purpose)
+        announce_meal(session, meal)
+
+
+def meal_id_of(participant_id: uuid.UUID, client_id: uuid.UUID) -> uuid.UUID:
+    """Our id of a participant's meal: it follows from theirs, so that the same meal again is the same row."""
+    return uuid.uuid5(MEAL_NAMESPACE, f"{participant_id}/{client_id}")
+
+
+@dataclass(frozen=True, slots=True)
+class _Arriving:
+    """A meal on its way into the database. location: what the study's policy leaves of it."""
+
+    client_id: uuid.UUID
+    meal_id: uuid.UUID
+    metadata: MealMetadata | None
+    details: dict[str, Any] | None
+    location: dict[str, float] | None
+
+
+def _details(metadata: MealMetadata, location: Mapping[str, float] | None) -> dict[str, Any]:
+    """What is kept of the metadata; location: what the study's policy leaves of it."""
+    return {
+        "captured_at": metadata.time.captured_at.isoformat(),
+        "time_zone": metadata.time.time_zone,
+        "marker": metadata.marker,
+        "camera": dict(metadata.camera) if metadata.camera is not None else None,
+        "hints": [dict(hint) for hint in metadata.hints],
+        "location": location,
+        "app_version": metadata.app_version,
+    }
+
+
+def _new_meal(
+    session: Session,
+    caller: DeviceCaller,
+    client_id: uuid.UUID,
+    meal_id: uuid.UUID,
+    metadata: MealMetadata,
+    details: dict[str, Any],
+    now: datetime,
+) -> Meal:
+    study = session.get_one(Study, caller.study_id)  # its day start of now: the day is computed once and never again
+    return Meal(
+        id=meal_id,
+        client_id=client_id,
+        study_id=caller.study_id,
+        participant_id=caller.participant_id,
+        device_id=caller.device_id,
+        captured_at=metadata.time.captured_at,
+        utc_offset_minutes=metadata.time.utc_offset_minutes,
+        time_zone=metadata.time.time_zone,
+        local_date=metadata.time.local_date(study.day_starts_minutes),
+        details=details,
+        status="receiving",
+        after_due_at=after_due_at(study, metadata.time.captured_at),
+        version=1,
+        received_at=now,
+    )
+
+
+def after_due_at(study: Study, captured_at: datetime) -> datetime | None:
+    """Until when a meal's records are provisional, since an after-meal pair may come; None: the study expects none."""
+    if not study.expects_after_pair:
+        return None
+    return captured_at.astimezone(UTC) + timedelta(minutes=study.after_window_minutes)
