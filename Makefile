@@ -2,8 +2,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+IN_TWO := -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: venv demo test check format serve clean
+.PHONY: venv demo test test-slow check format serve clean
 
 venv: $(VENV)/.installed  ## the virtual environment .venv, nothing else
 
@@ -17,8 +18,11 @@ $(VENV)/.installed: pyproject.toml
 demo: venv  ## one meal, from upload to record, on throwaway data
 	$(BIN)/tada demo
 
-test: venv  ## all tests, slow ones too
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+test: venv  ## all tests but the slow ones
+	$(BIN)/pytest $(IN_TWO) -m "not slow"
+
+test-slow: venv  ## the slow tests: processes that are killed, whole releases, schemas, rendered scenes
+	$(BIN)/pytest $(IN_TWO) -m slow
 
 check: venv  ## lint, format, types, import rule
 	$(BIN)/ruff check .
