@@ -27,6 +27,7 @@ from app.api import (
     me,
     me_privacy,
     meals,
+    metrics,
     participants,
     photographs,
     questions,
@@ -58,6 +59,7 @@ from app.api.state import ApiState
 from app.api.waiting import MealWaiter
 from app.db.session import open_database
 from app.jobs.engine import JobQueue
+from app.metrics.instruments import tell_build
 from app.services.after_meal import SubmitAfterPair
 from app.services.api_children import ApiChildren
 from app.services.declare_meal import DeclareMeal
@@ -65,6 +67,7 @@ from app.services.erase import Eraser
 from app.services.erasure_ledger import ErasureLedger
 from app.services.event_rules import EVENT_RULES
 from app.services.export_me import ExportPlaces
+from app.services.figures import DeploymentFigures
 from app.services.last_use import LastUse
 from app.services.meal_events import MealEvents
 from app.services.passwords import Passwords
@@ -87,6 +90,7 @@ OUT_OF_ROUTES = (Problem, MealMetadataIn, NewMealMetadataIn, AfterMetadataIn, Ch
 @asynccontextmanager
 async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
     """What the endpoints of one process share: opened at its start, closed at its end."""
+    tell_build("api")
     box = open_secret_box(settings)
     database = open_database(settings)
     blobs = open_blob_store(settings.resolved_blob_url, settings)
@@ -121,6 +125,7 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
             passwords=Passwords(),
             export_places=ExportPlaces(),
             last_use=last_use,
+            figures=DeploymentFigures(database, blobs, settings),
         )
     finally:
         await anyio.to_thread.run_sync(children.close)
@@ -186,6 +191,7 @@ def create_app(settings: Settings) -> FastAPI:
         study_densities,
         webhooks,
         health,
+        metrics,
     ):
         app.include_router(resource.router)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]  # FastAPI's own way to extend the document

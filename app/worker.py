@@ -2,18 +2,24 @@
 
 import argparse
 
+import structlog
+
 from app.db.session import Database, open_database
 from app.jobs.child_pool import ChildPool
 from app.jobs.chores import Chore
 from app.jobs.process_life import die_with_parent
 from app.jobs.worker_process import run_jobs
 from app.logs import configure_logging
+from app.metrics.instruments import REGISTRY, tell_build
+from app.metrics.server import MetricsServer
 from app.services.chores import worker_chores
 from app.services.estimate_meal import EstimateMeal
 from app.services.prepare import prepare
 from app.services.secret_box import open_secret_box
 from app.settings import Settings
 from app.storage.opening import open_blob_store
+
+log = structlog.get_logger()
 
 TASKS = "app.services.child_tasks:TASKS"
 
@@ -27,13 +33,35 @@ def run_worker(settings: Settings) -> int:
     blobs = open_blob_store(settings.resolved_blob_url, settings)
     box = open_secret_box(settings)
 
+    metrics = _serve_metrics(settings)
+
     def make_use_cases(database: Database, pool: ChildPool) -> EstimateMeal:
         return EstimateMeal(database, blobs, pool, settings)
 
     def make_chores(database: Database) -> list[Chore]:
         return worker_chores(database, blobs, box, settings)
 
-    return run_jobs(settings, make_use_cases, tasks=TASKS, make_chores=make_chores)
+    try:
+        return run_jobs(settings, make_use_cases, tasks=TASKS, make_chores=make_chores)
+    finally:
+        if metrics is not None:
+            metrics.stop()
+
+
+def _serve_metrics(settings: Settings) -> MetricsServer | None:
+    """On the worker's own port, if it has one. A worker works without it: a port that is taken is told, no more."""
+    tell_build("worker")
+    if settings.worker_metrics_port is None:
+        return None
+    token = settings.metrics_token.get_secret_value() if settings.metrics_token is not None else None
+    try:
+        server = MetricsServer(REGISTRY, settings.metrics_host, settings.worker_metrics_port, token)
+    except OSError as error:
+        log.error("metrics_not_served", port=settings.worker_metrics_port, reason=error.strerror)  # noqa: TRY400
+        return None
+    server.start()
+    log.info("metrics_served", host=settings.metrics_host, port=server.port)
+    return server
 
 
 def main() -> None:

@@ -20,6 +20,7 @@ from app.api.call_limits import count_caller
 from app.api.state import ApiState
 from app.db.queries import people
 from app.errors import NotAllowedError, NotFoundError, UnauthenticatedError
+from app.metrics.reader import may_read
 from app.services.access import require_study
 from app.services.caller import Caller, DeviceCaller, StaffCaller, authenticate
 from app.services.erase import is_meal_deleted, meal_deleted
@@ -37,12 +38,14 @@ class Rule:
 
     staff: the least role in the study; "any": whoever is signed in; None: no staff. An admin passes wherever staff do.
     session: staff must have signed in with their password; a personal token is not enough.
+    scraper: who may read the metrics (app/metrics/reader.py), and nobody else.
     """
 
     is_open: bool = False
     device: bool = False
     staff: Literal["any", "viewer", "reviewer", "owner", "admin"] | None = None
     session: bool = False
+    scraper: bool = False
 
 
 OPEN = Rule(is_open=True)
@@ -57,6 +60,7 @@ REVIEWER_OR_DEVICE = Rule(device=True, staff="reviewer")
 OWNER = Rule(staff="owner")
 OWNER_OR_DEVICE = Rule(device=True, staff="owner")
 ADMIN = Rule(staff="admin")
+SCRAPER = Rule(scraper=True)
 
 RULES: Mapping[tuple[str, str], Rule] = {
     # health
@@ -64,6 +68,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("HEAD", "/healthz"): OPEN,
     ("GET", "/readyz"): OPEN,
     ("HEAD", "/readyz"): OPEN,
+    ("GET", "/metrics"): SCRAPER,
     # people
     ("POST", "/v1/enrolments"): OPEN,
     ("GET", "/v1/me"): DEVICE,
@@ -183,6 +188,9 @@ def authorise(
         raise NotAllowedError("Nobody may make this call: it has no rule.", code="no_rule")
     if rule.is_open:
         return None
+    if rule.scraper:
+        _require_scraper(request, state)
+        return None
     if credentials is None:
         raise UnauthenticatedError("Send the header `Authorization: Bearer TOKEN`.")
     caller = authenticate(state.database, state.secrets, credentials.credentials)
@@ -199,6 +207,16 @@ def authorise(
     if "study" in request.path_params:
         _enter_study(state, caller, request.path_params["study"])
     return caller
+
+
+def _require_scraper(request: Request, state: ApiState) -> None:
+    token = state.settings.metrics_token
+    address = request.client.host if request.client is not None else None
+    match may_read(token.get_secret_value() if token is not None else None, address, request.headers):
+        case "wrong token":
+            raise UnauthenticatedError("Send the header `Authorization: Bearer` with what TADA_METRICS_TOKEN is.")
+        case "hidden":
+            raise NotFoundError("Not Found")
 
 
 def _staff_by_rule(caller: StaffCaller, rule: Rule, method: str) -> StaffCaller:

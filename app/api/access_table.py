@@ -29,6 +29,8 @@ def page_with_table(page: str) -> str:
 def _cells(method: str, rule: Rule) -> list[str]:
     if rule.is_open:
         return ["yes"] * (len(HEADINGS) - 1)
+    if rule.scraper:
+        return ["with `TADA_METRICS_TOKEN`, or from the same machine", *[""] * (len(HEADINGS) - 2)]
     staff = [rule.staff is not None and LEAST[rule.staff] <= LEAST[role] for role in ("viewer", "reviewer", "owner")]
     staff.append(rule.staff is not None)
     yes = "signed in" if rule.session else "yes"

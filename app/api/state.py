@@ -13,6 +13,7 @@ from app.services.api_children import ApiChildren
 from app.services.declare_meal import DeclareMeal
 from app.services.erase import Eraser
 from app.services.export_me import ExportPlaces
+from app.services.figures import DeploymentFigures
 from app.services.last_use import LastUse
 from app.services.meal_events import MealEvents
 from app.services.passwords import Passwords
@@ -45,3 +46,4 @@ class ApiState:
     passwords: Passwords
     export_places: ExportPlaces
     last_use: LastUse
+    figures: DeploymentFigures

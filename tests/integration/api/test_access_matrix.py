@@ -76,6 +76,8 @@ def expected(role, rule, method, path):
     """What the rule promises to the role."""
     if rule.is_open:
         return IN
+    if rule.scraper:  # none of these calls from the same machine, and no token is set
+        return NO_SUCH
     if role.kind == "nobody":
         return refused(401, "unauthenticated")
     if role.kind == "withdrawn":
