@@ -7,8 +7,9 @@ from itertools import chain, islice
 
 from fastapi.responses import StreamingResponse
 
+from app.exports.csv_rows import safe_cell
+
 ROWS_A_CHUNK = 200
-FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet would compute such a cell
 
 
 def csv_response(name: str, columns: Sequence[str], rows: Iterator[Mapping[str, object]]) -> StreamingResponse:
@@ -29,16 +30,9 @@ def stream_csv(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> 
     left = iter(rows)
     while True:
         chunk = list(islice(left, ROWS_A_CHUNK))
-        writer.writerows([_safe(row[name]) for name in columns] for row in chunk)
+        writer.writerows([safe_cell(row[name]) for name in columns] for row in chunk)
         yield buffer.getvalue()
         buffer.seek(0)
         buffer.truncate()
         if len(chunk) < ROWS_A_CHUNK:
             return
-
-
-def _safe(value: object) -> object:
-    """Text that a spreadsheet would take for a formula gets an apostrophe before it; a list stands in one cell."""
-    if isinstance(value, list):
-        value = " ".join(str(part) for part in value)
-    return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA_STARTS) else value

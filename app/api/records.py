@@ -1,4 +1,4 @@
-"""/v1/records: what participants ate, for researchers and scripts: JSON pages or one streamed CSV."""
+"""/v1/records: what participants ate, for researchers and scripts: JSON pages, or all as one streamed file."""
 
 from datetime import date
 from typing import Annotated, Literal
@@ -7,33 +7,36 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse, Response
 from pydantic import StringConstraints
 
-from app.api.csv_stream import csv_response
+from app.api.closing_stream import ClosingStream
 from app.api.deps import CurrentCaller, State
 from app.api.paging import Cursor, next_page
 from app.api.problems import problem_responses
 from app.api.render import render_record
-from app.api.schemas.records import RecordOut, RecordPage
+from app.api.schemas.records import RecordPage
 from app.db.queries.record_pages import RecordFilter
-from app.db.queries.records import RecordRow
 from app.errors import InvalidInputError
-from app.services.list_records import list_records, stream_records
+from app.services.export_records import ExportFormat, ExportRecords
+from app.services.list_records import list_records
 
 router = APIRouter(prefix="/v1/records", tags=["records"])
 
 RecordStatus = Literal["proposed", "needs_review", "confirmed", "corrected", "rejected"]
 FoodKey = Annotated[str, StringConstraints(max_length=100)]
 MOST_FOODS = 10  # in one filter: each is found in an index by itself
-CSV_COLUMNS = tuple(
-    part for name in RecordOut.model_fields for part in (("food_key", "food_name") if name == "food" else (name,))
-)
+MEDIA_TYPES: dict[ExportFormat, str] = {
+    "csv": "text/csv; charset=utf-8; header=present",
+    "ndjson": "application/x-ndjson",
+    "parquet": "application/vnd.apache.parquet",
+}
+FILES = {media_type.split(";")[0]: {"schema": {"type": "string"}} for media_type in MEDIA_TYPES.values()}
 
 
 @router.get(
     "",
     response_model=RecordPage,
     responses={
-        200: {"content": {"text/csv": {"schema": {"type": "string"}}}, "description": "A page, or all rows as CSV."},
-        **problem_responses(401, 422),
+        200: {"content": FILES, "description": "A page, or all rows as a file."},
+        **problem_responses(401, 422, 503),
     },
 )
 def get_records(
@@ -51,10 +54,11 @@ def get_records(
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
     cursor: Cursor = None,
     output: Annotated[
-        Literal["json", "csv"] | None, Query(alias="format", description="Default: by the Accept header, else json.")
+        Literal["json", "csv", "ndjson", "parquet"] | None,
+        Query(alias="format", description="Default: by the Accept header, else json."),
     ] = None,
 ) -> Response:
-    """Records in the order of capture. CSV streams all rows that the filters leave; JSON comes in pages."""
+    """Records in the order of capture. JSON comes in pages; a file has all that the filters leave, of one moment."""
     if first_day and last_day and first_day > last_day:
         raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
     chosen = RecordFilter(
@@ -65,16 +69,21 @@ def get_records(
         food_keys=tuple(food or ()),
         statuses=tuple(status or ()),
     )
-    wants_csv = output == "csv" or (output is None and request.headers.get("accept", "").startswith("text/csv"))
-    if wants_csv:
-        rows = stream_records(state.database, caller, chosen)
-        return csv_response("records.csv", CSV_COLUMNS, (_cells(row) for row in rows))
+    exported = _export_format(output, request.headers.get("accept", ""))
+    if exported is not None:
+        export = ExportRecords(state.database, state.blobs, state.settings, state.export_places)
+        file = export(caller, chosen, exported)
+        disposition = f'attachment; filename="records.{exported}"'
+        headers = {"Content-Disposition": disposition, "Cache-Control": "private, no-store"}
+        return ClosingStream(file.pieces, file.close, media_type=MEDIA_TYPES[exported], headers=headers)
     page = list_records(state.database, caller, chosen, cursor=cursor, limit=limit)
     body = RecordPage(items=[render_record(row) for row in page.rows], next=next_page(request, page.cursor))
     return JSONResponse(body.model_dump(mode="json"), headers={"Cache-Control": "private, no-store"})
 
 
-def _cells(row: RecordRow) -> dict[str, object]:
-    values = render_record(row).model_dump(mode="json")
-    food = values.pop("food") or {"key": None, "name": None}
-    return values | {"food_key": food["key"], "food_name": food["name"]}
+def _export_format(output: str | None, accept: str) -> ExportFormat | None:
+    """The file that is asked for, by the parameter or else by the header; None: pages of JSON."""
+    for name, media_type in MEDIA_TYPES.items():
+        if output == name or (output is None and accept.startswith(media_type.split(";")[0])):
+            return name
+    return None

@@ -1,7 +1,6 @@
-"""Records for a page or a stream: the caller's filters, keyset pages, an opaque cursor that binds its filters."""
+"""Records for a page: the caller's filters, keyset pages, an opaque cursor that binds its filters."""
 
 import json
-from collections.abc import Iterator
 from dataclasses import asdict, replace
 
 from app.db.queries import records
@@ -12,14 +11,12 @@ from app.services.access import visible_studies
 from app.services.caller import Caller, DeviceCaller
 from app.services.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
 
-STREAM_PAGE = 1000  # rows a query while streaming: each its own short transaction
-
 
 def list_records(
     database: Database, caller: Caller, chosen: RecordFilter, *, cursor: str | None, limit: int
 ) -> Page[RecordRow]:
     """One page. Raises InvalidInputError for a cursor that is broken or of other filters."""
-    chosen = _visible(caller, chosen)
+    chosen = visible_records(caller, chosen)
     asked = asdict(replace(chosen, study_ids=None))  # what the caller may see is no filter of theirs
     listed = "records " + json.dumps(asked, default=str, sort_keys=True)
     after = decode_cursor(listed, cursor, INSTANT, ID)
@@ -31,19 +28,8 @@ def list_records(
     return Page(rows[:limit], encode_cursor(listed, last.captured_at, last.item_id))
 
 
-def stream_records(database: Database, caller: Caller, chosen: RecordFilter) -> Iterator[RecordRow]:
-    """All records, a page's query at a time; memory stays that of a page."""
-    cursor = None
-    while True:
-        page = list_records(database, caller, chosen, cursor=cursor, limit=STREAM_PAGE)
-        yield from page.rows
-        cursor = page.cursor
-        if cursor is None:
-            return
-
-
-def _visible(caller: Caller, chosen: RecordFilter) -> RecordFilter:
-    """A phone sees its participant's records only, staff those of their studies."""
+def visible_records(caller: Caller, chosen: RecordFilter) -> RecordFilter:
+    """Of these the ones that the caller may see: a phone its participant's only, staff those of their studies."""
     if isinstance(caller, DeviceCaller):
         return replace(chosen, participant_id=caller.participant_id)
     return replace(chosen, study_ids=visible_studies(caller))

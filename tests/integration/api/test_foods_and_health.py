@@ -1,4 +1,4 @@
-from app.api.csv_stream import FORMULA_STARTS, _safe
+from app.exports.csv_rows import FORMULA_STARTS, safe_cell
 
 
 def test_search_gives_the_raw_apple_first(phone):
@@ -66,6 +66,6 @@ def test_answers_carry_a_request_id(client):
 
 def test_formulas_are_neutralised_and_numbers_are_not():
     for start in FORMULA_STARTS:
-        assert _safe(f"{start}1+1") == f"'{start}1+1"
-    assert _safe(-1.5) == -1.5
-    assert _safe("P001") == "P001"
+        assert safe_cell(f"{start}1+1") == f"'{start}1+1"
+    assert safe_cell(-1.5) == -1.5
+    assert safe_cell("P001") == "P001"
