@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from app.errors import Failure
+from app.metrics import instruments
 from app.settings import Settings
 
 START_SECONDS = 60.0  # to import OpenCV and SciPy on a busy machine
@@ -72,47 +73,63 @@ class ChildPoolClosedError(Exception):
     """The pool was closed while the request waited or ran; nothing can be said about the request."""
 
 
+class ChildCancelledError(Exception):
+    """Somebody cancelled the request while a child worked on it."""
+
+
 class ChildStartError(Exception):
     """A child did not come up: an installation that is broken or a machine that is full, not a picture's fault."""
 
 
 class ChildPool:
-    """At most so many children, by default worker_concurrency; `run` waits for a free one. tasks: see child.py."""
+    """At most so many children; `run` waits for a free one. tasks: see child.py."""
 
-    def __init__(self, settings: Settings, tasks: str, *, uses: int = USES, children: int | None = None) -> None:
+    def __init__(self, settings: Settings, tasks: str, *, uses: int = USES, children: int = 1) -> None:
         self._settings = settings
         self._tasks = tasks
         self._uses = uses
-        self._free = threading.BoundedSemaphore(settings.worker_concurrency if children is None else children)
+        self._children = children
+        self._free = threading.BoundedSemaphore(children)
         self._lock = threading.Lock()
         self._warm: list[_Child] = []
         self._alive: set[_Child] = set()
+        self._busy: dict[str, _Child] = {}  # by the name of the request
+        self._cancelled: set[_Child] = set()
         self._is_closed = False
         # the kernel ends a child with the thread that started it (process_life.py), so this one starts them all
         self._starter = ThreadPoolExecutor(1, thread_name_prefix="child-starter")
 
-    def run(self, request: ChildRequest, on_stage: StageListener, *, seconds: float | None = None) -> ChildResult:
-        """Perform one request. seconds: the limit, by default settings.estimate_seconds.
+    def run(
+        self, request: ChildRequest, on_stage: StageListener, *, seconds: float | None = None, name: str | None = None
+    ) -> ChildResult:
+        """Perform one request. seconds: the limit, by default settings.estimate_seconds. name: for `cancel`.
 
-        Raises ChildPoolClosedError, ChildStartError, and what on_stage raises.
+        Raises ChildPoolClosedError, ChildCancelledError, ChildStartError, and what on_stage raises.
         """
         limit = self._settings.estimate_seconds if seconds is None else seconds
         for _ in range(BEGINNINGS):
-            with self._free, self._borrow() as child:
-                result = child.perform(request, on_stage, limit)
-                if result is not None and result.outcome == "ok" and child.uses < self._uses:
-                    self._keep_warm(child)
-            with self._lock:
-                if self._is_closed and (result is None or result.outcome != "ok"):  # it was us who killed it
-                    raise ChildPoolClosedError
+            with self._free:
+                result = self._run_in_child(request, on_stage, limit, name)
             if result is not None:
+                instruments.CHILD_RESULTS.labels(result.outcome).inc()
                 return result
         raise ChildStartError("child processes ended before they took the request")
 
+    def cancel(self, name: str) -> bool:
+        """Kill the child that works on the request of this name, whose `run` raises. False: none does just now."""
+        with self._lock:
+            child = self._busy.get(name)
+            if child is not None:
+                self._cancelled.add(child)
+        if child is not None:
+            child.kill()
+        return child is not None
+
     def warm_up(self) -> None:
-        """Have one child ready before the first request. Raises ChildPoolClosedError, ChildStartError."""
-        with self._free, self._borrow() as child:
-            self._keep_warm(child)
+        """Start as many children as there may be, so that the first requests do not wait for imports."""
+        for _ in range(self._children):
+            with contextlib.suppress(RuntimeError):  # the pool was closed just now
+                self._starter.submit(self._start_one_more).result()
 
     def close(self) -> None:
         """Kill all children at once; whoever waits for one gets ChildPoolClosedError."""
@@ -126,24 +143,48 @@ class ChildPool:
             self._discard(child)
         self._starter.shutdown(wait=True)
 
-    @contextlib.contextmanager
-    def _borrow(self) -> Iterator["_Child"]:
-        """A child that is ready; it is killed afterwards unless it was kept warm."""
+    def _run_in_child(
+        self, request: ChildRequest, on_stage: StageListener, limit: float, name: str | None
+    ) -> ChildResult | None:
+        """In a warm child or a new one, which stays warm after success and is ended after all else."""
         child = self._take()
+        is_kept = False
         try:
             child.wait_until_ready()
-            yield child
+            with self._named(name, child):
+                result = child.perform(request, on_stage, limit)
+            if result is not None and result.outcome == "ok":
+                is_kept = child.uses < self._uses and self._keep_warm(child)
+            else:
+                self._raise_if_we_killed(child)
         except BaseException:
-            self._discard(child)
-            with self._lock:
-                is_closed = self._is_closed
-            if is_closed:
-                raise ChildPoolClosedError from None
+            self._raise_if_we_killed(child)
             raise
+        finally:
+            if not is_kept:  # else another thread may have it by now
+                self._discard(child)
+        return result
+
+    @contextlib.contextmanager
+    def _named(self, name: str | None, child: "_Child") -> Iterator[None]:
+        if name is None:
+            yield
+            return
         with self._lock:
-            is_warm = child in self._warm
-        if not is_warm:
-            self._discard(child)
+            self._busy[name] = child
+        try:
+            yield
+        finally:
+            with self._lock:
+                del self._busy[name]
+
+    def _raise_if_we_killed(self, child: "_Child") -> None:
+        with self._lock:
+            is_closed, is_cancelled = self._is_closed, child in self._cancelled
+        if is_closed:
+            raise ChildPoolClosedError from None
+        if is_cancelled:
+            raise ChildCancelledError from None
 
     def _take(self) -> "_Child":
         while True:
@@ -162,6 +203,7 @@ class ChildPool:
 
     def _start(self) -> "_Child":
         child = _Child(self._tasks, self._settings.estimate_memory_bytes)
+        instruments.CHILDREN_STARTED.inc()
         with self._lock:
             self._alive.add(child)
             is_closed = self._is_closed
@@ -170,15 +212,26 @@ class ChildPool:
             raise ChildPoolClosedError
         return child
 
-    def _keep_warm(self, child: "_Child") -> None:
+    def _start_one_more(self) -> None:
         with self._lock:
-            if not self._is_closed:
+            has_all = self._is_closed or len(self._alive) >= self._children
+        if has_all:
+            return
+        child = self._start()
+        if not self._keep_warm(child):  # else whoever takes it waits until it is ready
+            self._discard(child)
+
+    def _keep_warm(self, child: "_Child") -> bool:
+        with self._lock:
+            if not self._is_closed and child not in self._cancelled:
                 self._warm.append(child)
+            return child in self._warm
 
     def _discard(self, child: "_Child") -> None:
         child.end()
         with self._lock:
             self._alive.discard(child)
+            self._cancelled.discard(child)
 
 
 class _Child:

@@ -13,18 +13,24 @@ from collections.abc import Callable
 from typing import Any
 
 import sqlalchemy as sa
+import structlog
 from dbos import DBOS, DBOSClient, DBOSConfig, DBOSPortableJSONSerializer, SQLAlchemyDatasource
 from sqlalchemy import event
 from sqlalchemy.orm import Session
 
+from app.db.models import Job
 from app.db.queries.jobs import DBOS_SCHEMA
 from app.db.session import BUSY_TIMEOUT_SECONDS, Database, sqlite_connection_pragmas
+from app.jobs.claims import Claims
+from app.jobs.turns import HIGHEST_PRIORITY_NUMBER, Turns
 
 APPLICATION = "tada-server"
-JOB_PROTOCOL_VERSION = "1"  # what a workflow's row means; another number only when old rows cannot be run any more
+# What a workflow's row means. A job is queued with the number of who queues it, and run by workers of that number or a
+# higher one: it changes only when workers of the version before could not run the new rows.
+JOB_PROTOCOL_VERSION = 1
+FIRST_PROTOCOL_VERSION = 1
 QUEUE = "estimates"
 WORKFLOW = "estimate_meal"
-POLL_SECONDS = 0.25  # how long a meal waits for an idle worker to look
 # Times that a job is taken over from dead workers; then it is given up, visibly. Generous: a photograph can end its
 # child but not the worker, so a worker's death tells of the machine and not of the job that it happened to have.
 MAX_RECOVERIES = 25
@@ -53,8 +59,10 @@ def prepare_job_tables(database: Database) -> None:
 class JobQueue:
     """Where the API leaves jobs. One a process; needs the tables that `prepare_job_tables` makes."""
 
-    def __init__(self, database: Database) -> None:
+    def __init__(self, database: Database, *, protocol: int | None = None) -> None:
         _quiet_dbos()
+        self._protocol = JOB_PROTOCOL_VERSION if protocol is None else protocol
+        self._turns = Turns()
         self._client = DBOSClient(
             system_database_engine=database.write_engine,  # only for its dialect: we enqueue on the caller's session
             dbos_system_schema=DBOS_SCHEMA,
@@ -64,14 +72,23 @@ class JobQueue:
         )
 
     def enqueue(self, session: Session, job_id: uuid.UUID) -> None:
-        """Make the job run once the session's transaction is committed; rolled back, it never was."""
+        """Make the job run, at its turn, once the session's transaction is committed; rolled back, it never was.
+
+        The id of the request that we are in goes with it, so that the worker's log names it too.
+        """
+        job = session.get_one(Job, job_id)
+        self._turns.give(session, job)
+        session.flush()
+        request_id = structlog.contextvars.get_contextvars().get("request_id")
         self._client.enqueue_in_transaction(
             session,
             {
                 "workflow_name": WORKFLOW,
                 "queue_name": QUEUE,
                 "workflow_id": str(job_id),
-                "app_version": JOB_PROTOCOL_VERSION,
+                "app_version": str(self._protocol),
+                "priority": min(job.turn, HIGHEST_PRIORITY_NUMBER),
+                "attributes": {"request_id": request_id} if request_id is not None else {},
             },
             str(job_id),
         )
@@ -84,8 +101,9 @@ class JobQueue:
 class Engine:
     """DBOS in one worker process. It is a singleton there: one Engine at a time."""
 
-    def __init__(self, database: Database, executor_id: str, *, concurrency: int) -> None:
+    def __init__(self, database: Database, executor_id: str, *, concurrency: int, protocol: int | None = None) -> None:
         self._executor_id = executor_id
+        self._protocol = JOB_PROTOCOL_VERSION if protocol is None else protocol
         self._database = database
         self._concurrency = concurrency
         self._engine = _dbos_engine(database)
@@ -93,7 +111,6 @@ class Engine:
     def launch(self, make_workflow: Callable[[SQLAlchemyDatasource], Callable[[str], str]]) -> None:
         """Begin to claim jobs. make_workflow: from the datasource of its transactions to the workflow's function."""
         _quiet_dbos()
-        self._register_queue()
         self._dbos = DBOS(config=self._config())
         datasource = SQLAlchemyDatasource.create(
             self._database.url,
@@ -103,45 +120,34 @@ class Engine:
             run_migrations=False,
         )
         DBOS.workflow(name=WORKFLOW, max_recovery_attempts=MAX_RECOVERIES)(make_workflow(datasource))
+        DBOS.listen_queues([])  # it would claim as well, for all that it has room for
         DBOS.launch()
+        first = min(FIRST_PROTOCOL_VERSION, self._protocol)
+        versions = [str(number) for number in range(first, self._protocol + 1)]
+        self._claims = Claims(self._dbos, QUEUE, self._executor_id, concurrency=self._concurrency, versions=versions)
+        self._claims.start()
 
     def stop_claiming(self) -> None:
         """Claim no further job; those that run go on."""
+        self._claims.stop()
         for stop in self._dbos.background_thread_stop_events:
             stop.set()
 
-    def recover(self, dead_executors: set[str]) -> None:
-        """Put what these executors had claimed back into the queue. Asking twice is harmless."""
-        DBOS._recover_pending_workflows(sorted(dead_executors))  # noqa: SLF001
-
-    def requeue_lost(self, workflow_id: str) -> bool:
-        """Put one job of this very process, which claimed it and never began, back into the queue."""
-        return self._dbos._sys_db.reenqueue_for_recovery(workflow_id, [self._executor_id], QUEUE)  # noqa: SLF001
+    def requeue(self, workflow_id: str, executor_id: str) -> bool:
+        """Put a job back into the queue, at its old turn, if that executor still has it. False: it has not."""
+        return self._dbos._sys_db.reenqueue_for_recovery(workflow_id, [executor_id], QUEUE)  # noqa: SLF001
 
     def shut_down(self) -> None:
         """End DBOS's threads. What still runs is left as it is."""
         DBOS.destroy(destroy_registry=True)
         self._engine.dispose()
 
-    def _register_queue(self) -> None:
-        # before the launch, or DBOS's queue thread would see it only at its next look
-        client = DBOSClient(
-            system_database_engine=self._engine,
-            dbos_system_schema=DBOS_SCHEMA,
-            serializer=DBOSPortableJSONSerializer(),
-            application_name=APPLICATION,
-        )
-        try:
-            client.register_queue(QUEUE, worker_concurrency=self._concurrency, polling_interval_sec=POLL_SECONDS)
-        finally:
-            client.destroy()
-
     def _config(self) -> DBOSConfig:
         return {
             "name": APPLICATION,
             "system_database_engine": self._engine,
             "dbos_system_schema": DBOS_SCHEMA,
-            "application_version": JOB_PROTOCOL_VERSION,
+            "application_version": str(self._protocol),
             "executor_id": self._executor_id,
             "serializer": DBOSPortableJSONSerializer(),
             "run_migrations": False,

@@ -42,6 +42,13 @@ INTERNAL_ERROR = Failure(
 )
 
 
+CANCELLED = Failure(
+    "cancelled",
+    "The estimate of this meal was cancelled before it was made.",
+    "The photographs are kept. A researcher of the study can have the meal estimated after all.",
+)
+
+
 class JobFailure(Exception):  # noqa: N818  # it carries a Failure
     """A use case's word that the job cannot succeed: the meal fails with this code, without another try."""
 

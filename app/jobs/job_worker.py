@@ -4,6 +4,7 @@ Two threads beside DBOS's: heartbeats must never wait for anything else, so take
 """
 
 import threading
+import uuid
 from collections import Counter
 from collections.abc import Callable
 
@@ -16,6 +17,7 @@ from app.jobs.leases import open_lease
 from app.jobs.sweep import sweep
 from app.jobs.times import WorkerTimes
 from app.jobs.workflows import EstimateUseCases, EstimateWorkflow
+from app.metrics import instruments
 
 log = structlog.get_logger()
 
@@ -36,14 +38,15 @@ class JobWorker:
         *,
         concurrency: int,
         times: WorkerTimes | None = None,
+        protocol: int | None = None,
     ) -> None:
         self._database = database
         self._times = times or WorkerTimes()
         self._lease = open_lease(database, self._times)
         self._workflow = EstimateWorkflow(database, self._lease, use_cases, self._times)
-        self._engine = Engine(database, self._lease.executor_id, concurrency=concurrency)
-        self._queue = JobQueue(database)
-        self._settle = use_cases.settle
+        self._engine = Engine(database, self._lease.executor_id, concurrency=concurrency, protocol=protocol)
+        self._queue = JobQueue(database, protocol=protocol)
+        self._use_cases = use_cases
         self._ending = threading.Event()
         self._claimed_but_idle: Counter[str] = Counter()
         self._threads: list[threading.Thread] = []
@@ -98,7 +101,9 @@ class JobWorker:
                 is_held = self._lease.renew()
             except Exception as error:  # the worker's edge: without a database it waits for one
                 log.warning("heartbeat_failed", exc_info=error)
+                instruments.HEARTBEATS_FAILED.inc()
                 continue
+            instruments.HEARTBEAT.set_to_current_time()
             if not is_held and not self._ending.is_set():
                 log.error("lease_lost", executor_id=self.executor_id)
                 self._workflow.leave()
@@ -111,8 +116,9 @@ class JobWorker:
             try:
                 self._take_over()
                 self._find_lost()
+                self._abandon_unwanted()
                 if looks % LOOKS_A_SWEEP == 0:
-                    sweep(self._database, self._queue, self._settle)
+                    sweep(self._database, self._queue, self._use_cases.settle)
             except Exception as error:  # the worker's edge: the next look comes
                 log.warning("takeover_failed", exc_info=error)
             looks += 1
@@ -126,7 +132,25 @@ class JobWorker:
         dead = self._lease.bury(pending)
         if dead:
             log.warning("jobs_taken_over", dead_executors=sorted(dead))
-            self._engine.recover(dead)
+            instruments.TAKEOVERS.inc(len(dead))
+            self._requeue_jobs_of(dead)
+
+    def _abandon_unwanted(self) -> None:
+        """Spare the rest of estimates whose meals were cancelled or erased."""
+        running = self._workflow.running
+        if not running:
+            return
+        with self._database.read() as session:
+            unwanted = jobs.unwanted_jobs(session, running)
+        for job_id in unwanted:
+            self._use_cases.abandon(uuid.UUID(job_id))
+
+    def _requeue_jobs_of(self, dead: set[str]) -> None:
+        for executor_id in sorted(dead):
+            with self._database.read() as session:
+                claimed = jobs.pending_workflows_of(session, executor_id)
+            for job_id in sorted(claimed):
+                self._engine.requeue(job_id, executor_id)
 
     def _find_lost(self) -> None:
         with self._database.read() as session:
@@ -134,5 +158,6 @@ class JobWorker:
         idle = claimed - self._workflow.running
         self._claimed_but_idle = Counter({job: self._claimed_but_idle[job] + 1 for job in idle})
         for job, looks in self._claimed_but_idle.items():
-            if looks >= LOOKS_BEFORE_LOST and not self._ending.is_set() and self._engine.requeue_lost(job):
+            if looks >= LOOKS_BEFORE_LOST and not self._ending.is_set() and self._engine.requeue(job, self.executor_id):
                 log.warning("lost_job_queued_again", job_id=job)
+                instruments.LOST_JOBS.inc()

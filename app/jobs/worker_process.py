@@ -16,6 +16,7 @@ import structlog
 from app.db.session import Database, open_database
 from app.jobs.child_pool import ChildPool, ChildPoolClosedError, ChildStartError
 from app.jobs.chores import Chore, ChoreThread
+from app.jobs.cores import worker_concurrency
 from app.jobs.engine import prepare_job_tables
 from app.jobs.job_worker import JobWorker
 from app.jobs.supervisor import LEASE_LOST
@@ -37,18 +38,21 @@ def run_jobs(
     tasks: str,
     make_chores: Callable[[Database], Sequence[Chore]] = lambda _: (),
     times: WorkerTimes | None = None,
+    protocol: int | None = None,
 ) -> int:
     """Work until a signal comes. Returns the exit status; must be called in the main thread.
 
-    tasks: the children's registry (child.py). times: shorter in tests.
+    tasks: the children's registry (child.py). times: shorter in tests. protocol: another in tests.
     """
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
     database = open_database(settings)
     prepare_job_tables(database)
-    pool = ChildPool(settings, tasks)
-    worker = JobWorker(database, make_use_cases(database, pool), concurrency=settings.worker_concurrency, times=times)
+    concurrency = worker_concurrency(settings)
+    pool = ChildPool(settings, tasks, children=concurrency)
+    use_cases = make_use_cases(database, pool)
+    worker = JobWorker(database, use_cases, concurrency=concurrency, times=times, protocol=protocol)
     worker.start()
     chores = ChoreThread(make_chores(database))
     chores.start()

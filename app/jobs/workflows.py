@@ -9,12 +9,13 @@ import threading
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
-from typing import Literal, Protocol, TypedDict
+from typing import Any, Literal, Protocol, TypedDict
 
+import sqlalchemy.exc
 import structlog
 from dbos import DBOS, SQLAlchemyDatasource
 from sqlalchemy.orm import Session
@@ -26,6 +27,8 @@ from app.errors import Failure
 from app.jobs.faults import INTERNAL_ERROR, JobFailure, JobLeft, TryAgain, is_passing
 from app.jobs.leases import Lease
 from app.jobs.times import WorkerTimes
+from app.logs import tell, telling
+from app.metrics import instruments
 
 log = structlog.get_logger()
 
@@ -50,6 +53,10 @@ class EstimateUseCases(Protocol):
 
     def save(self, session: Session, job_id: uuid.UUID, result_key: str) -> None:
         """Write run, items, records and the meal's status in this transaction. It is committed at most once."""
+        ...
+
+    def abandon(self, job_id: uuid.UUID) -> object:
+        """Nobody wants the job's result any more: a `compute` of it under way may end, in whatever way, soon."""
         ...
 
     def settle(self, session: Session, meal: Meal) -> object:
@@ -108,25 +115,55 @@ class EstimateWorkflow:
             return self._finish(datasource.sql_session(), uuid.UUID(job_id), result_key, failure)
 
         def estimate_meal(job_id: str) -> str:
-            with self._at_work_on(job_id):
+            with self._at_work_on(job_id) as facts:
                 computed = DBOS.run_step({"name": "compute"}, self._compute, job_id)
                 if computed["result_key"] is None and computed["failure"] is None:
                     return "was finished before"
-                return self._persist(finish, job_id, computed)
+                end = self._persist(finish, job_id, computed)
+                if end in ("done", "failed"):
+                    self._tell_end(facts)
+                return end
 
         return estimate_meal
 
     @contextmanager
-    def _at_work_on(self, job_id: str) -> Iterator[None]:
+    def _at_work_on(self, job_id: str) -> Iterator[dict[str, Any]]:
+        """Count it, and name it in all that is logged meanwhile. Yields the facts that were told of it."""
         with self._lock:
             self._running[job_id] += 1
+            instruments.JOBS_RUNNING.set(len(self._running))
         try:
-            with structlog.contextvars.bound_contextvars(job_id=job_id):
-                yield
+            with structlog.contextvars.bound_contextvars(job_id=job_id), telling() as facts:
+                self._tell_names(job_id)
+                yield facts
         finally:
             with self._lock:
                 self._running[job_id] -= 1
                 self._running = +self._running
+                instruments.JOBS_RUNNING.set(len(self._running))
+
+    def _tell_names(self, job_id: str) -> None:
+        """A job runs also if its names cannot be asked for: the step after this waits for the database."""
+        try:
+            with self._database.read() as session:
+                names = jobs.names_of_job(session, uuid.UUID(job_id))
+        except sqlalchemy.exc.SQLAlchemyError:
+            return
+        if names is None:
+            return
+        waited = (datetime.now(UTC) - names.enqueued_at).total_seconds()
+        tell(meal_id=str(names.meal_id), purpose=names.purpose)
+        if names.request_id is not None:
+            tell(request_id=names.request_id)
+        if not names.attempts:
+            instruments.JOB_WAIT.observe(max(waited, 0.0))
+        log.info("job_begins", attempt=names.attempts + 1, waited_seconds=round(waited, 1))
+
+    def _tell_end(self, facts: Mapping[str, Any]) -> None:
+        """Once its end is committed."""
+        outcome = facts.get("outcome", "ok")
+        instruments.ESTIMATES.labels(facts.get("purpose", "unknown"), instruments.outcome_label(outcome)).inc()
+        log.info("job_ended", outcome=outcome)
 
     def _compute(self, job_id: str) -> Computed:
         failed, waits = 0, 0
@@ -141,10 +178,10 @@ class EstimateWorkflow:
                 return Computed(result_key=self._use_cases.compute(uuid.UUID(job_id)), failure=None)
             except JobFailure as error:
                 return Computed(result_key=None, failure=asdict(error.failure))
-            except Exception as error:
+            except Exception as error:  # noqa: BLE001  # the worker's edge: _note_failed_step logs it whole
                 self._go_on_or_leave()  # a child that was killed because we stop looks like a fault
                 failed += not is_passing(error)
-                log.warning("job_step_failed", step="compute", passing=is_passing(error), exc_info=error)
+                _note_failed_step("compute", error, passing=is_passing(error))
                 if failed >= TRIES:
                     return Computed(result_key=None, failure=asdict(INTERNAL_ERROR))
             self._wait(waits)
@@ -164,7 +201,7 @@ class EstimateWorkflow:
             try:
                 return finish(job_id, result_key, failure)
             except TryAgain as error:
-                log.warning("job_step_failed", step="save", passing=True, exc_info=error.__cause__)
+                _note_failed_step("save", error.__cause__, passing=True)
             except Exception:
                 failed += 1
                 if failed >= 2 * TRIES:
@@ -191,6 +228,7 @@ class EstimateWorkflow:
                     failure = asdict(error.failure)
             now = datetime.now(UTC)
             if failure is not None:
+                tell(outcome=failure["code"])
                 jobs.fail_job(job, meal, Failure(**failure), now)
                 if job.purpose != "meal":
                     self._use_cases.settle(session, meal)
@@ -199,7 +237,7 @@ class EstimateWorkflow:
         except Exception as error:
             if is_passing(error):
                 raise TryAgain from error
-            log.warning("job_step_failed", step="save", passing=False, exc_info=error)
+            _note_failed_step("save", error, passing=False)
             # DBOS keeps what is raised here, and a database's error quotes the row: the name is all that it gets
             raise SaveError(type(error).__name__) from None
         return "done"
@@ -210,3 +248,9 @@ class EstimateWorkflow:
 
     def _wait(self, waits_before: int) -> None:
         self._leaving.wait(min(self._times.first_wait * 2**waits_before, self._times.longest_wait))
+
+
+def _note_failed_step(step: str, error: BaseException | None, *, passing: bool) -> None:
+    """Into the log, whole, and the figures."""
+    log.warning("job_step_failed", step=step, passing=passing, exc_info=error)
+    instruments.JOB_STEPS_FAILED.labels(step, "yes" if passing else "no").inc()

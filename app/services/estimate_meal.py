@@ -23,8 +23,10 @@ from app.db.queries import foods, meals, privacy
 from app.db.session import Database
 from app.errors import Failure
 from app.identification.food_index import FoodIndex, shipped_index
-from app.jobs.child_pool import ChildPool, ChildRequest
-from app.jobs.faults import JobFailure
+from app.jobs.child_pool import ChildCancelledError, ChildPool, ChildRequest
+from app.jobs.faults import CANCELLED, JobFailure
+from app.logs import tell
+from app.metrics import instruments
 from app.services.camera_choice import choose_camera
 from app.services.erase import PHOTOGRAPH_ERASED
 from app.services.estimate_json import (
@@ -45,6 +47,10 @@ from app.vision.pipeline import PIPELINE_VERSION
 
 log = structlog.get_logger()
 
+# the pipeline's; a child has decoded hostile bytes, and each name that it made up would be a series for ever
+STAGES = frozenset(
+    {"read", "marker", "camera", "match", "rectify", "disparity", "depth", "segment", "volume", "describe"}
+)
 
 PHOTO_DAMAGED = Failure(
     "photo_damaged",
@@ -110,8 +116,16 @@ class EstimateMeal:
 
     def save(self, session: Session, job_id: uuid.UUID, result_key: str) -> None:
         """Write run, items and records in the given transaction."""
-        save_estimate(session, job_id, json.loads(self._blobs.read(result_key)), result_key)
+        answer = json.loads(self._blobs.read(result_key))
+        save_estimate(session, job_id, answer, result_key)
+        if answer["failure"]:
+            tell(outcome=answer["failure"]["code"])
         log.info("estimate_saved", result_key=result_key)  # it begins with the study's and the meal's id
+
+    def abandon(self, job_id: uuid.UUID) -> None:
+        """End the child that works on the job."""
+        if self._children.cancel(str(job_id)):
+            log.info("estimate_abandoned", job_id=str(job_id))
 
     def settle(self, session: Session, meal: Meal) -> None:
         """Bring the meal's records in line with a job that ended without a result."""
@@ -156,8 +170,12 @@ class EstimateMeal:
                 "max_pixels": self._settings.max_photo_pixels,
             },
         )
-        done = self._children.run(request, on_stage=lambda stage: self._tell_stage(job, stage))
+        try:
+            done = self._children.run(request, lambda stage: self._tell_stage(job, stage), name=str(job.id))
+        except ChildCancelledError:
+            raise JobFailure(CANCELLED) from None
         if done.failure is None:
+            _note_times(done.result)
             return dict(done.result)
         log.error("estimate_ended_badly", meal_id=str(job.meal_id), outcome=done.outcome, message=done.message)
         ended = MealEstimate(method=options.method, pipeline_version=PIPELINE_VERSION, stages={}, failure=done.failure)
@@ -165,6 +183,7 @@ class EstimateMeal:
 
     def _tell_stage(self, job: Job, stage: str) -> None:
         """Progress of the meal's own pair for the phone; an estimate does not fail because it could not be told."""
+        log.info("estimate_stage", stage=stage)
         if job.purpose != "meal":
             return
         try:
@@ -184,3 +203,11 @@ def _camera_told(job: Job, meal: Meal) -> Mapping[str, Any] | None:
     own = (meal.after_details or {}).get("camera") if job.purpose == "after" else None
     told: Mapping[str, Any] | None = own if own is not None else meal.details["camera"]
     return told
+
+
+def _note_times(answer: Mapping[str, Any]) -> None:
+    """What the steps of the pipeline took, into the figures and the log."""
+    for stage, seconds in answer["stages"].items():
+        instruments.STAGES.labels(stage if stage in STAGES else "other").observe(seconds)
+    instruments.ESTIMATE_SECONDS.observe(answer["seconds"])
+    log.info("estimate_computed", seconds=round(answer["seconds"], 2))

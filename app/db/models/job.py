@@ -10,12 +10,16 @@ from app.db.models.base import Base, one_of
 
 JOB_STATES = ("queued", "processing", "done", "failed")
 JOB_PURPOSES = ("meal", "after", "remeasure")
+_HAS_BEGUN = sa.text("turn > 0 AND started_at IS NOT NULL")
+_HAS_STUDY = sa.text("study_id IS NOT NULL")
 
 
 class Job(Base):
     """One estimate of one meal, to be made or made. Its id is the DBOS workflow's id and becomes the run's id.
 
     purpose: of the meal's pair, of its after-meal pair, or of regions that a person drew anew (event_id).
+    turn: studies that share workers take turns (jobs/turns.py); the lower, the sooner; 0: not given yet, or queued by a
+    version before turns. study_id: whose turn it is, the meal's study.
     """
 
     __tablename__ = "job"
@@ -26,7 +30,8 @@ class Job(Base):
     event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
     state: Mapped[str] = mapped_column(sa.String(16))
     attempts: Mapped[int] = mapped_column(default=0)
-    turn: Mapped[int] = mapped_column(sa.BigInteger, default=0, server_default="0")  # the lower, the sooner
+    turn: Mapped[int] = mapped_column(sa.BigInteger, default=0, server_default="0")
+    study_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("study.id"))
     executor_id: Mapped[str | None] = mapped_column(sa.String(64))  # the worker that has it, or had it last
     enqueued_at: Mapped[datetime]
     started_at: Mapped[datetime | None]
@@ -36,6 +41,8 @@ class Job(Base):
         one_of("state", JOB_STATES),
         one_of("purpose", JOB_PURPOSES),
         sa.Index(None, "state", "enqueued_at"),
+        sa.Index(None, "study_id", "turn", sqlite_where=_HAS_STUDY, postgresql_where=_HAS_STUDY),
+        sa.Index("ix_job_turn_of_begun", "turn", sqlite_where=_HAS_BEGUN, postgresql_where=_HAS_BEGUN),
     )
 
 

@@ -2,6 +2,7 @@
 
 import functools
 import uuid
+from collections.abc import Collection
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
@@ -20,7 +21,8 @@ DBOS_SCHEMA = "dbos"  # on PostgreSQL; on SQLite its tables stand beside ours
 
 def _workflow_table(schema: str | None) -> sa.TableClause:
     names = ("workflow_uuid", "status", "executor_id", "application_name")
-    return sa.table("workflow_status", *(sa.column(name, sa.Text()) for name in names), schema=schema)
+    texts = (sa.column(name, sa.Text()) for name in names)
+    return sa.table("workflow_status", *texts, sa.column("attributes", sa.JSON()), schema=schema)
 
 
 _WORKFLOW = {"sqlite": _workflow_table(None), "postgresql": _workflow_table(DBOS_SCHEMA)}
@@ -35,6 +37,41 @@ class Executor:
     pid: int
     version: str
     started_at: datetime
+
+
+def turn_now(session: Session) -> int:
+    """The turn that workers have come to: the highest of all that were begun; 0 before the first."""
+    return session.scalar(sa.select(sa.func.max(Job.turn)).where(Job.turn > 0, Job.started_at.is_not(None))) or 0
+
+
+def last_turn_of(session: Session, study_id: uuid.UUID) -> int:
+    """The turn of the study's last job in the line, done or not; 0: it has none."""
+    return session.scalar(sa.select(sa.func.max(Job.turn)).where(Job.study_id == study_id)) or 0
+
+
+@dataclass(frozen=True, slots=True)
+class JobNames:
+    """What logs and figures tell of a job. request_id: of the request that queued it, where there was one."""
+
+    meal_id: uuid.UUID
+    purpose: str
+    request_id: str | None
+    enqueued_at: datetime
+    attempts: int
+
+
+def names_of_job(session: Session, job_id: uuid.UUID) -> JobNames | None:
+    """None: there is no such job any more."""
+    workflow = _WORKFLOW[session.get_bind().dialect.name]
+    found = session.execute(
+        sa.select(Job.meal_id, Job.purpose, workflow.c.attributes, Job.enqueued_at, Job.attempts)
+        .outerjoin(workflow, workflow.c.workflow_uuid == str(job_id))
+        .where(Job.id == job_id)
+    ).one_or_none()
+    if found is None:
+        return None
+    meal_id, purpose, attributes, enqueued_at, attempts = found
+    return JobNames(meal_id, purpose, (attributes or {}).get("request_id"), enqueued_at, attempts)
 
 
 def lock_live_job(session: Session, job_id: uuid.UUID) -> tuple[Job, Meal] | None:
@@ -67,6 +104,12 @@ def start_attempt(session: Session, job_id: uuid.UUID, executor_id: str, now: da
         meal.after_status = "processing"
         meal.version += 1
     return True
+
+
+def unwanted_jobs(session: Session, job_ids: Collection[str]) -> set[str]:
+    """Those of the jobs that are not to be done any more: cancelled, given up, or erased with their meal."""
+    wanted = sa.select(Job.id).where(Job.id.in_([uuid.UUID(job_id) for job_id in job_ids]), Job.state.in_(LIVE_STATES))
+    return set(job_ids) - {str(job_id) for job_id in session.scalars(wanted)}
 
 
 def finish_job(job: Job, now: datetime) -> None:

@@ -18,7 +18,7 @@ from app.jobs.engine import JobQueue
 from app.jobs.leases import living_workers
 from app.jobs.supervisor import settings_environment
 from app.settings import Settings
-from tests.integration.jobs.fakes import TIMES, new_job
+from tests.integration.jobs.fakes import TIMES, new_device, new_job
 
 ROOT = pathlib.Path(__file__).parents[3]
 PATIENCE_SECONDS = 40.0  # a loaded machine; no test takes nearly so long otherwise
@@ -41,16 +41,21 @@ class Jobs:
         self.folder = folder
         self.queue = JobQueue(database)
         self.settings = Settings(
-            database_url=database.url, data_dir=folder / "data", estimate_seconds=1.0, log_format="console"
+            database_url=database.url,
+            data_dir=folder / "data",
+            estimate_seconds=1.0,
+            log_format="console",
+            worker_concurrency=1,
         )
         self.workers = []
 
-    def start_worker(self, **changes):
+    def start_worker(self, *, protocol=None, **changes):
         """A worker that lives."""
         settings = self.settings.model_copy(update=changes)
         environment = {name: value for name, value in os.environ.items() if not name.startswith("TADA_")}
         environment |= settings_environment(settings) | {"PYTHONPATH": str(ROOT)}
         command = [sys.executable, "-m", "tests.integration.jobs.fakes", "--parent", str(os.getpid())]
+        command += ["--protocol", str(protocol)] if protocol is not None else []
         worker = subprocess.Popen([*command, "--folder", str(self.folder)], env=environment, cwd=self.folder)
         self.workers.append(worker)
         wait_until(
@@ -62,9 +67,14 @@ class Jobs:
     def living(self):
         return living_workers(self.database, TIMES)
 
-    def add(self, fake="quick"):
+    def add(self, fake="quick", device_id=None):
         with self.database.write() as session:
-            return new_job(session, self.queue, fake)
+            return new_job(session, self.queue, fake, device_id)
+
+    def new_study(self):
+        """A study of one phone: the phone's id."""
+        with self.database.write() as session:
+            return new_device(session).id
 
     def go(self, job_id):
         (self.folder / f"go-{job_id}").touch()

@@ -44,7 +44,7 @@ class FakeUseCases:
         elif what == "full_disk" and not (self._folder / f"go-{job_id}").exists():
             raise OSError(errno.ENOSPC, "No space left on device")
         elif what.startswith("child:"):
-            result = self._pool.run(ChildRequest(what.removeprefix("child:"), {}), lambda _: None)
+            result = self._pool.run(ChildRequest(what.removeprefix("child:"), {}), lambda _: None, name=str(job_id))
             if result.failure is not None:
                 raise JobFailure(result.failure)
         return f"results/{job_id}"
@@ -67,6 +67,10 @@ class FakeUseCases:
         meal.status = "estimated"
         meal.version += 1
 
+    def abandon(self, job_id):
+        if self._pool.cancel(str(job_id)):
+            (self._folder / f"abandoned-{job_id}").touch()
+
     def settle(self, session, meal):
         meal.details = meal.details | {"settled": True}
 
@@ -81,31 +85,33 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--folder", type=Path, required=True)
     parser.add_argument("--parent", type=int, required=True)
+    parser.add_argument("--protocol", type=int)
     arguments = parser.parse_args()
     die_with_parent(arguments.parent)
 
     def make_use_cases(database, pool):
         return FakeUseCases(database, pool, arguments.folder)
 
-    raise SystemExit(run_jobs(Settings(), make_use_cases, tasks=FAKE_TASKS, times=TIMES))
+    raise SystemExit(run_jobs(Settings(), make_use_cases, tasks=FAKE_TASKS, times=TIMES, protocol=arguments.protocol))
 
 
-def new_job(session, queue, fake="quick"):
-    """A meal with its job, queued in the session's transaction; returns the job's id."""
-    job, _ = new_job_without_workflow(session, fake)
+def new_job(session, queue, fake="quick", device_id=None):
+    """A meal with its job, queued in the session's transaction; returns the job's id. device_id: whose meal it is."""
+    job, _ = new_job_without_workflow(session, fake, device_id)
     queue.enqueue(session, job.id)
     return job.id
 
 
-def new_job_without_workflow(session, fake="quick"):
-    meal = new_meal(session, fake)
+def new_job_without_workflow(session, fake="quick", device_id=None):
+    meal = new_meal(session, fake, device_id)
     job = Job(id=uuid.uuid4(), meal_id=meal.id, state="queued", attempts=0, enqueued_at=meal.received_at)
     session.add(job)
     session.flush()
     return job, meal
 
 
-def new_meal(session, fake="quick"):
+def new_device(session):
+    """The phone of the one participant of a new study."""
     now = datetime.now(UTC)
     study = Study(id=uuid.uuid4(), code=uuid.uuid4().hex, name="s", created_at=now)
     session.add(study)
@@ -116,10 +122,17 @@ def new_meal(session, fake="quick"):
     device = Device(id=uuid.uuid4(), participant_id=participant.id, name="d", enrolled_at=now)
     session.add(device)
     session.flush()
+    return device
+
+
+def new_meal(session, fake="quick", device_id=None):
+    now = datetime.now(UTC)
+    device = session.get_one(Device, device_id) if device_id is not None else new_device(session)
+    participant = session.get_one(Participant, device.participant_id)
     meal = Meal(
         id=uuid.uuid4(),
         client_id=uuid.uuid4(),
-        study_id=study.id,
+        study_id=participant.study_id,
         participant_id=participant.id,
         device_id=device.id,
         captured_at=now,

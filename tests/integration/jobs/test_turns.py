@@ -1,0 +1,192 @@
+"""Fair between studies: in which order workers take what waits. The order of claims is asked of DBOS's own claim."""
+
+import uuid
+from itertools import pairwise
+
+import pytest
+import sqlalchemy as sa
+
+from app.db.models import Job
+from app.jobs.engine import JobQueue
+from tests.integration.jobs.fakes import new_job_without_workflow
+
+
+@pytest.fixture
+def line(jobs):
+    return Line(jobs)
+
+
+class Line:
+    """What waits, taken one after the other as workers would."""
+
+    def __init__(self, jobs):
+        self.jobs = jobs
+
+    def send(self, phone, count=1):
+        with self.jobs.database.write() as session:
+            return [self._queue(session, phone) for _ in range(count)]
+
+    def _queue(self, session, phone):
+        job, _ = new_job_without_workflow(session, device_id=phone)
+        self.jobs.queue.enqueue(session, job.id)
+        return job.id
+
+    def take(self):
+        """The job that a worker claims next, begun as a worker does; None: nothing waits."""
+        with self.jobs.database.write() as session:
+            found = session.scalar(
+                sa.text(
+                    f"SELECT workflow_uuid FROM {self.jobs.workflow_table} WHERE status = 'ENQUEUED' "
+                    "ORDER BY priority, created_at, workflow_uuid LIMIT 1"
+                )
+            )
+            if found is None:
+                return None
+            session.execute(
+                sa.text(f"UPDATE {self.jobs.workflow_table} SET status = 'SUCCESS' WHERE workflow_uuid = :id"),
+                {"id": found},
+            )
+            job = session.get_one(Job, uuid.UUID(found))
+            job.state, job.started_at = "done", job.enqueued_at
+            return job.id
+
+    def take_up_to(self, wanted):
+        """How many others are taken before it."""
+        taken = 0
+        while (job_id := self.take()) != wanted:
+            assert job_id is not None
+            taken += 1
+        return taken
+
+
+def test_first_meal_of_a_study_is_next_whatever_another_study_has_waiting(line, jobs):
+    backlog = line.send(jobs.new_study(), 100)
+    other = jobs.new_study()
+    for _ in range(20):
+        assert line.take() in backlog
+    assert line.take_up_to(line.send(other)[0]) == 0
+
+
+def test_two_studies_with_backlogs_take_turns(line, jobs):
+    early, late = jobs.new_study(), jobs.new_study()
+    first, second = line.send(early, 40), line.send(late, 40)
+    order = [line.take() for _ in range(40)]
+    assert sum(job_id in second for job_id in order) == pytest.approx(20, abs=1)
+    assert [job_id for job_id in order if job_id in first] == first[: sum(job_id in first for job_id in order)]
+
+
+def test_study_beside_one_that_sends_without_end_does_not_starve_and_neither_does_the_other(line, jobs):
+    """The greedy one sends two for each that is taken, and a third study whenever its last one was taken."""
+    greedy, small, third = jobs.new_study(), jobs.new_study(), jobs.new_study()
+    mine = line.send(small, 12)
+    of_third, taken = line.send(third)[0], []
+    for _ in range(200):
+        line.send(greedy, 2)
+        taken.append(line.take())
+        if taken[-1] == of_third:
+            of_third = line.send(third)[0]
+        if set(mine) <= set(taken):
+            break
+    assert set(mine) <= set(taken)
+    places = [taken.index(job_id) for job_id in mine]
+    assert places == sorted(places)  # first come, first served within the study
+    gaps = [later - earlier for earlier, later in pairwise(places)]
+    assert sum(gaps) / len(gaps) == pytest.approx(3, abs=0.3)  # a third of what three studies share
+    assert max(gaps) <= 5  # first of a round, then last of the next
+    newcomer = line.send(jobs.new_study())[0]  # at most one of each other study goes before it
+    assert line.take_up_to(newcomer) <= 2
+
+
+def test_study_that_is_quiet_saves_up_no_turns(line, jobs):
+    quiet, busy = jobs.new_study(), jobs.new_study()
+    line.send(quiet)
+    line.take()
+    line.send(busy, 100)
+    for _ in range(50):
+        line.take()
+    late = line.send(quiet, 20)
+    order = [line.take() for _ in range(20)]
+    assert sum(job_id in late for job_id in order) == pytest.approx(10, abs=1)
+
+
+def test_uploads_of_one_study_that_do_not_see_each_other_get_turns_of_their_own(jobs):
+    """As when a process writes many at once: none sees what the others have not committed."""
+    phone, given = jobs.new_study(), []
+    for _ in range(5):
+        with pytest.raises(RuntimeError), jobs.database.write() as session:  # noqa: PT012
+            job, _ = new_job_without_workflow(session, device_id=phone)
+            jobs.queue.enqueue(session, job.id)
+            given.append(job.turn)
+            raise RuntimeError
+    assert given == [1, 2, 3, 4, 5]
+
+
+def test_another_process_goes_on_where_the_first_is(jobs):
+    phone = jobs.new_study()
+    first = jobs.add(device_id=phone)
+    other = JobQueue(jobs.database)
+    with jobs.database.write() as session:
+        job, _ = new_job_without_workflow(session, device_id=phone)
+        other.enqueue(session, job.id)
+        assert job.turn == jobs.job(first).turn + 1 == 2
+    other.close()
+
+
+def test_job_that_is_queued_again_keeps_its_turn(line, jobs):
+    phone = jobs.new_study()
+    lost, *_ = line.send(phone, 50)
+    before = jobs.job(lost).turn
+    jobs.run_sql(f"DELETE FROM {jobs.workflow_table} WHERE workflow_uuid = '{lost}'")
+    with jobs.database.write() as session:
+        jobs.queue.enqueue(session, lost)
+    assert jobs.job(lost).turn == before
+    assert line.take() == lost
+
+
+def test_job_queued_by_the_version_before_turns_is_taken_first_and_counts_for_nobody(line, jobs):
+    """It knows neither column; DBOS's priority is 0 then."""
+    phone = jobs.new_study()
+    line.send(phone, 5)
+    with jobs.database.write() as session:
+        job, _ = new_job_without_workflow(session, device_id=phone)
+        jobs.queue._client.enqueue_in_transaction(
+            session,
+            {
+                "workflow_name": "estimate_meal",
+                "queue_name": "estimates",
+                "workflow_id": str(job.id),
+                "app_version": "1",
+            },
+            str(job.id),
+        )
+        old = job.id
+    assert line.take() == old
+    assert jobs.job(old).turn == 0
+    line.take()
+    assert jobs.job(line.send(jobs.new_study())[0]).turn == 1
+
+
+def test_turns_beyond_the_queues_numbers_are_first_come_first_served(line, jobs):
+    phone = jobs.new_study()
+    first = line.send(phone)[0]
+    jobs.run_sql(f"UPDATE job SET turn = {2**31 + 7}")
+    jobs.run_sql(f"UPDATE {jobs.workflow_table} SET priority = {2**31 - 1}")
+    second = line.send(phone)[0]
+    assert jobs.job(second).turn == 2**31 + 8
+    assert [line.take(), line.take()] == [first, second]
+
+
+def test_turns_are_looked_up_in_indexes(jobs):
+    """With a million old jobs each question is one step into an index; here: the planner's word that it uses them."""
+    phone = jobs.new_study()
+    jobs.add(device_id=phone)
+    plans = []
+    with jobs.database.write() as session:
+        if not jobs.database.is_sqlite:
+            session.execute(sa.text("SET LOCAL enable_seqscan = off"))  # with a handful of rows it would read them all
+        for condition in ("study_id = (SELECT id FROM study LIMIT 1)", "turn > 0 AND started_at IS NOT NULL"):
+            explain = "EXPLAIN QUERY PLAN" if jobs.database.is_sqlite else "EXPLAIN"
+            rows = session.execute(sa.text(f"{explain} SELECT max(turn) FROM job WHERE {condition}")).all()
+            plans.append(" ".join(str(row) for row in rows))
+    assert "ix_job_study_id_turn" in plans[0]
+    assert "ix_job_turn_of_begun" in plans[1]
