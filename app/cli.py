@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from app import __version__
+from app.cli_backup import backup, restore
 from app.cli_database import JsonOption, author, database_as_it_is, opened_database
 from app.cli_foods import foods_cli
 from app.cli_index import index_cli
@@ -36,6 +37,8 @@ for name, group in (
     ("staff", staff_cli),
 ):
     cli.add_typer(group, name=name)
+cli.command()(backup)
+cli.command()(restore)
 
 DEFAULT_MARKER = "plain:9x7:11"
 LEAST_SHOWN = 0.05  # of a candidate's probability, beside a volume

@@ -1,0 +1,159 @@
+"""`tada backup` and `tada restore`: a deployment into one file, and an empty deployment from it."""
+
+import errno
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from app.cli_database import JsonOption, database_as_it_is
+from app.errors import InvalidInputError, StorageFullError, UnavailableError
+from app.settings import Settings
+
+if TYPE_CHECKING:
+    from app.services.backup_check import CheckedBackup
+    from app.services.backup_format import Manifest
+
+PROGRESS_SECONDS = 2.0
+LISTED = 20  # damaged blobs told by name; --json tells all
+KEPT_APART = (
+    "TADA_SECRET_KEY is not in it (on SQLite: the file secret.key in TADA_DATA_DIR), nor is the ledger of erasures "
+    "(TADA_ERASURE_URL). Keep both apart from the backup: a restore needs them."
+)
+
+
+def backup(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to make; -: standard output.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Write database and photographs into one file, as they stand now, while servers and workers go on."""
+    from app.services.backup import backup_to_file, write_backup
+    from app.services.secret_box import open_secret_box
+    from app.storage.opening import open_blob_store
+
+    settings, to_pipe = Settings(), str(file) == "-"
+    with database_as_it_is() as database, _told_of_files():
+        blobs, box, tell = open_blob_store(settings.resolved_blob_url, settings), open_secret_box(settings), _progress()
+        if to_pipe:
+            done = write_backup(database, blobs, box, sys.stdout.buffer, tell)
+            sys.stdout.buffer.flush()
+        else:
+            done = backup_to_file(database, blobs, box, file, tell)
+    answer = _described(done.manifest, done.rows, done.blobs, done.blob_bytes, done.erased, done.damaged)
+    if as_json:
+        print(json.dumps(answer), file=sys.stderr if to_pipe else sys.stdout)
+    else:
+        print(f"{file}: {_counted(answer)}.", file=sys.stderr)
+        _tell_damaged(done.damaged)
+        print(KEPT_APART, file=sys.stderr)
+    raise SystemExit(1 if done.damaged else 0)
+
+
+def restore(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="What `tada backup` made.")],
+    check: Annotated[bool, typer.Option("--check", help="Only read it to its end; restore nothing.")] = False,
+    other_key: Annotated[
+        bool,
+        typer.Option("--other-key", help="TADA_SECRET_KEY of then is lost: go on without it."),
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Check a backup, then restore it into an empty deployment that nobody runs: any database, any store."""
+    from app.services.restore import check_only
+    from app.services.restore import restore as run
+    from app.storage.opening import open_blob_store
+
+    settings, tell = Settings(), _progress()
+    if str(file) == "-":
+        raise InvalidInputError("A backup is checked before it is restored, so it must be a file: save it first.")
+    if check:
+        with _told_of_files():
+            checked = check_only(file, settings, tell, other_key=other_key)
+        _tell_checked(checked, {}, "whole", as_json=as_json)
+        return
+    with database_as_it_is() as database, _told_of_files():
+        blobs = open_blob_store(settings.resolved_blob_url, settings)
+        done = run(file, database, blobs, settings, tell, other_key=other_key)
+    _tell_checked(done.checked, {"queued_again": done.queued_again}, "restored", as_json=as_json)
+
+
+def _tell_checked(checked: "CheckedBackup", more: dict[str, Any], deed: str, *, as_json: bool) -> None:
+    end = checked.end
+    answer = _described(checked.manifest, end.rows, end.blobs, end.blob_bytes, len(end.erased), end.damaged)
+    answer |= more
+    if as_json:
+        print(json.dumps(answer))
+        return
+    print(f"{deed}: {_counted(answer)}, of {checked.manifest.created_at.isoformat(timespec='seconds')}.")
+    if more.get("queued_again"):
+        print(f"{more['queued_again']} meals wait for a worker.")
+    _tell_damaged(end.damaged)
+
+
+def _described(
+    manifest: "Manifest",
+    rows: Mapping[str, int],
+    blobs: int,
+    blob_bytes: int,
+    erased: int,
+    damaged: Mapping[str, str],
+) -> dict[str, Any]:
+    return {
+        "backup": manifest.backup,
+        "created_at": manifest.created_at.isoformat(),
+        "program": manifest.program,
+        "revision": manifest.revision,
+        "database": manifest.database,
+        "rows": sum(rows.values()),
+        "tables": dict(rows),
+        "blobs": blobs,
+        "blob_bytes": blob_bytes,
+        "erased_meanwhile": erased,
+        "damaged": dict(damaged),
+    }
+
+
+def _counted(answer: Mapping[str, Any]) -> str:
+    return f"{answer['rows']} rows, {answer['blobs']} blobs ({answer['blob_bytes'] / 1e6:.1f} MB)"
+
+
+def _tell_damaged(damaged: Mapping[str, str]) -> None:
+    if not damaged:
+        return
+    print(f"{len(damaged)} blobs are not in the backup:", file=sys.stderr)
+    for key, why in list(damaged.items())[:LISTED]:
+        print(f"  {key}: {why}", file=sys.stderr)
+    if len(damaged) > LISTED:
+        print(f"  and {len(damaged) - LISTED} more: --json", file=sys.stderr)
+
+
+def _progress() -> Callable[[str], None]:
+    """Tells on standard error how far it is, now and then."""
+    last = time.monotonic()
+
+    def tell(words: str) -> None:
+        nonlocal last
+        if time.monotonic() - last >= PROGRESS_SECONDS:
+            last = time.monotonic()
+            print(f"  {words}", file=sys.stderr, flush=True)
+
+    return tell
+
+
+@contextmanager
+def _told_of_files() -> Iterator[None]:
+    """What the file or the store does not do, in words."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise UnavailableError("Whoever read the backup has gone: it is not whole.") from None
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise StorageFullError(f"{where}there is no room left. Nothing was kept.") from error
+        raise UnavailableError(f"{where}{error.strerror or error}") from error

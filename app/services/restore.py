@@ -1,0 +1,169 @@
+"""`tada restore`: an empty deployment becomes what a backup holds: blobs first, then all rows or none.
+
+The whole backup is checked before anything is written. Broken off, the same restore can be done again: the blobs that
+are there already are the same. At the end erasures that came after the backup are done again (services/prepare.py) and
+meals that waited are queued again.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import sqlalchemy as sa
+
+from app.db.layout import TableLayout
+from app.db.migrate import SchemaUnknownError, current_revision, revisions
+from app.db.refill import Refill, make_tables, refilling, require_alone, require_empty
+from app.db.scratch_keys import ScratchKeys, scratch_keys
+from app.db.session import Database
+from app.errors import ConflictError, StorageFullError
+from app.jobs.engine import JobQueue
+from app.jobs.sweep import sweep
+from app.services import audit
+from app.services.backup import Tell
+from app.services.backup_check import CheckedBackup, check_backup, unpacked_rows
+from app.services.backup_format import BLOB_COLUMNS, MAX_CHUNK_BYTES, MAX_DOCUMENT_BYTES, Manifest, broken
+from app.services.backup_tar import members
+from app.services.backup_values import MOST_INTEGER, row_reader
+from app.services.prepare import prepare
+from app.services.project_records import project_meal
+from app.services.restore_blobs import put_blobs
+from app.services.secret_box import KEY_FILE, SecretBox, SecretKeyError, open_secret_box
+from app.settings import Settings
+from app.storage.blob_store import BlobStore
+
+# Added to every change's number: whoever pulled changes that the backup does not have stands before all that it has,
+# and gets all of it again. Larger than any number of changes in between, small enough for a thousand million restores.
+CHANGE_SEQ_JUMP = 2**32
+
+
+@dataclass(frozen=True, slots=True)
+class RestoreDone:
+    """What was restored. queued_again: meals that waited for their estimate."""
+
+    checked: CheckedBackup
+    queued_again: int
+
+
+def check_only(path: Path, settings: Settings, tell: Tell, *, other_key: bool = False) -> CheckedBackup:
+    """Read a backup to its end as a restore would, and restore nothing. Raises as check_backup."""
+    with path.open("rb") as file, scratch_keys() as keys:
+        return check_backup(file, _key_of(settings, other_key=other_key), keys, tell)
+
+
+def restore(
+    path: Path, database: Database, blobs: BlobStore, settings: Settings, tell: Tell, *, other_key: bool = False
+) -> RestoreDone:
+    """Restore a backup into an empty deployment that nobody runs. other_key: though the secret key is another.
+
+    Raises InvalidInputError (`backup_broken`, `backup_too_new`, `backup_refused`), SecretKeyError, ConflictError
+    (`deployment_in_use`, `deployment_not_empty`), StorageFullError. All of them before anything is written but
+    `backup_refused`, which leaves blobs.
+    """
+    with path.open("rb") as file, scratch_keys() as keys:
+        checked = check_backup(file, _key_of(settings, other_key=other_key), keys, tell)
+        require_alone(database)
+        _require_known_schema(database)
+        require_empty(database, checked.layout)
+        _require_store(blobs, keys, checked.end.blob_bytes)
+        put_blobs(file, checked.blobs_offset, blobs, tell)
+        make_tables(database, checked.manifest.revision)
+        with refilling(database, checked.layout) as refill:
+            _put_rows(refill, file, checked, tell)
+            _mark_erased(refill, checked)
+    prepare(database, settings)
+    return RestoreDone(checked, _put_to_work(database, checked.manifest))
+
+
+def _key_of(settings: Settings, *, other_key: bool) -> Callable[[Manifest], SecretBox | None]:
+    def open_box(manifest: Manifest) -> SecretBox | None:
+        """The key that the backup was sealed with. Raises SecretKeyError where it is not this deployment's."""
+        if other_key:
+            return None
+        has_key = settings.secret_key is not None or (settings.data_dir / KEY_FILE).exists()
+        box = open_secret_box(settings) if has_key or not settings.is_embedded else None
+        if box is None or box.digest("backup.key", manifest.backup) != manifest.key_check:
+            raise SecretKeyError(
+                "TADA_SECRET_KEY is not the key of this backup: without it nobody knows who was erased, and webhooks' "
+                f"secrets cannot be opened. Set it, or put the file {KEY_FILE} of the old data folder into "
+                f"{settings.data_dir}. If it is lost: --other-key."
+            )
+        return box
+
+    return open_box
+
+
+def _require_known_schema(database: Database) -> None:
+    revision = current_revision(database)
+    if revision is not None and revision not in revisions():
+        raise SchemaUnknownError(f"The database's schema ({revision}) is a newer program's: restore with that.")
+
+
+def _require_store(blobs: BlobStore, keys: ScratchKeys, needed_bytes: int) -> None:
+    """Nothing but blobs of this backup, as a restore that was broken off leaves, and room for the others."""
+    everything = blobs.keys()
+    for blob in everything:
+        if not keys.is_named(blob.key):
+            raise ConflictError(
+                "The blob store holds something that is not of this backup: restore into an empty one.",
+                code="deployment_not_empty",
+            )
+    free_bytes = blobs.free_bytes()
+    if free_bytes is not None and free_bytes < needed_bytes:
+        raise StorageFullError(
+            f"The blobs need {needed_bytes / 1e9:.1f} GB, and the store has {free_bytes / 1e9:.1f} GB left."
+        )
+
+
+def _put_rows(refill: Refill, file: IO[bytes], checked: CheckedBackup, tell: Tell) -> None:
+    chunks = members(file)
+    next(chunks).content(MAX_DOCUMENT_BYTES)  # the manifest
+
+    def rows_of(table: TableLayout) -> Iterator[Sequence[Any]]:
+        read, change = row_reader(table), table.place("change_seq")
+        for sha256 in checked.chunks[table.name]:
+            member = next(chunks)
+            content = member.content(MAX_CHUNK_BYTES)
+            if member.sha256 != sha256:
+                raise broken("it was changed while it was read")
+            for row in unpacked_rows(content, member.name, read):
+                if change is not None and row[change] is not None:
+                    row[change] = _later(row[change])
+                yield row
+
+    for table in checked.layout:
+        count = refill.put(table, rows_of(table))
+        tell(f"restored: {table.name}, {count} rows")
+
+
+def _later(change_seq: int) -> int:
+    if change_seq > MOST_INTEGER - CHANGE_SEQ_JUMP:
+        raise broken("it counts more changes than there can be")
+    return change_seq + CHANGE_SEQ_JUMP
+
+
+def _mark_erased(refill: Refill, checked: CheckedBackup) -> None:
+    """What an erasure took while the backup was written: the rows are from before it, the blobs from after it."""
+    tables = {table.name: table for table in checked.layout}
+    for name, (key, erased_at) in BLOB_COLUMNS.items():
+        table = tables[name].table()
+        for blob_key in checked.end.erased:
+            if erased_at is not None and tables[name].place(erased_at) is not None:
+                change = sa.update(table).values({erased_at: checked.manifest.created_at})
+                refill.change(change.where(table.c[key] == blob_key, table.c[erased_at].is_(None)))
+            elif name == "run_artefact":
+                refill.change(sa.delete(table).where(table.c[key] == blob_key))
+
+
+def _put_to_work(database: Database, manifest: Manifest) -> int:
+    """Note the restore, and queue again what waited: no workflow of before is there any more."""
+    with database.write() as session:
+        audit.note(
+            session, None, "server.restore", subject=manifest.backup, backup_made_at=manifest.created_at.isoformat()
+        )
+    queue = JobQueue(database)
+    try:
+        return sweep(database, queue, project_meal)
+    finally:
+        queue.close()
