@@ -174,6 +174,7 @@ def test_etag_that_is_known_in_any_spelling_of_rfc_9110_gives_304(phone, known):
     assert phone.client.get(meal.headers["location"], headers=headers).status_code == 304
 
 
+@pytest.mark.slow
 def test_who_waits_at_shutdown_gets_the_meal_as_it_is(tmp_path):
     environment = os.environ | {"TADA_DATA_DIR": str(tmp_path), "TADA_PORT": "0", "TADA_MIN_FREE_BYTES": "0"}
     tada = [sys.executable, "-m", "app.cli"]

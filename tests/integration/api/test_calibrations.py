@@ -90,6 +90,7 @@ def chosen(state, device, sizes=((1200, 900), (1200, 900)), given=None):
         return choose_camera(session, given=given, device_id=device.id, study=study, sizes=list(sizes))
 
 
+@pytest.mark.slow
 def test_known_camera_comes_back_is_listed_and_can_be_withdrawn(phone, client, admin, boards):
     made = calibrate(phone, [jpeg(board) for board in boards])
     assert made.status_code == 201, made.text

@@ -124,6 +124,7 @@ def test_what_is_no_cursor_is_refused_by_every_list(client, ask, monkeypatch):
     assert faults(lists_of(client), ask, forged, may_be_a_place=()) == []
 
 
+@pytest.mark.slow
 def test_cursor_with_a_forged_key_is_refused_by_every_list_that_is_not_keyed_by_text(client, ask, monkeypatch):
     monkeypatch.setattr(cursors, "_fingerprint", lambda _: "right")
     forged = [packed([key, "right"]) for key in FORGED_KEYS]

@@ -134,6 +134,7 @@ def test_downgrade_gives_back_what_was(database):
     assert rows(database, "SELECT id, key, name FROM food") == [(7, "pineapple", "Pineapple")]
 
 
+@pytest.mark.slow
 def test_downgrade_with_imports_and_corrections_leaves_the_starter_in_force_and_lets_all_be_imported_again(database):
     upgrade(database)
     load_starter(database)

@@ -113,6 +113,7 @@ def test_unknown_format_and_missing_options_are_told(tada, tmp_path):
     assert "leave the options out" in tada("foods", "import", "sr28", tmp_path, "--name", "x").stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sqlite"])
 def test_the_program_itself_imports_refuses_and_searches(prepared_database_url, tmp_path):
     """As processes of their own, where all else here runs in the test's."""
@@ -143,6 +144,7 @@ def test_database_that_does_not_answer_is_told_in_a_sentence(tmp_path):
     assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_full_disk_is_told_in_a_sentence(tmp_path, monkeypatch):
     monkeypatch.setenv("TADA_DATA_DIR", str(tmp_path))
     monkeypatch.delenv("TADA_DATABASE_URL", raising=False)

@@ -141,6 +141,7 @@ def take(table, kind, by_reviewer, one, other):
     return None
 
 
+@pytest.mark.slow
 @settings(
     max_examples=10,
     deadline=None,

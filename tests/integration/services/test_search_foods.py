@@ -243,6 +243,7 @@ def test_looking_at_the_first_foods_of_a_word_only_changes_no_answer(sqlite_temp
     assert all(answers[0])
 
 
+@pytest.mark.slow
 def test_both_databases_give_the_same_order(sqlite_template, postgres_template, postgres_server):
     urls = (
         f"sqlite:///{sqlite_template}",

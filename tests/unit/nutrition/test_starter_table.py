@@ -39,12 +39,14 @@ def selection():
     return tomllib.loads((STARTER_DIR / "selection.toml").read_text())
 
 
+@pytest.mark.slow
 def test_rebuilding_from_the_releases_gives_what_is_committed(sources):
     foods_json, nutrients_csv = build(sources, selection())
     assert foods_json == (STARTER_DIR / "foods.json").read_bytes()
     assert nutrients_csv == (STARTER_DIR / "nutrients.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_command_writes_a_table_that_loads(shared_data, tmp_path, capsys):
     tables = shared_data / "food_tables"
     main(

@@ -27,6 +27,7 @@ def judged(days, ear, seed=1) -> UsualIntakes:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [lognormal_group, normal_group])
 @pytest.mark.parametrize("true_share", [0.1, 0.3])
 def test_known_share_is_recovered_where_the_bare_means_are_biased(make, true_share):
@@ -41,6 +42,7 @@ def test_known_share_is_recovered_where_the_bare_means_are_biased(make, true_sha
     assert np.mean(bare_errors) > 0.05
 
 
+@pytest.mark.slow
 def test_interval_holds_the_true_share_about_as_often_as_it_says():
     held = 0
     share = float(stats.norm.cdf((80.0 - 100.0) / 15.0))

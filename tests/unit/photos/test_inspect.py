@@ -236,6 +236,7 @@ def test_sequence_without_a_still_picture_is_unreadable(inspect):
     assert code(inspect(box(b"ftyp", b"msf1\0\0\0\0hevc") + box(b"moov", bytes(20)))) == "image_unreadable"
 
 
+@pytest.mark.slow
 def test_too_many_parts_are_unreadable_and_end_the_reading(inspect):
     start = jpeg()[:2]
     assert code(inspect(start + b"\xff\xe5\0\2" * (jpeg_module.MAX_SEGMENTS + 1))) == "image_unreadable"
@@ -291,6 +292,7 @@ def corrupted(draw) -> bytes:
     return bytes(data[: draw(st.just(len(data)) | st.integers(0, len(data)))])
 
 
+@pytest.mark.slow
 @settings(max_examples=600, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=corrupted())
 def test_corrupted_files_give_facts_or_a_failure(inspect, data):

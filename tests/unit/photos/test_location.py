@@ -390,6 +390,7 @@ def test_removal_from_an_emptied_file_changes_nothing(path):
     assert read_location(path, PhotoFacts("image/jpeg", 1, 1, 1, 1)) is None
 
 
+@pytest.mark.slow
 @settings(max_examples=600, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=corrupted())
 def test_removal_never_raises_never_changes_the_length_and_leaves_the_facts(path, data):

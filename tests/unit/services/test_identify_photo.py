@@ -76,6 +76,7 @@ def test_colours_are_corrected_by_a_marker_that_is_told(photo):
     assert abs(chances[1] - chances[2]) < abs(chances[0] - chances[2])
 
 
+@pytest.mark.slow
 def test_marker_that_is_not_there_is_told(photo):
     with pytest.raises(InvalidInputError) as raised:
         identify_photo(photo, APPLE_BOX, MarkerSpec("colour", 4, 5, 12.0))

@@ -47,6 +47,7 @@ def item(estimate):
     return item
 
 
+@pytest.mark.slow
 def test_opaque_bowl_has_its_outline_hint_and_flag_but_no_volume(item):
     assert len(item["polygon"]) > 10
     assert (item["hint"], item["flags"]) == (0, ["not_measurable"])
@@ -70,6 +71,7 @@ def test_command_line_says_in_words_that_it_was_not_measured(estimate, item, cap
     assert "item 1: not measured, Apple, raw, with skin  [not_measurable]" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_pictures_are_drawn_without_those_of_a_volume(estimate):
     names = {artefact.name for artefact in estimate.artefacts}
     assert {"overlay.jpg", "disparity.jpg", "points.ply"} <= names

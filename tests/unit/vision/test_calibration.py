@@ -26,6 +26,7 @@ def photos() -> list[Photo]:
     ]
 
 
+@pytest.mark.slow
 def test_known_camera_comes_back(photos):
     result = calibrate([*photos, Photo(np.full((900, 1200, 3), 128, np.uint8))], BOARD)
     assert isinstance(result, Calibration)

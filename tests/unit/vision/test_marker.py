@@ -171,6 +171,7 @@ def test_another_board_than_announced_is_a_mismatch(printed, announced):
     assert refusal(photo, parse_marker(announced)).code == "marker_mismatch"
 
 
+@pytest.mark.slow
 def test_partly_covered_board_is_told():
     pose = look_at(60, -90)
     photo = render_board(PLAIN, PHONE, pose)

@@ -317,6 +317,7 @@ def test_excerpts_that_are_no_release_are_refused_with_what_is_missing(shared_da
         read_fdc(shared_data / "food_tables")
 
 
+@pytest.mark.slow
 def test_portions_of_the_sr_legacy_excerpt_weigh_what_sr28_says(shared_data, sr28_table):
     """The same foods, published in two layouts: an independent check of how a row becomes a measure."""
     tables = shared_data / "food_tables"

@@ -193,6 +193,7 @@ def imported(sr28_table):
     return sr28_table
 
 
+@pytest.mark.slow
 def test_every_food_value_and_portion_of_the_release_is_there_and_none_is_skipped(imported, plainly):
     foods = {food.source_ids["sr28_ndb"]: food for food in imported.table.foods}
     names = {row[0]: " ".join(row[2].split()) for row in plainly["FOOD_DES"]}
