@@ -8,6 +8,7 @@ is compared when the object is read. Objects are read in ranges, so a slow reade
 import errno
 import hashlib
 import io
+import mmap
 import shutil
 import threading
 import uuid
@@ -39,12 +40,13 @@ if TYPE_CHECKING:
 
 MEBIBYTE = 1024 * 1024
 PART_BYTES = 8 * MEBIBYTE  # larger files go in parts, one after the other; S3 takes none under 5 MiB
-PUTS_AT_ONCE = 4  # in one process: each holds at most two parts in memory
-RANGE_BYTES = 1 * MEBIBYTE
+BLOCK_BYTES = 1 * MEBIBYTE  # of a part in the making
+PUTS_AT_ONCE = 4  # in one process: each holds about a part in memory
+RANGE_BYTES = 512 * 1024  # each thread that reads keeps a few of these: malloc gives large blocks back late
+STREAM_BYTES = 256 * 1024  # forty threads may stream to slow phones
 PAGE_KEYS = 1000  # what S3 lists at a time
 PROBES = ".probe"  # no key begins with a full stop (KEY_PATTERN), so no listing shows a probe
 DIGEST = "sha256"  # the object's metadata: x-amz-meta-sha256
-READ_BYTES = 256 * 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,32 +104,33 @@ class S3BlobStore:
     def put_file(self, key: str, source: Path) -> None:
         """Send the file, in parts if it is large; then remove it."""
         require_valid_key(key)
-        digest = hashlib.sha256()
         with source.open("rb") as file:
-            while piece := file.read(READ_BYTES):
-                digest.update(piece)
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            length = file.tell()
             file.seek(0)
-            self._put(key, file, digest.hexdigest())
+            with self._turn():
+                self._put(key, _block(file, length) if length <= PART_BYTES else _blocks(file, length), digest)
         source.unlink()
 
     def put_bytes(self, key: str, content: bytes) -> None:
         """Send the bytes."""
         require_valid_key(key)
-        self._put(key, io.BytesIO(content), hashlib.sha256(content).hexdigest())
+        with self._turn():
+            self._put(key, content, hashlib.sha256(content).hexdigest())
 
     def fetch(self, key: str, destination: Path) -> None:
         """Copy range by range."""
-        ranges = self._ranges(key)
+        ranges = self._ranges(key, RANGE_BYTES)
         with destination.open("wb") as file:
             file.writelines(ranges)
 
     def read(self, key: str) -> bytes:
         """All ranges at once."""
-        return b"".join(self._ranges(key))
+        return b"".join(self._ranges(key, RANGE_BYTES))
 
-    def stream(self, key: str, chunk_bytes: int = READ_BYTES) -> Generator[bytes, None, None]:
+    def stream(self, key: str, chunk_bytes: int = STREAM_BYTES) -> Generator[bytes, None, None]:
         """Range by range; the first is there before the first piece is asked for."""
-        ranges = self._ranges(key)
+        ranges = self._ranges(key, STREAM_BYTES)
         first = next(ranges, b"")
 
         def pieces() -> Generator[bytes, None, None]:
@@ -189,30 +192,34 @@ class S3BlobStore:
         """Remove what nobody has touched for an hour; parts of uploads that were cut are the bucket's own business."""
         remove_abandoned(self._staging)
 
-    def _put(self, key: str, content: io.BufferedIOBase, digest: str) -> None:
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
         if not self._turns.acquire(timeout=self._patience.turn_seconds):
             raise TimeoutError(errno.ETIMEDOUT, "too many uploads wait for the file store", str(self._place))
         try:
-            with self._told(key):
-                obstore.put(
-                    self._store,
-                    key,
-                    content,
-                    attributes={DIGEST: digest},
-                    chunk_size=PART_BYTES,
-                    max_concurrency=1,
-                )
+            yield
         finally:
             self._turns.release()
 
-    def _ranges(self, key: str) -> Generator[bytes, None, None]:
+    def _put(self, key: str, content: bytes | mmap.mmap | Iterator[bytes | mmap.mmap], digest: str) -> None:
+        with self._told(key):
+            obstore.put(
+                self._store,
+                key,
+                content,
+                attributes={DIGEST: digest},
+                chunk_size=PART_BYTES,
+                max_concurrency=1,
+            )
+
+    def _ranges(self, key: str, range_bytes: int) -> Generator[bytes, None, None]:
         """The object in ranges; the last one comes only if the whole is what was put."""
         require_valid_key(key)
         digest, start = hashlib.sha256(), 0
         while True:
             try:
                 with self._told(key):
-                    found = obstore.get(self._store, key, options={"range": (start, start + RANGE_BYTES)})
+                    found = obstore.get(self._store, key, options={"range": (start, start + range_bytes)})
                     block = bytes(found.bytes())
             except _EmptyObjectError:
                 return
@@ -224,7 +231,7 @@ class S3BlobStore:
                     raise BlobDamagedError(key)
                 yield block
                 return
-            if len(block) != RANGE_BYTES:
+            if len(block) != range_bytes:
                 raise BlobDamagedError(key)
             yield block
 
@@ -246,6 +253,24 @@ class S3BlobStore:
 
 class _EmptyObjectError(Exception):
     """A range was asked for of an object without bytes."""
+
+
+def _block(file: io.BufferedReader, length: int) -> bytes | mmap.mmap:
+    """The next bytes of a file, in memory that goes back to the system at once.
+
+    What malloc gives stays with the thread that asked: megabytes in each of the forty threads that take uploads.
+    """
+    if not length:
+        return b""  # no memory can be mapped for nothing
+    block = mmap.mmap(-1, length)
+    if file.readinto(block) != length:
+        raise OSError(errno.EIO, "a staged file was cut while it was sent")
+    return block
+
+
+def _blocks(file: io.BufferedReader, length: int) -> Iterator[bytes | mmap.mmap]:
+    for start in range(0, length, BLOCK_BYTES):
+        yield _block(file, min(BLOCK_BYTES, length - start))
 
 
 def _open(place: S3Place, patience: Patience) -> S3Store:

@@ -1,0 +1,163 @@
+"""The contract of a blob store (app/storage/blob_store.py), on files and on a real S3 server."""
+
+import hashlib
+import os
+import time
+import traceback
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from app.storage.blob_store import BlobMissingError
+
+KEY = "study/meal/left/0123"
+MEBIBYTE = 1024 * 1024
+
+
+def staged(store, content=b"bytes", name="file"):
+    path = store.staging_folder() / name
+    path.write_bytes(content)
+    return path
+
+
+def sizes():
+    """Bytes: none, one, and about the borders of ranges and parts; a photograph at the limit."""
+    return (0, 1, 256 * 1024, 512 * 1024, 512 * 1024 + 1, 8 * MEBIBYTE, 8 * MEBIBYTE + 1, 30 * MEBIBYTE)
+
+
+@pytest.mark.parametrize("length", sizes())
+def test_file_of_any_length_comes_back_as_it_was_put(store, tmp_path, length):
+    content = os.urandom(length)
+    path = staged(store, content)
+    store.put_file(KEY, path)
+    assert not path.exists()
+    assert store.read(KEY) == content
+    store.fetch(KEY, tmp_path / "copy")
+    assert (tmp_path / "copy").read_bytes() == content
+    digest = hashlib.sha256()
+    for piece in store.stream(KEY):
+        digest.update(piece)
+    assert digest.digest() == hashlib.sha256(content).digest()
+    assert store.has(KEY)
+
+
+def test_putting_the_same_key_again_is_harmless(store):
+    store.put_bytes(KEY, b"bytes")
+    store.put_bytes(KEY, b"bytes")
+    assert store.read(KEY) == b"bytes"
+    assert list(store.staging_folder().iterdir()) == []
+
+
+def test_same_key_put_by_many_at_once_is_whole(store):
+    content = os.urandom(MEBIBYTE)
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda n: store.put_file(KEY, staged(store, content, str(n))), range(8)))
+    assert store.read(KEY) == content
+    assert [blob.key for blob in store.keys("study/")] == [KEY]
+
+
+def test_missing_blob_is_told_before_the_first_piece(store, tmp_path):
+    for call in (lambda: store.read(KEY), lambda: store.stream(KEY), lambda: store.fetch(KEY, tmp_path / "x")):
+        with pytest.raises(BlobMissingError):
+            call()
+    assert not store.has(KEY)
+
+
+def test_missing_blob_is_named_in_the_log_and_not_to_the_caller(store):
+    with pytest.raises(BlobMissingError) as caught:
+        store.read("study/meal/left/abc")
+    assert "study/meal" not in caught.value.message
+    assert "study/meal/left/abc" in "".join(traceback.format_exception(caught.value))
+
+
+def test_stream_gives_all_bytes_in_pieces(store):
+    store.put_bytes(KEY, bytes(range(256)) * 10)
+    pieces = list(store.stream(KEY, chunk_bytes=100))
+    assert b"".join(pieces) == bytes(range(256)) * 10
+    assert max(map(len, pieces)) == 100
+
+
+def test_stream_that_is_left_early_leaves_nothing_open(store):
+    store.put_bytes(KEY, os.urandom(2 * MEBIBYTE))
+    stream = store.stream(KEY)
+    assert next(stream)
+    stream.close()
+    store.delete(KEY)
+    assert not store.has(KEY)
+
+
+def test_delete_of_a_missing_blob_is_no_error(store):
+    store.put_bytes(KEY, b"x")
+    store.delete(KEY)
+    store.delete(KEY)
+    with pytest.raises(BlobMissingError):
+        store.read(KEY)
+
+
+@pytest.mark.parametrize("key", ["../out", "a/../b", "/etc/passwd", ".incoming/x", "", "a//b", "a/./b", "a\x00b"])
+def test_key_that_could_leave_the_store_is_refused_by_every_call(store, tmp_path, key):
+    path = staged(store)
+    for call in (
+        lambda: store.put_bytes(key, b"x"),
+        lambda: store.put_file(key, path),
+        lambda: store.read(key),
+        lambda: store.stream(key),
+        lambda: store.fetch(key, tmp_path / "x"),
+        lambda: store.has(key),
+        lambda: store.delete(key),
+    ):
+        with pytest.raises(ValueError, match="blob key"):
+            call()
+
+
+def test_keys_lists_what_is_stored_under_a_prefix_and_nothing_staged(store):
+    for key in ("study/meal/left/0123", "study/meal2/left/4567", "study/meal/runs/1/topview.jpg/89"):
+        store.put_bytes(key, b"x")
+    staged(store)
+    assert {blob.key for blob in store.keys("study/meal/")} == {
+        "study/meal/left/0123",
+        "study/meal/runs/1/topview.jpg/89",
+    }
+    everything = list(store.keys())
+    assert len(everything) == 3
+    assert list(store.keys("nobody/")) == []
+    assert all(abs(blob.stored_at.timestamp() - time.time()) < 60 for blob in everything)
+
+
+@pytest.mark.parametrize("prefix", ["study", "/", "../", "a//", ".incoming/"])
+def test_prefix_that_is_no_folder_of_keys_is_refused(store, prefix):
+    with pytest.raises(ValueError, match="prefix"):
+        next(store.keys(prefix))
+
+
+def test_more_keys_than_a_page_are_all_listed_once(store):
+    wanted = {f"study/meal/left/{n}" for n in range(1050)}
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda key: store.put_bytes(key, b""), wanted))
+    found = [blob.key for blob in store.keys("study/")]
+    assert len(found) == len(wanted)
+    assert set(found) == wanted
+
+
+def test_keys_deleted_while_they_are_listed_make_no_error(store):
+    keys = {f"study/meal/left/{n}" for n in range(20)}
+    for key in keys:
+        store.put_bytes(key, b"x")
+    listed = []
+    for blob in store.keys("study/"):
+        listed.append(blob.key)
+        for key in keys:
+            store.delete(key)
+    assert set(listed) <= keys
+    assert list(store.keys()) == []
+
+
+def test_check_of_a_store_that_can_be_written_leaves_nothing(store):
+    store.check()
+    assert list(store.keys()) == []
+    assert list(store.staging_folder().iterdir()) == []
+
+
+def test_room_is_what_the_staging_folder_has(store):
+    vfs = os.statvfs(store.staging_folder())
+    assert store.free_bytes() == pytest.approx(vfs.f_bavail * vfs.f_frsize, rel=0.05)  # others write meanwhile
