@@ -6,16 +6,19 @@ Errors are sentences on standard error; exit status 0: done, 1: an answer that s
 
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from pydantic import ValidationError
 
 from app import __version__
 from app.cli_backup import backup, restore
 from app.cli_database import JsonOption, author, database_as_it_is, opened_database
 from app.cli_foods import foods_cli
 from app.cli_index import index_cli
+from app.cli_jobs import jobs_cli
 from app.cli_people import admin_cli, staff_cli
 from app.errors import Failure, InvalidInputError, TadaError
 from app.settings import Settings
@@ -33,6 +36,7 @@ for name, group in (
     ("index", index_cli),
     ("records", records_cli),
     ("db", db_cli),
+    ("jobs", jobs_cli),
     ("admin", admin_cli),
     ("staff", staff_cli),
 ):
@@ -52,6 +56,16 @@ def main() -> None:
         cli()
     except TadaError as error:
         fail(error.message)
+    except ValidationError as error:
+        if error.title != Settings.__name__:
+            raise
+        fail(" ".join(f"{_variable(one)}: {one['msg']}." for one in error.errors(include_input=False)))
+
+
+def _variable(error: Mapping[str, Any]) -> str:
+    """Which setting it is about; never its value, which may be a secret."""
+    name = str(error["loc"][0]) if error["loc"] else "settings"
+    return name.upper() if name.upper().startswith("TADA_") else f"TADA_{name.upper()}"
 
 
 def fail(message: str, status: int = 2) -> None:
@@ -305,15 +319,21 @@ def db_current() -> None:
 @cli.command()
 def doctor(
     requeue: Annotated[bool, typer.Option("--requeue", help="Also queue meals again that nothing will move.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Check a deployment and say what is wrong."""
+    """Check a deployment and say what is wrong, and what to do about it. Status 1: something is."""
+    from dataclasses import asdict
+
+    from app.cli_database import database_as_it_is
     from app.services.doctor import examine
 
-    settings = Settings()
-    with opened_database() as database:
-        findings = examine(database, settings, requeue=requeue)
-    for finding in findings:
-        print(f"{'ok ' if finding.is_ok else 'BAD'}  {finding.subject}: {finding.message}")
+    with database_as_it_is() as database:
+        findings = examine(database, Settings(), requeue=requeue)
+    if as_json:
+        print(json.dumps({"findings": [asdict(finding) for finding in findings]}))
+    else:
+        for finding in findings:
+            print(finding)
     raise SystemExit(0 if all(finding.is_ok for finding in findings) else 1)
 
 

@@ -1,93 +1,81 @@
-"""`tada doctor`: what is wrong with a deployment, in sentences; with `requeue`, meals that nothing moves are queued."""
+"""`tada doctor`: what is wrong with a deployment, in sentences; with `requeue`, meals that nothing moves are queued.
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+Each part is looked at by itself, so that one that is out of order hides no other: doctor_settings.py,
+doctor_database.py, doctor_store.py, doctor_work.py.
+"""
 
-from app.db.queries import jobs, meals, vectors
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+import sqlalchemy as sa
+import sqlalchemy.exc
+import structlog
+
 from app.db.session import Database
 from app.errors import TadaError
-from app.jobs.engine import JobQueue
-from app.jobs.sweep import sweep
-from app.services.health import check_readiness
-from app.services.project_records import project_meal
+from app.services import doctor_database, doctor_store, doctor_work
+from app.services.doctor_settings import look_at_settings
+from app.services.finding import Finding
+from app.services.secret_box import KEY_FILE, SecretBox, open_secret_box
 from app.settings import Settings
-from app.storage.blob_store import BlobStore
-from app.storage.opening import open_blob_store
-from app.vision.vcm import VCM_VERSION
 
-WAITING_TOO_LONG_SECONDS = 600
-LISTED = 5  # names told of a longer list
+__all__ = ["Finding", "examine"]
 
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One thing that was looked at."""
-
-    subject: str
-    is_ok: bool
-    message: str
+log = structlog.get_logger()
 
 
 def examine(database: Database, settings: Settings, *, requeue: bool) -> list[Finding]:
-    """Look at every part. Changes nothing unless `requeue`."""
+    """Look at every part. Changes nothing unless `requeue`; a part that cannot be asked is a finding too."""
+    return list(_examine(database, settings, requeue=requeue))
+
+
+def _examine(database: Database, settings: Settings, *, requeue: bool) -> Iterator[Finding]:
+    yield from look_at_settings(settings)
+    is_usable = False
+    for finding in _database(database):
+        yield finding
+        is_usable = (finding.level != "bad" and finding.subject == "schema") or is_usable
+    blobs, finding = doctor_store.open_store(settings)
+    yield finding
+    if blobs is not None:
+        yield from _asked("blob store", lambda: doctor_store.look_at_store(blobs, settings))
+    if not is_usable:
+        return
+    workers = doctor_work.count_workers(database)
+    alive = workers.total()
+    yield from _asked("database", lambda: doctor_database.look_at_database(database, workers_alive=alive))
+    yield from _asked("work", lambda: doctor_work.look_at_work(database, workers, requeue=requeue))
+    if blobs is not None:
+        yield from _asked("photographs", lambda: doctor_store.look_at_photographs(database, blobs))
+    yield from _asked("ledger of erasures", lambda: doctor_store.look_at_ledger(database, settings))
+    yield from _asked("webhooks", lambda: doctor_work.look_at_webhooks(database, _box(settings)))
+    yield from _asked("backup", lambda: [doctor_work.look_at_backup(database)])
+    yield from _asked("index", lambda: [doctor_work.look_at_index(database)])
+
+
+def _database(database: Database) -> Iterator[Finding]:
+    if database.is_sqlite:
+        path = Path(sa.make_url(database.url).database or "")
+        if not path.is_file() or not path.stat().st_size:  # to look must not make it
+            advice = "Run `tada db upgrade`, or set TADA_DATA_DIR or TADA_DATABASE_URL to where it is."
+            yield Finding("database", "bad", f"there is none at {path.absolute()}.", advice)
+            return
+    found = doctor_database.look_at_connection(database)
+    yield found
+    if found.is_ok:
+        yield from _asked("schema", lambda: doctor_database.look_at_schema(database))
+
+
+def _asked(subject: str, look: Callable[[], Iterable[Finding]]) -> Iterator[Finding]:
+    """A part's findings; if it cannot be asked, that."""
     try:
-        blobs = open_blob_store(settings.resolved_blob_url, settings)
-    except (TadaError, OSError) as error:
-        return [Finding("blob store", is_ok=False, message=f"{settings.resolved_blob_url}: {error}")]
-    return [
-        *_parts(database, blobs, settings),
-        *_stranded(database, requeue=requeue),
-        _photos(database, blobs),
-        _vectors(database),
-    ]
+        yield from look()
+    except (sqlalchemy.exc.SQLAlchemyError, TadaError, OSError) as error:
+        log.warning("doctor_could_not_ask", subject=subject, exc_info=error)
+        yield Finding(subject, "bad", f"it could not be asked ({type(error).__name__}).", "The log tells more.")
 
 
-def _parts(database: Database, blobs: BlobStore, settings: Settings) -> Iterator[Finding]:
-    ready = check_readiness(database, blobs, settings)
-    for subject, state in ready.checks.items():
-        yield Finding(subject.replace("_", " "), is_ok=state == "ok", message=state)
-    alive = ready.workers_alive
-    yield Finding("workers", is_ok=alive > 0, message=f"{alive} alive" if alive else "none: start `tada worker`")
-    waited = ready.oldest_waiting_seconds or 0.0
-    yield Finding(
-        "queue",
-        is_ok=waited < WAITING_TOO_LONG_SECONDS,
-        message=f"the oldest waiting meal has waited {waited:.0f} s" if waited else "no meal waits",
-    )
-
-
-def _stranded(database: Database, *, requeue: bool) -> Iterator[Finding]:
-    with database.read() as session:
-        found = len(jobs.stuck_jobs(session)) + len(jobs.waiting_without_live_job(session))
-    message = f"{found} that nothing will move"
-    if found and requeue:
-        queue = JobQueue(database)
-        try:
-            message += f", {sweep(database, queue, project_meal)} moved (see the log)"
-        finally:
-            queue.close()
-    elif found:
-        message += ": queue them again with `tada doctor --requeue`"
-    yield Finding("meals", is_ok=not found or requeue, message=message)
-
-
-def _photos(database: Database, blobs: BlobStore) -> Finding:
-    """Whether every photograph that the database names is in the store."""
-    missing, total = [], 0
-    with database.read() as session:
-        for key in meals.blob_keys(session):
-            total += 1
-            if not blobs.has(key):
-                missing.append(key)
-    if missing:
-        listed = ", ".join(missing[:LISTED]) + (" ..." if len(missing) > LISTED else "")
-        return Finding("photographs", is_ok=False, message=f"{len(missing)} of {total} missing: {listed}")
-    return Finding("photographs", is_ok=True, message=f"all {total} are in the store")
-
-
-def _vectors(database: Database) -> Finding:
-    """Whether the index learns from all that was confirmed: told, and no fault, as after an upgrade."""
-    with database.read() as session:
-        count = vectors.confirmed_without_vector(session, VCM_VERSION)
-    message = f"{count} confirmed items have no vector of version {VCM_VERSION}"
-    return Finding("index", is_ok=True, message=f"{message}: `tada index rebuild`" if count else message)
+def _box(settings: Settings) -> SecretBox | None:
+    if settings.secret_key is None and not (settings.data_dir / KEY_FILE).exists():
+        return None
+    return open_secret_box(settings)

@@ -1,0 +1,113 @@
+"""What `tada doctor` says of the settings themselves: what would let others in, or tell phones a wrong address."""
+
+import ipaddress
+import stat
+from collections.abc import Iterator
+from urllib.parse import urlsplit
+
+from app.errors import TadaError
+from app.services.finding import Finding
+from app.services.secret_box import KEY_FILE, open_secret_box
+from app.settings import Settings
+
+LOCAL_HOSTS = frozenset({"127.0.0.1", "::1", "localhost"})
+
+
+def look_at_settings(settings: Settings) -> Iterator[Finding]:
+    """Asks nobody; reads the key's file at most."""
+    yield _secret_key(settings)
+    yield from _public_url(settings)
+    yield from _proxies(settings)
+    yield from _doors(settings)
+
+
+def _secret_key(settings: Settings) -> Finding:
+    subject = "secret key"
+    path = settings.data_dir / KEY_FILE
+    if settings.secret_key is None and settings.is_embedded and not path.exists():
+        return Finding(subject, "note", f"{path} is not there yet: the server makes it at its first start.")
+    try:
+        open_secret_box(settings)
+    except (TadaError, OSError) as error:
+        return Finding(subject, "bad", str(error))
+    if settings.secret_key is not None:
+        return Finding(subject, "ok", "set by TADA_SECRET_KEY")
+    if stat.S_IMODE(path.stat().st_mode) & 0o077:
+        return Finding(subject, "bad", f"others on this machine may read {path}.", f"Do `chmod 600 {path}`.")
+    return Finding(subject, "ok", f"in {path}; keep a copy of it outside of backups of the data")
+
+
+def _public_url(settings: Settings) -> Iterator[Finding]:
+    subject, url = "public url", settings.public_url
+    if url is None:
+        if settings.host not in LOCAL_HOSTS:
+            yield Finding(
+                subject,
+                "note",
+                "TADA_PUBLIC_URL is not set: phones are told the address that the caller used.",
+                "Set it to https://HOST as phones reach it.",
+            )
+        return
+    try:
+        parts = urlsplit(url)
+        host = parts.hostname or ""
+    except ValueError:
+        host = ""
+    if not host or parts.scheme not in ("http", "https") or url.endswith("/"):
+        yield Finding(subject, "bad", f"TADA_PUBLIC_URL is {url!r}.", "Write it like https://tada.example.org.")
+    elif parts.scheme == "http" and host not in LOCAL_HOSTS:
+        yield Finding(
+            subject,
+            "bad",
+            f"{url} is not encrypted: tokens and photographs go through the net in the clear.",
+            "Put a proxy with TLS before the server and set TADA_PUBLIC_URL to its https address.",
+        )
+    else:
+        yield Finding(subject, "ok", url)
+
+
+def _proxies(settings: Settings) -> Iterator[Finding]:
+    subject, said = "proxies", settings.trusted_proxies
+    words = [word.strip() for word in (said or "").split(",") if word.strip()]
+    for word in words:
+        try:
+            is_everybody = ipaddress.ip_network(word).prefixlen == 0
+        except ValueError:
+            yield Finding(
+                subject,
+                "bad",
+                f"TADA_TRUSTED_PROXIES: {word!r} is no network.",
+                "Write it like 10.0.0.5 or 10.0.0.0/24.",
+            )
+        else:
+            if is_everybody:
+                yield Finding(
+                    subject,
+                    "bad",
+                    f"TADA_TRUSTED_PROXIES: {word} is everybody: anybody could claim any address.",
+                    "Name the proxies' own addresses.",
+                )
+    if not words and (settings.public_url or "").startswith("https://"):
+        yield Finding(
+            subject,
+            "note",
+            "TADA_TRUSTED_PROXIES is not set: behind a proxy all phones count as one address against the limits.",
+            "Set it to the address of the proxy that ends TLS.",
+        )
+
+
+def _doors(settings: Settings) -> Iterator[Finding]:
+    if settings.webhook_allow_loopback:
+        yield Finding(
+            "webhooks' addresses",
+            "bad",
+            "TADA_WEBHOOK_ALLOW_LOOPBACK lets webhooks reach this machine's own services.",
+            "It is for tests only: unset it.",
+        )
+    if settings.metrics_token is None and (settings.trusted_proxies or settings.public_url):
+        yield Finding(
+            "metrics",
+            "note",
+            "TADA_METRICS_TOKEN is not set: /metrics is for callers on the same machine, told by what proxies add.",
+            "Set it, or make sure that the proxy does not pass /metrics on.",
+        )
