@@ -329,20 +329,28 @@ class WatchedProtocol(H11Protocol):
 
 def _parse_error(error: h11.RemoteProtocolError) -> TadaError:
     if error.error_status_hint == HeadersTooLargeError.status:
-        return HeadersTooLargeError(
-            f"The request's head is larger than {HEADER_BYTES} bytes, the limit.", limit_bytes=HEADER_BYTES
-        )
+        return _headers_too_large()
     return MalformedRequestError(f"The request is no HTTP/1.1 that can be read: {error}.")
 
 
+def _headers_too_large() -> HeadersTooLargeError:
+    return HeadersTooLargeError(
+        f"The request's head is larger than {HEADER_BYTES} bytes, the limit.", limit_bytes=HEADER_BYTES
+    )
+
+
 def _head_error(request: h11.Request) -> TadaError | None:
-    names = [name for name, _ in request.headers]
-    if len(names) > MAX_HEADERS:
-        return HeadersTooLargeError(f"The request has more than {MAX_HEADERS} headers, the limit.", limit=MAX_HEADERS)
+    if request.http_version not in (b"1.0", b"1.1"):
+        return MalformedRequestError("The request is not HTTP/1.1, the only version that is spoken here.")
     if len(request.target) > TARGET_BYTES:
         return TargetTooLongError(
             f"The request's address is longer than {TARGET_BYTES} bytes, the limit.", limit_bytes=TARGET_BYTES
         )
+    if sum(len(name) + len(value) for name, value in request.headers) > HEADER_BYTES:  # h11's limit is for parts of one
+        return _headers_too_large()
+    names = [name for name, _ in request.headers]
+    if len(names) > MAX_HEADERS:
+        return HeadersTooLargeError(f"The request has more than {MAX_HEADERS} headers, the limit.", limit=MAX_HEADERS)
     if b"content-length" in names and b"transfer-encoding" in names:  # smuggling: a proxy may have read the other one
         return MalformedRequestError("Content-Length and Transfer-Encoding exclude each other (RFC 9112, section 6.3).")
     if names.count(b"host") > 1:

@@ -25,6 +25,7 @@ from app.errors import MalformedRequestError, TooLargeError, UnsupportedMediaErr
 from app.services.receive_photo import ReceivedFile
 
 WRITE_BYTES = 1024 * 1024
+FRAME_BYTES = 64 * 1024  # boundaries and headers of the parts
 MAX_BOUNDARY_LENGTH = 70  # RFC 2046, section 5.1.1
 PHOTO_TYPES = frozenset(
     {"image/jpeg", "image/jpg", "image/png", "image/heic", "image/heif", "application/octet-stream"}
@@ -65,12 +66,7 @@ class _FileInTheMaking:
         """Take some bytes. Raises TooLargeError past the limit."""
         self._bytes += len(data)
         if self._bytes > self._limit:
-            raise TooLargeError(
-                f"The {self._name} photograph is larger than {self._limit} bytes, the limit.",
-                code="image_too_large",
-                slot=self._name,
-                limit_bytes=self._limit,
-            )
+            raise _photo_too_large(self._name, self._limit)
         self._pending += data
 
     @property
@@ -111,9 +107,15 @@ async def received_parts(
 
     times: how often a slot may come; the second of `photo` is "photo 2" in the answer.
     """
+    most = len(slots) * times * limits.photo_bytes + limits.metadata_bytes + FRAME_BYTES
+    _require_declared(request, most)
     reader = _MultipartReader(_boundary(request), slots, staging, limits, times)
+    received = 0
     try:
         async for chunk in request.stream():
+            received += len(chunk)
+            if received > most:  # photographs have their own limits; this is what stands between and after them
+                raise _body_too_large(most)
             reader.feed(chunk)
             for file in reader.writable():
                 await anyio.to_thread.run_sync(file.write, limiter=limiter)
@@ -128,6 +130,9 @@ async def received_body(
 ) -> AsyncIterator[ReceivedFile]:
     """The whole body as one photograph; its file is gone at the end unless the service has moved it."""
     _require_photo_type(request.headers.get("content-type", "application/octet-stream"), slot)
+    declared = request.headers.get("content-length", "0")
+    if declared.isdigit() and int(declared) > limits.photo_bytes:
+        raise _photo_too_large(slot, limits.photo_bytes)
     file = _FileInTheMaking(staging, slot, limits.photo_bytes)
     try:
         async for chunk in request.stream():
@@ -137,6 +142,26 @@ async def received_body(
         yield await anyio.to_thread.run_sync(file.finish, limiter=limiter)
     finally:
         file.discard()
+
+
+def _require_declared(request: Request, most: int) -> None:
+    """Refuse by its Content-Length what cannot fit, before it is sent over a phone's network for nothing."""
+    declared = request.headers.get("content-length", "0")
+    if declared.isdigit() and int(declared) > most:
+        raise _body_too_large(most)
+
+
+def _body_too_large(most: int) -> TooLargeError:
+    return TooLargeError(f"The body is larger than {most} bytes, the limit of all its parts.", limit_bytes=most)
+
+
+def _photo_too_large(slot: str, limit: int) -> TooLargeError:
+    return TooLargeError(
+        f"The {slot} photograph is larger than {limit} bytes, the limit.",
+        code="image_too_large",
+        slot=slot,
+        limit_bytes=limit,
+    )
 
 
 def _boundary(request: Request) -> bytes:

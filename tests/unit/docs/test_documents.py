@@ -19,6 +19,28 @@ def test_every_setting_stands_in_the_documents_with_its_default_and_words():
         assert f"| `TADA_{name.upper()}` | {default} | {field.description} |" in rows
 
 
+LIMIT_NAMES = re.compile(r"max_|min_|_per_minute|_seconds|_bytes|_concurrency|_children|pool")
+
+
+def test_limits_stand_on_their_page_with_the_values_of_their_settings():
+    rows = [line.split(" | ") for line in (DOCS / "limits.md").read_text().splitlines() if line.startswith("| ")]
+    told = {}
+    for _, value, setting, *_ in (row for row in rows if len(row) == 5):
+        for name in re.findall(r"`TADA_([A-Z_]+)`", setting):
+            told.setdefault(name.lower(), value)
+    assert set(told) == {name for name in Settings.model_fields if LIMIT_NAMES.search(name)}
+    for name, value in told.items():
+        default = Settings.model_fields[name].default
+        assert "see [" in value or number_in(value) == default, (name, value, default)
+
+
+def number_in(value):
+    """The figure of a table's cell: 1,000; 30 MiB; 60 million; 10 s."""
+    amount, *unit = value.split()
+    scale = {"KiB": 2**10, "MiB": 2**20, "GiB": 2**30, "million": 10**6, "s": 1}
+    return float(amount.replace(",", "")) * scale[unit[0] if unit else "s"]
+
+
 def codes_in_the_source():
     """Every code that the program can answer: errors' `code`, `code=` arguments, and the first word of a Failure."""
     codes = set()

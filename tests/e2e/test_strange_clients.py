@@ -1,0 +1,399 @@
+"""Slow, endless, broken and ambiguous requests over raw sockets, against a real server process."""
+
+import json
+import socket
+import threading
+import time
+
+import pytest
+
+from tests.e2e.processes import Server, enrolled_client
+from tests.integration.conftest import meal_metadata
+from tests.photographs import pair
+
+HEADER_SECONDS, STALL_SECONDS = 1.0, 2.0
+MAX_CONNECTIONS, PER_ADDRESS = 30, 20
+PATIENCE_SECONDS = 20
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    server = Server(
+        tmp_path_factory.mktemp("strange"),
+        "--no-worker",
+        TADA_HEADER_SECONDS=str(HEADER_SECONDS),
+        TADA_STALL_SECONDS=str(STALL_SECONDS),
+        TADA_MAX_CONNECTIONS=str(MAX_CONNECTIONS),
+        TADA_MAX_CONNECTIONS_PER_ADDRESS=str(PER_ADDRESS),
+        TADA_MIN_FREE_BYTES="0",
+    )
+    server.start()
+    try:
+        server.wait_until_ready()
+        yield server
+        assert server.process.poll() is None, server.log
+        assert "Traceback" not in server.log
+    finally:
+        server.stop()
+
+
+@pytest.fixture(scope="module")
+def token(server):
+    with enrolled_client(server) as phone:
+        return phone.headers["authorization"]
+
+
+@pytest.fixture
+def connect(server):
+    opened = []
+
+    def connect(source="127.0.0.1", receive_bytes=None):
+        sock = socket.socket()
+        opened.append(sock)
+        if receive_bytes is not None:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_bytes)
+        sock.settimeout(PATIENCE_SECONDS)
+        sock.bind((source, 0))
+        sock.connect(("127.0.0.1", server.port))
+        return sock
+
+    yield connect
+    for sock in opened:
+        sock.close()
+
+
+def read_answer(sock):
+    """Status, headers and body of one answer with a Content-Length."""
+    head, body = b"", b""
+    while not head.endswith(b"\r\n\r\n"):
+        byte = sock.recv(1)  # what follows may be the next answer's
+        if not byte:
+            raise ConnectionError(f"closed after {head!r}")
+        head += byte
+    first, *lines = head.decode().rstrip().split("\r\n")
+    headers = {name.lower(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
+    while missing := int(headers.get("content-length", 0)) - len(body):
+        body += sock.recv(missing)
+    return int(first.split()[1]), headers, body
+
+
+def refused(sock, status, code):
+    """Assert that the answer is this problem document; its headers."""
+    got, headers, body = read_answer(sock)
+    problem = json.loads(body)
+    assert (got, problem["status"], problem["code"]) == (status, status, code), problem
+    assert headers["content-type"] == "application/problem+json"
+    return headers
+
+
+def is_closed(sock):
+    """Whether the server closes the connection, by FIN or by reset, within our patience."""
+    try:
+        while sock.recv(65536):
+            pass
+    except ConnectionResetError:
+        pass
+    return True
+
+
+def lives(connect):
+    sock = connect()
+    sock.sendall(b"GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n")
+    return read_answer(sock)[0] == 200
+
+
+def upload_head(token, *headers, path="/v1/meals", method="POST"):
+    lines = [f"{method} {path} HTTP/1.1", "Host: x", f"Authorization: {token}", *headers, "", ""]
+    return "\r\n".join(lines).encode()
+
+
+MULTIPART = "Content-Type: multipart/form-data; boundary=b"
+
+
+def test_head_that_comes_byte_by_byte_is_refused_in_time(connect):
+    sock = connect()
+    started = time.monotonic()
+    stop = threading.Event()
+
+    def drip():
+        for byte in b"GET /healthz HTTP/1.1\r\nHost: x\r\nX-Slow: " + b"a" * 1000:
+            if stop.wait(0.1):
+                return
+            try:
+                sock.send(bytes([byte]))
+            except OSError:
+                return
+
+    dripping = threading.Thread(target=drip)
+    dripping.start()
+    try:
+        headers = refused(sock, 408, "request_timeout")
+    finally:
+        stop.set()
+        dripping.join()
+    assert headers["connection"] == "close"
+    assert "retry-after" in headers
+    assert time.monotonic() - started >= HEADER_SECONDS
+    assert is_closed(sock)
+
+
+def test_connection_that_says_nothing_is_closed_without_a_word(connect):
+    assert connect().recv(100) == b""
+
+
+def test_head_of_a_second_request_has_the_same_deadline(connect):
+    sock = connect()
+    sock.sendall(b"GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n")
+    assert read_answer(sock)[0] == 200
+    sock.sendall(b"GET /healthz HT")
+    refused(sock, 408, "request_timeout")
+
+
+def test_body_that_stalls_is_refused_and_one_that_flows_slowly_is_not(connect, token):
+    photo = pair()["left"]
+    announced = meal_metadata()
+    client_id = announced.pop("id")
+    body = json.dumps(announced).encode()
+    first = connect()
+    head = upload_head(token, f"Content-Length: {len(body)}", path=f"/v1/meals/{client_id}", method="PUT")
+    first.sendall(head + body)
+    assert read_answer(first)[0] == 202
+    path = f"/v1/meals/{client_id}/images/left"
+    stalled, slow = connect(), connect()
+    length = f"Content-Length: {len(photo)}"
+    stalled.sendall(upload_head(token, length, "Content-Type: image/jpeg", path=path, method="PUT") + photo[:1000])
+    slow.sendall(upload_head(token, length, "Content-Type: image/jpeg", path=path, method="PUT"))
+    pieces = 16
+    step = len(photo) // pieces + 1
+    assert step * STALL_SECONDS / 0.25 > 16 * 1024, "else the photograph is too small for this test"
+    for start in range(0, len(photo), step):
+        slow.sendall(photo[start : start + step])
+        time.sleep(0.25)  # 4 s in all: twice the time that a stall may take
+    assert read_answer(slow)[0] == 202
+    refused(stalled, 408, "body_too_slow")
+
+
+def test_waiting_for_a_change_is_no_stall(connect, token):
+    announced = meal_metadata()
+    client_id = announced.pop("id")
+    body = json.dumps(announced).encode()
+    sock = connect()
+    sock.sendall(upload_head(token, f"Content-Length: {len(body)}", path=f"/v1/meals/{client_id}", method="PUT") + body)
+    assert read_answer(sock)[0] == 202
+    seconds = STALL_SECONDS + 1
+    sock.sendall(upload_head(token, path=f"/v1/meals/{client_id}?wait={seconds}", method="GET"))
+    started = time.monotonic()
+    assert read_answer(sock)[0] == 200
+    assert time.monotonic() - started >= seconds - 0.5
+
+
+def test_reader_who_does_not_read_is_cut_off(connect):
+    sock = connect(receive_bytes=4096)
+    answers, bytes_each = 400, 200_000  # 80 MB: more than the system's buffers hold
+    sock.sendall(b"GET /openapi.json HTTP/1.1\r\nHost: x\r\n\r\n" * answers)
+    time.sleep(STALL_SECONDS + 2.5)
+    received = 0
+    try:
+        while piece := sock.recv(1 << 20):
+            received += len(piece)
+    except ConnectionResetError:
+        pass
+    assert received < answers * bytes_each
+
+
+def test_endless_body_that_nobody_wants_is_cut_after_the_answer(connect):
+    sock = connect()
+    sock.sendall(
+        b"POST /v1/meals HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n" + MULTIPART.encode() + b"\r\n\r\n"
+    )
+    assert read_answer(sock)[0] == 401
+    chunk = b"100000\r\n" + bytes(0x100000) + b"\r\n"
+    sent = 0
+    try:
+        while sent < 1 << 30:
+            sock.sendall(chunk)
+            sent += 1 << 20
+    except (ConnectionResetError, BrokenPipeError):
+        pass
+    assert sent < 1 << 28
+
+
+def test_endless_photograph_is_refused_at_its_limit(connect, token):
+    sock = connect()
+    sock.sendall(upload_head(token, MULTIPART, "Transfer-Encoding: chunked"))
+    part = b'--b\r\nContent-Disposition: form-data; name="left"\r\nContent-Type: image/jpeg\r\n\r\n'
+    sock.sendall(b"%x\r\n%s\r\n" % (len(part), part))
+    chunk = b"100000\r\n" + bytes(0x100000) + b"\r\n"
+    for _ in range(32):
+        sock.sendall(chunk)
+    refused(sock, 413, "image_too_large")
+
+
+def test_endless_words_after_the_last_part_are_refused(connect, token):
+    sock = connect()
+    sock.sendall(upload_head(token, MULTIPART, "Transfer-Encoding: chunked"))
+    part = b'--b\r\nContent-Disposition: form-data; name="metadata"\r\n\r\n{}\r\n--b--\r\n'
+    sock.sendall(b"%x\r\n%s\r\n" % (len(part), part))
+    chunk = b"100000\r\n" + bytes(0x100000) + b"\r\n"
+    for _ in range(70):
+        try:
+            sock.sendall(chunk)
+        except OSError:
+            break
+    refused(sock, 413, "too_large")
+
+
+def test_declared_length_past_all_limits_is_refused_before_the_body(connect, token):
+    sock = connect()
+    sock.sendall(upload_head(token, MULTIPART, f"Content-Length: {1 << 40}"))
+    refused(sock, 413, "too_large")
+
+
+def test_body_shorter_than_declared_is_given_up_when_the_caller_leaves(connect, token, server):
+    sock = connect()
+    sock.sendall(upload_head(token, MULTIPART, "Content-Length: 1000") + b"--b\r\n")
+    sock.close()
+    assert lives(connect)
+    staging = server.data_dir / "blobs" / ".incoming"
+    deadline = time.monotonic() + PATIENCE_SECONDS
+    while list(staging.iterdir()) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert list(staging.iterdir()) == []
+
+
+def test_what_follows_the_declared_length_is_the_next_request(connect):
+    sock = connect()
+    sock.sendall(b"GET /healthz HTTP/1.1\r\nHost: x\r\nContent-Length: 2\r\n\r\nabGARBAGE\r\n\r\n")
+    assert read_answer(sock)[0] == 200
+    refused(sock, 400, "malformed_request")
+    assert is_closed(sock)
+
+
+def test_chunks_of_a_byte_are_refused_before_they_cost_much(connect, token):
+    sock = connect()
+    sock.sendall(upload_head(token, MULTIPART, "Transfer-Encoding: chunked"))
+    sock.sendall(b"1\r\na\r\n" * 5000)
+    refused(sock, 400, "malformed_request")
+
+
+def test_chunk_of_impossible_length_is_refused(connect, token):
+    sock = connect()
+    sock.sendall(upload_head(token, MULTIPART, "Transfer-Encoding: chunked") + b"fffffffffffffffffffffff\r\n")
+    refused(sock, 400, "malformed_request")
+
+
+def test_caller_who_asks_first_is_told_to_go_on(connect, token):
+    sock = connect()
+    sock.sendall(upload_head(token, MULTIPART, "Content-Length: 7", "Expect: 100-continue"))
+    assert sock.recv(100).startswith(b"HTTP/1.1 100 ")
+    sock.sendall(b"--b--\r\n")
+    assert read_answer(sock)[0] == 400
+
+
+def test_caller_who_asks_first_and_is_refused_needs_a_new_connection(connect):
+    sock = connect()
+    sock.sendall(upload_head("Bearer wrong", MULTIPART, "Content-Length: 1000", "Expect: 100-continue"))
+    headers = refused(sock, 401, "unauthenticated")
+    assert headers["connection"] == "close"
+    assert is_closed(sock)
+
+
+def test_pipelined_requests_are_answered_in_order(connect):
+    sock = connect()
+    sock.sendall(
+        b"GET /healthz HTTP/1.1\r\nHost: x\r\n\r\nGET /v1/meals/x HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n"
+    )
+    data = b""
+    while piece := sock.recv(65536):
+        data += piece
+    assert data.startswith(b"HTTP/1.1 200")
+    assert b"HTTP/1.1 401" in data
+
+
+@pytest.mark.parametrize(
+    ("request_bytes", "status", "code"),
+    [
+        (b"GET / HTTP/1.1\r\nHost: x\r\nX: " + b"a" * 40_000 + b"\r\n\r\n", 431, "headers_too_large"),
+        (b"GET / HTTP/1.1\r\nHost: x\r\n" + b"X: a\r\n" * 200 + b"\r\n", 431, "headers_too_large"),
+        (b"GET /" + b"a" * 9000 + b" HTTP/1.1\r\nHost: x\r\n\r\n", 414, "target_too_long"),
+        (b"GET /\xff\xfe HTTP/1.1\r\nHost: x\r\n\r\n", 400, "malformed_request"),
+        (b"GET /v1/foods/%ff%fe HTTP/1.1\r\nHost: x\r\n\r\n", 401, "unauthenticated"),
+        (b"GET / HTTP/1.1\r\n\r\n", 400, "malformed_request"),
+        (b"GET / HTTP/1.1\r\nHost: x\r\nHost: y\r\n\r\n", 400, "malformed_request"),
+        (b"GET / HTTP/1.1\r\nHost: x\r\nX : y\r\n\r\n", 400, "malformed_request"),
+        (b"GET / HTTP/1.1\r\nHost: x\r\nA: b\r\n c: folded\r\n\r\n", 404, "not_found"),
+        (b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n", 400, "malformed_request"),
+        (b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n", 400, "malformed_request"),
+        (
+            b"POST /v1/enrolments HTTP/1.1\r\nHost: x\r\nContent-Length: 5\r\nContent-Length: 6\r\n\r\nhello",
+            400,
+            "malformed_request",
+        ),
+        (
+            b"POST /v1/meals HTTP/1.1\r\nHost: x\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n",
+            400,
+            "malformed_request",
+        ),
+        (
+            b"POST /v1/enrolments HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\nContent-Length: 5\r\n\r\nhello",
+            400,
+            "malformed_request",
+        ),
+        (
+            b"POST /v1/enrolments HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: gzip, chunked\r\n\r\n0\r\n\r\n",
+            400,
+            "malformed_request",
+        ),
+        (
+            b"POST /v1/enrolments HTTP/1.1\r\nHost: x\r\nContent-Encoding: gzip\r\nContent-Length: 5\r\n\r\nhello",
+            415,
+            "body_packed",
+        ),
+        (b"POST /v1/enrolments HTTP/1.1\r\nHost: x\r\nContent-Length: -1\r\n\r\n", 400, "malformed_request"),
+    ],
+    ids=lambda value: value[:60].decode("latin-1") if isinstance(value, bytes) else str(value),
+)
+def test_request_that_is_none_gets_a_problem_document(connect, request_bytes, status, code):
+    sock = connect()
+    sock.sendall(request_bytes)
+    refused(sock, status, code)
+    assert lives(connect)
+
+
+@pytest.mark.parametrize(
+    "body", [b"[" * 200_000, b'{"a":' * 40_000, b"1" * 200_000, b'{"code": ' + b"9" * 100_000 + b"}"]
+)
+def test_json_bomb_is_a_bad_request(connect, body):
+    sock = connect()
+    head = b"POST /v1/enrolments HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\nContent-Length: %d\r\n\r\n"
+    sock.sendall(head % len(body) + body)
+    status, headers, _ = read_answer(sock)
+    assert status in {400, 422}
+    assert headers["content-type"] == "application/problem+json"
+
+
+@pytest.mark.parametrize("body", [b"[" * 60_000, b'{"hints":' * 7_000, b'{"id":' + b"9" * 60_000 + b"}"])
+def test_metadata_bomb_is_a_bad_request(connect, token, body):
+    sock = connect()
+    path = "/v1/meals/0b0ccda4-7f0e-4e34-9a39-1f0c6d3bb9c1"
+    sock.sendall(upload_head(token, f"Content-Length: {len(body)}", path=path, method="PUT") + body)
+    assert read_answer(sock)[0] in {400, 422}
+
+
+def test_part_with_a_hundred_headers_or_a_long_one_is_refused(connect, token):
+    for lines in (b"A: b\r\n" * 100, b"A: " + b"b" * 30_000 + b"\r\n"):
+        body = b"--b\r\n" + lines + b"\r\n\r\n--b--\r\n"
+        sock = connect()
+        sock.sendall(upload_head(token, MULTIPART, f"Content-Length: {len(body)}") + body)
+        refused(sock, 400, "malformed_request")
+
+
+def test_connections_past_the_limits_are_refused_and_room_is_made_when_others_leave(connect):
+    ours = [connect("127.0.0.2") for _ in range(PER_ADDRESS)]
+    assert int(refused(connect("127.0.0.2"), 429, "rate_limited")["retry-after"]) > 0
+    others = [connect("127.0.0.3") for _ in range(MAX_CONNECTIONS - PER_ADDRESS)]
+    assert int(refused(connect("127.0.0.4"), 503, "server_busy")["retry-after"]) > 0
+    for sock in [*ours, *others]:
+        sock.close()
+    time.sleep(2.5)
+    assert lives(connect)
