@@ -1,0 +1,52 @@
+"""The real program with a handle for faults: `python -m tests.e2e.faults.launch FOLDER COMMAND... --parent PID`.
+
+FOLDER/slow holds the seconds that each fsync takes, FOLDER/full makes fsync say that the disk is full (where no small
+file system could be mounted). Pictures that carry a note are estimated as it says (stub_tasks.py), all others by the
+real pipeline. FAULT_VERSION and FAULT_PROTOCOL make it an older release.
+"""
+
+import contextlib
+import errno
+import functools
+import os
+import pathlib
+import sys
+import time
+
+import app
+from app.jobs.process_life import die_with_parent
+
+STUB_TASKS = "tests.e2e.faults.stub_tasks:TASKS"
+
+
+def main(folder, *command, parent):
+    die_with_parent(parent)
+    if "FAULT_VERSION" in os.environ:
+        app.__version__ = os.environ["FAULT_VERSION"]  # before whoever takes it from there
+    from app import cli, serving, worker
+    from app.jobs import engine
+
+    engine.JOB_PROTOCOL_VERSION = os.environ.get("FAULT_PROTOCOL", engine.JOB_PROTOCOL_VERSION)
+    worker.TASKS = STUB_TASKS
+    own = [sys.executable, "-m", "tests.e2e.faults.launch", folder, "worker"]
+    serving.WorkerProcess = functools.partial(serving.WorkerProcess, command=own)
+    os.fsync = faulty_fsync(os.fsync, pathlib.Path(folder))
+    sys.argv = ["tada", *command]
+    cli.main()
+
+
+def faulty_fsync(fsync, folder):
+    def slow_or_full(file):
+        if (folder / "full").exists():
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        with contextlib.suppress(FileNotFoundError, ValueError):  # not there, or being written
+            time.sleep(float((folder / "slow").read_text()))
+        fsync(file)
+
+    return slow_or_full
+
+
+if __name__ == "__main__":
+    *arguments, flag, parent_pid = sys.argv[1:]
+    assert flag == "--parent"
+    main(*arguments, parent=int(parent_pid))

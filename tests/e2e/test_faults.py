@@ -1,0 +1,40 @@
+"""Faults of every kind while phones send: nothing acknowledged is lost, nothing is doubled. docs/faults.md."""
+
+import os
+import pathlib
+import shutil
+import tempfile
+
+import pytest
+
+from tests.e2e.faults.storm import storm
+
+MEALS = int(os.environ.get("TADA_TEST_MEALS", "16"))  # 100 and more for a long storm by hand (docs/tests.md)
+SEED = int(os.environ.get("TADA_TEST_SEED", "20261122"))
+ROUNDS = max(1, MEALS // 16)  # of every fault that the deployment can have
+IS_LONG = MEALS > 16
+LONGEST_GAP_SECONDS = 2.0 if IS_LONG else 0.6
+
+
+@pytest.fixture
+def storm_folder():
+    """Not pytest's own: the database runs as another user, who must be able to come there."""
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="tada-faults-"))
+    yield folder
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("database", "store"), [("sqlite", "files"), ("postgres", "files"), ("postgres", "s3")])
+def test_nothing_acknowledged_is_lost_or_doubled_whatever_breaks(storm_folder, database, store, capsys):
+    variables = f"TADA_TEST_SEED={SEED} TADA_TEST_MEALS={MEALS}"
+    how_again = f"again by: {variables} pytest tests/e2e/test_faults.py -k '{database}-{store}'"
+    outcome = storm(
+        storm_folder, database, store, seed=SEED, meals=MEALS, rounds=ROUNDS, longest_gap=LONGEST_GAP_SECONDS
+    )
+    with capsys.disabled():
+        print(f"\n{database} + {store}, {how_again}\n{outcome.table}")  # noqa: T201
+    assert outcome.lost == [], how_again
+    assert outcome.duplicated == [], how_again
+    assert outcome.others == [], how_again
+    assert sum(outcome.injected.values()) >= ROUNDS * 10, how_again
