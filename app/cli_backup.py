@@ -33,6 +33,7 @@ def backup(
 ) -> None:
     """Write database and photographs into one file, as they stand now, while servers and workers go on."""
     from app.services.backup import backup_to_file, write_backup
+    from app.services.last_backup import note_backup
     from app.services.secret_box import open_secret_box
     from app.storage.opening import open_blob_store
 
@@ -44,6 +45,7 @@ def backup(
             sys.stdout.buffer.flush()
         else:
             done = backup_to_file(database, blobs, box, file, tell)
+        note_backup(database, blobs=done.blobs, damaged=len(done.damaged))
     answer = _described(done.manifest, done.rows, done.blobs, done.blob_bytes, done.erased, done.damaged)
     if as_json:
         print(json.dumps(answer), file=sys.stderr if to_pipe else sys.stdout)

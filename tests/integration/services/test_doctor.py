@@ -1,0 +1,390 @@
+"""`tada doctor` finds each fault that is really there, says what to do, and is content where nothing is wrong."""
+
+import hashlib
+import json
+import os
+import socket
+import uuid
+from datetime import UTC, datetime, timedelta
+
+import pytest
+import sqlalchemy as sa
+
+from app.db.migrate import downgrade, revisions
+from app.db.models import AuditEvent, BlobDeletion, Meal, MealImage, Study, Webhook, WebhookDelivery
+from app.db.session import Database, PoolLimits
+from app.services import doctor_database, doctor_store
+from app.services.doctor import examine
+from app.services.erasure_ledger import Erasure, ErasureLedger
+from app.services.last_backup import note_backup
+from app.services.secret_box import SecretBox, open_secret_box
+from app.settings import Settings
+from app.storage.opening import open_blob_store
+from tests.commands import run_tada
+from tests.integration.jobs.fakes import new_job_without_workflow, new_meal
+
+KEY = "a key for tests only, of no worth"
+OTHER_KEY = "another key for tests, of no worth"
+
+
+class Deployment:
+    """A deployment without a server, and what the doctor says of it."""
+
+    def __init__(self, url, folder, kind, blob_url=None):
+        self.settings = Settings(
+            database_url=url,
+            data_dir=folder / "data",
+            secret_key=KEY,
+            erasure_url=f"file://{folder / 'ledger'}",
+            min_free_bytes=0,
+        )
+        self.kind = kind
+        self.database = Database(url)
+        self.blobs = open_blob_store(self.settings.resolved_blob_url, self.settings)
+
+    def findings(self, *, requeue=False, **changes):
+        settings = Settings(**(self.settings.model_dump() | changes))
+        return {one.subject: one for one in examine(self.database, settings, requeue=requeue)}
+
+    def bad(self, **changes):
+        """What is wrong, besides what is wrong with every deployment of these tests."""
+        expected = {"workers"} | ({"durability"} if self.kind == "postgres" else set())
+        found = {subject: one for subject, one in self.findings(**changes).items() if not one.is_ok}
+        assert expected <= set(found) or "schema" in found or "database" in found
+        assert all(one.advice for one in found.values() if one.subject != "secret key")
+        return {subject: one.message for subject, one in found.items() if subject not in expected}
+
+    def add(self, *rows):
+        with self.database.write() as session:
+            for row in rows:
+                session.add(row)
+                session.flush()
+
+    def run_sql(self, text):
+        with self.database.write() as session:
+            session.execute(sa.text(text))
+
+    def photograph(self, content=b"a photograph"):
+        """A meal's photograph, sealed and named. Its key."""
+        digest = sha256(content)
+        with self.database.write() as session:
+            meal = new_meal(session)
+            meal.status = "estimated"
+            key = f"{meal.study_id}/{meal.id}/left/{digest}"
+            session.add(
+                MealImage(
+                    id=uuid.uuid4(),
+                    meal_id=meal.id,
+                    slot="left",
+                    media_type="image/jpeg",
+                    width_px=1,
+                    height_px=1,
+                    bytes=len(content),
+                    received_sha256=digest,
+                    stored_sha256=digest,
+                    blob_key=key,
+                    received_at=datetime.now(UTC),
+                )
+            )
+        self.blobs.put_bytes(key, content)
+        return key
+
+
+def sha256(content):
+    return hashlib.sha256(content).hexdigest()
+
+
+@pytest.fixture
+def deployment(prepared_database_url, tmp_path, kind):
+    (tmp_path / "data").mkdir()
+    found = Deployment(prepared_database_url, tmp_path, kind)
+    yield found
+    found.database.dispose()
+
+
+def test_sound_deployment_without_workers_lacks_workers_only(deployment):
+    deployment.photograph()
+    note_backup(deployment.database, blobs=1, damaged=0)
+    assert deployment.bad() == {}
+    found = deployment.findings()
+    assert found["photographs"].message == "all 1 are in the store"
+    assert found["newest photographs"].message == "1 read back, bit for bit"
+    assert found["schema"].level == found["clock"].level == found["ledger of erasures"].level == "ok"
+    assert found["backup"].message == "the last `tada backup` is 0 h old"
+
+
+def test_postgres_that_does_not_sync_is_told(deployment):
+    if deployment.kind == "sqlite":
+        assert deployment.findings()["sqlite file"].level == "ok"
+        return
+    found = deployment.findings()["durability"]  # the tests' own server runs so
+    assert not found.is_ok
+    for name in ("fsync", "synchronous_commit", "full_page_writes"):
+        assert name in found.message
+
+
+def test_database_that_is_away_is_told_and_the_rest_is_looked_at(deployment, tmp_path):
+    if deployment.kind == "sqlite":
+        away = Database(f"sqlite:///{tmp_path / 'nowhere.sqlite3'}")
+    else:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = probe.getsockname()[1]
+        away = Database(f"postgresql://nobody:hunter2hunter2@127.0.0.1:{port}/none")
+    found = {one.subject: one for one in examine(away, deployment.settings, requeue=False)}
+    away.dispose()
+    assert not found["database"].is_ok
+    assert "hunter2" not in found["database"].message
+    assert found["blob store"].is_ok
+    assert "queue" not in found
+    assert not (tmp_path / "nowhere.sqlite3").exists()
+
+
+def test_older_schema_is_told_and_its_tables_are_not_asked(deployment):
+    downgrade(deployment.database, revisions()[-2])
+    bad = deployment.bad()
+    assert list(bad) == ["schema"]
+    assert revisions()[-1] in bad["schema"]
+
+
+def test_newer_schema_is_a_note_since_an_upgrade_is_under_way(deployment):
+    deployment.run_sql("UPDATE alembic_version SET version_num = 'of_tomorrow'")
+    assert deployment.findings()["schema"].level == "note"
+    assert "schema" not in deployment.bad()
+    deployment.run_sql(f"UPDATE alembic_version SET version_num = '{revisions()[-1]}'")
+
+
+def test_job_tables_that_are_gone_are_told(deployment):
+    table = "workflow_status" if deployment.kind == "sqlite" else "dbos.workflow_status"
+    deployment.run_sql(f"ALTER TABLE {table} RENAME TO workflow_status_away")
+    try:
+        assert "jobs' tables" in deployment.bad()
+    finally:
+        schema = "" if deployment.kind == "sqlite" else "dbos."
+        deployment.run_sql(f"ALTER TABLE {schema}workflow_status_away RENAME TO workflow_status")
+
+
+def test_missing_secret_key_and_readable_key_file_are_told(deployment):
+    if deployment.kind == "postgres":
+        assert "TADA_SECRET_KEY" in deployment.bad(secret_key=None)["secret key"]
+        return
+    assert deployment.findings(secret_key=None)["secret key"].level == "note"
+    settings = Settings(**(deployment.settings.model_dump() | {"secret_key": None}))
+    open_secret_box(settings)
+    (settings.data_dir / "secret.key").chmod(0o644)
+    assert "secret key" in deployment.bad(secret_key=None)
+
+
+def test_store_that_cannot_be_written_is_told(deployment, tmp_path):
+    (tmp_path / "file").touch()
+    assert "Not a directory" in deployment.bad(blob_url=f"file://{tmp_path / 'file' / 'blobs'}")["blob store"]
+
+
+def test_full_disk_is_told(deployment):
+    assert "no meal is accepted" in deployment.bad(min_free_bytes=1 << 60)["disk"]
+
+
+def test_missing_photograph_is_named(deployment):
+    key = deployment.photograph()
+    deployment.blobs.delete(key)
+    assert key in deployment.bad()["photographs"]
+
+
+def test_photograph_that_is_not_what_was_sealed_is_named(deployment, tmp_path):
+    key = deployment.photograph()
+    assert "newest photographs" not in deployment.bad()
+    deployment.blobs.put_bytes(key, b"other bytes of it")
+    assert key in deployment.bad()["newest photographs"]
+
+
+def test_failures_of_the_server_are_told_by_code_and_those_of_photographs_are_not_wrong(deployment):
+    def fail(code):
+        with deployment.database.write() as session:
+            new_meal(session).status = "failed"
+            session.flush()
+            session.execute(sa.update(Meal).where(Meal.failure_code.is_(None)).values(failure_code=code))
+
+    fail("marker_not_found")
+    assert "failed meals" not in deployment.bad()
+    fail("internal_error")
+    assert deployment.bad()["failed meals"] == "by the server's fault, in 7 days: internal_error 1."
+
+
+def test_meal_that_nothing_moves_and_an_old_queue_are_told_and_requeued(deployment):
+    with deployment.database.write() as session:
+        job, _ = new_job_without_workflow(session)
+        job.enqueued_at = datetime.now(UTC) - timedelta(hours=1)
+    bad = deployment.bad()
+    assert bad["meals"] == "1 that nothing will move."
+    assert "3600 s" in bad["queue"] or "3601 s" in bad["queue"]
+    assert "1 moved" in deployment.findings(requeue=True)["meals"].message
+    assert "meals" not in deployment.bad()
+
+
+def test_event_of_the_future_tells_that_the_clock_went_back(deployment):
+    ahead = datetime.now(UTC) + timedelta(hours=1)
+    deployment.add(AuditEvent(at=ahead, actor_kind="system", actor="system", action="test", details={}))
+    assert "which is to come" in deployment.bad()["clock"]
+
+
+def test_clocks_that_are_apart_are_told(deployment, monkeypatch):
+    monkeypatch.setattr(doctor_database, "database_now", lambda _: datetime.now(UTC) + timedelta(seconds=60))
+    assert "60 s apart" in deployment.bad()["clock"]
+
+
+def test_connections_that_do_not_suffice_are_told(deployment):
+    if deployment.kind == "sqlite":
+        assert "connections" not in deployment.findings()
+        return
+    deployment.database.dispose()
+    deployment.database = Database(deployment.settings.database_url, PoolLimits(size=500))
+    assert "may want" in deployment.bad()["connections"]
+
+
+def test_options_that_do_not_arrive_at_postgres_are_told(deployment):
+    if deployment.kind == "sqlite":
+        return
+    deployment.database.dispose()
+    deployment.database = Database(deployment.settings.database_url, PoolLimits(statement_seconds=0))
+    assert "do not arrive" in deployment.bad()["connection"]
+
+
+def test_sqlite_on_a_network_file_system_is_told(deployment, tmp_path, monkeypatch):
+    mounts = tmp_path / "mountinfo"
+    mounts.write_text(
+        "21 1 8:1 / / rw,relatime - ext4 /dev/sda1 rw\n"
+        f"22 21 0:50 / {tmp_path} rw,relatime shared:1 - nfs4 server:/export rw\n"
+    )
+    monkeypatch.setattr(doctor_database, "MOUNTS", mounts)
+    assert doctor_database.file_system_of(tmp_path / "data" / "tada.sqlite3") == "nfs4"
+    assert doctor_database.file_system_of(tmp_path.parent) == "ext4"
+    if deployment.kind == "sqlite":
+        assert "nfs4" in deployment.bad()["sqlite file"]
+
+
+def test_ledger_in_the_data_folder_is_a_note_and_one_that_cannot_be_written_is_wrong(deployment, tmp_path):
+    assert deployment.findings(erasure_url=None)["ledger of erasures"].level == "note"
+    (tmp_path / "file").touch()
+    assert "Nobody can be erased" in deployment.bad(erasure_url=f"file://{tmp_path}/file/l")["ledger of erasures"]
+
+
+def erasure(box):
+    return Erasure(
+        kind="meal",
+        deed="erase",
+        digest=box.digest("meal", str(uuid.uuid4())),
+        receipt_id=uuid.uuid4(),
+        at=datetime.now(UTC),
+    )
+
+
+def test_erasure_that_was_promised_and_not_carried_out_is_told(deployment, monkeypatch):
+    box = SecretBox(KEY)
+    store = open_blob_store(deployment.settings.resolved_erasure_url, deployment.settings)
+    ErasureLedger(store, box).write(erasure(box))
+    assert "erasures" not in deployment.bad()  # it may be under way
+    monkeypatch.setattr(doctor_store, "UNDER_WAY", timedelta(seconds=-60))
+    assert deployment.bad()["erasures"].startswith("1 that were promised")
+    assert "TADA_SECRET_KEY" in deployment.bad(secret_key=OTHER_KEY)["erasures"]
+
+
+def test_blob_that_should_be_gone_is_told(deployment):
+    now = datetime.now(UTC)
+    deployment.add(BlobDeletion(blob_key="a/b/left/young", requested_at=now))
+    assert "erasures" not in deployment.bad()
+    deployment.add(BlobDeletion(blob_key="a/b/left/old", requested_at=now - timedelta(hours=2)))
+    assert "1 blobs that should be gone" in deployment.bad()["erasures"]
+
+
+def webhook(deployment, key=KEY, **changes):
+    now = datetime.now(UTC)
+    study = Study(id=uuid.uuid4(), code=uuid.uuid4().hex, name="s", created_at=now)
+    hook = Webhook(
+        id=uuid.uuid4(),
+        study_id=study.id,
+        url="https://example.org/hook",
+        events=["*"],
+        secret_sealed=SecretBox(key).seal("whsec_of_a_test"),
+        author="a test",
+        version=1,
+        created_at=now,
+        **changes,
+    )
+    deployment.add(study, hook)
+    return hook
+
+
+def test_receiver_that_fails_and_a_disabled_webhook_are_told(deployment):
+    hook = webhook(deployment, disabled_at=datetime.now(UTC))
+    assert deployment.findings()["webhooks"].level == "note"
+    delivery = WebhookDelivery(
+        id=uuid.uuid4(),
+        webhook_id=hook.id,
+        event="meal.estimated",
+        payload={},
+        state="waiting",
+        attempts=4,
+        next_try_at=datetime.now(UTC),
+        created_at=datetime.now(UTC),
+    )
+    deployment.add(delivery)
+    assert deployment.bad()["webhooks"].startswith("1 deliveries failed")
+
+
+def test_webhooks_secret_of_another_key_is_told(deployment):
+    webhook(deployment, key=OTHER_KEY)
+    assert "not the key" in deployment.bad()["webhooks' secrets"]
+
+
+def test_backup_that_is_old_is_told_and_one_that_never_was_is_a_note(deployment):
+    assert deployment.findings()["backup"].level == "note"
+    old = datetime.now(UTC) - timedelta(days=3)
+    deployment.add(AuditEvent(at=old, actor_kind="system", actor="system", action="backup.make", details={}))
+    assert deployment.bad()["backup"] == "the last `tada backup` is 72 h old."
+
+
+def test_part_that_cannot_be_asked_is_a_finding_and_hides_no_other(deployment, monkeypatch):
+    def broken(_):
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(doctor_store, "look_at_photographs", lambda *_: broken(_))
+    bad = deployment.bad()
+    assert bad["photographs"] == "it could not be asked (OSError)."
+    assert "backup" in deployment.findings()
+
+
+def test_command_tells_findings_as_json_and_says_no(deployment):
+    done = run_tada("doctor", "--json", **variables(deployment))
+    assert done.returncode == 1
+    findings = {one["subject"]: one for one in json.loads(done.stdout)["findings"]}
+    assert findings["workers"] == {
+        "subject": "workers",
+        "level": "bad",
+        "message": "none: meals are kept, and none is estimated.",
+        "advice": "Start `tada worker`.",
+    }
+    told = run_tada("doctor", **variables(deployment)).stdout
+    assert "BAD  workers: none: meals are kept, and none is estimated. Start `tada worker`." in told.splitlines()
+
+
+def test_command_migrates_nothing(deployment):
+    downgrade(deployment.database, revisions()[-2])
+    assert run_tada("doctor", **variables(deployment)).returncode == 1
+    with deployment.database.read() as session:
+        assert session.scalar(sa.text("SELECT version_num FROM alembic_version")) == revisions()[-2]
+
+
+def variables(deployment):
+    settings = deployment.settings
+    return {
+        "TADA_DATABASE_URL": settings.database_url,
+        "TADA_DATA_DIR": os.fspath(settings.data_dir),
+        "TADA_SECRET_KEY": KEY,
+        "TADA_ERASURE_URL": settings.erasure_url,
+    }
+
+
+def test_backup_by_command_is_known_to_the_doctor(deployment, tmp_path):
+    done = run_tada("backup", tmp_path / "backup.tada", **variables(deployment))
+    assert done.returncode == 0, done.stderr
+    assert deployment.findings()["backup"].message == "the last `tada backup` is 0 h old"
