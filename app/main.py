@@ -26,6 +26,7 @@ from app.api import (
     health,
     me,
     me_privacy,
+    meal_jobs,
     meals,
     metrics,
     participants,
@@ -109,6 +110,7 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
             settings=settings,
             database=database,
             blobs=blobs,
+            queue=queue,
             submit_meal=SubmitMeal(database, blobs, queue, settings, box),
             after_pairs=SubmitAfterPair(database, blobs, queue, settings, box),
             meal_events=MealEvents(database, queue, EVENT_RULES),
@@ -159,6 +161,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(RequestLog)
     for resource in (
         meals,
+        meal_jobs,
         photographs,
         checks,
         calibrations,

@@ -106,6 +106,8 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/v1/meals/{meal_id}"): VIEWER_OR_DEVICE,
     ("GET", "/v1/meals/{meal_id}/artefacts/{name}"): VIEWER_OR_DEVICE,
     ("GET", "/v1/meals/{meal_id}/images/{slot}"): VIEWER_OR_DEVICE,
+    ("POST", "/v1/meals/{meal_id}/cancel"): REVIEWER_OR_DEVICE,
+    ("POST", "/v1/meals/{meal_id}/retry"): REVIEWER,
     ("GET", "/v1/records"): VIEWER_OR_DEVICE,
     ("GET", "/v1/studies/{study}/changes"): VIEWER,
     # days and feedback

@@ -14,6 +14,7 @@ from app.services.declare_meal import DeclareMeal
 from app.services.erase import Eraser
 from app.services.export_me import ExportPlaces
 from app.services.figures import DeploymentFigures
+from app.services.job_queue import JobQueue
 from app.services.last_use import LastUse
 from app.services.meal_events import MealEvents
 from app.services.passwords import Passwords
@@ -30,6 +31,7 @@ class ApiState:
     settings: Settings
     database: Database
     blobs: BlobStore
+    queue: JobQueue
     submit_meal: SubmitMeal
     after_pairs: SubmitAfterPair
     meal_events: MealEvents

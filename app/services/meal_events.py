@@ -19,7 +19,7 @@ from sqlalchemy.orm import Session
 
 from app.db.models import EffectiveRecord, Item, Job, Meal, MealEvent
 from app.db.models.base import Base
-from app.db.queries import meals, privacy
+from app.db.queries import meals
 from app.db.queries.meal_parts import MealParts, parts_of
 from app.db.session import Database
 from app.errors import ConflictError, NotAllowedError, NotFoundError, PreconditionFailedError
@@ -27,9 +27,9 @@ from app.services import audit
 from app.services.caller import Caller, DeviceCaller, StaffCaller
 from app.services.item_state import ItemState, MealState, fold_meal
 from app.services.job_queue import JobQueue
+from app.services.locked_meal import lock_meal_of
 from app.services.project_records import Projector, project_meal
-from app.services.read_meal import MealView, find_meal, meal_view
-from app.services.withdraw import require_in_study
+from app.services.read_meal import MealView, meal_view
 
 MAX_EVENTS = 1000  # of a meal; each word reads them all
 MAX_ITEMS = 200  # of a meal, those that were split, merged and undone as well
@@ -152,14 +152,8 @@ class MealEvents:
         participant_code: str | None,
     ) -> tuple[MealView, bool]:
         with self._database.write() as session:
-            if isinstance(caller, DeviceCaller):
-                require_in_study(session, caller.participant_id)
-            meal, participant, study = find_meal(session, caller, client_id, participant_code)
-            if not isinstance(caller, DeviceCaller):  # the person before the meal here too, as a withdrawal locks them
-                privacy.join_participant(session, meal.participant_id)
-            locked = meals.lock_meal(session, meal.id)
-            if locked is None or locked.client_id != client_id:  # erased or anonymised while this waited for it
-                raise NotFoundError("There is no such meal.")
+            locked = lock_meal_of(session, caller, client_id, participant_code)
+            meal, participant, study = locked.meal, locked.participant_code, locked.study_code
             projector = Projector(session)
             known = session.get(MealEvent, event.id)
             if known is not None:

@@ -280,7 +280,7 @@ def _record_status(state: ItemState, amounts: FoodAmounts | None) -> str:
 def _status(parts: MealParts, state: MealState, items: Sequence[ItemProjection]) -> str | None:
     """The meal's status where a run or a person has spoken: it is confirmed when a person has settled all of it."""
     meal, run = parts.meal, parts.run
-    if run is None and meal.origin == "photographed" and meal.status in UNESTIMATED:
+    if meal.status in UNESTIMATED and meal.origin == "photographed" and (run is None or parts.waits_for_run):
         return None
     statuses = [item.columns["status"] for item in items if item.state.stands]
     if "needs_review" in statuses:

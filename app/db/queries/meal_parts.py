@@ -23,6 +23,7 @@ from app.db.models import (
     MealEvent,
     Run,
 )
+from app.db.queries.jobs import LIVE_STATES
 
 FROM_HINT, FROM_INDEX = "hint", "index"  # who says that an item may be a food
 
@@ -46,7 +47,8 @@ class MealParts:
     """One meal's. items: of its newest run, of its newest after-meal run, and those that people made.
 
     foods, measures, candidates, identified, leftovers: by item, of all runs. food_keys: of all in foods, by id; a key
-    stays from version to version. failed_remeasures: events whose regions no run will measure.
+    stays from version to version. failed_remeasures: events whose regions no run will measure. waits_for_run: the
+    meal's pair is to be measured, for the first time or again; the runs that there are say nothing of that one.
     """
 
     meal: Meal
@@ -61,6 +63,7 @@ class MealParts:
     identified: dict[uuid.UUID, list[Identified]] = field(default_factory=dict)
     leftovers: dict[uuid.UUID, list[Leftover]] = field(default_factory=dict)
     failed_remeasures: set[uuid.UUID] = field(default_factory=set)
+    waits_for_run: bool = False
 
 
 def parts_of(session: Session, meals: Sequence[Meal]) -> list[MealParts]:
@@ -72,7 +75,7 @@ def parts_of(session: Session, meals: Sequence[Meal]) -> list[MealParts]:
             parts[run.meal_id].run = run
         elif run.purpose == "after":
             parts[run.meal_id].after_run = run
-    _add_failed_remeasures(session, parts)
+    _add_what_jobs_say(session, parts)
     by_item = _add_items(session, parts)
     events = sa.select(MealEvent).where(MealEvent.meal_id.in_(ids)).order_by(MealEvent.sequence)
     for event in session.scalars(events):
@@ -114,10 +117,14 @@ def meals_after(
     return list(session.scalars(query))
 
 
-def _add_failed_remeasures(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> None:
-    failed = sa.select(Job).where(Job.meal_id.in_(list(parts)), Job.purpose == "remeasure", Job.state == "failed")
-    for job in session.scalars(failed):
-        if job.event_id is not None:
+def _add_what_jobs_say(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> None:
+    has_failed = sa.and_(Job.purpose == "remeasure", Job.state == "failed")
+    has_no_run = ~sa.exists().where(Run.id == Job.id)  # in the transaction that saves its run it is not done yet
+    is_to_come = sa.and_(Job.purpose == "meal", Job.state.in_(LIVE_STATES), has_no_run)
+    for job in session.scalars(sa.select(Job).where(Job.meal_id.in_(list(parts)), sa.or_(has_failed, is_to_come))):
+        if job.purpose == "meal":
+            parts[job.meal_id].waits_for_run = True
+        elif job.event_id is not None:
             parts[job.meal_id].failed_remeasures.add(job.event_id)
 
 

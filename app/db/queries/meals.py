@@ -8,7 +8,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import Meal, MealImage, Participant, Study
+from app.db.models import Job, Meal, MealImage, Participant, Study
 
 WAITING = ("queued", "processing")
 UNESTIMATED = ("receiving", *WAITING)  # nothing is known yet of what is on the plate
@@ -77,5 +77,5 @@ def after_windows_over(session: Session, now: datetime, limit: int) -> list[uuid
 
 
 def oldest_waiting(session: Session) -> datetime | None:
-    """When the meal that has waited longest was submitted."""
-    return session.execute(sa.select(sa.func.min(Meal.submitted_at)).where(Meal.status == "queued")).scalar_one()
+    """Since when the meal that has waited longest waits: since it was submitted, or queued again."""
+    return session.execute(sa.select(sa.func.min(Job.enqueued_at)).where(Job.state == "queued")).scalar_one()

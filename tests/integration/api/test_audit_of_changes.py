@@ -115,7 +115,9 @@ def call_of_meals(walk, state, admin, phone):
     walk(phone, "DELETE", "/v1/meals/{meal_id}", **one)
     files = {"metadata": ("m.json", json.dumps(meal_metadata()), "application/json")}
     files |= {slot: (slot, content, "image/jpeg") for slot, content in pair(2).items()}
-    walk(phone, "POST", "/v1/meals", files=files)
+    waiting = {"meal_id": walk(phone, "POST", "/v1/meals", files=files).json()["id"]}
+    walk(phone, "POST", "/v1/meals/{meal_id}/cancel", **waiting)
+    walk(admin, "POST", "/v1/meals/{meal_id}/retry", **waiting)
     walk(phone, "POST", "/v1/declared-meals", meal_metadata(items=[{"food": "apple"}]))
     closed = {"status": "closed"}
     walk(phone, "PUT", "/v1/me/days/{day}", closed, extra=ANY_VERSION, day="2026-11-18")
