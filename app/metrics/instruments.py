@@ -7,6 +7,7 @@ scrape (services/figures.py).
 
 import platform
 import re
+from typing import Literal
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
 from prometheus_client.process_collector import ProcessCollector
@@ -23,6 +24,18 @@ DAY_SECONDS = 86400.0
 WAIT_BUCKETS = (1.0, 3.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0, 21600.0, DAY_SECONDS)
 
 BUILD = Gauge("tada_build", "Always 1; which program this is.", ["version", "python", "part"], registry=REGISTRY)
+
+# outcomes of a job that tell of the server and not of the photographs: each is a meal that could have been measured
+SERVER_FAILURES = (
+    "internal_error",
+    "job_gave_up",
+    "estimate_crashed",
+    "estimate_timed_out",
+    "estimate_out_of_memory",
+    "photo_damaged",
+)
+# refusals of an upload that tell of the server and not of the phone
+REFUSALS = ("storage_full", "unavailable", "internal_error", "server_busy")
 
 # HTTP
 REQUESTS = Histogram(
@@ -118,6 +131,21 @@ def outcome_label(code: str) -> str:
     return code if re.fullmatch(r"[a-z_]{1,64}", code) else "other"
 
 
-def tell_build(part: str) -> None:
-    """Name this process. part: api or worker."""
+def tell_build(part: Literal["api", "worker"]) -> None:
+    """Name this process, and begin its counters at 0: an alert does not see a series that begins at 1."""
     BUILD.labels(__version__, platform.python_version(), part).set(1)
+    if part == "api":
+        for outcome in ("kept", "repeated", "cut", *REFUSALS):
+            UPLOADS.labels(outcome)
+        return
+    for purpose in ("meal", "after", "remeasure"):
+        for outcome in ("ok", *SERVER_FAILURES):
+            ESTIMATES.labels(purpose, outcome)
+    for outcome in ("ok", "crashed", "timed_out", "out_of_memory", "raised"):
+        CHILD_RESULTS.labels(outcome)
+    for outcome in ("delivered", "failed", "given_up"):
+        DELIVERIES.labels(outcome)
+    for what in ("queued", "failed"):
+        SWEPT.labels(what)
+    for why in ("erased", "orphan"):
+        BLOBS_DELETED.labels(why)

@@ -11,6 +11,7 @@ from app.db.session import Database
 from app.jobs.engine import JobQueue
 from app.jobs.leases import living_workers
 from app.jobs.sweep import sweep
+from app.metrics.instruments import SERVER_FAILURES
 from app.services.finding import Finding
 from app.services.last_backup import last_backup_at
 from app.services.project_records import project_meal
@@ -20,17 +21,6 @@ from app.vision.vcm import VCM_VERSION
 
 WAITING_TOO_LONG_SECONDS = 600
 LATELY = timedelta(days=7)
-# failures that tell of the server and not of the photographs: each is a meal that could have been measured
-OUR_FAILURES = frozenset(
-    {
-        "internal_error",
-        "job_gave_up",
-        "estimate_crashed",
-        "estimate_timed_out",
-        "estimate_out_of_memory",
-        "photo_damaged",
-    }
-)
 TRIES_OF_A_FAILING_RECEIVER = 3  # half an hour of it
 BACKUP_EVERY = timedelta(days=2)
 
@@ -89,7 +79,7 @@ def _stranded(database: Database, *, requeue: bool) -> Finding:
 def _failures(database: Database) -> Finding:
     with database.read() as session:
         found = doctor.failures_since(session, datetime.now(UTC) - LATELY)
-    ours = {code: count for code, count in found.items() if code in OUR_FAILURES}
+    ours = {code: count for code, count in found.items() if code in SERVER_FAILURES}
     if ours:
         advice = "The log tells why; photographs are kept: `tada jobs retry` estimates them again (docs/jobs.md)."
         return Finding("failed meals", "bad", f"by the server's fault, in 7 days: {_by_count(ours)}.", advice)
