@@ -85,7 +85,9 @@ class Settings(BaseSettings):
         ge=1,
         description="Estimates at the same time in one worker; default: as many as its cores and memory carry.",
     )
-
+    job_history_days: int = Field(
+        default=7, ge=1, description="How long the job engine's own rows of ended jobs are kept; ours stay."
+    )
     api_children: int = Field(default=1, ge=1, description="Processes of one server that decode photographs at once.")
     enrolment_attempts_per_minute: int = Field(default=20, ge=1, description="Tries a minute and address, enrolment.")
     sign_in_attempts_per_minute: int = Field(
