@@ -13,12 +13,13 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import psycopg
 import sqlalchemy as sa
-from sqlalchemy.exc import DBAPIError, OperationalError, StatementError
+from sqlalchemy.exc import OperationalError, StatementError
 
 from app.db.layout import TableLayout
 from app.db.migrate import current_revision, downgrade, upgrade
-from app.db.session import Database, is_disk_full
+from app.db.session import Database
 from app.errors import ConflictError, InvalidInputError
 
 ROWS_AT_A_TIME = 2_000
@@ -66,28 +67,21 @@ def require_alone(database: Database) -> None:
 
 def require_empty(database: Database, layout: Sequence[TableLayout]) -> None:
     """Raises ConflictError (`deployment_not_empty`) where a table has rows that a new deployment does not have."""
-    with database.read() as session:
-        connection = session.connection()
-        there = set(sa.inspect(connection).get_table_names())
-        for table in layout:
-            if table.name not in there:
-                continue
-            query = sa.select(sa.literal(1)).select_from(sa.table(table.name)).limit(1)
-            if table.name == "food_release":
-                query = query.where(sa.column("source", sa.Text()) != STARTER)
-            elif table.name in OF_FOODS:
-                continue
-            if connection.execute(query).first() is not None:
-                raise ConflictError(
-                    f"This deployment has data already (table {table.name}): restore into an empty one, and move the "
-                    "data over there or delete it yourself.",
-                    code="deployment_not_empty",
-                )
+    filled = _filled_table(database, layout, but_starter=True)
+    if filled is not None:
+        raise ConflictError(
+            f"This deployment has data already (table {filled}): restore into an empty one, and move the data over "
+            "there or delete it yourself.",
+            code="deployment_not_empty",
+        )
 
 
-def make_tables(database: Database, revision: str) -> None:
-    """The tables of a revision, empty; those of an empty deployment are made anew."""
-    if current_revision(database) is not None:
+def make_tables(database: Database, revision: str, layout: Sequence[TableLayout]) -> None:
+    """The tables of a revision, without a row; those of an empty deployment are made anew."""
+    there = current_revision(database)
+    if there == revision and _filled_table(database, layout, but_starter=False) is None:
+        return
+    if there is not None:
         downgrade(database, "base")
     upgrade(database, revision)
 
@@ -193,10 +187,12 @@ def _told(where: str) -> Iterator[None]:
         yield
     except OperationalError:
         raise
-    except (StatementError, DBAPIError, sqlite3.Error) as error:
-        if is_disk_full(error):
-            raise
-        raise _refused(where, type(getattr(error, "orig", None) or error).__name__) from error
+    except psycopg.OperationalError as error:  # of COPY, which SQLAlchemy knows nothing of
+        raise OperationalError("COPY", None, error) from error
+    except StatementError as error:
+        raise _refused(where, type(error.orig).__name__) from None
+    except psycopg.Error as error:
+        raise _refused(where, type(error).__name__) from None
 
 
 def _refused(where: str, why: str) -> InvalidInputError:
@@ -229,3 +225,18 @@ def _is_alone_on_sqlite(database: Database) -> bool:
                 raise
             return False
     return bool(mode == "delete")
+
+
+def _filled_table(database: Database, layout: Sequence[TableLayout], *, but_starter: bool) -> str | None:
+    """The first table that is there and has a row. but_starter: other than the food table of new deployments."""
+    with database.read() as session:
+        there = set(sa.inspect(session.connection()).get_table_names())
+        for table in layout:
+            query = sa.select(sa.literal(1)).select_from(sa.table(table.name)).limit(1)
+            if but_starter and table.name == "food_release":
+                query = query.where(sa.column("source", sa.Text()) != STARTER)
+            elif but_starter and table.name in OF_FOODS:
+                continue
+            if table.name in there and session.execute(query).first() is not None:
+                return table.name
+    return None

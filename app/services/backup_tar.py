@@ -14,6 +14,7 @@ from app.services.backup_format import broken
 
 PIECE_BYTES = 256 * 1024
 MAX_PAX_BYTES = 16 * 1024  # a long name's header
+CHECKSUM = slice(148, 156)  # in a header
 END_OF_TAR = bytes(2 * BLOCKSIZE)
 
 
@@ -117,10 +118,14 @@ def members(file: IO[bytes], offset: int = 0) -> Iterator[Member]:
 
 
 def _info(header: bytes) -> tarfile.TarInfo:
+    """A header whose checksum is right, and written in the one way that the writer writes it."""
     try:
-        return tarfile.TarInfo.frombuf(header, "utf-8", "strict")
+        info = tarfile.TarInfo.frombuf(header, "utf-8", "strict")
     except (tarfile.HeaderError, UnicodeDecodeError) as error:
         raise broken("a header is not what was written") from error
+    if header[CHECKSUM] != b"%06o\0 " % info.chksum:
+        raise broken("a header is not what was written")
+    return info
 
 
 def _pax(content: bytes) -> dict[str, str]:

@@ -100,8 +100,8 @@ def _write_instant(value: datetime) -> str:
     return value.astimezone(UTC).isoformat()
 
 
-def _read_instant(value: str) -> datetime:
-    instant = datetime.fromisoformat(value)
+def _read_instant(value: Any) -> datetime:
+    instant = datetime.fromisoformat(_text(value))
     if instant.tzinfo is None:
         raise ValueError(value)
     return instant.astimezone(UTC)
@@ -117,8 +117,8 @@ def _read_json(value: Any) -> str:
     return text
 
 
-def _read_bytes(value: str) -> bytes:
-    return base64.b64decode(value, validate=True)
+def _read_bytes(value: Any) -> bytes:
+    return base64.b64decode(_text(value), validate=True)
 
 
 def _no_constant(name: str) -> float:
@@ -141,9 +141,9 @@ _WRITERS: dict[ColumnType, Callable[[Any], Any]] = {
     "text": _text,
 }
 _READERS: dict[ColumnType, Callable[[Any], Any]] = {
-    "uuid": uuid.UUID,
+    "uuid": lambda value: uuid.UUID(_text(value)),
     "instant": _read_instant,
-    "date": date.fromisoformat,
+    "date": lambda value: date.fromisoformat(_text(value)),
     "json": _read_json,
     "bytes": _read_bytes,
     "float": _read_float,

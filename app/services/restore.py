@@ -68,7 +68,7 @@ def restore(
         require_empty(database, checked.layout)
         _require_store(blobs, keys, checked.end.blob_bytes)
         put_blobs(file, checked.blobs_offset, blobs, tell)
-        make_tables(database, checked.manifest.revision)
+        make_tables(database, checked.manifest.revision, checked.layout)
         with refilling(database, checked.layout) as refill:
             _put_rows(refill, file, checked, tell)
             _mark_erased(refill, checked)

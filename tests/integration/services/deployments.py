@@ -71,10 +71,8 @@ class Deployment:
 @contextlib.contextmanager
 def deployment(folder, database_url, **settings):
     """A deployment on a database that is there, perhaps empty."""
-    made = Settings(
-        data_dir=folder, database_url=database_url, secret_key=SECRET, min_free_bytes=0, max_photo_bytes=400_000,
-        enrolment_attempts_per_minute=60, **settings,
-    )  # fmt: skip
+    given = {"secret_key": SECRET, "min_free_bytes": 0, "max_photo_bytes": 400_000, "enrolment_attempts_per_minute": 60}
+    made = Settings(data_dir=folder, database_url=database_url, **given | settings)
     database = Database(database_url)
     try:
         yield Deployment(made, database, open_blob_store(made.resolved_blob_url, made))
