@@ -21,6 +21,7 @@ from app.nutrition.importers.sr28 import read_sr28
 from app.services.prepare import prepare
 from app.settings import Settings
 from tests.reused_database import ReusedDatabases
+from tests.s3_places import s3_settings
 from tests.s3_server import S3Server
 
 SHARED_DATA = pathlib.Path(os.environ.get("TADA_SHARED_DATA", pathlib.Path(__file__).parents[2] / "shared"))
@@ -124,6 +125,12 @@ def forget_durability(server_url):
 def kind(request) -> str:
     """Every test that touches data runs on both kinds of database."""
     return request.param
+
+
+@pytest.fixture
+def blob_settings(request, kind) -> dict[str, object]:
+    """Where blobs and the ledger of erasures are, as keywords of Settings: files with SQLite, S3 with PostgreSQL."""
+    return s3_settings(request.getfixturevalue("s3_server")) if kind == "postgres" else {}
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import timedelta
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -89,7 +90,6 @@ class S3BlobStore:
         self._staging = open_staging(staging)
         self._patience = patience
         self._store = _open(place, patience)
-        self._probed = _open(place, PROBE_PATIENCE)
         self._turns = threading.BoundedSemaphore(PUTS_AT_ONCE)
         self.keeps_versions: bool | None = None
         """Whether the bucket keeps what is deleted, so that no erasure is one; None before the first `check`."""
@@ -191,6 +191,10 @@ class S3BlobStore:
     def remove_abandoned(self) -> None:
         """Remove what nobody has touched for an hour; parts of uploads that were cut are the bucket's own business."""
         remove_abandoned(self._staging)
+
+    @cached_property
+    def _probed(self) -> S3Store:
+        return _open(self._place, PROBE_PATIENCE)
 
     @contextmanager
     def _turn(self) -> Iterator[None]:

@@ -43,16 +43,16 @@ def full_password_cost() -> Iterator[None]:
 
 
 @pytest.fixture
-def settings(prepared_database_url, tmp_path) -> Settings:
+def settings(prepared_database_url, blob_settings, tmp_path) -> Settings:
     return Settings(
         data_dir=tmp_path / "data",
         database_url=prepared_database_url,
-        blob_url=None,
         max_photo_bytes=400_000,
         max_photo_pixels=3_000_000,
         min_free_bytes=0,
         secret_key="a key for tests only, of no worth",
         enrolment_attempts_per_minute=60,
+        **blob_settings,
     )
 
 

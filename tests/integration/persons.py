@@ -387,14 +387,6 @@ def database_bytes(database):
     return "\n".join(texts).lower().encode()
 
 
-def store_bytes(folder):
-    """Names and contents of all files in a folder, in lower case."""
-    paths = sorted(folder.rglob("*"))
-    return b"\n".join(
-        str(path.relative_to(folder)).encode() + (b" " + path.read_bytes() if path.is_file() else b"") for path in paths
-    ).lower()
-
-
 def tables_with_alias(database, aliases):
     """Tables of which a row holds one of these ids, in any column."""
     found = set()

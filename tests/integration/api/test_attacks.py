@@ -16,19 +16,15 @@ import pytest
 
 from app.db.models import MealImage
 from app.services.submit_meal import SubmitMeal
-from app.storage.local import LocalBlobStore
 from tests.integration.conftest import meal_metadata
 from tests.photographs import pair, photograph
+from tests.stores import stored_names
 
 
 def missing_blobs(state):
     """Keys that the database names and the store does not have."""
     with state.database.read() as session:
         return [image.blob_key for image in session.query(MealImage) if not state.blobs.has(image.blob_key)]
-
-
-def blobs(state):
-    return [path for path in state.blobs._root.rglob("*") if path.is_file()]
 
 
 def at_once(call, times=8):
@@ -47,7 +43,7 @@ def at_once(call, times=8):
 def test_nul_in_metadata_is_422(phone, state, change):
     answer = phone.post(pair(), **change)
     assert (answer.status_code, answer.json()["code"]) == (422, "metadata_invalid")
-    assert blobs(state) == []
+    assert stored_names(state.blobs) == []
 
 
 @pytest.mark.parametrize(
@@ -109,7 +105,7 @@ def test_same_meal_with_a_camera_of_huge_numbers_is_refused_or_the_same_again(ph
 def test_full_disk_of_one_upload_takes_no_blob_of_the_same_meal_that_was_accepted(phone, state, monkeypatch):
     """The phone sends again while its first request is still under way; the first then finds the disk full."""
     metadata, photos, again = meal_metadata(), pair(), []
-    put_file = LocalBlobStore.put_file
+    put_file = type(state.blobs).put_file
 
     def full_at_right(self, key, source):
         if "/right/" in key and not again:
@@ -118,7 +114,7 @@ def test_full_disk_of_one_upload_takes_no_blob_of_the_same_meal_that_was_accepte
             raise OSError(errno.ENOSPC, "No space left on device")
         put_file(self, key, source)
 
-    monkeypatch.setattr(LocalBlobStore, "put_file", full_at_right)
+    monkeypatch.setattr(type(state.blobs), "put_file", full_at_right)
     assert phone.post(photos, metadata).status_code == 503
     assert again[0].status_code == 202
     assert missing_blobs(state) == []

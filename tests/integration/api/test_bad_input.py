@@ -4,14 +4,19 @@ import errno
 import io
 import json
 import struct
+import uuid
 import zlib
+from datetime import UTC, datetime
 
 import pytest
+import sqlalchemy as sa
 from PIL import Image
+from starlette.requests import Request
 
-from app.db.models import Meal, MealImage
+from app.db.models import Job, Meal, MealImage
 from tests.integration.conftest import meal_metadata
 from tests.photographs import pair, photograph
+from tests.stores import stored_names
 
 
 def png_bomb(width, height):
@@ -39,8 +44,7 @@ def heic():
 
 
 def assert_nothing_kept(state):
-    root = state.blobs._root
-    assert [path for path in root.rglob("*") if path.is_file()] == []
+    assert stored_names(state.blobs) == []
     with state.database.read() as session:
         assert session.query(Meal).count() == 0
 
@@ -221,10 +225,35 @@ def test_full_disk_is_told_and_the_same_request_works_later(phone, state, monkey
     assert phone.post(photos, metadata).status_code == 202
 
 
-def test_low_disk_refuses_before_reading_the_body(phone, state, monkeypatch):
+def test_low_disk_refuses_before_reading_the_body_and_says_when_to_come_back(phone, state, monkeypatch):
+    def is_read(_):
+        raise AssertionError("the body was read")
+
+    announced = meal_metadata()
+    phone.put(f"/v1/meals/{announced.pop('id')}", json=announced)
     monkeypatch.setattr(type(state.blobs), "free_bytes", lambda _: -1)
-    answer = phone.post(pair())
-    assert (answer.status_code, answer.json()["code"]) == (503, "storage_full")
+    monkeypatch.setattr(Request, "stream", is_read)
+    image = f"/v1/meals/{uuid.uuid4()}/images/left"
+    for answer in (phone.post(pair()), phone.put(image, content=photograph(), headers={"Content-Type": "image/jpeg"})):
+        assert (answer.status_code, answer.json()["code"]) == (503, "storage_full")
+        assert answer.json()["retryable"] is True
+        assert int(answer.headers["retry-after"]) >= 30
+
+
+def test_backlog_refuses_no_meal(phone, state):
+    """With ten thousand that wait, and no worker alive, the next one is taken, and the server says that it is ready."""
+    first = phone.post(pair(), meal_metadata()).json()["id"]
+    with state.database.write() as session:
+        meal = session.query(Meal).filter_by(client_id=uuid.UUID(first)).one()
+        now = datetime.now(UTC)
+        rows = [
+            {"id": uuid.uuid4(), "meal_id": meal.id, "study_id": meal.study_id, "state": "queued", "turn": turn}
+            | {"purpose": "remeasure", "attempts": 0, "enqueued_at": now}
+            for turn in range(2, 10_002)
+        ]
+        session.execute(sa.insert(Job), rows)
+    assert phone.post(pair(2), meal_metadata()).status_code == 202
+    assert phone.get("/readyz").status_code == 200
 
 
 def test_unknown_route_and_method_are_problem_documents(client):

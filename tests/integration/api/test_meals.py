@@ -6,11 +6,7 @@ import pytest
 from app.db.models import Job, Meal
 from tests.integration.conftest import meal_metadata
 from tests.photographs import pair, photograph
-
-
-def blobs_on_disk(state):
-    root = state.blobs._root
-    return sorted(str(path.relative_to(root)) for path in root.rglob("*") if path.is_file())
+from tests.stores import stored_names
 
 
 def test_meal_in_one_request_is_durable_and_queued(phone, state):
@@ -29,7 +25,7 @@ def test_meal_in_one_request_is_durable_and_queued(phone, state):
             640,
             480,
         )
-    assert len(blobs_on_disk(state)) == 2
+    assert len(stored_names(state.blobs)) == 2
     with state.database.read() as session:
         assert session.query(Job).one().state == "queued"
 
@@ -66,10 +62,10 @@ def test_photograph_of_an_unannounced_meal_is_404(phone):
 def test_id_reused_with_other_bytes_is_409_and_keeps_the_first(phone, state):
     metadata, photos = meal_metadata(), pair()
     phone.post(photos, metadata)
-    before = blobs_on_disk(state)
+    before = stored_names(state.blobs)
     answer = phone.post(photos | {"right": photograph(99)}, metadata)
     assert (answer.status_code, answer.json()["code"], answer.json()["slot"]) == (409, "meal_id_reused", "right")
-    assert blobs_on_disk(state) == before
+    assert stored_names(state.blobs) == before
 
 
 def test_id_reused_with_other_metadata_is_409_and_names_the_field(phone):

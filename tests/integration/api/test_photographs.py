@@ -16,6 +16,7 @@ from tests import estimates
 from tests.integration.after_pairs import Table, apple
 from tests.integration.conftest import meal_metadata
 from tests.photographs import pair, photograph
+from tests.stores import damage
 
 
 def sent(phone, photos=None, **metadata):
@@ -114,14 +115,12 @@ def test_erased_photograph_is_gone_even_for_who_has_its_tag(phone, state):
     assert len(readings(state)) == 2
 
 
-@pytest.mark.parametrize("damage", [b"", b"another photograph"])
-def test_photograph_that_changed_on_the_disk_is_not_shown(phone, state, settings, damage):
+@pytest.mark.parametrize("content", [b"", b"another photograph"])
+def test_photograph_that_changed_on_the_disk_is_not_shown(phone, state, content):
     path = sent(phone)
     with state.database.read() as session:
         key = session.scalars(sa.select(MealImage.blob_key).where(MealImage.slot == "left")).one()
-    (stored,) = [one for one in settings.data_dir.rglob(key.rpartition("/")[2]) if one.is_file()]
-    stored.chmod(0o600)
-    stored.write_bytes(damage)
+    damage(state.blobs, key, content)
     answer = phone.get(f"{path}/left")
     assert (answer.status_code, answer.json()["code"]) == (500, "photo_damaged")
     assert readings(state) == []

@@ -39,8 +39,9 @@ from app.services.erase import public_digest
 from app.services.retention import erase_old_pictures
 from app.vision.vcm import VCM_VERSION
 from tests.integration.conftest import meal_metadata
-from tests.integration.persons import Person, database_bytes, store_bytes
+from tests.integration.persons import Person, database_bytes
 from tests.photographs import pair, photograph
+from tests.stores import store_bytes
 from tests.unit.photos.photo_files import coordinate_bytes, exif_block
 
 
@@ -241,7 +242,7 @@ def test_anonymised_data_lead_to_nobody_and_keep_what_was_eaten_and_when(person,
         needle = text.lower().encode()
         at = held.find(needle)
         assert at < 0 or needle in logged, held[max(0, at - 200) : at + 100]
-    pictures = store_bytes(settings.data_dir / "blobs")
+    pictures = store_bytes(state.blobs)
     assert not any(content[100:164].lower() in pictures for content in person.photos.values())
     assert client.get("/v1/records", headers=admin).json()["items"][0]["participant"] == someone.code
 
@@ -421,7 +422,7 @@ def test_no_byte_of_the_exact_place_is_kept_unless_the_study_keeps_places(policy
         kept = session.scalars(sa.select(Meal)).one().details["location"]
     rounded = {"latitude": 34.1, "longitude": -118.1} if told else {"latitude": 40.4, "longitude": -86.9}
     assert kept == {"drop": None, "round": rounded, "keep": told}[policy]
-    held = database_bytes(state.database) + store_bytes(settings.data_dir / "blobs")
+    held = database_bytes(state.database) + store_bytes(state.blobs)
     exact = [b"34.1391839", b"118.1250041", *(each.lower() for each in coordinate_bytes())]
     assert any(needle in held for needle in exact) == (policy == "keep")
 

@@ -1,9 +1,7 @@
 """Crashes between the steps of an erasure, blobs that must not go, and those that nobody names."""
 
 import json
-import os
 import pathlib
-import time
 import uuid
 from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
@@ -22,10 +20,12 @@ from app.services.erasure_ledger import digest_of
 from app.services.estimate_meal import EstimateMeal
 from app.services.reapply_erasures import reapply_erasures
 from app.services.retention import erase_old_pictures
+from app.storage.opening import open_blob_store
 from tests import estimates
 from tests.integration.conftest import meal_metadata
-from tests.integration.persons import Person, store_bytes
+from tests.integration.persons import Person
 from tests.photographs import pair
+from tests.stores import make_old, store_bytes, stored_names
 
 
 @pytest.fixture
@@ -65,11 +65,13 @@ def test_of_two_deeds_on_a_restored_person_both_are_done_and_the_stronger_holds(
 
 def test_ledger_holds_no_id_in_the_clear(person, state, settings):
     state.eraser.intend("participant", "erase", person.participant_id)
-    held = store_bytes(settings.data_dir / "erasures")
+    ledger = open_blob_store(settings.resolved_erasure_url, settings)
+    held = store_bytes(ledger)
     for thing in (person.participant_id, person.meal_id):
         assert str(thing).encode() not in held
         assert thing.hex.encode() not in held
-    entry = json.loads(next((settings.data_dir / "erasures" / "participant").iterdir()).read_text())
+    (key,) = (blob.key for blob in ledger.keys("participant/"))
+    entry = json.loads(ledger.read(key))
     assert set(entry) == {"deed", "receipt", "at", "key"}
 
 
@@ -96,15 +98,12 @@ def test_blob_that_a_row_names_is_not_deleted_whatever_the_intent_says(person, s
 
 
 def test_orphans_go_past_the_grace_time_and_what_is_named_or_young_stays(person, state, settings):
-    folder = settings.data_dir / "blobs"
     before = {blob.key for blob in state.blobs.keys()}  # noqa: SIM118  # a store is no mapping
     study_id = next(iter(before)).split("/")[0]
     old, young = (f"{study_id}/{uuid.uuid4()}/left/{n * 64}" for n in "ab")
     for key in (old, young):
         state.blobs.put_bytes(key, b"photograph of an upload that failed")
-    past = time.time() - timedelta(days=2).total_seconds()
-    for key in before | {old}:
-        os.utime(folder / key, (past, past))
+    make_old(state.blobs, before | {old})
     assert BlobDeleter(state.database, state.blobs).delete_orphans() == 1
     assert {blob.key for blob in state.blobs.keys()} == before | {young}  # noqa: SIM118
 
@@ -120,7 +119,7 @@ def test_photograph_of_an_upload_that_lost_goes_though_its_meal_stays(how, perso
         client.post("/v1/me/withdrawal", headers=person.phone.headers)
     deleter = BlobDeleter(state.database, state.blobs)
     deleter.delete_wanted()
-    make_old(settings)
+    make_old(state.blobs)
     assert deleter.delete_orphans() == 1
     assert not state.blobs.has(stray)
 
@@ -134,7 +133,7 @@ def test_erased_photographs_that_a_restored_store_brings_back_go_again(person, s
     deleter.delete_wanted()
     for key, content in saved.items():
         state.blobs.put_bytes(key, content)
-    make_old(settings)
+    make_old(state.blobs)
     deleter.delete_orphans()
     assert {key.split("/")[-2] for key in saved} > {"result.json"}
     assert {blob.key.split("/")[-2] for blob in state.blobs.keys()} == {"result.json"}  # noqa: SIM118
@@ -144,14 +143,14 @@ def test_what_a_job_under_way_has_sealed_is_no_orphan_however_old(person, state,
     sealed = seal_stray(state, f"runs/{uuid.uuid4()}/topview.jpg")
     with state.database.write() as session:
         session.execute(sa.update(Job).values(state="queued"))
-    make_old(settings)
+    make_old(state.blobs)
     assert BlobDeleter(state.database, state.blobs).delete_orphans() == 0
     assert state.blobs.has(sealed)
 
 
 def test_photograph_that_is_sent_again_while_orphans_are_looked_for_stays(person, state, settings, monkeypatch):
     stray = seal_stray(state, "left")
-    make_old(settings)
+    make_old(state.blobs)
     look = privacy.needed_keys
 
     def look_then_sent_again(session, keys):
@@ -167,7 +166,7 @@ def test_photograph_that_is_sent_again_while_orphans_are_looked_for_stays(person
 def test_store_of_another_database_is_left_alone(state, settings):
     key = f"{uuid.uuid4()}/{uuid.uuid4()}/left/{'a' * 64}"
     state.blobs.put_bytes(key, b"a photograph whose rows are elsewhere")
-    make_old(settings)
+    make_old(state.blobs)
     assert BlobDeleter(state.database, state.blobs).delete_orphans() == 0
     assert state.blobs.has(key)
 
@@ -181,21 +180,13 @@ def seal_stray(state, slot):
     return key
 
 
-def make_old(settings):
-    """All blobs, as if they were sealed two days ago."""
-    past = time.time() - timedelta(days=2).total_seconds()
-    for path in (settings.data_dir / "blobs").rglob("*"):
-        if path.is_file():
-            os.utime(path, (past, past))
-
-
 class ErasingChildren:
     """A child pool of which the meal is erased while it computes."""
 
     def __init__(self, erase):
         self._erase = erase
 
-    def run(self, request, on_stage):
+    def run(self, request, on_stage, name=""):
         (pathlib.Path(request.arguments["output_dir"]) / "topview.jpg").write_bytes(b"a derived picture")
         self._erase()
         artefact = {"name": "topview.jpg", "media_type": "image/jpeg", "bytes": 17, "sha256": "c" * 64}
@@ -228,7 +219,7 @@ def test_pictures_sealed_after_the_erasure_are_deleted_too(what, phone, state, s
     assert caught.value.failure == PHOTOGRAPH_ERASED
     BlobDeleter(state.database, state.blobs).delete_wanted()
     assert list(state.blobs.keys()) == []
-    assert [path for path in (settings.data_dir / "blobs").rglob("*") if path.name != ".incoming"] == []
+    assert stored_names(state.blobs) == []
 
 
 def test_upload_that_is_sealed_while_its_person_leaves_is_refused_and_deleted(phone, state, client, monkeypatch):

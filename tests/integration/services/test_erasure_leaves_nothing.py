@@ -1,7 +1,6 @@
 """After an erasure nothing of the person is anywhere: no row, no byte of the database, no file; the others' stay."""
 
 import contextlib
-import shutil
 import sqlite3
 
 import pytest
@@ -18,6 +17,7 @@ from app.services.reapply_erasures import reapply_erasures
 from app.services.rebuild_records import Rebuilt, rebuild_records
 from app.services.secret_box import SecretKeyError
 from app.settings import Settings
+from app.storage.opening import open_blob_store
 from tests.conftest import postgres_database
 from tests.integration.persons import (
     OWNERS,
@@ -25,9 +25,9 @@ from tests.integration.persons import (
     all_keys,
     database_bytes,
     personal_tables,
-    store_bytes,
     tables_with_alias,
 )
+from tests.stores import copy_of_store, store_bytes
 
 STAYS_WITHOUT_MEAL = {
     "access_token",
@@ -51,19 +51,14 @@ def subject(state, enrol, bystander):
     return Person(state, enrol, "nobodys-words-4Xz", seed=1)
 
 
-@pytest.fixture
-def blob_folder(settings):
-    return settings.data_dir / "blobs"
-
-
 def finish(state):
     state.last_use.settle()
     BlobDeleter(state.database, state.blobs).delete_wanted()
     assert state.database.empty_log()
 
 
-def assert_nothing_is_left(state, folder, needles):
-    for where, held in (("database", database_bytes(state.database)), ("store", store_bytes(folder))):
+def assert_nothing_is_left(state, needles):
+    for where, held in (("database", database_bytes(state.database)), ("store", store_bytes(state.blobs))):
         for needle in needles:
             at = held.find(needle)
             assert at < 0, f"{needle!r} is left in the {where}: ...{held[max(0, at - 200) : at + 100]!r}..."
@@ -100,24 +95,24 @@ def test_every_table_of_dbos_that_names_a_workflow_is_erased(state):
     assert found == set(WORKFLOW_TABLES)
 
 
-def test_withdrawal_with_erasure_leaves_nothing_of_the_person(state, subject, bystander, blob_folder, client):
+def test_withdrawal_with_erasure_leaves_nothing_of_the_person(state, subject, bystander, client):
     needles = subject.needles()
     assert sum(needle in database_bytes(state.database) for needle in needles) > 20
-    assert sum(needle in store_bytes(blob_folder) for needle in needles) > 5
+    assert sum(needle in store_bytes(state.blobs) for needle in needles) > 5
     answer = client.post("/v1/me/withdrawal", headers=subject.phone.headers)
     assert answer.status_code == 200, answer.text
     finish(state)
-    assert_nothing_is_left(state, blob_folder, needles)
+    assert_nothing_is_left(state, needles)
     assert tables_with_alias(state.database, subject.aliases) <= {"audit_event"}
     assert_bystander_is_untouched(state, bystander)
 
 
-def test_erased_meal_leaves_nothing_but_its_person(state, subject, bystander, blob_folder, client):
+def test_erased_meal_leaves_nothing_but_its_person(state, subject, bystander, client):
     needles = subject.needles()
     of_the_person = keys_of_person_alone(state, subject)
     assert client.delete(subject.path, headers=subject.phone.headers).status_code == 200
     finish(state)
-    assert_nothing_is_left(state, blob_folder, [needle for needle in needles if needle not in of_the_person])
+    assert_nothing_is_left(state, [needle for needle in needles if needle not in of_the_person])
     left = all_keys(state.database)
     assert {table for table in personal_tables() if set(subject.rows[table]) & left[table]} == STAYS_WITHOUT_MEAL
     assert_bystander_is_untouched(state, bystander)
@@ -125,15 +120,14 @@ def test_erased_meal_leaves_nothing_but_its_person(state, subject, bystander, bl
 
 @pytest.mark.parametrize("what", ["participant", "meal"])
 def test_restored_backup_is_erased_again_before_anything_is_served(
-    request, what, state, settings, subject, bystander, client, blob_folder, tmp_path
+    request, what, state, settings, subject, bystander, client, tmp_path
 ):
     needles = subject.needles()
     if what == "meal":
         of_the_person = keys_of_person_alone(state, subject)
         needles = [needle for needle in needles if needle not in of_the_person]
     with backup(request, state.database, tmp_path) as url:
-        blobs = tmp_path / "restored" / "blobs"
-        shutil.copytree(blob_folder, blobs)
+        blob_url = copy_of_store(state.blobs, settings, tmp_path / "restored" / "blobs")
         if what == "meal":
             answer = client.delete(subject.path, headers=subject.phone.headers)
         else:
@@ -142,17 +136,17 @@ def test_restored_backup_is_erased_again_before_anything_is_served(
             settings,
             {
                 "database_url": url,
-                "blob_url": f"file://{blobs}",
+                "blob_url": blob_url,
                 "erasure_url": settings.resolved_erasure_url,
                 "data_dir": tmp_path / "restored",
             },
         )
-        assert sum(needle in store_bytes(blobs) for needle in needles) > 3
+        assert sum(needle in store_bytes(open_blob_store(blob_url, restored)) for needle in needles) > 3
         with TestClient(create_app(restored)) as again:
             state = again.app.state.api
             assert state.database.url != client.app.state.api.database.url
             assert state.database.empty_log()
-            assert_nothing_is_left(state, blobs, needles)
+            assert_nothing_is_left(state, needles)
             assert again.get(f"/v1/receipts/{answer.json()['id']}").json() == answer.json()
             call = again.get(subject.path, headers=subject.phone.headers)
             assert call.json()["code"] == ("meal_deleted" if what == "meal" else "withdrawn")
@@ -187,7 +181,7 @@ def backup(request, database, folder):
     """A copy of the database as it is now: its URL."""
     if database.is_sqlite:
         path = folder / "restored" / "tada.sqlite3"
-        path.parent.mkdir()
+        path.parent.mkdir(exist_ok=True)
         with (
             contextlib.closing(sqlite3.connect(sa.make_url(database.url).database)) as source,
             contextlib.closing(sqlite3.connect(path)) as target,
