@@ -82,6 +82,7 @@ class JobWorker:
         self._workflow.leave()
         is_idle = self._workflow.wait_until_idle(LEFT_SECONDS)
         self._ending.set()
+        self._hand_back()
         for thread in self._threads:
             thread.join(LEFT_SECONDS)
         self._lease.release()
@@ -89,6 +90,18 @@ class JobWorker:
         self._queue.close()
         log.info("worker_stopped", executor_id=self.executor_id, is_idle=is_idle)
         return is_idle
+
+    def _hand_back(self) -> None:
+        """Put what was claimed and has been let go of back into the queue, for others to begin at once."""
+        try:
+            with self._database.read() as session:
+                claimed = jobs.pending_workflows_of(session, self.executor_id)
+            for job_id in sorted(claimed - self._workflow.running):
+                with self._database.write() as session:
+                    jobs.forgive_claim(session, job_id, self.executor_id)
+                self._engine.requeue(job_id, self.executor_id)
+        except Exception as error:  # the worker's edge: others take them over once the lease is gone
+            log.warning("hand_back_failed", exc_info=error)
 
     def _begin(self, work: Callable[[], None], name: str) -> None:
         thread = threading.Thread(target=work, name=name, daemon=True)

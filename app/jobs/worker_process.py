@@ -64,7 +64,7 @@ def run_jobs(
     watchdog = threading.Timer(END_SECONDS, _end_now, args=(0,))
     watchdog.daemon = True
     watchdog.start()
-    chores.stop()
+    chores.stop(0.0)  # one under way may end beside the jobs
     worker.drain()
     pool.close()
     if not worker.stop():

@@ -13,6 +13,7 @@ from app.services.delete_blobs import BlobDeleter
 from app.services.deliver_webhooks import DeliverWebhooks
 from app.services.erase import Eraser
 from app.services.erasure_ledger import ErasureLedger
+from app.services.prune_jobs import prune_jobs
 from app.services.reapply_erasures import reapply_erasures
 from app.services.retention import erase_old_pictures
 from app.services.secret_box import SecretBox
@@ -57,4 +58,5 @@ def worker_chores(
         Chore("deliver_webhooks", 1.0, deliver.run),
         Chore("give_up_deliveries", 60.0, deliver.give_up_unsendable),
         Chore("remove_old_deliveries", HOUR, deliver.remove_old),
+        Chore("prune_jobs", 60.0, lambda: prune_jobs(database, settings.job_history_days)),
     ]

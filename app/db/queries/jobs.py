@@ -1,4 +1,4 @@
-"""SQL of jobs, of the workers' leases, and what we read (never write) of DBOS's table of workflows."""
+"""SQL of jobs, of the workers' leases, and what we read of DBOS's table of workflows; its one write: forgive_claim."""
 
 import functools
 import uuid
@@ -16,13 +16,19 @@ from app.errors import Failure
 
 LIVE_STATES = ("queued", "processing")
 MOVING_STATUSES = ("PENDING", "ENQUEUED", "DELAYED")  # DBOS's words for a workflow that has an end before it
+ENDED_STATUSES = ("SUCCESS", "ERROR", "CANCELLED", "MAX_RECOVERY_ATTEMPTS_EXCEEDED")  # and for one that has ended
 DBOS_SCHEMA = "dbos"  # on PostgreSQL; on SQLite its tables stand beside ours
 
 
 def _workflow_table(schema: str | None) -> sa.TableClause:
     names = ("workflow_uuid", "status", "executor_id", "application_name")
     texts = (sa.column(name, sa.Text()) for name in names)
-    return sa.table("workflow_status", *texts, sa.column("attributes", sa.JSON()), schema=schema)
+    others = (
+        sa.column("attributes", sa.JSON()),
+        sa.column("completed_at", sa.BigInteger()),
+        sa.column("recovery_attempts", sa.BigInteger()),
+    )
+    return sa.table("workflow_status", *texts, *others, schema=schema)
 
 
 _WORKFLOW = {"sqlite": _workflow_table(None), "postgresql": _workflow_table(DBOS_SCHEMA)}
@@ -209,6 +215,32 @@ def pending_workflows_of(session: Session, executor_id: str) -> set[str]:
             )
         )
     )
+
+
+def forgive_claim(session: Session, workflow_id: str, executor_id: str) -> None:
+    """Do not count this claim towards the limit of takeovers: its worker hands the job back in good order."""
+    workflow = _WORKFLOW[session.get_bind().dialect.name]
+    session.execute(
+        sa.update(workflow)
+        .where(workflow.c.workflow_uuid == workflow_id, workflow.c.executor_id == executor_id)
+        .where(workflow.c.status == "PENDING", workflow.c.recovery_attempts > 0)
+        .values(recovery_attempts=workflow.c.recovery_attempts - 1)
+    )
+
+
+def ended_workflows(session: Session, application: str, before: datetime, limit: int) -> list[str]:
+    """Workflows that ended before that time, locked, those that ended first; none whose job is still to be done."""
+    workflow = _WORKFLOW[session.get_bind().dialect.name]
+    live = sa.exists().where(_is_workflow_of(session, workflow), Job.state.in_(LIVE_STATES))
+    query = (
+        sa.select(workflow.c.workflow_uuid)
+        .where(workflow.c.completed_at < int(before.timestamp() * 1000), workflow.c.completed_at.is_not(None))
+        .where(workflow.c.status.in_(ENDED_STATUSES), workflow.c.application_name == application, ~live)
+        .order_by(workflow.c.completed_at)
+        .limit(limit)
+        .with_for_update(skip_locked=True)  # several workers prune, each its own
+    )
+    return list(session.scalars(query))
 
 
 def insert_lease(session: Session, executor: Executor) -> None:

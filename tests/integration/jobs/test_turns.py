@@ -60,7 +60,7 @@ class Line:
 
 
 def test_first_meal_of_a_study_is_next_whatever_another_study_has_waiting(line, jobs):
-    backlog = line.send(jobs.new_study(), 100)
+    backlog = line.send(jobs.new_study(), 60)
     other = jobs.new_study()
     for _ in range(20):
         assert line.take() in backlog
@@ -69,9 +69,9 @@ def test_first_meal_of_a_study_is_next_whatever_another_study_has_waiting(line, 
 
 def test_two_studies_with_backlogs_take_turns(line, jobs):
     early, late = jobs.new_study(), jobs.new_study()
-    first, second = line.send(early, 40), line.send(late, 40)
-    order = [line.take() for _ in range(40)]
-    assert sum(job_id in second for job_id in order) == pytest.approx(20, abs=1)
+    first, second = line.send(early, 24), line.send(late, 24)
+    order = [line.take() for _ in range(24)]
+    assert sum(job_id in second for job_id in order) == pytest.approx(12, abs=1)
     assert [job_id for job_id in order if job_id in first] == first[: sum(job_id in first for job_id in order)]
 
 
@@ -101,12 +101,12 @@ def test_study_that_is_quiet_saves_up_no_turns(line, jobs):
     quiet, busy = jobs.new_study(), jobs.new_study()
     line.send(quiet)
     line.take()
-    line.send(busy, 100)
-    for _ in range(50):
+    line.send(busy, 50)
+    for _ in range(20):
         line.take()
-    late = line.send(quiet, 20)
-    order = [line.take() for _ in range(20)]
-    assert sum(job_id in late for job_id in order) == pytest.approx(10, abs=1)
+    late = line.send(quiet, 12)
+    order = [line.take() for _ in range(12)]
+    assert sum(job_id in late for job_id in order) == pytest.approx(6, abs=1)
 
 
 def test_uploads_of_one_study_that_do_not_see_each_other_get_turns_of_their_own(jobs):
