@@ -14,7 +14,7 @@ from app.exports.record_columns import Batch, Column, ColumnType
 
 ROWS_A_GROUP = 32_768  # some 10 MB in memory, and large enough to be read in few pieces
 TYPES: dict[ColumnType, Any] = {
-    "text": pa.string(),
+    "id": pa.string(),
     "word": pa.string(),
     "instant": pa.timestamp("us", tz="UTC"),
     "day": pa.date32(),

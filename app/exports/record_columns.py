@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 Batch = list[list[Any]]
-ColumnType = Literal["text", "word", "instant", "day", "number", "integer", "boolean", "words"]
+ColumnType = Literal["id", "word", "instant", "day", "number", "integer", "boolean", "words"]
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column. type: a "word" is a text of which there are few. unit: None where the values have none."""
+    """A column. type: a "word" is any text, of which there are few. unit: None where the values have none."""
 
     name: str
     type: ColumnType
@@ -25,8 +25,8 @@ def _numbers(unit: str, *names: str) -> tuple[Column, ...]:
 
 
 RECORD_COLUMNS: tuple[Column, ...] = (
-    Column("id", "text"),
-    Column("meal_id", "text"),
+    Column("id", "id"),
+    Column("meal_id", "id"),
     Column("study", "word"),
     Column("participant", "word"),
     Column("captured_at", "instant"),

@@ -24,7 +24,10 @@ EASTERNMOST = timedelta(hours=14)  # a local day begins so long before the same 
 # A local day ends so long after the same day of UTC has begun: the day itself, 12 h in the westernmost zone, 24 h where
 # the study's day starts late, and 24 h where a zone moved over the date line and has no such day (services/meal_time).
 LATEST_END = timedelta(days=3, hours=12)
+BEFORE_ALL = (datetime(1900, 1, 1, tzinfo=UTC), uuid.UUID(int=0))  # the key of no record, before all of them
 CALENDAR = (date(1900, 1, 1), date(9000, 1, 1))  # days beyond bound nothing: no record is there
+
+AFTER_INSTANT, AFTER_ITEM = "after_instant", "after_item"  # parameters of RecordSearch.pages
 
 Key = tuple[datetime, uuid.UUID]
 Branch = tuple[sa.ColumnElement[bool], ...]
@@ -54,20 +57,27 @@ class RecordSearch:
     branches: Sequence[Branch]
     conditions: Branch
 
-    def keys(self, after: Key | None, limit: int) -> sa.CTE:
-        """At most `limit` keys behind `after`, as a table of captured_at and item_id; its order is for the reader."""
+    def page(self, after: Key | None, limit: int, *columns: Any) -> sa.CTE:
+        """At most `limit` records behind `after`: captured_at, item_id and these columns of theirs.
+
+        In no order: the reader sorts what it has joined them with.
+        """
+        return self._page(() if after is None else (_behind(*after),), limit, columns)
+
+    def pages(self, limit: int, *columns: Any) -> sa.CTE:
+        """The same for one page after the other: AFTER_INSTANT and AFTER_ITEM are the statement's parameters."""
         record = EffectiveRecord
-        conditions = self.conditions
-        if after is not None:
-            conditions += (sa.tuple_(record.captured_at, record.item_id) > sa.tuple_(*_bound(after)),)
-        parts = [sa.select(record.captured_at, record.item_id).where(*branch, *conditions) for branch in self.branches]
-        every = sa.union_all(*parts).subquery("branch")
-        return (
-            sa.select(every.c.captured_at, every.c.item_id)
-            .order_by(every.c.captured_at, every.c.item_id)
-            .limit(limit)
-            .cte("page")
+        after = (
+            sa.bindparam(AFTER_INSTANT, type_=record.captured_at.type),
+            sa.bindparam(AFTER_ITEM, type_=record.item_id.type),
         )
+        return self._page((sa.tuple_(record.captured_at, record.item_id) > sa.tuple_(*after),), limit, columns)
+
+    def _page(self, behind: Branch, limit: int, columns: Sequence[Any]) -> sa.CTE:
+        read = (EffectiveRecord.captured_at, EffectiveRecord.item_id, *columns)
+        parts = (sa.select(*read).where(*branch, *self.conditions, *behind) for branch in self.branches)
+        every = sa.union_all(*parts).subquery("branch")
+        return sa.select(every).order_by(every.c.captured_at, every.c.item_id).limit(limit).cte("page")
 
 
 def search_of(session: Session, chosen: RecordFilter) -> RecordSearch | None:
@@ -177,10 +187,10 @@ def _one_of(column: Any, values: Sequence[Any] | None) -> Branch:
     return (column.in_(values),) if values is not None else ()
 
 
-def _bound(after: Key) -> tuple[sa.BindParameter[Any], sa.BindParameter[Any]]:
-    captured_at, item_id = after
+def _behind(captured_at: datetime, item_id: uuid.UUID) -> sa.ColumnElement[bool]:
     record = EffectiveRecord
-    return (
+    key = sa.tuple_(
         sa.bindparam(None, captured_at, type_=record.captured_at.type),
         sa.bindparam(None, item_id, type_=record.item_id.type),
     )
+    return sa.tuple_(record.captured_at, record.item_id) > key

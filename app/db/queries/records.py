@@ -55,7 +55,7 @@ def page_of_records(session: Session, chosen: RecordFilter, *, after: Key | None
     search = search_of(session, chosen)
     if search is None:
         return []
-    page = search.keys(after, limit)
+    page = search.page(after, limit)
     query = _rows(page.join(EffectiveRecord, EffectiveRecord.item_id == page.c.item_id))
     return _with_days(session, query.order_by(page.c.captured_at, page.c.item_id))
 
