@@ -1,0 +1,99 @@
+"""The rule of docs/upgrades.md: old code must be able to work on the new schema while machines are upgraded one by one.
+
+So no migration takes away, renames or demands what the version before does not know, unless it says in CONTRACTS which
+release stopped using it.
+"""
+
+import re
+
+import pytest
+import sqlalchemy as sa
+from alembic.script import ScriptDirectory
+
+from app.db.migrate import migrations_folder, revisions, upgrade
+from app.db.session import Database
+from tests.integration.db.schema_facts import facts_of
+
+RULE_SINCE = "20261121_people_review"  # before it nobody ran two versions side by side
+
+
+def what_old_code_would_miss(before, after):
+    """What the version before relies on and the step takes away, or demands though that version does not give it."""
+    found = []
+    for (table, what, name), text in before.items():
+        now = after.get((table, what, name))
+        if what == "column" and now is None:
+            found.append(f"{table}.{name} is gone")
+        elif what == "column" and type_of(now) != type_of(text):
+            found.append(f"{table}.{name} was {text}, is {now}")
+        elif what == "column" and " not null" in now and " not null" not in text:
+            found.append(f"{table}.{name} may not be null any more")
+    old_tables = {table for table, _, _ in before}
+    for (table, what, name), text in after.items():
+        if table not in old_tables or (table, what, name) in before:
+            continue
+        if what == "column" and " not null" in text and not has_default(text):
+            found.append(f"{table}.{name} is new and has no default")
+        elif what != "column" and ("unique" in text.lower() or (what == "constraint" and not refers(text))):
+            found.append(f"{table}: {name} binds rows that old code writes")
+    return found
+
+
+def has_default(column):
+    return " default " in column and not column.endswith(" default NULL")
+
+
+def type_of(column):
+    return column.partition(" default ")[0].removesuffix(" not null")
+
+
+def refers(constraint):
+    """A foreign key: it may stand on a column that is new."""
+    return "FOREIGN KEY" in constraint or "->" in constraint
+
+
+def contracts_of(revision):
+    """The release that stopped using what this migration takes away; None: it takes nothing away."""
+    script = ScriptDirectory(str(migrations_folder())).get_revision(revision)
+    return getattr(script.module, "CONTRACTS", None)
+
+
+def test_old_code_can_work_on_the_schema_of_each_later_step(database_url):
+    database, steps = Database(database_url), revisions()
+    try:
+        upgrade(database, RULE_SINCE)
+        before = facts(database)
+        for revision in steps[steps.index(RULE_SINCE) + 1 :]:
+            upgrade(database, revision)
+            after = facts(database)
+            missed = what_old_code_would_miss(before, after)
+            assert not missed or re.fullmatch(r"\d+\.\d+\.\d+", contracts_of(revision) or ""), (
+                f"{revision}: {missed}. See docs/upgrades.md: stop using it in one release, take it away later, "
+                'and name the first in the migration: CONTRACTS = "1.2.0"'
+            )
+            before = after
+    finally:
+        database.dispose()
+
+
+BREAKS = {
+    "ALTER TABLE study DROP COLUMN shares_index": "study.shares_index is gone",
+    "ALTER TABLE run RENAME COLUMN colour TO color": "run.colour is gone",
+    "ALTER TABLE study ADD COLUMN spare INTEGER NOT NULL": "study.spare is new and has no default",
+    "CREATE UNIQUE INDEX uq_spare ON device (name)": "device: uq_spare binds rows that old code writes",
+}
+
+
+@pytest.mark.parametrize("change", BREAKS)
+def test_change_that_breaks_old_code_is_found(database, change):
+    if database.is_sqlite and "NOT NULL" in change:
+        change += " DEFAULT NULL"  # which it asks for
+    before = facts(database)
+    with database.write_engine.begin() as connection:
+        connection.execute(sa.text(change))
+    assert what_old_code_would_miss(before, facts(database)) == [BREAKS[change.removesuffix(" DEFAULT NULL")]]
+
+
+def facts(database):
+    with database.read_engine.connect() as connection:
+        return facts_of(connection)
