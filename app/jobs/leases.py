@@ -9,6 +9,7 @@ import fcntl
 import json
 import os
 import socket
+import time
 import uuid
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -92,6 +93,7 @@ class DatabaseLease:
         self._executor = executor
         self._database = database
         self._seconds = times.lease
+        self._ahead: dict[tuple[str, datetime], float] = {}
 
     def acquire(self) -> None:
         """Insert the row: the first heartbeat."""
@@ -117,7 +119,19 @@ class DatabaseLease:
         """Delete the rows that ran out; who has no row does not live."""
         with self._database.write() as session:
             jobs.delete_expired_leases(session, self._seconds)
+            for executor_id, heartbeat_at in self._stand_still(jobs.leases_ahead(session)):
+                jobs.delete_lease_ahead(session, executor_id, heartbeat_at)
             return pending - jobs.leases(session)
+
+    def _stand_still(self, ahead: set[tuple[str, datetime]]) -> list[tuple[str, datetime]]:
+        """Heartbeats from a time to come that have not moved for a lease's time on our own clock.
+
+        The database's clock went back. Who lives renews the heartbeat soon; who died before would else be taken for
+        alive until the clock has caught up.
+        """
+        now = time.monotonic()
+        self._ahead = {lease: self._ahead.get(lease, now) for lease in ahead}
+        return [lease for lease, since in self._ahead.items() if now - since > self._seconds]
 
 
 class FileLease:

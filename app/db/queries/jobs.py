@@ -290,17 +290,18 @@ def delete_lease(session: Session, executor_id: str) -> None:
 
 def delete_expired_leases(session: Session, lease_seconds: float) -> list[str]:
     """Take the leases that ran out, but none whose worker is just saving under it."""
-    expired = (
-        sa.select(WorkerLease.executor_id).where(~_is_fresh(lease_seconds)).with_for_update(skip_locked=True).subquery()
-    )
-    return list(
-        session.scalars(
-            sa.delete(WorkerLease)
-            .where(WorkerLease.executor_id.in_(sa.select(expired.c.executor_id)))
-            .returning(WorkerLease.executor_id)
-            .execution_options(synchronize_session=False)
-        )
-    )
+    return _delete_leases(session, ~_is_fresh(lease_seconds))
+
+
+def leases_ahead(session: Session) -> set[tuple[str, datetime]]:
+    """(executor, heartbeat) of leases from a time to come: the database's clock went back since."""
+    query = sa.select(WorkerLease.executor_id, WorkerLease.heartbeat_at).where(WorkerLease.heartbeat_at > _clock())
+    return {(row.executor_id, row.heartbeat_at) for row in session.execute(query)}
+
+
+def delete_lease_ahead(session: Session, executor_id: str, heartbeat_at: datetime) -> None:
+    """Take a lease that still has this heartbeat, unless its worker is just saving under it."""
+    _delete_leases(session, WorkerLease.executor_id == executor_id, WorkerLease.heartbeat_at == heartbeat_at)
 
 
 def leases(session: Session) -> set[str]:
@@ -311,7 +312,7 @@ def leases(session: Session) -> set[str]:
 def fresh_leases(session: Session, lease_seconds: float) -> list[Executor]:
     """Workers whose heartbeat is recent on the database's clock."""
     rows = session.scalars(
-        sa.select(WorkerLease).where(_is_fresh(lease_seconds)).order_by(WorkerLease.started_at, WorkerLease.executor_id)
+        sa.select(WorkerLease).where(_is_alive(lease_seconds)).order_by(WorkerLease.started_at, WorkerLease.executor_id)
     )
     return [Executor(row.executor_id, row.host, row.pid, row.version, row.started_at) for row in rows]
 
@@ -331,9 +332,26 @@ def _is_workflow_of(session: Session, workflow: sa.TableClause) -> sa.ColumnElem
     return workflow.c.workflow_uuid == dashed
 
 
+def _delete_leases(session: Session, *conditions: sa.ColumnElement[bool]) -> list[str]:
+    chosen = sa.select(WorkerLease.executor_id).where(*conditions).with_for_update(skip_locked=True).subquery()
+    return list(
+        session.scalars(
+            sa.delete(WorkerLease)
+            .where(WorkerLease.executor_id.in_(sa.select(chosen.c.executor_id)))
+            .returning(WorkerLease.executor_id)
+            .execution_options(synchronize_session=False)
+        )
+    )
+
+
 def _clock() -> sa.Function[datetime]:
     return sa.func.clock_timestamp(type_=sa.DateTime(timezone=True))
 
 
 def _is_fresh(lease_seconds: float) -> sa.ColumnElement[bool]:
     return WorkerLease.heartbeat_at > _clock() - timedelta(seconds=lease_seconds)
+
+
+def _is_alive(lease_seconds: float) -> sa.ColumnElement[bool]:
+    """Fresh, and not of a time to come: the database's clock went back, and who lives has renewed it since."""
+    return sa.and_(_is_fresh(lease_seconds), WorkerLease.heartbeat_at < _clock() + timedelta(seconds=lease_seconds))
