@@ -1,6 +1,7 @@
 """The worker's composition root: `tada worker`, or `python -m app.worker` beside `tada serve` as its child."""
 
 import argparse
+import os
 
 import structlog
 
@@ -22,6 +23,7 @@ from app.storage.opening import open_blob_store
 log = structlog.get_logger()
 
 TASKS = "app.services.child_tasks:TASKS"
+NICENESS_BESIDE_SERVER = 5  # it keeps all cores busy while meals wait; the server on them still answers first
 
 
 def run_worker(settings: Settings) -> int:
@@ -71,6 +73,7 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.parent is not None:
         die_with_parent(arguments.parent)
+        os.nice(NICENESS_BESIDE_SERVER)
     raise SystemExit(run_worker(Settings()))
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from app.settings import MEBIBYTE, Settings
 
-# Resident, at the most seen: 370 MB for a pair of 12 megapixels, which is what phones send; docs/jobs.md has the table.
+# Resident, at the most seen: 370 MB for a pair of 12 megapixels, as phones send; 570 MB for one of 48 (docs/jobs.md).
 ESTIMATE_BYTES = 512 * MEBIBYTE
 SHARE_OF_MEMORY = 0.75  # the rest is for the worker itself, the system, and a database or server beside it
 NO_LIMIT = 1 << 60  # version 1 writes a number near 2**63 for it

@@ -71,3 +71,13 @@ time.sleep(600)
     while not has_ended(worker):
         assert time.monotonic() < deadline
         time.sleep(0.02)
+
+
+def test_worker_beside_the_server_gives_way_to_it():
+    """One on its own does not: its machine is there for it."""
+    script = "import os, sys, app.worker; app.worker.run_worker = lambda _: print(os.nice(0)) or 0; app.worker.main()"
+    here = os.nice(0)
+    for arguments, expected in ((["--parent", str(os.getpid())], here + 5), ([], here)):
+        command = [sys.executable, "-c", script, *arguments]
+        ended = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+        assert int(ended.stdout) == min(expected, 19)
