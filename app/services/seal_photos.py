@@ -18,9 +18,7 @@ def seal_photos(
 ) -> None:
     """Seal those that are not stored yet; photos and keys by slot. Raises StorageFullError."""
     try:
-        for slot, photo in photos.items():
-            if slot not in stored:
-                blobs.put_file(keys[slot], photo.path)
+        blobs.put_files({keys[slot]: photo.path for slot, photo in photos.items() if slot not in stored})
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise storage_full() from error

@@ -5,7 +5,7 @@ key again is harmless, so an upload or a job that is tried again needs no clean-
 """
 
 import re
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -65,6 +65,10 @@ class BlobStore(Protocol):
 
     def put_file(self, key: str, source: Path) -> None:
         """Move a finished local file under the key. When this returns, the blob is durable and the file gone."""
+        ...
+
+    def put_files(self, files: Mapping[str, Path]) -> None:
+        """As put_file, of several at once, by key. If it raises, some may be stored."""
         ...
 
     def put_bytes(self, key: str, content: bytes) -> None:

@@ -1,11 +1,17 @@
-"""Blobs as files: temporary file, fsync, rename, fsync of the folders: what is acknowledged is on disk."""
+"""Blobs as files: temporary file, fsync, rename, fsync of the folders: what is acknowledged is on disk.
+
+A sync is slow because the disk is; syncs at the same time share one write of the file system's journal. So all files of
+a call are synced at once, then all folders up to the store's own, those too that are there already: another upload may
+have made them a moment ago and not have synced them yet.
+"""
 
 import contextlib
 import os
 import shutil
 import tempfile
 import uuid
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -13,6 +19,7 @@ from app.storage.blob_store import BlobMissingError, StoredBlob, require_valid_k
 from app.storage.staging import open_staging, remove_abandoned
 
 STAGING = ".incoming"  # no key starts with a full stop (KEY_PATTERN)
+SYNCS_AT_ONCE = 32  # threads, which only wait for the disk
 MOVES = 5  # tries to move a file into a folder that a deletion beside us may take away as empty
 
 
@@ -22,26 +29,26 @@ class LocalBlobStore:
     def __init__(self, root: Path) -> None:
         self._root = root
         self._staging = open_staging(root / STAGING)
+        self._syncs = ThreadPoolExecutor(SYNCS_AT_ONCE, thread_name_prefix="fsync")
 
     def staging_folder(self) -> Path:
         """The folder of files in the making, on the store's own file system."""
         return self._staging
 
     def put_file(self, key: str, source: Path) -> None:
-        """Sync the file, rename it to its place, sync the folders that changed."""
-        target = self._path(key)
-        with source.open("rb") as file:
-            os.fsync(file.fileno())
-        for tries_left in reversed(range(MOVES)):
-            try:
-                self._make_durable_folder(target.parent)
-                os.replace(source, target)  # noqa: PTH105  # the name of the system call that is atomic
-            except FileNotFoundError:  # a deletion beside us found the folder empty
-                if not tries_left:
-                    raise
-            else:
-                break
-        _sync_folder(target.parent)
+        """Sync the file, rename it to its place, sync the folders."""
+        self.put_files({key: source})
+
+    def put_files(self, files: Mapping[str, Path]) -> None:
+        """As put_file, of several at once."""
+        if not files:
+            return
+        targets = {self._path(key): source for key, source in files.items()}
+        self._sync(targets.values())
+        for target, source in targets.items():
+            _move(source, target)
+        folders = {parent for target in targets for parent in target.parents if parent.is_relative_to(self._root)}
+        self._sync(sorted(folders))
 
     def put_bytes(self, key: str, content: bytes) -> None:
         """Write to a staged file first, then as put_file."""
@@ -101,7 +108,7 @@ class LocalBlobStore:
                 break  # not empty
             folder = folder.parent
         with contextlib.suppress(FileNotFoundError):
-            _sync_folder(folder)
+            _sync(folder)
 
     def keys(self, prefix: str = "") -> Iterator[StoredBlob]:
         """Walk the folder, the staging folder left out."""
@@ -140,22 +147,37 @@ class LocalBlobStore:
         require_valid_key(key)
         return self._root / key
 
-    def _make_durable_folder(self, folder: Path) -> None:
-        missing = []
-        while not folder.is_dir():
-            missing.append(folder)
-            folder = folder.parent
-        for new in reversed(missing):
-            new.mkdir(exist_ok=True)
-            _sync_folder(new.parent)
+    def _sync(self, paths: Iterable[Path]) -> None:
+        """Sync files or folders, all at once. Raises what the disk says."""
+        first, *others = paths
+        waiting = [self._syncs.submit(_sync, path) for path in others]
+        try:
+            _sync(first)
+        finally:
+            errors = [error for future in waiting if (error := future.exception()) is not None]
+        for error in errors:
+            raise error
 
     def remove_abandoned(self) -> None:
         """Remove what nobody has touched for an hour."""
         remove_abandoned(self._staging)
 
 
-def _sync_folder(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+def _move(source: Path, target: Path) -> None:
+    """Rename, making the folders that are not there."""
+    for tries_left in reversed(range(MOVES)):
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            os.replace(source, target)  # noqa: PTH105  # the name of the system call that is atomic
+        except FileNotFoundError:  # a deletion beside us found the folder empty
+            if not tries_left:
+                raise
+        else:
+            return
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     finally:

@@ -105,16 +105,17 @@ def test_same_meal_with_a_camera_of_huge_numbers_is_refused_or_the_same_again(ph
 def test_full_disk_of_one_upload_takes_no_blob_of_the_same_meal_that_was_accepted(phone, state, monkeypatch):
     """The phone sends again while its first request is still under way; the first then finds the disk full."""
     metadata, photos, again = meal_metadata(), pair(), []
-    put_file = type(state.blobs).put_file
+    put_files = type(state.blobs).put_files
 
-    def full_at_right(self, key, source):
-        if "/right/" in key and not again:
+    def full_at_right(self, files):
+        if not again:
             again.append(None)
+            put_files(self, {key: source for key, source in files.items() if "/left/" in key})
             again[0] = phone.post(photos, metadata)
             raise OSError(errno.ENOSPC, "No space left on device")
-        put_file(self, key, source)
+        put_files(self, files)
 
-    monkeypatch.setattr(type(state.blobs), "put_file", full_at_right)
+    monkeypatch.setattr(type(state.blobs), "put_files", full_at_right)
     assert phone.post(photos, metadata).status_code == 503
     assert again[0].status_code == 202
     assert missing_blobs(state) == []

@@ -217,7 +217,7 @@ def test_full_disk_is_told_and_the_same_request_works_later(phone, state, monkey
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(type(state.blobs), "put_file", full)
+        patch.setattr(type(state.blobs), "put_files", full)
         answer = phone.post(photos, metadata)
     assert (answer.status_code, answer.json()["code"], answer.json()["retryable"]) == (503, "storage_full", True)
     assert int(answer.headers["retry-after"]) > 0

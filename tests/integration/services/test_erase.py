@@ -223,13 +223,13 @@ def test_pictures_sealed_after_the_erasure_are_deleted_too(what, phone, state, s
 
 
 def test_upload_that_is_sealed_while_its_person_leaves_is_refused_and_deleted(phone, state, client, monkeypatch):
-    put = state.blobs.put_file
+    put = state.blobs.put_files
 
-    def put_and_leave(key, source):
-        put(key, source)
+    def put_and_leave(files):
+        put(files)
         client.post("/v1/me/withdrawal", headers=phone.headers)
 
-    monkeypatch.setattr(state.blobs, "put_file", put_and_leave)
+    monkeypatch.setattr(state.blobs, "put_files", put_and_leave)
     answer = phone.post(pair())
     assert (answer.status_code, answer.json()["code"]) == (410, "withdrawn")
     BlobDeleter(state.database, state.blobs).delete_wanted()

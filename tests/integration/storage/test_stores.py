@@ -48,6 +48,14 @@ def test_putting_the_same_key_again_is_harmless(store):
     assert list(store.staging_folder().iterdir()) == []
 
 
+def test_several_files_at_once_come_back_and_none_at_all_is_no_error(store):
+    store.put_files({})
+    files = {f"study/meal/{slot}/0": staged(store, slot.encode(), slot) for slot in ("left", "right")}
+    store.put_files(files)
+    assert [store.read(key) for key in files] == [b"left", b"right"]
+    assert list(store.staging_folder().iterdir()) == []
+
+
 def test_same_key_put_by_many_at_once_is_whole(store):
     content = os.urandom(MEBIBYTE)
     with ThreadPoolExecutor(8) as pool:
