@@ -1,0 +1,370 @@
+"""How fast meals are taken and told about, over HTTP from a real `tada serve`, beside a yardstick of the same run.
+
+    python -m benchmarks.api [--only sqlite|postgresql] [--rounds 3] [--meals 64] [--concurrency 1 8 32]
+                             [--flow-seconds 30] [--folder FOLDER] [--no-polls]
+
+On SQLite with files, and on PostgreSQL with an S3 server (SeaweedFS), each fresh and of our own. No worker: meals wait
+in the queue, which is what stands in the pipeline's place. The load comes from another process
+(benchmarks/api_load.py).
+
+- Uploads: pairs of 2 x 4 MB, closed loop. Yardstick: the same bytes written and fsynced to the same disk by as many
+  threads, two files a meal; with S3: put to the same server. Rounds of both take turns; the ratio is of the medians,
+  the range of the ratios of neighbours. Peak: the server's resident memory at its highest (VmHWM, cleared before),
+  and by how much that is more than it had at rest.
+- Polls: GET /v1/meals/{id} by phones of their own, closed loop.
+- Flow: 50 meals a second of small pairs, open loop: each is sent when it is due, its latency counted from then.
+  Afterwards every meal that was sent is looked for: its row, its job, its photographs' hashes as they lie in the store.
+
+Limits of calls are switched off. CPU: seconds of a processor per second of wall, of the server and of the load, which
+share this machine with the yardstick's disk or S3 server.
+"""
+
+import argparse
+import contextlib
+import hashlib
+import io
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import httpx2
+import numpy as np
+import sqlalchemy as sa
+from PIL import Image
+
+from app.db.models import Job, Meal, MealImage
+from app.db.session import Database
+from app.settings import Settings
+from app.storage.opening import open_blob_store
+from benchmarks.api_load import Outcome, percentiles
+from benchmarks.databases import database_url
+from tests.s3_server import S3Server
+
+ROOT = Path(__file__).resolve().parents[1]
+MEGABYTE = 1_000_000
+PHOTO_BYTES = 4 * MEGABYTE
+RATIO_BAR, PEAK_BAR_MB = 0.8, 150.0
+FLOW_PER_SECOND = 50
+FLOW_PHONES = 64
+LIMITS_OFF = dict.fromkeys(
+    (
+        "TADA_DEVICE_UPLOADS_PER_MINUTE",
+        "TADA_DEVICE_CALLS_PER_MINUTE",
+        "TADA_STAFF_CALLS_PER_MINUTE",
+        "TADA_ADDRESS_UPLOADS_PER_MINUTE",
+        "TADA_ADDRESS_CALLS_PER_MINUTE",
+    ),
+    "0",
+)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--only", choices=("sqlite", "postgresql"))
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--meals", type=int, default=64, help="Of 8 MB, in each round.")
+    parser.add_argument("--concurrency", type=int, nargs="+", default=[1, 8, 32])
+    parser.add_argument("--flow-seconds", type=float, default=30.0)
+    parser.add_argument("--no-polls", action="store_true")
+    parser.add_argument("--folder", type=Path, help="On the disk that is measured; default: the system's for such.")
+    arguments = parser.parse_args()
+    needed = 4 * 2 * PHOTO_BYTES * arguments.meals + 4_000 * MEGABYTE
+    is_fine = True
+    for kind in [arguments.only] if arguments.only else ["sqlite", "postgresql"]:
+        with tempfile.TemporaryDirectory(prefix="tada-api-", dir=arguments.folder) as name:
+            free = shutil.disk_usage(name).free
+            if free < needed:
+                print(f"{free / MEGABYTE:.0f} MB are free in {name}; this needs {needed / MEGABYTE:.0f}")
+                return 1
+            with deployment(kind, Path(name)) as server:
+                is_fine &= measure(server, arguments)
+    return 0 if is_fine else 1
+
+
+@dataclass
+class Deployment:
+    """A server that runs, and what the load needs to know of it. stored: orders of the yardstick."""
+
+    name: str
+    folder: Path
+    environment: dict[str, str]
+    process: subprocess.Popen[bytes]
+    port: int
+    yardstick: dict[str, Any]
+    rest_mb: float = 0.0
+
+    @property
+    def settings(self) -> Settings:
+        """As the server has them."""
+        ours = {key: value for key, value in self.environment.items() if key.startswith("TADA_")}
+        fields = {key.removeprefix("TADA_").lower(): value for key, value in ours.items()}
+        return Settings(**fields)  # type: ignore[arg-type]  # text, as from the environment
+
+    def order(self, do: str, **more: Any) -> Outcome:
+        """Have the load done by its own process."""
+        done = subprocess.run(
+            [sys.executable, "-m", "benchmarks.api_load"],
+            input=json.dumps({"do": do, "port": self.port, **more}).encode(),
+            stdout=subprocess.PIPE,
+            cwd=ROOT,
+            check=True,
+        )
+        return Outcome(**json.loads(done.stdout))
+
+    def cpu_seconds(self) -> float:
+        """Of the server so far."""
+        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    def clear_peak(self) -> None:
+        """Let the peak of memory begin anew."""
+        Path(f"/proc/{self.process.pid}/clear_refs").write_text("5")
+
+    def peak_mb(self) -> float:
+        """The highest resident memory since `clear_peak`, in 10^6 bytes."""
+        status = Path(f"/proc/{self.process.pid}/status").read_text()
+        kib = next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM:"))
+        return int(kib) * 1024 / MEGABYTE
+
+
+@contextlib.contextmanager
+def deployment(kind: str, folder: Path) -> Iterator[Deployment]:
+    """A fresh server; all that was started for it ends with it."""
+    with contextlib.ExitStack() as stack:
+        environment = {key: value for key, value in os.environ.items() if not key.startswith("TADA_")}
+        environment |= LIMITS_OFF | {
+            "TADA_DATA_DIR": str(folder / "data"),
+            "TADA_DATABASE_URL": stack.enter_context(database_url(kind, folder)),
+            "TADA_SECRET_KEY": "k" * 40,
+            "TADA_ENROLMENT_ATTEMPTS_PER_MINUTE": "100000",
+            "TADA_PORT": "0",
+        }
+        (folder / "yardstick").mkdir()
+        yardstick: dict[str, Any] = {"do": "disk", "folder": str(folder / "yardstick")}
+        name = "SQLite + files"
+        if kind == "postgresql":
+            s3 = S3Server.start(folder / "s3")
+            stack.callback(s3.stop)
+            s3.make_bucket("tada")
+            keys = {"access_key_id": s3.access_key_id, "secret_access_key": s3.secret_access_key}
+            environment |= {"TADA_BLOB_URL": "s3://tada/bench", "TADA_S3_ENDPOINT": s3.endpoint}
+            environment |= {f"TADA_S3_{key.upper()}": value for key, value in keys.items()}
+            yardstick = {"do": "bucket", "url": "s3://tada", "endpoint": s3.endpoint, **keys}
+            name = "PostgreSQL + S3"
+        log = stack.enter_context((folder / "server.log").open("wb"))
+        process = subprocess.Popen(
+            [sys.executable, "-m", "app.cli", "serve", "--no-worker"],
+            env=environment,
+            stdout=log,
+            stderr=log,
+            cwd=ROOT,
+        )
+        stack.callback(_end, process)
+        yield Deployment(name, folder, environment, process, _port(process, folder / "server.log"), yardstick)
+
+
+def _port(process: subprocess.Popen[bytes], log: Path) -> int:
+    words = "tada-server listens on http://127.0.0.1:"
+    while process.poll() is None:
+        for line in log.read_text().splitlines():
+            if line.startswith(words):
+                return int(line.removeprefix(words))
+        time.sleep(0.1)
+    raise SystemExit(f"the server ended:\n{log.read_text()}")
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.terminate()
+    try:
+        process.wait(20)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def measure(server: Deployment, arguments: argparse.Namespace) -> bool:
+    """Print a server's tables; whether all bars hold."""
+    tokens = enrol(server, max(FLOW_PHONES, *arguments.concurrency))
+    server.rest_mb = server.peak_mb()
+    large, small = server.folder / "large.jpg", server.folder / "small.jpg"
+    large.write_bytes(photograph(PHOTO_BYTES))
+    small.write_bytes(photograph(60_000))
+    server.order("upload", photo=str(small), tokens=tokens, concurrency=8, times=64)  # warm
+    is_fine = uploads(server, arguments, tokens, large)
+    if not arguments.no_polls:
+        polls(server, arguments, tokens, small)
+    return flow(server, arguments, tokens, small) and is_fine
+
+
+def uploads(server: Deployment, arguments: argparse.Namespace, tokens: list[str], photo: Path) -> bool:
+    print(f"\n### {server.name}: 2 x 4 MB, {arguments.rounds} rounds of {arguments.meals} meals\n")
+    print(
+        "| at once | MB/s | yardstick MB/s | ratio | of neighbours | p50 ms | p95 ms | p99 ms | peak MB | CPU | load's CPU |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    is_fine, volume = True, 2 * photo.stat().st_size * arguments.meals / MEGABYTE
+    for concurrency in arguments.concurrency:
+        common = {"photo": str(photo), "concurrency": concurrency, "times": arguments.meals}
+        ours, plain, latencies, cpu, load_cpu = [], [], [], [], []
+        server.clear_peak()
+        for _ in range(arguments.rounds):
+            found = server.order(**server.yardstick, **common)
+            fail_on(found)
+            plain.append(volume / found.seconds)
+            _empty(server.folder / "yardstick")
+            before = server.cpu_seconds()
+            found = server.order("upload", tokens=tokens, **common)
+            fail_on(found)
+            ours.append(volume / found.seconds)
+            latencies += found.latencies
+            cpu.append((server.cpu_seconds() - before) / found.seconds)
+            load_cpu.append(found.cpu_seconds / found.seconds)
+        ratios = [mine / other for mine, other in zip(ours, plain, strict=True)]
+        ratio, peak = median(ours) / median(plain), server.peak_mb()
+        is_fine &= ratio >= RATIO_BAR and peak <= PEAK_BAR_MB
+        p50, p95, p99 = percentiles(latencies)
+        print(
+            f"| {concurrency} | {median(ours):.0f} | {median(plain):.0f} | {ratio:.2f} "
+            f"| {min(ratios):.2f}-{max(ratios):.2f} | {p50:.0f} | {p95:.0f} | {p99:.0f} | {peak:.0f} "
+            f"| {peak - server.rest_mb:.0f} | {median(cpu):.2f} | {median(load_cpu):.2f} |",
+            flush=True,
+        )
+    return is_fine
+
+
+def polls(server: Deployment, arguments: argparse.Namespace, tokens: list[str], photo: Path) -> None:
+    print(f"\n### {server.name}: status polls\n")
+    print_head("at once|calls/s|p50 ms|p95 ms|p99 ms|CPU|load's CPU")
+    meals = []
+    for token in tokens[: max(arguments.concurrency)]:
+        found = server.order("upload", photo=str(photo), tokens=[token], concurrency=1, times=1)
+        fail_on(found)
+        meals += list(found.sent)
+    for concurrency in arguments.concurrency:
+        before = server.cpu_seconds()
+        found = server.order("poll", tokens=tokens, meals=meals, concurrency=concurrency, times=2000)
+        fail_on(found)
+        cpu = (server.cpu_seconds() - before) / found.seconds
+        p50, p95, p99 = percentiles(found.latencies)
+        print(
+            f"| {concurrency} | {len(found.latencies) / found.seconds:.0f} | {p50:.1f} | {p95:.1f} | {p99:.1f} "
+            f"| {cpu:.2f} | {found.cpu_seconds / found.seconds:.2f} |",
+            flush=True,
+        )
+
+
+def flow(server: Deployment, arguments: argparse.Namespace, tokens: list[str], photo: Path) -> bool:
+    times = int(FLOW_PER_SECOND * arguments.flow_seconds)
+    server.clear_peak()
+    before = server.cpu_seconds()
+    found = server.order("flow", photo=str(photo), tokens=tokens[:FLOW_PHONES], times=times, per_second=FLOW_PER_SECOND)
+    cpu, peak = (server.cpu_seconds() - before) / found.seconds, server.peak_mb()
+    lost, wrong = look_for(server, found.sent)
+    p50, p95, p99 = percentiles(found.latencies or [float("nan")])
+    print(
+        f"\n### {server.name}: {FLOW_PER_SECOND} meals/s of small pairs (2 x {photo.stat().st_size / 1000:.0f} kB), open loop\n"
+    )
+    print(
+        "| sent | accepted | errors | lost | wrong hash | seconds | p50 ms | p95 ms | p99 ms | peak MB | CPU | load's CPU |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|---|---|")
+    print(
+        f"| {times} | {len(found.sent)} | {len(found.errors)} | {lost} | {wrong} | {found.seconds:.1f} | {p50:.0f} "
+        f"| {p95:.0f} | {p99:.0f} | {peak:.0f} | {cpu:.2f} | {found.cpu_seconds / found.seconds:.2f} |",
+        flush=True,
+    )
+    for error in sorted(set(found.errors))[:5]:
+        print(f"- {error}")
+    return not (found.errors or lost or wrong)
+
+
+def look_for(server: Deployment, sent: dict[str, list[str]]) -> tuple[int, int]:
+    """How many meals that were acknowledged are not there whole, and how many photographs have other bytes."""
+    settings = server.settings
+    database, blobs = Database(settings.resolved_database_url), open_blob_store(settings.resolved_blob_url, settings)
+    try:
+        with database.read() as session:
+            queued = set(session.scalars(sa.select(Meal.client_id).join(Job, Job.meal_id == Meal.id)))
+            columns = (MealImage.slot, MealImage.received_sha256, MealImage.stored_sha256, MealImage.blob_key)
+            images = session.execute(sa.select(Meal.client_id, *columns).join(Meal, Meal.id == MealImage.meal_id)).all()
+    finally:
+        database.dispose()
+    here = {(str(row.client_id), row.slot): row for row in images}
+    ids = {str(client_id) for client_id in queued}
+    lost = sum(1 for meal in sent if meal not in ids or not {(meal, "left"), (meal, "right")} <= here.keys())
+
+    def is_wrong(row: Any, sha256: str) -> bool:
+        stored = hashlib.sha256(blobs.read(row.blob_key)).hexdigest()
+        return row.received_sha256 != sha256 or stored != row.stored_sha256
+
+    pairs = [
+        (here[meal, slot], sha256)
+        for meal, hashes in sent.items()
+        for slot, sha256 in zip(("left", "right"), hashes, strict=True)
+        if (meal, slot) in here
+    ]
+    with ThreadPoolExecutor(4) as pool:
+        return lost, sum(pool.map(lambda pair: is_wrong(*pair), pairs))
+
+
+def enrol(server: Deployment, count: int) -> list[str]:
+    """Tokens of so many phones, each of a participant of its own, by the command and the API."""
+    admin = subprocess.run(
+        [sys.executable, "-m", "app.cli", "admin", "create", "bench"],
+        env=server.environment | {"TADA_LOG_LEVEL": "WARNING"},
+        stdout=subprocess.PIPE,
+        cwd=ROOT,
+        check=True,
+    ).stdout.decode()
+    tokens, headers = [], {"Authorization": f"Bearer {admin.strip()}"}
+    with httpx2.Client(base_url=f"http://127.0.0.1:{server.port}", headers=headers, timeout=60) as client:
+        client.post("/v1/studies", json={"code": "b", "name": "b", "marker": "plain:9x7:11"}).raise_for_status()
+        for number in range(count):
+            code = f"P{number:03}"
+            client.post("/v1/studies/b/participants", json={"code": code}).raise_for_status()
+            issued = client.post(f"/v1/studies/b/participants/{code}/enrolment-codes").raise_for_status().json()
+            device = {"code": issued["code"], "device_name": "bench"}
+            tokens.append(client.post("/v1/enrolments", json=device).raise_for_status().json()["token"])
+    return tokens
+
+
+def photograph(wanted_bytes: int) -> bytes:
+    """A JPEG of noise of about so many bytes."""
+    side = 256
+    while True:
+        pixels = np.random.default_rng(1).integers(0, 256, (side * 3 // 4, side, 3), np.uint8)
+        buffer = io.BytesIO()
+        Image.fromarray(pixels).save(buffer, "JPEG", quality=75)
+        if buffer.tell() >= 0.97 * wanted_bytes:
+            return buffer.getvalue()
+        side = max(side + 8, int(side * (wanted_bytes / buffer.tell()) ** 0.5) // 8 * 8)
+
+
+def print_head(columns: str) -> None:
+    names = columns.split("|")
+    print(f"| {' | '.join(names)} |")
+    print(f"|{'---|' * len(names)}")
+
+
+def fail_on(found: Outcome) -> None:
+    if found.errors:
+        raise SystemExit(f"{len(found.errors)} errors, such as {found.errors[0]}")
+
+
+def _empty(folder: Path) -> None:
+    shutil.rmtree(folder)
+    folder.mkdir()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
