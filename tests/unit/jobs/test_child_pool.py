@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from app.jobs.child_pool import ChildPool, ChildPoolClosedError, ChildRequest, ChildStartError
+from app.jobs.child_pool import ChildCancelledError, ChildPool, ChildPoolClosedError, ChildRequest, ChildStartError
 from app.settings import Settings
 
 ROOT = pathlib.Path(__file__).parents[3]
@@ -108,6 +108,53 @@ def test_child_that_cannot_start_raises(settings):
     with pytest.raises(ChildStartError):
         run(pool, "describe")
     pool.close()
+
+
+def test_cancelled_request_raises_its_child_is_ended_and_the_next_request_runs(pool):
+    hanging, ended = threading.Event(), []
+
+    def wait_for_it():
+        try:
+            pool.run(ChildRequest("hang", {}), lambda _: hanging.set(), name="a job")
+        except ChildCancelledError as error:
+            ended.append(error)
+
+    thread = threading.Thread(target=wait_for_it)
+    thread.start()
+    assert hanging.wait(30)
+    assert pool.cancel("another job") is False
+    assert pool.cancel("a job") is True
+    thread.join(30)
+    assert len(ended) == 1
+    assert run(pool, "describe").outcome == "ok"
+    assert pool.cancel("a job") is False
+
+
+def test_warm_children_are_as_many_as_there_may_be_and_are_the_ones_that_work(settings, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT)
+    pool = ChildPool(settings, TASKS, children=3)
+    try:
+        pool.warm_up()
+        pool.warm_up()
+        warm = {child._process.pid for child in pool._alive}
+        assert len(warm) == 3
+        pids, outcomes = set(), []
+
+        def work():
+            for _ in range(10):
+                ended = run(pool, "describe")
+                outcomes.append(ended.outcome)
+                pids.add(ended.result["pid"])
+
+        threads = [threading.Thread(target=work) for _ in range(6)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(60)
+        assert outcomes == ["ok"] * 60
+        assert pids <= warm  # none was ended under another's request
+    finally:
+        pool.close()
 
 
 def test_closing_ends_a_running_request_and_refuses_the_next(pool):
