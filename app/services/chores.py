@@ -7,12 +7,14 @@ import structlog
 from app.db.session import Database
 from app.jobs.chores import Chore
 from app.metrics import instruments
+from app.services import orphan_rounds
 from app.services.after_windows import AfterWindows
 from app.services.clock_jumps import ClockJumps
 from app.services.delete_blobs import BlobDeleter
 from app.services.deliver_webhooks import DeliverWebhooks
 from app.services.erase import Eraser
 from app.services.erasure_ledger import ErasureLedger
+from app.services.orphan_rounds import OrphanRounds
 from app.services.prune_jobs import prune_jobs
 from app.services.reapply_erasures import reapply_erasures
 from app.services.retention import erase_old_pictures
@@ -34,6 +36,8 @@ def worker_chores(
     """The chores of one worker. clock: another in tests."""
     clock = clock or ClockJumps()
     deleter = BlobDeleter(database, blobs)
+    is_bucket = settings.resolved_blob_url.startswith("s3://")
+    orphans = OrphanRounds(database, deleter, orphan_rounds.BUCKET if is_bucket else orphan_rounds.FILES)
     ledger = ErasureLedger(open_blob_store(settings.resolved_erasure_url, settings), box)
     eraser = Eraser(database, box, ledger)
 
@@ -54,7 +58,8 @@ def worker_chores(
         Chore("delete_blobs", 5.0, deleter.delete_wanted),
         Chore("finish_erasures", HOUR, finish_erasures),
         Chore("erase_old_pictures", HOUR, keep_to_retention),
-        Chore("delete_orphans", HOUR, deleter.delete_orphans),
+        Chore("delete_orphans", 30.0, orphans.go_on),
+        Chore("tidy", HOUR, deleter.tidy),
         Chore("deliver_webhooks", 1.0, deliver.run),
         Chore("give_up_deliveries", 60.0, deliver.give_up_unsendable),
         Chore("remove_old_deliveries", HOUR, deliver.remove_old),

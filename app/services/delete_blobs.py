@@ -4,6 +4,7 @@ Run again and again beside the jobs (services/chores.py). Two at once do no harm
 that is done.
 """
 
+from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from itertools import islice
 
@@ -47,12 +48,16 @@ class BlobDeleter:
         return done
 
     def delete_orphans(self, grace: timedelta = ORPHAN_GRACE) -> int:
-        """Delete blobs older than the grace time that no row names, and DBOS's rows of jobs that are not there.
+        """All of `orphan_batches`, then `tidy`. Returns how many blobs and rows went."""
+        return sum(self.orphan_batches(grace)) + self.tidy()
+
+    def orphan_batches(self, grace: timedelta = ORPHAN_GRACE) -> Iterator[int]:
+        """Delete blobs older than the grace time that no row names; after each batch of the listing, how many.
 
         An upload that failed after sealing, a worker that went on with an erased job and a store that was restored from
-        a backup leave such, also beside what is named of the same meal. Returns how many.
+        a backup leave such, also beside what is named of the same meal.
         """
-        before, done, strange = datetime.now(UTC) - grace, 0, 0
+        before, strange = datetime.now(UTC) - grace, 0
         everything = self._blobs.keys()
         old = (blob.key for blob in everything if blob.stored_at < before)
         while keys := list(islice(old, BATCH)):
@@ -60,10 +65,13 @@ class BlobDeleter:
                 ours = privacy.of_known_studies(session, keys)
                 orphans = sorted(ours - privacy.needed_keys(session, ours))
             strange += len(keys) - len(ours)
-            for key in orphans:
-                done += self._delete_orphan(key, before)
+            yield sum(self._delete_orphan(key, before) for key in orphans)
         if strange:  # no study is ever deleted: this store is another database's, or the other way round
             log.error("blobs_of_no_study", count=strange)
+
+    def tidy(self) -> int:
+        """Delete DBOS's rows of jobs that are not there, and what died in this machine's staging folder."""
+        done = 0
         while True:
             with self._database.read() as session:
                 workflows = privacy.workflows_without_job(session, BATCH)

@@ -1,7 +1,7 @@
 """What `tada doctor` says of the blob store and the ledger of erasures: writable, whole, with room, in a good place."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -11,6 +11,7 @@ from app.db.session import Database
 from app.errors import TadaError
 from app.services.erasure_ledger import KINDS, ErasureLedger
 from app.services.finding import Finding
+from app.services.missing_blobs import find_missing
 from app.services.secret_box import KEY_FILE, SecretKeyError, open_secret_box
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
@@ -132,16 +133,12 @@ def _open_erasures(database: Database, ledger: ErasureLedger) -> Finding:
 
 def _photos(database: Database, blobs: BlobStore) -> Finding:
     """Whether every photograph that the database names is in the store."""
-    missing, total = [], 0
     with database.read() as session:
-        for key in meals.blob_keys(session):
-            total += 1
-            if not blobs.has(key):
-                missing.append(key)
-    if missing:
+        found = find_missing(meals.blob_keys(session), blobs)
+    if found.missing:
         advice = "Restore them from a backup: their meals' records stay, their estimates cannot be made again."
-        return Finding("photographs", "bad", f"{len(missing)} of {total} missing: {_some(missing)}.", advice)
-    return Finding("photographs", "ok", f"all {total} are in the store")
+        return Finding("photographs", "bad", f"{found.missing} of {found.total} missing: {_some(found.first)}.", advice)
+    return Finding("photographs", "ok", f"all {found.total} are in the store")
 
 
 def _sha256_of(blobs: BlobStore, key: str) -> str:
@@ -151,7 +148,7 @@ def _sha256_of(blobs: BlobStore, key: str) -> str:
     return digest.hexdigest()
 
 
-def _some(keys: list[str]) -> str:
+def _some(keys: Sequence[str]) -> str:
     return ", ".join(keys[:LISTED]) + (" ..." if len(keys) > LISTED else "")
 
 
