@@ -1,0 +1,207 @@
+"""Dashboard, alert rules and their page: they name only what /metrics tells, and the page tells all of it."""
+
+import inspect
+import json
+import pathlib
+import re
+from collections import Counter
+from datetime import UTC, datetime
+
+import promql_parser
+import pytest
+import yaml
+from prometheus_client.metrics import MetricWrapperBase
+
+from app.db.queries.figures import Figures
+from app.db.session import Database
+from app.metrics import instruments
+from app.services import doctor_work
+from app.services.figures import Deployment, DeploymentFigures
+from app.settings import Settings
+from app.storage.local import LocalBlobStore
+
+ROOT = pathlib.Path(__file__).parents[3]
+PAGE = (ROOT / "docs" / "monitoring.md").read_text()
+ALERTS = [
+    rule
+    for group in yaml.safe_load((ROOT / "docker" / "prometheus" / "alerts.yml").read_text())["groups"]
+    for rule in group["rules"]
+]
+DASHBOARD = json.loads((ROOT / "docker" / "grafana" / "tada.json").read_text())
+PANELS = [panel for panel in DASHBOARD["panels"] if panel["type"] != "row"]
+TARGET_LABELS = {"job", "instance"}  # Prometheus' own, of every target
+SUFFIXES = {
+    "counter": {"_total": set()},
+    "gauge": {"": set()},
+    "histogram": {"_bucket": {"le"}, "_sum": set(), "_count": set()},
+}
+
+
+@pytest.fixture(scope="module")
+def families(tmp_path_factory):
+    """(name, type, labels) of everything that /metrics of a server and of a worker can tell."""
+    own = [one for _, one in inspect.getmembers(instruments) if isinstance(one, MetricWrapperBase)]
+    found = [(family.name, family.type, one._labelnames) for one in own for family in one.describe()]
+    folder = tmp_path_factory.mktemp("figures")
+    database = Database(f"sqlite:///{folder / 'none.sqlite3'}")
+    asked = DeploymentFigures(database, LocalBlobStore(folder / "blobs"), Settings(data_dir=folder))
+    now = datetime.now(UTC)
+    asked._ask = lambda: Deployment(
+        Figures(now, {"queued": 1}, {"queued": 1}, now, 1, 1, now, 1, 1, now), Counter({"1": 1}), now
+    )
+    found += [(family.name, family.type, family._labelnames) for family in asked.collect()]
+    database.dispose()
+    return {(name, kind): set(labels) for name, kind, labels in found}
+
+
+@pytest.fixture(scope="module")
+def series(families):
+    """Name of a series -> its labels."""
+    found = {
+        name + suffix: labels | more
+        for (name, kind), labels in families.items()
+        for suffix, more in SUFFIXES[kind].items()
+    }
+    process = {family.name: family for family in instruments.REGISTRY.collect() if family.name.startswith("process_")}
+    assert process  # on Linux
+    return found | {sample.name: set() for family in process.values() for sample in family.samples}
+
+
+def nodes_of(expression):
+    found = []
+    promql_parser.walk(promql_parser.parse(expression), found.append)
+    return found
+
+
+def faults_of(expression, series):
+    """Series and labels of a PromQL expression that nobody tells."""
+    nodes = nodes_of(expression)
+    selectors = [node for node in nodes if isinstance(node, promql_parser.VectorSelector)]
+    faults = [selector.name for selector in selectors if selector.name not in series]
+    known = set().union(TARGET_LABELS, *(series.get(selector.name, set()) for selector in selectors))
+    for selector in selectors:
+        own = series.get(selector.name, set()) | TARGET_LABELS
+        faults += [f"{selector.name}{{{one.name}}}" for one in selector.matchers.matchers if one.name not in own]
+    for node in nodes:
+        if isinstance(node, promql_parser.AggregateExpr) and node.modifier is not None:
+            faults += [f"by ({label})" for label in node.modifier.labels if label not in known]
+    assert selectors or "absent" in expression
+    return faults
+
+
+EXPRESSIONS = [("alert " + rule["alert"], rule["expr"]) for rule in ALERTS] + [
+    ("panel " + panel["title"], target["expr"]) for panel in PANELS for target in panel["targets"]
+]
+
+
+def test_check_of_expressions_finds_what_nobody_tells(series):
+    assert faults_of('sum by (outcome) (rate(tada_uploads_total{outcome="kept"}[5m]))', series) == []
+    assert faults_of("rate(tada_upload_total[5m])", series) == ["tada_upload_total"]
+    assert faults_of('sum by (code) (tada_uploads_total{study="x"})', series) == [
+        "tada_uploads_total{study}",
+        "by (code)",
+    ]
+
+
+@pytest.mark.parametrize(("place", "expression"), EXPRESSIONS)
+def test_expression_names_only_series_and_labels_that_are_told(place, expression, series):
+    assert faults_of(expression, series) == []
+
+
+def test_every_figure_is_watched_or_drawn(series, families):
+    used = {
+        node.name
+        for _, expression in EXPRESSIONS
+        for node in nodes_of(expression)
+        if isinstance(node, promql_parser.VectorSelector)
+    }
+    for name, kind in families:
+        assert any(name + suffix in used for suffix in SUFFIXES[kind]), name
+
+
+def test_page_tells_every_figure_with_its_labels_and_no_other(families):
+    rows = re.findall(r"^\| `(tada_\w+)` \| ([\w, ]*) \| (counter|gauge|histogram) \|", PAGE, re.MULTILINE)
+    told = {(name.removesuffix("_total"), kind): set(labels.split(", ")) - {""} for name, labels, kind in rows}
+    assert told == families
+
+
+@pytest.mark.parametrize("rule", ALERTS, ids=lambda rule: rule["alert"])
+def test_alert_says_what_it_means_and_leads_to_its_paragraph(rule):
+    assert rule["labels"]["severity"] in ("critical", "warning")
+    notes = rule["annotations"]
+    assert notes["summary"].endswith(".")
+    assert notes["description"].endswith(".")
+    assert re.fullmatch(r"\d+[smh]", rule["for"])
+    page, _, anchor = notes["runbook"].partition("#")
+    assert page == "docs/monitoring.md"
+    assert anchor in {heading.lower() for heading in re.findall(r"^### (\w+)$", PAGE, re.MULTILINE)}
+    kept = {
+        label
+        for node in nodes_of(rule["expr"])
+        if isinstance(node, promql_parser.AggregateExpr) and node.modifier is not None
+        for label in node.modifier.labels
+    }
+    asked = set(re.findall(r"\$labels\.(\w+)", notes["summary"] + notes["description"]))
+    assert asked <= kept | ({"instance"} if "by (" not in rule["expr"] else set())
+
+
+def test_page_tells_of_every_alert_once_and_of_no_other():
+    paragraphs = re.findall(r"^### (Tada\w+)$", PAGE, re.MULTILINE)
+    assert sorted(paragraphs) == sorted(rule["alert"] for rule in ALERTS)
+
+
+def test_alerts_know_the_failures_that_are_the_servers():
+    expressions = {rule["alert"]: rule["expr"] for rule in ALERTS}
+    listed = "|".join(instruments.SERVER_FAILURES)
+    assert f'"{listed}"' in expressions["TadaEstimatesFail"]
+    assert f'"ok|cancelled|{listed}"' in expressions["TadaPhotographsUnfit"]
+    assert f'"{"|".join(instruments.REFUSALS)}"' in expressions["TadaUploadsRefused"]
+    limit = int(doctor_work.BACKUP_EVERY.total_seconds())
+    assert expressions["TadaBackupOld"].endswith(f"> {limit}")
+
+
+def test_dashboard_has_what_grafana_needs():
+    assert (DASHBOARD["uid"], DASHBOARD["title"]) == ("tada-server", "tada-server")
+    assert DASHBOARD["schemaVersion"] >= 36
+    assert DASHBOARD.get("id") is None  # Grafana gives it
+    ids = [panel["id"] for panel in DASHBOARD["panels"]]
+    assert len(ids) == len(set(ids))
+    (variable,) = DASHBOARD["templating"]["list"]
+    assert (variable["type"], variable["query"]) == ("datasource", "prometheus")
+    for panel in PANELS:
+        assert panel["type"] in ("timeseries", "stat")
+        assert panel["title"]
+        assert panel["description"]
+        assert panel["targets"]
+        references = [target["refId"] for target in panel["targets"]]
+        assert len(references) == len(set(references))
+        for one in (panel, *panel["targets"]):
+            assert one["datasource"] == {"type": "prometheus", "uid": f"${{{variable['name']}}}"}
+
+
+def test_panels_lie_within_the_grid_and_on_no_other():
+    taken = set()
+    for panel in DASHBOARD["panels"]:
+        place = panel["gridPos"]
+        cells = {
+            (x, y)
+            for x in range(place["x"], place["x"] + place["w"])
+            for y in range(place["y"], place["y"] + place["h"])
+        }
+        assert place["x"] + place["w"] <= 24
+        assert not cells & taken, panel["title"]
+        taken |= cells
+
+
+def test_series_begin_at_zero_where_an_alert_counts_their_increase():
+    instruments.tell_build("api")
+    instruments.tell_build("worker")
+    told = {
+        (sample.name, tuple(sorted(sample.labels.items())))
+        for family in instruments.REGISTRY.collect()
+        for sample in family.samples
+    }
+    for code in instruments.SERVER_FAILURES:
+        assert ("tada_estimates_total", (("outcome", code), ("purpose", "meal"))) in told
+    assert ("tada_swept_total", (("what", "queued"),)) in told
+    assert ("tada_uploads_total", (("outcome", "storage_full"),)) in told
