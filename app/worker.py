@@ -15,7 +15,7 @@ from app.metrics.instruments import REGISTRY, tell_build
 from app.metrics.server import MetricsServer
 from app.services.chores import worker_chores
 from app.services.estimate_meal import EstimateMeal
-from app.services.prepare import prepare
+from app.services.prepare import prepare_patiently
 from app.services.secret_box import open_secret_box
 from app.settings import Settings
 from app.storage.opening import open_blob_store
@@ -30,7 +30,7 @@ def run_worker(settings: Settings) -> int:
     """Work until SIGTERM or SIGINT. Returns the exit status."""
     configure_logging(settings)
     database = open_database(settings)
-    prepare(database, settings)
+    prepare_patiently(database, settings)
     database.dispose()
     blobs = open_blob_store(settings.resolved_blob_url, settings)
     box = open_secret_box(settings)

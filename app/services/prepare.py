@@ -3,9 +3,14 @@
 Safe to run by several processes at once, and again.
 """
 
+import time
+
+import structlog
+
 from app.db.migrate import upgrade
 from app.db.session import Database
 from app.jobs.engine import prepare_job_tables
+from app.jobs.faults import is_passing
 from app.services.erase import Eraser
 from app.services.erasure_ledger import ErasureLedger
 from app.services.import_foods import load_starter
@@ -13,6 +18,32 @@ from app.services.reapply_erasures import reapply_erasures
 from app.services.secret_box import open_secret_box
 from app.settings import Settings
 from app.storage.opening import open_blob_store
+
+log = structlog.get_logger()
+
+PATIENCE_SECONDS = 30.0  # a database that restarts, with a recovery before it
+FIRST_WAIT_SECONDS = 0.2
+LONGEST_WAIT_SECONDS = 2.0
+
+
+def prepare_patiently(database: Database, settings: Settings, patience_seconds: float = PATIENCE_SECONDS) -> None:
+    """As prepare, for processes that begin to serve or to work: database and store may be a little later than they.
+
+    To end and to be started again takes seconds of a core for each try, while all others start again too.
+    Raises what prepare raised last, once the patience is over or where waiting does not help.
+    """
+    deadline, wait = time.monotonic() + patience_seconds, FIRST_WAIT_SECONDS
+    while True:
+        try:
+            prepare(database, settings)
+        except Exception as error:
+            if not is_passing(error) or time.monotonic() + wait > deadline:
+                raise
+            log.warning("not_ready_to_start", reason=" ".join(str(error).split()), again_in_seconds=wait)
+            time.sleep(wait)
+            wait = min(2 * wait, LONGEST_WAIT_SECONDS)
+        else:
+            return
 
 
 def prepare(database: Database, settings: Settings) -> None:

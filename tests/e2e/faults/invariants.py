@@ -38,6 +38,7 @@ EXPECTED_ERRORS = re.compile(
     r"^(sqlalchemy\.exc\.(OperationalError|InterfaceError|TimeoutError)"
     r"|psycopg\.(OperationalError|errors\.\w+)"
     r"|(ConnectionError|ConnectionResetError|ConnectionRefusedError|BrokenPipeError|TimeoutError|OSError)"
+    r"|obstore\.exceptions\.\w+|app\.storage\.blob_store\.StoreRefusesError"  # a clock that jumped is refused
     r"|app\.errors\.(UnavailableError|StorageFullError)"
     r"|app\.jobs\.child_pool\.ChildPoolClosedError)\b"
 )
@@ -227,22 +228,21 @@ def unexpected_errors(logs):
 
 
 def traceback_ends(text):
-    """The last line of each traceback: in JSON lines under "exception", else in plain text."""
-    is_in = False
-    for line in text.splitlines():
-        if line.startswith("{"):
-            is_in = False
-            try:
-                exception = json.loads(line).get("exception", "")
-            except ValueError:  # the disk was full in its midst
-                continue
-            if exception:
-                yield last_error(exception)
-        elif line.startswith("Traceback (most recent call last)"):
-            is_in = True
-        elif is_in and line and not line[0].isspace():
-            is_in = False
-            yield line
+    """The last line of each traceback: in JSON lines under "exception", else in plain text up to the next JSON line."""
+    plain = []
+    for line in [*text.splitlines(), "{}"]:
+        if not line.startswith("{"):
+            plain.append(line)
+            continue
+        if any(each.startswith("Traceback (most recent call last)") for each in plain):
+            yield last_error("\n".join(plain))
+        plain = []
+        try:
+            exception = json.loads(line).get("exception", "")
+        except ValueError:  # the disk was full in its midst
+            continue
+        if exception:
+            yield last_error(exception)
 
 
 def last_error(exception):

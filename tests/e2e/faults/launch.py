@@ -26,7 +26,7 @@ def main(folder, *command, parent):
     from app import cli, serving, worker
     from app.jobs import engine
 
-    engine.JOB_PROTOCOL_VERSION = os.environ.get("FAULT_PROTOCOL", engine.JOB_PROTOCOL_VERSION)
+    engine.JOB_PROTOCOL_VERSION = int(os.environ.get("FAULT_PROTOCOL", engine.JOB_PROTOCOL_VERSION))
     worker.TASKS = STUB_TASKS
     own = [sys.executable, "-m", "tests.e2e.faults.launch", folder, "worker"]
     serving.WorkerProcess = functools.partial(serving.WorkerProcess, command=own)

@@ -11,6 +11,7 @@ import threading
 import time
 import uuid
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 
 import httpx2
 
@@ -72,14 +73,23 @@ def plan_meals(rng, count, real_pair):
     return meals
 
 
+def plan_slow_meal(rng, seconds):
+    """A meal in one request whose estimate takes so long that its worker can be killed at it."""
+    photos = {slot: photograph(rng, Note(seconds=seconds)) for slot in ("left", "right")}
+    volumes = volumes_ml(photos["left"], photos["right"], 1)
+    return Planned(uuid.UUID(int=rng.getrandbits(128), version=4), photos, "whole", HINTS[:1], volumes_ml=volumes)
+
+
 class Journal:
     """What all phones were told, and when the last good answer came."""
 
-    def __init__(self):
+    def __init__(self, timeline):
+        self._timeline = timeline.open("a", buffering=1)
         self._lock = threading.Lock()
         self._last_good = time.monotonic()
         self.longest_without_answer = 0.0
         self.tries = 0
+        self.good_answers = 0
         self.acknowledged = {}
         self.after_acknowledged = set()
         self.erased = set()
@@ -90,10 +100,18 @@ class Journal:
             now = time.monotonic()
             self.longest_without_answer = max(self.longest_without_answer, now - self._last_good)
             self._last_good = now
+            self.good_answers += 1
+
+    def close(self):
+        self._timeline.close()
 
     def tried(self):
         with self._lock:
             self.tries += 1
+
+    def note(self, words):
+        """Into the timeline, which stands beside the logs: for whoever looks for the cause of a failure."""
+        self._timeline.write(f"{datetime.now(UTC):%H:%M:%S.%f} {words}\n")
 
 
 class BrokenOffError(Exception):
@@ -117,12 +135,12 @@ class Phone(threading.Thread):
     def run(self):
         try:
             for meal in self._meals:
-                self._send(meal)
+                self.send(meal)
                 time.sleep(self._rng.uniform(0.0, 0.6))
         except Exception as error:  # noqa: BLE001  # told by the test in its own thread
             self.trouble = error
 
-    def _send(self, meal):
+    def send(self, meal):
         way = {"parts": self._by_parts, "twice": self._twice}.get(meal.way, self._whole)
         self._until(lambda client: way(client, meal), f"meal {meal.meal_id} ({meal.way})")
         self._journal.acknowledged[meal.meal_id] = (self.code, meal)
@@ -134,17 +152,27 @@ class Phone(threading.Thread):
             self._journal.erased.add(meal.meal_id)
 
     def _until(self, attempt, what):
+        try:
+            self._try_until(attempt, what)
+        except AssertionError as error:
+            self._journal.note(f"{self.code} {what}: {error}")
+            raise
+
+    def _try_until(self, attempt, what):
         for number in itertools.count(1):
             if time.monotonic() > self.deadline:
                 raise AssertionError(f"{what}: no answer in time, after {number} tries")
             self._journal.tried()
-            address = self._rng.choice(self._addresses)
+            address, began = self._rng.choice(self._addresses), time.monotonic()
             try:
                 with httpx2.Client(base_url=address, headers=self._headers, timeout=SECONDS) as client:
-                    if attempt(client):
-                        return
-            except (httpx2.HTTPError, BrokenOffError):
-                pass
+                    answer = "yes" if attempt(client) else "later"
+            except (httpx2.HTTPError, BrokenOffError) as error:
+                answer = type(error).__name__
+            side = self._addresses.index(address)
+            self._journal.note(f"{self.code} {what} at {side}: {answer} in {time.monotonic() - began:.1f} s")
+            if answer == "yes":
+                return
             time.sleep(self._rng.uniform(0.1, 0.4))
 
     def _whole(self, client, meal):
@@ -214,6 +242,7 @@ class Phone(threading.Thread):
             self._journal.good()
             return True
         problem = answer.json()
+        self._journal.note(f"{self.code}: {answer.status_code} {problem.get('code')}")
         assert problem["retryable"], f"refused for good: {answer.status_code} {answer.text}"
         return False
 

@@ -15,6 +15,7 @@ from collections import Counter
 from tests.e2e.faults.programs import send
 
 HOUR = 3600
+PATIENCE_SECONDS = 4.0  # for a good answer between two faults
 FAULTS = {}  # name -> (function, where it can be)
 
 
@@ -274,6 +275,8 @@ class Schedule(threading.Thread):
                 self._rng.shuffle(names)
                 for name in names:
                     self._wait(self._rng.uniform(0.1, self._longest_gap))
+                    if self._rng.random() < 0.7:
+                        self._wait_for_a_good_answer()
                     if self._ending.is_set():
                         return
                     self._begin(name)
@@ -284,6 +287,13 @@ class Schedule(threading.Thread):
         """No further fault; those that hold are undone now."""
         self._ending.set()
         self.join()
+
+    def _wait_for_a_good_answer(self):
+        """So that most faults meet traffic, and not only what the faults before them have left of it."""
+        heard = self._witness.good_answers()
+        deadline = time.monotonic() + PATIENCE_SECONDS
+        while self._witness.good_answers() == heard and time.monotonic() < deadline and not self._ending.is_set():
+            self._wait(0.1)
 
     def _begin(self, name):
         function, _ = FAULTS[name]

@@ -26,7 +26,7 @@ class Takeover:
 class Witness(threading.Thread):
     """Looks at the table of jobs again and again; a look that fails (the database is away) is left out."""
 
-    def __init__(self, url):
+    def __init__(self, url, journal):
         super().__init__(name="witness", daemon=True)
         self._engine = sa.create_engine(
             normalise_url(url),
@@ -34,6 +34,7 @@ class Witness(threading.Thread):
             isolation_level="AUTOCOMMIT",
             connect_args={"timeout": 2} if url.startswith("sqlite") else {"connect_timeout": 2},
         )
+        self._journal = journal
         self._lock = threading.Lock()
         self._seen = {}
         self._orphaned = {}
@@ -43,10 +44,16 @@ class Witness(threading.Thread):
 
     def note(self, name):
         """A fault begins."""
+        self._journal.note(f"begins: {name}")
         with self._lock:
             self._faults.append([name, time.monotonic(), None])
 
+    def good_answers(self):
+        """How many the phones have heard."""
+        return self._journal.good_answers
+
     def passed(self, name):
+        self._journal.note(f"passed: {name}")
         with self._lock:
             for fault in reversed(self._faults):
                 if fault[0] == name and fault[2] is None:
@@ -58,6 +65,7 @@ class Witness(threading.Thread):
         with self._lock:
             for job in self._jobs_of(pid):
                 self._orphaned.setdefault(job, (self._seen[job][1], time.monotonic()))
+                self._journal.note(f"job {job} loses its worker, process {pid}")
 
     def has_job(self, pid):
         with self._lock:
@@ -86,6 +94,17 @@ class Witness(threading.Thread):
         self.join()
         self._engine.dispose()
 
+    def pid_at_work(self, seconds=60.0):
+        """The process of a worker that has a job, as soon as there is one; None: there was none in time."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            with self._lock:
+                for state, executor in self._seen.values():
+                    if state == "processing" and executor is not None:
+                        return int(executor.split("-")[-2])
+            time.sleep(0.05)
+        return None
+
     def waiting(self):
         """Jobs of dead workers that nobody has taken over yet."""
         with self._lock:
@@ -100,4 +119,5 @@ class Witness(threading.Thread):
             del self._orphaned[job]
             if having != executor and state != "erased":  # else it had ended before the worker did, or is erased
                 beside = {name for name, began, ended in self._faults if began < now and (ended or now) > since}
+                self._journal.note(f"job {job} is taken over, {state}")
                 self.takeovers.append(Takeover(now - since, tuple(sorted(beside))))

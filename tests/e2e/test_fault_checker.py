@@ -1,0 +1,221 @@
+"""The storms' own tools: the checker sees what is wrong, the clock moves, the disk is full, the proxy loses answers."""
+
+import contextlib
+import errno
+import hashlib
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+import uuid
+from datetime import UTC, datetime
+
+import pytest
+
+from app.db.models import Job, Meal, MealImage
+from app.db.session import Database
+from app.settings import Settings
+from app.storage.opening import open_blob_store
+from tests.e2e.faults.disk import Disk
+from tests.e2e.faults.invariants import Checker, unexpected_errors
+from tests.e2e.faults.launch import faulty_fsync
+from tests.e2e.faults.phones import Journal, Planned
+from tests.e2e.faults.programs import Clock
+from tests.e2e.faults.proxy import Network
+from tests.integration.jobs.fakes import new_meal
+
+PHOTOS = {"left": b"the left photograph", "right": b"the right one"}
+
+
+class Kept:
+    """A meal as a deployment keeps it whose phone was told that it is durable, and the checker over it."""
+
+    def __init__(self, url, folder):
+        self.settings = Settings(data_dir=folder / "data", database_url=url, secret_key="k" * 40)
+        self.database = Database(url)
+        self.blobs = open_blob_store(self.settings.resolved_blob_url, self.settings)
+        self.journal = Journal(folder / "timeline.txt")
+        with self.database.write() as session:
+            meal = new_meal(session)
+            meal.status = "failed"
+            meal.failure_code = "marker_not_found"
+            self.meal_id, client_id = meal.id, meal.client_id
+            self.keys = {}
+            for slot, content in PHOTOS.items():
+                digest = hashlib.sha256(content).hexdigest()
+                self.keys[slot] = f"{meal.study_id}/{meal.id}/{slot}/{digest}"
+                self.blobs.put_bytes(self.keys[slot], content)
+                session.add(image(meal.id, slot, self.keys[slot], digest))
+        planned = Planned(client_id, PHOTOS, "whole", [], expects="marker_not_found")
+        self.journal.acknowledged[client_id] = ("p", planned)
+        self.client_id = client_id
+
+    def problems(self, logs=None):
+        checker = Checker(self.settings, self.journal)
+        try:
+            return checker.problems(logs or {})
+        finally:
+            checker.close()
+
+
+def image(meal_id, slot, key, digest):
+    return MealImage(
+        id=uuid.uuid4(),
+        meal_id=meal_id,
+        slot=slot,
+        media_type="image/jpeg",
+        width_px=1,
+        height_px=1,
+        bytes=1,
+        received_sha256=digest,
+        stored_sha256=digest,
+        blob_key=key,
+        received_at=datetime.now(UTC),
+    )
+
+
+@pytest.fixture
+def kept(prepared_database_url, tmp_path):
+    found = Kept(prepared_database_url, tmp_path)
+    yield found
+    found.journal.close()
+    found.database.dispose()
+
+
+@pytest.mark.parametrize("kind", ["sqlite"])
+def test_checker_finds_nothing_where_nothing_is_wrong(kept):
+    assert kept.problems() == ([], [], [])
+
+
+@pytest.mark.parametrize("kind", ["sqlite"])
+def test_checker_sees_a_meal_that_is_not_there(kept):
+    kept.journal.acknowledged[uuid.uuid4()] = ("p", Planned(uuid.uuid4(), PHOTOS, "whole", []))
+    lost, _, _ = kept.problems()
+    assert len(lost) == 1
+    assert "was acknowledged and is not there" in lost[0]
+
+
+@pytest.mark.parametrize("kind", ["sqlite"])
+def test_checker_sees_photographs_that_are_gone_or_others(kept):
+    kept.blobs.delete(kept.keys["left"])
+    kept.blobs.put_bytes(kept.keys["right"], b"something else")
+    lost, _, others = kept.problems()
+    assert [words.partition(": ")[2] for words in lost] == [
+        "the bytes of left are not in the store",
+        "the store has other bytes of right",
+    ]
+    assert any("other bytes than its name" in words for words in others)
+
+
+@pytest.mark.parametrize("kind", ["sqlite"])
+def test_checker_sees_a_meal_that_still_waits_and_a_job_too_many(kept):
+    with kept.database.write() as session:
+        session.get_one(Meal, kept.meal_id).status = "processing"
+        for _ in range(2):
+            now = datetime.now(UTC)
+            session.add(Job(id=uuid.uuid4(), meal_id=kept.meal_id, state="queued", attempts=0, enqueued_at=now))
+    _, duplicated, others = kept.problems()
+    assert [words.partition(" has ")[2] for words in duplicated] == ["2 jobs for meal"]
+    assert any("is still processing" in words for words in others)
+    assert sum("is moved by no workflow" in words for words in others) == 2
+
+
+@pytest.mark.parametrize("kind", ["sqlite"])
+def test_checker_sees_an_erased_meal_that_is_there(kept):
+    kept.journal.erased.add(kept.client_id)
+    _, _, others = kept.problems()
+    assert f"meal {kept.client_id} was erased and is there" in others
+    assert "0 erasures in the ledger, and 1 were asked for" in others
+
+
+def test_traceback_of_a_bug_is_told_and_one_of_a_database_that_is_away_is_not():
+    away = (
+        "Traceback (most recent call last):\n  x\nsqlalchemy.exc.OperationalError: (psycopg) it is away\n[SQL: SELECT"
+    )
+    bug = "Traceback (most recent call last):\n  x\nKeyError: 'a'"
+    told = unexpected_errors({"api0": "\n".join(json.dumps({"exception": each}) for each in (away, bug))})
+    assert told == ["api0 logged KeyError: 'a' (1 times)"]
+    assert unexpected_errors({"worker0": f"{bug}\n"}) == ["worker0 logged KeyError: 'a' (1 times)"]
+
+
+def test_clock_of_a_running_process_jumps_and_its_monotonic_time_goes_on(tmp_path):
+    clock = Clock(tmp_path / "clock")
+    program = "import time\nfor _ in (1, 2):\n    input()\n    print(time.time(), time.monotonic(), flush=True)"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program],
+        env=os.environ | clock.environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    with process:
+        told = []
+        for seconds in (0, -7200):
+            clock.jump(seconds)
+            process.stdin.write("\n")
+            process.stdin.flush()
+            told.append([float(word) for word in process.stdout.readline().split()])
+    (wall, running), (later_wall, later_running) = told
+    assert later_wall - wall == pytest.approx(-7200 + (later_running - running), abs=1.0)
+    assert 0 <= later_running - running < 60
+
+
+def test_disk_that_was_filled_takes_nothing_until_it_is_freed(tmp_path):
+    switches = tmp_path / "switches"
+    switches.mkdir()
+    disk = Disk(tmp_path / "disk", switches, 8)
+    fsync = faulty_fsync(os.fsync, switches)
+
+    def write():
+        with (disk.folder / "file").open("wb") as file:
+            file.write(b"x" * 100_000)
+            file.flush()
+            fsync(file.fileno())
+
+    try:
+        disk.fill()
+        with pytest.raises(OSError) as refused:  # noqa: PT011  # its errno tells
+            write()
+        assert refused.value.errno == errno.ENOSPC
+        disk.free()
+        write()
+    finally:
+        disk.close()
+
+
+def test_proxy_that_loses_answers_still_passes_on_what_is_asked():
+    listening = socket.create_server(("127.0.0.1", 0))
+    asked = []
+
+    def serve():
+        connection, _ = listening.accept()
+        with connection:
+            while piece := connection.recv(100):
+                asked.append(piece)
+                connection.sendall(b"answer to " + piece)
+
+    serving = threading.Thread(target=serve, daemon=True)
+    serving.start()
+    network = Network()
+    try:
+        link = network.link("test", listening.getsockname()[1])
+        with socket.create_connection(("127.0.0.1", link.port)) as caller:
+            caller.settimeout(10)
+            caller.sendall(b"one")
+            assert caller.recv(100) == b"answer to one"
+            link.loses_answers = True
+            caller.sendall(b"two")
+            deadline = time.monotonic() + 10
+            while len(asked) < 2 and time.monotonic() < deadline:
+                time.sleep(0.01)
+            assert asked == [b"one", b"two"]
+            link.cut()
+            with contextlib.suppress(ConnectionResetError):
+                assert caller.recv(100) == b""
+    finally:
+        network.close()
+        serving.join(10)
+        listening.close()
