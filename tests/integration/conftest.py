@@ -69,7 +69,7 @@ def client(app, settings) -> Iterator[TestClient]:
     app.state.settings = settings
     client = TestClient(app, raise_server_exceptions=False)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("app.main.prepare", lambda *_: None)
+        patch.setattr("app.main.prepare_patiently", lambda *_: None)
         patch.setattr(ApiChildren, "start_soon", lambda _: None)
         client.__enter__()
     try:
