@@ -2,6 +2,7 @@
 
 import time
 from datetime import UTC, datetime
+from itertools import pairwise
 
 import sqlalchemy as sa
 
@@ -37,6 +38,19 @@ def test_each_worker_runs_as_many_jobs_as_it_is_set_to_beside_one_that_is_set_ot
         jobs.go(job_id)
     for job_id in ids:
         jobs.wait_for_state(job_id, "done")
+
+
+def test_worker_takes_the_first_job_of_another_study_before_the_backlog_of_the_one_it_is_at(jobs):
+    large, small = jobs.new_study(), jobs.new_study()
+    backlog = [jobs.add("hold", large) for _ in range(4)]
+    worker = jobs.start_worker()
+    jobs.wait_for_file(f"computing-{backlog[0]}-{worker.pid}")
+    late = [jobs.add("hold", small) for _ in range(2)]
+    order = [backlog[0], late[0], backlog[1], late[1], backlog[2], backlog[3]]
+    for done, following in pairwise(order):
+        jobs.go(done)
+        jobs.wait_for_file(f"computing-{following}-{worker.pid}")
+        assert sum(computing(jobs).values()) == 1 + order.index(following)
 
 
 def test_worker_of_an_older_version_leaves_newer_jobs_to_a_newer_worker_which_runs_both(jobs):
