@@ -1,0 +1,89 @@
+"""A worker's own port: /metrics for who may read it, /healthz for all."""
+
+import http.client
+
+import pytest
+from prometheus_client import CollectorRegistry, Counter
+from prometheus_client.parser import text_string_to_metric_families
+
+from app.metrics.reader import may_read
+from app.metrics.server import MetricsServer
+
+TOKEN = "a token for tests of metrics"
+
+
+@pytest.fixture
+def serve():
+    """Start a server with this token: get(path, **headers) of it."""
+    started = []
+
+    def start(token=None):
+        registry = CollectorRegistry()
+        Counter("beans", "Counted.", registry=registry).inc(3)
+        server = MetricsServer(registry, "127.0.0.1", 0, token)
+        server.start()
+        started.append(server)
+
+        def get(path, **headers):
+            connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
+            connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+            answer = connection.getresponse()
+            body = answer.read().decode()
+            connection.close()
+            return answer.status, body
+
+        return get
+
+    yield start
+    for server in started:
+        server.stop()
+
+
+def test_caller_on_this_machine_reads_without_a_token(serve):
+    status, text = serve()("/metrics")
+    (family,) = (one for one in text_string_to_metric_families(text) if one.name == "beans")
+    assert (status, {sample.name: sample.value for sample in family.samples}["beans_total"]) == (200, 3.0)
+
+
+def test_caller_by_a_proxy_or_another_name_finds_nothing_without_a_token(serve):
+    get = serve()
+    assert get("/metrics", X_Forwarded_For="127.0.0.1")[0] == 404
+    assert get("/metrics", Host="worker.example.org")[0] == 404
+
+
+def test_token_is_asked_for_where_one_is_set(serve):
+    get = serve(TOKEN)
+    assert get("/metrics")[0] == 401
+    assert get("/metrics", Authorization=f"Bearer {TOKEN[:-1]}")[0] == 401
+    assert get("/metrics", Authorization=f"Bearer {TOKEN}", Host="worker.example.org")[0] == 200
+
+
+def test_health_is_for_all_and_other_paths_are_none(serve):
+    get = serve(TOKEN)
+    assert get("/healthz") == (200, '{"status":"ok"}')
+    assert get("/")[0] == get("/metrics/more")[0] == 404
+
+
+@pytest.mark.parametrize(
+    ("address", "word"),
+    [
+        ("127.0.0.1", "may read"),
+        ("::1", "may read"),
+        ("::ffff:127.0.0.1", "may read"),
+        ("10.0.0.1", "hidden"),
+        ("::ffff:10.0.0.1", "hidden"),
+        ("testclient", "hidden"),
+        (None, "hidden"),
+    ],
+)
+def test_without_a_token_the_address_decides(address, word):
+    assert may_read(None, address, {"host": "localhost:9100"}) == word
+
+
+@pytest.mark.parametrize("host", ["localhost", "LOCALHOST:1", "127.0.0.1", "127.0.0.1:9100", "[::1]", "[::1]:9100"])
+def test_local_names_are_known_with_and_without_a_port(host):
+    assert may_read(None, "127.0.0.1", {"host": host}) == "may read"
+
+
+def test_token_with_letters_beyond_ascii_is_compared_and_not_a_crash():
+    assert may_read(TOKEN, "127.0.0.1", {"authorization": "Bearer \xe9\xe9"}) == "wrong token"
