@@ -26,6 +26,7 @@ import obstore
 from obstore.store import S3Store
 
 REGION = "us-east-1"
+WEED = pathlib.Path(sysconfig.get_path("scripts")) / "weed"
 PORTS = range(20_000, 32_000)  # below the ports that the kernel gives to outgoing connections
 SERVICES = ("master", "volume", "filer", "s3")
 START_SECONDS = 60.0  # three on a machine that has nothing else to do
@@ -101,6 +102,13 @@ class S3Server:
         """Names have three letters or more. A bucket that the server has already is no error."""
         self._put(name, "", already=409)
 
+    def keep_versions(self, bucket: str) -> None:
+        """Make a bucket that keeps what is overwritten or deleted."""
+        self.make_bucket(bucket)
+        address = f"-master=127.0.0.1:{self._ports['master']}.{self._ports['master.grpc']}"
+        words = f"s3.bucket.versioning -name={bucket} -enable\n"
+        subprocess.run([str(WEED), "shell", address], input=words.encode(), check=True, capture_output=True, timeout=60)
+
     def kill(self) -> None:
         """SIGKILL, also while it is stopped; its data stay."""
         if self._process is not None:
@@ -139,8 +147,7 @@ class S3Server:
         for name in SERVICES:
             options[f"{name}.port"] = self._ports[name]
             options[f"{name}.port.grpc"] = self._ports[f"{name}.grpc"]
-        program = pathlib.Path(sysconfig.get_path("scripts")) / "weed"
-        return [str(program), "server", *(f"-{name}={value}" for name, value in options.items())]
+        return [str(WEED), "server", *(f"-{name}={value}" for name, value in options.items())]
 
     def _write_keys(self) -> None:
         keys = {"accessKey": self.access_key_id, "secretKey": self.secret_access_key}

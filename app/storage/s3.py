@@ -48,6 +48,7 @@ STREAM_BYTES = 256 * 1024  # forty threads may stream to slow phones
 PAGE_KEYS = 1000  # what S3 lists at a time
 PROBES = ".probe"  # no key begins with a full stop (KEY_PATTERN), so no listing shows a probe
 DIGEST = "sha256"  # the object's metadata: x-amz-meta-sha256
+EMPTY_SHA256 = hashlib.sha256().hexdigest()
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,6 +232,8 @@ class S3BlobStore:
                     found = obstore.get(self._store, key, options={"range": (start, start + range_bytes)})
                     block = bytes(found.bytes())
             except _EmptyObjectError:
+                if start or not self._is_meant_empty(key):
+                    raise BlobDamagedError(key) from None
                 return
             digest.update(block)
             start += len(block)
@@ -244,6 +247,11 @@ class S3BlobStore:
                 raise BlobDamagedError(key)
             yield block
 
+    def _is_meant_empty(self, key: str) -> bool:
+        with self._told(key):
+            said = obstore.get(self._store, key).attributes.get(DIGEST, EMPTY_SHA256)
+        return said == EMPTY_SHA256
+
     @contextmanager
     def _told(self, key: str | None) -> Iterator[None]:
         """Errors of obstore as ours; their texts hold addresses and keys of blobs, so they are not chained."""
@@ -254,10 +262,10 @@ class S3BlobStore:
         else:
             return
         if is_empty_range(said):
-            raise _EmptyObjectError
+            raise _EmptyObjectError from None
         if key is not None and is_missing(said):
-            raise BlobMissingError(key)
-        raise store_error(said, self._place)
+            raise BlobMissingError(key) from None
+        raise store_error(said, self._place) from None
 
 
 class _EmptyObjectError(Exception):

@@ -1,0 +1,243 @@
+"""What only a store elsewhere meets: it is away, slow, set wrongly, or alters bytes. On a server of its own."""
+
+import errno
+import os
+import signal
+import socket
+import threading
+import time
+
+import obstore
+import pytest
+
+from app.errors import InvalidInputError
+from app.jobs.faults import is_passing
+from app.settings import Settings
+from app.storage.blob_store import BlobDamagedError, StoreRefusesError
+from app.storage.opening import open_blob_store
+from tests.s3_places import IMPATIENT, s3_place, s3_settings, s3_store
+from tests.s3_server import S3Server
+
+KEY = "study/meal/left/0123"
+SECRETS = ("study/meal", "SecretAccessKey")
+
+
+@pytest.fixture(scope="module")
+def own_server(tmp_path_factory):
+    server = S3Server.start(tmp_path_factory.mktemp("own") / "s3")
+    yield server
+    server.stop()
+
+
+def calls(store, tmp_path):
+    """Every call that asks the server, by name."""
+    path = tmp_path / "staged"
+    path.write_bytes(b"x")
+    return {
+        "put_file": lambda: store.put_file(KEY, path),
+        "put_bytes": lambda: store.put_bytes(KEY, b"x"),
+        "read": lambda: store.read(KEY),
+        "stream": lambda: store.stream(KEY),
+        "fetch": lambda: store.fetch(KEY, tmp_path / "copy"),
+        "has": lambda: store.has(KEY),
+        "delete": lambda: store.delete(KEY),
+        "keys": lambda: next(store.keys("study/")),
+        "check": store.check,
+    }
+
+
+def assert_told(call, store, error_type=OSError, number=None):
+    """The error waits for better times, has words, and no text of the server's, no key of a blob, no secret."""
+    with pytest.raises(error_type) as caught:
+        call()
+    error = caught.value
+    assert is_passing(error)
+    assert error.errno == number if number is not None else error.errno is not None
+    assert error.strerror
+    assert str(store._place.endpoint) not in error.strerror  # /readyz tells these words to anybody
+    for text in (*SECRETS, store._place.secret_access_key.get_secret_value(), "<Error>"):
+        assert text not in str(error)
+    assert error.__cause__ is None
+    assert error.__context__ is None or error.__suppress_context__  # else a log's traceback holds the server's text
+    return error
+
+
+def test_stopped_server_is_told_in_bounded_time_and_killed_one_at_once_and_both_work_again(own_server, tmp_path):
+    store = s3_store(own_server, tmp_path / "staging", IMPATIENT)
+    store.put_bytes(KEY, b"x")
+    os.kill(own_server.pid, signal.SIGSTOP)
+    try:
+        began = time.monotonic()
+        for name, call in calls(store, tmp_path).items():
+            if name in ("put_file", "read", "check"):
+                assert_told(call, store, number=errno.ETIMEDOUT)
+        assert time.monotonic() - began < 60  # three calls; no more than a bound, and of minutes' waits
+    finally:
+        os.kill(own_server.pid, signal.SIGCONT)
+    assert store.read(KEY) == b"x"  # a put that was told as failed may be done later: keys name their content
+    own_server.kill()
+    for call in calls(store, tmp_path).values():
+        assert_told(call, store, number=errno.ECONNREFUSED)
+    assert (tmp_path / "staged").exists()  # what was not put is still there
+    own_server.start_again()
+    assert store.read(KEY) == b"x"
+    for call in calls(store, tmp_path).values():
+        call()
+
+
+def test_wrong_secret_is_told_by_every_call(s3_server, tmp_path):
+    good = s3_store(s3_server, tmp_path / "staging")
+    good.put_bytes(KEY, b"x")
+    wrong = s3_place(s3_server, prefix=good._place.prefix, secret_access_key=Settings(secret_key="w" * 40).secret_key)
+    store = type(good)(wrong, tmp_path / "staging")
+    for call in calls(store, tmp_path).values():
+        error = assert_told(call, store, StoreRefusesError)
+        assert "refuses our key (SignatureDoesNotMatch)" in error.strerror
+
+
+def test_bucket_that_is_not_there_is_told_by_every_call_and_is_no_missing_blob(s3_server, tmp_path):
+    store = s3_store(s3_server, tmp_path / "staging", bucket="nobodys-bucket")
+    for call in calls(store, tmp_path).values():
+        assert "the bucket is not there" in assert_told(call, store, StoreRefusesError).strerror
+
+
+class Altering:
+    """A connection to the server that alters some bytes on the way up or down."""
+
+    def __init__(self, server, *, up=(b"", b""), down=(b"", b"")):
+        self._target = server.port
+        self._up, self._down = up, down
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.endpoint = f"http://127.0.0.1:{self._listening.getsockname()[1]}"
+        self._open = [self._listening]
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def close(self):
+        for one in self._open:
+            one.close()
+
+    def _accept(self):
+        while True:
+            try:
+                client, _ = self._listening.accept()
+            except OSError:
+                return
+            server = socket.create_connection(("127.0.0.1", self._target))
+            self._open += [client, server]
+            for source, target, change in ((client, server, self._up), (server, client, self._down)):
+                threading.Thread(target=self._pump, args=(source, target, change), daemon=True).start()
+
+    @staticmethod
+    def _pump(source, target, change):
+        try:
+            while data := source.recv(65536):
+                target.sendall(data.replace(*change) if change[0] else data)
+            target.shutdown(socket.SHUT_WR)
+        except OSError:
+            return
+
+
+@pytest.mark.parametrize("length", [1000, 9 * 1024 * 1024])
+def test_bytes_altered_on_the_way_up_are_refused_by_the_server(s3_server, tmp_path, length):
+    proxy = Altering(s3_server, up=(b"MIDDLE", b"muddle"))
+    try:
+        place = s3_place(s3_server)
+        store = s3_store(s3_server, tmp_path / "staging", IMPATIENT, endpoint=proxy.endpoint, prefix=place.prefix)
+        path = store.staging_folder() / "photo"
+        path.write_bytes(b"-" * length + b"MIDDLE" + b"-" * length)
+        error = assert_told(lambda: store.put_file(KEY, path), store, number=errno.EIO)
+        assert "BadDigest" in error.strerror
+        assert path.exists()
+    finally:
+        proxy.close()
+    direct = s3_store(s3_server, tmp_path / "staging", prefix=place.prefix)
+    assert not direct.has(KEY)
+
+
+def test_bytes_altered_on_the_way_down_are_never_given_out_whole(s3_server, tmp_path):
+    place = s3_place(s3_server)
+    direct = s3_store(s3_server, tmp_path / "staging", prefix=place.prefix)
+    content = b"-" * 700_000 + b"MIDDLE" + b"-" * 700_000
+    direct.put_bytes(KEY, content)
+    proxy = Altering(s3_server, down=(b"MIDDLE", b"muddle"))
+    try:
+        store = s3_store(s3_server, tmp_path / "staging", endpoint=proxy.endpoint, prefix=place.prefix)
+        assert_damaged(store, tmp_path, len(content))
+    finally:
+        proxy.close()
+    assert direct.read(KEY) == content
+
+
+@pytest.mark.parametrize("content", [b"", b"other bytes", b"-" * 1_400_000])
+def test_object_that_changed_in_the_bucket_is_never_given_out_whole(s3_server, tmp_path, content):
+    store = s3_store(s3_server, tmp_path / "staging")
+    digest = "a" * 64  # of other bytes, as a disk that rots leaves it
+    obstore.put(store._store, KEY, content, attributes={"sha256": digest})
+    assert_damaged(store, tmp_path, max(1, len(content)))
+
+
+def assert_damaged(store, tmp_path, length):
+    for call in (lambda: store.read(KEY), lambda: store.fetch(KEY, tmp_path / "copy")):
+        with pytest.raises(BlobDamagedError):
+            call()
+    given = 0
+    with pytest.raises(BlobDamagedError):  # noqa: PT012  # the last piece never comes
+        for piece in store.stream(KEY):
+            given += len(piece)
+    assert given < length
+
+
+def test_uploads_that_wait_too_long_for_others_are_told_to_come_again(s3_server, tmp_path):
+    store = s3_store(s3_server, tmp_path / "staging", IMPATIENT)
+    for _ in range(4):
+        store._turns.acquire()
+    assert_told(lambda: store.put_bytes(KEY, b"x"), store, number=errno.ETIMEDOUT)
+    store._turns.release()
+    store.put_bytes(KEY, b"x")
+
+
+def test_what_is_no_key_of_ours_in_the_bucket_is_not_listed(s3_server, tmp_path):
+    store = s3_store(s3_server, tmp_path / "staging")
+    store.put_bytes(KEY, b"x")
+    for strange in (".probe/left-by-a-killed-process", "a key/with blanks", "study/.hidden"):
+        obstore.put(store._store, strange, b"x")
+    assert [blob.key for blob in store.keys()] == [KEY]  # noqa: SIM118  # a store is no mapping
+
+
+def test_bucket_that_keeps_versions_is_found_out(own_server, tmp_path):
+    store = s3_store(own_server, tmp_path / "staging")
+    store.check()
+    assert store.keeps_versions is False
+    own_server.keep_versions("versioned")
+    store = s3_store(own_server, tmp_path / "staging", bucket="versioned")
+    store.check()
+    assert store.keeps_versions is True
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"blob_url": "s3://key:secret@bucket/x"}, "no more"),
+        ({"blob_url": "s3://bucket/x?endpoint=y"}, "no more"),
+        ({"blob_url": "s3:///prefix"}, "no more"),
+        ({"blob_url": "gs://bucket"}, "TADA_BLOB_URL"),
+        ({"s3_access_key_id": None}, "both or none"),
+        ({"s3_secret_access_key": None}, "both or none"),
+        ({"s3_endpoint": "s3.example.org"}, "TADA_S3_ENDPOINT"),
+        ({"s3_endpoint": "https://s3.example.org/bucket"}, "TADA_S3_ENDPOINT"),
+    ],
+)
+def test_setting_that_cannot_work_is_refused_in_words_that_quote_no_secret(s3_server, tmp_path, change, words):
+    settings = Settings(data_dir=tmp_path, **s3_settings(s3_server) | change)
+    with pytest.raises(InvalidInputError, match=words) as caught:
+        open_blob_store(settings.resolved_blob_url, settings)
+    assert caught.value.code == "settings_invalid"
+    assert "secret@" not in caught.value.message
+    assert s3_server.secret_access_key not in caught.value.message
+
+
+def test_secret_is_never_printed(s3_server, tmp_path):
+    settings = Settings(data_dir=tmp_path, **s3_settings(s3_server))
+    store = open_blob_store(settings.resolved_blob_url, settings)
+    for text in (repr(settings), str(settings.model_dump()), repr(store._place), str(store), repr(store)):
+        assert s3_server.secret_access_key not in text
