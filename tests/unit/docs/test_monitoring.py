@@ -205,3 +205,21 @@ def test_series_begin_at_zero_where_an_alert_counts_their_increase():
         assert ("tada_estimates_total", (("outcome", code), ("purpose", "meal"))) in told
     assert ("tada_swept_total", (("what", "queued"),)) in told
     assert ("tada_uploads_total", (("outcome", "storage_full"),)) in told
+
+
+def test_prometheus_reads_the_rules_and_asks_servers_and_workers_of_compose_with_the_token():
+    asked = yaml.safe_load((ROOT / "docker" / "prometheus" / "prometheus.yml").read_text())
+    compose = yaml.safe_load((ROOT / "docker" / "compose.yaml").read_text())
+    assert [(ROOT / "docker" / "prometheus" / name).is_file() for name in asked["rule_files"]] == [True]
+    targets = {}
+    for job in asked["scrape_configs"]:
+        (found,) = job["dns_sd_configs"]
+        (service,) = found["names"]
+        targets[job["job_name"]] = (service, found["port"])
+        secret = pathlib.PurePath(job["authorization"]["credentials_file"]).name
+        assert secret in compose["services"]["prometheus"]["secrets"]
+        assert secret in compose["services"][service]["secrets"]
+    assert targets["tada-api"][0] == "api"
+    worker = compose["services"]["worker"]["environment"]
+    assert targets["tada-worker"] == ("worker", worker["TADA_WORKER_METRICS_PORT"])
+    assert worker["TADA_METRICS_HOST"] == "0.0.0.0"
