@@ -1,7 +1,9 @@
 """Records for a page: the caller's filters, keyset pages, an opaque cursor that binds its filters."""
 
 import json
+import uuid
 from dataclasses import asdict, replace
+from datetime import datetime
 
 from app.db.queries import records
 from app.db.queries.record_pages import RecordFilter
@@ -17,15 +19,18 @@ def list_records(
 ) -> Page[RecordRow]:
     """One page. Raises InvalidInputError for a cursor that is broken or of other filters."""
     chosen = visible_records(caller, chosen)
-    asked = asdict(replace(chosen, study_ids=None))  # what the caller may see is no filter of theirs
-    listed = "records " + json.dumps(asked, default=str, sort_keys=True)
-    after = decode_cursor(listed, cursor, INSTANT, ID)
+    after = decode_cursor(_listed(chosen), cursor, INSTANT, ID)
     with database.read() as session:
         rows = records.page_of_records(session, chosen, after=after, limit=limit + 1)
     if len(rows) <= limit:
         return Page(rows, None)
     last = rows[limit - 1].record
-    return Page(rows[:limit], encode_cursor(listed, last.captured_at, last.item_id))
+    return Page(rows[:limit], cursor_behind(chosen, last.captured_at, last.item_id))
+
+
+def cursor_behind(visible: RecordFilter, captured_at: datetime, item_id: uuid.UUID) -> str:
+    """The cursor of the page behind a place in the list, whether or not a record is there. visible: visible_records."""
+    return encode_cursor(_listed(visible), captured_at, item_id)
 
 
 def visible_records(caller: Caller, chosen: RecordFilter) -> RecordFilter:
@@ -33,3 +38,8 @@ def visible_records(caller: Caller, chosen: RecordFilter) -> RecordFilter:
     if isinstance(caller, DeviceCaller):
         return replace(chosen, participant_id=caller.participant_id)
     return replace(chosen, study_ids=visible_studies(caller))
+
+
+def _listed(visible: RecordFilter) -> str:
+    asked = asdict(replace(visible, study_ids=None))  # what the caller may see is no filter of theirs
+    return "records " + json.dumps(asked, default=str, sort_keys=True)

@@ -17,8 +17,10 @@ from sqlalchemy.sql.functions import FunctionElement
 
 from app.db.models import DayEvent, DiaryDay, EffectiveRecord, Meal, Participant, Study
 from app.db.models.record import HEADLINE_COLUMNS
+from app.db.queries.record_pages import MOST_BRANCHES, all_studies, participants_of, studies_of
 
 DayStatus = Literal["open", "closed"]
+DayKey = tuple[date, uuid.UUID]  # local day, participant
 
 SEEN = ("pipeline", "added", "split", "merged")  # origins of items that are in a meal's photographs
 FULL = 1.0 - 1e-9  # a coverage of everything, but for rounding
@@ -119,15 +121,60 @@ def _seconds_sqlite(element: Any, compiler: Any, **options: Any) -> str:
     return f"ROUND((julianday({second}) - julianday({first})) * 86400.0, 3)"  # it counts milliseconds
 
 
-def page_of_days(
-    session: Session, chosen: DayFilter, *, after: tuple[date, uuid.UUID] | None, limit: int
-) -> list[DayRow]:
+def page_of_days(session: Session, chosen: DayFilter, *, after: DayKey | None, limit: int) -> list[DayRow]:
     """At most `limit` participant-days that have a meal or a word, in the order of (day, participant id)."""
-    page = keys_of(chosen, after).order_by(sa.text("local_date"), sa.text("participant_id")).limit(limit).cte("page")
+    found = _page_keys(session, chosen, after, limit)
+    if found is None:
+        return []
+    page = found.cte("page")
     return [
         _day_row(row)
         for row in session.execute(days_with_sums(page).order_by(page.c.local_date, page.c.participant_id))
     ]
+
+
+def _page_keys(
+    session: Session, chosen: DayFilter, after: DayKey | None, limit: int
+) -> sa.Select[*tuple[Any, ...]] | None:
+    """The first days behind `after`: those of each study, or participant, from an index that has them in this order.
+
+    None: the filter names what is not there.
+    """
+    studies = studies_of(session, chosen.study_code, chosen.study_ids)
+    people = participants_of(session, chosen.participant_code, chosen.participant_id, studies)
+    ids = people if people is not None else studies if studies is not None else all_studies(session)
+    if not ids:
+        return None
+    if len(ids) > MOST_BRANCHES // 2:
+        return _first(keys_of(chosen, after).subquery(), limit)
+    parts = []
+    for table in (Meal, DiaryDay):
+        column = table.participant_id if people is not None else table.study_id
+        for one in ids:
+            query = _within(sa.select(table.participant_id, table.local_date).distinct(), table, chosen, after)
+            query = query.where(column == one).order_by(table.local_date, table.participant_id).limit(limit)
+            each = query.subquery()  # a part with a limit of its own
+            parts.append(sa.select(each.c.participant_id, each.c.local_date))
+    return _first(sa.union(*parts).subquery(), limit)
+
+
+def _first(keys: sa.Subquery, limit: int) -> sa.Select[*tuple[Any, ...]]:
+    chosen = sa.select(keys.c.participant_id, keys.c.local_date)
+    return chosen.order_by(keys.c.local_date, keys.c.participant_id).limit(limit)
+
+
+def _within(
+    query: sa.Select[*tuple[Any, ...]], table: type[Meal | DiaryDay], chosen: DayFilter, after: DayKey | None
+) -> sa.Select[*tuple[Any, ...]]:
+    """The days of a range, behind a key."""
+    if chosen.first_day is not None:
+        query = query.where(table.local_date >= chosen.first_day)
+    if chosen.last_day is not None:
+        query = query.where(table.local_date <= chosen.last_day)
+    if after is not None:
+        key = sa.tuple_(sa.literal(after[0], sa.Date()), sa.literal(after[1], sa.Uuid()))
+        query = query.where(sa.tuple_(table.local_date, table.participant_id) > key)
+    return query
 
 
 def days_of(session: Session, chosen: DayFilter) -> list[DayRow]:
@@ -145,7 +192,7 @@ def find_day(session: Session, participant_id: uuid.UUID, local_date: date) -> D
     return next(iter(days_of(session, chosen)), None)
 
 
-def keys_of(chosen: DayFilter, after: tuple[date, uuid.UUID] | None) -> sa.Select[*tuple[Any, ...]]:
+def keys_of(chosen: DayFilter, after: DayKey | None) -> sa.Select[*tuple[Any, ...]]:
     """The participant-days that have a meal or a word."""
     parts = []
     for table in (Meal, DiaryDay):

@@ -1,0 +1,276 @@
+"""All records of a filter as a file: CSV, NDJSON and Parquet have what the pages of JSON have, of one moment."""
+
+import csv
+import io
+import json
+import threading
+import time
+from datetime import UTC, date, datetime, timedelta
+
+import pytest
+import sqlalchemy as sa
+from pyarrow import parquet
+
+from app.api.schemas.records import RecordOut
+from app.db.models import AuditEvent, EffectiveRecord, Meal, Participant, Staff
+from app.db.queries import record_export
+from app.exports.record_columns import RECORD_COLUMNS, RECORD_NAMES
+from app.exports.spool import Spool
+from app.services import export_records
+from app.services.caller import StaffCaller
+from app.services.export_records import ExportRecords
+from app.services.list_records import RecordFilter
+from tests.integration.eaten_days import add_meal, eaten_item, set_profile
+
+
+@pytest.fixture
+def eaten(enrol, state):
+    """Records of all kinds: nulls, unicode, what a spreadsheet computes, microseconds, numbers large and small."""
+    with_codes = {"P001": "P001", "P002": "=2+3", "P003": "Zoë,\u201cx\u201d\n"}
+    for code in with_codes:
+        enrol(code)
+    add_meal(state, "P001", "2026-11-01", eaten_item(None, status="needs_review"), delay=timedelta(microseconds=1))
+    add_meal(
+        state,
+        "P002",
+        "2026-11-02",
+        eaten_item(0.1 + 0.2, "apple", energy_kcal=1e-7, sodium_mg=1e22, protein_g=0.0, volume_ml=185.0,
+                   volume_low_ml=-1.5, volume_high_ml=3.0, density_g_per_ml=0.8, density_source='@ "FAO", 2012',
+                   provisional=True, reviewed=True, status="corrected"),
+        eaten_item(-3.0, "banana", status="rejected"),
+    )  # fmt: skip
+    add_meal(state, "P003", "2026-11-03", eaten_item(5.0, "apple"), delay=timedelta(days=40, seconds=0.3))
+    set_profile(state, starts_on=date(2026, 10, 30))
+    with state.database.write() as session:
+        for participant in session.scalars(sa.select(Participant)):
+            participant.code = with_codes[participant.code]
+        meal = session.scalars(sa.select(Meal).where(Meal.local_date == date(2026, 11, 3))).one()
+        meal.captured_at = datetime(2026, 11, 3, 12, 0, 0, 123456, UTC)
+        changed = sa.update(EffectiveRecord).where(EffectiveRecord.meal_id == meal.id)
+        session.execute(changed.values(captured_at=meal.captured_at, flags=["=flag", "größer"]))
+
+
+def flat(record):
+    food = record.pop("food") or {"key": None, "name": None}
+    return record | {"food_key": food["key"], "food_name": food["name"]}
+
+
+def pages(client, headers, **params):
+    rows, path = [], f"/v1/records?limit=2&{'&'.join(f'{name}={value}' for name, value in params.items())}"
+    while path:
+        page = client.get(path, headers=headers).json()
+        rows += [flat(record) for record in page["items"]]
+        path = page["next"]
+    return rows
+
+
+def fetch(client, headers, output, **params):
+    answer = client.get("/v1/records", headers=headers, params=params | {"format": output})
+    assert answer.status_code == 200
+    return answer.content
+
+
+def csv_cell(column, value):
+    """A JSON value as its cell should read."""
+    if value is None:
+        return ""
+    if isinstance(value, list):
+        value = " ".join(value)
+    if isinstance(value, str):
+        return "'" + value if value.startswith(("=", "+", "-", "@")) else value
+    return value if isinstance(value, bool) else float(value)
+
+
+def read_cell(column, text):
+    if column.type == "boolean":
+        return {"True": True, "False": False}[text]
+    return float(text) if text and column.type in {"number", "integer"} else text
+
+
+def parquet_value(value):
+    if isinstance(value, datetime):
+        return value.isoformat().replace("+00:00", "Z")
+    return value.isoformat() if isinstance(value, date) else value
+
+
+def test_exported_columns_are_the_records_of_the_api():
+    names = [
+        name for field in RecordOut.model_fields for name in ([field] if field != "food" else ["food_key", "food_name"])
+    ]
+    assert list(RECORD_NAMES) == names
+    ends = (("_g_per_ml", "g/ml"), ("_ml", "ml"), ("_kcal", "kcal"), ("_mg", "mg"), ("_g", "g"), ("_seconds", "s"))
+    for column in RECORD_COLUMNS:
+        unit = next((unit for end, unit in ends if column.name.endswith(end)), None)
+        assert column.unit == ("1" if column.name == "share" else unit), column.name
+
+
+@pytest.mark.usefixtures("eaten")
+@pytest.mark.parametrize("batch", [1, 2000])
+def test_csv_ndjson_parquet_and_pages_have_the_same_values(client, admin, monkeypatch, batch):
+    monkeypatch.setattr(record_export, "ROWS_A_BATCH", batch)
+    expected = pages(client, admin)
+    assert len(expected) == 4
+    assert expected[0]["study_day"] == 3
+    lines = fetch(client, admin, "ndjson").decode().splitlines()
+    assert [json.loads(line) for line in lines] == expected
+    text = fetch(client, admin, "csv").decode()
+    read = list(csv.DictReader(io.StringIO(text, newline="")))
+    by_name = {column.name: column for column in RECORD_COLUMNS}
+    assert [{name: read_cell(by_name[name], cell) for name, cell in row.items()} for row in read] == [
+        {name: csv_cell(by_name[name], row[name]) for name in RECORD_NAMES} for row in expected
+    ]
+    table = parquet.read_table(io.BytesIO(fetch(client, admin, "parquet")))
+    rows = [{name: parquet_value(value) for name, value in row.items()} for row in table.to_pylist()]
+    assert rows == [{name: row[name] for name in RECORD_NAMES} for row in expected]
+    assert table.schema.field("energy_kcal").metadata == {b"unit": b"kcal"}
+
+
+@pytest.mark.usefixtures("eaten")
+@pytest.mark.parametrize(
+    ("params", "count"),
+    [
+        ({"study": "pilot", "food": "apple"}, 2),
+        ({"food": "banana", "status": "rejected"}, 1),
+        ({"from": "2026-11-02", "to": "2026-11-02"}, 2),
+        ({"participant": "P001"}, 1),
+        ({"study": "none"}, 0),
+    ],
+)
+def test_filters_choose_the_same_rows_in_pages_and_files(client, admin, params, count):
+    expected = [row["id"] for row in pages(client, admin, **params)]
+    assert len(expected) == count
+    assert [json.loads(line)["id"] for line in fetch(client, admin, "ndjson", **params).splitlines()] == expected
+    rows = csv.DictReader(io.StringIO(fetch(client, admin, "csv", **params).decode(), newline=""))
+    assert [row["id"] for row in rows] == expected
+    table = parquet.read_table(io.BytesIO(fetch(client, admin, "parquet", **params)))
+    assert table.column("id").to_pylist() == expected
+    assert table.column_names == list(RECORD_NAMES)
+
+
+@pytest.mark.usefixtures("eaten")
+def test_several_foods_and_statuses_leave_any_of_them(client, admin):
+    rows = client.get("/v1/records?food=apple&food=banana", headers=admin).json()["items"]
+    assert sorted(row["food"]["key"] for row in rows) == ["apple", "apple", "banana"]
+    statuses = client.get("/v1/records?status=rejected&status=needs_review", headers=admin).json()["items"]
+    assert sorted(row["status"] for row in statuses) == ["needs_review", "rejected"]
+
+
+@pytest.mark.usefixtures("eaten")
+def test_accept_header_chooses_the_file(client, admin):
+    answer = client.get("/v1/records", headers=admin | {"Accept": "application/vnd.apache.parquet"})
+    assert answer.headers["content-type"] == "application/vnd.apache.parquet"
+    assert answer.content.startswith(b"PAR1")
+    assert 'filename="records.parquet"' in answer.headers["content-disposition"]
+
+
+@pytest.mark.usefixtures("eaten")
+def test_export_by_staff_is_noted_once_in_the_studys_log(client, admin, state):
+    fetch(client, admin, "parquet", study="pilot", food="apple")
+    client.get("/v1/records?study=pilot", headers=admin)
+    with state.database.read() as session:
+        events = session.scalars(sa.select(AuditEvent).where(AuditEvent.action == "records.export")).all()
+    assert [event.details for event in events] == [{"output": "parquet", "filters": ["food_keys", "study_code"]}]
+    assert events[0].study_id is not None
+
+
+def exporter(state, staff_id):
+    caller = StaffCaller(staff_id=staff_id, name="admin", is_admin=True, token_id=staff_id)
+    use_case = ExportRecords(state.database, state.blobs, state.settings, state.export_places)
+    return lambda output="csv": use_case(caller, RecordFilter(), output)
+
+
+@pytest.fixture
+def export(state, admin, eaten):
+    with state.database.read() as session:
+        return exporter(state, session.scalars(sa.select(Staff.id)).one())
+
+
+def wait_for_end_of_exports():
+    deadline = time.monotonic() + 20
+    while any(thread.name.startswith("export-") for thread in threading.enumerate()):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_export_is_of_one_moment_and_gives_the_database_back_before_the_reader_reads(state, export, monkeypatch):
+    monkeypatch.setattr(record_export, "ROWS_A_BATCH", 1)
+    written, go_on = [], threading.Event()
+    write = Spool.write
+
+    def slow_write(spool, data):
+        write(spool, data)
+        written.append(data)
+        if len(written) == 2:  # the header and the first record
+            assert go_on.wait(20)
+
+    monkeypatch.setattr(Spool, "write", slow_write)
+    file = export()
+    while len(written) < 2:
+        time.sleep(0.01)
+    with state.database.write() as session:
+        session.execute(sa.update(EffectiveRecord).values(energy_kcal=77.0))
+    go_on.set()
+    wait_for_end_of_exports()  # and nobody has read a byte
+    text = b"".join(file.pieces).decode()
+    file.close()
+    assert len(text.splitlines()) >= 5
+    assert "77.0" not in text
+
+
+def test_reader_who_leaves_ends_the_query(export, monkeypatch):
+    monkeypatch.setattr(record_export, "ROWS_A_BATCH", 1)
+    batches, left = [], threading.Event()
+    write = Spool.write
+
+    def counted(spool, data):
+        batches.append(data)
+        if len(batches) == 2:
+            assert left.wait(20)
+        write(spool, data)
+
+    monkeypatch.setattr(Spool, "write", counted)
+    file = export()
+    next(file.pieces)
+    file.close()
+    left.set()
+    wait_for_end_of_exports()
+    assert len(batches) == 2  # of the five that there would have been
+
+
+def test_failure_in_the_midst_breaks_the_file_off(client, admin, export, monkeypatch):
+    def broken(output, batches):
+        yield b"a part"
+        raise ConnectionError("the database went away")
+
+    monkeypatch.setattr(export_records, "_encoded", broken)
+    file = export()
+    assert next(file.pieces) == b"a part"
+    with pytest.raises(ConnectionError):
+        next(file.pieces)
+    file.close()
+
+
+def test_failure_before_the_first_byte_is_an_error_and_leaves_the_place(client, admin, export, monkeypatch):
+    def broken(output, batches):
+        raise RuntimeError("a fault of ours")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(export_records, "_encoded", broken)
+        for _ in range(4):
+            assert client.get("/v1/records?format=csv", headers=admin).status_code == 500
+    assert client.get("/v1/records?format=csv", headers=admin).status_code == 200
+
+
+def test_third_export_at_once_of_one_person_is_told_to_come_back(client, admin, export):
+    files = [export(), export()]
+    answer = client.get("/v1/records?format=csv", headers=admin)
+    assert (answer.status_code, answer.json()["code"]) == (503, "server_busy")
+    for file in files:
+        file.close()
+    assert client.get("/v1/records?format=csv", headers=admin).status_code == 200
+
+
+def test_full_disk_refuses_the_export(client, admin, export, monkeypatch):
+    monkeypatch.setattr("app.exports.spool.shutil.disk_usage", lambda _: type("Usage", (), {"free": -1}))
+    answer = client.get("/v1/records?format=csv", headers=admin)
+    assert (answer.status_code, answer.json()["code"]) == (503, "storage_full")
