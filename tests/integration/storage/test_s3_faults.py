@@ -2,6 +2,7 @@
 
 import errno
 import os
+import pathlib
 import signal
 import socket
 import threading
@@ -41,9 +42,17 @@ def calls(store, tmp_path):
         "fetch": lambda: store.fetch(KEY, tmp_path / "copy"),
         "has": lambda: store.has(KEY),
         "delete": lambda: store.delete(KEY),
-        "keys": lambda: next(store.keys("study/")),
+        "keys": lambda: list(store.keys("study/")),
         "check": store.check,
     }
+
+
+def stop(pid):
+    """SIGSTOP, and wait until every thread of it stands."""
+    os.kill(pid, signal.SIGSTOP)
+    states = [path / "stat" for path in pathlib.Path(f"/proc/{pid}/task").iterdir()]
+    while any(path.read_text().rpartition(")")[2].split()[0] != "T" for path in states):
+        time.sleep(0.01)
 
 
 def assert_told(call, store, error_type=OSError, number=None):
@@ -65,7 +74,7 @@ def assert_told(call, store, error_type=OSError, number=None):
 def test_stopped_server_is_told_in_bounded_time_and_killed_one_at_once_and_both_work_again(own_server, tmp_path):
     store = s3_store(own_server, tmp_path / "staging", IMPATIENT)
     store.put_bytes(KEY, b"x")
-    os.kill(own_server.pid, signal.SIGSTOP)
+    stop(own_server.pid)
     try:
         began = time.monotonic()
         for name, call in calls(store, tmp_path).items():
