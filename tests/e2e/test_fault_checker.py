@@ -91,6 +91,18 @@ def test_checker_finds_nothing_where_nothing_is_wrong(kept):
 
 
 @pytest.mark.parametrize("kind", ["sqlite"])
+def test_checker_deletes_and_counts_what_no_row_names(kept):
+    folder = kept.keys["left"].rpartition("/")[0]
+    kept.blobs.put_bytes(f"{folder}/{hashlib.sha256(b'an orphan').hexdigest()}", b"an orphan")
+    checker = Checker(kept.settings, kept.journal)
+    try:
+        assert checker.problems({}) == ([], [], [])
+        assert checker.orphans == 1
+    finally:
+        checker.close()
+
+
+@pytest.mark.parametrize("kind", ["sqlite"])
 def test_checker_sees_a_meal_that_is_not_there(kept):
     kept.journal.acknowledged[uuid.uuid4()] = ("p", Planned(uuid.uuid4(), PHOTOS, "whole", []))
     lost, _, _ = kept.problems()

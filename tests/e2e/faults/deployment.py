@@ -24,7 +24,7 @@ BUCKET = "faults"
 FILES_MEBIBYTES = 192
 DATABASE_MEBIBYTES = 288
 STUDY = "faults"
-SECONDS_FOR_A_JOB = 1.0  # that a worker's death waits for a job that it can hit
+SECONDS_FOR_A_JOB = 3.0  # that a worker's death waits for a job that it can hit
 
 
 class Deployment:
