@@ -1,0 +1,145 @@
+"""Files that deploy the program: they parse, pass their tools, and name what there is."""
+
+import os
+import pathlib
+import re
+import stat
+import subprocess
+import sysconfig
+
+import pytest
+import yaml
+
+from app.metrics import instruments
+from app.settings import Settings
+
+ROOT = pathlib.Path(__file__).parents[2]
+SCRIPTS = pathlib.Path(sysconfig.get_path("scripts"))
+KNOWN = {f"TADA_{name.upper()}" for name in Settings.model_fields} | {"TADA_SECRETS_DIR"}
+OF_COMPOSE = re.compile(
+    r"^TADA_(HOSTNAME|VERSION|FRONT_SUBNET|SITE|UPSTREAMS|PROXY_HEALTH_PORT|\w+_(REPLICAS|MEMORY))$"
+)
+OF_POSTGRES = {"TADA_POSTGRES_CONNECTIONS", "TADA_POSTGRES_BUFFERS"}
+
+
+def compose(**variables):
+    command = [SCRIPTS / "docker-compose", "--env-file", os.devnull, "-f", ROOT / "docker" / "compose.yaml"]
+    environment = {"PATH": os.environ["PATH"], "HOME": os.environ.get("HOME", "/")} | variables
+    return subprocess.run(
+        [*command, "--profile", "*", "config"], env=environment, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.fixture(scope="module")
+def services():
+    done = compose(TADA_HOSTNAME="tada.example.org")
+    assert done.returncode == 0, done.stderr
+    return yaml.safe_load(done.stdout)["services"]
+
+
+def test_dockerfile_passes_hadolint():
+    done = subprocess.run(
+        [SCRIPTS / "hadolint", ROOT / "docker" / "Dockerfile"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout
+
+
+def test_compose_does_not_begin_without_the_servers_name():
+    done = compose()
+    assert done.returncode != 0
+    assert "TADA_HOSTNAME" in done.stderr
+
+
+def test_only_the_proxy_can_be_reached_from_outside(services):
+    open_to_all = {
+        name
+        for name, service in services.items()
+        for port in service.get("ports", ())
+        if port.get("host_ip") != "127.0.0.1"
+    }
+    assert open_to_all == {"proxy"}
+
+
+def test_every_image_has_a_version_and_every_lasting_service_a_limit_and_a_restart(services):
+    for name, service in services.items():
+        assert re.search(r":v?[\w.-]*\d+\.\d+|tada-server:", service["image"]), name
+        assert service["restart"] in ("unless-stopped", "no", "on-failure:5"), name
+        if service["restart"] == "unless-stopped":
+            assert int(service["deploy"]["resources"]["limits"]["memory"]) > 0, name
+
+
+def test_no_secret_stands_in_compose(services):
+    for name, service in services.items():
+        for variable, value in (service.get("environment") or {}).items():
+            is_secret = re.search(r"PASSWORD|SECRET|TOKEN", variable) and not variable.endswith(("_FILE", "_DIR"))
+            assert not is_secret, (name, variable, value)
+
+
+def test_every_variable_of_compose_and_its_example_is_known():
+    for name in ("compose.yaml", ".env.example", "Caddyfile", "Dockerfile"):
+        told = set(re.findall(r"\bTADA_[A-Z0-9_]+", (ROOT / "docker" / name).read_text()))
+        assert {one for one in told if one not in KNOWN | OF_POSTGRES and not OF_COMPOSE.match(one)} == set(), name
+
+
+def test_secrets_that_compose_reads_are_drawn_once_and_kept(tmp_path):
+    script = tmp_path / "make-secrets"
+    script.write_bytes((ROOT / "docker" / "make-secrets").read_bytes())
+    subprocess.run(["sh", script], check=True, capture_output=True)
+    files = {path.name: path.read_text() for path in (tmp_path / "secrets").iterdir()}
+    named = yaml.safe_load((ROOT / "docker" / "compose.yaml").read_text())["secrets"]
+    assert set(files) == set(named)
+    assert {len(text) for text in files.values()} == {64}
+    assert len(set(files.values())) == len(files)
+    assert stat.S_IMODE((tmp_path / "secrets").stat().st_mode) == 0o700
+    subprocess.run(["sh", script], check=True, capture_output=True)
+    assert {path.name: path.read_text() for path in (tmp_path / "secrets").iterdir()} == files
+
+
+def kubernetes():
+    text = (ROOT / "docs" / "kubernetes.md").read_text()
+    return list(yaml.safe_load_all(re.search(r"```yaml\n(.*?)```", text, re.DOTALL)[1]))
+
+
+def pods():
+    return {
+        one["metadata"]["name"]: one["spec"]["template"]["spec"]
+        for one in kubernetes()
+        if one["kind"] in ("Deployment", "Job")
+    }
+
+
+def test_kubernetes_page_is_yaml_with_settings_that_there_are():
+    documents = kubernetes()
+    assert {one["kind"] for one in documents} >= {"Deployment", "Job", "PodDisruptionBudget", "Service", "Ingress"}
+    told = {name for one in documents if one["kind"] == "ConfigMap" for name in one["data"]}
+    for pod in pods().values():
+        for container in pod["containers"]:
+            told |= {variable["name"] for variable in container.get("env", ())}
+    assert told - KNOWN == set()
+    Settings(**{name.removeprefix("TADA_").lower(): "1" for name in told if "METRICS_PORT" in name})
+
+
+def test_pods_run_as_nobody_and_have_time_to_stop():
+    for name, pod in pods().items():
+        assert pod["securityContext"]["runAsNonRoot"] is True, name
+        assert pod.get("terminationGracePeriodSeconds", 30) >= 15, name
+        mounted = {volume["name"] for volume in pod["volumes"]}
+        for container in pod["containers"]:
+            assert container["securityContext"]["readOnlyRootFilesystem"] is True
+            assert {mount["name"] for mount in container["volumeMounts"]} == mounted
+            assert "memory" in container["resources"]["limits"]
+
+
+def test_metric_that_scales_workers_is_one_that_is_told():
+    scaled = next(one for one in kubernetes() if one["kind"] == "ScaledObject")
+    query = scaled["spec"]["triggers"][0]["metadata"]["query"]
+    names = re.findall(r"tada_\w+", query)
+    source = "".join(path.read_text() for path in pathlib.Path(instruments.__file__).parents[1].rglob("*.py"))
+    assert names
+    assert all(name in source for name in names)
+
+
+def test_unit_of_systemd_has_settings_that_there_are():
+    unit = re.search(r"```ini\n(.*?)```", (ROOT / "docs" / "deployment.md").read_text(), re.DOTALL)[1]
+    assert set(re.findall(r"TADA_[A-Z_]+", unit)) - KNOWN == set()
+    assert "Restart=always" in unit
