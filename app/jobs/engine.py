@@ -20,7 +20,7 @@ from sqlalchemy.orm import Session
 
 from app.db.models import Job
 from app.db.queries.jobs import DBOS_SCHEMA
-from app.db.session import BUSY_TIMEOUT_SECONDS, Database, sqlite_connection_pragmas
+from app.db.session import BUSY_TIMEOUT_SECONDS, CONNECT_SECONDS, TCP_LIVENESS, Database, sqlite_connection_pragmas
 from app.jobs.claims import Claims
 from app.jobs.turns import HIGHEST_PRIORITY_NUMBER, Turns
 
@@ -165,7 +165,9 @@ def _migrate_dbos(database: Database) -> None:
 def _dbos_engine(database: Database) -> sa.Engine:
     """An engine of DBOS's own, which sets neither WAL nor our pragmas."""
     if not database.is_sqlite:
-        return sa.create_engine(database.url, pool_size=POOL_SIZE, pool_pre_ping=True)
+        # as our own engine: a worker whose network broke off would else beat its heart and never claim again
+        liveness = {"connect_timeout": CONNECT_SECONDS, **TCP_LIVENESS}
+        return sa.create_engine(database.url, pool_size=POOL_SIZE, pool_pre_ping=True, connect_args=liveness)
     engine = sa.create_engine(database.url, pool_size=POOL_SIZE, connect_args={"timeout": BUSY_TIMEOUT_SECONDS})
 
     @event.listens_for(engine, "connect")
