@@ -4,6 +4,8 @@ Behind a reverse proxy the caller's address stands in X-Forwarded-For, which any
 proxies that TADA_TRUSTED_PROXIES names, and from nobody by default.
 """
 
+import contextlib
+import ctypes
 import gc
 import ipaddress
 import resource
@@ -22,11 +24,13 @@ from app.errors import InvalidInputError
 from app.jobs.supervisor import WorkerProcess
 from app.logs import configure_logging
 from app.main import create_app
+from app.services.check_stores import check_stores
 from app.settings import Settings
 
 log = structlog.get_logger()
 
 KEEP_ALIVE_SECONDS = 30
+M_MMAP_THRESHOLD, M_ARENA_MAX = -3, -8  # malloc.h
 FILES_A_CONNECTION = 4  # its socket, two files in the making, one to spare
 
 
@@ -34,6 +38,8 @@ def serve(settings: Settings, *, with_worker: bool) -> int:
     """Serve until SIGTERM or SIGINT. Returns the exit status."""
     configure_logging(settings)
     check_public_url(settings.public_url)
+    check_stores(settings)
+    give_memory_back()
     embedded_worker = WorkerProcess(settings) if with_worker and settings.is_embedded else None
     app = create_app(settings)
     server = _Server(server_config(settings, app), app)
@@ -66,6 +72,17 @@ def server_config(settings: Settings, app: FastAPI) -> uvicorn.Config:
         http=partial(WatchedProtocol, watch),  # type: ignore[arg-type]  # it is only ever called
         ws="none",
     )
+
+
+def give_memory_back() -> None:
+    """Have glibc give large blocks back when they are freed, and keep few pools for its threads.
+
+    By default it keeps what many uploads at once needed, in a pool a thread, for good.
+    """
+    with contextlib.suppress(OSError, AttributeError):  # another C library has neither the call nor the habit
+        mallopt = ctypes.CDLL(None).mallopt
+        mallopt(M_ARENA_MAX, 4)
+        mallopt(M_MMAP_THRESHOLD, 128 * 1024)  # which also ends its growing by itself
 
 
 def allow_files(wanted: int) -> None:

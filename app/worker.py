@@ -13,6 +13,7 @@ from app.jobs.worker_process import run_jobs
 from app.logs import configure_logging
 from app.metrics.instruments import REGISTRY, tell_build
 from app.metrics.server import MetricsServer
+from app.services.check_stores import check_stores
 from app.services.chores import worker_chores
 from app.services.estimate_meal import EstimateMeal
 from app.services.prepare import prepare_patiently
@@ -29,6 +30,7 @@ NICENESS_BESIDE_SERVER = 5  # it keeps all cores busy while meals wait; the serv
 def run_worker(settings: Settings) -> int:
     """Work until SIGTERM or SIGINT. Returns the exit status."""
     configure_logging(settings)
+    check_stores(settings)
     database = open_database(settings)
     prepare_patiently(database, settings)
     database.dispose()

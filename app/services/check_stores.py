@@ -1,0 +1,33 @@
+"""Before a process serves or works: do the stores take us as we are set? One that is away for a while stops nobody."""
+
+import structlog
+
+from app.errors import InvalidInputError
+from app.settings import Settings
+from app.storage.blob_store import BlobStore, StoreRefusesError
+from app.storage.opening import open_blob_store
+from app.storage.s3 import S3BlobStore
+
+log = structlog.get_logger()
+
+
+def check_stores(settings: Settings) -> None:
+    """Raises InvalidInputError, `settings_invalid`, for a wrong key, a bucket that is not there and the like."""
+    for variable, url in (
+        ("TADA_BLOB_URL", settings.resolved_blob_url),
+        ("TADA_ERASURE_URL", settings.resolved_erasure_url),
+    ):
+        _check(variable, open_blob_store(url, settings))
+
+
+def _check(variable: str, store: BlobStore) -> None:
+    try:
+        store.check()
+        next(store.keys("nobody/"), None)  # a key that may write and not list deletes no orphan
+    except StoreRefusesError as error:
+        raise InvalidInputError(f"{variable}, {error.filename}: {error.strerror}.", code="settings_invalid") from None
+    except OSError as error:
+        log.warning("store_not_usable", variable=variable, reason=error.strerror)
+        return
+    if isinstance(store, S3BlobStore) and store.keeps_versions:
+        log.error("store_keeps_versions", variable=variable, detail="What is erased stays in it: docs/storage.md.")

@@ -1,0 +1,69 @@
+"""A server or a worker that is set to a store which refuses it ends in a sentence; one that is away stops nobody."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from pydantic import SecretStr
+
+from app.errors import InvalidInputError
+from app.jobs.supervisor import settings_environment
+from app.services.check_stores import check_stores
+from app.settings import Settings
+from tests.s3_places import s3_settings
+
+
+@pytest.fixture
+def settings(s3_server, tmp_path):
+    return Settings(data_dir=tmp_path / "data", **s3_settings(s3_server))
+
+
+def other(settings, **changes):
+    return Settings(**settings.model_dump() | changes)
+
+
+def test_stores_that_can_be_used_are_taken(settings):
+    check_stores(settings)
+
+
+@pytest.mark.parametrize(
+    ("changes", "variable", "words"),
+    [
+        ({"s3_secret_access_key": SecretStr("w" * 40)}, "TADA_BLOB_URL", "refuses our key"),
+        ({"s3_access_key_id": "nobody"}, "TADA_BLOB_URL", "refuses our key"),
+        ({"blob_url": "s3://nobodys-bucket"}, "TADA_BLOB_URL", "the bucket is not there"),
+        ({"erasure_url": "s3://nobodys-bucket"}, "TADA_ERASURE_URL", "the bucket is not there"),
+    ],
+)
+def test_store_that_refuses_us_ends_the_start(settings, changes, variable, words):
+    with pytest.raises(InvalidInputError, match=words) as caught:
+        check_stores(other(settings, **changes))
+    assert caught.value.code == "settings_invalid"
+    assert variable in caught.value.message
+
+
+def test_store_that_is_away_does_not_end_the_start(settings):
+    check_stores(other(settings, s3_endpoint="http://127.0.0.1:9"))
+
+
+@pytest.mark.parametrize("command", ["serve", "worker"])
+def test_command_tells_a_wrong_key_in_a_sentence(settings, command):
+    wrong = settings_environment(other(settings, s3_secret_access_key=SecretStr("w" * 40)))
+    tada = Path(sys.executable).with_name("tada")
+    environment = os.environ | wrong
+    done = subprocess.run([tada, command], check=False, env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2
+    assert done.stderr.startswith("tada: TADA_BLOB_URL, s3://")
+    assert "Traceback" not in done.stderr
+    assert "w" * 40 not in done.stderr
+    assert settings.s3_access_key_id not in done.stderr
+
+
+def test_worker_beside_the_server_gets_the_secret_and_a_ledger_beside_the_blobs(settings, monkeypatch):
+    for name, value in settings_environment(settings).items():
+        monkeypatch.setenv(name, value)
+    again = Settings()
+    assert again.s3_secret_access_key == settings.s3_secret_access_key
+    assert again.resolved_erasure_url == f"{settings.blob_url}/.erasures"
