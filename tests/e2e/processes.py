@@ -32,7 +32,8 @@ def environment_of(data_dir, **variables):
 class Program:
     """One long-running command; its output goes to a file of the test's folder."""
 
-    def __init__(self, command, environment, log_path):
+    def __init__(self, command, environment, log_path, folder=REPOSITORY):
+        self._folder = folder  # of the program: another version's, maybe
         self._command = command
         self._environment = environment
         self._log_path = log_path
@@ -41,7 +42,7 @@ class Program:
     def start(self):
         with self._log_path.open("ab") as log:
             self.process = subprocess.Popen(
-                self._command, env=self._environment, stdout=log, stderr=log, cwd=REPOSITORY, start_new_session=True
+                self._command, env=self._environment, stdout=log, stderr=log, cwd=self._folder, start_new_session=True
             )
 
     def kill(self):
