@@ -130,10 +130,10 @@ class Deployment:
         """Let the peak of memory begin anew."""
         Path(f"/proc/{self.process.pid}/clear_refs").write_text("5")
 
-    def peak_mb(self) -> float:
-        """The highest resident memory since `clear_peak`, in 10^6 bytes."""
+    def memory_mb(self, which: str) -> float:
+        """Resident memory in 10^6 bytes. which: VmRSS, as it is; VmHWM, at its highest since `clear_peak`."""
         status = Path(f"/proc/{self.process.pid}/status").read_text()
-        kib = next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM:"))
+        kib = next(line.split()[1] for line in status.splitlines() if line.startswith(f"{which}:"))
         return int(kib) * 1024 / MEGABYTE
 
 
@@ -195,7 +195,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 def measure(server: Deployment, arguments: argparse.Namespace) -> bool:
     """Print a server's tables; whether all bars hold."""
     tokens = enrol(server, max(FLOW_PHONES, *arguments.concurrency))
-    server.rest_mb = server.peak_mb()
+    server.rest_mb = server.memory_mb("VmRSS")
     large, small = server.folder / "large.jpg", server.folder / "small.jpg"
     large.write_bytes(photograph(PHOTO_BYTES))
     small.write_bytes(photograph(60_000))
@@ -208,10 +208,8 @@ def measure(server: Deployment, arguments: argparse.Namespace) -> bool:
 
 def uploads(server: Deployment, arguments: argparse.Namespace, tokens: list[str], photo: Path) -> bool:
     print(f"\n### {server.name}: 2 x 4 MB, {arguments.rounds} rounds of {arguments.meals} meals\n")
-    print(
-        "| at once | MB/s | yardstick MB/s | ratio | of neighbours | p50 ms | p95 ms | p99 ms | peak MB | CPU | load's CPU |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    columns = "at once|MB/s|yardstick MB/s|ratio|of neighbours|p50 ms|p95 ms|p99 ms|peak MB|over rest MB|CPU|load's CPU"
+    print_head(columns)
     is_fine, volume = True, 2 * photo.stat().st_size * arguments.meals / MEGABYTE
     for concurrency in arguments.concurrency:
         common = {"photo": str(photo), "concurrency": concurrency, "times": arguments.meals}
@@ -230,7 +228,7 @@ def uploads(server: Deployment, arguments: argparse.Namespace, tokens: list[str]
             cpu.append((server.cpu_seconds() - before) / found.seconds)
             load_cpu.append(found.cpu_seconds / found.seconds)
         ratios = [mine / other for mine, other in zip(ours, plain, strict=True)]
-        ratio, peak = median(ours) / median(plain), server.peak_mb()
+        ratio, peak = median(ours) / median(plain), server.memory_mb("VmHWM")
         is_fine &= ratio >= RATIO_BAR and peak <= PEAK_BAR_MB
         p50, p95, p99 = percentiles(latencies)
         print(
@@ -268,16 +266,12 @@ def flow(server: Deployment, arguments: argparse.Namespace, tokens: list[str], p
     server.clear_peak()
     before = server.cpu_seconds()
     found = server.order("flow", photo=str(photo), tokens=tokens[:FLOW_PHONES], times=times, per_second=FLOW_PER_SECOND)
-    cpu, peak = (server.cpu_seconds() - before) / found.seconds, server.peak_mb()
+    cpu, peak = (server.cpu_seconds() - before) / found.seconds, server.memory_mb("VmHWM")
     lost, wrong = look_for(server, found.sent)
     p50, p95, p99 = percentiles(found.latencies or [float("nan")])
-    print(
-        f"\n### {server.name}: {FLOW_PER_SECOND} meals/s of small pairs (2 x {photo.stat().st_size / 1000:.0f} kB), open loop\n"
-    )
-    print(
-        "| sent | accepted | errors | lost | wrong hash | seconds | p50 ms | p95 ms | p99 ms | peak MB | CPU | load's CPU |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|---|---|---|")
+    size_kb = photo.stat().st_size / 1000
+    print(f"\n### {server.name}: {FLOW_PER_SECOND} meals/s of small pairs (2 x {size_kb:.0f} kB), open loop\n")
+    print_head("sent|accepted|errors|lost|wrong hash|seconds|p50 ms|p95 ms|p99 ms|peak MB|CPU|load's CPU")
     print(
         f"| {times} | {len(found.sent)} | {len(found.errors)} | {lost} | {wrong} | {found.seconds:.1f} | {p50:.0f} "
         f"| {p95:.0f} | {p99:.0f} | {peak:.0f} | {cpu:.2f} | {found.cpu_seconds / found.seconds:.2f} |",

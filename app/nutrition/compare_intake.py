@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 MIN_DAYS = 3  # with fewer, the interval of a mean holds nearly everything
 LEVEL = 0.90
@@ -47,7 +47,7 @@ def compare_intake(daily: Sequence[float], reference: float, kind: Kind, *, is_c
     if days.size < MIN_DAYS or not np.isfinite(days).all() or not (math.isfinite(reference) and reference > 0.0):
         raise ValueError(f"a comparison needs {MIN_DAYS} days of finite amounts and a positive reference")
     mean = float(days.mean())
-    half = float(stats.t.ppf((1.0 + LEVEL) / 2.0, days.size - 1) * days.std(ddof=1) / math.sqrt(days.size))
+    half = float(stdtrit(days.size - 1, (1.0 + LEVEL) / 2.0) * days.std(ddof=1) / math.sqrt(days.size))
     low, high = max(mean - half, 0.0), max(mean + half, 0.0)
     return Comparison(
         mean, low, high, days.size, reference, kind, _verdict(low, high, reference, kind, is_covered=is_covered)

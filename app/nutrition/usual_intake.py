@@ -19,7 +19,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy.special import ndtri
 
 Floats = npt.NDArray[np.float64]
 Scale = Literal["as_is", "square_root", "cube_root", "fourth_root", "logarithm"]
@@ -124,7 +124,7 @@ def choose_scale(amounts: Floats) -> Scale:
     The logarithm is left out where an amount is 0.
     """
     scales: list[Scale] = [*_POWERS, *(["logarithm"] if amounts.min() > 0.0 else [])]  # type: ignore[list-item]
-    places = stats.norm.ppf((np.arange(1, amounts.size + 1) - 0.375) / (amounts.size + 0.25))
+    places = ndtri((np.arange(1, amounts.size + 1) - 0.375) / (amounts.size + 0.25))
     return max(scales, key=lambda scale: _straightness(np.sort(_onto(scale, amounts)), places))
 
 
@@ -192,7 +192,7 @@ def _interval(scale: Scale, sums: _Sums, ear: float, share: float, rng: np.rando
         drawn = sums.drawn(rng.integers(0, persons, persons))
         shares.append(float(np.mean(_usual(scale, drawn, drawn.variances()) < ear)))
     low, high = np.quantile(shares, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
-    z = float(stats.norm.ppf((1.0 + LEVEL) / 2.0))
+    z = float(ndtri((1.0 + LEVEL) / 2.0))
     centre = (share + z**2 / (2 * persons)) / (1 + z**2 / persons)
     half = z / (1 + z**2 / persons) * math.sqrt(share * (1 - share) / persons + z**2 / (4 * persons**2))
     return max(min(float(low), centre - half, share), 0.0), min(max(float(high), centre + half, share), 1.0)

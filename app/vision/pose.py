@@ -7,12 +7,12 @@ would turn that into five percent of focal length. Intrinsics themselves: camera
 """
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
-from scipy.optimize import least_squares
 
 from app.vision.model import Camera, Float64Array, MarkerObservation, MarkerSpec
 
@@ -90,7 +90,7 @@ def solve_pose(camera: Camera, observation: MarkerObservation) -> tuple[Float64A
         if not np.isfinite(start).all() or start[5] <= 0:
             continue
         loss_scale = OUTLIER_SD * _corner_sd_px(camera)
-        pose = least_squares(residual, start, loss="soft_l1", f_scale=loss_scale, x_scale="jac").x
+        pose = _least_squares()(residual, start, loss="soft_l1", f_scale=loss_scale, x_scale="jac").x
         rotation = np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64)
         rms = _rms_px(residual(pose))
         if _is_above_table(rotation, pose[3:]) and (best is None or rms < best[2]):
@@ -136,7 +136,7 @@ def fit_board(
         prior = unknowns[12:][is_free[12:]] / spreads[is_free[12:]]
         return np.concatenate([prior, *(corner_residual(index, unknowns) / corner_sd[index] for index in (0, 1))])
 
-    solved = unpack(least_squares(residual, first[is_free], loss="soft_l1", f_scale=OUTLIER_SD, x_scale="jac").x)
+    solved = unpack(_least_squares()(residual, first[is_free], loss="soft_l1", f_scale=OUTLIER_SD, x_scale="jac").x)
     rotations = [np.asarray(cv2.Rodrigues(solved[at : at + 3])[0], np.float64) for at in (0, 6)]
     translations = [solved[3:6], solved[9:12]]
     if not all(_is_above_table(r, t) for r, t in zip(rotations, translations, strict=True)):
@@ -178,3 +178,11 @@ def _corner_sd_px(camera: Camera) -> float:
 def _rms_px(residual: Float64Array) -> float:
     """Root mean square distance of corners; residual: (2 n,) of x, y, px."""
     return float(np.sqrt(2.0 * np.mean(residual**2)))
+
+
+def _least_squares() -> Callable[..., Any]:
+    """scipy's, imported at its first use: 30 MB that servers, which read markers' names and fit nothing, save."""
+    from scipy.optimize import least_squares  # noqa: PLC0415
+
+    found: Callable[..., Any] = least_squares
+    return found
