@@ -80,22 +80,8 @@ def parts_of(session: Session, meals: Sequence[Meal]) -> list[MealParts]:
     events = sa.select(MealEvent).where(MealEvent.meal_id.in_(ids)).order_by(MealEvent.sequence)
     for event in session.scalars(events):
         parts[event.meal_id].events.append(event)
-    if not by_item:  # a meal that waits for its estimate, which phones ask for most
-        return list(parts.values())
-    taken_for = _of_items(session, ItemFood, by_item)
-    keys = _keys_of(session, {row.food_id for row in taken_for})
-    for row in taken_for:
-        by_item[row.item_id].foods.setdefault(row.item_id, []).append(row)
-        by_item[row.item_id].food_keys[row.food_id] = keys[row.food_id]
-    for measure in _of_items(session, ItemMeasure, by_item):
-        by_item[measure.item_id].measures.setdefault(measure.item_id, []).append(measure)
-    for candidate in _of_items(session, ItemCandidate, by_item):
-        by_item[candidate.item_id].candidates.setdefault(candidate.item_id, []).append(candidate)
-    for seen in _identified(session, by_item):
-        by_item[seen.item_id].identified.setdefault(seen.item_id, []).append(seen)
-    after = sa.select(Leftover).where(Leftover.after_item_id.in_(list(by_item))).order_by(Leftover.version)
-    for leftover in session.scalars(after):
-        by_item[leftover.after_item_id].leftovers.setdefault(leftover.after_item_id, []).append(leftover)
+    if by_item:  # a meal that waits for its estimate, which phones ask for most, has none
+        _add_what_is_said_of_items(session, by_item)
     return list(parts.values())
 
 
@@ -140,6 +126,23 @@ def _add_items(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> dict[u
             its.items.append(item)
             by_item[item.id] = its
     return by_item
+
+
+def _add_what_is_said_of_items(session: Session, by_item: Mapping[uuid.UUID, MealParts]) -> None:
+    taken_for = _of_items(session, ItemFood, by_item)
+    keys = _keys_of(session, {row.food_id for row in taken_for})
+    for row in taken_for:
+        by_item[row.item_id].foods.setdefault(row.item_id, []).append(row)
+        by_item[row.item_id].food_keys[row.food_id] = keys[row.food_id]
+    for measure in _of_items(session, ItemMeasure, by_item):
+        by_item[measure.item_id].measures.setdefault(measure.item_id, []).append(measure)
+    for candidate in _of_items(session, ItemCandidate, by_item):
+        by_item[candidate.item_id].candidates.setdefault(candidate.item_id, []).append(candidate)
+    for seen in _identified(session, by_item):
+        by_item[seen.item_id].identified.setdefault(seen.item_id, []).append(seen)
+    after = sa.select(Leftover).where(Leftover.after_item_id.in_(list(by_item))).order_by(Leftover.version)
+    for leftover in session.scalars(after):
+        by_item[leftover.after_item_id].leftovers.setdefault(leftover.after_item_id, []).append(leftover)
 
 
 def _identified(session: Session, items: Collection[uuid.UUID]) -> list[Identified]:
