@@ -52,10 +52,15 @@ class RecordFilter:
 
 @dataclass(frozen=True, slots=True)
 class RecordSearch:
-    """A filter whose names are ids: the branches to read, and what each row of them must fulfil besides."""
+    """A filter whose names are ids: the branches to read, and what each row of them must fulfil besides.
+
+    PostgreSQL keeps an index's order in a branch only if the branch has an order and a limit of its own (else it reads
+    all of each and sorts); SQLite merges branches as they are, and would sort each that has a limit.
+    """
 
     branches: Sequence[Branch]
     conditions: Branch
+    is_on_sqlite: bool
 
     def page(self, after: Key | None, limit: int, *columns: Any) -> sa.CTE:
         """At most `limit` records behind `after`: captured_at, item_id and these columns of theirs.
@@ -74,8 +79,10 @@ class RecordSearch:
         return self._page((sa.tuple_(record.captured_at, record.item_id) > sa.tuple_(*after),), limit, columns)
 
     def _page(self, behind: Branch, limit: int, columns: Sequence[Any]) -> sa.CTE:
-        read = (EffectiveRecord.captured_at, EffectiveRecord.item_id, *columns)
-        parts = (sa.select(*read).where(*branch, *self.conditions, *behind) for branch in self.branches)
+        order = (EffectiveRecord.captured_at, EffectiveRecord.item_id)
+        parts = [sa.select(*order, *columns).where(*branch, *self.conditions, *behind) for branch in self.branches]
+        if not self.is_on_sqlite:
+            parts = [sa.select(part.order_by(*order).limit(limit).subquery()) for part in parts]
         every = sa.union_all(*parts).subquery("branch")
         return sa.select(every).order_by(every.c.captured_at, every.c.item_id).limit(limit).cte("page")
 
@@ -108,8 +115,8 @@ def search_of(session: Session, chosen: RecordFilter) -> RecordSearch | None:
         branches, rest = [()], days
     if len(branches) > MOST_BRANCHES:
         of_study, of_person = _one_of(record.study_id, studies), _one_of(record.participant_id, people)
-        return RecordSearch([()], (*of_study, *of_person, *of_food, *of_status, *days))
-    return RecordSearch(branches, rest) if branches else None
+        branches, rest = [()], (*of_study, *of_person, *of_food, *of_status, *days)
+    return RecordSearch(branches, rest, session.get_bind().dialect.name == "sqlite") if branches else None
 
 
 def studies_of(
