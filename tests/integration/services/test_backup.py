@@ -1,20 +1,50 @@
 """A backup restored on an empty machine is the same deployment: every row, every byte, every answer."""
 
 import contextlib
+import csv
+import threading
+import time
+import uuid
+from datetime import UTC, datetime, timedelta
 
 import pytest
+import sqlalchemy as sa
 
+from app.db.migrate import current_revision, downgrade, head_revision, upgrade
+from app.db.models import DiaryDay, Food, Job, Meal, MealImage, RunArtefact
+from app.db.queries import jobs
+from app.db.refill import Refill
+from app.services.backup import write_backup
+from app.services.delete_blobs import BlobDeleter
+from app.services.rebuild_records import rebuild_records
 from app.services.restore import CHANGE_SEQ_JUMP
-from tests.conftest import postgres_database
+from app.services.retention import erase_old_pictures
+from tests.conftest import postgres_database, s3_settings
+from tests.integration.conftest import meal_metadata
 from tests.integration.persons import Person
-from tests.integration.services.deployments import Deployment, deployment, named_blobs, store_what_is_named
+from tests.integration.services.deployments import (
+    Deployment,
+    deployment,
+    estimate,
+    named_blobs,
+    store_what_is_named,
+)
+from tests.photographs import pair
 
 OTHER = {"sqlite": "postgres", "postgres": "sqlite"}
 
 
+LARGE = ("food_posting", "food_word_trigram", "food_nutrient", "food_code", "food_density", "food_portion")
+
+
 @pytest.fixture
 def source(state, settings) -> Deployment:
-    """The deployment that the tests' phones send to."""
+    """The deployment that the tests' phones send to, with a food table that is quick to copy."""
+    with state.database.write() as session:
+        apple = session.scalar(sa.select(Food.id).where(Food.key == "apple"))
+        for table in LARGE:
+            of_apple = "food_id = :apple" if table != "food_word_trigram" else "word LIKE 'apple%'"
+            session.execute(sa.text(f"DELETE FROM {table} WHERE NOT ({of_apple})"), {"apple": apple})
     return Deployment(settings, state.database, state.blobs)
 
 
@@ -40,6 +70,8 @@ def person(state, enrol, source):
     person = Person(state, enrol, "somebody-7Kq", seed=3)
     state.last_use.settle()
     store_what_is_named(source.database, source.blobs)
+    with state.database.write() as session:
+        session.execute(sa.update(DiaryDay).values(change_seq=1))  # changes count from 1
     return person
 
 
@@ -64,12 +96,253 @@ def without_note(rows):
     return rows | {"audit_event": events}
 
 
+def answers(client, headers, person, jump=0):
+    """What researchers and the phone are told; change numbers less the jump, cursors, which hold them, left out."""
+    day = {"from": "2026-11-01", "to": "2026-11-30"}
+    told = {}
+    for path, params in (
+        ("/v1/records", {"limit": 1000}),
+        ("/v1/days", day),
+        (person.path, {"participant": person.mark}),
+        ("/v1/studies/pilot/changes", {}),
+        ("/v1/studies/pilot/webhooks", {}),
+        ("/v1/foods/apple", {}),
+    ):
+        answer = client.get(path, headers=headers, params=params)
+        assert answer.status_code == 200, (path, answer.text)
+        told[path] = as_before(answer.json(), jump)
+    lines = list(csv.DictReader(client.get("/v1/records", headers=headers, params={"format": "csv"}).text.splitlines()))
+    assert len(lines) == 2
+    told["csv"] = [line | {"change_seq": str(int(line["change_seq"]) - jump)} for line in lines]
+    told["phone"] = client.get(person.path, headers=person.phone.headers).json()
+    return told
+
+
+def as_before(document, jump):
+    if isinstance(document, list):
+        return [as_before(one, jump) for one in document]
+    if isinstance(document, dict):
+        told = {key: as_before(value, jump) for key, value in document.items() if key != "next"}
+        if "median_upload_delay_seconds" in told:  # SQLite counts time in days
+            told["median_upload_delay_seconds"] = round(told["median_upload_delay_seconds"], 3)
+        return told | {key: value - jump for key, value in told.items() if key == "change_seq"}
+    return document
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("onto_other", [False, True], ids=["same", "other"])
-def test_restored_deployment_has_every_row_and_every_byte(kind, onto_other, person, source, empty_machine, tmp_path):
+def test_restored_deployment_has_every_row_every_byte_and_every_answer(
+    request, kind, onto_other, person, source, admin, client, empty_machine, tmp_path
+):
+    """SQLite + files and PostgreSQL + S3, each onto either database and either store."""
+    before = answers(client, admin, person)
+    is_to_s3 = (kind == "sqlite") != onto_other
+    store = s3_settings(request.getfixturevalue("s3_server")) if is_to_s3 else {}
+    machine = empty_machine(OTHER[kind] if onto_other else kind, **store)
     done = source.back_up(tmp_path / "one.tar")
     assert (done.damaged, done.erased) == ({}, 0)
-    machine = empty_machine(OTHER[kind] if onto_other else kind)
     machine.restore(tmp_path / "one.tar")
     assert without_note(machine.rows()) == later(source.rows())
     assert machine.stored() == {key: source.blobs.read(key) for key in named_blobs(source.database)}
     assert len(machine.stored()) >= 4
+    with machine.served() as restored:
+        for path, told in answers(restored, admin, person, CHANGE_SEQ_JUMP).items():
+            assert told == before[path]
+        assert restored.post("/v1/studies", headers=admin, json={"code": "next", "name": "Next"}).status_code == 201
+
+
+def send_meal(state, phone, seed):
+    metadata = meal_metadata(hints=[{"point": [30, 20], "food": "apple"}])
+    assert phone.post(pair(seed), metadata).status_code == 202
+    estimate(state, metadata["id"])
+    return metadata["id"]
+
+
+def test_who_pulled_changes_that_the_backup_lacks_gets_all_of_it_again(
+    kind, state, phone, source, admin, client, empty_machine, tmp_path
+):
+    """Else figures that a restore took back would stay in a researcher's copy."""
+    send_meal(state, phone, 1)
+    source.back_up(tmp_path / "one.tar")
+    held = client.get("/v1/studies/pilot/changes", headers=admin).json()["records"]
+    send_meal(state, phone, 2)
+    pulled = client.get("/v1/studies/pilot/changes", headers=admin).json()
+    assert len(pulled["records"]) == 2
+    machine = empty_machine(kind)
+    machine.restore(tmp_path / "one.tar")
+    with machine.served() as restored:
+        again = restored.get(pulled["next"], headers=admin).json()["records"]
+    assert [row["id"] for row in again] == [row["id"] for row in held]
+    assert again[0]["change_seq"] > pulled["records"][-1]["change_seq"]
+
+
+def test_meals_that_come_during_a_backup_are_in_it_wholly_or_not_at_all(
+    kind, state, source, enrol, empty_machine, tmp_path
+):
+    phones = [enrol(f"P{number}") for number in range(2)]
+    sent, stop, waits = [], threading.Event(), iter(range(8))
+
+    def send(phone, seed):
+        while not stop.is_set():
+            sent.append(send_meal(state, phone, seed))
+            seed += 1
+
+    def wait_for_another(_words):
+        """The first steps of the backup each let a meal come in between."""
+        count, deadline = len(sent), time.monotonic() + 60
+        if next(waits, None) is not None:
+            while len(sent) == count:
+                assert time.monotonic() < deadline
+                time.sleep(0.01)
+
+    threads = [threading.Thread(target=send, args=(phone, 1000 * n)) for n, phone in enumerate(phones)]
+    for thread in threads:
+        thread.start()
+    try:
+        wait_for_another("before")
+        least = len(sent)
+        with (tmp_path / "busy.tar").open("wb") as file:
+            done = write_backup(source.database, source.blobs, source.box, file, wait_for_another)
+        most = len(sent)
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+    assert (done.damaged, done.erased) == ({}, 0)
+    machine = empty_machine(kind)
+    machine.restore(tmp_path / "busy.tar")
+    rows = machine.rows()
+    assert least <= len(rows["meal"]) < most  # it is of one moment, and others came after it
+    assert len(rows["meal_image"]) == 2 * len(rows["meal"])
+    assert machine.stored().keys() == named_blobs(machine.database)
+    assert rows["study"].keys() == source.rows()["study"].keys()
+    assert rebuild_records(machine.database, write=False).different == 0
+
+
+def test_erasures_after_the_backup_are_done_again_before_anybody_is_served(
+    kind, state, source, enrol, client, settings, blob_settings, empty_machine, tmp_path
+):
+    gone, stays = Person(state, enrol, "nobodys-words-4Xz", seed=1), Person(state, enrol, "somebody-7Kq", seed=2)
+    store_what_is_named(source.database, source.blobs)
+    erased_meal = send_meal(state, stays.phone, 9)
+    source.back_up(tmp_path / "one.tar")
+    assert client.post("/v1/me/withdrawal", headers=gone.phone.headers).status_code == 200
+    assert client.delete(f"/v1/meals/{erased_meal}", headers=stays.phone.headers).status_code == 200
+    ledger = blob_settings | {"blob_url": None, "erasure_url": settings.resolved_erasure_url}
+    machine = empty_machine(kind, **ledger)
+    machine.restore(tmp_path / "one.tar")
+    codes = {row["code"] for row in machine.rows()["participant"].values()}
+    assert codes == {stays.mark}
+    assert {row["client_id"] for row in machine.rows()["meal"].values()} == {uuid.UUID(stays.metadata["id"])}
+    assert machine.stored().keys() == named_blobs(machine.database)
+    assert len(machine.stored()) == len(named_blobs(source.database)) > 3
+
+
+def test_meals_that_waited_are_queued_again(kind, state, phone, source, empty_machine, tmp_path):
+    ids = [meal_metadata()["id"] for _ in range(2)]
+    for seed, client_id in enumerate(ids):
+        assert phone.post(pair(seed), id=client_id).status_code == 202
+    with state.database.write() as session:
+        meal = session.scalars(sa.select(Meal).where(Meal.client_id == uuid.UUID(ids[0]))).one()
+        meal.status = session.scalars(sa.select(Job).where(Job.meal_id == meal.id)).one().state = "processing"
+    source.back_up(tmp_path / "one.tar")
+    machine = empty_machine(kind)
+    assert machine.restore(tmp_path / "one.tar").queued_again == 2
+    assert {row["state"] for row in machine.rows()["job"].values()} == {"queued"}
+    with machine.database.read() as session:
+        assert jobs.stuck_jobs(session) == []  # each has a workflow
+
+
+def test_restore_that_was_broken_off_can_be_done_again(kind, person, source, empty_machine, monkeypatch, tmp_path):
+    source.back_up(tmp_path / "one.tar")
+    machine = empty_machine(kind)
+    stored, put_file = [], machine.blobs.put_file
+
+    def put_one_and_break(key, path):
+        if stored:
+            raise OSError("the network is gone")
+        stored.append(key)
+        put_file(key, path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(machine.blobs, "put_file", put_one_and_break)
+        with pytest.raises(OSError, match="network"):
+            machine.restore(tmp_path / "one.tar")
+    assert machine.stored().keys() == set(stored)
+    put = Refill.put
+
+    def put_and_break(refill, table, rows):
+        if table.name == "meal_image":
+            raise KeyboardInterrupt
+        return put(refill, table, rows)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Refill, "put", put_and_break)
+        with pytest.raises(KeyboardInterrupt):
+            machine.restore(tmp_path / "one.tar")
+    assert machine.rows()["meal"] == {}
+    machine.restore(tmp_path / "one.tar")
+    assert without_note(machine.rows()) == later(source.rows())
+    assert machine.stored().keys() == named_blobs(source.database)
+
+
+def test_backup_of_an_older_schema_is_restored_and_brought_up_to_date(kind, person, source, empty_machine, tmp_path):
+    downgrade(source.database, "20261121_identification")
+    assert source.back_up(tmp_path / "old.tar").manifest.revision == "20261121_identification"
+    upgrade(source.database)
+    machine = empty_machine(kind)
+    machine.restore(tmp_path / "old.tar")
+    assert current_revision(machine.database) == head_revision()
+    assert without_note(machine.rows()) == later(source.rows())
+
+
+def test_blob_that_an_erasure_takes_meanwhile_is_no_fault(kind, person, state, enrol, source, empty_machine, tmp_path):
+    """Retention takes pictures without the ledger: the restored rows say that they are gone."""
+    with state.database.write() as session:
+        session.execute(sa.text("UPDATE study SET retention_days = 1"))
+
+    def erase(words):
+        if words.startswith("item_measure"):  # the rows that name the blobs have been read
+            assert erase_old_pictures(state.database, datetime.now(UTC) + timedelta(days=2)) == 1
+            assert BlobDeleter(state.database, state.blobs).delete_wanted() == 3
+
+    with (tmp_path / "one.tar").open("wb") as file:
+        done = write_backup(source.database, source.blobs, source.box, file, erase)
+    assert (done.erased, done.damaged) == (3, {})
+    machine = empty_machine(kind)
+    machine.restore(tmp_path / "one.tar")
+    with machine.database.read() as session:
+        assert all(session.scalars(sa.select(MealImage.erased_at)))
+        assert session.scalars(sa.select(RunArtefact)).all() == []
+    assert machine.stored().keys() == named_blobs(machine.database)
+
+
+def test_damaged_and_missing_blobs_are_told_by_name_and_all_others_are_in_the_backup(
+    kind, person, source, empty_machine, tmp_path
+):
+    damaged, missing, *whole = sorted(named_blobs(source.database))
+    assert source.stored().keys() >= {damaged, missing, *whole}
+    source.blobs.put_bytes(damaged, b"other bytes")
+    source.blobs.delete(missing)
+    done = source.back_up(tmp_path / "one.tar")
+    assert done.damaged == {damaged: "its bytes are not those that were stored", missing: "missing"}
+    machine = empty_machine(kind)
+    assert machine.restore(tmp_path / "one.tar").checked.end.damaged == done.damaged
+    assert machine.stored().keys() == set(whole)
+
+
+def test_orphans_and_what_an_upload_left_are_not_in_a_backup(kind, person, source, tmp_path):
+    source.blobs.put_bytes("study/meal/left/" + "0" * 64, b"of nobody")
+    done = source.back_up(tmp_path / "one.tar")
+    assert done.blobs == len(named_blobs(source.database))
+
+
+def test_backup_that_breaks_off_leaves_no_file(kind, person, source, tmp_path):
+    def break_off(words):
+        raise KeyboardInterrupt(words)
+
+    folder = tmp_path / "backups"
+    folder.mkdir()
+    with pytest.raises(KeyboardInterrupt):
+        source.back_up(folder / "one.tar", break_off)
+    assert list(folder.iterdir()) == []
