@@ -66,7 +66,7 @@ class SeeingChildren:
     def __init__(self):
         self.items = []
 
-    def run(self, request, on_stage, *, seconds=None):
+    def run(self, request, on_stage, *, seconds=None, name=""):
         on_stage("read")
         return ChildResult("ok", answer(*self.items))
 
