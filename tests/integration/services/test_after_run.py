@@ -54,8 +54,8 @@ class ChildrenInProcess:
             found = estimate_task(request.arguments, on_stage)
             self.done[key] = (found, {path.name: path.read_bytes() for path in output.iterdir()})
         found, files = self.done[key]
-        for name, content in files.items():
-            (output / name).write_bytes(content)
+        for file_name, content in files.items():
+            (output / file_name).write_bytes(content)
         return ChildResult("ok", copy.deepcopy(found))
 
 
