@@ -15,10 +15,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.db.migrate import current_revision, head_revision
-from app.db.models import Device, Job, Meal, MealImage, Participant, Run, Study
+from app.db.models import Device, FoodRelease, Job, Meal, MealImage, Participant, Run, Study
 from app.db.scratch_keys import scratch_keys
 from app.db.session import Database
 from app.errors import ConflictError, InvalidInputError
+from app.nutrition.foods import load_starter_table
 from app.services.backup_check import check_backup
 from app.services.backup_format import CHUNK_BYTES, MANIFEST, MAX_CHUNK_BYTES
 from app.services.secret_box import SecretBox, SecretKeyError
@@ -34,8 +35,11 @@ def add_meal(here):
     ids = {name: uuid.uuid4() for name in ("study", "participant", "device", "meal", "job", "image")}
     photo = stored_under(here.blobs, f"{ids['study']}/{ids['meal']}/left", b"a photograph")
     result = stored_under(here.blobs, f"{ids['study']}/{ids['meal']}/runs/{ids['job']}/result.json", b"{}")
+    starter = load_starter_table()  # its release, without its foods: a restored deployment need not load them then
+    release = {"name": starter.name, "version": starter.version, "released_on": starter.released_on}
     with here.database.write() as session:
         for row in (
+            FoodRelease(source="starter", checksum=starter.checksum, imported_at=NOW, completed_at=NOW, **release),
             Study(id=ids["study"], code="pilot", name="Pilot", created_at=NOW, change_seq=7),
             Participant(id=ids["participant"], study_id=ids["study"], code="P1", created_at=NOW),
             Device(id=ids["device"], participant_id=ids["participant"], name="phone", enrolled_at=NOW),
