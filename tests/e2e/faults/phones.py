@@ -119,9 +119,13 @@ class BrokenOffError(Exception):
 
 
 class Phone(threading.Thread):
-    """One participant's phone with its meals. addresses: of all servers; it takes another when one does not answer."""
+    """One participant's phone with its meals. addresses: of all servers; it takes another when one does not answer.
 
-    def __init__(self, code, token, addresses, meals, journal, rng):
+    progress(): how much of the storm has been, 0 to 1. The meals are spread over it; in between the phone asks how the
+    last one stands, as apps do.
+    """
+
+    def __init__(self, code, token, addresses, meals, journal, rng, progress):
         super().__init__(name=f"phone {code}", daemon=True)
         self.code = code
         self._headers = {"Authorization": f"Bearer {token}"}
@@ -129,14 +133,21 @@ class Phone(threading.Thread):
         self._meals = meals
         self._journal = journal
         self._rng = rng
+        self._progress = progress
         self.deadline = None
         self.trouble = None
 
     def run(self):
         try:
-            for meal in self._meals:
-                self.send(meal)
-                time.sleep(self._rng.uniform(0.0, 0.6))
+            asked_for = None
+            for place, meal in enumerate([*self._meals, None]):
+                while self._progress() < place / len(self._meals):
+                    if asked_for is not None:
+                        self._until(lambda client, one=asked_for: self._ask(client, one), f"how {asked_for} stands")
+                    time.sleep(self._rng.uniform(0.1, 0.6))
+                if meal is not None:
+                    self.send(meal)
+                    asked_for = asked_for if meal.is_erased else meal.meal_id
         except Exception as error:  # noqa: BLE001  # told by the test in its own thread
             self.trouble = error
 
@@ -228,6 +239,10 @@ class Phone(threading.Thread):
             return self._whole(client, meal)
         finally:
             beside.join()
+
+    def _ask(self, client, meal_id):
+        """What was acknowledged is there, at whatever server."""
+        return self._is_kept(client.get(f"/v1/meals/{meal_id}"))
 
     def _erase(self, client, meal):
         answer = client.delete(f"/v1/meals/{meal.meal_id}")

@@ -15,7 +15,7 @@ from collections import Counter
 from tests.e2e.faults.programs import send
 
 HOUR = 3600
-PATIENCE_SECONDS = 15.0  # for a good answer between two faults
+PATIENCE_SECONDS = 5.0  # for a good answer between two faults
 FAULTS = {}  # name -> (function, where it can be)
 
 
@@ -265,13 +265,22 @@ class Schedule(threading.Thread):
         self._undo = []
         self._order = itertools.count()
         self._ending = threading.Event()
+        self._is_over = threading.Event()
+        self._begun = 0
         self.injected = Counter()
         self.trouble = []
+
+    def progress(self):
+        """How much of it has been, 0 to 1."""
+        return 1.0 if self._is_over.is_set() else self._begun / (self._rounds * len(self._names()))
+
+    def _names(self):
+        return [name for name, (_, where) in FAULTS.items() if where(self._deployment)]
 
     def run(self):
         try:
             for _ in range(self._rounds):
-                names = [name for name, (_, where) in FAULTS.items() if where(self._deployment)]
+                names = self._names()
                 self._rng.shuffle(names)
                 for name in names:
                     self._wait(self._rng.uniform(0.1, self._longest_gap))
@@ -282,6 +291,7 @@ class Schedule(threading.Thread):
                     self._begin(name)
         finally:
             self._wait(None)
+            self._is_over.set()
 
     def stop(self):
         """No further fault; those that hold are undone now."""
@@ -297,6 +307,7 @@ class Schedule(threading.Thread):
 
     def _begin(self, name):
         function, _ = FAULTS[name]
+        self._begun += 1
         self._witness.note(name)
         try:
             seconds, undo = function(self._deployment, self._rng, self._witness)

@@ -47,11 +47,19 @@ def storm(folder, database, store, *, seed, meals, rounds, longest_gap):
         cleanup.callback(journal.close)
         witness = Witness(settings.resolved_database_url, journal)
         began = time.monotonic()
+        schedule = Schedule(deployment, witness, random.Random(seed), rounds=rounds, longest_gap=longest_gap)
         phones = [
-            Phone(code, token, deployment.addresses, planned[place::PHONES], journal, random.Random(seed + 1 + place))
+            Phone(
+                code,
+                token,
+                deployment.addresses,
+                planned[place::PHONES],
+                journal,
+                random.Random(seed + 1 + place),
+                schedule.progress,
+            )
             for place, (code, token) in enumerate(tokens.items())
         ]
-        schedule = Schedule(deployment, witness, random.Random(seed), rounds=rounds, longest_gap=longest_gap)
         witness.start()
         for phone in phones:
             phone.deadline = began + LONGEST_STORM_SECONDS
@@ -68,7 +76,7 @@ def storm(folder, database, store, *, seed, meals, rounds, longest_gap):
         checker = Checker(settings, journal)
         calm = wait_for_calm(checker)
         stormy = len(witness.takeovers)
-        deaths(deployment, phones[0], witness, checker, rng, count=max(2, rounds // 4))
+        deaths(deployment, phones[0], witness, checker, rng, count=max(2, rounds // 2))
         witness.stop()
         ends = {program.name: program.ends for program in [*deployment.apis, *deployment.workers]}
         deployment.manager.close_but(deployment.database, deployment.store)
