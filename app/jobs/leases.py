@@ -101,9 +101,12 @@ class DatabaseLease:
             jobs.insert_lease(session, self._executor)
 
     def renew(self) -> bool:
-        """Move the heartbeat, unless it is too late: a lease that ran out is lost even if nobody took it."""
+        """Move the heartbeat, be it late: only who takes the row away ends the lease.
+
+        Else all workers of a machine too busy for heartbeats in time would end and start again for ever.
+        """
         with self._database.write() as session:
-            return jobs.renew_lease(session, self.executor_id, self._seconds)
+            return jobs.renew_lease(session, self.executor_id)
 
     def guard(self, session: Session) -> None:
         """Lock the row in the session's transaction, so that a takeover comes wholly before or wholly after it."""

@@ -257,11 +257,11 @@ def insert_lease(session: Session, executor: Executor) -> None:
     )
 
 
-def renew_lease(session: Session, executor_id: str, lease_seconds: float) -> bool:
-    """A heartbeat. False: the lease ran out or was taken, and cannot be had back."""
+def renew_lease(session: Session, executor_id: str) -> bool:
+    """A heartbeat, be it late. False: the lease was taken, and cannot be had back."""
     renewed = session.execute(
         sa.update(WorkerLease)
-        .where(WorkerLease.executor_id == executor_id, _is_fresh(lease_seconds))
+        .where(WorkerLease.executor_id == executor_id)
         .values(heartbeat_at=_clock())
         .returning(WorkerLease.executor_id)
     )
@@ -269,15 +269,15 @@ def renew_lease(session: Session, executor_id: str, lease_seconds: float) -> boo
 
 
 def hold_lease(session: Session, executor_id: str, lease_seconds: float) -> bool:
-    """Whether the lease holds, and keep it from being taken until this transaction ends.
+    """Whether nobody has taken the lease, and keep it from being taken until this transaction ends.
 
-    FOR KEY SHARE: our own heartbeats pass, the DELETE of a takeover waits.
+    FOR KEY SHARE: our own heartbeats pass, a takeover passes the row over.
     """
     # a worker that is stopped in the middle of its transaction must not keep the rows locked for those who take over
     session.execute(sa.text(f"SET LOCAL idle_in_transaction_session_timeout = {int(lease_seconds * 1000)}"))
     held = session.scalar(
         sa.select(WorkerLease.executor_id)
-        .where(WorkerLease.executor_id == executor_id, _is_fresh(lease_seconds))
+        .where(WorkerLease.executor_id == executor_id)
         .with_for_update(read=True, key_share=True)
     )
     return held is not None
