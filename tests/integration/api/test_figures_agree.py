@@ -19,6 +19,8 @@ from tests.integration.after_pairs import Table, apple, banana, left_of_apple, l
 from tests.integration.eaten_days import set_profile
 from tests.integration.reviewing import Speaker, new_event
 
+pytestmark = pytest.mark.slow
+
 WOMAN = {"sex": "female", "birth_year": 1990, "weight_kg": 60.0}
 FOODS = ("pear", "milk-whole", "bread-white", "apple-gala", "durian", "fruit-salad")
 EXACT = 1e-9  # sums in another order

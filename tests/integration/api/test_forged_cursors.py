@@ -155,6 +155,8 @@ def test_cursor_of_every_list_binds_each_of_its_filters(client, ask, monkeypatch
 def something(schema):
     """A value of a filter that is not its default."""
     schema = next((each for each in schema.get("anyOf", ()) if each.get("type") != "null"), schema)
+    if schema.get("type") == "array":
+        schema = schema["items"]
     if "enum" in schema:
         return schema["enum"][-1]
     by_format = {"uuid": str(ID), "date": "2026-11-20", "date-time": "2026-11-20T12:00:00Z"}

@@ -30,6 +30,8 @@ from app.settings import Settings
 from app.storage.opening import open_blob_store
 from tests.commands import run_tada
 
+pytestmark = pytest.mark.slow
+
 BEFORE_LAST = revisions()[-2]
 HASTY = Patience(turn_seconds=0.3, lock_seconds=0.2, tries=2, pause_seconds=0.05)
 # A migrator that ends in the middle: at its third CREATE, or while the database is busy with one statement of its own

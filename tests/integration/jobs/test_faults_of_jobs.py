@@ -1,4 +1,8 @@
+import pytest
+
 from tests.integration.jobs.conftest import wait_until
+
+pytestmark = pytest.mark.slow
 
 CODES = {
     "child:segfault": "estimate_crashed",

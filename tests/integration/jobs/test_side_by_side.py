@@ -4,6 +4,7 @@ import time
 from datetime import UTC, datetime
 from itertools import pairwise
 
+import pytest
 import sqlalchemy as sa
 
 from app.db.models import Job
@@ -14,6 +15,8 @@ from app.jobs.faults import CANCELLED
 from app.services.prune_jobs import prune_jobs
 from tests.integration.jobs.conftest import wait_until
 from tests.integration.jobs.fakes import new_job, new_job_without_workflow
+
+pytestmark = pytest.mark.slow
 
 LONG_AGO = 1_000_000_000_000  # milliseconds since 1970: in 2001
 

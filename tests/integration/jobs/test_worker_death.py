@@ -1,6 +1,10 @@
 import signal
 
+import pytest
+
 from tests.integration.jobs.conftest import wait_until
+
+pytestmark = pytest.mark.slow
 
 
 def test_job_of_killed_worker_is_finished_by_another_and_saved_once(jobs):

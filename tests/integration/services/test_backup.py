@@ -32,6 +32,8 @@ from tests.integration.services.deployments import (
 )
 from tests.photographs import pair
 
+pytestmark = pytest.mark.slow
+
 OTHER = {"sqlite": "postgres", "postgres": "sqlite"}
 
 

@@ -12,6 +12,7 @@ from app.cli import cli
 from app.db.models import IndexEntry, Item, ItemIdentification, ItemMeasure, Job, Meal, MealEvent, MealImage, Run, Study
 from app.errors import NotFoundError, UnavailableError
 from app.jobs.child_pool import ChildPool, ChildResult, ChildStartError
+from app.jobs.supervisor import settings_environment
 from app.services.doctor import examine
 from app.services.estimate_json import colour_to_json
 from app.services.rebuild_index import Described, check_index, rebuild_index
@@ -213,9 +214,8 @@ def test_only_the_study_that_was_named_is_described(state, meal_of, rebuild):
 
 def test_command_tells_counts_and_check_says_no_while_something_is_to_do(state, meal_of, settings, monkeypatch):
     meal_of()
-    for name in ("data_dir", "database_url", "secret_key", "max_photo_pixels"):
-        value = getattr(settings, name)
-        monkeypatch.setenv(f"TADA_{name.upper()}", str(getattr(value, "get_secret_value", lambda v=value: v)()))
+    for name, value in settings_environment(settings).items():
+        monkeypatch.setenv(name, value)
     monkeypatch.setattr("app.services.prepare.prepare", lambda *_: None)
     word = f"confirmed items have no vector of version {VCM_VERSION}"
     assert doctors_word(state, settings) == f"1 {word}: `tada index rebuild`"

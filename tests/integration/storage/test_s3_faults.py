@@ -19,6 +19,8 @@ from app.storage.opening import open_blob_store
 from tests.s3_places import IMPATIENT, s3_place, s3_settings, s3_store
 from tests.s3_server import S3Server
 
+pytestmark = pytest.mark.slow
+
 KEY = "study/meal/left/0123"
 SECRETS = ("study/meal", "SecretAccessKey")
 
