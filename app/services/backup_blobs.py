@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from tempfile import SpooledTemporaryFile
 from typing import IO
 
-from app.storage.blob_store import KEY_PATTERN, BlobMissingError, BlobStore
+from app.storage.blob_store import KEY_PATTERN, BlobDamagedError, BlobMissingError, BlobStore, StoreRefusesError
 
 READERS = 4  # at the same time: a remote store answers late, and its answers may overlap
 AHEAD = 8  # blobs read and not yet written
@@ -20,7 +20,7 @@ SHA256 = re.compile(r"^[0-9a-f]{64}$")
 
 MISSING = "missing"  # the store does not have it
 CHANGED = "its bytes are not those that were stored"
-UNREADABLE = "the disk cannot read it"
+UNREADABLE = "the store cannot read it"
 NO_KEY = "not a key of the store"
 
 
@@ -87,8 +87,20 @@ def _close(left: Future[ReadBlob]) -> None:
 
 
 def _read(blobs: BlobStore, key: str) -> ReadBlob:
+    """Twice at most: what cannot be read, though the store answers, is damaged; a store that is away damages nothing."""
     if not is_blob_key(key):
         return ReadBlob(key, 0, None, NO_KEY)
+    for _ in range(2):
+        try:
+            return _read_once(blobs, key)
+        except OSError as error:
+            if isinstance(error, StoreRefusesError) or error.errno != errno.EIO:
+                raise
+        next(blobs.keys("nobody/"), None)  # raises where the fault is not this blob's
+    return ReadBlob(key, 0, None, UNREADABLE)
+
+
+def _read_once(blobs: BlobStore, key: str) -> ReadBlob:
     content = SpooledTemporaryFile(IN_MEMORY_BYTES)  # noqa: SIM115  # ReadBlob.close
     try:
         digest, size = hashlib.sha256(), 0
@@ -99,11 +111,9 @@ def _read(blobs: BlobStore, key: str) -> ReadBlob:
     except BlobMissingError:
         content.close()
         return ReadBlob(key, 0, None, MISSING)
-    except OSError as error:
+    except BlobDamagedError:  # a store on another machine noticed it by itself
         content.close()
-        if error.errno != errno.EIO:
-            raise
-        return ReadBlob(key, 0, None, UNREADABLE)
+        return ReadBlob(key, 0, None, CHANGED)
     except BaseException:
         content.close()
         raise

@@ -32,6 +32,7 @@ from app.services.restore_blobs import put_blobs
 from app.services.secret_box import KEY_FILE, SecretBox, SecretKeyError, open_secret_box
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
+from app.storage.local import LocalBlobStore
 
 # Added to every change's number: whoever pulled changes that the backup does not have stands before all that it has,
 # and gets all of it again. Larger than any number of changes in between, small enough for a thousand million restores.
@@ -109,8 +110,9 @@ def _require_store(blobs: BlobStore, keys: ScratchKeys, needed_bytes: int) -> No
                 "The blob store holds something that is not of this backup: restore into an empty one.",
                 code="deployment_not_empty",
             )
+        needed_bytes -= blob.size
     free_bytes = blobs.free_bytes()
-    if free_bytes is not None and free_bytes < needed_bytes:
+    if isinstance(blobs, LocalBlobStore) and free_bytes < needed_bytes:  # a bucket tells no limit
         raise StorageFullError(
             f"The blobs need {needed_bytes / 1e9:.1f} GB, and the store has {free_bytes / 1e9:.1f} GB left."
         )

@@ -47,10 +47,11 @@ class StoreRefusesError(OSError):
 
 @dataclass(frozen=True, slots=True)
 class StoredBlob:
-    """A blob as a listing tells it: its key, and when it was put there."""
+    """A blob as a listing tells it: its key, when it was put there, its size in bytes."""
 
     key: str
     stored_at: datetime
+    size: int
 
 
 class BlobStore(Protocol):

@@ -126,8 +126,9 @@ class LocalBlobStore:
                     folders.append(Path(entry.path))
                     continue
                 with contextlib.suppress(FileNotFoundError):
-                    stored_at = datetime.fromtimestamp(entry.stat().st_mtime, UTC)
-                    yield StoredBlob(Path(entry.path).relative_to(self._root).as_posix(), stored_at)
+                    found = entry.stat()
+                    stored_at = datetime.fromtimestamp(found.st_mtime, UTC)
+                    yield StoredBlob(Path(entry.path).relative_to(self._root).as_posix(), stored_at, found.st_size)
 
     def free_bytes(self) -> int:
         """What the file system has left for us."""

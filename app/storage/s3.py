@@ -180,7 +180,7 @@ class S3BlobStore:
                 return
             for found in page:
                 if KEY_PATTERN.match(found["path"]):
-                    yield StoredBlob(found["path"], found["last_modified"])
+                    yield StoredBlob(found["path"], found["last_modified"], found["size"])
 
     def free_bytes(self) -> int:
         """What the staging folder's file system has left; a bucket tells no limit."""

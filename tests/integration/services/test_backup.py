@@ -2,12 +2,14 @@
 
 import contextlib
 import csv
+import errno
 import shutil
 import threading
 import time
 import uuid
 from datetime import UTC, datetime, timedelta
 
+import obstore
 import pytest
 import sqlalchemy as sa
 
@@ -15,11 +17,15 @@ from app.db.migrate import current_revision, downgrade, head_revision, upgrade
 from app.db.models import DiaryDay, Food, Job, Meal, MealImage, RunArtefact
 from app.db.queries import jobs
 from app.db.refill import Refill
+from app.errors import StorageFullError
 from app.services.backup import write_backup
 from app.services.delete_blobs import BlobDeleter
+from app.services.last_backup import last_backup_at
 from app.services.rebuild_records import rebuild_records
 from app.services.restore import CHANGE_SEQ_JUMP
 from app.services.retention import erase_old_pictures
+from app.storage.blob_store import StoreRefusesError
+from app.storage.s3 import S3BlobStore
 from tests.conftest import postgres_database, s3_settings
 from tests.integration.conftest import meal_metadata
 from tests.integration.persons import Person
@@ -31,6 +37,7 @@ from tests.integration.services.deployments import (
     store_what_is_named,
 )
 from tests.photographs import pair
+from tests.stores import damage
 
 pytestmark = pytest.mark.slow
 
@@ -294,6 +301,30 @@ def test_restore_that_was_broken_off_can_be_done_again(kind, person, source, emp
     assert machine.stored().keys() == named_blobs(source.database)
 
 
+def test_restore_asks_for_room_for_what_is_not_there_yet(kind, person, source, empty_machine, monkeypatch, tmp_path):
+    """The disk may be just large enough, and the restore was broken off and is done again."""
+    done = source.back_up(tmp_path / "one.tar")
+    machine = empty_machine(kind)
+    monkeypatch.setattr(machine.blobs, "free_bytes", lambda: done.blob_bytes - 1)
+    with pytest.raises(StorageFullError):
+        machine.restore(tmp_path / "one.tar")
+    assert machine.stored() == {}
+    there = sorted(named_blobs(source.database))[0]
+    machine.blobs.put_bytes(there, source.blobs.read(there))
+    machine.restore(tmp_path / "one.tar")
+    assert machine.stored().keys() == named_blobs(source.database)
+
+
+def test_restore_into_a_bucket_does_not_ask_for_room_on_this_machine(
+    kind, person, source, s3_server, empty_machine, monkeypatch, tmp_path
+):
+    done = source.back_up(tmp_path / "one.tar")
+    machine = empty_machine(kind, **s3_settings(s3_server))
+    monkeypatch.setattr(machine.blobs, "free_bytes", lambda: done.blob_bytes // 2)
+    machine.restore(tmp_path / "one.tar")
+    assert machine.stored().keys() == named_blobs(source.database)
+
+
 def test_backup_of_an_older_schema_is_restored_and_brought_up_to_date(kind, person, source, empty_machine, tmp_path):
     downgrade(source.database, "20261121_identification")
     assert source.back_up(tmp_path / "old.tar").manifest.revision == "20261121_identification"
@@ -337,6 +368,55 @@ def test_damaged_and_missing_blobs_are_told_by_name_and_all_others_are_in_the_ba
     machine = empty_machine(kind)
     assert machine.restore(tmp_path / "one.tar").checked.end.damaged == done.damaged
     assert machine.stored().keys() == set(whole)
+
+
+def test_blob_that_a_disk_altered_is_told_by_name_on_any_store(kind, person, source, tmp_path):
+    """A bucket, whose metadata still tell the right digest, gives an error of its own; a folder gives the bytes."""
+    altered, *whole = sorted(named_blobs(source.database))
+    if isinstance(source.blobs, S3BlobStore):
+        obstore.put(source.blobs._store, altered, b"other bytes", attributes={"sha256": altered[-64:]})
+    else:
+        damage(source.blobs, altered, b"other bytes")
+    done = source.back_up(tmp_path / "one.tar")
+    assert done.damaged == {altered: "its bytes are not those that were stored"}
+    assert done.blobs == len(whole)
+
+
+def test_store_that_goes_away_during_a_backup_ends_it_and_calls_no_blob_damaged(
+    kind, person, source, monkeypatch, tmp_path
+):
+    """Else a key that expires, or an hour without the store, would give a backup without photographs that counts."""
+    for fault in (StoreRefusesError(errno.EIO, "our key"), OSError(errno.EIO, "answers with an error")):
+
+        def fail(*_arguments, fault=fault):
+            raise fault
+
+        with monkeypatch.context() as patch:
+            patch.setattr(source.blobs, "stream", fail)
+            patch.setattr(source.blobs, "keys", fail)
+            with pytest.raises(OSError, match=fault.strerror):
+                source.back_up(tmp_path / "one.tar")
+    assert not (tmp_path / "one.tar").exists()
+    with source.database.read() as session:
+        assert last_backup_at(session) is None
+
+
+def test_blob_that_alone_cannot_be_read_is_told_and_a_fault_that_passes_is_not(
+    kind, person, source, monkeypatch, tmp_path
+):
+    bad, once, *whole = sorted(named_blobs(source.database))
+    stream, failed = source.blobs.stream, []
+
+    def stream_or_fail(key, chunk_bytes):
+        if key == bad or (key == once and once not in failed):
+            failed.append(key)
+            raise OSError(errno.EIO, "input/output error")
+        return stream(key, chunk_bytes)
+
+    monkeypatch.setattr(source.blobs, "stream", stream_or_fail)
+    done = source.back_up(tmp_path / "one.tar")
+    assert done.damaged == {bad: "the store cannot read it"}
+    assert done.blobs == len(whole) + 1
 
 
 def test_orphans_and_what_an_upload_left_are_not_in_a_backup(kind, person, source, tmp_path):
