@@ -87,7 +87,7 @@ def _close(left: Future[ReadBlob]) -> None:
 
 
 def _read(blobs: BlobStore, key: str) -> ReadBlob:
-    """Twice at most: what cannot be read, though the store answers, is damaged; a store that is away damages nothing."""
+    """Twice at most: what cannot be read while the store answers is damaged; a store that is away damages nothing."""
     if not is_blob_key(key):
         return ReadBlob(key, 0, None, NO_KEY)
     for _ in range(2):

@@ -309,7 +309,7 @@ def test_restore_asks_for_room_for_what_is_not_there_yet(kind, person, source, e
     with pytest.raises(StorageFullError):
         machine.restore(tmp_path / "one.tar")
     assert machine.stored() == {}
-    there = sorted(named_blobs(source.database))[0]
+    there = min(named_blobs(source.database))
     machine.blobs.put_bytes(there, source.blobs.read(there))
     machine.restore(tmp_path / "one.tar")
     assert machine.stored().keys() == named_blobs(source.database)
