@@ -2,6 +2,7 @@
 
 import errno
 import json
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -38,7 +39,7 @@ def backup(
     from app.storage.opening import open_blob_store
 
     settings, to_pipe = Settings(), str(file) == "-"
-    with database_as_it_is() as database, _told_of_files():
+    with _ended_in_order(), database_as_it_is() as database, _told_of_files():
         blobs, box, tell = open_blob_store(settings.resolved_blob_url, settings), open_secret_box(settings), _progress()
         if to_pipe:
             done = write_backup(database, blobs, box, sys.stdout.buffer, tell)
@@ -78,7 +79,7 @@ def restore(
             checked = check_only(file, settings, tell, other_key=other_key)
         _tell_checked(checked, {}, "whole", as_json=as_json)
         return
-    with database_as_it_is() as database, _told_of_files():
+    with _ended_in_order(), database_as_it_is() as database, _told_of_files():
         blobs = open_blob_store(settings.resolved_blob_url, settings)
         done = run(file, database, blobs, settings, tell, other_key=other_key)
     _tell_checked(done.checked, {"queued_again": done.queued_again}, "restored", as_json=as_json)
@@ -145,6 +146,24 @@ def _progress() -> Callable[[str], None]:
             print(f"  {words}", file=sys.stderr, flush=True)
 
     return tell
+
+
+@contextmanager
+def _ended_in_order() -> Iterator[None]:
+    """Who is told to end (a scheduler's time limit, a lost terminal) removes what is half written, as after Ctrl-C."""
+
+    def end(number: int, _frame: object) -> None:
+        raise SystemExit(128 + number)
+
+    numbers = (signal.SIGTERM, signal.SIGHUP)
+    before = {number: handler for number in numbers if (handler := signal.getsignal(number)) != signal.SIG_IGN}  # nohup
+    for number in before:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager

@@ -1,10 +1,14 @@
 """`tada backup` and `tada restore` as a person types them."""
 
+import errno
 import json
+import os
+import signal
 import stat
 import subprocess
 import sys
 import tarfile
+import time
 
 import pytest
 
@@ -55,6 +59,40 @@ def test_backup_of_a_database_without_tables_is_refused(tmp_path, database_url):
     ended = run_tada("backup", tmp_path / "one.tar", **variables(tmp_path / "new", database_url))
     assert ended.returncode == 2
     assert "nothing to back up" in ended.stderr
+
+
+def test_backup_that_is_told_to_end_leaves_no_half_of_itself(place, tmp_path):
+    """A scheduler's time limit or a lost terminal: the half would hold people's data, under a name that nobody sees."""
+    blob = next(path for path in (tmp_path / "old" / "blobs").rglob("left/*") if path.is_file())
+    blob.unlink()
+    os.mkfifo(blob)  # reading it waits for us
+    folder = tmp_path / "backups"
+    folder.mkdir()
+    environment = {name: str(value) for name, value in place.items()} | {"PATH": "/usr/bin:/bin"}
+    command = [sys.executable, "-m", "app.cli", "backup", str(folder / "one.tar")]
+    with subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL) as process:
+        try:
+            pipe = opened_once_it_is_read(blob)
+            assert [path.suffix for path in folder.iterdir()] == [".partial"]
+            process.send_signal(signal.SIGTERM)
+            time.sleep(0.2)
+            os.close(pipe)
+            assert process.wait(30) == 128 + signal.SIGTERM
+        finally:
+            process.kill()
+    assert list(folder.iterdir()) == []
+
+
+def opened_once_it_is_read(pipe):
+    """A named pipe to write to, once another process reads from it."""
+    deadline = time.monotonic() + 60
+    while True:
+        try:
+            return os.open(pipe, os.O_WRONLY | os.O_NONBLOCK)
+        except OSError as error:
+            if error.errno != errno.ENXIO or time.monotonic() > deadline:
+                raise
+            time.sleep(0.05)
 
 
 def test_damaged_blob_is_told_by_name_with_status_1(place, tmp_path):
