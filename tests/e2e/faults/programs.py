@@ -70,17 +70,23 @@ class ServiceManager:
 
     def forget(self, program):
         self._programs.remove(program)
+        self._finish_starts()
 
     def close_but(self, *kept):
         """End all others, in the order of their start reversed, and keep nothing up any more."""
         self._ending.set()
         self._thread.join(90)
+        self._finish_starts()
         for program in reversed([program for program in self._programs if program not in kept]):
             program.end()
 
     def close(self):
         self.close_but()
         self.starter.shutdown()
+
+    def _finish_starts(self):
+        """What is just being started is there to be ended."""
+        self.starter.submit(lambda: None).result(90)
 
     def _tend(self):
         while not self._ending.wait(0.1):

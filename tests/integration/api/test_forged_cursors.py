@@ -80,6 +80,12 @@ def lists_of(client):
 
 
 @pytest.fixture
+def settings(settings):
+    """Thousands of calls by one person in a minute."""
+    return settings.model_copy(update={"staff_calls_per_minute": 0, "address_calls_per_minute": 0})
+
+
+@pytest.fixture
 def ask(client, state, enrol, admin):
     """Ask for a page of a list: ask(path, **query)."""
     phone = enrol()
