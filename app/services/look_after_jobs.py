@@ -64,14 +64,17 @@ def retry_named(database: Database, queue: JobQueue, client_id: uuid.UUID, parti
 
 
 def retry_failed(database: Database, queue: JobQueue, failures: Failures) -> Retried:
-    """All that failed so. Raises NotFoundError for an unknown study."""
+    """All that failed so, and nothing else of those meals: what somebody called off stays so.
+
+    Raises NotFoundError for an unknown study.
+    """
     done = Retried()
     with database.read() as session:
         wanted = _filter(session, failures)
 
     def retry(session: Session, meal: Meal) -> None:
         try:
-            done.queued += bool(retry_locked_meal(session, queue, meal, None))
+            done.queued += bool(retry_locked_meal(session, queue, meal, None, code=failures.code))
         except (ConflictError, GoneError) as error:
             done.left[error.code] += 1
 

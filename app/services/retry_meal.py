@@ -43,12 +43,17 @@ def retry_meal(
     return read_meal(database, caller, client_id, participant_code), bool(queued)
 
 
-def retry_locked_meal(session: Session, queue: JobQueue, meal: Meal, caller: Caller | None) -> list[str]:
-    """Purposes of the jobs that were queued. caller None: whoever runs the server. Raises ConflictError, GoneError."""
+def retry_locked_meal(
+    session: Session, queue: JobQueue, meal: Meal, caller: Caller | None, *, code: str | None = None
+) -> list[str]:
+    """Purposes of the jobs that were queued. caller None: whoever runs the server. code: only what failed with it.
+
+    Raises ConflictError, GoneError.
+    """
     participant = privacy.join_participant(session, meal.participant_id)
     if participant is None or participant.withdrawn_at is not None:
         raise has_left()
-    failed = _what_failed(meal)
+    failed = _what_failed(meal, code)
     if not failed:
         if privacy.live_jobs_of(session, privacy.one_meal(meal.id)):
             return []
@@ -68,12 +73,12 @@ def retry_locked_meal(session: Session, queue: JobQueue, meal: Meal, caller: Cal
     return wanted
 
 
-def _what_failed(meal: Meal) -> dict[str, tuple[str, ...]]:
+def _what_failed(meal: Meal, code: str | None) -> dict[str, tuple[str, ...]]:
     """Purpose -> the photographs that it needs."""
     failed: dict[str, tuple[str, ...]] = {}
-    if meal.status == "failed" and meal.origin == "photographed":
+    if meal.status == "failed" and meal.origin == "photographed" and code in (None, meal.failure_code):
         failed["meal"] = SLOTS
-    if meal.after_status == "failed":
+    if meal.after_status == "failed" and code in (None, meal.after_failure_code):
         failed["after"] = AFTER_SLOTS
     return failed
 

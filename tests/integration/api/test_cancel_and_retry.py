@@ -248,6 +248,18 @@ def test_jobs_retry_by_code_takes_those_and_leaves_what_cannot_be(phone, state, 
     assert "0 meals" in tada("jobs", "retry", "--code", "internal_error").stdout
 
 
+def test_jobs_retry_by_code_leaves_alone_what_of_the_meal_was_called_off(phone, state, tada):
+    table = Table(phone, state).measured().send_after()
+    phone.client.post(f"/v1/meals/{table.id}/cancel", headers=phone.headers)
+    with state.database.write() as session:
+        failed = {"status": "failed", "failure_code": INTERNAL_ERROR.code}
+        session.execute(sa.update(Meal).where(Meal.client_id == uuid.UUID(table.id)).values(failed))
+    assert "1 meals" in tada("jobs", "retry", "--code", INTERNAL_ERROR.code).stdout
+    assert [job.state for job in jobs_of(state, table.id)][-1] == "queued"
+    assert [job.state for job in jobs_of(state, table.id, "after")] == ["failed"]
+    assert table.get()["after"]["failure"]["code"] == "cancelled"
+
+
 def test_jobs_retry_and_cancel_by_id_tell_of_each_and_fail_for_those_that_could_not(state, meal, tada):
     unknown = str(uuid.uuid4())
     ended = tada("jobs", "cancel", meal, unknown)
