@@ -9,13 +9,16 @@ requests take as long.
 """
 
 import asyncio
+import contextlib
+import fcntl
 import json
 import socket
 import struct
+import termios
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from ipaddress import ip_address, ip_network
+from ipaddress import IPv6Address, ip_address, ip_network
 from typing import Any
 
 import h11
@@ -99,7 +102,7 @@ class ConnectionWatch:
                 code="server_busy",
                 retry_after_seconds=CONNECTION_RETRY_SECONDS,
             )
-        if self._of_address[address] > self.limits.connections_per_address and not self._is_proxy(address):
+        if self._of_address[address] > self.limits.connections_per_address and not self._is_proxy(protocol.client):
             return RateLimitedError(
                 f"Your address has {self.limits.connections_per_address} connections, the limit.",
                 retry_after_seconds=CONNECTION_RETRY_SECONDS,
@@ -121,19 +124,25 @@ class ConnectionWatch:
     def _look(self, loop: asyncio.AbstractEventLoop) -> None:
         now = loop.time()
         for protocol in list(self._open):
-            protocol.look(now)
+            try:
+                protocol.look(now)
+            except Exception:  # one connection's trouble may not end the watch over all others
+                log.exception("connection_watch_failed")
+                protocol.transport.abort()
         if self._refused and now - self._told_at >= TOLD_SECONDS:
             log.warning("connections_refused", **self._refused)
             self._refused.clear()
             self._told_at = now
         self._tick = loop.call_later(TICK_SECONDS, self._look, loop) if self._open or self._refused else None
 
-    def _is_proxy(self, address: str) -> bool:
+    def _is_proxy(self, client: tuple[str, int] | None) -> bool:
+        """By its own address: what is counted of an IPv6 one is its network."""
         try:
-            found = ip_address(address)
+            found = ip_address(client[0] if client is not None else "")
         except ValueError:
             return False
-        return any(found in network for network in self._proxies)
+        mapped = found.ipv4_mapped if isinstance(found, IPv6Address) else None
+        return any((mapped or found) in network for network in self._proxies)
 
 
 class WatchedConnection(h11.Connection):
@@ -256,7 +265,7 @@ class WatchedProtocol(H11Protocol):
 
     def _look_at_progress(self, now: float, stall_seconds: float) -> None:
         since, body_bytes, waiting_bytes = self._progress
-        waiting = self.transport.get_write_buffer_size()
+        waiting = self._waiting_bytes()
         is_sending = self.conn.is_reading_body and not self.flow.read_paused  # else the wait is ours
         is_body_fine = not is_sending or self.conn.body_bytes - body_bytes >= MIN_PROGRESS_BYTES
         was_filled_up = waiting > waiting_bytes  # the app writes on once most is read
@@ -275,6 +284,19 @@ class WatchedProtocol(H11Protocol):
                     code="body_too_slow",
                 )
             )
+
+    def _waiting_bytes(self) -> int:
+        """Of an answer: what is not sent yet, and with it what the system has that the caller has not taken.
+
+        The system takes more from us only when a large part of its megabytes is through, a minute's at 10 kB/s: whoever
+        looked at our own buffer alone would cut readers who read all the time.
+        """
+        waiting = self.transport.get_write_buffer_size()
+        sock = self.transport.get_extra_info("socket")
+        if waiting and sock is not None:
+            with contextlib.suppress(OSError):  # a system that does not tell
+                waiting += struct.unpack("i", fcntl.ioctl(sock.fileno(), termios.TIOCOUTQ, bytes(4)))[0]
+        return waiting
 
     def _end_slow_head(self) -> None:
         if self.conn.trailing_data[0] or self.conn.heads:
@@ -323,7 +345,8 @@ class WatchedProtocol(H11Protocol):
         """Now, whatever still waits to be written, in the system's buffers too."""
         sock = self.transport.get_extra_info("socket")
         if sock is not None:
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
+            with contextlib.suppress(OSError):  # the caller was faster
+                sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
         self.transport.abort()
 
 
@@ -353,6 +376,8 @@ def _head_error(request: h11.Request) -> TadaError | None:
         return HeadersTooLargeError(f"The request has more than {MAX_HEADERS} headers, the limit.", limit=MAX_HEADERS)
     if b"content-length" in names and b"transfer-encoding" in names:  # smuggling: a proxy may have read the other one
         return MalformedRequestError("Content-Length and Transfer-Encoding exclude each other (RFC 9112, section 6.3).")
+    if b"transfer-encoding" in names and request.http_version == b"1.0":  # which a proxy may pass over: the same
+        return MalformedRequestError("HTTP/1.0 has no Transfer-Encoding (RFC 9112, section 6.1).")
     if names.count(b"host") > 1:
         return MalformedRequestError("The request has two Host headers.")
     return None

@@ -201,6 +201,20 @@ def test_reader_who_does_not_read_is_cut_off(connect):
     assert received < answers * bytes_each
 
 
+def test_reader_who_reads_slowly_is_not_cut_off(connect):
+    sock = connect()
+    answers = 100  # 20 MB: more than the system's buffers hold
+    request = b"GET /openapi.json HTTP/1.1\r\nHost: x\r\n"
+    sock.sendall((request + b"\r\n") * (answers - 1) + request + b"Connection: close\r\n\r\n")
+    slowly_until = time.monotonic() + 2 * STALL_SECONDS + 2
+    pieces = []
+    while piece := sock.recv(20_000 if time.monotonic() < slowly_until else 1 << 20):
+        pieces.append(piece)
+        if time.monotonic() < slowly_until:
+            time.sleep(0.1)
+    assert b"".join(pieces).count(b"HTTP/1.1 200") == answers
+
+
 def test_endless_body_that_nobody_wants_is_cut_after_the_answer(connect):
     sock = connect()
     sock.sendall(
@@ -336,6 +350,11 @@ def test_pipelined_requests_are_answered_in_order(connect):
         ),
         (
             b"POST /v1/enrolments HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\nContent-Length: 5\r\n\r\nhello",
+            400,
+            "malformed_request",
+        ),
+        (
+            b"POST /v1/enrolments HTTP/1.0\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n",
             400,
             "malformed_request",
         ),
