@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
+from urllib.parse import parse_qs
 
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -26,7 +27,7 @@ CallClass = Literal["upload", "export", "call"]
 
 UPLOAD_PATHS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+|/after)?)?|checks|calibrations)$")
 EXPORT_PATHS = re.compile(r"/exports?(/|$)")
-EXPORT_FORMATS = re.compile(rb"(^|&)format=(?!json(&|$))")  # a file of everything rather than a page
+EXPORT_TYPES = (b"text/csv", b"application/x-ndjson", b"application/vnd.apache.parquet")  # in Accept
 UNCOUNTED_PATHS = frozenset({"/healthz", "/readyz", "/metrics"})  # asked by machines of the people who run the server
 AT_ONCE_RETRY_SECONDS = 2
 
@@ -108,9 +109,19 @@ def call_class(scope: Scope) -> CallClass | None:
         return None
     if not is_safe and scope["method"] != "DELETE" and UPLOAD_PATHS.match(path):
         return "upload"
-    if is_safe and (EXPORT_PATHS.search(path) or EXPORT_FORMATS.search(scope["query_string"])):
+    if is_safe and (EXPORT_PATHS.search(path) or _wants_file(scope)):
         return "export"
     return "call"
+
+
+def _wants_file(scope: Scope) -> bool:
+    """Whether a file of everything is asked for rather than a page, by the parameter or else by the header."""
+    query: bytes = scope["query_string"]
+    formats = parse_qs(query.decode("latin-1")).get("format")
+    if formats is not None:
+        return formats[-1] != "json"
+    accepts: list[bytes] = [value for name, value in scope["headers"] if name == b"accept"]
+    return any(value.startswith(EXPORT_TYPES) for value in accepts)
 
 
 def count_caller(request: Request, limits: CallLimits, caller: Caller) -> None:

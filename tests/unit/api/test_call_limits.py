@@ -46,6 +46,7 @@ def person():
         ("GET", "/v1/records", b"format=json&study=a", "call"),
         ("GET", "/v1/records", b"study=a&format=csv", "export"),
         ("GET", "/v1/records", b"format=parquet", "export"),
+        ("GET", "/v1/records", b"f%6frmat=parquet", "export"),
         ("GET", "/v1/me/export", b"", "export"),
         ("GET", "/v1/exported", b"", "call"),
         ("GET", "/healthz", b"", None),
@@ -54,7 +55,22 @@ def person():
     ],
 )
 def test_call_counts_as_what_it_costs(method, path, query, found):
-    assert call_class({"method": method, "path": path, "query_string": query}) == found
+    assert call_class({"method": method, "path": path, "query_string": query, "headers": []}) == found
+
+
+@pytest.mark.parametrize(
+    ("accept", "query", "found"),
+    [
+        (b"text/csv", b"", "export"),
+        (b"application/vnd.apache.parquet, */*", b"study=a", "export"),
+        (b"text/csv", b"format=json", "call"),
+        (b"application/json", b"", "call"),
+        (b"*/*", b"", "call"),
+    ],
+)
+def test_file_asked_for_by_the_header_counts_as_an_export(accept, query, found):
+    scope = {"method": "GET", "path": "/v1/records", "query_string": query, "headers": [(b"accept", accept)]}
+    assert call_class(scope) == found
 
 
 def test_phone_past_its_uploads_is_refused_and_may_still_ask():
