@@ -17,6 +17,7 @@ import structlog
 from app.db.queries.record_export import export_batches
 from app.db.queries.record_pages import RecordFilter, search_of, studies_of
 from app.db.session import Database
+from app.errors import UnavailableError
 from app.exports.csv_rows import encode_csv
 from app.exports.ndjson_rows import encode_ndjson
 from app.exports.record_columns import RECORD_COLUMNS, Batch
@@ -66,8 +67,9 @@ class ExportRecords:
             leave()
 
         name = f"export-{output}"
-        threading.Thread(target=self._fill, args=(spool, visible, output), name=name, daemon=True).start()
+        writer = threading.Thread(target=self._fill, args=(spool, visible, output), name=name, daemon=True)
         try:
+            _start(writer, spool)
             spool.wait()
         except BaseException:
             close()
@@ -98,6 +100,15 @@ class ExportRecords:
             studies = studies_of(session, chosen.study_code, chosen.study_ids)
             for study_id in [None] if studies is None else studies:
                 audit.note(session, caller, "records.export", study_id=study_id, output=output, filters=filters)
+
+
+def _start(writer: threading.Thread, spool: Spool) -> None:
+    """Raises UnavailableError where the system gives no thread: nobody else would end the spool then."""
+    try:
+        writer.start()
+    except RuntimeError as error:
+        spool.finish(error)
+        raise UnavailableError("The server has no room for an export: try again later.", code="server_busy") from error
 
 
 def _encoded(output: ExportFormat, batches: Iterable[Batch]) -> Iterator[bytes]:

@@ -6,6 +6,7 @@ import json
 import threading
 import time
 from datetime import UTC, date, datetime, timedelta
+from types import SimpleNamespace
 
 import pytest
 import sqlalchemy as sa
@@ -258,6 +259,22 @@ def test_failure_before_the_first_byte_is_an_error_and_leaves_the_place(client, 
         patch.setattr(export_records, "_encoded", broken)
         for _ in range(4):
             assert client.get("/v1/records?format=csv", headers=admin).status_code == 500
+    assert client.get("/v1/records?format=csv", headers=admin).status_code == 200
+
+
+def test_system_without_threads_refuses_the_export_and_leaves_the_place(client, admin, export, monkeypatch):
+    class NoThread:
+        def __init__(self, **_):
+            pass
+
+        def start(self):
+            raise RuntimeError("can't start new thread")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(export_records, "threading", SimpleNamespace(Thread=NoThread))
+        for _ in range(4):
+            answer = client.get("/v1/records?format=csv", headers=admin)
+            assert (answer.status_code, answer.json()["code"]) == (503, "server_busy")
     assert client.get("/v1/records?format=csv", headers=admin).status_code == 200
 
 
