@@ -18,6 +18,7 @@ from dbos import DBOS, DBOSClient, DBOSConfig, DBOSPortableJSONSerializer, SQLAl
 from sqlalchemy import event
 from sqlalchemy.orm import Session
 
+from app.db.migrate import MigrationBusyError
 from app.db.models import Job
 from app.db.queries.jobs import DBOS_SCHEMA
 from app.db.session import BUSY_TIMEOUT_SECONDS, CONNECT_SECONDS, TCP_LIVENESS, Database, sqlite_connection_pragmas
@@ -37,10 +38,14 @@ MAX_RECOVERIES = 25
 POOL_SIZE = 5
 MIGRATION_LOCK = 7_241_960_312  # one process at a time makes DBOS's tables; the number has no meaning
 MIGRATION_POLL_SECONDS = 0.2
+MIGRATION_TURN_SECONDS = 120.0  # while another process makes them; one that was stopped in it holds the lock for ever
 
 
-def prepare_job_tables(database: Database) -> None:
-    """Make or upgrade DBOS's tables; harmless if they are there, or if several processes do it at once."""
+def prepare_job_tables(database: Database, turn_seconds: float = MIGRATION_TURN_SECONDS) -> None:
+    """Make or upgrade DBOS's tables; harmless if they are there, or if several processes do it at once.
+
+    Raises MigrationBusyError when another process has been at it for longer than turn_seconds.
+    """
     _quiet_dbos()
     if database.is_sqlite:
         _migrate_dbos(database)  # it takes SQLite's write lock first
@@ -48,7 +53,13 @@ def prepare_job_tables(database: Database) -> None:
     with database.write_engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
         # asked again and again, not waited for: DBOS builds indexes concurrently, and PostgreSQL lets that wait for
         # every statement under way, one that waits for our lock included
+        deadline = time.monotonic() + turn_seconds
         while not connection.scalar(sa.text("SELECT pg_try_advisory_lock(:n)"), {"n": MIGRATION_LOCK}):
+            if time.monotonic() > deadline:
+                raise MigrationBusyError(
+                    f"Another process makes the tables of jobs, for more than {turn_seconds:.0f} s: wait for it to end "
+                    "(or end it, if it hangs), then do the same again."
+                )
             time.sleep(MIGRATION_POLL_SECONDS)
         try:
             _migrate_dbos(database)

@@ -2,7 +2,10 @@ import subprocess
 import sys
 
 import pytest
+import sqlalchemy as sa
 
+from app.db.migrate import MigrationBusyError
+from app.jobs.engine import MIGRATION_LOCK, prepare_job_tables
 from tests.integration.jobs.fakes import new_job
 
 
@@ -47,3 +50,13 @@ prepare_job_tables(database)
 """
     processes = [subprocess.Popen([sys.executable, "-c", script, database_url], cwd=tmp_path) for _ in range(3)]
     assert [process.wait() for process in processes] == [0] * 3
+
+
+@pytest.mark.parametrize("kind", ["postgres"])  # on SQLite the database's own lock is waited for, and no longer
+def test_who_waits_for_a_maker_of_the_tables_that_hangs_is_told_so(jobs):
+    with jobs.database.write_engine.connect() as hanging:
+        hanging.execute(sa.text("SELECT pg_advisory_lock(:n)"), {"n": MIGRATION_LOCK})
+        with pytest.raises(MigrationBusyError, match="more than 0 s"):
+            prepare_job_tables(jobs.database, turn_seconds=0.1)
+        hanging.execute(sa.text("SELECT pg_advisory_unlock(:n)"), {"n": MIGRATION_LOCK})
+    prepare_job_tables(jobs.database)
