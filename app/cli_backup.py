@@ -27,6 +27,11 @@ KEPT_APART = (
     "(TADA_ERASURE_URL). Keep both apart from the backup: a restore needs them."
 )
 
+OTHER_LEDGER = (
+    "TADA_ERASURE_URL does not lead to the ledger of then: {} erasures that the backup remembers are not in it. "
+    "Whoever was erased after the backup is back. Copy the entries of the old ledger there before you start a server."
+)
+
 
 def backup(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="File to make; -: standard output.")],
@@ -82,7 +87,10 @@ def restore(
     with _ended_in_order(), database_as_it_is() as database, _told_of_files():
         blobs = open_blob_store(settings.resolved_blob_url, settings)
         done = run(file, database, blobs, settings, tell, other_key=other_key)
-    _tell_checked(done.checked, {"queued_again": done.queued_again}, "restored", as_json=as_json)
+    more = {"queued_again": done.queued_again, "missing_in_ledger": done.missing_in_ledger}
+    _tell_checked(done.checked, more, "restored", as_json=as_json)
+    if done.missing_in_ledger:
+        print(OTHER_LEDGER.format(done.missing_in_ledger), file=sys.stderr)
 
 
 def _tell_checked(checked: "CheckedBackup", more: dict[str, Any], deed: str, *, as_json: bool) -> None:

@@ -13,11 +13,13 @@ log = structlog.get_logger()
 
 def check_stores(settings: Settings) -> None:
     """Raises InvalidInputError, `settings_invalid`, for a wrong key, a bucket that is not there and the like."""
-    for variable, url in (
-        ("TADA_BLOB_URL", settings.resolved_blob_url),
-        ("TADA_ERASURE_URL", settings.resolved_erasure_url),
-    ):
-        _check(variable, open_blob_store(url, settings))
+    blobs = open_blob_store(settings.resolved_blob_url, settings)
+    _check("TADA_BLOB_URL", blobs)
+    _check("TADA_ERASURE_URL", open_blob_store(settings.resolved_erasure_url, settings))
+    if isinstance(blobs, S3BlobStore) and blobs.keeps_versions:  # the ledger may: it names nobody, and is to stay
+        log.error(
+            "store_keeps_versions", variable="TADA_BLOB_URL", detail="What is erased stays in it: docs/storage.md."
+        )
 
 
 def _check(variable: str, store: BlobStore) -> None:
@@ -28,6 +30,3 @@ def _check(variable: str, store: BlobStore) -> None:
         raise InvalidInputError(f"{variable}, {error.filename}: {error.strerror}.", code="settings_invalid") from None
     except OSError as error:
         log.warning("store_not_usable", variable=variable, reason=error.strerror)
-        return
-    if isinstance(store, S3BlobStore) and store.keeps_versions:
-        log.error("store_keeps_versions", variable=variable, detail="What is erased stays in it: docs/storage.md.")

@@ -11,6 +11,7 @@ from app.db.session import Database
 from app.errors import TadaError
 from app.services.erasure_ledger import KINDS, ErasureLedger
 from app.services.finding import Finding
+from app.services.ledger_gaps import count_missing
 from app.services.missing_blobs import find_missing
 from app.services.secret_box import KEY_FILE, SecretKeyError, open_secret_box
 from app.settings import Settings
@@ -107,7 +108,16 @@ def look_at_ledger(database: Database, settings: Settings) -> Iterator[Finding]:
         yield Finding(subject, "ok", "written, and outside of TADA_DATA_DIR")
     if settings.secret_key is None and not (settings.data_dir / KEY_FILE).exists():
         return
-    yield _open_erasures(database, ErasureLedger(store, open_secret_box(settings)))
+    ledger = ErasureLedger(store, open_secret_box(settings))
+    missing = count_missing(database, ledger)
+    if missing:
+        yield Finding(
+            "ledger's entries",
+            "note",
+            f"{missing} erasures that the database remembers are not there: it is not the ledger of then.",
+            "Copy the old ledger's entries into it, or a restored backup brings back whom they erased.",
+        )
+    yield _open_erasures(database, ledger)
 
 
 def _open_erasures(database: Database, ledger: ErasureLedger) -> Finding:

@@ -26,6 +26,8 @@ from app.services.backup_check import CheckedBackup, check_backup, unpacked_rows
 from app.services.backup_format import BLOB_COLUMNS, MAX_CHUNK_BYTES, MAX_DOCUMENT_BYTES, Manifest, broken
 from app.services.backup_tar import members
 from app.services.backup_values import MOST_INTEGER, row_reader
+from app.services.erasure_ledger import ErasureLedger
+from app.services.ledger_gaps import count_missing
 from app.services.prepare import prepare
 from app.services.project_records import project_meal
 from app.services.restore_blobs import put_blobs
@@ -33,6 +35,7 @@ from app.services.secret_box import KEY_FILE, SecretBox, SecretKeyError, open_se
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
 from app.storage.local import LocalBlobStore
+from app.storage.opening import open_blob_store
 
 # Added to every change's number: whoever pulled changes that the backup does not have stands before all that it has,
 # and gets all of it again. Larger than any number of changes in between, small enough for a thousand million restores.
@@ -41,10 +44,14 @@ CHANGE_SEQ_JUMP = 2**32
 
 @dataclass(frozen=True, slots=True)
 class RestoreDone:
-    """What was restored. queued_again: meals that waited for their estimate."""
+    """What was restored. queued_again: meals that waited for their estimate.
+
+    missing_in_ledger: erasures that the backup remembers and the ledger does not have, so it is not the ledger of then.
+    """
 
     checked: CheckedBackup
     queued_again: int
+    missing_in_ledger: int
 
 
 def check_only(path: Path, settings: Settings, tell: Tell, *, other_key: bool = False) -> CheckedBackup:
@@ -74,7 +81,9 @@ def restore(
             _put_rows(refill, file, checked, tell)
             _mark_erased(refill, checked)
     prepare(database, settings)
-    return RestoreDone(checked, _put_to_work(database, checked.manifest))
+    queued_again = _put_to_work(database, checked.manifest)
+    ledger = ErasureLedger(open_blob_store(settings.resolved_erasure_url, settings), open_secret_box(settings))
+    return RestoreDone(checked, queued_again, count_missing(database, ledger))
 
 
 def _key_of(settings: Settings, *, other_key: bool) -> Callable[[Manifest], SecretBox | None]:

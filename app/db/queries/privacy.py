@@ -313,6 +313,13 @@ def tombstones_among(session: Session, kind: str, digests: Collection[str]) -> s
     return found
 
 
+def tombstone_digests(session: Session, kind: str) -> Iterator[str]:
+    """The digests of all tombstones of this kind, streamed."""
+    yield from session.scalars(
+        sa.select(Tombstone.digest).where(Tombstone.kind == kind).execution_options(yield_per=1000)
+    )
+
+
 def participant_ids(session: Session) -> Iterator[uuid.UUID]:
     """All participants, streamed."""
     yield from session.scalars(sa.select(Participant.id).execution_options(yield_per=1000))

@@ -253,6 +253,18 @@ def test_erasures_after_the_backup_are_done_again_before_anybody_is_served(
     assert len(machine.stored()) == len(named_blobs(source.database)) > 3
 
 
+def test_restore_with_another_ledger_than_that_of_then_is_told(
+    kind, state, phone, source, client, settings, blob_settings, empty_machine, tmp_path
+):
+    """As after a move to S3, where the ledger's default is another place; nothing else would tell."""
+    erased = send_meal(state, phone, 9)
+    assert client.delete(f"/v1/meals/{erased}", headers=phone.headers).status_code == 200
+    source.back_up(tmp_path / "one.tar")
+    assert empty_machine(kind).restore(tmp_path / "one.tar").missing_in_ledger == 1
+    ledger = blob_settings | {"blob_url": None, "erasure_url": settings.resolved_erasure_url}
+    assert empty_machine(kind, **ledger).restore(tmp_path / "one.tar").missing_in_ledger == 0
+
+
 def test_meals_that_waited_are_queued_again(kind, state, phone, source, empty_machine, tmp_path):
     ids = [meal_metadata()["id"] for _ in range(2)]
     for seed, client_id in enumerate(ids):

@@ -111,7 +111,10 @@ def test_restore_tells_what_came_and_refuses_a_second_time(place, tmp_path):
     assert json.loads(checked.stdout) == backed_up
     machine = variables(tmp_path / "new", f"sqlite:///{tmp_path / 'new' / 'tada.sqlite3'}")
     restored = run_tada("restore", tmp_path / "one.tar", "--json", **machine)
-    assert (restored.returncode, json.loads(restored.stdout)) == (0, backed_up | {"queued_again": 0})
+    assert (restored.returncode, json.loads(restored.stdout)) == (
+        0,
+        backed_up | {"queued_again": 0, "missing_in_ledger": 0},
+    )
     again = run_tada("restore", tmp_path / "one.tar", **machine)
     assert again.returncode == 2
     assert "has data already" in again.stderr

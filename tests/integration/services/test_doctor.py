@@ -11,7 +11,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.db.migrate import downgrade, revisions
-from app.db.models import AuditEvent, BlobDeletion, Meal, MealImage, Study, Webhook, WebhookDelivery
+from app.db.models import AuditEvent, BlobDeletion, Meal, MealImage, Study, Tombstone, Webhook, WebhookDelivery
 from app.db.session import Database, PoolLimits
 from app.services import doctor_database, doctor_store
 from app.services.doctor import examine
@@ -286,6 +286,18 @@ def test_erasure_that_was_promised_and_not_carried_out_is_told(deployment, monke
     monkeypatch.setattr(doctor_store, "UNDER_WAY", timedelta(seconds=-60))
     assert deployment.bad()["erasures"].startswith("1 that were promised")
     assert "TADA_SECRET_KEY" in deployment.bad(secret_key=OTHER_KEY)["erasures"]
+
+
+def test_erasures_that_the_ledger_lacks_are_told(deployment):
+    """It was moved, or came back with a restore: a backup would bring back whom they erased."""
+    box = SecretBox(KEY)
+    noted, lost = erasure(box), erasure(box)
+    store = open_blob_store(deployment.settings.resolved_erasure_url, deployment.settings)
+    ErasureLedger(store, box).write(noted)
+    deployment.add(Tombstone(kind="meal", digest=noted.digest, study_id=None, erased_at=noted.at))
+    assert "ledger's entries" not in deployment.findings()
+    deployment.add(Tombstone(kind="meal", digest=lost.digest, study_id=None, erased_at=lost.at))
+    assert deployment.findings()["ledger's entries"].message.startswith("1 erasures that the database remembers")
 
 
 def test_blob_that_should_be_gone_is_told(deployment):

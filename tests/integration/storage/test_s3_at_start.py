@@ -7,11 +7,13 @@ from pathlib import Path
 
 import pytest
 from pydantic import SecretStr
+from structlog.testing import capture_logs
 
 from app.errors import InvalidInputError
 from app.jobs.supervisor import settings_environment
 from app.services.check_stores import check_stores
 from app.settings import Settings
+from app.storage.s3 import S3BlobStore
 from tests.s3_places import s3_settings
 
 
@@ -67,3 +69,23 @@ def test_worker_beside_the_server_gets_the_secret_and_a_ledger_beside_the_blobs(
     again = Settings()
     assert again.s3_secret_access_key == settings.s3_secret_access_key
     assert again.resolved_erasure_url == f"{settings.blob_url}/.erasures"
+
+
+def test_versions_are_a_fault_of_the_photographs_bucket_and_none_of_the_ledgers(settings, s3_server, monkeypatch):
+    """docs/storage.md advises them for the ledger, which names nobody and is to stay."""
+    s3_server.make_bucket("ledger-alone")
+    apart = other(settings, erasure_url="s3://ledger-alone")
+    check = S3BlobStore.check
+
+    def check_with_versions(store, bucket):
+        check(store)
+        store.keeps_versions = str(store).startswith(bucket)
+
+    def told(bucket):
+        with monkeypatch.context() as patch, capture_logs() as logs:
+            patch.setattr(S3BlobStore, "check", lambda store: check_with_versions(store, bucket))
+            check_stores(apart)
+        return [line["variable"] for line in logs if line["event"] == "store_keeps_versions"]
+
+    assert told(settings.resolved_blob_url) == ["TADA_BLOB_URL"]
+    assert told("s3://ledger-alone") == []
