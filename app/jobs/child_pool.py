@@ -194,12 +194,18 @@ class ChildPool:
                 child = self._warm.pop() if self._warm else None
             if child is None:
                 try:
-                    return self._starter.submit(self._start).result()
+                    return self._starter.submit(self._warm_or_new).result()
                 except RuntimeError:  # the pool was closed just now
                     raise ChildPoolClosedError from None
             if child.is_alive():
                 return child
             self._discard(child)
+
+    def _warm_or_new(self) -> "_Child":
+        """In the starter's thread, where `warm_up` may just have started the one that we are to have."""
+        with self._lock:
+            child = self._warm.pop() if self._warm else None
+        return child or self._start()
 
     def _start(self) -> "_Child":
         child = _Child(self._tasks, self._settings.estimate_memory_bytes)

@@ -130,6 +130,29 @@ def test_cancelled_request_raises_its_child_is_ended_and_the_next_request_runs(p
     assert pool.cancel("a job") is False
 
 
+def test_requests_that_come_while_the_pool_warms_up_start_no_child_more_than_there_may_be(settings, monkeypatch):
+    """Held up in its thread, the starter has the request's wish behind that of the warming up."""
+    monkeypatch.syspath_prepend(ROOT)
+    pool = ChildPool(settings, TASKS)
+    go_on = threading.Event()
+    pool._starter.submit(go_on.wait)
+    threads = [threading.Thread(target=pool.warm_up), threading.Thread(target=run, args=(pool, "describe"))]
+    try:
+        for waiting, thread in enumerate(threads, start=1):
+            thread.start()
+            deadline = time.monotonic() + 30
+            while pool._starter._work_queue.qsize() < waiting:
+                assert time.monotonic() < deadline
+                time.sleep(0.01)
+        go_on.set()
+        for thread in threads:
+            thread.join(60)
+        assert len(pool._alive) == 1
+    finally:
+        go_on.set()
+        pool.close()
+
+
 def test_warm_children_are_as_many_as_there_may_be_and_are_the_ones_that_work(settings, monkeypatch):
     monkeypatch.syspath_prepend(ROOT)
     pool = ChildPool(settings, TASKS, children=3)
