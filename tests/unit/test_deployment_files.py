@@ -68,6 +68,12 @@ def test_every_image_has_a_version_and_every_lasting_service_a_limit_and_a_resta
             assert int(service["deploy"]["resources"]["limits"]["memory"]) > 0, name
 
 
+def test_workers_that_share_a_machine_are_told_their_share(services):
+    worker = services["worker"]
+    assert worker["deploy"]["replicas"] > 1
+    assert int(worker["environment"]["TADA_WORKER_CONCURRENCY"]) >= 1
+
+
 def test_no_secret_stands_in_compose(services):
     for name, service in services.items():
         for variable, value in (service.get("environment") or {}).items():
