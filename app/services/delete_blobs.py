@@ -4,7 +4,7 @@ Run again and again beside the jobs (services/chores.py). Two at once do no harm
 that is done.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta
 from itertools import islice
 
@@ -18,6 +18,7 @@ from app.storage.blob_store import BlobStore
 log = structlog.get_logger()
 
 BATCH = 200
+FAULTS_IN_A_ROW = 3  # then it is the store and not a blob: it is asked again later
 ORPHAN_GRACE = timedelta(hours=24)  # an upload or an estimate that seals first and commits later is long done by then
 
 
@@ -30,19 +31,23 @@ class BlobDeleter:
         self._log_may_hold_erased = True  # nobody knows what the process before this one left in SQLite's log
 
     def delete_wanted(self) -> int:
-        """Delete what erasures want gone. Returns how many intents were carried out."""
+        """Delete what erasures want gone. Returns how many intents were carried out.
+
+        Raises OSError for what the store does not delete; that waits, and does not hold up the others.
+        """
         done = 0
         while True:
             with self._database.read() as session:
                 wanted = privacy.wanted_deletions(session, BATCH)
             if not wanted:
                 break
-            for key in wanted:
-                self._delete(key)
+            gone, fault = self._delete_all(wanted)
             with self._database.write() as session:
-                privacy.forget_deletions(session, wanted)
+                privacy.forget_deletions(session, gone)
             self._log_may_hold_erased = True
-            done += len(wanted)
+            done += len(gone)
+            if fault is not None:
+                raise fault
         if self._log_may_hold_erased and self._database.empty_log():
             self._log_may_hold_erased = False
         return done
@@ -95,6 +100,22 @@ class BlobDeleter:
         self._blobs.delete(key)
         instruments.BLOBS_DELETED.labels("orphan").inc()
         return True
+
+    def _delete_all(self, keys: Sequence[str]) -> tuple[list[str], OSError | None]:
+        """Those that are gone, and the last fault."""
+        gone: list[str] = []
+        fault, in_a_row = None, 0
+        for key in keys:
+            try:
+                self._delete(key)
+            except OSError as error:
+                fault, in_a_row = error, in_a_row + 1
+                if in_a_row == FAULTS_IN_A_ROW:
+                    break
+            else:
+                gone.append(key)
+                in_a_row = 0
+        return gone, fault
 
     def _delete(self, key: str) -> None:
         with self._database.read() as session:
