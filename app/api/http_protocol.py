@@ -16,7 +16,7 @@ import socket
 import struct
 import termios
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from ipaddress import IPv6Address, ip_address, ip_network
 from typing import Any
@@ -181,6 +181,17 @@ class WatchedConnection(h11.Connection):
         return event
 
 
+class _Transport:
+    """A transport whose `close` the protocol decides on."""
+
+    def __init__(self, plain: asyncio.Transport, close: Callable[[], None]) -> None:
+        self._plain = plain
+        self.close = close
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._plain, name)
+
+
 class WatchedProtocol(H11Protocol):
     """uvicorn's HTTP/1.1 on one connection, with deadlines."""
 
@@ -202,7 +213,8 @@ class WatchedProtocol(H11Protocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Count it; one too many is answered at once."""
-        super().connection_made(transport)
+        self._plain = transport
+        super().connection_made(_Transport(transport, self._close))  # type: ignore[arg-type]  # passes all else on
         self._address = home_of(self.client[0]) if self.client else "unknown"
         now = self.loop.time()
         self._head_since, self._progress = now, (now, 0, 0)
@@ -327,8 +339,30 @@ class WatchedProtocol(H11Protocol):
         self._unset_keepalive_if_required()
         self.flow.resume_reading()
         self.transport.write("\r\n".join([*head, "", ""]).encode() + bytes(response.body))
-        if self.transport.can_write_eof():
-            self.transport.write_eof()
+        self._write_eof()
+
+    def _close(self) -> None:
+        """As uvicorn wants it closed, but never so that the caller takes a wrong thing for the answer.
+
+        An answer that breaks off is reset: to HTTP/1.0, which nginx speaks by default, an orderly end says that it is
+        whole. Where the caller still sends, the connection reads on for a moment, or the system would reset it.
+        """
+        is_whole = self.cycle is None or not self.cycle.response_started or self.cycle.response_complete
+        if self._closes_at is not None or self._plain.is_closing():
+            self._plain.close()
+        elif not is_whole:
+            self._abort()
+        elif self.conn.is_reading_body and not self._plain.get_write_buffer_size():
+            self._closes_at = self.loop.time() + LINGER_SECONDS
+            self.flow.resume_reading()
+            self._write_eof()
+        else:
+            self._plain.close()
+
+    def _write_eof(self) -> None:
+        if self._plain.can_write_eof():
+            with contextlib.suppress(OSError):  # the caller has gone
+                self._plain.write_eof()
 
     def _cut(self, code: str) -> None:
         self._watch.count_refusal(code)
@@ -346,7 +380,7 @@ class WatchedProtocol(H11Protocol):
         sock = self.transport.get_extra_info("socket")
         if sock is not None:
             with contextlib.suppress(OSError):  # the caller was faster
-                sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
+                sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         self.transport.abort()
 
 

@@ -232,6 +232,17 @@ def test_endless_body_that_nobody_wants_is_cut_after_the_answer(connect):
     assert sent < 1 << 28
 
 
+@pytest.mark.parametrize("head", ["HTTP/1.1\r\nConnection: close", "HTTP/1.0"])
+def test_caller_of_one_request_who_still_sends_reads_the_refusal(connect, head):
+    sock = connect()
+    sock.sendall(f"POST /v1/meals {head}\r\nHost: x\r\nContent-Length: 8000000\r\n{MULTIPART}\r\n\r\n".encode())
+    for _ in range(10):  # the first piece after a reset would pass, the second not
+        sock.sendall(bytes(50_000))
+        time.sleep(0.05)
+    refused(sock, 401, "unauthenticated")
+    assert is_closed(sock)
+
+
 def test_endless_photograph_is_refused_at_its_limit(connect, token):
     sock = connect()
     sock.sendall(upload_head(token, MULTIPART, "Transfer-Encoding: chunked"))
