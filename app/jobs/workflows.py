@@ -38,10 +38,10 @@ TRIES = 3  # of what looks like a bug, in one claim of the job
 
 
 class EstimateUseCases(Protocol):
-    """What services do for a job.
+    """What services do for a job: compute; load what that sealed, maybe in another worker; save it.
 
-    Either may raise JobFailure: the meal fails with its code. A passing fault (is_passing) is tried again without end,
-    any other exception a few times.
+    compute and save may raise JobFailure: the meal fails with its code. A passing fault (is_passing) is tried again
+    without end, any other exception a few times.
     """
 
     def compute(self, job_id: uuid.UUID) -> str:
@@ -51,8 +51,15 @@ class EstimateUseCases(Protocol):
         """
         ...
 
-    def save(self, session: Session, job_id: uuid.UUID, result_key: str) -> None:
-        """Write run, items, records and the meal's status in this transaction. It is committed at most once."""
+    def load(self, result_key: str) -> object:
+        """Fetch the sealed result: outside of any transaction, since the store may be slow."""
+        ...
+
+    def save(self, session: Session, job_id: uuid.UUID, result: Any) -> None:
+        """Write run, items, records and the meal's status in this transaction. It is committed at most once.
+
+        result: as `load` gave it.
+        """
         ...
 
     def abandon(self, job_id: uuid.UUID) -> object:
@@ -111,8 +118,8 @@ class EstimateWorkflow:
         isolation: IsolationLevel = "SERIALIZABLE" if self._database.is_sqlite else "READ COMMITTED"
 
         @datasource.transaction(name="finish", isolation_level=isolation)
-        def finish(job_id: str, result_key: str | None, failure: dict[str, str] | None) -> str:
-            return self._finish(datasource.sql_session(), uuid.UUID(job_id), result_key, failure)
+        def finish(job_id: str, result: object | None, failure: dict[str, str] | None) -> str:
+            return self._finish(datasource.sql_session(), uuid.UUID(job_id), result, failure)
 
         def estimate_meal(job_id: str) -> str:
             with self._at_work_on(job_id) as facts:
@@ -188,18 +195,21 @@ class EstimateWorkflow:
             waits += 1
 
     def _persist(
-        self, finish: Callable[[str, str | None, dict[str, str] | None], str], job_id: str, computed: Computed
+        self, finish: Callable[[str, object | None, dict[str, str] | None], str], job_id: str, computed: Computed
     ) -> str:
         """Run the transaction until it is committed; a result that cannot be saved ends as a failed meal.
 
         DBOS records each exception as a step's outcome and replays it after a takeover, so the count goes on there.
         """
         result_key, failure = computed["result_key"], computed["failure"]
+        result: object | None = None
         failed, waits = 0, 0
         while True:
             self._go_on_or_leave()
             try:
-                return finish(job_id, result_key, failure)
+                if result_key is not None and result is None:
+                    result = self._load(result_key)
+                return finish(job_id, result, failure)
             except TryAgain as error:
                 _note_failed_step("save", error.__cause__, passing=True)
             except Exception:
@@ -207,12 +217,22 @@ class EstimateWorkflow:
                 if failed >= 2 * TRIES:
                     raise  # not even the failure can be saved: the sweep finds the ended workflow
                 if failed >= TRIES:
-                    result_key, failure = None, asdict(INTERNAL_ERROR)
+                    result_key, result, failure = None, None, asdict(INTERNAL_ERROR)
             self._wait(waits)
             waits += 1
 
+    def _load(self, result_key: str) -> object:
+        """Before the transaction: one that waits for the store would lose its connection, and hold up all others."""
+        try:
+            return self._use_cases.load(result_key)
+        except Exception as error:
+            if is_passing(error):
+                raise TryAgain from error
+            _note_failed_step("load", error, passing=False)
+            raise
+
     def _finish(
-        self, session: Session, job_id: uuid.UUID, result_key: str | None, failure: dict[str, str] | None
+        self, session: Session, job_id: uuid.UUID, result: object | None, failure: dict[str, str] | None
     ) -> str:
         try:
             self._lease.guard(session)
@@ -220,10 +240,10 @@ class EstimateWorkflow:
             if found is None:  # committed before, by a worker that died before it could tell DBOS
                 return "was finished before"
             job, meal = found
-            if result_key is not None:
+            if result is not None:
                 try:
                     with session.begin_nested():
-                        self._use_cases.save(session, job_id, result_key)
+                        self._use_cases.save(session, job_id, result)
                 except JobFailure as error:
                     failure = asdict(error.failure)
             now = datetime.now(UTC)

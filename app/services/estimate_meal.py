@@ -1,6 +1,6 @@
 """A job's work: fetch the sealed photographs, estimate in the child, seal the answer; then save it, exactly once.
 
-Used by jobs/workflows.py, which calls `compute` as one step and `save` as the other.
+Used by jobs/workflows.py, which calls `compute` as one step, then `load`, and `save` as the other step.
 """
 
 import hashlib
@@ -8,7 +8,7 @@ import json
 import tempfile
 import uuid
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -57,6 +57,14 @@ PHOTO_DAMAGED = Failure(
     "A sealed photograph is no longer what was sealed: the disk or somebody changed it.",
     "Ask the people who run the server to restore it from a backup and to queue the meal again.",
 )
+
+
+@dataclass(frozen=True, slots=True)
+class SealedAnswer:
+    """A pipeline's answer as it lies in the store, and its key there."""
+
+    key: str
+    answer: Mapping[str, Any]
 
 
 class EstimateMeal:
@@ -114,13 +122,16 @@ class EstimateMeal:
         self._leave_nothing_of_erased(meal.id, [result_key, *(one["blob_key"] for one in answer["artefacts"])])
         return result_key
 
-    def save(self, session: Session, job_id: uuid.UUID, result_key: str) -> None:
+    def load(self, result_key: str) -> SealedAnswer:
+        """The sealed answer, from the store."""
+        return SealedAnswer(result_key, json.loads(self._blobs.read(result_key)))
+
+    def save(self, session: Session, job_id: uuid.UUID, result: SealedAnswer) -> None:
         """Write run, items and records in the given transaction."""
-        answer = json.loads(self._blobs.read(result_key))
-        save_estimate(session, job_id, answer, result_key)
-        if answer["failure"]:
-            tell(outcome=answer["failure"]["code"])
-        log.info("estimate_saved", result_key=result_key)  # it begins with the study's and the meal's id
+        save_estimate(session, job_id, result.answer, result.key)
+        if result.answer["failure"]:
+            tell(outcome=result.answer["failure"]["code"])
+        log.info("estimate_saved", result_key=result.key)  # it begins with the study's and the meal's id
 
     def abandon(self, job_id: uuid.UUID) -> None:
         """End the child that works on the job."""

@@ -49,7 +49,16 @@ class FakeUseCases:
                 raise JobFailure(result.failure)
         return f"results/{job_id}"
 
-    def save(self, session, job_id, result_key):
+    def load(self, result_key):
+        job_id = result_key.removeprefix("results/")
+        with self._database.read() as session:
+            what = session.get_one(Meal, session.get_one(Job, uuid.UUID(job_id)).meal_id).details["fake"]
+        if what == "hold_in_load":
+            (self._folder / f"loading-{job_id}-{os.getpid()}").touch()
+            self._wait_for(f"go-{job_id}")
+        return {"key": result_key}
+
+    def save(self, session, job_id, result):
         meal = session.get_one(Meal, session.get_one(Job, job_id).meal_id)
         what = meal.details["fake"]
         session.execute(
@@ -63,7 +72,7 @@ class FakeUseCases:
         if what == "full_disk_in_save" and not (self._folder / f"go-{job_id}").exists():
             (self._folder / f"saving-{job_id}-{os.getpid()}").touch()
             raise OSError(errno.ENOSPC, "No space left on device")
-        assert result_key == f"results/{job_id}"
+        assert result == {"key": f"results/{job_id}"}
         meal.status = "estimated"
         meal.version += 1
 

@@ -1,8 +1,10 @@
 import signal
+import time
 
 import pytest
 
 from tests.integration.jobs.conftest import wait_until
+from tests.integration.jobs.fakes import TIMES
 
 pytestmark = pytest.mark.slow
 
@@ -86,6 +88,18 @@ def test_stopped_worker_that_goes_on_after_takeover_writes_nothing(jobs):
     assert first.wait(timeout=30) == 75  # it notices, and ends to be started again under a new name
     assert jobs.saves(job_id) == [second.pid]
     assert jobs.meal(job_id).version == version
+
+
+def test_store_that_answers_slower_than_a_lease_lasts_keeps_no_meal_from_being_saved(jobs):
+    job_id = jobs.add("hold_in_load")
+    worker = jobs.start_worker()
+    jobs.wait_for_file(f"loading-{job_id}-{worker.pid}")
+    jobs.run_sql("UPDATE meal SET version = version + 1")  # nothing is locked meanwhile
+    time.sleep(1.5 * TIMES.lease)
+    jobs.go(job_id)
+    jobs.wait_for_state(job_id, "done")
+    assert jobs.saves(job_id) == [worker.pid]
+    assert jobs.job(job_id).attempts == 1
 
 
 def test_worker_stopped_while_it_saves_keeps_nobody_waiting(jobs):

@@ -66,7 +66,7 @@ def work(state, settings, children, purpose):
         job_id = session.query(Job).filter(Job.purpose == purpose).order_by(Job.enqueued_at.desc()).first().id
     key = use_case.compute(job_id)
     with state.database.write() as session:
-        use_case.save(session, job_id, key)
+        use_case.save(session, job_id, use_case.load(key))
     return key
 
 

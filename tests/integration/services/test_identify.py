@@ -93,7 +93,7 @@ class Kitchen:
             job_id = session.scalars(query).first().id
         key = self.worker.compute(job_id)
         with self.state.database.write() as session:
-            self.worker.save(session, job_id, key)
+            self.worker.save(session, job_id, self.worker.load(key))
             session.get_one(Job, job_id).state = "done"
 
     def told(self, phone, food, *vectors, **fields):

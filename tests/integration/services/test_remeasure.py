@@ -58,7 +58,7 @@ def work(state, settings, children, participant):
             job = session.scalars(query.order_by(Job.enqueued_at.desc())).first()
         key = worker.compute(job.id)
         with state.database.write() as session:
-            worker.save(session, job.id, key)
+            worker.save(session, job.id, worker.load(key))
         return job
 
     return work
