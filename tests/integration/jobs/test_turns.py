@@ -1,5 +1,6 @@
 """Fair between studies: in which order workers take what waits. The order of claims is asked of DBOS's own claim."""
 
+import time
 import uuid
 from itertools import pairwise
 
@@ -171,6 +172,7 @@ def test_turns_beyond_the_queues_numbers_are_first_come_first_served(line, jobs)
     first = line.send(phone)[0]
     jobs.run_sql(f"UPDATE job SET turn = {2**31 + 7}")
     jobs.run_sql(f"UPDATE {jobs.workflow_table} SET priority = {2**31 - 1}")
+    time.sleep(0.01)  # DBOS notes when a job was queued in milliseconds
     second = line.send(phone)[0]
     assert jobs.job(second).turn == 2**31 + 8
     assert [line.take(), line.take()] == [first, second]
