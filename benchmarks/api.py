@@ -48,6 +48,7 @@ from app.settings import Settings
 from app.storage.opening import open_blob_store
 from benchmarks.api_load import Outcome, percentiles
 from benchmarks.databases import database_url
+from benchmarks.processes import end
 from tests.s3_server import S3Server
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -169,7 +170,7 @@ def deployment(kind: str, folder: Path) -> Iterator[Deployment]:
             stderr=log,
             cwd=ROOT,
         )
-        stack.callback(_end, process)
+        stack.callback(end, process)
         yield Deployment(name, folder, environment, process, _port(process, folder / "server.log"), yardstick)
 
 
@@ -181,15 +182,6 @@ def _port(process: subprocess.Popen[bytes], log: Path) -> int:
                 return int(line.removeprefix(words))
         time.sleep(0.1)
     raise SystemExit(f"the server ended:\n{log.read_text()}")
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    process.terminate()
-    try:
-        process.wait(20)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
 
 
 def measure(server: Deployment, arguments: argparse.Namespace) -> bool:

@@ -37,6 +37,7 @@ from app.jobs.supervisor import settings_environment  # noqa: E402
 from app.services.staff import create_admin  # noqa: E402
 from app.settings import Settings  # noqa: E402
 from benchmarks.databases import database_url  # noqa: E402
+from benchmarks.processes import end  # noqa: E402
 
 START_SECONDS = 120
 MEAL_SECONDS = 120
@@ -164,15 +165,6 @@ def address_of(process: subprocess.Popen[str]) -> str:
 def environment(settings: Settings) -> dict[str, str]:
     inherited = {key: value for key, value in os.environ.items() if not key.startswith("TADA_")}
     return inherited | settings_environment(settings)
-
-
-def end(process: subprocess.Popen[str]) -> None:
-    process.terminate()
-    try:
-        process.wait(20)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
 
 
 def run_workers(place: Place, options: argparse.Namespace, count: int) -> Made:
