@@ -32,7 +32,8 @@ from app.vision.colour_board import COLOUR_SQUARES  # noqa: E402
 from app.vision.colour_fit import PAPER_WHITE, fit_matrix, reference_linear  # noqa: E402
 from app.vision.colour_samples import find_white, sample_board  # noqa: E402
 from app.vision.colour_space import LINEAR_OF_BYTE, encode_srgb, lab_of, linear_rgb  # noqa: E402
-from app.vision.marker import find_marker, parse_marker  # noqa: E402
+from app.vision.marker import find_marker  # noqa: E402
+from app.vision.marker_spec import parse_marker  # noqa: E402
 from app.vision.model import ColourCorrection, MarkerObservation, Photo  # noqa: E402
 from app.vision.photo import read_photo  # noqa: E402
 

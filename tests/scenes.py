@@ -9,9 +9,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from app.vision.camera import camera_from_mapping
-from app.vision.marker import parse_marker
-from app.vision.model import Camera, EstimateOptions, ImageArray, MarkerSpec, MaskArray, PhotoPair
+from app.vision.intrinsics import Camera, camera_from_mapping
+from app.vision.marker_spec import MarkerSpec, parse_marker
+from app.vision.model import EstimateOptions, ImageArray, MaskArray, PhotoPair
 from app.vision.photo import read_photo
 from app.vision.pipeline import estimate_meal
 

@@ -11,7 +11,7 @@ from app.api.schemas.meals import MealMetadataIn, NewMealMetadataIn
 from app.errors import InvalidInputError, MalformedRequestError, TooLargeError
 from app.services.meal_time import meal_time
 from app.services.submit_meal import MealMetadata
-from app.vision.marker import parse_marker
+from app.vision.marker_spec import parse_marker
 
 Model = TypeVar("Model", bound=BaseModel)
 

@@ -15,11 +15,11 @@ a usual intake is the mean of days, not the day of the mean: the person's days a
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtri
 
 Floats = npt.NDArray[np.float64]
 Scale = Literal["as_is", "square_root", "cube_root", "fourth_root", "logarithm"]
@@ -29,6 +29,7 @@ MIN_PERSONS = 10  # of fewer, one person is more than a tenth of the group
 LEVEL = 0.90  # of the intervals, as everywhere here
 BOOTSTRAPS = 500  # an interval's ends then move by about a hundredth between draws
 QUADRATURE_POINTS = 15  # exact for polynomials to degree 29, far beyond a fourth power
+_NORMAL = NormalDist()
 _POWERS: Mapping[Scale, float] = {"as_is": 1.0, "square_root": 2.0, "cube_root": 3.0, "fourth_root": 4.0}
 
 
@@ -124,7 +125,8 @@ def choose_scale(amounts: Floats) -> Scale:
     The logarithm is left out where an amount is 0.
     """
     scales: list[Scale] = [*_POWERS, *(["logarithm"] if amounts.min() > 0.0 else [])]  # type: ignore[list-item]
-    places = ndtri((np.arange(1, amounts.size + 1) - 0.375) / (amounts.size + 0.25))
+    shares = (np.arange(1, amounts.size + 1) - 0.375) / (amounts.size + 0.25)
+    places = np.array([_NORMAL.inv_cdf(share) for share in shares])
     return max(scales, key=lambda scale: _straightness(np.sort(_onto(scale, amounts)), places))
 
 
@@ -192,7 +194,7 @@ def _interval(scale: Scale, sums: _Sums, ear: float, share: float, rng: np.rando
         drawn = sums.drawn(rng.integers(0, persons, persons))
         shares.append(float(np.mean(_usual(scale, drawn, drawn.variances()) < ear)))
     low, high = np.quantile(shares, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
-    z = float(ndtri((1.0 + LEVEL) / 2.0))
+    z = _NORMAL.inv_cdf((1.0 + LEVEL) / 2.0)
     centre = (share + z**2 / (2 * persons)) / (1 + z**2 / persons)
     half = z / (1 + z**2 / persons) * math.sqrt(share * (1 - share) / persons + z**2 / (4 * persons**2))
     return max(min(float(low), centre - half, share), 0.0), min(max(float(high), centre + half, share), 1.0)

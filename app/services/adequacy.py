@@ -10,9 +10,7 @@ from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import date
-from typing import Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Literal
 
 from app.db.queries import intakes, people
 from app.db.queries.days import Amount, DayFilter
@@ -22,11 +20,13 @@ from app.errors import InvalidInputError, NotFoundError
 from app.nutrition.components import COMPONENT_BY_NUMBER, ENERGY_NUMBERS, NUMBER_BY_TAGNAME, Component
 from app.nutrition.life_stage import LifeStage, life_stage
 from app.nutrition.reference_intakes import ReferenceIntake, reference_intakes
-from app.nutrition.usual_intake import NotJudged, UsualIntakes, judge_group
 from app.services.access import require_study
 from app.services.caller import Caller
 from app.services.food_amounts import RECORD_COLUMNS
 from app.services.study_days import person_on
+
+if TYPE_CHECKING:
+    from app.nutrition.usual_intake import UsualIntakes
 
 MIN_COVERAGE = 0.9  # of a day's grams; a day of which less is known is left out, since it would count as little eaten
 LESS: Mapping[str, str] = {"205": "291"}  # the requirement is of available carbohydrate: fibre is taken off
@@ -64,7 +64,7 @@ class StageAdequacy:
     days: int
     days_left_out: int
     reference: ReferenceIntake | None
-    found: UsualIntakes | None
+    found: "UsualIntakes | None"
     reason: Reason | None
 
 
@@ -164,6 +164,10 @@ def _amount(day: ClosedDay, amounts: Mapping[tuple[uuid.UUID, date], Amount]) ->
 
 
 def _judge(stage: LifeStage, group: _Group, number: str) -> StageAdequacy:
+    import numpy as np  # noqa: PLC0415  # 25 MB of an API process that has no other use for it, until somebody asks
+
+    from app.nutrition.usual_intake import NotJudged, judge_group  # noqa: PLC0415  # with it
+
     persons, days = len(group.days), sum(len(person) for person in group.days)
     reason = _why_not(stage, group.reference, number)
     found: UsualIntakes | None = None

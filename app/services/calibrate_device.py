@@ -19,9 +19,8 @@ from app.services.api_children import ApiChildren
 from app.services.caller import Caller, DeviceCaller
 from app.services.receive_photo import ReceivedFile
 from app.settings import Settings
-from app.vision.calibration import TOLERATED_VIEW_RMS_PX
-from app.vision.camera import camera_from_mapping
-from app.vision.marker import parse_marker
+from app.vision.intrinsics import TOLERATED_RMS_PX, camera_from_mapping
+from app.vision.marker_spec import parse_marker
 
 MIN_PHOTOGRAPHS, MAX_PHOTOGRAPHS = 3, 30
 SECONDS = 90.0  # thirty photographs of 12 megapixels take some twenty
@@ -174,7 +173,7 @@ def _require_good(found: Mapping[str, Any]) -> tuple[LeftOut, ...]:
                 photograph=one.number,
             )
     camera = camera_from_mapping(found["camera"])
-    limit_px = max(TOLERATED_VIEW_RMS_PX, MAX_RMS_PX_AT_12MP * max(camera.width, camera.height) / LONG_SIDE_12MP)
+    limit_px = max(TOLERATED_RMS_PX, MAX_RMS_PX_AT_12MP * max(camera.width, camera.height) / LONG_SIDE_12MP)
     if found["rms_px"] > limit_px:
         raise InvalidInputError(
             f"The board's corners fit no camera better than to {found['rms_px']:.2f} px, {limit_px:.2f} px is the limit"

@@ -15,8 +15,7 @@ from sqlalchemy.orm import Session
 from app.db.models import CameraCalibration, Study
 from app.db.queries import calibrations
 from app.errors import Failure
-from app.vision.camera import adapt_camera, camera_from_mapping
-from app.vision.model import Camera
+from app.vision.intrinsics import Camera, adapt_camera, camera_from_mapping
 
 Size = tuple[int, int]  # width, height, px upright
 ChosenFrom = Literal["meal", "device", "model", "study", "exif"]

@@ -12,11 +12,11 @@ from app.photos.inspect import PhotoFacts, inspect_photo
 from app.services.api_children import ApiChildren
 from app.services.caller import DeviceCaller
 from app.services.camera_choice import Size, choose_camera
-from app.services.estimate_json import camera_to_json
+from app.services.camera_json import camera_to_json
 from app.services.messages.catalogue import Locale, choose_locale, sentence
 from app.services.receive_photo import SIDEWAYS, ReceivedFile
 from app.settings import Settings
-from app.vision.marker import parse_marker
+from app.vision.marker_spec import parse_marker
 
 SECONDS = 10.0  # of one check, at most: many times what a slow machine needs
 SIDES = ("left", "right")

@@ -10,14 +10,9 @@ import cv2
 import numpy as np
 
 from app.errors import Failure
+from app.services.camera_json import camera_to_json
 from app.services.describe_task import describe_task
-from app.services.estimate_json import (
-    camera_to_json,
-    colour_from_json,
-    estimate_to_json,
-    failure_to_json,
-    options_from_json,
-)
+from app.services.estimate_json import colour_from_json, estimate_to_json, failure_to_json, options_from_json
 from app.vision import precheck
 from app.vision.calibration import calibrate
 from app.vision.color import apply_colour

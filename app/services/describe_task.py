@@ -10,7 +10,8 @@ from app.errors import Failure
 from app.services.estimate_json import colour_from_json, failure_to_json
 from app.services.vcm_json import vcm_to_json
 from app.vision.color import measure_colour
-from app.vision.marker import find_marker, parse_marker
+from app.vision.marker import find_marker
+from app.vision.marker_spec import parse_marker
 from app.vision.model import ColourCorrection, Photo
 from app.vision.photo import read_photo
 from app.vision.vcm import describe_rings

@@ -7,18 +7,11 @@ from typing import Any
 import numpy as np
 
 from app.errors import Failure
+from app.services.camera_json import camera_to_json
 from app.services.vcm_json import vcm_to_json
-from app.vision.camera import camera_from_mapping
-from app.vision.marker import parse_marker
-from app.vision.model import (
-    Camera,
-    ColourCorrection,
-    EstimateOptions,
-    Hint,
-    ItemEstimate,
-    ItemTraits,
-    MealEstimate,
-)
+from app.vision.intrinsics import camera_from_mapping
+from app.vision.marker_spec import parse_marker
+from app.vision.model import ColourCorrection, EstimateOptions, Hint, ItemEstimate, ItemTraits, MealEstimate
 
 MATRIX_DECIMALS = 5
 
@@ -43,20 +36,6 @@ def options_from_json(value: Mapping[str, Any]) -> EstimateOptions:
         hints=tuple(hint_from_json(hint) for hint in value.get("hints", ())),
         seed=int(value.get("seed", 0)),
     )
-
-
-def camera_to_json(camera: Camera) -> dict[str, Any]:
-    """A camera with the keys of a camera file."""
-    return {
-        "width": camera.width,
-        "height": camera.height,
-        "fx": camera.fx,
-        "fy": camera.fy,
-        "cx": camera.cx,
-        "cy": camera.cy,
-        "distortion": list(camera.distortion),
-        "source": camera.source,
-    }
 
 
 def hint_to_json(hint: Hint) -> dict[str, Any]:

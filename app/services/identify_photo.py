@@ -18,7 +18,8 @@ from app.services.vcm_json import vcm_from_json
 from app.vision.color import apply_colour, measure_colour
 from app.vision.food_boxes import propose_boxes
 from app.vision.marker import find_marker
-from app.vision.model import MarkerSpec, Photo
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import Photo
 from app.vision.vcm import describe
 from app.vision.vcm_region import Box, region_of_box
 

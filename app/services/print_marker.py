@@ -7,7 +7,7 @@ from fpdf import FPDF
 
 from app.errors import InvalidInputError
 from app.vision.colour_board import COLOUR_SQUARES
-from app.vision.model import MarkerSpec
+from app.vision.marker_spec import MarkerSpec
 
 PAPERS_MM = {"A4": (210.0, 297.0), "A3": (297.0, 420.0)}  # width, height, upright
 PRINTABLE_MARGIN_MM = 6.0  # what most office printers leave white

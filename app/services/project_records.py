@@ -29,7 +29,6 @@ from app.services.item_state import (
     MealState,
     fold_meal,
 )
-from app.services.match_leftovers import match_leftovers
 from app.services.project_index import entry_of, write_entries
 from app.services.review_doubt import UNKNOWN, review_doubt
 from app.services.served_mass import served_mass
@@ -299,10 +298,14 @@ def _with_after_pair_settled(session: Session, parts: MealParts) -> MealParts:
     if not (has_pieces or is_spoken_of or meal.after_status in AFTER_MEASURED):
         return parts
     state = fold_meal(parts)
-    if has_pieces and match_leftovers(session, parts, state):
-        session.flush()
-        parts = parts_of(session, [meal])[0]
-        state = fold_meal(parts)
+    if has_pieces:
+        # NumPy and SciPy come with it, half as much memory again for an API process: for those meals that have pieces
+        from app.services.match_leftovers import match_leftovers  # noqa: PLC0415
+
+        if match_leftovers(session, parts, state):
+            session.flush()
+            parts = parts_of(session, [meal])[0]
+            state = fold_meal(parts)
     meal.after_status = _after_status(session, meal, state)
     return parts
 

@@ -16,7 +16,7 @@ from app.services.access import known_studies
 from app.services.audit import note
 from app.services.caller import Caller, StaffCaller
 from app.services.cursors import TEXT, Page, decode_cursor, encode_cursor
-from app.vision.marker import parse_marker
+from app.vision.marker_spec import parse_marker
 
 PROTOCOL = frozenset(
     {

@@ -12,14 +12,15 @@ import numpy as np
 
 from app.errors import Failure
 from app.vision.camera import camera_from_exif
+from app.vision.intrinsics import TOLERATED_RMS_PX, Camera
 from app.vision.marker import find_marker
-from app.vision.model import Camera, Float64Array, MarkerObservation, MarkerSpec, Photo
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import Float64Array, MarkerObservation, Photo
 from app.vision.pose import board_points, solve_pose
 
 MIN_VIEWS = 3  # two planes fix five intrinsics in theory, a third makes them bear noise
 MIN_TILT_SPREAD_DEG = 10.0  # between the steepest different views; parallel planes leave the focal length open
 MAX_VIEW_RMS_FACTOR = 3.0  # of the median view's; beyond, a view's board was bent or moved
-TOLERATED_VIEW_RMS_PX = 0.5  # as good as phones and printed boards get
 CALIBRATE_ADVICE = (
     "Photograph the whole board ten times or so: from different sides, tilted by 30 to 45 degrees, near the middle"
     " and near the corners of the picture."
@@ -72,7 +73,7 @@ def calibrate(photos: Sequence[Photo], spec: MarkerSpec) -> Calibration | Failur
         )
     size = (photos[0].pixels_bgr.shape[1], photos[0].pixels_bgr.shape[0])
     camera, rms_px, view_rms_px = _fit_intrinsics(list(found.values()), size)
-    limit = max(TOLERATED_VIEW_RMS_PX, MAX_VIEW_RMS_FACTOR * float(np.median(view_rms_px)))
+    limit = max(TOLERATED_RMS_PX, MAX_VIEW_RMS_FACTOR * float(np.median(view_rms_px)))
     poor = [index for index, rms in zip(found, view_rms_px, strict=True) if rms > limit]
     if poor and len(found) - len(poor) >= MIN_VIEWS:
         for index in poor:

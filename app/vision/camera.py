@@ -5,21 +5,12 @@ mm. Refining the relative pose by the scene's own points is left to epipolar.py.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from app.errors import Failure, InvalidInputError
-from app.vision.model import (
-    Camera,
-    EstimateOptions,
-    MarkerObservation,
-    Photo,
-    PhotoPair,
-    View,
-)
+from app.errors import Failure
+from app.vision.intrinsics import Camera, adapt_camera
+from app.vision.model import EstimateOptions, MarkerObservation, Photo, PhotoPair, View
 from app.vision.pose import fit_board
 
 DIAGONAL_35MM = math.hypot(36.0, 24.0)  # CIPA DCG-001: the 35 mm equivalent focal length goes by the diagonal
@@ -31,61 +22,6 @@ MAX_VIEW_ANGLE_DEG = 45.0  # beyond, the two views show different sides of a foo
 MAX_RMS_SQUARES = 0.03  # of the shortest square in px; detected corners leave 0.003, another camera's file 0.05
 MAX_BEND_MM = 5.0  # at the board's edge; bent further, heights over the sheet mean little
 SAME_CORNERS_PX = 0.01  # no two exposures by hand agree to a hundredth of a pixel
-CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
-ROUNDING_PX = 1.0  # a scaled photograph's sides are whole numbers
-
-
-def camera_from_mapping(data: Any) -> Camera:
-    """A Camera from parsed JSON: width, height, fx, fy, cx, cy, distortion [k1, k2, p1, p2, k3].
-
-    Other keys are ignored. Raises InvalidInputError, code "camera_invalid".
-    """
-    if not isinstance(data, Mapping):
-        raise _invalid("it must be an object with " + ", ".join(CAMERA_KEYS) + " and distortion.")
-    if missing := [key for key in CAMERA_KEYS if key not in data]:
-        raise _invalid("it lacks " + ", ".join(missing) + ".")
-    width, height, fx, fy, cx, cy = (_number(data[key], key) for key in CAMERA_KEYS)
-    for key, side in (("width", width), ("height", height)):
-        if side != int(side) or not 1 <= side <= 100_000:
-            raise _invalid(f"{key} must be a whole number of pixels, not {side:g}.")
-    for key, focal in (("fx", fx), ("fy", fy)):
-        if not 0.1 * max(width, height) <= focal <= 20.0 * max(width, height):
-            raise _invalid(f"{key} = {focal:g} is no focal length in px for {width:g} x {height:g} px.")
-    if not (0 <= cx < width and 0 <= cy < height):
-        raise _invalid(f"the principal point ({cx:g}, {cy:g}) lies outside the image of {width:g} x {height:g} px.")
-    listed = data.get("distortion", ())
-    if not isinstance(listed, list | tuple) or len(listed) not in (0, 4, 5):
-        raise _invalid("distortion must be the list [k1, k2, p1, p2, k3].")
-    k1, k2, p1, p2, k3 = [_number(value, "distortion") for value in listed] + [0.0] * (5 - len(listed))
-    return Camera(int(width), int(height), fx, fy, cx, cy, (k1, k2, p1, p2, k3), "given")
-
-
-def adapt_camera(camera: Camera, width: int, height: int) -> Camera | Failure:
-    """The camera for a photograph of the same framing: same size, scaled by one ratio, or turned by a quarter.
-
-    A landscape camera is turned clockwise for a portrait photograph, as EXIF orientation 6 does (a phone held
-    upright), and a portrait camera counter-clockwise, its inverse. The other direction would differ only in which way
-    the principal point and the tangential distortion are off, some px. Any other size: Failure "camera_mismatch".
-    """
-    if (camera.width > camera.height) != (width > height) and camera.width != camera.height:
-        camera = _turn_camera(camera, clockwise=camera.width > camera.height)
-    sx, sy = width / camera.width, height / camera.height
-    if abs(height - camera.height * sx) > ROUNDING_PX and abs(width - camera.width * sy) > ROUNDING_PX:
-        return Failure(
-            "camera_mismatch",
-            f"The camera file describes {camera.width} x {camera.height} px, the photograph has {width} x {height} px, "
-            "which is neither that size nor it scaled or turned by a quarter.",
-            "Calibrate with photographs of the same shape, without cropping or digital zoom, or send no camera.",
-        )
-    return replace(
-        camera,
-        width=width,
-        height=height,
-        fx=camera.fx * sx,
-        fy=camera.fy * sy,
-        cx=(camera.cx + 0.5) * sx - 0.5,
-        cy=(camera.cy + 0.5) * sy - 0.5,
-    )
 
 
 def camera_from_exif(photo: Photo) -> Camera:
@@ -194,36 +130,3 @@ def _shortest_step_px(observation: MarkerObservation) -> float:
     grid = observation.corners_px.reshape(observation.spec.rows - 1, observation.spec.columns - 1, 2)
     steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min() for axis in (0, 1)]
     return float(min(steps))
-
-
-def _turn_camera(camera: Camera, *, clockwise: bool) -> Camera:
-    """The camera of the photograph turned by a quarter.
-
-    Clockwise (x, y) -> (height - 1 - y, x): normalised (x, y) -> (-y, x), under which the tangential distortion of
-    OpenCV's model keeps its form with (p1, p2) -> (p2, -p1).
-    """
-    k1, k2, p1, p2, k3 = camera.distortion
-    if clockwise:
-        centre, tangential = (camera.height - 1 - camera.cy, camera.cx), (p2, -p1)
-    else:
-        centre, tangential = (camera.cy, camera.width - 1 - camera.cx), (-p2, p1)
-    return replace(
-        camera,
-        width=camera.height,
-        height=camera.width,
-        fx=camera.fy,
-        fy=camera.fx,
-        cx=centre[0],
-        cy=centre[1],
-        distortion=(k1, k2, *tangential, k3),
-    )
-
-
-def _number(value: Any, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise _invalid(f"{key} must be a number, not {str(value)[:40]!r}.")
-    return float(value)
-
-
-def _invalid(reason: str) -> InvalidInputError:
-    return InvalidInputError(f"The camera cannot be used: {reason}", code="camera_invalid")

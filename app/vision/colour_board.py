@@ -19,7 +19,6 @@ COLOUR_SQUARES: dict[tuple[int, int], tuple[int, int, int]] = {  # (row, column)
     (4, 1): (240, 215, 50),
     (4, 3): (65, 70, 160),
 }
-COLOUR_COLUMNS, COLOUR_ROWS = 4, 5
 MIN_CHROMA = 0.2  # mean over the dark squares, of white's level; the colour board has 0.5, a black and white one 0.05
 MAX_COLOUR_DISTANCE = 0.25  # mean over squares and channels, of white's level; light and white balance move it by 0.1
 

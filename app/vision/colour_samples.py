@@ -11,7 +11,8 @@ import numpy as np
 from app.vision.board_grid import grid_homography, map_points
 from app.vision.colour_board import COLOUR_SQUARES
 from app.vision.colour_space import LINEAR_OF_BYTE, LUMINANCE_OF_RGB
-from app.vision.model import Float64Array, ImageArray, MarkerObservation, MarkerSpec, MaskArray
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import Float64Array, ImageArray, MarkerObservation, MaskArray
 
 HALF_SIDE_SQUARES = 0.25  # about a square's middle: lens, blur and sharpening spill over edges, crumpled corners stray
 SAMPLES_A_SIDE = 15

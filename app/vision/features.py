@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from app.errors import Failure
 from app.vision.board_grid import reduce_by
-from app.vision.model import Float32Array, Float64Array, ImageArray, MarkerSpec, View
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import Float32Array, Float64Array, ImageArray, View
 from app.vision.patch_alignment import align_patches
 
 MATCHING_SIDE_PX = 512  # long side where SIFT runs: which point is which; where it is, alignment tells

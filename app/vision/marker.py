@@ -5,13 +5,12 @@ is seen instead. A plain board that looks the same when turned is read in any of
 the two views of a pair read it in the same way.
 """
 
-import re
 from typing import Literal
 
 import cv2
 import numpy as np
 
-from app.errors import Failure, InvalidInputError
+from app.errors import Failure
 from app.vision import colour_board
 from app.vision.board_grid import (
     ANY_GRID_LONG_SIDES_PX,
@@ -27,15 +26,13 @@ from app.vision.board_grid import (
     square_means,
 )
 from app.vision.camera import camera_from_exif
-from app.vision.model import Float64Array, ImageArray, MarkerKind, MarkerObservation, MarkerSpec, Photo, PhotoPair
+from app.vision.marker_spec import MarkerKind, MarkerSpec
+from app.vision.model import Float64Array, ImageArray, MarkerObservation, Photo, PhotoPair
 from app.vision.pose import solve_pose
 from app.vision.quality import judge_marker, judge_photograph
 
 Side = Literal["left", "right"]
 
-MARKER_TEXT = re.compile(r"(plain|colour):(\d{1,3})x(\d{1,3}):(\d{1,4}(?:\.\d{1,4})?)", re.ASCII)
-SQUARES_A_SIDE = (4, 40)  # three squares have two corners in a row, too few to tell a board from two crossing lines
-SQUARE_MM = (1.0, 200.0)
 MIN_CORRECT_SHARE = 0.9  # of neighbouring squares that must step from dark to light as the print does
 CLEAR_ANGLE_DEG = 10.0  # between camera directions of two readings; focal length and bent paper move one by some 3
 CLEAR_CORRELATION = 0.1  # between two readings' surroundings; bare tables differ by less, textured ones by 0.3 and more
@@ -44,36 +41,6 @@ SURROUNDINGS_PX = 12  # a square
 COLOUR_TONE = 1.5  # exponent on grey levels before corners are refined, see _refinement_image
 
 SEE_WHOLE = "Check that the whole printed marker, with its white margin, is visible and not in glare, and try again."
-
-
-def parse_marker(text: str) -> MarkerSpec:
-    """`plain:9x7:11` or `colour:4x5:12`: kind, squares across x down, side in mm.
-
-    Raises InvalidInputError, code "marker_invalid".
-    """
-    match = MARKER_TEXT.fullmatch(text)
-    if match is None:
-        raise InvalidInputError(
-            f"“{text[:80]}” is no marker: write KIND:COLUMNSxROWS:MM, such as plain:9x7:11 or colour:4x5:12.",
-            code="marker_invalid",
-        )
-    kind: MarkerKind = "plain" if match[1] == "plain" else "colour"
-    spec = MarkerSpec(kind, int(match[2]), int(match[3]), float(match[4]))
-    fewest, most = SQUARES_A_SIDE
-    if not (fewest <= spec.columns <= most and fewest <= spec.rows <= most):
-        raise InvalidInputError(
-            f"A marker has {fewest} to {most} squares a side, not {spec.columns}x{spec.rows}.", code="marker_invalid"
-        )
-    if not SQUARE_MM[0] <= spec.square_mm <= SQUARE_MM[1]:
-        raise InvalidInputError(
-            f"A marker's squares have a side of {SQUARE_MM[0]:g} to {SQUARE_MM[1]:g} mm, not {spec.square_mm:g} mm.",
-            code="marker_invalid",
-        )
-    if spec.kind == "colour" and (spec.columns, spec.rows) != (colour_board.COLOUR_COLUMNS, colour_board.COLOUR_ROWS):
-        raise InvalidInputError(
-            f"The colour board has 4x5 squares, not {spec.columns}x{spec.rows}.", code="marker_invalid"
-        )
-    return spec
 
 
 def find_marker(

@@ -12,29 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import Failure
+from app.vision.intrinsics import Camera
+from app.vision.marker_spec import MarkerSpec
 
 Float64Array = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 ImageArray = NDArray[np.uint8]
 MaskArray = NDArray[np.bool_]
 
-MarkerKind = Literal["plain", "colour"]
 Method = Literal["shape", "paper"]
 SliceForm = Literal["circle", "ellipse"]
 ColourKind = Literal["colour", "white", "none"]
-
-
-@dataclass(frozen=True, slots=True)
-class MarkerSpec:
-    """The printed board: squares across and down, their side in mm; written `plain:9x7:11` or `colour:4x5:12`."""
-
-    kind: MarkerKind
-    columns: int
-    rows: int
-    square_mm: float
-
-    def __str__(self) -> str:
-        return f"{self.kind}:{self.columns}x{self.rows}:{self.square_mm:g}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,29 +45,6 @@ class PhotoPair:
 
     left: Photo
     right: Photo
-
-
-@dataclass(frozen=True, slots=True)
-class Camera:
-    """Pinhole intrinsics in px for an upright image of this size, distortion (k1, k2, p1, p2, k3) as in OpenCV.
-
-    source: "given" (a calibration file or a stored camera), "exif" (focal length from EXIF, refined on the board),
-    "board" (no EXIF either: focal length from the board alone).
-    """
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
-    source: Literal["given", "exif", "board"] = "given"
-
-    @property
-    def matrix(self) -> Float64Array:
-        """(3, 3) intrinsic matrix K (paper, eq. 3 and 10, without skew)."""
-        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True)

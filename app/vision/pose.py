@@ -14,7 +14,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from app.vision.model import Camera, Float64Array, MarkerObservation, MarkerSpec
+from app.vision.intrinsics import Camera
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import Float64Array, MarkerObservation
 
 CORNER_SD_PX_AT_12MP = 0.3  # the detector's 0.1 px, and what bend and distortion of higher order leave
 LONG_SIDE_12MP = 4000.0

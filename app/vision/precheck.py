@@ -17,17 +17,10 @@ from app.vision.board_grid import find_any_grids, is_checkerboard, shortest_step
 from app.vision.camera import estimate_views, view_angle_deg
 from app.vision.epipolar import GOOD_PX_AT_12MP, MIN_BESIDE_BOARD, near_epipolar_lines
 from app.vision.features import FOOD_MAX_HEIGHT_MM, match_features, triangulate
+from app.vision.intrinsics import Camera
 from app.vision.marker import agree_on_corners, contrast_image, find_marker
-from app.vision.model import (
-    Camera,
-    EstimateOptions,
-    Float64Array,
-    ImageArray,
-    MarkerObservation,
-    MarkerSpec,
-    PhotoPair,
-    View,
-)
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import EstimateOptions, Float64Array, ImageArray, MarkerObservation, PhotoPair, View
 from app.vision.photo import ReducedPhoto
 from app.vision.quality import clipped_share, edge_width_limit_px, marker_edge_width_px
 from app.vision.relative_pose import refine_views

@@ -14,7 +14,8 @@ import numpy as np
 from app.vision.camera import camera_from_exif
 from app.vision.epipolar import GATE_PX_AT_12MP, GOOD_PX_AT_12MP, near_epipolar_lines
 from app.vision.features import MIN_MATCHES, Matches
-from app.vision.model import Camera, Float64Array, View
+from app.vision.intrinsics import Camera
+from app.vision.model import Float64Array, View
 from app.vision.pose import (
     BEND_SD_MM,
     CORNER_SD_PX_AT_12MP,

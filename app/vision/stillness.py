@@ -8,7 +8,8 @@ import numpy as np
 
 from app.errors import Failure
 from app.vision.features import SHEET_MARGIN_SQUARES, Matches
-from app.vision.model import Float32Array, MarkerSpec, MaskArray
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import Float32Array, MaskArray
 
 RING_MM = (0.0, 50.0)  # around the sheet: on the table, and seldom much of a plate
 AT_MARKER_MM = 8.0  # over or under its plane: a bent sheet, or one on a place mat

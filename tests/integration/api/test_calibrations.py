@@ -14,8 +14,8 @@ from app.jobs.child_pool import ChildResult
 from app.services.camera_choice import choose_camera, median_camera
 from app.services.estimate_meal import EstimateMeal
 from app.services.save_estimate import save_estimate
-from app.vision.camera import camera_from_mapping
-from app.vision.marker import parse_marker
+from app.vision.intrinsics import camera_from_mapping
+from app.vision.marker_spec import parse_marker
 from tests.estimates import answer
 from tests.integration.conftest import meal_metadata
 from tests.photographs import pair

@@ -10,7 +10,8 @@ from PIL import Image
 
 from app.services.child_tasks import run_estimate
 from app.services.estimate_json import options_from_json
-from app.vision.marker import find_marker, parse_marker
+from app.vision.marker import find_marker
+from app.vision.marker_spec import parse_marker
 from app.vision.model import Photo
 
 PAIR = pathlib.Path(__file__).parents[3] / "app" / "demo_data"

@@ -3,8 +3,9 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.special import stdtrit
 
-from app.nutrition.compare_intake import compare_intake
+from app.nutrition.compare_intake import LEVEL, compare_intake, student_t
 
 
 def test_interval_of_three_days_is_students():
@@ -12,6 +13,11 @@ def test_interval_of_three_days_is_students():
     assert found.mean == 100.0
     assert found.high - found.mean == pytest.approx(2.919986 * 20.0 / math.sqrt(3))  # t of 2 degrees, 95 %
     assert found.verdict == "open"
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 3, 4, 5, 6, 7, 13, 30, 365])
+def test_students_t_is_scipys(freedom):
+    assert student_t(freedom) == pytest.approx(float(stdtrit(freedom, (1.0 + LEVEL) / 2.0)), rel=1e-10)
 
 
 @pytest.mark.parametrize(

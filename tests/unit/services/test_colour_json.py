@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.services.estimate_json import colour_from_json, colour_to_json, estimate_to_json
-from app.vision.marker import parse_marker
+from app.vision.marker_spec import parse_marker
 from app.vision.model import ColourCorrection, EstimateOptions, MealEstimate
 from tests.unit.vision.boards import COLOUR, PLAIN, board_photo
 

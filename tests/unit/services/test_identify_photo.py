@@ -13,7 +13,8 @@ from app.errors import InvalidInputError
 from app.identification.food_index import shipped_foods
 from app.services.identify_photo import identified_to_json, identify_photo, parse_box
 from app.vision.food_boxes import overlap, propose_boxes
-from app.vision.model import MarkerSpec, Photo
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import Photo
 
 APPLE_BOX = (978.0, 506.0, 231.0, 232.0)
 

@@ -4,7 +4,8 @@ import numpy as np
 
 from app.vision.colour_board import COLOUR_SQUARES
 from app.vision.colour_space import LINEAR_OF_BYTE, encode_srgb, linear_rgb
-from app.vision.model import MarkerObservation, MarkerSpec, Photo
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import MarkerObservation, Photo
 
 COLOUR, PLAIN = MarkerSpec("colour", 4, 5, 12.0), MarkerSpec("plain", 9, 7, 11.0)
 SQUARE_PX = 24

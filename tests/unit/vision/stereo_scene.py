@@ -8,15 +8,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from app.vision.model import (
-    Camera,
-    Float64Array,
-    ImageArray,
-    MarkerObservation,
-    MarkerSpec,
-    Photo,
-    View,
-)
+from app.vision.intrinsics import Camera
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import Float64Array, ImageArray, MarkerObservation, Photo, View
 from app.vision.pose import board_points
 
 SPEC = MarkerSpec("plain", 9, 7, 11.0)

@@ -9,7 +9,9 @@ import cv2
 import numpy as np
 
 from app.vision.colour_board import COLOUR_SQUARES
-from app.vision.model import Camera, Float64Array, ImageArray, MarkerSpec, Photo
+from app.vision.intrinsics import Camera
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import Float64Array, ImageArray, Photo
 
 PHONE = Camera(1200, 900, 975.0, 975.0, 599.5, 449.5, source="given")
 WHITE, BLACK, TABLE = 0.84, 0.035, 0.25  # reflectance

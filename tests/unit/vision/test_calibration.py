@@ -7,7 +7,8 @@ import pytest
 
 from app.errors import Failure
 from app.vision.calibration import Calibration, calibrate, stereo_reprojection_rms_px
-from app.vision.marker import find_marker, parse_marker
+from app.vision.marker import find_marker
+from app.vision.marker_spec import parse_marker
 from app.vision.model import MarkerObservation, Photo
 from app.vision.photo import read_photo
 from tests.unit.vision.synthetic import PHONE, look_at, render_board

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from app.errors import Failure, InvalidInputError
-from app.vision.camera import adapt_camera, camera_from_exif, camera_from_mapping, estimate_views, view_angle_deg
-from app.vision.marker import agree_on_corners, find_marker, parse_marker
-from app.vision.model import Camera, EstimateOptions, MarkerObservation, MarkerSpec, Photo, PhotoPair, View
+from app.vision.camera import camera_from_exif, estimate_views, view_angle_deg
+from app.vision.intrinsics import Camera, adapt_camera, camera_from_mapping
+from app.vision.marker import agree_on_corners, find_marker
+from app.vision.marker_spec import MarkerSpec, parse_marker
+from app.vision.model import EstimateOptions, MarkerObservation, Photo, PhotoPair, View
 from app.vision.photo import read_photo
 from app.vision.pose import bent_points, board_points
 from tests.unit.vision.synthetic import PHONE, Pose, corner_points, look_at, project

@@ -11,7 +11,8 @@ from app.vision.color import apply_colour, measure_colour
 from app.vision.colour_board import COLOUR_SQUARES
 from app.vision.colour_fit import PAPER_WHITE, reference_linear
 from app.vision.colour_space import LINEAR_OF_BYTE, encode_srgb, lab_of, linear_rgb
-from app.vision.marker import find_marker, parse_marker
+from app.vision.marker import find_marker
+from app.vision.marker_spec import parse_marker
 from app.vision.model import ColourCorrection, MarkerObservation, Photo
 from app.vision.photo import read_photo
 from benchmarks.colour import read_board, seen_squares

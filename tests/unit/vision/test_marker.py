@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from app.errors import Failure, InvalidInputError
-from app.vision.marker import agree_on_corners, find_marker, parse_marker, readings
-from app.vision.model import Camera, MarkerObservation, MarkerSpec, Photo, PhotoPair
+from app.vision.intrinsics import Camera
+from app.vision.marker import agree_on_corners, find_marker, readings
+from app.vision.marker_spec import MarkerSpec, parse_marker
+from app.vision.model import MarkerObservation, Photo, PhotoPair
 from app.vision.photo import read_photo
 from tests.unit.vision.synthetic import (
     PHONE,

@@ -10,8 +10,10 @@ import pytest
 
 from app.errors import Failure
 from app.vision.camera import camera_from_exif
-from app.vision.marker import find_marker, parse_marker
-from app.vision.model import Camera, Photo
+from app.vision.intrinsics import Camera
+from app.vision.marker import find_marker
+from app.vision.marker_spec import parse_marker
+from app.vision.model import Photo
 from app.vision.photo import ReducedPhoto, read_photo, read_reduced_photo
 from app.vision.precheck import LEAST_LONG_SIDE_PX, check_pair
 from tests.scenes import both, load_scene, right_only, scaled, with_marker_moved

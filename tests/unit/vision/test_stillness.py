@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.vision.features import Matches
-from app.vision.model import MarkerSpec
+from app.vision.marker_spec import MarkerSpec
 from app.vision.stillness import judge_matches, judge_table
 
 SPEC = MarkerSpec("plain", 9, 7, 11.0)
