@@ -28,7 +28,7 @@ from app.services.location_policy import policy_of
 from app.services.meal_time import MealTime
 from app.services.project_records import project_meal
 from app.services.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
-from app.services.seal_photos import image_row, seal_photos
+from app.services.seal_photos import image_row, require_unspent, seal_photos, unspent_keys
 from app.services.secret_box import SecretBox
 from app.services.submit_meal import Submitted, meal_id_of
 from app.services.withdraw import has_left
@@ -63,6 +63,15 @@ class _Known:
     stored: Mapping[str, MealImage]
     attempt: int
     is_anew: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _Sealed:
+    """What is in the store before any row names it. keys: of all photographs; slots: those that were not there yet."""
+
+    attempt: int
+    keys: Mapping[str, str]
+    slots: frozenset[str]
 
 
 class SubmitAfterPair:
@@ -118,13 +127,18 @@ class SubmitAfterPair:
         tell(meal_id=str(meal_id))
         with self._database.read() as session:  # before sealing, so that a refused request leaves no blob
             known = self._check(session, session.get(Meal, meal_id), meal_id, details, photos, captured_at)
-        keys = {slot: _blob_key(caller.study_id, meal_id, slot, known.attempt, photo) for slot, photo in photos.items()}
-        seal_photos(self._blobs, photos, keys, () if known.is_anew else known.stored)
+            keys = unspent_keys(
+                session,
+                {slot: _blob_key(caller.study_id, meal_id, slot, known.attempt, p) for slot, p in photos.items()},
+            )
+        there = set() if known.is_anew else set(known.stored)
+        seal_photos(self._blobs, photos, keys, there)
+        sealed = _Sealed(known.attempt, keys, frozenset(set(photos) - there))
         try:
             try:
-                return self._write(caller, meal_id, details, photos, keys, captured_at)
+                return self._write(caller, meal_id, details, photos, sealed, captured_at)
             except IntegrityError:  # the same photograph came twice at the same time and the other was first
-                return self._write(caller, meal_id, details, photos, keys, captured_at)
+                return self._write(caller, meal_id, details, photos, sealed, captured_at)
         except GoneError:  # erased while this was sealed
             with self._database.write() as session:
                 privacy.want_deleted(session, list(keys.values()), None, datetime.now(UTC))
@@ -136,7 +150,7 @@ class SubmitAfterPair:
         meal_id: uuid.UUID,
         details: dict[str, Any] | None,
         photos: Mapping[str, SealablePhoto],
-        keys: Mapping[str, str],
+        sealed: _Sealed,
         captured_at: datetime | None,
     ) -> Submitted:
         now = datetime.now(UTC)
@@ -144,19 +158,20 @@ class SubmitAfterPair:
             participant = privacy.join_participant(session, caller.participant_id)
             if participant is None or participant.withdrawn_at is not None:
                 raise has_left()
+            require_unspent(session, sealed.keys.values())
             meal = self._meal(meals.lock_meal(session, meal_id), session, meal_id)
             known = self._check(session, meal, meal_id, details, photos, captured_at)
-            if keys != {s: _blob_key(caller.study_id, meal_id, s, known.attempt, p) for s, p in photos.items()}:
+            stored = set() if known.is_anew else set(known.stored)
+            if photos and (known.attempt != sealed.attempt or not set(photos) - stored <= sealed.slots):
                 raise ConflictError("Another pair came in at the same time: GET the meal, then send again.")
             is_new = known.is_anew
             if known.is_anew:
                 _start_anew(session, meal, known, now)
-            stored = set() if known.is_anew else set(known.stored)
             if details is not None and meal.after_details is None:
                 meal.after_details = details
                 is_new = True
             added = {slot: photo for slot, photo in photos.items() if slot not in stored}
-            session.add_all(image_row(meal_id, slot, photo, keys[slot], now) for slot, photo in added.items())
+            session.add_all(image_row(meal_id, slot, photo, sealed.keys[slot], now) for slot, photo in added.items())
             if not (is_new or added):
                 return Submitted(meal_id, is_new=False)
             meal.after_status = meal.after_status or "receiving"

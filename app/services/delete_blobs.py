@@ -10,7 +10,7 @@ from itertools import islice
 
 import structlog
 
-from app.db.queries import privacy
+from app.db.queries import privacy, spent_keys
 from app.db.session import Database
 from app.metrics import instruments
 from app.storage.blob_store import BlobStore
@@ -90,13 +90,17 @@ class BlobDeleter:
         return done
 
     def _delete_orphan(self, key: str, before: datetime) -> bool:
-        """Look once more: a photograph that was sent again since the batch was read is young now, or has its row."""
+        """Look once more: a photograph that was sent again since the batch was read is young now, or has its row.
+
+        Its key is spent before it is deleted, so whoever has just sealed it cannot name it (docs/storage.md).
+        """
         beside = self._blobs.keys(key.rpartition("/")[0] + "/")
         if not any(blob.key == key and blob.stored_at < before for blob in beside):
             return False
-        with self._database.read() as session:
-            if privacy.needed_keys(session, [key]):
+        with self._database.write() as session:
+            if not spent_keys.hold_alone(session, key) or privacy.needed_keys(session, [key]):
                 return False
+            spent_keys.spend(session, key, datetime.now(UTC))
         self._blobs.delete(key)
         instruments.BLOBS_DELETED.labels("orphan").inc()
         return True

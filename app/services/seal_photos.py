@@ -5,12 +5,16 @@ import uuid
 from collections.abc import Collection, Mapping
 from datetime import datetime
 
+from sqlalchemy.orm import Session
+
 from app.db.models import MealImage
-from app.errors import StorageFullError
+from app.db.queries import spent_keys
+from app.errors import StorageFullError, UnavailableError
 from app.services.receive_photo import SealablePhoto
 from app.storage.blob_store import BlobStore
 
 RETRY_AFTER_SECONDS = 60
+SPENT_RETRY_SECONDS = 1
 
 
 def seal_photos(
@@ -23,6 +27,22 @@ def seal_photos(
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise storage_full() from error
         raise
+
+
+def unspent_keys(session: Session, keys: Mapping[str, str]) -> dict[str, str]:
+    """The keys to seal under, by slot: those given, but another for one that an orphan of the same bytes had."""
+    spent = spent_keys.spent_among(session, keys.values())
+    return {slot: _another(key) if key in spent else key for slot, key in keys.items()}
+
+
+def require_unspent(session: Session, keys: Collection[str]) -> None:
+    """In the transaction that names them: raise UnavailableError if one was taken for an orphan since it was sealed."""
+    spent_keys.hold(session, keys)
+    if spent_keys.spent_among(session, keys):
+        raise UnavailableError(
+            "A photograph of an earlier try was just being removed. Nothing was kept; send it again.",
+            retry_after_seconds=SPENT_RETRY_SECONDS,
+        )
 
 
 def image_row(meal_id: uuid.UUID, slot: str, photo: SealablePhoto, key: str, now: datetime) -> MealImage:
@@ -48,3 +68,8 @@ def storage_full() -> StorageFullError:
         "The server's disk is nearly full. Nothing was kept: keep the meal on the phone and try again later.",
         retry_after_seconds=RETRY_AFTER_SECONDS,
     )
+
+
+def _another(key: str) -> str:
+    folder, _, sha256 = key.rpartition("/")
+    return f"{folder}/{uuid.uuid4().hex}/{sha256}"

@@ -29,7 +29,7 @@ from app.services.job_queue import JobQueue
 from app.services.location_policy import policy_of
 from app.services.meal_time import MealTime
 from app.services.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
-from app.services.seal_photos import image_row, seal_photos, storage_full
+from app.services.seal_photos import image_row, require_unspent, seal_photos, storage_full, unspent_keys
 from app.services.secret_box import SecretBox
 from app.services.withdraw import require_in_study
 from app.settings import Settings
@@ -117,7 +117,9 @@ class SubmitMeal:
         details = _details(metadata, location) if metadata is not None else None
         with self._database.read() as session:  # before sealing, so that a refused request leaves no blob
             stored = self._check(session, meal_id, details, photos)
-        keys = {slot: f"{study.id}/{meal_id}/{slot}/{photo.stored_sha256}" for slot, photo in photos.items()}
+            keys = unspent_keys(
+                session, {slot: f"{study.id}/{meal_id}/{slot}/{photo.stored_sha256}" for slot, photo in photos.items()}
+            )
         seal_photos(self._blobs, photos, keys, stored)
         meal = _Arriving(client_id, meal_id, metadata, details, location)
         try:
@@ -176,6 +178,7 @@ class SubmitMeal:
         now, meal_id = datetime.now(UTC), arriving.meal_id
         with self._database.write() as session:
             require_in_study(session, caller.participant_id)
+            require_unspent(session, keys.values())
             meal = meals.lock_meal(session, meal_id)
             stored = self._check(session, meal_id, arriving.details, photos)
             is_new = meal is None

@@ -33,6 +33,7 @@ from app.db.models.record import (
     RunArtefact,
 )
 from app.db.models.review import MealEvent
+from app.db.models.spent_key import SpentKey
 from app.db.models.webhook import Webhook, WebhookDelivery
 
 __all__ = [
@@ -75,6 +76,7 @@ __all__ = [
     "Recompute",
     "Run",
     "RunArtefact",
+    "SpentKey",
     "Staff",
     "Study",
     "StudyDensity",

@@ -383,8 +383,9 @@ def needed_keys(session: Session, keys: Collection[str]) -> set[str]:
         sa.select(RunArtefact.blob_key).join(Run, Run.id == RunArtefact.run_id).where(Run.meal_id.in_(meals)),
         sa.select(Run.result_key).where(Run.meal_id.in_(meals)),
     )
-    needed = set(session.scalars(named)) & set(keys)
+    # first: a job that ends in between has its run by the time of the second query
     at_work = set(session.scalars(sa.select(Job.meal_id).where(Job.meal_id.in_(meals), Job.state.in_(LIVE_STATES))))
+    needed = set(session.scalars(named)) & set(keys)
     return needed | {key for key, meal_id in meal_of.items() if meal_id in at_work}
 
 
