@@ -6,14 +6,13 @@ from datetime import UTC, datetime, timedelta
 
 from app import __version__
 from app.db.queries import doctor, jobs, vectors
-from app.db.queries.figures import figures
+from app.db.queries.figures import figures, last_backup
 from app.db.session import Database
 from app.jobs.engine import JobQueue
 from app.jobs.leases import living_workers
 from app.jobs.sweep import sweep
 from app.metrics.instruments import SERVER_FAILURES
 from app.services.finding import Finding
-from app.services.last_backup import last_backup_at
 from app.services.project_records import project_meal
 from app.services.secret_box import SecretBox, SecretKeyError
 from app.services.webhook_signature import open_secrets
@@ -116,12 +115,16 @@ def look_at_webhooks(database: Database, box: SecretBox | None) -> Iterator[Find
 def look_at_backup(database: Database) -> Finding:
     """Of `tada backup` only: other means are not known here."""
     with database.read() as session:
-        made_at = last_backup_at(session)
-    if made_at is None:
+        found = last_backup(session)
+    if found is None:
         advice = "Run `tada backup` daily, or watch over the backups that you make by other means (docs/backup.md)."
         return Finding("backup", "note", "no `tada backup` of this database is known.", advice)
-    age = datetime.now(UTC) - made_at
+    age = datetime.now(UTC) - found.made_at
     said = f"the last `tada backup` is {age.total_seconds() / 3600:.0f} h old"
+    if found.damaged:
+        message = f"{said}, and lacks {found.damaged} blobs that were damaged or missing."
+        advice = 'Put them back from an earlier backup, then make another (docs/backup.md, "Blobs that it lacks").'
+        return Finding("backup", "bad", message, advice)
     if age > BACKUP_EVERY:
         return Finding("backup", "bad", f"{said}.", "Make one now, and see why the daily one was not made.")
     return Finding("backup", "ok", said)

@@ -19,10 +19,9 @@ from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 from sqlalchemy.pool import QueuePool
 
-from app.db.queries.figures import Figures, figures
+from app.db.queries.figures import Figures, LastBackup, figures, first_event_at, last_backup
 from app.db.session import Database
 from app.jobs.leases import living_workers
-from app.services.last_backup import last_backup_at
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
 
@@ -35,11 +34,12 @@ STATEMENT_MS = 5_000  # PostgreSQL ends a question of ours that takes longer
 
 @dataclass(frozen=True, slots=True)
 class Deployment:
-    """The answer of the database. workers: version -> how many live."""
+    """The answer of the database. workers: version -> how many live. began_at: its first event; None: none yet."""
 
     figures: Figures
     workers: Counter[str]
-    backup_at: datetime | None
+    backup: LastBackup | None
+    began_at: datetime | None
 
 
 class DeploymentFigures(Collector):
@@ -80,9 +80,9 @@ class DeploymentFigures(Collector):
             with self._database.read() as session:
                 if not self._database.is_sqlite:
                     session.execute(sa.text(f"SET LOCAL statement_timeout = {STATEMENT_MS}"))
-                found, backup_at = figures(session), last_backup_at(session)
+                found, backup, began_at = figures(session), last_backup(session), first_event_at(session)
             workers = Counter(worker.version for worker in living_workers(self._database))
-            answer = Deployment(found, workers, backup_at)
+            answer = Deployment(found, workers, backup, began_at)
         except sqlalchemy.exc.SQLAlchemyError as error:
             log.warning("figures_not_told", error=type(error).__name__)
         finally:
@@ -127,8 +127,17 @@ def _of_database(found: Deployment) -> Iterator[GaugeMetricFamily]:
     yield _gauge("tada_blob_deletions_waiting", "Blobs that an erasure wants gone.", found.figures.deletions_waiting)
     oldest = found.figures.oldest_deletion_at
     yield _age("tada_blob_deletions_oldest_seconds", "How long the oldest of them waits.", oldest, now)
-    if found.backup_at is not None:
-        yield _age("tada_backup_age_seconds", "Since the last `tada backup` ended well.", found.backup_at, now)
+    yield from _of_backup(found, now)
+
+
+def _of_backup(found: Deployment, now: datetime) -> Iterator[GaugeMetricFamily]:
+    """Told where there is no backup too: an alert on a series that is not there never comes."""
+    backup = found.backup
+    since, damaged = (backup.made_at, backup.damaged) if backup is not None else (found.began_at, 0)
+    yield _age(
+        "tada_backup_age_seconds", "Since the last `tada backup`; without one, since the first event.", since, now
+    )
+    yield _gauge("tada_backup_damaged_blobs", "Blobs that the last `tada backup` lacks: damaged or missing.", damaged)
 
 
 def _pools(database: Database) -> Iterator[GaugeMetricFamily]:

@@ -11,7 +11,10 @@ from app.db.models.base import Base, one_of
 
 ACTOR_KINDS = ("staff", "device", "system")
 TOMBSTONE_KINDS = ("participant", "meal", "token", "record", "day")
+BACKUP_MADE = "backup.make"  # the action of an event: a `tada backup` is whole and on disk
 ERASED_WHATS = ("participant", "meal", "photographs")
+
+IS_BACKUP = sa.text(f"action = '{BACKUP_MADE}'")  # a parameter in its place would not meet the index's condition
 
 BigId = sa.BigInteger().with_variant(sa.Integer(), "sqlite")  # SQLite counts up INTEGER keys only
 
@@ -35,7 +38,11 @@ class AuditEvent(Base):
     details: Mapped[dict[str, Any]]
     request_id: Mapped[str | None] = mapped_column(sa.String(32))
 
-    __table_args__ = (one_of("actor_kind", ACTOR_KINDS), sa.Index(None, "study_id", "id"))
+    __table_args__ = (
+        one_of("actor_kind", ACTOR_KINDS),
+        sa.Index(None, "study_id", "id"),
+        sa.Index("ix_audit_event_last_backup", "id", sqlite_where=IS_BACKUP, postgresql_where=IS_BACKUP),
+    )
 
 
 class Tombstone(Base):

@@ -12,10 +12,10 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.models import AuditEvent, BlobDeletion, Job, Meal, Webhook, WebhookDelivery
+from app.db.models.privacy import IS_BACKUP
 
 OPEN_STATUSES = ("receiving", "queued", "processing", "needs_review")  # of meals that somebody is still to move on
 COUNTED_AT_MOST = 100_000  # rows of one kind: who has more needs no closer figure
-LOOKED_BACK = 50_000  # events of the audit log
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +76,22 @@ def _oldest(session: Session, times: sa.Select[datetime]) -> datetime | None:
     return first
 
 
-def last_event_of_no_study(session: Session, action: str) -> datetime | None:
-    """When the audit log last had this deed of the server itself, among the newest of those events."""
-    event = AuditEvent
-    newest = sa.select(event.at, event.action).where(event.study_id.is_(None)).order_by(event.id.desc())
-    rows = newest.limit(LOOKED_BACK).subquery()
-    last: datetime | None = session.scalar(sa.select(sa.func.max(rows.c.at)).where(rows.c.action == action))
-    return last
+@dataclass(frozen=True, slots=True)
+class LastBackup:
+    """The last `tada backup` that ended. damaged: blobs that it lacks, for they were damaged or missing."""
+
+    made_at: datetime
+    damaged: int
+
+
+def last_backup(session: Session) -> LastBackup | None:
+    """None: there was none. By an index of its own, however many events came after it."""
+    query = sa.select(AuditEvent.at, AuditEvent.details).where(IS_BACKUP).order_by(AuditEvent.id.desc()).limit(1)
+    found = session.execute(query).first()
+    return LastBackup(found.at, int(found.details.get("damaged", 0))) if found is not None else None
+
+
+def first_event_at(session: Session) -> datetime | None:
+    """When the audit log begins, and so the deployment; None: nothing has happened yet."""
+    first: datetime | None = session.scalar(sa.select(AuditEvent.at).order_by(AuditEvent.id).limit(1))
+    return first

@@ -355,6 +355,16 @@ def test_backup_that_is_old_is_told_and_one_that_never_was_is_a_note(deployment)
     assert deployment.bad()["backup"] == "the last `tada backup` is 72 h old."
 
 
+def test_backup_that_lacks_blobs_is_no_good_one(deployment):
+    note_backup(deployment.database, blobs=5, damaged=2)
+    assert (
+        deployment.bad()["backup"]
+        == "the last `tada backup` is 0 h old, and lacks 2 blobs that were damaged or missing."
+    )
+    note_backup(deployment.database, blobs=7, damaged=0)
+    assert "backup" not in deployment.bad()
+
+
 def test_part_that_cannot_be_asked_is_a_finding_and_hides_no_other(deployment, monkeypatch):
     def broken(_):
         raise OSError(5, "Input/output error")

@@ -12,7 +12,7 @@ import pytest
 import yaml
 from prometheus_client.metrics import MetricWrapperBase
 
-from app.db.queries.figures import Figures
+from app.db.queries.figures import Figures, LastBackup
 from app.db.session import Database
 from app.metrics import instruments
 from app.services import doctor_work
@@ -47,7 +47,10 @@ def families(tmp_path_factory):
     asked = DeploymentFigures(database, LocalBlobStore(folder / "blobs"), Settings(data_dir=folder))
     now = datetime.now(UTC)
     asked._ask = lambda: Deployment(
-        Figures(now, {"queued": 1}, {"queued": 1}, now, 1, 1, now, 1, 1, now), Counter({"1": 1}), now
+        Figures(now, {"queued": 1}, {"queued": 1}, now, 1, 1, now, 1, 1, now),
+        Counter({"1": 1}),
+        LastBackup(now, damaged=1),
+        now,
     )
     found += [(family.name, family.type, family._labelnames) for family in asked.collect()]
     database.dispose()
@@ -158,6 +161,18 @@ def test_alerts_know_the_failures_that_are_the_servers():
     assert f'"{"|".join(instruments.REFUSALS)}"' in expressions["TadaUploadsRefused"]
     limit = int(doctor_work.BACKUP_EVERY.total_seconds())
     assert expressions["TadaBackupOld"].endswith(f"> {limit}")
+
+
+def test_alerts_on_backups_compare_series_that_are_told_without_any_backup_too():
+    """By the parser: the age's least, the lack's most, over all servers, and that neither is told at all."""
+    told = {rule["alert"]: promql_parser.parse(rule["expr"]) for rule in ALERTS}
+    age, lack, unknown = (told[f"TadaBackup{name}"] for name in ("Old", "Damaged", "Unknown"))
+    assert [str(part) for part in (age.op, age.lhs.op, age.lhs.expr.name)] == [">", "min", "tada_backup_age_seconds"]
+    assert [str(part) for part in (lack.op, lack.lhs.op, lack.lhs.expr.name)] == [
+        ">", "max", "tada_backup_damaged_blobs"
+    ]  # fmt: skip
+    assert lack.rhs.val == 0
+    assert (unknown.func.name, unknown.args[0].name) == ("absent", "tada_backup_age_seconds")
 
 
 def test_dashboard_has_what_grafana_needs():
