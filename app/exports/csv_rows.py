@@ -3,47 +3,71 @@
 import csv
 import io
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
-from app.exports.cells import Words, number_texts
-from app.exports.record_columns import Batch, Column
+from pydantic_core import to_json
+
+from app.exports.cells import Encoded, Row
+from app.exports.record_columns import Batch, Column, ColumnType, Part, PartOfBatch
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet would compute such a cell
 LINE_END = "\r\n"
 
 
-def encode_csv(columns: Sequence[Column], batches: Iterable[Batch]) -> Iterator[bytes]:
+def encode_csv(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[bytes]:
     """The header, then each batch's rows. Lists of words stand in one cell, a blank between; None is an empty cell."""
-    words = Words(_cell)
-    yield (",".join(column.name for column in columns) + LINE_END).encode()
+    words = Encoded(_word)
+    shared = {part: Encoded(partial(_cells, part.columns, words)) for part in parts if part.type == "shared"}
+    yield (",".join(column.name for part in parts for column in part.columns) + LINE_END).encode()
     for batch in batches:
-        cells = [_cells(column, values, words) for column, values in zip(columns, batch, strict=True)]
-        yield "".join(",".join(row) + LINE_END for row in zip(*cells, strict=True)).encode()
+        texts = (_texts(part, shared) for part in batch)
+        yield (LINE_END.join(map(",".join, zip(*texts, strict=True))) + LINE_END).encode()
 
 
 def safe_cell(value: object) -> object:
     """Text that a spreadsheet would take for a formula gets an apostrophe before it; a list stands in one cell."""
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         value = " ".join(str(part) for part in value)
     return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA_STARTS) else value
 
 
-def _cells(column: Column, values: list[Any], words: Words) -> list[str]:
-    match column.type:
+def number_cells(rows: list[Row]) -> list[str]:
+    """Rows of numbers, each number as JSON writes it: the shortest text that reads back as the same number.
+
+    All of them by one call of pydantic's encoder: several times as fast as repr(), number by number.
+    """
+    return to_json(rows)[2:-2].decode().replace("null", "").split("],[") if rows else []
+
+
+def _texts(some: PartOfBatch, shared: dict[Part, Encoded]) -> list[str]:
+    match some.part.type:
+        case "id":
+            return [text for (text,) in some.rows]
+        case "numbers":
+            return number_cells(some.rows)
+        case "shared":
+            return shared[some.part].of(some.rows)
+
+
+def _cells(columns: tuple[Column, ...], words: Encoded, row: Row) -> str:
+    return ",".join([_cell(column.type, words, value) for column, value in zip(columns, row, strict=True)])
+
+
+def _cell(column_type: ColumnType, words: Encoded, value: Any) -> str:
+    match column_type:
+        case "word" | "words":
+            return words[value,]
         case "number" | "integer":
-            return ["" if text == "null" else text for text in number_texts(values)]
+            return number_cells([(value,)])[0]
         case "boolean":
-            return ["True" if value else "False" for value in values]
-        case "words":
-            return words([" ".join(value) for value in values])
-        case "word":
-            return words(values)
+            return str(value)
         case "id" | "instant" | "day":  # nothing in them that CSV would quote
-            return values
+            return str(value)
 
 
-def _cell(text: str | None) -> str:
+def _word(row: Row) -> str:
     buffer = io.StringIO()
-    # a second column, since a row of one empty cell would be quoted to show that it is there
-    csv.writer(buffer, lineterminator="").writerow([safe_cell(text), ""])
+    # one cell more, since a row of one empty cell would be quoted to show that it is there
+    csv.writer(buffer, lineterminator="").writerow([safe_cell(row[0]), ""])
     return buffer.getvalue()[:-1]

@@ -1,31 +1,37 @@
 """Batches as NDJSON: an object a line, as a JSON page has them but for the food, which is food_key and food_name."""
 
-import json
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from functools import partial
 
-from app.exports.cells import Words, number_texts
-from app.exports.record_columns import Batch, Column
+from pydantic_core import to_json
+
+from app.exports.cells import Encoded, Row
+from app.exports.record_columns import Batch, Part, PartOfBatch
 
 
-def encode_ndjson(columns: Sequence[Column], batches: Iterable[Batch]) -> Iterator[bytes]:
+def encode_ndjson(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[bytes]:
     """Each batch's rows; nothing at all of no rows."""
-    words = Words(lambda text: json.dumps(text, ensure_ascii=False))
-    line = "{" + ",".join(f'"{column.name}":%s' for column in columns) + "}\n"
+    shared = {part: Encoded(partial(_members, _names(part))) for part in parts if part.type == "shared"}
     for batch in batches:
-        cells = [_cells(column, values, words) for column, values in zip(columns, batch, strict=True)]
-        yield "".join(line % row for row in zip(*cells, strict=True)).encode()
+        texts = (_texts(part, shared) for part in batch)
+        yield ("{" + "}\n{".join(map(",".join, zip(*texts, strict=True))) + "}\n").encode()
 
 
-def _cells(column: Column, values: list[Any], words: Words) -> list[str]:
-    match column.type:
-        case "number" | "integer":
-            return number_texts(values)
-        case "boolean":
-            return ["true" if value else "false" for value in values]
-        case "words":
-            return [json.dumps(value, ensure_ascii=False) if value else "[]" for value in values]
-        case "word":
-            return words(values)
-        case "id" | "instant" | "day":
-            return [f'"{value}"' for value in values]
+def _texts(some: PartOfBatch, shared: dict[Part, Encoded]) -> list[str]:
+    names = _names(some.part)
+    match some.part.type:
+        case "id":
+            return [f'"{names[0]}":"{text}"' for (text,) in some.rows]
+        case "numbers":
+            objects = [dict(zip(names, row, strict=True)) for row in some.rows]
+            return to_json(objects)[2:-2].decode().split("},{") if objects else []
+        case "shared":
+            return shared[some.part].of(some.rows)
+
+
+def _members(names: tuple[str, ...], row: Row) -> str:
+    return to_json(dict(zip(names, row, strict=True)))[1:-1].decode()
+
+
+def _names(part: Part) -> tuple[str, ...]:
+    return tuple(column.name for column in part.columns)

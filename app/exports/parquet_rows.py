@@ -10,7 +10,7 @@ from typing import Any
 import pyarrow as pa
 from pyarrow import parquet
 
-from app.exports.record_columns import Batch, Column, ColumnType
+from app.exports.record_columns import Batch, Column, ColumnType, Part, PartOfBatch
 
 ROWS_A_GROUP = 32_768  # some 10 MB in memory, and large enough to be read in few pieces
 TYPES: dict[ColumnType, Any] = {
@@ -45,14 +45,15 @@ class _Pieces(io.RawIOBase):
         return taken
 
 
-def encode_parquet(columns: Sequence[Column], batches: Iterable[Batch]) -> Iterator[bytes]:
+def encode_parquet(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[bytes]:
     """The file in pieces, a row group at a time; the pieces are not a file until the last one."""
+    columns = [column for part in parts for column in part.columns]
     schema, pieces = schema_of(columns), _Pieces()
     words = [column.name for column in columns if column.type == "word"]
     with parquet.ParquetWriter(pieces, schema, compression="zstd", use_dictionary=words) as writer:
         tables: list[pa.RecordBatch] = []
         for batch in batches:
-            arrays = [_array(column, values) for column, values in zip(columns, batch, strict=True)]
+            arrays = [array for part in batch for array in _arrays(part)]
             tables.append(pa.RecordBatch.from_arrays(arrays, schema=schema))
             if sum(table.num_rows for table in tables) >= ROWS_A_GROUP:
                 writer.write_table(pa.Table.from_batches(tables, schema), row_group_size=ROWS_A_GROUP)
@@ -71,7 +72,19 @@ def schema_of(columns: Sequence[Column]) -> pa.Schema:
     )
 
 
-def _array(column: Column, values: list[Any]) -> pa.Array:
+def _arrays(some: PartOfBatch) -> list[pa.Array]:
+    """A part's columns; of a shared one each different row is converted once, and taken wherever it comes."""
+    columns = some.part.columns
+    if some.part.type != "shared":
+        return [_array(column, values) for column, values in zip(columns, zip(*some.rows, strict=True), strict=True)]
+    places: dict[tuple[Any, ...], int] = {}
+    taken = pa.array([places.setdefault(row, len(places)) for row in some.rows], pa.int32())
+    return [
+        _array(column, values).take(taken) for column, values in zip(columns, zip(*places, strict=True), strict=True)
+    ]
+
+
+def _array(column: Column, values: Sequence[Any]) -> pa.Array:
     if column.type in {"instant", "day"}:
         return pa.array(values, pa.string()).cast(TYPES[column.type])
     return pa.array(values, TYPES[column.type])

@@ -20,7 +20,7 @@ from app.db.session import Database
 from app.errors import UnavailableError
 from app.exports.csv_rows import encode_csv
 from app.exports.ndjson_rows import encode_ndjson
-from app.exports.record_columns import RECORD_COLUMNS, Batch
+from app.exports.record_columns import RECORD_PARTS, Batch
 from app.exports.spool import Spool, SpoolClosedError
 from app.services import audit
 from app.services.caller import Caller, DeviceCaller, StaffCaller
@@ -113,12 +113,12 @@ def _start(writer: threading.Thread, spool: Spool) -> None:
 
 def _encoded(output: ExportFormat, batches: Iterable[Batch]) -> Iterator[bytes]:
     if output == "csv":
-        return encode_csv(RECORD_COLUMNS, batches)
+        return encode_csv(RECORD_PARTS, batches)
     if output == "ndjson":
-        return encode_ndjson(RECORD_COLUMNS, batches)
+        return encode_ndjson(RECORD_PARTS, batches)
     from app.exports.parquet_rows import encode_parquet  # noqa: PLC0415  # 60 MB, for those who ask for it
 
-    return encode_parquet(RECORD_COLUMNS, batches)
+    return encode_parquet(RECORD_PARTS, batches)
 
 
 def _place_of(caller: Caller) -> uuid.UUID:

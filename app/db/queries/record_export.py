@@ -1,16 +1,20 @@
-"""SQL of exported records: columns of plain values, as JSON has them, that no layer above need convert one by one.
+"""SQL of exported records: rows of plain values, as JSON has them, that no layer above need convert one by one.
 
-Read are a record, its meal and its day; the few studies, participants and foods that these name are looked up once.
-Ids and instants come as text from the database, which makes it many times as fast as Python does.
+A row holds what an item has of its own, and the ids of its meal and food; what these name (a meal with its
+participant, study and day; a food with its table) is looked up a batch at a time, once for all rows that share it.
+Values come as the driver gives them, PostgreSQL's in its binary form; ids come as text, which is many times as fast as
+making objects.
 """
 
 import json
 import uuid
 from collections.abc import Callable, Collection, Iterator, Mapping
-from datetime import date, datetime
+from datetime import UTC, date, datetime
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import sqlalchemy as sa
+from psycopg import pq
+from sqlalchemy.dialects import postgresql
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.orm import Session
 from sqlalchemy.sql.functions import FunctionElement
@@ -18,44 +22,49 @@ from sqlalchemy.sql.functions import FunctionElement
 from app.db.models import DiaryDay, EffectiveRecord, Food, FoodRelease, Meal, Participant, Study
 from app.db.queries import diary
 from app.db.queries.record_pages import AFTER_INSTANT, AFTER_ITEM, BEFORE_ALL, RecordSearch
-from app.exports.record_columns import RECORD_COLUMNS, Batch
+from app.exports.record_columns import (
+    AMOUNTS,
+    CHANGE,
+    DENSITY_SOURCE,
+    FLAGS,
+    OF_DAY,
+    OF_FOOD,
+    OF_MEAL,
+    RECORD_ID,
+    RECORD_PARTS,
+    STATE,
+    VOLUME,
+    Batch,
+    Part,
+    PartOfBatch,
+)
 
 ROWS_A_BATCH = 2000
-MOST_KNOWN = 20_000  # participants, foods ... that are kept in memory during an export
-STORED = tuple(  # columns that are given as they are stored
-    column.name
-    for column in RECORD_COLUMNS
-    if column.name in EffectiveRecord.__table__.columns and column.name not in {"captured_at", "local_date", "meal_id"}
-)
+MOST_KNOWN = 20_000  # meals, participants, foods ... that are kept in memory during an export
+OWN = (STATE, VOLUME, DENSITY_SOURCE, AMOUNTS, FLAGS, CHANGE)  # parts that are read as they are stored
+KEYS = ("captured_at", "item_id", "meal_id", "food_id")  # what a row begins with
+HEX_DIGITS = 32  # of an id without hyphens
+IDS = "ids"  # parameter of a look-up
 Known = TypeVar("Known")
+Id = TypeVar("Id")
 
 
-class text_of(FunctionElement[str]):  # noqa: N801  # named as the SQL function that it stands for
-    """A column's value as text: an id with its hyphens, a day, an instant in UTC: "2026-11-21 12:30:00.000000"."""
+class stored_id(FunctionElement[str]):  # noqa: N801  # named as the SQL function that it stands for
+    """An id as text, in the way that costs the database least: PostgreSQL's has hyphens, SQLite's has none."""
 
     type = sa.String()
     inherit_cache = True
 
 
-@compiles(text_of, "postgresql")
-def _text_postgresql(element: Any, compiler: Any, **options: Any) -> str:
-    (column,) = element.clauses
-    value: str = compiler.process(column, **options)
-    if isinstance(column.type, sa.Uuid):
-        return f"CAST({value} AS TEXT)"
-    if isinstance(column.type, sa.Date):
-        return f"to_char({value}, 'YYYY-MM-DD')"
-    return f"to_char({value} AT TIME ZONE 'UTC', 'YYYY-MM-DD HH24:MI:SS.US')"
+@compiles(stored_id, "postgresql")
+def _id_postgresql(element: Any, compiler: Any, **options: Any) -> str:
+    return f"CAST({compiler.process(element.clauses, **options)} AS TEXT)"
 
 
-@compiles(text_of, "sqlite")
-def _text_sqlite(element: Any, compiler: Any, **options: Any) -> str:
-    (column,) = element.clauses
-    value: str = compiler.process(column, **options)
-    if not isinstance(column.type, sa.Uuid):
-        return value
-    parts = (f"substr({value}, {start}, {length})" for start, length in ((1, 8), (9, 4), (13, 4), (17, 4), (21, 12)))
-    return "(" + " || '-' || ".join(parts) + ")"
+@compiles(stored_id, "sqlite")
+def _id_sqlite(element: Any, compiler: Any, **options: Any) -> str:
+    column: str = compiler.process(element.clauses, **options)
+    return column
 
 
 class _Person(NamedTuple):
@@ -63,19 +72,18 @@ class _Person(NamedTuple):
     first_day: int | None  # ordinal of day 1
 
 
-class _Food(NamedTuple):
-    key: str | None
-    name: str | None
-    table: str | None
+class _Meal(NamedTuple):
+    of_meal: tuple[Any, ...]  # the values of OF_MEAL
+    of_day: tuple[Any, ...]  # and of OF_DAY
 
 
-class _Lookup(Generic[Known]):
+class _Lookup(Generic[Id, Known]):
     """What ids stand for, learnt a batch at a time, and forgotten before it is too much."""
 
-    def __init__(self, find: Callable[[Collection[Any]], Mapping[Any, Known]]) -> None:
-        self._find, self._known = find, dict[Any, Known]()
+    def __init__(self, find: Callable[[Collection[Id]], Mapping[Id, Known]]) -> None:
+        self._find, self._known = find, dict[Id, Known]()
 
-    def __call__(self, ids: Collection[Any]) -> list[Known]:
+    def __call__(self, ids: Collection[Id]) -> list[Known]:
         new = set(ids) - self._known.keys()
         if len(self._known) + len(new) > MOST_KNOWN:
             self._known.clear()
@@ -87,81 +95,142 @@ class _Lookup(Generic[Known]):
 
 
 def export_batches(session: Session, search: RecordSearch | None) -> Iterator[Batch]:
-    """All records of a search in the order of (captured_at, item id), a batch of columns (RECORD_COLUMNS) at a time.
+    """All records of a search in the order of (captured_at, item id), a batch of RECORD_PARTS at a time.
 
     In one transaction of the caller's, so that they are of one moment.
     """
     if search is None:
         return
-    study_codes = _Lookup(lambda ids: _studies(session, ids))
-    people = _Lookup(lambda ids: _people(session, ids))
-    foods = _Lookup(lambda ids: _foods(session, ids))
+    connection = session.connection()
+    if not search.is_on_sqlite:
+        sa.event.listen(connection, "before_cursor_execute", _ask_for_binary)
+    meals, foods = _Lookup(_meal_finder(session)), _Lookup(lambda ids: _foods(session, ids))
+    flags = _Lookup(lambda texts: {(text,): (tuple(json.loads(text)),) for (text,) in texts})
+    states = _Lookup(lambda rows: {row: (*row[:2], *map(bool, row[2:])) for row in rows})  # SQLite's are numbers
     query, after = _rows(search), BEFORE_ALL
     while True:
-        found = session.connection().execute(query, {AFTER_INSTANT: after[0], AFTER_ITEM: after[1]})
+        found = connection.execute(query, {AFTER_INSTANT: after[0], AFTER_ITEM: after[1]})
         rows = list(found.cursor.fetchall())  # the driver's own: its values need no conversion
         found.close()
         if not rows:
             return
-        rows.sort()  # by instant and id, as texts in the same order; few moves, since the page is read in its order
-        columns = dict(zip(READ, map(list, zip(*rows, strict=True)), strict=True))
-        after = (datetime.fromisoformat(columns["captured_at"][-1] + "+00:00"), uuid.UUID(columns["id"][-1]))
-        columns["study"] = study_codes(columns["study_id"])
-        persons, eaten = people(columns["participant_id"]), foods(columns["food_id"])
-        columns["participant"] = [person.code for person in persons]
-        columns["food_key"] = [food.key for food in eaten]
-        columns["food_name"] = [food.name for food in eaten]
-        columns["food_table"] = [food.table for food in eaten]
-        columns["study_day"] = [
-            None if person.first_day is None else date.fromisoformat(day).toordinal() - person.first_day + 1
-            for person, day in zip(persons, columns["local_date"], strict=True)
-        ]
-        columns["upload_delay_seconds"] = [
-            (datetime.fromisoformat(received) - datetime.fromisoformat(captured)).total_seconds()
-            for received, captured in zip(columns["received_at"], columns["captured_at"], strict=True)
-        ]
-        columns["captured_at"] = [
-            f"{text[:10]}T{text[11:19]}Z" if text.endswith(".000000") else f"{text[:10]}T{text[11:]}Z"
-            for text in columns["captured_at"]
-        ]
-        columns["flags"] = [[] if text == "[]" else json.loads(text) for text in columns["flags"]]
-        for name in ("provisional", "reviewed"):  # SQLite's are numbers
-            columns[name] = [value == 1 for value in columns[name]]
-        yield [columns[column.name] for column in RECORD_COLUMNS]
+        rows.sort()  # by instant and id, in the database's order; few moves, since the page is read in its order
+        after = (_instant(rows[-1][0]), uuid.UUID(rows[-1][1]))
+        own = {part: [row[place] for row in rows] for part, place in PLACES.items()}
+        of_meals = meals([row[2] for row in rows])
+        values = own | {
+            RECORD_ID: [(_hyphenated(row[1]),) for row in rows],
+            OF_MEAL: [meal.of_meal for meal in of_meals],
+            STATE: states(own[STATE]),
+            OF_FOOD: foods([row[3] for row in rows]),
+            FLAGS: flags(own[FLAGS]),
+            OF_DAY: [meal.of_day for meal in of_meals],
+        }
+        yield [PartOfBatch(part, values[part]) for part in RECORD_PARTS]
         if len(rows) < ROWS_A_BATCH:
             return
 
 
-RECORD_READ = ("captured_at", "item_id", "meal_id", "local_date", "study_id", "participant_id", "food_id", *STORED)
-READ = (
-    *("captured_at", "id", "meal_id", "time_zone", "received_at", "local_date", "day_status"),
-    *("study_id", "participant_id", "food_id"),
-    *STORED,
-)
+def _places() -> dict[Part, slice]:
+    """Where a row has the columns of OWN, behind the KEYS."""
+    places, start = {}, len(KEYS)
+    for part in OWN:
+        places[part] = slice(start, start + len(part.columns))
+        start += len(part.columns)
+    return places
+
+
+PLACES = _places()
+
+
+def _ask_for_binary(_connection: Any, cursor: Any, *_: Any) -> None:
+    """Let PostgreSQL send numbers as they are: it need not write them as text, nor we read them."""
+    cursor.format = pq.Format.BINARY
 
 
 def _rows(search: RecordSearch) -> sa.Select[*tuple[Any, ...]]:
-    """A batch: the columns READ. The statement is made once: it takes longer than to read some hundred rows."""
-    page = search.pages(ROWS_A_BATCH, *(getattr(EffectiveRecord, name) for name in RECORD_READ[2:]))
-    plain: dict[str, Any] = {
-        "provisional": sa.cast(page.c.provisional, sa.Integer),
-        "reviewed": sa.cast(page.c.reviewed, sa.Integer),
-        "flags": sa.cast(page.c.flags, sa.Text),
-    }
-    of_day = sa.and_(DiaryDay.participant_id == page.c.participant_id, DiaryDay.local_date == page.c.local_date)
+    """A batch: KEYS and OWN. The statement is made once: it takes longer than to read some hundred rows."""
+    names = [column.name for part in OWN for column in part.columns]
+    page = search.pages(ROWS_A_BATCH, *(getattr(EffectiveRecord, name) for name in (*KEYS[2:], *names)))
+    plain: dict[str, Any] = {"flags": sa.cast(page.c.flags, sa.Text)}
     return sa.select(
-        text_of(page.c.captured_at),
-        text_of(page.c.item_id),
-        text_of(Meal.client_id),
-        Meal.time_zone,
-        text_of(Meal.received_at),
-        text_of(page.c.local_date),
-        sa.func.coalesce(DiaryDay.status, "open"),
-        sa.cast(page.c.study_id, sa.Text),
-        sa.cast(page.c.participant_id, sa.Text),
+        page.c.captured_at,
+        stored_id(page.c.item_id),
+        stored_id(page.c.meal_id),
         page.c.food_id,
-        *(plain.get(name, page.c[name]) for name in STORED),
-    ).select_from(page.join(Meal, Meal.id == page.c.meal_id).outerjoin(DiaryDay, of_day))
+        *(plain.get(name, page.c[name]) for name in names),
+    )
+
+
+def _meal_finder(session: Session) -> Callable[[Collection[str]], dict[str, _Meal]]:
+    """Finds meals by their ids, with what goes with a meal."""
+    connection, is_on_sqlite = session.connection(), session.get_bind().dialect.name == "sqlite"
+    study_codes, people = _Lookup(lambda ids: _studies(session, ids)), _Lookup(lambda ids: _people(session, ids))
+    query = _meals(is_on_sqlite=is_on_sqlite)
+
+    def find(ids: Collection[str]) -> dict[str, _Meal]:
+        result = connection.execute(query, {IDS: json.dumps(sorted(ids)) if is_on_sqlite else sorted(ids)})
+        rows = result.cursor.fetchall()
+        result.close()
+        found, studies = {}, study_codes([row[6] for row in rows])
+        persons = people([row[7] for row in rows])
+        for row, study, person in zip(rows, studies, persons, strict=True):
+            meal_id, client_id, captured_at, time_zone, day, received_at, _, _, day_status = row
+            captured, local_date = _instant(captured_at), _day(day)
+            of_meal = (
+                _hyphenated(client_id),
+                study,
+                person.code,
+                captured.isoformat().removesuffix("+00:00") + "Z",
+                time_zone,
+                local_date.isoformat(),
+                (_instant(received_at) - captured).total_seconds(),
+            )
+            number = None if person.first_day is None else local_date.toordinal() - person.first_day + 1
+            found[meal_id] = _Meal(of_meal, (day_status, number))
+        return found
+
+    return find
+
+
+def _meals(*, is_on_sqlite: bool) -> sa.Select[*tuple[Any, ...]]:
+    of_day = sa.and_(DiaryDay.participant_id == Meal.participant_id, DiaryDay.local_date == Meal.local_date)
+    ids: Any = sa.bindparam(IDS, type_=sa.Text() if is_on_sqlite else postgresql.ARRAY(sa.Text))
+    if is_on_sqlite:
+        one_of: Any = stored_id(Meal.id).in_(sa.select(sa.func.json_each(ids).table_valued("value").c.value))
+    else:
+        one_of = Meal.id == sa.any_(sa.cast(ids, postgresql.ARRAY(sa.Uuid)))
+    return (
+        sa.select(
+            stored_id(Meal.id),
+            stored_id(Meal.client_id),
+            Meal.captured_at,
+            Meal.time_zone,
+            Meal.local_date,
+            Meal.received_at,
+            stored_id(Meal.study_id),
+            stored_id(Meal.participant_id),
+            sa.func.coalesce(DiaryDay.status, "open"),
+        )
+        .select_from(Meal)
+        .outerjoin(DiaryDay, of_day)
+        .where(one_of)
+    )
+
+
+def _instant(value: str | datetime) -> datetime:
+    """SQLite's text, or PostgreSQL's instant."""
+    return datetime.fromisoformat(value).replace(tzinfo=UTC) if isinstance(value, str) else value.astimezone(UTC)
+
+
+def _day(value: str | date) -> date:
+    """SQLite's text, or PostgreSQL's day."""
+    return date.fromisoformat(value) if isinstance(value, str) else value
+
+
+def _hyphenated(text: str) -> str:
+    """An id as everybody else writes it; a quarter of what uuid.UUID would take."""
+    return text if len(text) > HEX_DIGITS else f"{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:]}"
 
 
 def _studies(session: Session, ids: Collection[str]) -> dict[str, str]:
@@ -184,14 +253,15 @@ def _people(session: Session, ids: Collection[str]) -> dict[str, _Person]:
     return found
 
 
-def _foods(session: Session, ids: Collection[int | None]) -> dict[int | None, _Food]:
+def _foods(session: Session, ids: Collection[int | None]) -> dict[int | None, tuple[str | None, ...]]:
+    """The values of OF_FOOD."""
     query = (
         sa.select(Food.id, Food.key, Food.name, FoodRelease.name + " " + FoodRelease.version)
         .join(FoodRelease, FoodRelease.id == Food.release_id)
         .where(Food.id.in_([one for one in ids if one is not None]))
     )
-    found: dict[int | None, _Food] = {None: _Food(None, None, None)}
-    return found | {food_id: _Food(key, name, table) for food_id, key, name, table in session.execute(query)}
+    found: dict[int | None, tuple[str | None, ...]] = {None: (None, None, None)}
+    return found | {food_id: (key, name, table) for food_id, key, name, table in session.execute(query)}
 
 
 def _spellings(one: uuid.UUID) -> tuple[str, str]:
