@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from app.services.backup_format import Manifest
 
 PROGRESS_SECONDS = 2.0
-LISTED = 20  # damaged blobs told by name; --json tells all
+LISTED = 20  # damaged blobs told by name; --json tells a thousand, and the backup's lacking.jsonl all
 KEPT_APART = (
     "TADA_SECRET_KEY is not in it (on SQLite: the file secret.key in TADA_DATA_DIR), nor is the ledger of erasures "
     "(TADA_ERASURE_URL). Keep both apart from the backup: a restore needs them."
@@ -29,7 +29,7 @@ KEPT_APART = (
 
 OTHER_LEDGER = (
     "TADA_ERASURE_URL does not lead to the ledger of then: {} erasures that the backup remembers are not in it. "
-    "Whoever was erased after the backup is back. Copy the entries of the old ledger there before you start a server."
+    "Whoever was erased after the backup is back: erase them again before you start a server for others."
 )
 
 
@@ -51,13 +51,15 @@ def backup(
             sys.stdout.buffer.flush()
         else:
             done = backup_to_file(database, blobs, box, file, tell)
-        note_backup(database, blobs=done.blobs, damaged=len(done.damaged))
-    answer = _described(done.manifest, done.rows, done.blobs, done.blob_bytes, done.erased, done.damaged)
+        note_backup(database, blobs=done.blobs, damaged=done.damaged)
+    answer = _described(
+        done.manifest, done.rows, done.blobs, done.blob_bytes, done.erased, done.damaged, done.damaged_first
+    )
     if as_json:
         print(json.dumps(answer), file=sys.stderr if to_pipe else sys.stdout)
     else:
         print(f"{file}: {_counted(answer)}.", file=sys.stderr)
-        _tell_damaged(done.damaged)
+        _tell_damaged(done.damaged, done.damaged_first)
         print(KEPT_APART, file=sys.stderr)
     raise SystemExit(1 if done.damaged else 0)
 
@@ -68,6 +70,10 @@ def restore(
     other_key: Annotated[
         bool,
         typer.Option("--other-key", help="TADA_SECRET_KEY of then is lost: go on without it."),
+    ] = False,
+    other_ledger: Annotated[
+        bool,
+        typer.Option("--other-ledger", help="The ledger of erasures of then is lost: go on without it."),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -83,19 +89,22 @@ def restore(
         with _told_of_files():
             checked = check_only(file, settings, tell, other_key=other_key)
         _tell_checked(checked, {}, "whole", as_json=as_json)
-        return
+        raise SystemExit(1 if checked.end.damaged else 0)
     with _ended_in_order(), database_as_it_is() as database, _told_of_files():
         blobs = open_blob_store(settings.resolved_blob_url, settings)
-        done = run(file, database, blobs, settings, tell, other_key=other_key)
+        done = run(file, database, blobs, settings, tell, other_key=other_key, other_ledger=other_ledger)
     more = {"queued_again": done.queued_again, "missing_in_ledger": done.missing_in_ledger}
     _tell_checked(done.checked, more, "restored", as_json=as_json)
     if done.missing_in_ledger:
         print(OTHER_LEDGER.format(done.missing_in_ledger), file=sys.stderr)
+    raise SystemExit(1 if done.checked.end.damaged else 0)
 
 
 def _tell_checked(checked: "CheckedBackup", more: dict[str, Any], deed: str, *, as_json: bool) -> None:
     end = checked.end
-    answer = _described(checked.manifest, end.rows, end.blobs, end.blob_bytes, len(end.erased), end.damaged)
+    answer = _described(
+        checked.manifest, end.rows, end.blobs, end.blob_bytes, end.erased, end.damaged, checked.damaged_first
+    )
     answer |= more
     if as_json:
         print(json.dumps(answer))
@@ -103,7 +112,7 @@ def _tell_checked(checked: "CheckedBackup", more: dict[str, Any], deed: str, *, 
     print(f"{deed}: {_counted(answer)}, of {checked.manifest.created_at.isoformat(timespec='seconds')}.")
     if more.get("queued_again"):
         print(f"{more['queued_again']} meals wait for a worker.")
-    _tell_damaged(end.damaged)
+    _tell_damaged(end.damaged, checked.damaged_first)
 
 
 def _described(
@@ -112,7 +121,8 @@ def _described(
     blobs: int,
     blob_bytes: int,
     erased: int,
-    damaged: Mapping[str, str],
+    damaged: int,
+    damaged_first: Mapping[str, str],
 ) -> dict[str, Any]:
     return {
         "backup": manifest.backup,
@@ -125,7 +135,8 @@ def _described(
         "blobs": blobs,
         "blob_bytes": blob_bytes,
         "erased_meanwhile": erased,
-        "damaged": dict(damaged),
+        "damaged_blobs": damaged,
+        "damaged": dict(damaged_first),
     }
 
 
@@ -133,14 +144,14 @@ def _counted(answer: Mapping[str, Any]) -> str:
     return f"{answer['rows']} rows, {answer['blobs']} blobs ({answer['blob_bytes'] / 1e6:.1f} MB)"
 
 
-def _tell_damaged(damaged: Mapping[str, str]) -> None:
+def _tell_damaged(damaged: int, first: Mapping[str, str]) -> None:
     if not damaged:
         return
-    print(f"{len(damaged)} blobs are not in the backup:", file=sys.stderr)
-    for key, why in list(damaged.items())[:LISTED]:
+    print(f"{damaged} blobs are not in the backup:", file=sys.stderr)
+    for key, why in list(first.items())[:LISTED]:
         print(f"  {key}: {why}", file=sys.stderr)
-    if len(damaged) > LISTED:
-        print(f"  and {len(damaged) - LISTED} more: --json", file=sys.stderr)
+    if damaged > LISTED:
+        print(f"  and {damaged - LISTED} more: `tar xOf FILE lacking.jsonl`", file=sys.stderr)
 
 
 def _progress() -> Callable[[str], None]:

@@ -5,6 +5,7 @@ fault; one that is missing or damaged is told by name, and all others are in the
 in it: the ledger stays outside, and a restore does them again. Neither is TADA_SECRET_KEY.
 """
 
+import errno
 import gzip
 import hashlib
 import os
@@ -30,12 +31,17 @@ from app.services.backup_format import (
     BLOB_COLUMNS,
     BLOBS,
     CHUNK_BYTES,
+    DAMAGED_TOLD,
     END,
+    ERASED,
     FORMAT,
+    LACKING,
     MANIFEST,
     MAX_CHUNK_BYTES,
+    MAX_LACKING_BYTES,
     SUMS,
     End,
+    Lacking,
     Manifest,
     chunk_name,
     described,
@@ -46,26 +52,31 @@ from app.services.backup_values import row_writer
 from app.services.secret_box import SecretBox
 from app.storage.blob_store import BlobStore
 
+NO_LINKS = frozenset({errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS})  # what file systems without hard links say
 COMPRESSION = 3  # of rows, by gzip; photographs do not shrink
 Tell = Callable[[str], None]  # how far it is, for a person
 
 
 @dataclass(frozen=True, slots=True)
 class BackupDone:
-    """What a backup holds. erased: blobs that an erasure took meanwhile; damaged: key -> why it is not in it."""
+    """What a backup holds. erased: blobs that an erasure took meanwhile; damaged: blobs that it lacks.
+
+    damaged_first: key -> why, of the first DAMAGED_TOLD of them.
+    """
 
     manifest: Manifest
     rows: Mapping[str, int]
     blobs: int
     blob_bytes: int
     erased: int
-    damaged: Mapping[str, str]
+    damaged: int
+    damaged_first: Mapping[str, str]
 
 
 def backup_to_file(database: Database, blobs: BlobStore, box: SecretBox, path: Path, tell: Tell) -> BackupDone:
     """Write the backup under its name once it is whole and on disk, for its owner only.
 
-    Raises ConflictError (`backup_exists`) for a file that is there, OSError.
+    Raises ConflictError (`backup_exists`) for a file that is there, or was made by another meanwhile; OSError.
     """
     _require_free_name(path)
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
@@ -75,8 +86,7 @@ def backup_to_file(database: Database, blobs: BlobStore, box: SecretBox, path: P
             done = write_backup(database, blobs, box, file, tell)
             file.flush()
             os.fsync(file.fileno())
-        _require_free_name(path)
-        partial.rename(path)
+        _take_name(partial, path)
     except BaseException:
         partial.unlink(missing_ok=True)
         raise
@@ -107,30 +117,29 @@ def write_backup(database: Database, blobs: BlobStore, box: SecretBox, out: IO[b
         key_check=key_check(box, backup),
         tables=described(layout),
     )
-    with scratch_keys() as keys, TemporaryFile() as sums:
+    with scratch_keys() as keys, TemporaryFile() as sums, TemporaryFile() as lacking:
         tar = TarWriter(out, sums, int(now.timestamp()))
         tar.add_bytes(MANIFEST, manifest.to_bytes())
         with snapshot_of(database, revision, layout) as snapshot:
             rows = {table.name: _write_table(tar, snapshot, table, keys, tell) for table in layout}
-        copied = _Blobs(database, blobs, tell)
+        copied = _Blobs(database, blobs, lacking, tell)
         copied.write(tar, keys)
+        _add_file(tar, LACKING, lacking)
         members = tar.members
-        sums_sha256 = _write_sums(tar, sums)
-        end = End(members, sums_sha256, rows, copied.count, copied.bytes, sorted(copied.erased), copied.damaged)
+        sums_sha256 = _add_file(tar, SUMS, sums)
+        end = End(members, sums_sha256, rows, copied.count, copied.bytes, copied.erased, copied.damaged)
         tar.add_bytes(END, end.to_bytes(box))
         tar.close()
-    return BackupDone(manifest, rows, copied.count, copied.bytes, len(copied.erased), copied.damaged)
+    return BackupDone(manifest, rows, copied.count, copied.bytes, copied.erased, copied.damaged, copied.damaged_first)
 
 
 class _Blobs:
-    """What becomes of the blobs that rows name."""
+    """What becomes of the blobs that rows name. lacking: the lines of those that cannot be copied."""
 
-    def __init__(self, database: Database, blobs: BlobStore, tell: Tell) -> None:
-        self._database, self._blobs, self._tell = database, blobs, tell
-        self.count = 0
-        self.bytes = 0
-        self.erased: list[str] = []
-        self.damaged: dict[str, str] = {}
+    def __init__(self, database: Database, blobs: BlobStore, lacking: IO[bytes], tell: Tell) -> None:
+        self._database, self._blobs, self._lacking, self._tell = database, blobs, lacking, tell
+        self.count = self.bytes = self.erased = self.damaged = 0
+        self.damaged_first: dict[str, str] = {}
 
     def write(self, tar: TarWriter, keys: ScratchKeys) -> None:
         for blob in read_blobs(self._blobs, keys.named()):
@@ -140,9 +149,19 @@ class _Blobs:
                 self.bytes += blob.size
                 self._tell(f"{self.count} blobs, {self.bytes / 1e6:.0f} MB")
             elif blob.fault == MISSING and self._is_erased(blob.key):
-                self.erased.append(blob.key)
+                self.erased += 1
+                self._note(Lacking(blob.key, ERASED))
             else:
-                self.damaged[blob.key] = blob.fault
+                self.damaged += 1
+                self._note(Lacking(blob.key, blob.fault))
+                if len(self.damaged_first) < DAMAGED_TOLD:
+                    self.damaged_first[blob.key] = blob.fault
+
+    def _note(self, lacking: Lacking) -> None:
+        line = lacking.to_line()
+        if len(line) > MAX_LACKING_BYTES:
+            raise InvalidInputError("A row names a blob by more than a key can be.", code="database_inconsistent")
+        self._lacking.write(line)
 
     def _is_erased(self, key: str) -> bool:
         """Only an erasure takes away the row that named it, and it does so before it takes the blob."""
@@ -190,24 +209,55 @@ def blob_namer(table: TableLayout, keys: ScratchKeys) -> Callable[[Sequence[Any]
     return name
 
 
-def _write_sums(tar: TarWriter, sums: IO[bytes]) -> str:
-    """The list of checksums as a member; its own checksum."""
-    size = sums.tell()
+def _add_file(tar: TarWriter, name: str, file: IO[bytes]) -> str:
+    """What was written to the file so far, as a member; its checksum."""
+    size = file.tell()
     digest = hashlib.sha256()
 
     def pieces() -> Iterator[bytes]:
-        sums.seek(0)
+        file.seek(0)
         left = size
         while left:
-            piece = sums.read(min(PIECE_BYTES, left))
+            piece = file.read(min(PIECE_BYTES, left))
             digest.update(piece)
             left -= len(piece)
             yield piece
 
-    tar.add(SUMS, size, pieces())
+    tar.add(name, size, pieces())
     return digest.hexdigest()
 
 
 def _require_free_name(path: Path) -> None:
     if path.exists():
-        raise ConflictError(f"{path} is there already: a backup overwrites nothing.", code="backup_exists")
+        raise _taken(path)
+
+
+def _take_name(partial: Path, path: Path) -> None:
+    """Give the whole file its name, unless somebody has it: looking first and renaming then would overwrite."""
+    try:
+        os.link(partial, path)
+    except FileExistsError:
+        raise _taken(path) from None
+    except OSError as error:
+        if error.errno not in NO_LINKS:
+            raise
+        _take_name_without_links(partial, path)
+    else:
+        partial.unlink()
+
+
+def _take_name_without_links(partial: Path, path: Path) -> None:
+    """As on memory sticks and some shares: the name becomes ours by an empty file, which the rename replaces."""
+    try:
+        path.touch(mode=0o600, exist_ok=False)
+    except FileExistsError:
+        raise _taken(path) from None
+    try:
+        partial.rename(path)
+    except BaseException:
+        path.unlink()
+        raise
+
+
+def _taken(path: Path) -> ConflictError:
+    return ConflictError(f"{path} is there already: a backup overwrites nothing.", code="backup_exists")

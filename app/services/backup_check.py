@@ -8,21 +8,26 @@ it does with known values. Memory stays flat whatever the file claims.
 import hashlib
 import io
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import IO, Any
 
 from app.db.layout import TableLayout, layout_at
 from app.db.migrate import revisions
-from app.db.scratch_keys import ScratchKeys
+from app.db.scratch_keys import ScratchKeys, scratch_keys
 from app.services.backup import Tell, blob_namer
 from app.services.backup_blobs import is_blob_key, sha256_of_key
 from app.services.backup_format import (
     BLOBS,
+    DAMAGED_TOLD,
     END,
+    ERASED,
+    LACKING,
     MANIFEST,
     MAX_CHUNK_BYTES,
     MAX_DOCUMENT_BYTES,
+    MAX_LACKING_BYTES,
     SUMS,
     TABLE_MEMBER,
     End,
@@ -31,11 +36,13 @@ from app.services.backup_format import (
     chunk_name,
     described,
     read_end,
+    read_lacking,
     read_manifest,
     too_new,
 )
 from app.services.backup_tar import Member, members
 from app.services.backup_values import row_reader
+from app.services.erasure_ledger import KINDS
 from app.services.secret_box import SecretBox
 
 GZIP_WINDOW = 31  # zlib's number for gzip's own header and check
@@ -44,21 +51,40 @@ OpenBox = Callable[[Manifest], SecretBox | None]  # the key to check the seal wi
 
 @dataclass(frozen=True, slots=True)
 class CheckedBackup:
-    """A backup that is what was written. chunks: table -> SHA-256 of each chunk of its rows."""
+    """A backup that is what was written. chunks: table -> SHA-256 of each chunk of its rows.
+
+    damaged_first: key -> why, of the first DAMAGED_TOLD blobs that it lacks.
+    """
 
     manifest: Manifest
     end: End
     layout: tuple[TableLayout, ...]
     chunks: Mapping[str, list[str]]
     blobs_offset: int
+    damaged_first: Mapping[str, str]
 
 
-def check_backup(file: IO[bytes], open_box: OpenBox, keys: ScratchKeys, tell: Tell) -> CheckedBackup:
-    """Read all of it. keys: becomes the keys of all blobs that its rows name.
+@dataclass(frozen=True, slots=True)
+class Named:
+    """What the rows of a backup name. blobs: their keys; erasures: those of tombstones, as the ledger calls them."""
+
+    blobs: ScratchKeys
+    erasures: ScratchKeys
+
+
+@contextmanager
+def nothing_named() -> Iterator[Named]:
+    """To be filled by check_backup; gone at the end."""
+    with scratch_keys() as blobs, scratch_keys() as erasures:
+        yield Named(blobs, erasures)
+
+
+def check_backup(file: IO[bytes], open_box: OpenBox, named: Named, tell: Tell) -> CheckedBackup:
+    """Read all of it. named: becomes what its rows name.
 
     Raises InvalidInputError (`backup_broken`, `backup_too_new`), and what open_box raises.
     """
-    reading = _Reading(file, keys, tell)
+    reading = _Reading(file, named, tell)
     manifest = reading.manifest()
     box = open_box(manifest)
     layout = _layout_of(manifest)
@@ -67,12 +93,27 @@ def check_backup(file: IO[bytes], open_box: OpenBox, keys: ScratchKeys, tell: Te
         rows[table.name], chunks[table.name] = reading.table(table)
     blobs_offset = reading.offset
     blobs, blob_bytes = reading.blobs()
+    erased, damaged, damaged_first = reading.lacking()
     end = reading.end(box)
-    if (end.rows, end.blobs, end.blob_bytes) != (rows, blobs, blob_bytes):
+    if (end.rows, end.blobs, end.blob_bytes, end.erased, end.damaged) != (rows, blobs, blob_bytes, erased, damaged):
         raise broken("its counts are not those of its end")
-    if not all(keys.see(key) for key in (*end.erased, *end.damaged)) or keys.has_unseen():
+    if named.blobs.has_unseen():
         raise broken("its rows name blobs that are not in it")
-    return CheckedBackup(manifest, end, layout, chunks, blobs_offset)
+    return CheckedBackup(manifest, end, layout, chunks, blobs_offset, damaged_first)
+
+
+def erasure_namer(table: TableLayout, erasures: ScratchKeys) -> Callable[[Sequence[Any]], None]:
+    """What notes the erasure that a row of this table tells of, if it is one that stands in the ledger."""
+    if table.name != "tombstone":
+        return lambda _row: None
+    places = [place for column in ("kind", "digest") if (place := table.place(column)) is not None]
+
+    def name(row: Sequence[Any]) -> None:
+        kind, digest = (row[place] for place in places)
+        if kind in KINDS:
+            erasures.name(f"{kind}/{digest}")
+
+    return name
 
 
 def unpacked_rows(content: bytes, name: str, read: Callable[[bytes], list[Any]]) -> Iterator[list[Any]]:
@@ -94,9 +135,9 @@ def unpacked_rows(content: bytes, name: str, read: Callable[[bytes], list[Any]])
 class _Reading:
     """The members in their order, each exactly once; the one that is next is looked at before it is read."""
 
-    def __init__(self, file: IO[bytes], keys: ScratchKeys, tell: Tell) -> None:
+    def __init__(self, file: IO[bytes], named: Named, tell: Tell) -> None:
         self._members = members(file)
-        self._keys, self._tell = keys, tell
+        self._named, self._tell = named, tell
         self._sums, self._count = hashlib.sha256(), 0
         self._next = self._advance()
 
@@ -110,13 +151,15 @@ class _Reading:
 
     def table(self, table: TableLayout) -> tuple[int, list[str]]:
         """How many rows, and the chunks' checksums."""
-        read, name_blob, count = row_reader(table), blob_namer(table, self._keys), 0
+        read, count = row_reader(table), 0
+        name_blob, name_erasure = blob_namer(table, self._named.blobs), erasure_namer(table, self._named.erasures)
         sums: list[str] = []
         while (found := TABLE_MEMBER.match(self._here().name)) and found[1] == table.name:
             name = chunk_name(table.name, len(sums) + 1)
             member = self._here()
             for row in unpacked_rows(self._content(name, MAX_CHUNK_BYTES), name, read):
                 name_blob(row)
+                name_erasure(row)
                 count += 1
             sums.append(member.sha256)
             self._tell(f"checked: {table.name}, {count} rows")
@@ -128,7 +171,7 @@ class _Reading:
         while self._here().name.startswith(BLOBS):
             member = self._here()
             key = member.name.removeprefix(BLOBS)
-            if not is_blob_key(key) or not self._keys.see(key):
+            if not is_blob_key(key) or not self._named.blobs.see(key):
                 raise broken("it holds a blob that none of its rows names")
             for _ in member.pieces():
                 pass
@@ -139,6 +182,26 @@ class _Reading:
             self._done(member)
             self._tell(f"checked: {count} blobs, {size / 1e6:.0f} MB")
         return count, size
+
+    def lacking(self) -> tuple[int, int, dict[str, str]]:
+        """How many are erased, how many damaged, and the first of these with the reason."""
+        member, erased, damaged = self._here(), 0, 0
+        first: dict[str, str] = {}
+        if member.name != LACKING:
+            raise broken(f"{LACKING} is not where it should be")
+        for line in member.lines(MAX_LACKING_BYTES):
+            found = read_lacking(line)
+            see = self._named.blobs.see_erased if found.why == ERASED else self._named.blobs.see
+            if not see(found.key):
+                raise broken("it lacks a blob that it holds, or that none of its rows names")
+            if found.why == ERASED:
+                erased += 1
+                continue
+            damaged += 1
+            if len(first) < DAMAGED_TOLD:
+                first[found.key] = found.why
+        self._done(member)
+        return erased, damaged, first
 
     def end(self, box: SecretBox | None) -> End:
         expected, count = self._sums.hexdigest(), self._count

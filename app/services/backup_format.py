@@ -3,8 +3,9 @@
     tada-backup.json                    what it is: the manifest
     tables/NAME/000001.jsonl.gz ...     rows, table by table, those that are referred to first
     blobs/KEY ...                       photographs and what runs made, under the keys of the store
+    lacking.jsonl                       blobs that are not in it though rows name them, each with the reason
     SHA256SUMS                          of every member before it, as sha256sum reads it
-    end.json                            counts, what is missing, and seals: without it the backup is not whole
+    end.json                            counts and seals: without it the backup is not whole
 
 This module knows names, the two documents and their seals; the tar is backup_tar.py's, values are backup_values.py's.
 """
@@ -21,11 +22,14 @@ from app.db.layout import TableLayout
 from app.errors import InvalidInputError
 from app.services.secret_box import SecretBox
 
-FORMAT = 1
-MANIFEST, SUMS, END = "tada-backup.json", "SHA256SUMS", "end.json"
+FORMAT = 2  # 1, of before the first release, had the blobs that it lacks in its end
+MANIFEST, LACKING, SUMS, END = "tada-backup.json", "lacking.jsonl", "SHA256SUMS", "end.json"
 CHUNK_BYTES = 2 * 1024 * 1024  # of rows before compression: a chunk ends with the row that passes it
 MAX_CHUNK_BYTES = 64 * 1024 * 1024  # one that unpacks to more was not written by us
-MAX_DOCUMENT_BYTES = 64 * 1024 * 1024  # manifest and end
+MAX_DOCUMENT_BYTES = 1024 * 1024  # manifest and end: they grow with the number of tables and with nothing else
+MAX_LACKING_BYTES = 64 * 1024  # a line of lacking.jsonl
+ERASED = "erased"  # the reason of a blob that an erasure took while the backup was written
+DAMAGED_TOLD = 1000  # of the blobs that it lacks: the first so many are told by name; lacking.jsonl has all
 TABLE_MEMBER = re.compile(r"^tables/([a-z0-9_]{1,63})/([0-9]{6,9})\.jsonl\.gz$")
 BLOBS = "blobs/"
 
@@ -57,9 +61,9 @@ class Manifest:
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """What was written. rows: table -> count. erased: blobs that an erasure took while the backup was written.
+    """What was written, in numbers. rows: of each table. erased: blobs that an erasure took while it was written.
 
-    damaged: key -> why a blob that should be there could not be copied.
+    damaged: blobs that should be there and could not be copied. lacking.jsonl names both.
     """
 
     members: int
@@ -67,14 +71,26 @@ class End:
     rows: Mapping[str, int]
     blobs: int
     blob_bytes: int
-    erased: list[str]
-    damaged: Mapping[str, str]
+    erased: int
+    damaged: int
 
     def to_bytes(self, box: SecretBox) -> bytes:
         """As the member, sealed under the server's key: nobody else can make or change a backup unseen."""
         text = _canonical(asdict(self))
         document = {"contents": asdict(self), "sha256": _sha256(text), "seal": box.digest("backup.end", text)}
         return json.dumps(document).encode()
+
+
+@dataclass(frozen=True, slots=True)
+class Lacking:
+    """A blob that rows name and the backup does not hold. why: ERASED, or what is wrong with it."""
+
+    key: str
+    why: str
+
+    def to_line(self) -> bytes:
+        """As a line of the member."""
+        return json.dumps([self.key, self.why]).encode() + b"\n"
 
 
 def chunk_name(table: str, number: int) -> str:
@@ -98,6 +114,8 @@ def read_manifest(content: bytes) -> Manifest:
     number = document.get("format")
     if isinstance(number, int) and number > FORMAT:
         raise too_new(f"its format is {number}, this program reads {FORMAT}")
+    if number == 1:
+        raise broken("its format is 1, of before the first release, which only the program of then reads")
     try:
         manifest = Manifest(**document | {"created_at": datetime.fromisoformat(document["created_at"])})
     except (TypeError, ValueError, KeyError) as error:
@@ -129,6 +147,18 @@ def read_end(content: bytes, box: SecretBox | None) -> End:
     return end
 
 
+def read_lacking(line: bytes) -> Lacking:
+    """A line of the member. Raises InvalidInputError (`backup_broken`)."""
+    try:
+        key, why = json.loads(line)
+        key.encode()
+    except (AttributeError, ValueError, TypeError, RecursionError) as error:
+        raise broken(f"{LACKING} holds a line that is none") from error
+    if not isinstance(key, str) or not isinstance(why, str):
+        raise broken(f"{LACKING} holds a line that is none")
+    return Lacking(key, why)
+
+
 def broken(why: str) -> InvalidInputError:
     """The backup is not what was written."""
     return InvalidInputError(f"The backup is broken: {why}. Nothing was restored.", code="backup_broken")
@@ -150,11 +180,8 @@ def _is_table(columns: object) -> bool:
 
 
 def _is_end(end: End) -> bool:
-    return (
-        all(isinstance(number, int) for number in (end.members, end.blobs, end.blob_bytes, *end.rows.values()))
-        and isinstance(end.sums_sha256, str)
-        and all(isinstance(text, str) for text in (*end.erased, *end.damaged, *end.damaged.values()))
-    )
+    numbers = (end.members, end.blobs, end.blob_bytes, end.erased, end.damaged, *end.rows.values())
+    return all(isinstance(number, int) for number in numbers) and isinstance(end.sums_sha256, str)
 
 
 def _document(content: bytes, name: str) -> dict[str, Any]:

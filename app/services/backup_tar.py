@@ -68,6 +68,17 @@ class Member:
             self._digest.update(piece)
             yield piece
 
+    def lines(self, limit: int) -> Iterator[bytes]:
+        """Its lines, once, each without its end. Raises InvalidInputError where one passes the limit, in bytes."""
+        rest = b""
+        for piece in self.pieces():
+            *lines, rest = (rest + piece).split(b"\n")
+            if any(len(line) > limit for line in (*lines, rest)):
+                raise broken(f"a line of {self.name} is longer than any that is written")
+            yield from lines
+        if rest:
+            raise broken(f"{self.name} does not end with a line")
+
     def content(self, limit: int) -> bytes:
         """All of it. Raises InvalidInputError where that passes the limit, in bytes."""
         if self.size > limit:

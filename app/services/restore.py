@@ -1,12 +1,13 @@
 """`tada restore`: an empty deployment becomes what a backup holds: blobs first, then all rows or none.
 
-The whole backup is checked before anything is written. Broken off, the same restore can be done again: the blobs that
-are there already are the same. At the end erasures that came after the backup are done again (services/prepare.py) and
-meals that waited are queued again.
+The whole backup, the place that it comes to and the ledger of erasures are checked before anything is written. Broken
+off, the same restore can be done again: the blobs that are there already are the same. At the end erasures that came
+after the backup are done again (services/prepare.py) and meals that waited are queued again.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import IO, Any
 
@@ -15,31 +16,30 @@ import sqlalchemy as sa
 from app.db.layout import TableLayout
 from app.db.migrate import SchemaUnknownError, current_revision, revisions
 from app.db.refill import Refill, make_tables, refilling, require_alone, require_empty
-from app.db.scratch_keys import ScratchKeys, scratch_keys
+from app.db.scratch_keys import ScratchKeys
 from app.db.session import Database
 from app.errors import ConflictError, StorageFullError
 from app.jobs.engine import JobQueue
 from app.jobs.sweep import sweep
 from app.services import audit
 from app.services.backup import Tell
-from app.services.backup_check import CheckedBackup, check_backup, unpacked_rows
+from app.services.backup_check import CheckedBackup, check_backup, nothing_named, unpacked_rows
 from app.services.backup_format import BLOB_COLUMNS, MAX_CHUNK_BYTES, MAX_DOCUMENT_BYTES, Manifest, broken
 from app.services.backup_tar import members
 from app.services.backup_values import MOST_INTEGER, row_reader
-from app.services.erasure_ledger import ErasureLedger
-from app.services.ledger_gaps import count_missing
 from app.services.prepare import prepare
 from app.services.project_records import project_meal
 from app.services.restore_blobs import put_blobs
-from app.services.secret_box import KEY_FILE, SecretBox, SecretKeyError, open_secret_box
+from app.services.restore_ledger import box_that_is_there, require_ledger
+from app.services.secret_box import KEY_FILE, SecretBox, SecretKeyError
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
 from app.storage.local import LocalBlobStore
-from app.storage.opening import open_blob_store
 
 # Added to every change's number: whoever pulled changes that the backup does not have stands before all that it has,
 # and gets all of it again. Larger than any number of changes in between, small enough for a thousand million restores.
 CHANGE_SEQ_JUMP = 2**32
+ERASED_AT_A_TIME = 500  # tables have no indexes while they are filled: each time they are read whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,34 +56,41 @@ class RestoreDone:
 
 def check_only(path: Path, settings: Settings, tell: Tell, *, other_key: bool = False) -> CheckedBackup:
     """Read a backup to its end as a restore would, and restore nothing. Raises as check_backup."""
-    with path.open("rb") as file, scratch_keys() as keys:
-        return check_backup(file, _key_of(settings, other_key=other_key), keys, tell)
+    with path.open("rb") as file, nothing_named() as named:
+        return check_backup(file, _key_of(settings, other_key=other_key), named, tell)
 
 
 def restore(
-    path: Path, database: Database, blobs: BlobStore, settings: Settings, tell: Tell, *, other_key: bool = False
+    path: Path,
+    database: Database,
+    blobs: BlobStore,
+    settings: Settings,
+    tell: Tell,
+    *,
+    other_key: bool = False,
+    other_ledger: bool = False,
 ) -> RestoreDone:
-    """Restore a backup into an empty deployment that nobody runs. other_key: though the secret key is another.
+    """Restore a backup into an empty deployment that nobody runs.
 
+    other_key: though the secret key is another. other_ledger: though the ledger of erasures is not that of then.
     Raises InvalidInputError (`backup_broken`, `backup_too_new`, `backup_refused`), SecretKeyError, ConflictError
-    (`deployment_in_use`, `deployment_not_empty`), StorageFullError. All of them before anything is written but
-    `backup_refused`, which leaves blobs.
+    (`deployment_in_use`, `deployment_not_empty`, `ledger_differs`), StorageFullError, OSError of a store. All of them
+    before anything is written, but `backup_refused`, which leaves blobs, and what goes out of order on the way.
     """
-    with path.open("rb") as file, scratch_keys() as keys:
-        checked = check_backup(file, _key_of(settings, other_key=other_key), keys, tell)
+    with path.open("rb") as file, nothing_named() as named:
+        checked = check_backup(file, _key_of(settings, other_key=other_key), named, tell)
         require_alone(database)
         _require_known_schema(database)
         require_empty(database, checked.layout)
-        _require_store(blobs, keys, checked.end.blob_bytes)
+        _require_store(blobs, named.blobs, checked.end.blob_bytes)
+        missing_in_ledger = require_ledger(settings, named.erasures, other_ledger=other_ledger)
         put_blobs(file, checked.blobs_offset, blobs, tell)
         make_tables(database, checked.manifest.revision, checked.layout)
         with refilling(database, checked.layout) as refill:
             _put_rows(refill, file, checked, tell)
-            _mark_erased(refill, checked)
+            _mark_erased(refill, checked, named.blobs)
     prepare(database, settings)
-    queued_again = _put_to_work(database, checked.manifest)
-    ledger = ErasureLedger(open_blob_store(settings.resolved_erasure_url, settings), open_secret_box(settings))
-    return RestoreDone(checked, queued_again, count_missing(database, ledger))
+    return RestoreDone(checked, _put_to_work(database, checked.manifest), missing_in_ledger)
 
 
 def _key_of(settings: Settings, *, other_key: bool) -> Callable[[Manifest], SecretBox | None]:
@@ -91,8 +98,7 @@ def _key_of(settings: Settings, *, other_key: bool) -> Callable[[Manifest], Secr
         """The key that the backup was sealed with. Raises SecretKeyError where it is not this deployment's."""
         if other_key:
             return None
-        has_key = settings.secret_key is not None or (settings.data_dir / KEY_FILE).exists()
-        box = open_secret_box(settings) if has_key or not settings.is_embedded else None
+        box = box_that_is_there(settings)
         if box is None or box.digest("backup.key", manifest.backup) != manifest.key_check:
             raise SecretKeyError(
                 "TADA_SECRET_KEY is not the key of this backup: without it nobody knows who was erased, and webhooks' "
@@ -111,7 +117,8 @@ def _require_known_schema(database: Database) -> None:
 
 
 def _require_store(blobs: BlobStore, keys: ScratchKeys, needed_bytes: int) -> None:
-    """Nothing but blobs of this backup, as a restore that was broken off leaves, and room for the others."""
+    """It can be written, has no blobs but those that a restore of this backup left when it broke off, and has room."""
+    blobs.check()
     everything = blobs.keys()
     for blob in everything:
         if not keys.is_named(blob.key):
@@ -154,17 +161,18 @@ def _later(change_seq: int) -> int:
     return change_seq + CHANGE_SEQ_JUMP
 
 
-def _mark_erased(refill: Refill, checked: CheckedBackup) -> None:
+def _mark_erased(refill: Refill, checked: CheckedBackup, keys: ScratchKeys) -> None:
     """What an erasure took while the backup was written: the rows are from before it, the blobs from after it."""
-    tables = {table.name: table for table in checked.layout}
-    for name, (key, erased_at) in BLOB_COLUMNS.items():
-        table = tables[name].table()
-        for blob_key in checked.end.erased:
+    tables, erased = {table.name: table for table in checked.layout}, keys.erased()
+    while some := list(islice(erased, ERASED_AT_A_TIME)):
+        for name, (key, erased_at) in BLOB_COLUMNS.items():
+            table = tables[name].table()
+            of_some = table.c[key].in_(some)
             if erased_at is not None and tables[name].place(erased_at) is not None:
                 change = sa.update(table).values({erased_at: checked.manifest.created_at})
-                refill.change(change.where(table.c[key] == blob_key, table.c[erased_at].is_(None)))
+                refill.change(change.where(of_some, table.c[erased_at].is_(None)))
             elif name == "run_artefact":
-                refill.change(sa.delete(table).where(table.c[key] == blob_key))
+                refill.change(sa.delete(table).where(of_some))
 
 
 def _put_to_work(database: Database, manifest: Manifest) -> int:

@@ -8,7 +8,7 @@ import json
 import tarfile
 from dataclasses import dataclass, field
 
-from app.services.backup_format import END, MANIFEST, SUMS, End
+from app.services.backup_format import END, LACKING, MANIFEST, SUMS, End
 from app.services.backup_tar import TarWriter
 
 
@@ -37,6 +37,10 @@ class Forgery:
         place = self.place(prefix)
         name, content = self.members[place]
         self.members[place] = (name, change(content))
+
+    def add_blob(self, name, content):
+        """After the others."""
+        self.members.insert(self.place(LACKING), (name, content))
 
     def change_manifest(self, **fields):
         self.change(MANIFEST, lambda content: json.dumps(json.loads(content) | fields).encode())

@@ -4,6 +4,7 @@ import contextlib
 import csv
 import errno
 import shutil
+import tarfile
 import threading
 import time
 import uuid
@@ -14,16 +15,19 @@ import pytest
 import sqlalchemy as sa
 
 from app.db.migrate import current_revision, downgrade, head_revision, upgrade
-from app.db.models import DiaryDay, Food, Job, Meal, MealImage, RunArtefact
+from app.db.models import DiaryDay, Food, Job, Meal, MealImage, Run, RunArtefact
 from app.db.queries import jobs
+from app.db.queries.figures import last_backup
 from app.db.refill import Refill
 from app.errors import StorageFullError
+from app.services import backup, backup_check, restore
 from app.services.backup import write_backup
 from app.services.delete_blobs import BlobDeleter
-from app.services.last_backup import last_backup_at
 from app.services.rebuild_records import rebuild_records
 from app.services.restore import CHANGE_SEQ_JUMP
+from app.services.restore_ledger import LedgerDiffersError
 from app.services.retention import erase_old_pictures
+from app.services.secret_box import SecretKeyError
 from app.storage.blob_store import StoreRefusesError
 from app.storage.s3 import S3BlobStore
 from tests.conftest import postgres_database, s3_settings
@@ -155,7 +159,7 @@ def test_restored_deployment_has_every_row_every_byte_and_every_answer(
     store = s3_settings(request.getfixturevalue("s3_server")) if is_to_s3 else {}
     machine = empty_machine(OTHER[kind] if onto_other else kind, has_tables=False, **store)
     done = source.back_up(tmp_path / "one.tar")
-    assert (done.damaged, done.erased) == ({}, 0)
+    assert (done.damaged, done.erased) == (0, 0)
     machine.restore(tmp_path / "one.tar")
     assert without_note(machine.rows()) == later(source.rows())
     assert machine.stored() == {key: source.blobs.read(key) for key in named_blobs(source.database)}
@@ -223,7 +227,7 @@ def test_meals_that_come_during_a_backup_are_in_it_wholly_or_not_at_all(
         stop.set()
         for thread in threads:
             thread.join()
-    assert (done.damaged, done.erased) == ({}, 0)
+    assert (done.damaged, done.erased) == (0, 0)
     machine = empty_machine(kind)
     machine.restore(tmp_path / "busy.tar")
     rows = machine.rows()
@@ -253,16 +257,68 @@ def test_erasures_after_the_backup_are_done_again_before_anybody_is_served(
     assert len(machine.stored()) == len(named_blobs(source.database)) > 3
 
 
-def test_restore_with_another_ledger_than_that_of_then_is_told(
+def test_restore_with_another_ledger_than_that_of_then_is_refused_unless_told(
     kind, state, phone, source, client, settings, blob_settings, empty_machine, tmp_path
 ):
-    """As after a move to S3, where the ledger's default is another place; nothing else would tell."""
+    """As after a move to S3, where the ledger's default is another place: erased people would come back."""
     erased = send_meal(state, phone, 9)
     assert client.delete(f"/v1/meals/{erased}", headers=phone.headers).status_code == 200
+    send_meal(state, phone, 10)
     source.back_up(tmp_path / "one.tar")
-    assert empty_machine(kind).restore(tmp_path / "one.tar").missing_in_ledger == 1
+    machine = empty_machine(kind)
+    before = machine.rows()
+    with pytest.raises(LedgerDiffersError, match="lacks 1 erasures"):
+        machine.restore(tmp_path / "one.tar")
+    assert (machine.rows(), machine.stored()) == (before, {})
+    assert machine.restore(tmp_path / "one.tar", other_ledger=True).missing_in_ledger == 1
     ledger = blob_settings | {"blob_url": None, "erasure_url": settings.resolved_erasure_url}
     assert empty_machine(kind, **ledger).restore(tmp_path / "one.tar").missing_in_ledger == 0
+
+
+def test_erasures_of_after_the_backup_under_a_lost_key_are_refused_before_anything_is_written(
+    kind, state, phone, source, client, settings, blob_settings, empty_machine, tmp_path
+):
+    """Nobody can tell whom they erased; found out later, the restored deployment would not start any more."""
+    stays, erased = send_meal(state, phone, 9), send_meal(state, phone, 10)
+    source.back_up(tmp_path / "one.tar")
+    assert client.delete(f"/v1/meals/{erased}", headers=phone.headers).status_code == 200
+    ledger = blob_settings | {"blob_url": None, "erasure_url": settings.resolved_erasure_url}
+    machine = empty_machine(kind, **ledger, secret_key="x" * 40)
+    before = machine.rows()
+    with pytest.raises(SecretKeyError, match="erasures of after the backup"):
+        machine.restore(tmp_path / "one.tar", other_key=True)
+    assert (machine.rows(), machine.stored()) == (before, {})
+    machine = empty_machine(kind, **ledger | {"erasure_url": f"file://{tmp_path / 'new-ledger'}"}, secret_key="x" * 40)
+    machine.restore(tmp_path / "one.tar", other_key=True)
+    assert {row["client_id"] for row in machine.rows()["meal"].values()} == {uuid.UUID(stays), uuid.UUID(erased)}
+
+
+def test_backup_that_lacks_more_blobs_than_a_document_holds_is_restored(
+    kind, person, source, empty_machine, monkeypatch, tmp_path
+):
+    """A bucket that was emptied, in small: what is lacking has no limit, manifest and end have theirs."""
+    whole, there = source.back_up(tmp_path / "whole.tar"), named_blobs(source.database)
+    limit = 1000 + max(len(whole.manifest.to_bytes()), len(end_of(tmp_path / "whole.tar")))
+    meal_id = next(iter(source.rows()["meal_image"].values()))["meal_id"]
+    with source.database.write() as session:
+        run = session.scalars(sa.select(Run)).first()
+        for number in range(limit // 100):
+            name = f"lost-{number}"
+            place = {"run_id": run.id, "name": name, "blob_key": f"{meal_id}/runs/{name}/{number:064x}"}
+            session.add(RunArtefact(**place, media_type="image/png", sha256=f"{number:064x}", bytes=1))
+    for module in (backup_check, restore):
+        monkeypatch.setattr(module, "MAX_DOCUMENT_BYTES", limit)
+    monkeypatch.setattr(backup, "DAMAGED_TOLD", 3)
+    done = source.back_up(tmp_path / "one.tar")
+    assert (done.damaged, len(done.damaged_first)) == (limit // 100, 3)
+    machine = empty_machine(kind)
+    assert machine.restore(tmp_path / "one.tar").checked.end.damaged == done.damaged
+    assert machine.stored().keys() == there
+
+
+def end_of(path):
+    with tarfile.open(path) as tar:
+        return tar.extractfile("end.json").read()
 
 
 def test_meals_that_waited_are_queued_again(kind, state, phone, source, empty_machine, tmp_path):
@@ -359,7 +415,7 @@ def test_blob_that_an_erasure_takes_meanwhile_is_no_fault(kind, person, state, e
 
     with (tmp_path / "one.tar").open("wb") as file:
         done = write_backup(source.database, source.blobs, source.box, file, erase)
-    assert (done.erased, done.damaged) == (3, {})
+    assert (done.erased, done.damaged) == (3, 0)
     machine = empty_machine(kind)
     machine.restore(tmp_path / "one.tar")
     with machine.database.read() as session:
@@ -376,9 +432,10 @@ def test_damaged_and_missing_blobs_are_told_by_name_and_all_others_are_in_the_ba
     source.blobs.put_bytes(damaged, b"other bytes")
     source.blobs.delete(missing)
     done = source.back_up(tmp_path / "one.tar")
-    assert done.damaged == {damaged: "its bytes are not those that were stored", missing: "missing"}
+    assert done.damaged_first == {damaged: "its bytes are not those that were stored", missing: "missing"}
     machine = empty_machine(kind)
-    assert machine.restore(tmp_path / "one.tar").checked.end.damaged == done.damaged
+    checked = machine.restore(tmp_path / "one.tar").checked
+    assert (checked.end.damaged, checked.damaged_first) == (2, done.damaged_first)
     assert machine.stored().keys() == set(whole)
 
 
@@ -390,7 +447,7 @@ def test_blob_that_a_disk_altered_is_told_by_name_on_any_store(kind, person, sou
     else:
         damage(source.blobs, altered, b"other bytes")
     done = source.back_up(tmp_path / "one.tar")
-    assert done.damaged == {altered: "its bytes are not those that were stored"}
+    assert done.damaged_first == {altered: "its bytes are not those that were stored"}
     assert done.blobs == len(whole)
 
 
@@ -410,7 +467,7 @@ def test_store_that_goes_away_during_a_backup_ends_it_and_calls_no_blob_damaged(
                 source.back_up(tmp_path / "one.tar")
     assert not (tmp_path / "one.tar").exists()
     with source.database.read() as session:
-        assert last_backup_at(session) is None
+        assert last_backup(session) is None
 
 
 def test_blob_that_alone_cannot_be_read_is_told_and_a_fault_that_passes_is_not(
@@ -427,7 +484,7 @@ def test_blob_that_alone_cannot_be_read_is_told_and_a_fault_that_passes_is_not(
 
     monkeypatch.setattr(source.blobs, "stream", stream_or_fail)
     done = source.back_up(tmp_path / "one.tar")
-    assert done.damaged == {bad: "the store cannot read it"}
+    assert done.damaged_first == {bad: "the store cannot read it"}
     assert done.blobs == len(whole) + 1
 
 

@@ -9,9 +9,12 @@ import subprocess
 import sys
 import tarfile
 import time
+from datetime import UTC, datetime
 
 import pytest
 
+from app.db.models import Tombstone
+from app.services import backup as backup_module
 from tests.commands import run_tada
 from tests.integration.services.deployments import SECRET, deployment
 from tests.integration.services.test_backup_refused import add_meal
@@ -101,8 +104,50 @@ def test_damaged_blob_is_told_by_name_with_status_1(place, tmp_path):
     ended = run_tada("backup", tmp_path / "one.tar", "--json", **place)
     assert ended.returncode == 1
     told = json.loads(ended.stdout)
+    assert told["damaged_blobs"] == 1
     assert list(told["damaged"]) == [blob.relative_to(tmp_path / "old" / "blobs").as_posix()]
     assert told["blobs"] == 1
+    for option in ("--check", "--json"):
+        machine = variables(tmp_path / "new", f"sqlite:///{tmp_path / 'new' / 'tada.sqlite3'}")
+        restored = run_tada("restore", tmp_path / "one.tar", option, **place if option == "--check" else machine)
+        assert restored.returncode == 1, restored.stderr  # a script that checks backups must hear of it
+
+
+def test_second_backup_to_a_name_that_was_taken_meanwhile_leaves_the_first(place, tmp_path, monkeypatch):
+    """Two schedulers, or one that is too early: to look whether the name is free, and then to rename, is too late."""
+    file = tmp_path / "one.tar"
+    for has_links in (True, False):
+        with monkeypatch.context() as patch:
+            patch.setattr(backup_module, "_require_free_name", lambda _path: None)  # they looked before
+            if not has_links:
+                patch.setattr(backup_module.os, "link", no_links)
+            file.write_bytes(b"the first one")
+            ended = run_tada("backup", file, **place)
+            assert (ended.returncode, "overwrites nothing" in ended.stderr) == (2, True)
+            assert file.read_bytes() == b"the first one"
+            file.unlink()
+            assert run_tada("backup", file, **place).returncode == 0
+            assert run_tada("restore", "--check", file, **place).returncode == 0
+            assert [path.name for path in tmp_path.iterdir() if "one.tar" in path.name] == ["one.tar"]
+            file.unlink()
+
+
+def no_links(*_paths):
+    raise OSError(errno.EPERM, "Operation not permitted")
+
+
+def test_restore_with_another_ledger_is_refused_until_told_to_go_on(place, database, tmp_path):
+    with database.write() as session:
+        session.add(Tombstone(kind="meal", digest="a" * 64, study_id=None, erased_at=datetime.now(UTC)))
+    assert run_tada("backup", tmp_path / "one.tar", **place).returncode == 0
+    machine = variables(tmp_path / "new", f"sqlite:///{tmp_path / 'new' / 'tada.sqlite3'}")
+    refused = run_tada("restore", tmp_path / "one.tar", **machine)
+    assert refused.returncode == 2
+    assert "lacks 1 erasures" in refused.stderr
+    assert "--other-ledger" in refused.stderr
+    restored = run_tada("restore", "--other-ledger", tmp_path / "one.tar", **machine)
+    assert restored.returncode == 0, restored.stderr
+    assert "1 erasures that the backup remembers are not in it" in restored.stderr
 
 
 def test_restore_tells_what_came_and_refuses_a_second_time(place, tmp_path):

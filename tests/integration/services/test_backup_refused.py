@@ -16,13 +16,13 @@ from hypothesis import strategies as st
 
 from app.db.migrate import current_revision, head_revision
 from app.db.models import Device, FoodRelease, Job, Meal, MealImage, Participant, Run, Study
-from app.db.scratch_keys import scratch_keys
 from app.db.session import Database
 from app.errors import ConflictError, InvalidInputError
 from app.nutrition.foods import load_starter_table
-from app.services.backup_check import check_backup
-from app.services.backup_format import CHUNK_BYTES, MANIFEST, MAX_CHUNK_BYTES
+from app.services.backup_check import check_backup, nothing_named
+from app.services.backup_format import CHUNK_BYTES, FORMAT, LACKING, MANIFEST, MAX_CHUNK_BYTES, MAX_LACKING_BYTES
 from app.services.secret_box import SecretBox, SecretKeyError
+from app.storage.opening import open_blob_store
 from tests.integration.services.deployments import SECRET, deployment, quiet, stored_under
 from tests.integration.services.forged_backups import Forgery
 
@@ -70,7 +70,7 @@ def backup_file(tmp_path_factory, sqlite_migrated):
     shutil.copyfile(sqlite_migrated, folder / "tada.sqlite3")
     with deployment(folder, f"sqlite:///{folder / 'tada.sqlite3'}") as here:
         add_meal(here)
-        assert here.back_up(folder / "small.tar").damaged == {}
+        assert here.back_up(folder / "small.tar").damaged == 0
     return folder / "small.tar"
 
 
@@ -80,8 +80,8 @@ def forgery(backup_file):
 
 
 def checked(content, box=BOX):
-    with scratch_keys() as keys:
-        return check_backup(io.BytesIO(content), lambda _manifest: box, keys, quiet)
+    with nothing_named() as named:
+        return check_backup(io.BytesIO(content), lambda _manifest: box, named, quiet)
 
 
 def refusal(content, box=BOX):
@@ -138,7 +138,7 @@ def test_member_that_comes_twice_is_refused_whichever_it_is(backup_file):
 
 
 def test_format_or_schema_that_is_not_known_is_told_as_newer(backup_file):
-    for fields in ({"format": 2}, {"revision": "20990101_unheard_of"}):
+    for fields in ({"format": FORMAT + 1}, {"revision": "20990101_unheard_of"}):
         forgery = Forgery.of(backup_file)
         forgery.change_manifest(**fields)
         assert refusal(forgery.to_bytes(BOX)).code == "backup_too_new"
@@ -149,6 +149,7 @@ def test_format_or_schema_that_is_not_known_is_told_as_newer(backup_file):
     [
         {"format": "1"},
         {"format": 0},
+        {"format": 1},
         {"created_at": "yesterday"},
         {"created_at": "2026-11-22T00:00:00"},
         {"revision": 7},
@@ -173,7 +174,7 @@ def test_seal_of_another_key_is_refused_and_without_a_key_not_looked_at(forgery)
 @pytest.mark.parametrize("name", ["../../etc/passwd", "/etc/passwd", "a/../../b", "a//b", ".incoming/x", "a\\..\\b"])
 def test_blob_under_a_name_that_leads_elsewhere_is_refused(forgery, name):
     digest = hashlib.sha256(b"x").hexdigest()
-    forgery.members.append((f"blobs/{name}/{digest}", b"x"))
+    forgery.add_blob(f"blobs/{name}/{digest}", b"x")
     forgery.end["blobs"] += 1
     forgery.end["blob_bytes"] += 1
     assert refusal(forgery.to_bytes(BOX)).code == "backup_broken"
@@ -192,10 +193,37 @@ def test_row_that_names_a_blob_elsewhere_is_refused(forgery):
 
 
 def test_blob_that_no_row_names_is_refused(forgery):
-    forgery.members.append((f"blobs/study/meal/left/{hashlib.sha256(b'x').hexdigest()}", b"x"))
+    forgery.add_blob(f"blobs/study/meal/left/{hashlib.sha256(b'x').hexdigest()}", b"x")
     forgery.end["blobs"] += 1
     forgery.end["blob_bytes"] += 1
     assert "none of its rows" in refusal(forgery.to_bytes(BOX)).message
+
+
+@pytest.mark.parametrize(
+    "line",
+    [b"{", b"3", b'["one"]', b'["a", 3]', b'["\\ud800", "missing"]', b'["study/of/nobody", "missing"]', b"[" * 100_000],
+)
+def test_blob_that_is_lacking_and_was_not_named_or_is_no_line_is_refused(forgery, line):
+    forgery.change(LACKING, lambda _: line + b"\n")
+    forgery.end["damaged"] = 1
+    assert refusal(forgery.to_bytes(BOX)).code == "backup_broken"
+
+
+def test_lines_without_an_end_are_refused(forgery):
+    for text in (b'["a", "missing"]', b"x" * (MAX_LACKING_BYTES + 1) + b"\n"):
+        forgery.change(LACKING, lambda _, text=text: text)
+        assert "line" in refusal(forgery.to_bytes(BOX)).message
+
+
+def test_blob_that_is_told_as_lacking_is_taken_as_such_and_counted(forgery):
+    place = forgery.place("blobs/")
+    name, content = forgery.members.pop(place)
+    forgery.change(LACKING, lambda _: json.dumps([name.removeprefix("blobs/"), "missing"]).encode() + b"\n")
+    forgery.end["blobs"] -= 1
+    forgery.end["blob_bytes"] -= len(content)
+    assert "counts" in refusal(forgery.to_bytes(BOX)).message
+    forgery.end["damaged"] = 1
+    assert checked(forgery.to_bytes(BOX)).damaged_first == {name.removeprefix("blobs/"): "missing"}
 
 
 def test_blob_with_other_bytes_is_refused_by_name(forgery):
@@ -283,6 +311,34 @@ def test_refused_backup_leaves_nothing(machine, forgery, tmp_path):
     with pytest.raises(InvalidInputError):
         machine.restore(tmp_path / "forged.tar")
     assert_untouched(machine)
+
+
+def test_ledger_of_erasures_that_cannot_be_read_is_told_before_anything_is_written(backup_file, database_url, tmp_path):
+    (tmp_path / "file").touch()
+    ledger = f"file://{tmp_path / 'file' / 'ledger'}"
+    with deployment(tmp_path / "machine", database_url, erasure_url=ledger) as machine:
+        with pytest.raises(OSError, match="Not a directory"):
+            machine.restore(backup_file)
+        assert_untouched(machine)
+
+
+def test_ledger_with_an_entry_that_is_none_is_told_before_anything_is_written(backup_file, machine):
+    ledger = open_blob_store(machine.settings.resolved_erasure_url, machine.settings)
+    ledger.put_bytes("meal/" + "a" * 64, b"{}")
+    with pytest.raises(InvalidInputError) as refused:
+        machine.restore(backup_file)
+    assert refused.value.code == "ledger_broken"
+    assert_untouched(machine)
+
+
+def test_postgres_without_a_key_is_told_so_before_anything_is_written(backup_file, database_url, tmp_path):
+    """A lost key is replaced by another one, not by none."""
+    with deployment(tmp_path / "machine", database_url, secret_key=None) as machine:
+        if machine.database.is_sqlite:
+            return  # draws one
+        with pytest.raises(SecretKeyError):
+            machine.restore(backup_file, other_key=True)
+        assert_untouched(machine)
 
 
 def test_rows_that_the_database_does_not_take_are_refused_and_none_of_them_stays(machine, backup_file, tmp_path):
