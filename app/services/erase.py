@@ -53,13 +53,15 @@ class Eraser:
     def intend(self, kind: Kind, deed: Deed, thing_id: uuid.UUID) -> Erasure:
         """Write the erasure into the ledger: from here on it happens.
 
-        One that stands there already is the same one: who asks again after a crash, or at the same time, gets the
-        receipt that a restore would bring back.
+        One that stands there already is the same one: who asks again after a crash gets the receipt that a restore
+        would bring back. Two who ask at the same moment, before either has written, give it one id as well, since that
+        follows from what is erased; which of their two times a restore tells is whose write came last.
         """
         digest = digest_of(self.box, kind, deed, thing_id)
         with contextlib.suppress(BlobMissingError):
             return self.ledger.read(kind, digest)
-        erasure = Erasure(kind, deed, digest, receipt_id=uuid.uuid4(), at=datetime.now(UTC))
+        receipt_id = uuid.UUID(self.box.digest("receipt", f"{kind} {digest}")[:32], version=4)
+        erasure = Erasure(kind, deed, digest, receipt_id=receipt_id, at=datetime.now(UTC))
         self.ledger.write(erasure)
         return erasure
 

@@ -16,10 +16,11 @@ from app.services.chores import worker_chores
 from app.services.clock_jumps import ClockJumps
 from app.services.delete_blobs import BlobDeleter
 from app.services.erase import PHOTOGRAPH_ERASED
-from app.services.erasure_ledger import digest_of
+from app.services.erasure_ledger import ErasureLedger, digest_of
 from app.services.estimate_meal import EstimateMeal
 from app.services.reapply_erasures import reapply_erasures
 from app.services.retention import erase_old_pictures
+from app.storage.blob_store import BlobMissingError
 from app.storage.opening import open_blob_store
 from tests import estimates
 from tests.integration.conftest import meal_metadata
@@ -83,6 +84,29 @@ def test_two_who_erase_the_same_meal_get_one_receipt(person, state):
     with state.database.read() as session:
         receipt = session.scalars(sa.select(ErasureReceipt)).one()
     assert state.eraser.ledger.read("meal", first.digest).receipt_id == receipt.id  # what a restore would bring back
+
+
+def test_two_who_erase_the_same_meal_at_the_same_moment_get_one_receipt(person, state, monkeypatch):
+    """Each looked into the ledger before the other had written; the one who wrote first is the one who erases."""
+
+    def not_there_yet(_, kind, digest):
+        raise BlobMissingError(f"{kind}/{digest}")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ErasureLedger, "read", not_there_yet)
+        first, second = (state.eraser.intend("meal", "erase", person.meal_id) for _ in "ab")
+    receipt = state.eraser.carry_out_on_meal(first, person.meal_id, None)
+    assert state.eraser.carry_out_on_meal(second, person.meal_id, None) is None
+    assert receipt.id == second.receipt_id
+    assert state.eraser.ledger.read("meal", first.digest).receipt_id == receipt.id
+    other = state.eraser.intend("meal", "erase", uuid.uuid4())
+    assert other.receipt_id != receipt.id
+
+
+def test_erasure_that_died_before_its_transaction_keeps_its_receipt_when_it_is_asked_for_again(person, state):
+    first = state.eraser.intend("meal", "erase", person.meal_id)
+    answer = person.phone.client.delete(person.path, headers=person.phone.headers)
+    assert answer.json()["id"] == str(first.receipt_id)
 
 
 def test_blob_that_a_row_names_is_not_deleted_whatever_the_intent_says(person, state):
