@@ -16,14 +16,14 @@ from app.db.queries import jobs
 from app.db.queries.meals import WAITING, lock_meal
 from app.db.session import Database
 from app.jobs.engine import JobQueue
-from app.jobs.faults import INTERNAL_ERROR, JOB_GAVE_UP
+from app.jobs.faults import CANCELLED, INTERNAL_ERROR, JOB_GAVE_UP
 from app.metrics import instruments
 
 log = structlog.get_logger()
 
 Settle = Callable[[Session, Meal], object]  # EstimateUseCases.settle
 
-GIVEN_UP = frozenset({"MAX_RECOVERY_ATTEMPTS_EXCEEDED", "CANCELLED"})  # DBOS's words
+FAILURES = {"MAX_RECOVERY_ATTEMPTS_EXCEEDED": JOB_GAVE_UP, "CANCELLED": CANCELLED}  # by DBOS's words; else a bug
 
 
 def sweep(database: Database, queue: JobQueue, settle: Settle) -> int:
@@ -56,7 +56,7 @@ def _move_job(session: Session, queue: JobQueue, job_id: uuid.UUID, settle: Sett
         instruments.SWEPT.labels("queued").inc()
         log.warning("job_queued_again", job_id=str(job_id), meal_id=str(meal.id), reason="it had no workflow")
         return True
-    failure = JOB_GAVE_UP if status in GIVEN_UP else INTERNAL_ERROR
+    failure = FAILURES.get(status, INTERNAL_ERROR)
     jobs.fail_job(job, meal, failure, datetime.now(UTC))
     if job.purpose != "meal":
         settle(session, meal)

@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 
 from app.db.models import Meal
 from app.db.queries import jobs, privacy
+from app.db.queries.meals import WAITING
 from app.db.session import Database
 from app.errors import ConflictError
 from app.jobs.faults import CANCELLED
@@ -31,8 +32,8 @@ def cancel_meal(
 ) -> MealView:
     """Call off what of the meal is not measured yet; done before, it changes nothing.
 
-    Raises NotFoundError, NotAllowedError, ConflictError (`nothing_to_cancel`: it is measured, or not complete yet),
-    GoneError.
+    Raises NotFoundError, NotAllowedError, ConflictError (`nothing_to_cancel`: it has an answer, or is not complete
+    yet), GoneError.
     """
     with database.write() as session:
         locked = lock_meal_of(session, caller, client_id, participant_code)
@@ -42,22 +43,47 @@ def cancel_meal(
 
 
 def cancel_locked_meal(session: Session, meal: Meal, caller: Caller | None) -> int:
-    """Returns how many jobs were called off. caller None: whoever runs the server. Raises ConflictError."""
+    """Returns how many jobs, or pairs whose job was lost, were called off. Raises ConflictError.
+
+    caller None: whoever runs the server.
+    """
     live = privacy.live_jobs_of(session, privacy.one_meal(meal.id))
     if isinstance(caller, DeviceCaller):
         live = [job for job in live if job.purpose in OF_PAIRS]
-    if not live:
+    lost = [] if live else _waiting_pairs(meal)
+    if not live and not lost:
         if CANCELLED.code in (meal.failure_code, meal.after_failure_code):
             return 0
-        raise ConflictError(
-            "Nothing of this meal waits for an estimate: it was measured before, or its photographs are not all here.",
-            code="nothing_to_cancel",
-            meal_status=meal.status,
-        )
+        raise _nothing_waits(meal)
     now = datetime.now(UTC)
     for job in live:
         jobs.fail_job(job, meal, CANCELLED, now)
+    if "meal" in lost:
+        jobs.fail_meal(meal, CANCELLED)
+    if "after" in lost:
+        jobs.fail_after_pair(meal, CANCELLED)
     project_meal(session, meal)
-    purposes = sorted(job.purpose for job in live)
+    purposes = sorted([*(job.purpose for job in live), *lost])
     audit.note(session, caller, "meal.cancel", study_id=meal.study_id, subject=meal.alias, purposes=purposes)
-    return len(live)
+    return len(purposes)
+
+
+def _waiting_pairs(meal: Meal) -> list[str]:
+    """Pairs of a meal without a job to be done that say they wait: a sweep would give them one (jobs/sweep.py)."""
+    statuses = {"meal": meal.status, "after": meal.after_status}
+    return [purpose for purpose, status in statuses.items() if status in WAITING]
+
+
+def _nothing_waits(meal: Meal) -> ConflictError:
+    if meal.status == "failed":
+        why, facts = f"it has failed before ({meal.failure_code})", {"failure_code": meal.failure_code}
+    elif meal.status == "receiving":
+        why, facts = "its photographs are not all here", {}
+    else:
+        why, facts = "it has its answer", {}
+    return ConflictError(
+        f"Nothing of this meal waits for an estimate: {why}.",
+        code="nothing_to_cancel",
+        meal_status=meal.status,
+        **facts,
+    )

@@ -10,18 +10,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime
 
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from app.db.models import Meal
 from app.db.queries import job_lists, meals, people
 from app.db.queries.job_lists import FailedFilter, JobRow
-from app.db.session import Database
+from app.db.session import Database, is_deadlock
 from app.errors import ConflictError, GoneError, NotFoundError
 from app.services.cancel_meal import cancel_locked_meal
 from app.services.job_queue import JobQueue
 from app.services.locked_meal import lock_with_person
 from app.services.retry_meal import retry_locked_meal
 
+TRIES = 5  # of a retry that PostgreSQL ended for another's sake
 BATCH = 100  # ids read at once; each meal has its own transaction
 
 
@@ -97,14 +99,29 @@ def _each(database: Database, wanted: FailedFilter, do: Callable[[Session, Meal]
         with database.read() as session:
             batch = job_lists.failed_meals(session, wanted, after, BATCH)
         for meal_id in batch:
+            _one(database, meal_id, do)
+        if len(batch) < BATCH:
+            return
+        after = batch[-1]
+
+
+def _one(database: Database, meal_id: uuid.UUID, do: Callable[[Session, Meal], None]) -> None:
+    """In its own transaction: again, where PostgreSQL ended it since it and another waited for each other.
+
+    People come before their meals here, but to save an estimate locks its meal first.
+    """
+    for tries_left in reversed(range(TRIES)):
+        try:
             with database.write() as session:
                 meal = session.get(Meal, meal_id)
                 locked = lock_with_person(session, meal) if meal is not None else None
                 if locked is not None:  # else erased meanwhile
                     do(session, locked)
-        if len(batch) < BATCH:
+        except OperationalError as error:
+            if not tries_left or not is_deadlock(error):
+                raise
+        else:
             return
-        after = batch[-1]
 
 
 def _locked(session: Session, client_id: uuid.UUID, participant_code: str | None) -> Meal:

@@ -60,7 +60,7 @@ def list_live_jobs(session: Session, study_id: uuid.UUID | None, limit: int) -> 
 
 
 def list_failed(session: Session, wanted: FailedFilter, limit: int) -> list[JobRow]:
-    """Pairs that failed, the last one first."""
+    """Pairs that failed, the last one first; those of which nobody knows when, as they have no job, behind all."""
     rows: list[JobRow] = []
     for purpose, _, code in _PAIRS:
         last = _last_job(purpose)
@@ -70,14 +70,19 @@ def list_failed(session: Session, wanted: FailedFilter, limit: int) -> list[JobR
             .join(Participant, Participant.id == Meal.participant_id)
             .outerjoin(Job, Job.id == last)
             .where(_has_failed(purpose, wanted))
-            .order_by(Job.finished_at.desc(), Meal.id)
+            .order_by(Job.finished_at.desc().nulls_last(), Meal.client_id, Meal.id)
             .limit(limit)
         )
         for study, person, meal, failure, job in session.execute(query):
             ended = (job.finished_at, job.attempts, job.executor_id) if job is not None else (None, 0, None)
             rows.append(JobRow(study, person, meal, purpose, "failed", ended[0], failure, ended[1], ended[2]))
-    rows.sort(key=lambda row: row.since.timestamp() if row.since is not None else 0.0, reverse=True)
+    rows.sort(key=_last_first)
     return rows[:limit]
+
+
+def _last_first(row: JobRow) -> tuple[bool, float, uuid.UUID]:
+    """The order of the queries, which on each database must be the same one."""
+    return row.since is None, -row.since.timestamp() if row.since is not None else 0.0, row.meal
 
 
 def failed_meals(session: Session, wanted: FailedFilter, after: uuid.UUID | None, limit: int) -> list[uuid.UUID]:

@@ -2,6 +2,7 @@
 
 import json
 import threading
+import time
 import uuid
 from datetime import UTC, datetime, timedelta
 
@@ -9,8 +10,9 @@ import pytest
 import sqlalchemy as sa
 
 from app.db.models import AuditEvent, Job, Meal, MealImage, Run
-from app.db.queries import jobs
-from app.jobs.faults import INTERNAL_ERROR
+from app.db.queries import jobs, meals, privacy
+from app.jobs.faults import INTERNAL_ERROR, JOB_GAVE_UP
+from app.services.look_after_jobs import Failures, failed_pairs, retry_failed
 from tests import estimates
 from tests.commands import run_tada
 from tests.estimates import found_item
@@ -90,6 +92,32 @@ def test_measured_or_incomplete_meal_has_nothing_to_cancel(phone, state, meal):
     phone.put(f"/v1/meals/{incomplete}", json=told)
     answer = phone.client.post(f"/v1/meals/{incomplete}/cancel", headers=phone.headers)
     assert (answer.status_code, answer.json()["meal_status"]) == (409, "receiving")
+
+
+def test_meal_that_failed_has_nothing_to_cancel_and_the_answer_tells_its_failure(phone, state, meal):
+    fail(state, meal, JOB_GAVE_UP)
+    answer = phone.client.post(f"/v1/meals/{meal}/cancel", headers=phone.headers)
+    told = answer.json()
+    assert (answer.status_code, told["code"], told["failure_code"]) == (409, "nothing_to_cancel", "job_gave_up")
+    assert "has failed before (job_gave_up)" in told["detail"]
+    assert phone.get(f"/v1/meals/{meal}").json()["failure"]["code"] == "job_gave_up"
+
+
+def test_meal_whose_job_was_lost_is_cancelled_all_the_same(phone, state, meal):
+    """A sweep would queue it again: whoever calls it off before that is obeyed."""
+    with state.database.write() as session:
+        session.execute(sa.update(Job).values(state="failed"))
+    answer = phone.client.post(f"/v1/meals/{meal}/cancel", headers=phone.headers)
+    assert answer.status_code == 200
+    assert (answer.json()["status"], answer.json()["failure"]["code"]) == ("failed", "cancelled")
+
+
+def test_after_pair_whose_job_was_lost_is_cancelled_all_the_same(phone, state):
+    table = Table(phone, state).measured().send_after()
+    with state.database.write() as session:
+        session.execute(sa.update(Job).where(Job.purpose == "after").values(state="failed"))
+    assert phone.client.post(f"/v1/meals/{table.id}/cancel", headers=phone.headers).status_code == 200
+    assert (table.after["status"], table.after["failure"]["code"]) == ("failed", "cancelled")
 
 
 def test_estimate_that_comes_after_the_cancelling_is_not_written(phone, state, meal):
@@ -230,6 +258,38 @@ def test_jobs_list_tells_what_waits_and_what_failed(phone, enrol, state, meal, t
     assert tada("jobs", "list", "--study", "none").returncode == 2
     assert tada("jobs", "list", "--code", "x").returncode == 2
     assert "--limit" in tada("jobs", "list", "--limit", "1").stderr
+
+
+def test_failed_meals_are_listed_the_last_first_and_those_without_a_time_behind_all(phone, state):
+    meals = [phone.post(pair(seed), meal_metadata()).json()["id"] for seed in (1, 2, 3)]
+    for meal in meals:
+        fail(state, meal)
+    with state.database.write() as session:
+        lost = session.get_one(Job, jobs_of(state, meals[1])[-1].id)
+        lost.finished_at = None
+    listed = [str(row.meal) for row in failed_pairs(state.database, Failures(), limit=10)]
+    assert listed == [meals[2], meals[0], meals[1]]
+    assert [str(row.meal) for row in failed_pairs(state.database, Failures(), limit=2)] == listed[:2]
+
+
+def test_retry_that_the_database_ends_for_anothers_sake_is_done_again(phone, state, meal):
+    """The other has locked the meal and wants its person; on SQLite the retry just waits for its turn."""
+    fail(state, meal)
+    has_meal, job = threading.Event(), jobs_of(state, meal)[-1]
+
+    def lock_in_the_other_order():
+        with state.database.write() as session:
+            person = meals.lock_meal(session, job.meal_id).participant_id
+            has_meal.set()
+            time.sleep(0.3)  # by then the retry has the person and waits for the meal
+            privacy.lock_participant(session, person)
+
+    other = threading.Thread(target=lock_in_the_other_order)
+    other.start()
+    assert has_meal.wait(10)
+    assert retry_failed(state.database, state.queue, Failures(code=INTERNAL_ERROR.code)).queued == 1
+    other.join()
+    assert [one.state for one in jobs_of(state, meal)] == ["failed", "queued"]
 
 
 def test_jobs_retry_by_code_takes_those_and_leaves_what_cannot_be(phone, state, tada):

@@ -40,7 +40,7 @@ def test_waiting_meal_whose_job_ended_is_failed(jobs):
 def test_job_whose_workflow_ended_without_it_is_failed_visibly(jobs):
     codes = {
         "MAX_RECOVERY_ATTEMPTS_EXCEEDED": "job_gave_up",
-        "CANCELLED": "job_gave_up",
+        "CANCELLED": "cancelled",
         "ERROR": "internal_error",
         "SUCCESS": "internal_error",
     }
