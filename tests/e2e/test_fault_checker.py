@@ -145,12 +145,34 @@ def test_checker_sees_an_erased_meal_that_is_there(kept):
 
 def test_traceback_of_a_bug_is_told_and_one_of_a_database_that_is_away_is_not():
     away = (
-        "Traceback (most recent call last):\n  x\nsqlalchemy.exc.OperationalError: (psycopg) it is away\n[SQL: SELECT"
+        "Traceback (most recent call last):\n  x\n"
+        "sqlalchemy.exc.OperationalError: (psycopg.OperationalError) it is away\n[SQL: SELECT"
     )
     bug = "Traceback (most recent call last):\n  x\nKeyError: 'a'"
     told = unexpected_errors({"api0": "\n".join(json.dumps({"exception": each}) for each in (away, bug))})
     assert told == ["api0 logged KeyError: 'a' (1 times)"]
     assert unexpected_errors({"worker0": f"{bug}\n"}) == ["worker0 logged KeyError: 'a' (1 times)"]
+
+
+@pytest.mark.parametrize(
+    ("words", "is_bug"),
+    [
+        ("sqlalchemy.exc.OperationalError: (psycopg.OperationalError) server closed the connection", False),
+        ("sqlalchemy.exc.OperationalError: (psycopg.errors.DeadlockDetected) deadlock detected", False),
+        ("sqlalchemy.exc.InternalError: (psycopg.errors.IdleInTransactionSessionTimeout) ended", False),
+        ("sqlalchemy.exc.OperationalError: (sqlite3.OperationalError) database or disk is full", False),
+        ("psycopg.errors.QueryCanceled: canceling statement due to statement timeout", False),
+        ("sqlalchemy.exc.IntegrityError: (psycopg.errors.UniqueViolation) duplicate key", True),
+        ("sqlalchemy.exc.ProgrammingError: (psycopg.errors.SyntaxError) syntax error", True),
+        ("psycopg.errors.UniqueViolation: duplicate key value", True),
+        ("psycopg.errors.UndefinedColumn: column does not exist", True),
+        ("sqlalchemy.exc.OperationalError: (sqlite3.OperationalError) no such column: x", True),
+        ("sqlite3.IntegrityError: UNIQUE constraint failed", True),
+    ],
+)
+def test_checker_tells_a_database_that_is_away_from_a_statement_that_is_wrong(words, is_bug):
+    exception = f"Traceback (most recent call last):\n  x\n{words}\n[SQL: SELECT"
+    assert bool(unexpected_errors({"api0": json.dumps({"exception": exception})})) == is_bug
 
 
 def test_clock_of_a_running_process_jumps_and_its_monotonic_time_goes_on(tmp_path):

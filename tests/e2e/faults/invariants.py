@@ -33,14 +33,24 @@ from app.services.secret_box import open_secret_box
 from app.settings import Settings
 from app.storage.opening import open_blob_store
 
+# PostgreSQL's words for: it goes down, comes up, is cut off or full, took too long, or ended one of two for the other
+AWAY_OR_IN_THE_WAY = (
+    "AdminShutdown|CrashShutdown|CannotConnectNow|ConnectionException|ConnectionFailure|ConnectionTimeout"
+    "|QueryCanceled|IdleInTransactionSessionTimeout|LockNotAvailable|DeadlockDetected|SerializationFailure"
+    "|DiskFull|IoError|TooManyConnections"
+)
+SQLITE_IS_FULL_OR_BUSY = "database or disk is full|disk I/O error|database is locked"
+
 # what a log may hold of a traceback: parts that were away, and our own words for that
 EXPECTED_ERRORS = re.compile(
-    r"^(sqlalchemy\.exc\.(OperationalError|InterfaceError|TimeoutError)"
-    r"|psycopg\.(OperationalError|errors\.\w+)"
-    r"|(ConnectionError|ConnectionResetError|ConnectionRefusedError|BrokenPipeError|TimeoutError|OSError)"
+    rf"^(sqlalchemy\.exc\.\w+: \(psycopg\.(OperationalError|InterfaceError|errors\.({AWAY_OR_IN_THE_WAY}))\)"
+    rf"|sqlalchemy\.exc\.OperationalError: \(sqlite3\.OperationalError\) ({SQLITE_IS_FULL_OR_BUSY})"
+    rf"|sqlite3\.OperationalError: ({SQLITE_IS_FULL_OR_BUSY})"
+    rf"|(sqlalchemy\.exc\.TimeoutError|psycopg\.(OperationalError|errors\.({AWAY_OR_IN_THE_WAY})))\b"
+    r"|((ConnectionError|ConnectionResetError|ConnectionRefusedError|BrokenPipeError|TimeoutError|OSError)"
     r"|obstore\.exceptions\.\w+|app\.storage\.blob_store\.StoreRefusesError"  # a clock that jumped is refused
     r"|app\.errors\.(UnavailableError|StorageFullError)"
-    r"|app\.jobs\.child_pool\.ChildPoolClosedError)\b"
+    r"|app\.jobs\.child_pool\.ChildPoolClosedError)\b)"
 )
 
 ERROR_LINE = re.compile(
