@@ -20,7 +20,7 @@ router = APIRouter(prefix="/v1/declared-meals", tags=["review"])
 DECLARE_RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"model": MealOut, "description": "The same as before: nothing was added."},
     201: {"model": MealOut, "description": "Kept and confirmed; Location names the meal."},
-    **problem_responses(400, 401, 403, 409, 410, 413, 422),
+    **problem_responses(400, 401, 403, 409, 410, 413, 422, 503),
 }
 
 

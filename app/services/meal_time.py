@@ -10,10 +10,16 @@ from datetime import UTC, date, datetime, time, timedelta
 from functools import cache
 from zoneinfo import ZoneInfo, available_timezones
 
-from app.errors import InvalidInputError
+import structlog
+
+from app.errors import InvalidInputError, UnavailableError
+
+log = structlog.get_logger()
 
 EARLIEST = datetime(2000, 1, 1, tzinfo=UTC)  # before phones with cameras; a reset clock says 1970
+LATEST = datetime(2100, 1, 1, tzinfo=UTC)  # no clock that is merely wrong; milliseconds taken for seconds lie beyond
 CLOCK_AHEAD = timedelta(hours=24)  # a phone's clock may be ahead by that much and the meal is still taken
+CLOCK_RETRY_SECONDS = 600
 EASTERNMOST = timedelta(hours=14)  # ahead of UTC: where a day begins first (Kiribati)
 NOON = time(12)
 
@@ -32,7 +38,11 @@ class MealTime:
 
 
 def meal_time(captured_at: datetime, time_zone: str, now: datetime) -> MealTime:
-    """Check an instant against its zone and the server's clock. Raises InvalidInputError with its code."""
+    """Check an instant against its zone and the server's clock. Raises InvalidInputError with its code.
+
+    One that is more than a day ahead of the server raises UnavailableError (`clock_differs`): it may well be the
+    server's clock that is wrong, and a meal that is refused for good would be lost by it.
+    """
     if captured_at.tzinfo is None:
         raise InvalidInputError(
             "captured_at has no offset: write it like 2026-11-21T12:30:00+08:00.", code="time_without_offset"
@@ -47,12 +57,22 @@ def meal_time(captured_at: datetime, time_zone: str, now: datetime) -> MealTime:
         offset_minutes = round((local.utcoffset() or timedelta()).total_seconds() / 60)
     except OverflowError:
         raise _impossible(captured_at) from None
-    if not EARLIEST <= captured_at <= now + CLOCK_AHEAD:
+    if not EARLIEST <= captured_at < LATEST:
         raise _impossible(captured_at)
     if captured_at.utcoffset() not in (local.utcoffset(), timedelta()):
         raise InvalidInputError(
             f"captured_at has offset {captured_at:%z}, but {time_zone} had {local:%z} then: check the phone's zone.",
             code="offset_not_in_zone",
+        )
+    if captured_at > now + CLOCK_AHEAD:
+        log.error("clock_differs", ahead_seconds=round((captured_at - now).total_seconds()))
+        raise UnavailableError(
+            f"captured_at {captured_at.isoformat()} is more than a day ahead of the server's clock. Nothing was kept: "
+            "compare server_time with the phone's clock. If the phone's was wrong, correct captured_at; else keep the "
+            "meal and try again later.",
+            code="clock_differs",
+            server_time=now.astimezone(UTC).isoformat(timespec="seconds"),
+            retry_after_seconds=CLOCK_RETRY_SECONDS,
         )
     return MealTime(captured_at, offset_minutes, time_zone)
 
@@ -101,7 +121,6 @@ def _zones() -> frozenset[str]:
 
 def _impossible(captured_at: datetime) -> InvalidInputError:
     return InvalidInputError(
-        f"captured_at {captured_at.isoformat()} cannot be: it lies before 2000 or more than a day ahead of the server. "
-        "Check the phone's clock.",
+        f"captured_at {captured_at.isoformat()} cannot be: it lies before 2000 or after 2099. Check the phone's clock.",
         code="time_impossible",
     )

@@ -223,7 +223,8 @@ def clock_fault(which, where):
     def jump(deployment, rng, witness):
         clock = deployment.clocks[which]
         ahead = rng.choice((2, 30, 24 * 400)) * HOUR
-        clock.jump(ahead if rng.random() < 0.5 else -min(ahead, 20 * HOUR))
+        furthest_back = ahead if which == "api" else 20 * HOUR
+        clock.jump(ahead if rng.random() < 0.5 else -min(ahead, furthest_back))
         return rng.uniform(1.0, 4.0), lambda: clock.jump(0)  # which is a jump too
 
 

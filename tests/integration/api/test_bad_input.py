@@ -6,7 +6,7 @@ import json
 import struct
 import uuid
 import zlib
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import pytest
 import sqlalchemy as sa
@@ -170,6 +170,15 @@ def test_bad_metadata_is_refused_with_its_code(phone, state, metadata, status, c
     else:  # NaN is no JSON, though some parsers take it: either code is right, as long as it is refused
         assert answer.json()["code"] in ("metadata_not_json", "metadata_invalid")
         assert_nothing_kept(state)
+
+
+def test_meal_of_the_day_after_tomorrow_is_not_refused_for_good_since_the_servers_clock_may_be_behind(phone, state):
+    ahead = (datetime.now(UTC) + timedelta(days=2)).isoformat()
+    answer = phone.post(pair(), meal_metadata(captured_at=ahead, time_zone="UTC"))
+    assert (answer.status_code, answer.json()["code"], answer.json()["retryable"]) == (503, "clock_differs", True)
+    assert answer.headers["Retry-After"] == "600"
+    assert abs(datetime.fromisoformat(answer.json()["server_time"]) - datetime.now(UTC)) < timedelta(minutes=1)
+    assert_nothing_kept(state)
 
 
 def test_location_is_dropped_unless_the_study_keeps_it(enrol, state):

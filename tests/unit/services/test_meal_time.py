@@ -2,7 +2,7 @@ from datetime import UTC, date, datetime, timedelta, timezone
 
 import pytest
 
-from app.errors import InvalidInputError
+from app.errors import InvalidInputError, UnavailableError
 from app.services.meal_time import local_minute, meal_time
 
 NOW = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
@@ -69,13 +69,21 @@ def test_unknown_zone_is_refused(zone):
     "instant",
     [
         datetime(1970, 1, 1, tzinfo=UTC),
-        NOW + timedelta(days=2),
+        datetime(2100, 1, 1, tzinfo=UTC),
         datetime.max.replace(tzinfo=UTC),
         datetime.min.replace(tzinfo=UTC),
     ],
 )
 def test_impossible_time_is_refused(instant):
     assert code_of(instant) == "time_impossible"
+
+
+@pytest.mark.parametrize("ahead", [timedelta(days=1, seconds=1), timedelta(days=400), timedelta(days=365 * 26)])
+def test_time_that_may_be_right_while_the_servers_clock_is_behind_is_not_refused_for_good(ahead):
+    with pytest.raises(UnavailableError) as caught:
+        meal_time(NOW + ahead, "UTC", NOW)
+    assert (caught.value.code, caught.value.retryable, caught.value.status) == ("clock_differs", True, 503)
+    assert caught.value.facts["server_time"] == NOW.isoformat(timespec="seconds")
 
 
 def test_phone_that_is_an_hour_ahead_is_taken():
