@@ -309,7 +309,7 @@ def db_upgrade(
 @db_cli.command("current")
 def db_current() -> None:
     """Print the schema's revision and how it stands to this program: older, current or newer. Changes nothing."""
-    from app.db.migrate import SchemaState, current_revision, head_revision, schema_state
+    from app.db.schema_state import SchemaState, current_revision, head_revision, schema_state
 
     with database_as_it_is() as database:
         found, state = current_revision(database), schema_state(database)

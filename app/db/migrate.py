@@ -1,28 +1,31 @@
-"""Brings the schema up to date with Alembic, or back: `upgrade`, `downgrade`; tells how it stands: `schema_state`.
+"""Brings the schema up to date with Alembic, or back: `upgrade`, `downgrade`. How it stands: schema_state.py.
 
 One migrator at a time, in one transaction, which holds the lock too: whatever ends the migrator, or its connection,
 ends both, and the schema is as it was. Nothing is waited for without end. Code beside a newer schema is the rule while
 machines are upgraded one by one (docs/upgrades.md): such code goes on, and migrates nothing.
-
-The migrations lie in migrations/ of the checkout and inside the wheel as app/_migrations.
 """
 
-import enum
 import sqlite3
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 
 import sqlalchemy as sa
 import structlog
 from alembic import command
 from alembic.config import Config
-from alembic.migration import MigrationContext
-from alembic.script import ScriptDirectory
 
+from app.db.schema_state import (
+    MigrationBusyError,
+    SchemaState,
+    current_revision,
+    head_revision,
+    migrations_folder,
+    revision_of,
+    revisions,
+    schema_state,
+)
 from app.db.session import BUSY_TIMEOUT_SECONDS, Database
 from app.errors import ConflictError, InvalidInputError, UnavailableError
 
@@ -33,14 +36,6 @@ LOOK_SECONDS = 0.2  # how often a migrator that waits for its turn asks for it
 PG_LOCK_NOT_AVAILABLE = "55P03"  # SQLSTATE of a lock_timeout that ran out
 PG_DEADLOCK = "40P01"
 PG_CHECKS_CLIENTS = 140_000  # the first PostgreSQL that notices during a long statement that its client has died
-
-
-class SchemaState(enum.Enum):
-    """How the database's schema stands to the one that this code was written for."""
-
-    OLDER = "older"
-    CURRENT = "current"
-    NEWER = "newer"
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +50,6 @@ class Patience:
     idle_seconds: float = 300.0  # PostgreSQL: a migrator that does nothing for so long has been stopped
 
 
-class MigrationBusyError(UnavailableError):
-    """Another process migrates, or on SQLite writes, and did not end in time; nothing was changed."""
-
-    code = "migration_busy"
-
-
 class MigrationBlockedError(UnavailableError):
     """A table was in use without pause: its lock was never free; nothing was changed."""
 
@@ -71,13 +60,6 @@ class SchemaUnknownError(ConflictError):
     """The schema was made by a newer program, which alone knows the way back."""
 
     code = "schema_unknown"
-
-
-def migrations_folder() -> Path:
-    """The folder of migrations: in the wheel, else in the checkout."""
-    package = Path(__file__).resolve().parent.parent
-    installed = package / "_migrations"
-    return installed if installed.is_dir() else package.parent / "migrations"
 
 
 def upgrade(database: Database, revision: str = "head", patience: Patience | None = None) -> None:
@@ -100,37 +82,6 @@ def downgrade(database: Database, revision: str, patience: Patience | None = Non
     _migrate(database, command.downgrade, revision, patience or Patience())
 
 
-def schema_state(database: Database) -> SchemaState:
-    """A revision that this code does not know is a newer one: those before its own it knows all."""
-    found = current_revision(database)
-    if found == head_revision():
-        return SchemaState.CURRENT
-    return SchemaState.OLDER if found is None or found in revisions() else SchemaState.NEWER
-
-
-def is_current(database: Database) -> bool:
-    """Whether the schema is the very one that this code was written for."""
-    return schema_state(database) is SchemaState.CURRENT
-
-
-def current_revision(database: Database) -> str | None:
-    """The schema's revision; None where there is none yet."""
-    with database.read_engine.connect() as connection:
-        return _revision_of(connection)
-
-
-def head_revision() -> str:
-    """The revision that this code was written for."""
-    return revisions()[-1]
-
-
-@cache
-def revisions() -> tuple[str, ...]:
-    """All that this code knows, the first one first."""
-    scripts = ScriptDirectory(str(migrations_folder()))
-    return tuple(reversed([script.revision for script in scripts.walk_revisions()]))
-
-
 def _migrate(database: Database, run: Callable[[Config, str], None], revision: str, patience: Patience) -> None:
     if revision not in {"head", "base", *revisions()}:
         raise InvalidInputError(f"There is no revision {revision!r}. Those that there are: {', '.join(revisions())}.")
@@ -139,7 +90,7 @@ def _migrate(database: Database, run: Callable[[Config, str], None], revision: s
     for attempt in range(1, patience.tries + 1):
         try:
             with turn(database, patience, deadline) as connection:
-                before = _revision_of(connection)
+                before = revision_of(connection)
                 if before is not None and before not in revisions():
                     if revision == "head":  # a newer program was quicker
                         return
@@ -148,7 +99,7 @@ def _migrate(database: Database, run: Callable[[Config, str], None], revision: s
                         "change."
                     )
                 run(_config(connection), revision)
-                if database.is_sqlite and _revision_of(connection) != before:
+                if database.is_sqlite and revision_of(connection) != before:
                     _require_whole_references(connection)
         except sa.exc.OperationalError as error:
             if getattr(error.orig, "sqlstate", None) not in (PG_LOCK_NOT_AVAILABLE, PG_DEADLOCK):
@@ -218,10 +169,6 @@ def _busy(what: str, patience: Patience) -> MigrationBusyError:
     return MigrationBusyError(
         f"{what}, for more than {patience.turn_seconds:.0f} s: wait for it to end, then do the same again."
     )
-
-
-def _revision_of(connection: sa.Connection) -> str | None:
-    return MigrationContext.configure(connection).get_current_revision()
 
 
 def _set_pragma(connection: sa.Connection, setting: str) -> None:

@@ -18,7 +18,8 @@ import sqlalchemy as sa
 from sqlalchemy.exc import OperationalError, StatementError
 
 from app.db.layout import TableLayout
-from app.db.migrate import current_revision, downgrade, upgrade
+from app.db.migrate import downgrade, upgrade
+from app.db.schema_state import current_revision
 from app.db.session import Database
 from app.errors import ConflictError, InvalidInputError
 

@@ -18,9 +18,9 @@ from dbos import DBOS, DBOSClient, DBOSConfig, DBOSPortableJSONSerializer, SQLAl
 from sqlalchemy import event
 from sqlalchemy.orm import Session
 
-from app.db.migrate import MigrationBusyError
 from app.db.models import Job
 from app.db.queries.jobs import DBOS_SCHEMA
+from app.db.schema_state import MigrationBusyError
 from app.db.session import BUSY_TIMEOUT_SECONDS, CONNECT_SECONDS, TCP_LIVENESS, Database, sqlite_connection_pragmas
 from app.jobs.claims import Claims
 from app.jobs.turns import HIGHEST_PRIORITY_NUMBER, Turns

@@ -149,8 +149,21 @@ class FoodTable:
 @cache
 def load_starter_table() -> FoodTable:
     """The table that ships in the package (docs/food-table.md): foods.json and nutrients.csv of starter/."""
+    return parse_table(*_starter_files())
+
+
+def starter_checksum() -> str:
+    """Of the table that ships in the package, without making its foods."""
+    return _checksum(*_starter_files())
+
+
+def _starter_files() -> tuple[bytes, bytes]:
     folder = resources.files("app.nutrition") / "starter"
-    return parse_table((folder / "foods.json").read_bytes(), (folder / "nutrients.csv").read_bytes())
+    return (folder / "foods.json").read_bytes(), (folder / "nutrients.csv").read_bytes()
+
+
+def _checksum(foods_json: bytes, nutrients_csv: bytes) -> str:
+    return hashlib.sha256(foods_json + nutrients_csv).hexdigest()
 
 
 def parse_table(foods_json: bytes, nutrients_csv: bytes) -> FoodTable:
@@ -170,7 +183,7 @@ def parse_table(foods_json: bytes, nutrients_csv: bytes) -> FoodTable:
         name=release["name"],
         version=release["version"],
         released_on=date.fromisoformat(release["released_on"]),
-        checksum=hashlib.sha256(foods_json + nutrients_csv).hexdigest(),
+        checksum=_checksum(foods_json, nutrients_csv),
         foods=tuple(_food(entry, contents[entry["key"]]) for entry in document["foods"]),
     )
 

@@ -20,8 +20,9 @@ from typing import IO, Any
 
 import app
 from app.db.layout import TableLayout, layout_at
-from app.db.migrate import SchemaUnknownError, current_revision, revisions
+from app.db.migrate import SchemaUnknownError
 from app.db.queries import privacy
+from app.db.schema_state import current_revision, revisions
 from app.db.scratch_keys import ScratchKeys, scratch_keys
 from app.db.session import Database
 from app.db.snapshot import Snapshot, snapshot_of

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import IO, Any
 
 from app.db.layout import TableLayout, layout_at
-from app.db.migrate import revisions
+from app.db.schema_state import revisions
 from app.db.scratch_keys import ScratchKeys, scratch_keys
 from app.services.backup import Tell, blob_namer
 from app.services.backup_blobs import is_blob_key, sha256_of_key

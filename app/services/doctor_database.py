@@ -8,10 +8,10 @@ import sqlalchemy as sa
 import sqlalchemy.exc
 
 from app import __version__
-from app.db.migrate import SchemaState, current_revision, head_revision, schema_state
 from app.db.queries import doctor
 from app.db.queries.doctor import PostgresFacts
 from app.db.queries.figures import database_now
+from app.db.schema_state import SchemaState, current_revision, head_revision, schema_state
 from app.db.session import Database
 from app.services.finding import Finding
 

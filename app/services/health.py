@@ -8,8 +8,8 @@ from datetime import UTC, datetime
 
 import sqlalchemy as sa
 
-from app.db.migrate import SchemaState, schema_state
 from app.db.queries import meals
+from app.db.schema_state import SchemaState, schema_state
 from app.db.session import Database
 from app.jobs.leases import living_workers
 from app.settings import Settings

@@ -32,7 +32,7 @@ from app.db.session import Database
 from app.errors import ConflictError
 from app.nutrition.components import COMPONENT_BY_NUMBER
 from app.nutrition.foods import Food as FoodValue
-from app.nutrition.foods import load_starter_table
+from app.nutrition.foods import load_starter_table, starter_checksum
 from app.nutrition.importers.imported import ImportedTable, Skipped
 from app.nutrition.search import label_key
 from app.services.index_foods import index_foods, is_code
@@ -109,10 +109,9 @@ def load_starter(database: Database) -> None:
 
     Two processes may do it at once: one of them finds that the other was first.
     """
+    if is_starter_there(database):
+        return
     table = load_starter_table()
-    with database.read() as session:
-        if foods.release_by_checksum(session, table.checksum) is not None:
-            return
     components = tuple(COMPONENT_BY_NUMBER[number] for number in sorted({n for f in table.foods for n in f.per_100_g}))
     imported = ImportedTable("starter", table, components, Skipped())
     try:
@@ -124,9 +123,14 @@ def load_starter(database: Database) -> None:
             _write_foods(session, release, table.foods, component_ids)
             _put_in_force(session, release, "tada")
     except IntegrityError:
-        with database.read() as session:
-            if foods.release_by_checksum(session, table.checksum) is None:
-                raise
+        if not is_starter_there(database):
+            raise
+
+
+def is_starter_there(database: Database) -> bool:
+    """Whether this version of the table in the package has been loaded."""
+    with database.read() as session:
+        return foods.release_by_checksum(session, starter_checksum()) is not None
 
 
 def write_food(session: Session, release: FoodRelease, value: FoodValue, *, version: int = 1) -> Food:

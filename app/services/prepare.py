@@ -7,7 +7,7 @@ import time
 
 import structlog
 
-from app.db.migrate import upgrade
+from app.db.schema_state import is_current
 from app.db.session import Database
 from app.jobs.engine import prepare_job_tables
 from app.jobs.faults import is_passing
@@ -49,10 +49,18 @@ def prepare_patiently(database: Database, settings: Settings, patience_seconds: 
 def prepare(database: Database, settings: Settings) -> None:
     """Bring everything up to date; what is already there stays as it is."""
     settings.data_dir.mkdir(parents=True, exist_ok=True)
-    upgrade(database)
+    upgrade_schema(database)
     prepare_job_tables(database)
     load_starter(database)
     _erase_what_a_restore_brought_back(database, settings)
+
+
+def upgrade_schema(database: Database) -> None:
+    """Migrate to the schema of this program. Raises what app.db.migrate.upgrade raises."""
+    if not is_current(database):
+        from app.db.migrate import upgrade  # noqa: PLC0415  # Alembic takes 10 MB, for good
+
+        upgrade(database)
 
 
 def _erase_what_a_restore_brought_back(database: Database, settings: Settings) -> None:

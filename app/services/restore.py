@@ -14,8 +14,9 @@ from typing import IO, Any
 import sqlalchemy as sa
 
 from app.db.layout import TableLayout
-from app.db.migrate import SchemaUnknownError, current_revision, revisions
+from app.db.migrate import SchemaUnknownError
 from app.db.refill import Refill, make_tables, refilling, require_alone, require_empty
+from app.db.schema_state import current_revision, revisions
 from app.db.scratch_keys import ScratchKeys
 from app.db.session import Database
 from app.errors import ConflictError, StorageFullError

@@ -9,9 +9,9 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from app.db.layout import SQL_TYPES, ColumnLayout, TableLayout, layout_at
-from app.db.migrate import head_revision
 from app.db.models import Base, UtcDateTime
 from app.db.refill import Refill
+from app.db.schema_state import head_revision
 from app.db.session import Database
 from app.db.snapshot import Snapshot
 from app.services.backup_values import row_reader, row_writer

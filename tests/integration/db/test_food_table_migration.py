@@ -6,7 +6,8 @@ from datetime import UTC, date, datetime
 import pytest
 import sqlalchemy as sa
 
-from app.db.migrate import downgrade, is_current, upgrade
+from app.db.migrate import downgrade, upgrade
+from app.db.schema_state import is_current
 from app.db.session import Database
 from app.nutrition.components import COMPONENT_BY_NUMBER
 from app.nutrition.foods import Food as FoodValue

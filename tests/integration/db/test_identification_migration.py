@@ -3,9 +3,10 @@
 import pytest
 import sqlalchemy as sa
 
-from app.db.migrate import downgrade, is_current, upgrade
+from app.db.migrate import downgrade, upgrade
 from app.db.models import IndexEntry, Item, ItemIdentification
 from app.db.queries.privacy import _delete_in_order as delete_in_order
+from app.db.schema_state import is_current
 from app.services.rebuild_records import rebuild_records
 from tests import estimates
 from tests.estimates import identified_item

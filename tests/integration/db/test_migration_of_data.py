@@ -7,7 +7,8 @@ from datetime import UTC, date, datetime
 import pytest
 import sqlalchemy as sa
 
-from app.db.migrate import is_current, upgrade
+from app.db.migrate import upgrade
+from app.db.schema_state import is_current
 from app.db.session import Database
 
 FIRST = "20261121_first"

@@ -1,6 +1,7 @@
 import sqlalchemy as sa
 
-from app.db.migrate import is_current, upgrade
+from app.db.migrate import upgrade
+from app.db.schema_state import is_current
 from app.db.session import Database
 
 

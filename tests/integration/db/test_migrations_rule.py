@@ -10,7 +10,8 @@ import pytest
 import sqlalchemy as sa
 from alembic.script import ScriptDirectory
 
-from app.db.migrate import migrations_folder, revisions, upgrade
+from app.db.migrate import upgrade
+from app.db.schema_state import migrations_folder, revisions
 from app.db.session import Database
 from tests.integration.db.schema_facts import facts_of
 

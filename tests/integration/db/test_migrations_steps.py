@@ -7,8 +7,9 @@ from datetime import UTC, date, datetime
 
 import sqlalchemy as sa
 
-from app.db.migrate import downgrade, is_current, revisions, upgrade
+from app.db.migrate import downgrade, upgrade
 from app.db.models import Base
+from app.db.schema_state import is_current, revisions
 
 # Rows and values that a downgrade gives up because the older schema has no place for them, as its migration says
 LOST_BY_DOWNGRADE = {

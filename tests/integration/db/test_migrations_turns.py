@@ -9,20 +9,15 @@ import threading
 import pytest
 import sqlalchemy as sa
 
-from app.db.migrate import (
-    ADVISORY_LOCK,
-    MigrationBlockedError,
+from app.db.migrate import ADVISORY_LOCK, MigrationBlockedError, Patience, SchemaUnknownError, downgrade, upgrade
+from app.db.schema_state import (
     MigrationBusyError,
-    Patience,
     SchemaState,
-    SchemaUnknownError,
     current_revision,
-    downgrade,
     head_revision,
     is_current,
     revisions,
     schema_state,
-    upgrade,
 )
 from app.db.session import Database
 from app.services.health import check_readiness

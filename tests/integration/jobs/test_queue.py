@@ -4,7 +4,7 @@ import sys
 import pytest
 import sqlalchemy as sa
 
-from app.db.migrate import MigrationBusyError
+from app.db.schema_state import MigrationBusyError
 from app.jobs.engine import MIGRATION_LOCK, prepare_job_tables
 from tests.integration.jobs.fakes import new_job
 

@@ -14,11 +14,12 @@ import obstore
 import pytest
 import sqlalchemy as sa
 
-from app.db.migrate import current_revision, downgrade, head_revision, upgrade
+from app.db.migrate import downgrade, upgrade
 from app.db.models import DiaryDay, Food, Job, Meal, MealImage, Run, RunArtefact
 from app.db.queries import jobs
 from app.db.queries.figures import last_backup
 from app.db.refill import Refill
+from app.db.schema_state import current_revision, head_revision
 from app.errors import StorageFullError
 from app.services import backup, backup_check, restore
 from app.services.backup import write_backup

@@ -14,8 +14,8 @@ import sqlalchemy as sa
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.db.migrate import current_revision, head_revision
 from app.db.models import Device, FoodRelease, Job, Meal, MealImage, Participant, Run, Study
+from app.db.schema_state import current_revision, head_revision
 from app.db.session import Database
 from app.errors import ConflictError, InvalidInputError
 from app.nutrition.foods import load_starter_table

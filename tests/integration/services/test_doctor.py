@@ -10,8 +10,9 @@ from datetime import UTC, datetime, timedelta
 import pytest
 import sqlalchemy as sa
 
-from app.db.migrate import downgrade, revisions
+from app.db.migrate import downgrade
 from app.db.models import AuditEvent, BlobDeletion, Meal, MealImage, Study, Tombstone, Webhook, WebhookDelivery
+from app.db.schema_state import revisions
 from app.db.session import Database, PoolLimits
 from app.services import doctor_database, doctor_store
 from app.services.doctor import examine

@@ -3,7 +3,7 @@
 import pytest
 import sqlalchemy as sa
 
-from app.db.migrate import is_current
+from app.db.schema_state import is_current
 from app.db.session import Database
 from app.errors import InvalidInputError
 from app.services import prepare as module
@@ -15,7 +15,7 @@ from app.settings import Settings
 def away(monkeypatch):
     """How often the database does not answer yet, and what it says then."""
     found = {"left": 0, "asked": 0}
-    upgrade = module.upgrade
+    upgrade = module.upgrade_schema
 
     def answer(database):
         found["asked"] += 1
@@ -24,7 +24,7 @@ def away(monkeypatch):
             raise sa.exc.OperationalError("SELECT", {}, Exception("the database system is starting up"))
         upgrade(database)
 
-    monkeypatch.setattr(module, "upgrade", answer)
+    monkeypatch.setattr(module, "upgrade_schema", answer)
     return found
 
 
