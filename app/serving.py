@@ -68,7 +68,7 @@ def server_config(settings: Settings, app: FastAPI) -> uvicorn.Config:
         proxy_headers=bool(proxies),  # uvicorn's own default trusts whoever is on this machine
         forwarded_allow_ips=proxies,
         timeout_keep_alive=KEEP_ALIVE_SECONDS,
-        timeout_graceful_shutdown=10,
+        timeout_graceful_shutdown=settings.stop_seconds,
         http=partial(WatchedProtocol, watch),  # type: ignore[arg-type]  # it is only ever called
         ws="none",
     )

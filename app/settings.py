@@ -115,6 +115,9 @@ class Settings(BaseSettings):
     stall_seconds: float = Field(
         default=60.0, gt=0, description="Within it 16 KiB of a body must come, or of an answer be read."
     )
+    stop_seconds: int = Field(
+        default=20, ge=1, description="A server that is told to end lets requests under way go on for that long."
+    )
     metrics_token: SecretStr | None = Field(
         default=None, min_length=16, description="Who sends it may read /metrics; unset: callers on the same machine."
     )

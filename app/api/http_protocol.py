@@ -48,6 +48,7 @@ TARGET_BYTES = 8 * 1024  # the longest that RFC 9110, section 4.1, asks servers 
 MIN_PROGRESS_BYTES = 16 * 1024  # in `stall_seconds`: 270 bytes/s by default, less than any network that carries photos
 SMALL_CHUNKS, SMALL_CHUNK_BYTES = 2000, 64  # so many chunks that are smaller on average: a bomb, not a photograph
 DRAINED_BYTES = 64 * 1024 * 1024  # of a body that is refused before it is read: so that the phone reads the answer
+LAST_WORD_SECONDS = 4.0  # before a stopping process is gone: to look, to answer and to linger
 LINGER_SECONDS = 2.0  # a refused connection reads on, so that the answer is not lost with a reset
 TICK_SECONDS = 1.0
 TOLD_SECONDS = 60.0
@@ -56,13 +57,17 @@ CONNECTION_RETRY_SECONDS = 5
 
 @dataclass(frozen=True, slots=True)
 class ConnectionLimits:
-    """Seconds and counts; trusted proxies speak for many callers and have no limit of their own."""
+    """Seconds and counts; trusted proxies speak for many callers and have no limit of their own.
+
+    stop_seconds: what a process that is told to end gives to requests under way.
+    """
 
     header_seconds: float
     stall_seconds: float
     connections: int
     connections_per_address: int
     proxies: Sequence[str] = ()
+    stop_seconds: float = 20.0
 
 
 def connection_limits(settings: Settings, proxies: Sequence[str]) -> ConnectionLimits:
@@ -73,6 +78,7 @@ def connection_limits(settings: Settings, proxies: Sequence[str]) -> ConnectionL
         settings.max_connections,
         settings.max_connections_per_address,
         proxies,
+        settings.stop_seconds,
     )
 
 
@@ -209,6 +215,7 @@ class WatchedProtocol(H11Protocol):
         self._address = ""
         self._head_since: float | None = None  # a request's head has begun, or the connection has
         self._closes_at: float | None = None  # refused: reads on until then, so that the answer arrives
+        self._stops_at: float | None = None  # the process ends: what is still being sent then is refused
         self._progress = (0.0, 0, 0)  # when; how much of a body had come, and of an answer waited, by then
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -265,13 +272,22 @@ class WatchedProtocol(H11Protocol):
         elif self._head_since is not None:
             if now - self._head_since >= limits.header_seconds:
                 self._end_slow_head()
+        elif self._stops_at is not None and now >= self._stops_at and self.conn.is_reading_body:
+            self._refuse(
+                UnavailableError(
+                    "The server is being stopped before the body has come to its end. Nothing was kept: send it again.",
+                    code="server_stops",
+                    retry_after_seconds=CONNECTION_RETRY_SECONDS,
+                )
+            )
         else:
             self._look_at_progress(now, limits.stall_seconds)
 
     def shutdown(self) -> None:
-        """The server goes down: a refused connection has nothing to finish."""
+        """The server goes down: an idle connection ends, a request under way may end, and then its connection does."""
+        self._stops_at = self.loop.time() + max(self._watch.limits.stop_seconds - LAST_WORD_SECONDS, 0.0)
         if self._closes_at is not None:
-            self.transport.abort()
+            self.transport.abort()  # refused, it has nothing to finish
         else:
             super().shutdown()
 
