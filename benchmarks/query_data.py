@@ -7,13 +7,15 @@ the order of time, as they would have arrived.
 """
 
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from datetime import UTC, date, datetime, timedelta
+from datetime import date, datetime
 from typing import Any, Self
 
 import numpy as np
+import pyarrow as pa
 import sqlalchemy as sa
+from pyarrow import csv
 
 from app.db.models import (
     Base,
@@ -38,16 +40,21 @@ MEAN_ITEMS = 2.75
 STATUSES = ("confirmed", "needs_review", "corrected", "rejected", "proposed")
 STATUS_SHARES = (0.85, 0.10, 0.045, 0.004, 0.001)
 ROWS_A_BATCH = 50_000
-NOW = datetime(2026, 12, 31, tzinfo=UTC)
+CLOSED_SHARE, PROVISIONAL_SHARE, REVIEWED_SHARE = 0.7, 0.0005, 0.3
+NOW = datetime(2026, 12, 31)  # noqa: DTZ001  # UTC, as all instants here: Arrow's and NumPy's have no zone
+LOADED = ("effective_record", "item", "meal", "diary_day")  # tables whose indexes are made when they are full
+
+# Names to values: a NumPy or Arrow array, a list, or one value for all rows. Ids are 32 hexadecimal digits.
+Columns = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Ground:
     """What the records stand on: ids by number, and which study a participant is in."""
 
-    study_ids: list[str]
-    person_ids: list[str]
-    device_ids: list[str]
+    study_ids: np.ndarray[Any, Any]
+    person_ids: np.ndarray[Any, Any]
+    device_ids: np.ndarray[Any, Any]
     study_of: np.ndarray[Any, Any]
 
 
@@ -85,44 +92,39 @@ def lay_ground(loader: "Loader", rng: np.random.Generator) -> Ground:
     study_of.sort()
     loader.insert(
         Study,
-        {"id": study_ids, "code": [f"study-{n:02d}" for n in range(STUDIES)], "name": ["A study"] * STUDIES,
-         "change_seq": [10**9] * STUDIES, "created_at": [_instant(NOW)] * STUDIES},
+        {"id": study_ids, "code": [f"study-{n:02d}" for n in range(STUDIES)], "name": "A study",
+         "change_seq": 10**9, "created_at": NOW},
     )  # fmt: skip
     loader.insert(
         Participant,
-        {"id": person_ids, "study_id": [study_ids[n] for n in study_of], "code": [f"P{n:05d}" for n in range(PEOPLE)],
-         "alias": _ids(rng, PEOPLE), "created_at": [_instant(NOW)] * PEOPLE},
+        {"id": person_ids, "study_id": study_ids[study_of], "code": [f"P{n:05d}" for n in range(PEOPLE)],
+         "alias": _ids(rng, PEOPLE), "created_at": NOW},
     )  # fmt: skip
-    loader.insert(
-        Device,
-        {"id": device_ids, "participant_id": person_ids, "name": ["phone"] * PEOPLE,
-         "enrolled_at": [_instant(NOW)] * PEOPLE},
-    )  # fmt: skip
+    loader.insert(Device, {"id": device_ids, "participant_id": person_ids, "name": "phone", "enrolled_at": NOW})
     loader.insert(
         FoodRelease,
-        {"id": [1001, 1002], "source": ["benchmark"] * 2, "name": ["made up"] * 2, "version": ["1", "2"],
-         "released_on": ["2024-01-01", "2025-01-01"], "checksum": ["1" * 64, "2" * 64],
-         "imported_at": [_instant(NOW)] * 2, "completed_at": [_instant(NOW)] * 2},
+        {"id": [1001, 1002], "source": "benchmark", "name": "made up", "version": ["1", "2"],
+         "released_on": [date(2024, 1, 1), date(2025, 1, 1)], "checksum": ["1" * 64, "2" * 64],
+         "imported_at": NOW, "completed_at": NOW},
     )  # fmt: skip
-    ranks = [*range(FOODS), *range(0, 2 * FOODS_TWICE, 2)]
-    count = len(ranks)
+    ranks = np.array([*range(FOODS), *range(0, 2 * FOODS_TWICE, 2)])
+    is_twice = np.arange(len(ranks)) >= FOODS
     loader.insert(
         Food,
-        {"id": [food_id(rank, twice=n >= FOODS) for n, rank in enumerate(ranks)],
-         "release_id": [1001] * FOODS + [1002] * FOODS_TWICE, "key": [food_key(rank) for rank in ranks],
-         "name": [f"A food, boiled, without salt, number {rank}" for rank in ranks], "food_group": ["all"] * count,
-         "form": ["heap"] * count}
-        | dict.fromkeys(("aliases", "refuse", "probes"), ["[]"] * count)
-        | {"source_ids": ["{}"] * count},
+        {"id": food_id(ranks, twice=is_twice), "release_id": np.where(is_twice, 1002, 1001),
+         "key": [food_key(rank) for rank in ranks],
+         "name": [f"A food, boiled, without salt, number {rank}" for rank in ranks], "food_group": "all",
+         "form": "heap", "aliases": "[]", "refuse": "[]", "probes": "[]", "source_ids": "{}"},
     )  # fmt: skip
     return Ground(study_ids, person_ids, device_ids, study_of)
 
 
-def food_id(rank: int, *, twice: bool) -> int:
-    return 100_000 + rank + (10_000 if twice else 0)
+def food_id(rank: Any, *, twice: Any) -> Any:
+    """Of numbers or arrays; twice: in the second release."""
+    return 100_000 + rank + 10_000 * twice
 
 
-Batch = list[tuple[type[Base], Mapping[str, Sequence[Any]]]]
+Batch = list[tuple[type[Base], Columns]]
 
 
 def batches(ground: Ground, rows: int, rng: np.random.Generator) -> Iterator[Batch]:
@@ -139,65 +141,59 @@ def batches(ground: Ground, rows: int, rng: np.random.Generator) -> Iterator[Bat
 
 
 def some_days(ground: Ground, day: int, count: int, active: int, done: int, rng: np.random.Generator) -> Batch:
+    """The rows of `count` days from the day of this number on; done: records before them."""
     people = np.concatenate([rng.choice(PEOPLE, active, replace=False) for _ in range(count)])
     day_of = np.repeat(np.arange(day, day + count), active)
-    texts = [(FIRST_DAY + timedelta(days=n)).isoformat() for n in range(day, day + count)]
-    closed = rng.random(len(people)) < 0.7
-    kept = np.flatnonzero(closed).tolist()
+    kept = np.flatnonzero(rng.random(len(people)) < CLOSED_SHARE)
     diary = {
-        "participant_id": [ground.person_ids[people[n]] for n in kept],
-        "local_date": [texts[day_of[n] - day] for n in kept],
+        "participant_id": ground.person_ids[people[kept]],
+        "local_date": _day(day_of[kept]),
         "id": _ids(rng, len(kept)),
-        "study_id": [ground.study_ids[ground.study_of[people[n]]] for n in kept],
-        "status": ["closed"] * len(kept),
-        "ate_nothing": [False] * len(kept),
-        "version": [1] * len(kept),
-        "changed_at": [_instant(NOW)] * len(kept),
-        "change_seq": [done + n for n in range(len(kept))],
+        "study_id": ground.study_ids[ground.study_of[people[kept]]],
+        "status": "closed",
+        "ate_nothing": False,
+        "version": 1,
+        "changed_at": NOW,
+        "change_seq": done + np.arange(len(kept)),
     }
     meal_people = np.tile(people, len(MEAL_HOURS))
     meal_days = np.tile(day_of, len(MEAL_HOURS))
     hours = np.repeat(MEAL_HOURS, len(people)) + rng.normal(0.0, 0.7, len(meal_people))
-    seconds = (meal_days * 86400 + hours * 3600).round(6)
-    order = np.argsort(seconds)
-    meal_people, meal_days, seconds = meal_people[order], meal_days[order], seconds[order]
-    start = datetime(FIRST_DAY.year, FIRST_DAY.month, FIRST_DAY.day, tzinfo=UTC)
-    instants = [start + timedelta(seconds=value) for value in seconds.tolist()]
-    captured = [_instant(instant) for instant in instants]
+    microseconds = ((meal_days * 86400 + hours * 3600) * 1e6).astype(np.int64)
+    order = np.argsort(microseconds)
+    meal_people, meal_days, microseconds = meal_people[order], meal_days[order], microseconds[order]
+    captured = np.datetime64(FIRST_DAY, "us") + microseconds
     meals = len(captured)
     meal_ids = _ids(rng, meals)
-    meal_study = [ground.study_ids[n] for n in ground.study_of[meal_people]]
-    meal_person = [ground.person_ids[n] for n in meal_people]
-    meal_date = [texts[n - day] for n in meal_days]
+    meal_study, meal_person = ground.study_ids[ground.study_of[meal_people]], ground.person_ids[meal_people]
+    meal_date = _day(meal_days)
     meal = {
         "id": meal_ids, "client_id": _ids(rng, meals), "study_id": meal_study, "participant_id": meal_person,
-        "device_id": [ground.device_ids[n] for n in meal_people], "alias": _ids(rng, meals),
-        "origin": ["declared"] * meals, "captured_at": captured, "utc_offset_minutes": [0] * meals,
-        "time_zone": ["Etc/UTC"] * meals, "local_date": meal_date, "details": ["{}"] * meals,
-        "status": ["confirmed"] * meals, "version": [1] * meals,
-        "received_at": [_instant(instant + timedelta(minutes=3)) for instant in instants],
+        "device_id": ground.device_ids[meal_people], "alias": _ids(rng, meals),
+        "origin": "declared", "captured_at": captured, "utc_offset_minutes": 0,
+        "time_zone": "Etc/UTC", "local_date": meal_date, "details": "{}",
+        "status": "confirmed", "version": 1, "received_at": captured + np.timedelta64(3, "m"),
     }  # fmt: skip
-    of_meal = np.repeat(np.arange(meals), rng.choice(ITEMS_A_MEAL, meals, p=ITEM_SHARES)).tolist()
+    of_meal = np.repeat(np.arange(meals), rng.choice(ITEMS_A_MEAL, meals, p=ITEM_SHARES))
     items = len(of_meal)
     item_ids = _ids(rng, items)
     item = {
-        "id": item_ids, "meal_id": [meal_ids[n] for n in of_meal], "origin": ["declared"] * items,
-        "position": [0] * items, "rings": ["[]"] * items, "relative_sd": ["{}"] * items, "flags": ["[]"] * items,
-        "traits": ["{}"] * items,
+        "id": item_ids, "meal_id": meal_ids[of_meal], "origin": "declared", "position": 0, "rings": "[]",
+        "relative_sd": "{}", "flags": "[]", "traits": "{}",
     }  # fmt: skip
-    of_item: dict[str, list[Any]] = {
+    of_item = {
         "item_id": item_ids,
-        "meal_id": item["meal_id"],
-        "study_id": [meal_study[n] for n in of_meal],
-        "participant_id": [meal_person[n] for n in of_meal],
-        "captured_at": [captured[n] for n in of_meal],
-        "local_date": [meal_date[n] for n in of_meal],
-        "change_seq": [done + n for n in range(items)],
+        "meal_id": meal_ids[of_meal],
+        "study_id": meal_study[of_meal],
+        "participant_id": meal_person[of_meal],
+        "captured_at": captured[of_meal],
+        "local_date": meal_date[of_meal],
+        "change_seq": done + np.arange(items),
     }
     return [(DiaryDay, diary), (Meal, meal), (Item, item), (EffectiveRecord, of_item | measured(items, rng))]
 
 
-def measured(count: int, rng: np.random.Generator) -> dict[str, list[Any]]:
+def measured(count: int, rng: np.random.Generator) -> dict[str, Any]:
     """Status, food and amounts of so many records."""
     status = rng.choice(len(STATUSES), count, p=STATUS_SHARES)
     weights = 1.0 / np.arange(1, FOODS + 1)
@@ -208,34 +204,26 @@ def measured(count: int, rng: np.random.Generator) -> dict[str, list[Any]]:
     density = rng.normal(0.9, 0.1, count)
     grams = volume * density
     hidden = unknown | (status == STATUSES.index("rejected"))
-
-    def known(values: np.ndarray[Any, Any], missing: np.ndarray[Any, Any]) -> list[float | None]:
-        return [None if gone else value for value, gone in zip(values.tolist(), missing.tolist(), strict=True)]
-
-    columns: dict[str, list[Any]] = {
-        "status": [STATUSES[n] for n in status],
-        "origin": ["declared"] * count,
-        "provisional": (rng.random(count) < 0.0005).tolist(),
-        "reviewed": (rng.random(count) < 0.3).tolist(),
-        "food_id": [
-            None if gone else food_id(rank, twice=twice)
-            for rank, twice, gone in zip(ranks.tolist(), is_twice.tolist(), unknown.tolist(), strict=True)
-        ],
-        "volume_ml": volume.tolist(),
-        "volume_low_ml": (volume * 0.8).tolist(),
-        "volume_high_ml": (volume * 1.2).tolist(),
-        "density_g_per_ml": known(density, unknown),
-        "density_source": [None if gone else "FAO/INFOODS 2012" for gone in unknown],
-        "share": [1.0] * count,
-        "left_g": [None] * count,
-        "flags": [("[]", '["estimated_from_one_view"]')[n] for n in rng.choice(2, count, p=(0.9, 0.1))],
-        "doubt": rng.random(count).tolist(),
+    columns: dict[str, Any] = {
+        "status": np.array(STATUSES, "S")[status],
+        "origin": "declared",
+        "provisional": rng.random(count) < PROVISIONAL_SHARE,
+        "reviewed": rng.random(count) < REVIEWED_SHARE,
+        "food_id": pa.array(food_id(ranks, twice=is_twice), mask=unknown),
+        "volume_ml": volume,
+        "volume_low_ml": volume * 0.8,
+        "volume_high_ml": volume * 1.2,
+        "density_g_per_ml": pa.array(density, mask=unknown),
+        "density_source": pa.array(np.full(count, "FAO/INFOODS 2012"), mask=unknown),
+        "share": 1.0,
+        "flags": np.array(["[]", '["estimated_from_one_view"]'], "S")[rng.choice(2, count, p=(0.9, 0.1))],
+        "doubt": rng.random(count),
     }
     for name, factor in (("mass_g", 1.0), ("mass_low_g", 0.75), ("mass_high_g", 1.25), ("edible_g", 0.95),
                          ("consumed_g", 0.95), ("consumed_low_g", 0.7), ("consumed_high_g", 1.2)):  # fmt: skip
-        columns[name] = known(grams * factor, hidden)
+        columns[name] = pa.array(grams * factor, mask=hidden)
     for number, name in enumerate(HEADLINE_COLUMNS):
-        columns[name] = known(grams * (1.5 if number == 0 else 0.03 * number), hidden)
+        columns[name] = pa.array(grams * (1.5 if number == 0 else 0.03 * number), mask=hidden)
     return columns
 
 
@@ -254,7 +242,7 @@ class Loader:
                 cursor.execute(f"PRAGMA {pragma}")
             found = cursor.execute(
                 "SELECT name, sql FROM sqlite_master WHERE type = 'index' AND sql IS NOT NULL "
-                "AND tbl_name IN ('effective_record', 'item', 'meal', 'diary_day') AND sql NOT LIKE '%UNIQUE%'"
+                f"AND tbl_name IN {LOADED} AND sql NOT LIKE '%UNIQUE%'"
             ).fetchall()
             cursor.execute("BEGIN IMMEDIATE")
         else:
@@ -262,7 +250,7 @@ class Loader:
             cursor.execute("SET statement_timeout = 0; SET maintenance_work_mem = '1GB'; SET synchronous_commit = off")
             cursor.execute(
                 "SELECT indexname, indexdef FROM pg_indexes WHERE schemaname = 'public' AND indexname LIKE 'ix_%' "
-                "AND tablename IN ('effective_record', 'item', 'meal', 'diary_day')"
+                f"AND tablename IN {LOADED}"
             )
             found = cursor.fetchall()
         for name, sql in found:
@@ -270,27 +258,26 @@ class Loader:
             self._made_later.append(sql)
         return self
 
-    def insert(self, model: type[Base], columns: Mapping[str, Sequence[Any]]) -> None:
+    def insert(self, model: type[Base], columns: Columns) -> None:
         """Rows of these columns; what is left out of a NOT NULL column gets the model's own default."""
         table = model.__table__
         assert isinstance(table, sa.Table)
-        count = len(next(iter(columns.values())))
         filled = dict(columns)
         for column in table.columns:
             if column.name not in filled and not column.nullable and column.default is not None:
-                filled[column.name] = [column.default.arg] * count
-        cursor = self._connection.cursor()
-        names = ", ".join(filled)
+                filled[column.name] = column.default.arg
+        count = max(len(values) for values in filled.values() if isinstance(values, list | np.ndarray))
+        arrays = {name: _array(values, count) for name, values in filled.items()}
+        cursor, names = self._connection.cursor(), ", ".join(arrays)
         if self._database.is_sqlite:
-            marks = ", ".join("?" * len(filled))
-            rows = zip(*filled.values(), strict=True)
+            marks = ", ".join("?" * len(arrays))
+            rows = zip(*(_stored(array) for array in arrays.values()), strict=True)
             cursor.executemany(f"INSERT INTO {table.name} ({names}) VALUES ({marks})", rows)
             return
-        texts = [[_copied(value) for value in values] for values in filled.values()]
-        buffer = io.StringIO()
-        buffer.writelines("\t".join(row) + "\n" for row in zip(*texts, strict=True))
-        with cursor.copy(f"COPY {table.name} ({names}) FROM STDIN") as copy:
-            copy.write(buffer.getvalue())
+        buffer = io.BytesIO()
+        csv.write_csv(pa.table(arrays), buffer, csv.WriteOptions(include_header=False))
+        with cursor.copy(f"COPY {table.name} ({names}) FROM STDIN (FORMAT csv)") as copy:
+            copy.write(buffer.getbuffer())
 
     def __exit__(self, *raised: object) -> None:
         cursor = self._connection.cursor()
@@ -310,16 +297,23 @@ class Loader:
         self._connection.invalidate()
 
 
-def _copied(value: Any) -> str:
-    if value is None:
-        return "\\N"
-    return repr(value) if isinstance(value, float) else str(value)
+def _array(values: Any, count: int) -> pa.Array:
+    if isinstance(values, pa.Array):
+        return values
+    if isinstance(values, list | np.ndarray):
+        array = pa.array(values)
+        return array.cast(pa.string()) if pa.types.is_binary(array.type) else array
+    return pa.repeat(pa.scalar(values), count)
 
 
-def _ids(rng: np.random.Generator, count: int) -> list[str]:
-    text = rng.bytes(16 * count).hex()
-    return [text[32 * n : 32 * n + 32] for n in range(count)]
+def _stored(array: pa.Array) -> list[Any]:
+    """As SQLite keeps it: instants and days as text."""
+    return (array.cast(pa.string()) if pa.types.is_temporal(array.type) else array).to_pylist()
 
 
-def _instant(instant: datetime) -> str:
-    return instant.strftime("%Y-%m-%d %H:%M:%S.%f")
+def _ids(rng: np.random.Generator, count: int) -> np.ndarray[Any, Any]:
+    return np.frombuffer(rng.bytes(16 * count).hex().encode(), "S32")
+
+
+def _day(number: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    return np.datetime64(FIRST_DAY, "D") + number
