@@ -1,27 +1,28 @@
-"""Rows of a part as texts, many at a time: what CSV and NDJSON have in common."""
+"""What CSV and NDJSON have in common: texts that are made once and kept, since the same values come again and again."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Generic, TypeVar
 
-MOST_KNOWN = 20_000  # texts that are kept encoded
+MOST_KNOWN = 20_000  # that are kept
 
-Row = tuple[Any, ...]
+Value = TypeVar("Value")
+Made = TypeVar("Made")
 
 
-class Encoded(dict[Row, str]):
-    """The texts of a shared part's rows, each made once."""
+class MadeOnce(dict[Value, Made], Generic[Value, Made]):
+    """What is made of values, each once."""
 
-    def __init__(self, encode: Callable[[Row], str]) -> None:
+    def __init__(self, make: Callable[[Value], Made]) -> None:
         super().__init__()
-        self._encode = encode
+        self._make = make
 
-    def __missing__(self, row: Row) -> str:
-        """A row that is not known yet."""
-        text = self[row] = self._encode(row)
-        return text
+    def __missing__(self, value: Value) -> Made:
+        """Of a value that is not known yet."""
+        made = self[value] = self._make(value)
+        return made
 
-    def of(self, rows: list[Row]) -> list[str]:
-        """The text of each row."""
+    def of(self, values: Iterable[Value]) -> list[Made]:
+        """Of each of these."""
         if len(self) > MOST_KNOWN:
             self.clear()
-        return list(map(self.__getitem__, rows))
+        return list(map(self.__getitem__, values))

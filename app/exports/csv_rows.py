@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic_core import to_json
 
-from app.exports.cells import Encoded, Row
+from app.exports.cells import MadeOnce
 from app.exports.record_columns import Batch, Column, ColumnType, Part, PartOfBatch
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet would compute such a cell
@@ -17,8 +17,8 @@ LINE_END = "\r\n"
 
 def encode_csv(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[bytes]:
     """The header, then each batch's rows. Lists of words stand in one cell, a blank between; None is an empty cell."""
-    words = Encoded(_word)
-    shared = {part: Encoded(partial(_cells, part.columns, words)) for part in parts if part.type == "shared"}
+    words = MadeOnce(_word)
+    shared = {part: MadeOnce(partial(_cells, part.columns, words)) for part in parts if part.type == "shared"}
     yield (",".join(column.name for part in parts for column in part.columns) + LINE_END).encode()
     for batch in batches:
         texts = (_texts(part, shared) for part in batch)
@@ -32,42 +32,44 @@ def safe_cell(value: object) -> object:
     return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA_STARTS) else value
 
 
-def number_cells(rows: list[Row]) -> list[str]:
-    """Rows of numbers, each number as JSON writes it: the shortest text that reads back as the same number.
+def number_cells(rows: Sequence[Any]) -> list[str]:
+    """Numbers, or tuples of them, as cells: each the shortest text that reads back as the same number, as JSON has it.
 
     All of them by one call of pydantic's encoder: several times as fast as repr(), number by number.
     """
-    return to_json(rows)[2:-2].decode().replace("null", "").split("],[") if rows else []
+    text = to_json(rows).decode().replace("null", "")
+    return text[2:-2].split("],[") if text.startswith("[[") else text[1:-1].split(",")
 
 
-def _texts(some: PartOfBatch, shared: dict[Part, Encoded]) -> list[str]:
+def _texts(some: PartOfBatch, shared: dict[Part, MadeOnce[Any, str]]) -> Sequence[str]:
     match some.part.type:
         case "id":
-            return [text for (text,) in some.rows]
+            return some.rows
         case "numbers":
             return number_cells(some.rows)
         case "shared":
             return shared[some.part].of(some.rows)
 
 
-def _cells(columns: tuple[Column, ...], words: Encoded, row: Row) -> str:
+def _cells(columns: tuple[Column, ...], words: MadeOnce[Any, str], values: Any) -> str:
+    row = values if len(columns) > 1 else (values,)
     return ",".join([_cell(column.type, words, value) for column, value in zip(columns, row, strict=True)])
 
 
-def _cell(column_type: ColumnType, words: Encoded, value: Any) -> str:
+def _cell(column_type: ColumnType, words: MadeOnce[Any, str], value: Any) -> str:
     match column_type:
         case "word" | "words":
-            return words[value,]
+            return words[value]
         case "number" | "integer":
-            return number_cells([(value,)])[0]
+            return number_cells([value])[0]
         case "boolean":
             return str(value)
         case "id" | "instant" | "day":  # nothing in them that CSV would quote
             return str(value)
 
 
-def _word(row: Row) -> str:
+def _word(value: object) -> str:
     buffer = io.StringIO()
     # one cell more, since a row of one empty cell would be quoted to show that it is there
-    csv.writer(buffer, lineterminator="").writerow([safe_cell(row[0]), ""])
+    csv.writer(buffer, lineterminator="").writerow([safe_cell(value), ""])
     return buffer.getvalue()[:-1]

@@ -2,34 +2,36 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
+from typing import Any
 
 from pydantic_core import to_json
 
-from app.exports.cells import Encoded, Row
+from app.exports.cells import MadeOnce
 from app.exports.record_columns import Batch, Part, PartOfBatch
 
 
 def encode_ndjson(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[bytes]:
     """Each batch's rows; nothing at all of no rows."""
-    shared = {part: Encoded(partial(_members, _names(part))) for part in parts if part.type == "shared"}
+    shared = {part: MadeOnce(partial(_members, _names(part))) for part in parts if part.type == "shared"}
     for batch in batches:
         texts = (_texts(part, shared) for part in batch)
         yield ("{" + "}\n{".join(map(",".join, zip(*texts, strict=True))) + "}\n").encode()
 
 
-def _texts(some: PartOfBatch, shared: dict[Part, Encoded]) -> list[str]:
+def _texts(some: PartOfBatch, shared: dict[Part, MadeOnce[Any, str]]) -> Sequence[str]:
     names = _names(some.part)
     match some.part.type:
         case "id":
-            return [f'"{names[0]}":"{text}"' for (text,) in some.rows]
+            return [f'"{names[0]}":"{text}"' for text in some.rows]
         case "numbers":
-            objects = [dict(zip(names, row, strict=True)) for row in some.rows]
-            return to_json(objects)[2:-2].decode().split("},{") if objects else []
+            objects = [dict(zip(names, row, strict=True)) for row in some.as_tuples()]
+            return to_json(objects)[2:-2].decode().split("},{")
         case "shared":
             return shared[some.part].of(some.rows)
 
 
-def _members(names: tuple[str, ...], row: Row) -> str:
+def _members(names: tuple[str, ...], values: Any) -> str:
+    row = values if len(names) > 1 else (values,)
     return to_json(dict(zip(names, row, strict=True)))[1:-1].decode()
 
 

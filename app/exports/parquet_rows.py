@@ -76,12 +76,13 @@ def _arrays(some: PartOfBatch) -> list[pa.Array]:
     """A part's columns; of a shared one each different row is converted once, and taken wherever it comes."""
     columns = some.part.columns
     if some.part.type != "shared":
-        return [_array(column, values) for column, values in zip(columns, zip(*some.rows, strict=True), strict=True)]
-    places: dict[tuple[Any, ...], int] = {}
+        return [
+            _array(column, values) for column, values in zip(columns, zip(*some.as_tuples(), strict=True), strict=True)
+        ]
+    places: dict[Any, int] = {}
     taken = pa.array([places.setdefault(row, len(places)) for row in some.rows], pa.int32())
-    return [
-        _array(column, values).take(taken) for column, values in zip(columns, zip(*places, strict=True), strict=True)
-    ]
+    rows = PartOfBatch(some.part, list(places)).as_tuples()
+    return [_array(column, values).take(taken) for column, values in zip(columns, zip(*rows, strict=True), strict=True)]
 
 
 def _array(column: Column, values: Sequence[Any]) -> pa.Array:

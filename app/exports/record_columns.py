@@ -5,6 +5,7 @@ values (those of one meal, one food ...), so that whoever writes them does it on
 every row has its own, and nothing else; an "id" is a row's own text.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -31,14 +32,18 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class PartOfBatch:
-    """Some rows of a part: a tuple of values a row, in the order of the columns.
+    """Some rows of a part: a tuple of values a row, in the order of the columns; of a single column the value itself.
 
     Values are text, float, int, bool, None, and a tuple of texts for "words"; instants and days are RFC 3339 text, as
-    JSON has them. The tuples of a shared part can be hashed.
+    JSON has them. What a shared part has can be hashed.
     """
 
     part: Part
-    rows: list[tuple[Any, ...]]
+    rows: Sequence[Any]
+
+    def as_tuples(self) -> Iterable[tuple[Any, ...]]:
+        """The rows as tuples, whatever the number of columns."""
+        return self.rows if len(self.part.columns) > 1 else zip(self.rows, strict=True)
 
 
 Batch = list[PartOfBatch]

@@ -8,8 +8,9 @@ making objects.
 
 import json
 import uuid
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from datetime import UTC, date, datetime
+from operator import itemgetter
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import sqlalchemy as sa
@@ -22,6 +23,7 @@ from sqlalchemy.sql.functions import FunctionElement
 from app.db.models import DiaryDay, EffectiveRecord, Food, FoodRelease, Meal, Participant, Study
 from app.db.queries import diary
 from app.db.queries.record_pages import AFTER_INSTANT, AFTER_ITEM, BEFORE_ALL, RecordSearch
+from app.exports.cells import MadeOnce
 from app.exports.record_columns import (
     AMOUNTS,
     CHANGE,
@@ -45,6 +47,7 @@ OWN = (STATE, VOLUME, DENSITY_SOURCE, AMOUNTS, FLAGS, CHANGE)  # parts that are 
 KEYS = ("captured_at", "item_id", "meal_id", "food_id")  # what a row begins with
 HEX_DIGITS = 32  # of an id without hyphens
 IDS = "ids"  # parameter of a look-up
+Rows = Sequence[tuple[Any, ...]]  # of the columns KEYS and those of OWN
 Known = TypeVar("Known")
 Id = TypeVar("Id")
 
@@ -101,46 +104,68 @@ def export_batches(session: Session, search: RecordSearch | None) -> Iterator[Ba
     """
     if search is None:
         return
-    connection = session.connection()
-    if not search.is_on_sqlite:
-        sa.event.listen(connection, "before_cursor_execute", _ask_for_binary)
     meals, foods = _Lookup(_meal_finder(session)), _Lookup(lambda ids: _foods(session, ids))
-    flags = _Lookup(lambda texts: {(text,): (tuple(json.loads(text)),) for (text,) in texts})
-    states = _Lookup(lambda rows: {row: (*row[:2], *map(bool, row[2:])) for row in rows})  # SQLite's are numbers
-    query, after = _rows(search), BEFORE_ALL
-    while True:
-        found = connection.execute(query, {AFTER_INSTANT: after[0], AFTER_ITEM: after[1]})
-        rows = list(found.cursor.fetchall())  # the driver's own: its values need no conversion
-        found.close()
-        if not rows:
-            return
-        rows.sort()  # by instant and id, in the database's order; few moves, since the page is read in its order
-        after = (_instant(rows[-1][0]), uuid.UUID(rows[-1][1]))
-        own = {part: [row[place] for row in rows] for part, place in PLACES.items()}
+    flags, states = MadeOnce(_flags), MadeOnce(_state)
+    for rows in (_one_query if search.is_on_sqlite else _query_by_query)(session.connection(), search):
+        own = {part: list(map(itemgetter(place), rows)) for part, place in PLACES.items()}
         of_meals = meals([row[2] for row in rows])
         values = own | {
-            RECORD_ID: [(_hyphenated(row[1]),) for row in rows],
+            RECORD_ID: [_hyphenated(row[1]) for row in rows],
             OF_MEAL: [meal.of_meal for meal in of_meals],
-            STATE: states(own[STATE]),
+            STATE: states.of(own[STATE]),
             OF_FOOD: foods([row[3] for row in rows]),
-            FLAGS: flags(own[FLAGS]),
+            FLAGS: flags.of(own[FLAGS]),
             OF_DAY: [meal.of_day for meal in of_meals],
         }
         yield [PartOfBatch(part, values[part]) for part in RECORD_PARTS]
-        if len(rows) < ROWS_A_BATCH:
-            return
 
 
-def _places() -> dict[Part, slice]:
+def _places() -> dict[Part, slice | int]:
     """Where a row has the columns of OWN, behind the KEYS."""
-    places, start = {}, len(KEYS)
+    places: dict[Part, slice | int] = {}
+    start = len(KEYS)
     for part in OWN:
-        places[part] = slice(start, start + len(part.columns))
-        start += len(part.columns)
+        count = len(part.columns)
+        places[part] = slice(start, start + count) if count > 1 else start
+        start += count
     return places
 
 
 PLACES = _places()
+COLUMNS = tuple(
+    getattr(EffectiveRecord, name) for name in (*KEYS[2:], *(column.name for part in OWN for column in part.columns))
+)
+
+
+def _one_query(connection: sa.Connection, search: RecordSearch) -> Iterator[Rows]:
+    """SQLite reads on where it is: one query for all, whose rows come as they are asked for."""
+    found = connection.execute(search.rows(*COLUMNS))
+    try:
+        while rows := found.cursor.fetchmany(ROWS_A_BATCH):  # the driver's own: its values need no conversion
+            yield rows
+    finally:
+        found.close()
+
+
+def _query_by_query(connection: sa.Connection, search: RecordSearch) -> Iterator[Rows]:
+    """PostgreSQL plans each batch as a page, which it reads from indexes: for all rows at once it would sort them.
+
+    The statement is made once: it takes longer than to read some hundred rows.
+    """
+    sa.event.listen(connection, "before_cursor_execute", _ask_for_binary)
+    page = search.pages(ROWS_A_BATCH, *COLUMNS)
+    as_text = {"item_id", "meal_id", "flags"}
+    query = sa.select(*(sa.cast(column, sa.Text) if column.name in as_text else column for column in page.c))
+    after = BEFORE_ALL
+    while True:
+        found = connection.execute(query, {AFTER_INSTANT: after[0], AFTER_ITEM: after[1]})
+        rows: Rows = sorted(found.cursor.fetchall())  # by instant and id; few moves, since that is how they were read
+        found.close()
+        if rows:
+            yield rows
+        if len(rows) < ROWS_A_BATCH:
+            return
+        after = (rows[-1][0], uuid.UUID(rows[-1][1]))
 
 
 def _ask_for_binary(_connection: Any, cursor: Any, *_: Any) -> None:
@@ -148,18 +173,13 @@ def _ask_for_binary(_connection: Any, cursor: Any, *_: Any) -> None:
     cursor.format = pq.Format.BINARY
 
 
-def _rows(search: RecordSearch) -> sa.Select[*tuple[Any, ...]]:
-    """A batch: KEYS and OWN. The statement is made once: it takes longer than to read some hundred rows."""
-    names = [column.name for part in OWN for column in part.columns]
-    page = search.pages(ROWS_A_BATCH, *(getattr(EffectiveRecord, name) for name in (*KEYS[2:], *names)))
-    plain: dict[str, Any] = {"flags": sa.cast(page.c.flags, sa.Text)}
-    return sa.select(
-        page.c.captured_at,
-        stored_id(page.c.item_id),
-        stored_id(page.c.meal_id),
-        page.c.food_id,
-        *(plain.get(name, page.c[name]) for name in names),
-    )
+def _flags(text: str) -> tuple[str, ...]:
+    return tuple(json.loads(text))
+
+
+def _state(row: tuple[Any, ...]) -> tuple[Any, ...]:
+    status, origin, provisional, reviewed = row
+    return status, origin, bool(provisional), bool(reviewed)  # SQLite's are numbers
 
 
 def _meal_finder(session: Session) -> Callable[[Collection[str]], dict[str, _Meal]]:

@@ -78,6 +78,14 @@ class RecordSearch:
         )
         return self._page((sa.tuple_(record.captured_at, record.item_id) > sa.tuple_(*after),), limit, columns)
 
+    def rows(self, *columns: Any) -> sa.Select[*tuple[Any, ...]] | sa.CompoundSelect[*tuple[Any, ...]]:
+        """All records in their order, as SQLite finds them: captured_at, item_id and these columns of theirs."""
+        order = (EffectiveRecord.captured_at, EffectiveRecord.item_id)
+        parts = [sa.select(*order, *columns).where(*branch, *self.conditions) for branch in self.branches]
+        if len(parts) == 1:
+            return parts[0].order_by(*order)
+        return sa.union_all(*parts).order_by(*(sa.literal_column(column.key) for column in order))
+
     def _page(self, behind: Branch, limit: int, columns: Sequence[Any]) -> sa.CTE:
         order = (EffectiveRecord.captured_at, EffectiveRecord.item_id)
         parts = [sa.select(*order, *columns).where(*branch, *self.conditions, *behind) for branch in self.branches]
