@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.errors import StorageFullError, UnavailableError
 from app.settings import Settings
 
 if TYPE_CHECKING:
@@ -20,7 +19,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="One JSON document on s
 def opened_database() -> Iterator["Database"]:
     """The configured database, up to date, for one command.
 
-    Raises StorageFullError or UnavailableError, in words, if it has no room or does not answer.
+    Raises StorageFullError or UnavailableError, in words, where it, its rights, a store or a disk are out of order.
     """
     from app.services.prepare import prepare
 
@@ -32,19 +31,15 @@ def opened_database() -> Iterator["Database"]:
 @contextmanager
 def database_as_it_is() -> Iterator["Database"]:
     """The configured database, not migrated, for one command. Raises the same."""
-    from sqlalchemy.exc import OperationalError
+    from app.db.session import open_database
+    from app.services.in_words import told_in_words
 
-    from app.db.session import is_disk_full, open_database
-
-    database = open_database(Settings())
-    try:
-        yield database
-    except OperationalError as error:
-        if is_disk_full(error):
-            raise StorageFullError("The database's disk is full: make room, then do the same again.") from error
-        raise UnavailableError(f"The database does not answer: {' '.join(str(error.orig).split())}") from error
-    finally:
-        database.dispose()
+    with told_in_words():
+        database = open_database(Settings())
+        try:
+            yield database
+        finally:
+            database.dispose()
 
 
 def author() -> str:

@@ -17,14 +17,16 @@ from urllib.parse import urlsplit
 import structlog
 import uvicorn
 from fastapi import FastAPI
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.http_protocol import ConnectionWatch, WatchedProtocol, connection_limits
 from app.api.state import ApiState
-from app.errors import InvalidInputError
+from app.errors import InvalidInputError, TadaError
 from app.jobs.supervisor import WorkerProcess
 from app.logs import configure_logging
 from app.main import create_app
 from app.services.check_stores import check_stores
+from app.services.in_words import in_words
 from app.settings import Settings
 
 log = structlog.get_logger()
@@ -35,26 +37,61 @@ FILES_A_CONNECTION = 4  # its socket, two files in the making, one to spare
 
 
 def serve(settings: Settings, *, with_worker: bool) -> int:
-    """Serve until SIGTERM or SIGINT. Returns the exit status."""
+    """Serve until SIGTERM or SIGINT. Returns the exit status. Raises TadaError, in words, where it cannot begin."""
     configure_logging(settings)
     check_public_url(settings.public_url)
     check_stores(settings)
     give_memory_back()
     embedded_worker = WorkerProcess(settings) if with_worker and settings.is_embedded else None
     app = create_app(settings)
-    server = _Server(server_config(settings, app), app)
+    start = ToldStart(app)
+    server = _Server(server_config(settings, start), app)
     allow_files(settings.max_connections * FILES_A_CONNECTION)
     if embedded_worker is not None:
         embedded_worker.start()
     try:
         server.run()
+    except SystemExit:  # uvicorn's own end of what did not begin
+        if start.failure is not None:
+            raise start.failure from None
+        raise
     finally:
         if embedded_worker is not None:
             embedded_worker.stop()
     return 0 if server.started else 1
 
 
-def server_config(settings: Settings, app: FastAPI) -> uvicorn.Config:
+class ToldStart:
+    """The app; what keeps it from beginning is kept in words, and no traceback of it goes to the log."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+        self.failure: TadaError | None = None
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """A call of ASGI."""
+        if scope["type"] != "lifespan":
+            await self._app(scope, receive, send)
+            return
+        failed: list[Message] = []
+
+        async def hold(message: Message) -> None:
+            """What tells that it failed has the traceback with it, and comes before the error itself."""
+            if message["type"] == "lifespan.startup.failed":
+                failed.append(message)
+            else:
+                await send(message)
+
+        try:
+            await self._app(scope, receive, hold)
+        except BaseException as error:
+            self.failure = in_words(error) if failed else None
+            for message in failed:
+                await send(message if self.failure is None else {"type": message["type"]})
+            raise
+
+
+def server_config(settings: Settings, app: ASGIApp) -> uvicorn.Config:
     """How uvicorn runs the app. Raises InvalidInputError for proxies that are none."""
     proxies = trusted_proxies(settings.trusted_proxies)
     watch = ConnectionWatch(connection_limits(settings, proxies))

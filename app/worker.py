@@ -2,10 +2,12 @@
 
 import argparse
 import os
+import sys
 
 import structlog
 
 from app.db.session import Database, open_database
+from app.errors import TadaError
 from app.jobs.child_pool import ChildPool
 from app.jobs.chores import Chore
 from app.jobs.process_life import die_with_parent
@@ -16,6 +18,7 @@ from app.metrics.server import MetricsServer
 from app.services.check_stores import check_stores
 from app.services.chores import worker_chores
 from app.services.estimate_meal import EstimateMeal
+from app.services.in_words import told_in_words
 from app.services.prepare import prepare_patiently
 from app.services.secret_box import open_secret_box
 from app.settings import Settings
@@ -24,16 +27,24 @@ from app.storage.opening import open_blob_store
 log = structlog.get_logger()
 
 TASKS = "app.services.child_tasks:TASKS"
+NOT_STARTED = 2  # exit status, as of a command that did not do what it was told
 NICENESS_BESIDE_SERVER = 5  # it keeps all cores busy while meals wait; the server on them still answers first
 
 
 def run_worker(settings: Settings) -> int:
-    """Work until SIGTERM or SIGINT. Returns the exit status."""
+    """Work until SIGTERM or SIGINT. Returns the exit status. Raises TadaError, in words, where it cannot begin."""
     configure_logging(settings)
+    with told_in_words():
+        return _run_worker(settings)
+
+
+def _run_worker(settings: Settings) -> int:
     check_stores(settings)
     database = open_database(settings)
-    prepare_patiently(database, settings)
-    database.dispose()
+    try:
+        prepare_patiently(database, settings)
+    finally:
+        database.dispose()
     blobs = open_blob_store(settings.resolved_blob_url, settings)
     box = open_secret_box(settings)
 
@@ -76,7 +87,12 @@ def main() -> None:
     if arguments.parent is not None:
         die_with_parent(arguments.parent)
         os.nice(NICENESS_BESIDE_SERVER)
-    raise SystemExit(run_worker(Settings()))
+    try:
+        status = run_worker(Settings())
+    except TadaError as error:
+        print(f"tada: {error.message}", file=sys.stderr)  # noqa: T201  # as the command does
+        status = NOT_STARTED
+    raise SystemExit(status)
 
 
 if __name__ == "__main__":

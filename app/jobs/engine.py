@@ -9,7 +9,8 @@ import sqlite3
 import threading
 import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import sqlalchemy as sa
@@ -132,7 +133,8 @@ class Engine:
         )
         DBOS.workflow(name=WORKFLOW, max_recovery_attempts=MAX_RECOVERIES)(make_workflow(datasource))
         DBOS.listen_queues([])  # it would claim as well, for all that it has room for
-        DBOS.launch()
+        with _told_once():
+            DBOS.launch()
         first = min(FIRST_PROTOCOL_VERSION, self._protocol)
         versions = [str(number) for number in range(first, self._protocol + 1)]
         self._claims = Claims(self._dbos, QUEUE, self._executor_id, concurrency=self._concurrency, versions=versions)
@@ -189,6 +191,21 @@ def _dbos_engine(database: Database) -> sa.Engine:
         sqlite_connection_pragmas(connection)
 
     return engine
+
+
+@contextmanager
+def _told_once() -> Iterator[None]:
+    """What keeps DBOS from launching it raises, and logs with a traceback as well: whoever catches it tells of it."""
+
+    def is_other(record: logging.LogRecord) -> bool:
+        return not record.getMessage().startswith("DBOS failed to launch")
+
+    logger = logging.getLogger("dbos")
+    logger.addFilter(is_other)
+    try:
+        yield
+    finally:
+        logger.removeFilter(is_other)
 
 
 _quieting = threading.Lock()

@@ -1,0 +1,169 @@
+"""What keeps a server, a worker or a command from beginning is one sentence with a status, and no traceback."""
+
+import functools
+import json
+import os
+import subprocess
+import sys
+import uuid
+
+import pytest
+import sqlalchemy as sa
+from dbos import error as dbos_error
+
+import app.main
+import app.serving
+import app.worker
+from app.db.migrate import upgrade
+from app.db.session import Database
+from app.errors import StorageFullError, TadaError, UnavailableError
+from app.jobs.engine import prepare_job_tables
+from app.services.in_words import in_words, told_in_words
+from app.services.prepare import prepare_patiently
+from app.serving import serve
+from app.settings import Settings
+from app.storage import s3
+from app.worker import run_worker
+from tests.conftest import postgres_database
+from tests.s3_places import IMPATIENT
+
+KEY = "a key for tests only, of no worth"
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    """Servers and workers in the test's own process, which wait a moment only and leave its logging alone."""
+    hasty = functools.partial(prepare_patiently, patience_seconds=0.1)
+    for module in (app.main, app.worker):
+        monkeypatch.setattr(module, "prepare_patiently", hasty)
+    for module in (app.serving, app.worker):
+        monkeypatch.setattr(module, "configure_logging", lambda _: None)
+    monkeypatch.setattr(s3, "PATIENCE", IMPATIENT)
+
+
+@pytest.fixture
+def weak(postgres_server):
+    """A role that may connect to a database of somebody else's, and no more: its URL, and the owner's."""
+    with postgres_database(postgres_server) as url:
+        name = f"weak_{uuid.uuid4().hex}"
+        owner = Database(url)
+        with owner.write() as session:
+            session.execute(sa.text("REVOKE CREATE ON SCHEMA public FROM PUBLIC"))  # as from PostgreSQL 15 on
+            session.execute(sa.text(f"CREATE ROLE {name} LOGIN"))
+        try:
+            yield sa.make_url(url).set(username=name).render_as_string(hide_password=False), owner
+        finally:
+            with owner.write() as session:
+                session.execute(sa.text(f"DROP OWNED BY {name}"))
+                session.execute(sa.text(f"DROP ROLE {name}"))
+            owner.dispose()
+
+
+def begun(*command, **variables):
+    """A process that is to end by itself: how it ended."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("TADA_")}
+    return subprocess.run(
+        [sys.executable, "-m", *command],
+        env=environment | {name: str(value) for name, value in variables.items()},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", [("app.cli", "serve"), ("app.cli", "worker"), ("app.worker",)])
+def test_role_without_rights_is_told_in_a_sentence_by_processes(weak, tmp_path, command):
+    url, _ = weak
+    place = {"TADA_DATABASE_URL": url, "TADA_DATA_DIR": tmp_path, "TADA_SECRET_KEY": KEY, "TADA_PORT": 0}
+    ended = begun(*command, **place)
+    assert ended.returncode == 2, ended.stderr
+    assert "Traceback" not in ended.stderr
+    *log, told = ended.stderr.splitlines()
+    assert told.startswith("tada: The database does not let us: permission denied for schema public")
+    assert all(json.loads(line) for line in log)
+
+
+@pytest.mark.slow
+def test_role_without_rights_on_the_job_engines_tables_is_told_by_the_worker(weak, tmp_path):
+    """What DBOS raises when it launches, which it logs with a traceback besides."""
+    url, owner = weak
+    upgrade(owner)
+    prepare_job_tables(owner)
+    name = sa.make_url(url).username
+    with owner.write() as session:
+        for grant in (
+            "ALL ON ALL TABLES IN SCHEMA public",
+            "USAGE ON SCHEMA dbos",
+            "SELECT ON ALL TABLES IN SCHEMA dbos",
+        ):
+            session.execute(sa.text(f"GRANT {grant} TO {name}"))
+        session.execute(sa.text(f"GRANT USAGE ON ALL SEQUENCES IN SCHEMA public TO {name}"))
+    ended = begun("app.cli", "worker", TADA_DATABASE_URL=url, TADA_DATA_DIR=tmp_path, TADA_SECRET_KEY=KEY)
+    assert ended.returncode == 2, ended.stderr
+    assert "Traceback" not in ended.stderr
+    told = ended.stderr.splitlines()[-1]
+    assert told.startswith("tada: The database does not let us: permission denied for table application_versions")
+
+
+def test_ledger_that_is_away_is_told_by_server_and_worker(prepared_database_url, tmp_path, impatient, caplog):
+    """The photographs' store may be away, the ledger may not: who was erased must not be served."""
+    (tmp_path / "file").touch()
+    settings = Settings(
+        database_url=prepared_database_url,
+        data_dir=tmp_path / "data",
+        secret_key=KEY,
+        erasure_url="s3://ledger/of-erasures",
+        s3_endpoint="http://127.0.0.1:1",
+        s3_access_key_id="a",
+        s3_secret_access_key="b",
+        port=0,
+    )
+    for begin in (functools.partial(serve, with_worker=False), run_worker):
+        with pytest.raises(TadaError, match=r"^s3://ledger/of-erasures at \S+: the file store cannot be reached"):
+            begin(settings)
+    assert "Traceback" not in caplog.text
+
+
+def test_database_that_is_away_is_told_by_server_and_worker(tmp_path, impatient, caplog):
+    settings = Settings(database_url="postgresql://nobody@127.0.0.1:1/none", data_dir=tmp_path, secret_key=KEY, port=0)
+    for begin in (functools.partial(serve, with_worker=False), run_worker):
+        with pytest.raises(UnavailableError, match=r"The database does not answer: .*127\.0\.0\.1"):
+            begin(settings)
+    assert "Traceback" not in caplog.text
+
+
+def test_file_that_is_no_database_is_told(tmp_path, impatient):
+    (tmp_path / "tada.sqlite3").write_bytes(b"no database at all" * 1000)
+    with pytest.raises(UnavailableError, match="damaged, or none of ours: file is not a database"):
+        run_worker(Settings(data_dir=tmp_path))
+
+
+def test_fault_of_the_program_at_the_start_keeps_its_traceback(
+    prepared_database_url, tmp_path, impatient, monkeypatch, caplog
+):
+    def mistaken(*_):
+        raise KeyError("a mistake of ours")
+
+    for module in (app.main, app.worker):
+        monkeypatch.setattr(module, "prepare_patiently", mistaken)
+    settings = Settings(database_url=prepared_database_url, data_dir=tmp_path, secret_key=KEY, port=0)
+    with pytest.raises(SystemExit) as ended:
+        serve(settings, with_worker=False)
+    assert ended.value.code != 0
+    assert "a mistake of ours" in caplog.text
+    with pytest.raises(KeyError):
+        run_worker(settings)
+
+
+def test_what_is_wrapped_is_told_by_its_cause_and_what_is_ours_is_not():
+    away = sa.exc.OperationalError("SELECT 1", {}, Exception("the database system is starting up"))
+    wrapped = RuntimeError("it did not begin")
+    wrapped.__cause__ = away
+    assert in_words(wrapped).message == "The database does not answer: the database system is starting up"
+    assert in_words(dbos_error.DBOSInitializationError("no tables")).message.endswith(": no tables")
+    assert isinstance(in_words(OSError(28, "No space left on device", "/data")), StorageFullError)
+    assert in_words(sa.exc.ProgrammingError("SELEC", {}, Exception("syntax error"))) is None
+    with pytest.raises(KeyError), told_in_words():
+        raise KeyError("x")
