@@ -1,20 +1,29 @@
 """A worker's metrics over HTTP, on a port of their own: /metrics for who may read it, /healthz for whoever asks.
 
 /healthz says only that the process lives: a worker whose database is away waits for it, and a restart would not help.
+Callers cost a worker little, whatever they do: few at a time, each for some seconds.
 """
 
+import contextlib
+import socket
+import sys
 import threading
+import time
 from collections.abc import Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import cast
+from typing import Any, cast
 
+import structlog
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import choose_encoder
 
 from app.metrics.reader import may_read
 
-REQUEST_SECONDS = 10.0  # a caller that says nothing for so long is left
+log = structlog.get_logger()
+
+REQUEST_SECONDS = 10.0  # for all of a request and its answer, however slowly they come; then the caller is cut off
+MOST_CALLERS = 16  # at the same time, each with a thread; who comes beyond them is turned away
 
 
 class MetricsServer:
@@ -43,9 +52,54 @@ class MetricsServer:
 
 
 class _Server(ThreadingHTTPServer):
+    """Threads as many as callers, who are counted and timed. Accepting and cutting off are one thread's."""
+
     daemon_threads = True
     registry: CollectorRegistry
     token: str | None
+
+    def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
+        self._lock = threading.Lock()
+        self._since: dict[socket.socket, float] = {}  # of each caller; seconds, monotonic
+        super().__init__(address, handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """In a thread of its own; not at all where there are too many."""
+        with self._lock:
+            if len(self._since) >= MOST_CALLERS:
+                self.shutdown_request(request)
+                return
+            self._since[request] = time.monotonic()
+        try:
+            super().process_request(request, client_address)
+        except BaseException:  # no thread was to be had
+            self._forget(request)
+            raise
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """What the thread does."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._forget(request)
+
+    def service_actions(self) -> None:
+        """Called twice a second: cut off who has taken too long. Reading or writing, their thread notices it."""
+        with self._lock:
+            for request, since in self._since.items():
+                if time.monotonic() - since > REQUEST_SECONDS:
+                    with contextlib.suppress(OSError):
+                        request.shutdown(socket.SHUT_RDWR)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002  # socketserver's own
+        """A caller that leaves in the middle, or is cut off, is no fault of ours."""
+        error = sys.exception()
+        if not isinstance(error, OSError):
+            log.error("metrics_not_told", exc_info=error)
+
+    def _forget(self, request: socket.socket) -> None:
+        with self._lock:
+            self._since.pop(request, None)
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -1,11 +1,17 @@
 """A worker's own port: /metrics for who may read it, /healthz for all."""
 
+import contextlib
 import http.client
+import socket
+import struct
+import threading
+import time
 
 import pytest
 from prometheus_client import CollectorRegistry, Counter
 from prometheus_client.parser import text_string_to_metric_families
 
+from app.metrics import server as server_module
 from app.metrics.reader import may_read
 from app.metrics.server import MetricsServer
 
@@ -32,6 +38,7 @@ def serve():
             connection.close()
             return answer.status, body
 
+        get.port = server.port
         return get
 
     yield start
@@ -83,6 +90,63 @@ def test_without_a_token_the_address_decides(address, word):
 @pytest.mark.parametrize("host", ["localhost", "LOCALHOST:1", "127.0.0.1", "127.0.0.1:9100", "[::1]", "[::1]:9100"])
 def test_local_names_are_known_with_and_without_a_port(host):
     assert may_read(None, "127.0.0.1", {"host": host}) == "may read"
+
+
+def test_proxy_here_that_adds_nothing_is_taken_for_a_caller_from_here():
+    """What nginx sends by `proxy_pass http://127.0.0.1:8000` alone; why the doctor asks for a token behind a proxy."""
+    assert may_read(None, "127.0.0.1", {"host": "127.0.0.1:8000", "connection": "close"}) == "may read"
+    assert may_read(TOKEN, "127.0.0.1", {"host": "127.0.0.1:8000", "connection": "close"}) == "wrong token"
+
+
+def test_callers_beyond_the_most_are_turned_away_and_slow_ones_cut_off(serve, monkeypatch):
+    """Else whoever reaches the port has the worker start threads without end, and keep them."""
+    monkeypatch.setattr(server_module, "MOST_CALLERS", 2)
+    get = serve()
+    with contextlib.ExitStack() as stack:
+        slow = [stack.enter_context(connection_to(get.port)) for _ in range(2)]
+        for caller in slow:
+            caller.sendall(b"GET /metrics HTTP/1.0\r\n")
+        deadline = time.monotonic() + 30
+        while threads_of_callers() < 2:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        turned_away = stack.enter_context(connection_to(get.port))
+        assert received(turned_away) == b""
+        assert threads_of_callers() == 2
+        monkeypatch.setattr(server_module, "REQUEST_SECONDS", 0.2)
+        while threads_of_callers():
+            assert time.monotonic() < deadline
+            for caller in slow:  # never silent, never done
+                with contextlib.suppress(OSError):
+                    caller.sendall(b"x")
+            time.sleep(0.05)
+        monkeypatch.setattr(server_module, "REQUEST_SECONDS", 30.0)
+        assert get("/metrics")[0] == 200
+
+
+def connection_to(port):
+    return socket.create_connection(("127.0.0.1", port), timeout=30)
+
+
+def received(caller):
+    """Up to the end; a reset is one too."""
+    try:
+        return caller.recv(1000)
+    except ConnectionResetError:
+        return b""
+
+
+def threads_of_callers():
+    return sum("process_request_thread" in thread.name for thread in threading.enumerate())
+
+
+def test_caller_that_leaves_in_the_middle_is_no_error(serve, capfd):
+    get = serve()
+    with connection_to(get.port) as caller:
+        caller.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # a reset
+        caller.sendall(b"GET /met")
+    assert get("/metrics")[0] == 200
+    assert capfd.readouterr().err == ""
 
 
 def test_token_with_letters_beyond_ascii_is_compared_and_not_a_crash():
