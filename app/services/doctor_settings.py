@@ -108,6 +108,7 @@ def _doors(settings: Settings) -> Iterator[Finding]:
         yield Finding(
             "metrics",
             "note",
-            "TADA_METRICS_TOKEN is not set: /metrics is for callers on the same machine, told by what proxies add.",
-            "Set it, or make sure that the proxy does not pass /metrics on.",
+            "TADA_METRICS_TOKEN is not set: a proxy on this machine that adds no X-Forwarded-For (nginx, unless told "
+            "otherwise) looks like a caller from here, so everybody may read /metrics through it.",
+            "Set it, or see that the proxy does not pass /metrics on, as docker/Caddyfile does.",
         )

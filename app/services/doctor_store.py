@@ -6,6 +6,8 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+import sqlalchemy as sa
+
 from app.db.queries import doctor, meals, privacy
 from app.db.session import Database
 from app.errors import TadaError
@@ -97,15 +99,7 @@ def look_at_ledger(database: Database, settings: Settings) -> Iterator[Finding]:
         advice = "Mend it, or set TADA_ERASURE_URL to where it is."
         yield Finding(subject, "bad", f"it cannot be written: {words}. Nobody can be erased.", advice)
         return
-    if _lies_in(settings.resolved_erasure_url, settings.data_dir):
-        yield Finding(
-            subject,
-            "note",
-            "it lies in TADA_DATA_DIR: whoever restores that folder brings it back as it was, and erased people too.",
-            "Set TADA_ERASURE_URL to another place, or leave the folder out of backups of files.",
-        )
-    else:
-        yield Finding(subject, "ok", "written, and outside of TADA_DATA_DIR")
+    yield _place_of_ledger(settings)
     if settings.secret_key is None and not (settings.data_dir / KEY_FILE).exists():
         return
     ledger = ErasureLedger(store, open_secret_box(settings))
@@ -118,6 +112,34 @@ def look_at_ledger(database: Database, settings: Settings) -> Iterator[Finding]:
             "Copy the old ledger's entries into it, or a restored backup brings back whom they erased.",
         )
     yield _open_erasures(database, ledger)
+
+
+def _place_of_ledger(settings: Settings) -> Finding:
+    """A backup without its ledger brings back whom the ledger erased: what loses the data must not lose both."""
+    subject, ledger = "ledger of erasures", settings.resolved_erasure_url
+    elsewhere = "Set TADA_ERASURE_URL to another disk, machine or bucket, and move its entries there."
+    folder = _folder_of(ledger)
+    if folder is not None and folder.is_relative_to(settings.data_dir.resolve()):
+        return Finding(
+            subject,
+            "note",
+            "it lies in TADA_DATA_DIR: whoever restores that folder brings it back as it was, and erased people too.",
+            "Set TADA_ERASURE_URL to another place, or leave the folder out of backups of files.",
+        )
+    blobs = settings.resolved_blob_url
+    if folder is None and _bucket_of(ledger) == _bucket_of(blobs):
+        message = "it lies in the photographs' bucket: whatever takes the bucket takes both."
+        return Finding(subject, "note", message, elsewhere)
+    files = [place for place in (_folder_of(blobs), _sqlite_file(settings)) if place is not None]
+    if folder is not None and any(disk_of(folder) == disk_of(place) for place in files):
+        message = "it lies on the disk of the photographs or of the database: a disk that dies takes both."
+        return Finding(subject, "note", message, elsewhere)
+    return Finding(subject, "ok", "written, and apart from what it is to outlive")
+
+
+def disk_of(path: Path) -> int:
+    """Which file system a path is on, or is going to be."""
+    return next(one for one in (path, *path.parents) if one.exists()).stat().st_dev
 
 
 def _open_erasures(database: Database, ledger: ErasureLedger) -> Finding:
@@ -162,6 +184,16 @@ def _some(keys: Sequence[str]) -> str:
     return ", ".join(keys[:LISTED]) + (" ..." if len(keys) > LISTED else "")
 
 
-def _lies_in(url: str, folder: Path) -> bool:
+def _folder_of(url: str) -> Path | None:
     parts = urlsplit(url)
-    return parts.scheme == "file" and Path(unquote(parts.path)).resolve().is_relative_to(folder.resolve())
+    return Path(unquote(parts.path)).resolve() if parts.scheme == "file" else None
+
+
+def _bucket_of(url: str) -> str | None:
+    parts = urlsplit(url)
+    return parts.netloc if parts.scheme == "s3" else None
+
+
+def _sqlite_file(settings: Settings) -> Path | None:
+    url = sa.make_url(settings.resolved_database_url)
+    return Path(url.database).resolve() if settings.is_embedded and url.database else None

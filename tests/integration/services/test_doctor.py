@@ -22,6 +22,7 @@ from app.services.secret_box import SecretBox, open_secret_box
 from app.settings import Settings
 from app.storage.opening import open_blob_store
 from tests.commands import run_tada
+from tests.conftest import s3_settings
 from tests.integration.jobs.fakes import new_job_without_workflow, new_meal
 
 KEY = "a key for tests only, of no worth"
@@ -110,7 +111,8 @@ def test_sound_deployment_without_workers_lacks_workers_only(deployment):
     found = deployment.findings()
     assert found["photographs"].message == "all 1 are in the store"
     assert found["newest photographs"].message == "1 read back, bit for bit"
-    assert found["schema"].level == found["clock"].level == found["ledger of erasures"].level == "ok"
+    assert found["schema"].level == found["clock"].level == "ok"
+    assert found["ledger of erasures"].level == "note"  # the tests' folders lie on one disk
     assert found["backup"].message == "the last `tada backup` is 0 h old"
 
 
@@ -267,6 +269,36 @@ def test_ledger_in_the_data_folder_is_a_note_and_one_that_cannot_be_written_is_w
     assert deployment.findings(erasure_url=None)["ledger of erasures"].level == "note"
     (tmp_path / "file").touch()
     assert "Nobody can be erased" in deployment.bad(erasure_url=f"file://{tmp_path}/file/l")["ledger of erasures"]
+
+
+def test_ledger_beside_what_it_is_to_outlive_is_a_note(deployment, monkeypatch, tmp_path):
+    disks = {"ledger": 1, "data": 2}
+    monkeypatch.setattr(doctor_store, "disk_of", lambda path: disks[path.relative_to(tmp_path).parts[0]])
+    if deployment.kind == "sqlite":
+        disks["tada.sqlite3"] = 3
+    subject = "ledger of erasures"
+    assert deployment.findings()[subject].level == "ok"
+    for beside in ("data", "tada.sqlite3") if deployment.kind == "sqlite" else ("data",):
+        with monkeypatch.context() as patch:
+            patch.setitem(disks, "ledger", disks[beside])
+            found = deployment.findings()[subject]
+            assert (found.level, "a disk that dies takes both" in found.message) == ("note", True)
+
+
+def test_ledger_in_the_photographs_bucket_is_a_note(deployment, s3_server):
+    store = s3_settings(s3_server)
+    subject = "ledger of erasures"
+    found = deployment.findings(**store, erasure_url=None)[subject]
+    assert (found.level, "takes both" in found.message) == ("note", True)
+    s3_server.make_bucket("ledgers")
+    assert deployment.findings(**store, erasure_url="s3://ledgers/erasures")[subject].level == "ok"
+
+
+def test_metrics_without_a_token_behind_a_proxy_are_a_note(deployment):
+    for changes in ({"public_url": "https://tada.example.org"}, {"trusted_proxies": "127.0.0.1"}):
+        assert deployment.findings(**changes)["metrics"].level == "note"
+        assert "metrics" not in deployment.findings(**changes, metrics_token="a token for tests of metrics")
+    assert "metrics" not in deployment.findings()
 
 
 def erasure(box):
