@@ -35,6 +35,7 @@ ADVISORY_LOCK = 7_241_960_311  # one migrator at a time; the number has no meani
 LOOK_SECONDS = 0.2  # how often a migrator that waits for its turn asks for it
 PG_LOCK_NOT_AVAILABLE = "55P03"  # SQLSTATE of a lock_timeout that ran out
 PG_DEADLOCK = "40P01"
+PG_INVALID_PARAMETER_VALUE = "22023"
 PG_CHECKS_CLIENTS = 140_000  # the first PostgreSQL that notices during a long statement that its client has died
 
 
@@ -137,10 +138,25 @@ def _limit(connection: sa.Connection, patience: Patience) -> None:
         "statement_timeout": patience.statement_seconds,
         "idle_in_transaction_session_timeout": patience.idle_seconds,
     }
-    if int(connection.scalar(sa.text("SHOW server_version_num"))) >= PG_CHECKS_CLIENTS:
-        limits["client_connection_check_interval"] = patience.lock_seconds
     for name, seconds in limits.items():
         connection.execute(sa.text(f"SET LOCAL {name} = {int(seconds * 1000)}"))
+    if int(connection.scalar(sa.text("SHOW server_version_num"))) >= PG_CHECKS_CLIENTS:
+        _notice_our_death(connection, patience.lock_seconds)
+
+
+def _notice_our_death(connection: sa.Connection, every_seconds: float) -> None:
+    """Have PostgreSQL look during long statements whether we still live.
+
+    Where its system cannot tell (on Windows and, before 15, all but Linux) it refuses the setting: then our locks last
+    until the statement ends, as before 14.
+    """
+    try:
+        with connection.begin_nested():
+            connection.execute(sa.text(f"SET LOCAL client_connection_check_interval = {int(every_seconds * 1000)}"))
+    except sa.exc.DBAPIError as error:
+        if getattr(error.orig, "sqlstate", None) != PG_INVALID_PARAMETER_VALUE:
+            raise
+        log.info("client_connection_not_checked", reason=" ".join(str(error.orig).split()))
 
 
 @contextmanager

@@ -7,9 +7,10 @@ from datetime import UTC, date, datetime
 import pytest
 import sqlalchemy as sa
 
-from app.db.migrate import upgrade
-from app.db.schema_state import is_current
+from app.db.migrate import downgrade, upgrade
+from app.db.schema_state import current_revision, is_current
 from app.db.session import Database
+from app.errors import ConflictError
 
 FIRST = "20261121_first"
 CHAIN = ("study", "participant", "device", "meal", "job", "run", "item", "effective_record")
@@ -105,6 +106,22 @@ def test_volume_may_be_unknown_but_only_with_its_interval(database):
         session.execute(sa.text("UPDATE effective_record SET volume_ml = NULL"))
     with pytest.raises(sa.exc.IntegrityError), database.write() as session:
         session.execute(sa.text("UPDATE item SET volume_low_ml = 1.0"))
+
+
+def test_schema_without_unknown_volumes_is_refused_while_there_is_one(database):
+    """In words, and with nothing changed, also by the newer migrations that are undone on the way."""
+    upgrade(database)
+    with database.write() as session:
+        session.execute(sa.text("UPDATE effective_record SET volume_ml = NULL"))
+    before = rows_of(database)
+    with pytest.raises(ConflictError, match="1 rows of effective_record have no volume"):
+        downgrade(database, FIRST)
+    assert is_current(database)
+    assert rows_of(database) == before
+    with database.write() as session:
+        session.execute(sa.text("UPDATE effective_record SET volume_ml = 185"))
+    downgrade(database, FIRST)
+    assert current_revision(database) == FIRST
 
 
 def test_records_status_is_still_one_of_its_words(database):
