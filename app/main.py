@@ -73,6 +73,7 @@ from app.services.last_use import LastUse
 from app.services.meal_events import MealEvents
 from app.services.passwords import Passwords
 from app.services.prepare import prepare_patiently
+from app.services.prepare_apart import prepare_apart
 from app.services.secret_box import open_secret_box
 from app.services.submit_meal import SubmitMeal
 from app.settings import Settings
@@ -96,7 +97,7 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
     database = open_database(settings)
     blobs = open_blob_store(settings.resolved_blob_url, settings)
     try:
-        await anyio.to_thread.run_sync(prepare_patiently, database, settings)
+        await anyio.to_thread.run_sync(lambda: prepare_patiently(database, settings, first=prepare_apart))
     except BaseException:
         database.dispose()
         raise

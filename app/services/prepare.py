@@ -4,6 +4,7 @@ Safe to run by several processes at once, and again.
 """
 
 import time
+from collections.abc import Callable
 
 import structlog
 
@@ -26,15 +27,24 @@ FIRST_WAIT_SECONDS = 0.2
 LONGEST_WAIT_SECONDS = 2.0
 
 
-def prepare_patiently(database: Database, settings: Settings, patience_seconds: float = PATIENCE_SECONDS) -> None:
+def prepare_patiently(
+    database: Database,
+    settings: Settings,
+    patience_seconds: float = PATIENCE_SECONDS,
+    *,
+    first: Callable[[Database, Settings], None] | None = None,
+) -> None:
     """As prepare, for processes that begin to serve or to work: database and store may be a little later than they.
 
     To end and to be started again takes seconds of a core for each try, while all others start again too.
-    Raises what prepare raised last, once the patience is over or where waiting does not help.
+    first: done before, at each try (prepare_apart.py). Raises what prepare raised last, once the patience is over or
+    where waiting does not help.
     """
     deadline, wait = time.monotonic() + patience_seconds, FIRST_WAIT_SECONDS
     while True:
         try:
+            if first is not None:
+                first(database, settings)
             prepare(database, settings)
         except Exception as error:
             if not is_passing(error) or time.monotonic() + wait > deadline:

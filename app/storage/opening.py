@@ -1,13 +1,16 @@
 """From a blob URL to a store: `file:///var/lib/tada/blobs`, or `s3://bucket/prefix` with the TADA_S3_ settings."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
 
 from app.errors import InvalidInputError
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
 from app.storage.local import LocalBlobStore
-from app.storage.s3 import S3BlobStore, S3Place
+
+if TYPE_CHECKING:
+    from app.storage.s3 import S3Place
 
 STAGING = "staging"  # a folder in data_dir, for what goes to a store elsewhere
 
@@ -18,12 +21,16 @@ def open_blob_store(url: str, settings: Settings) -> BlobStore:
     if parts.scheme == "file" and parts.path and not parts.netloc:
         return LocalBlobStore(Path(unquote(parts.path)))
     if parts.scheme == "s3":
+        from app.storage.s3 import S3BlobStore  # noqa: PLC0415  # 5 MB of a process that has files only
+
         return S3BlobStore(s3_place(url, settings), settings.data_dir.absolute() / STAGING)
     raise _invalid("TADA_BLOB_URL and TADA_ERASURE_URL are file:///an/absolute/path or s3://bucket/prefix.")
 
 
-def s3_place(url: str, settings: Settings) -> S3Place:
+def s3_place(url: str, settings: Settings) -> "S3Place":
     """What s3://bucket/prefix and the settings say. Raises InvalidInputError; never quotes the URL."""
+    from app.storage.s3 import S3Place  # noqa: PLC0415  # as above
+
     parts = urlsplit(url)
     if "@" in parts.netloc or ":" in parts.netloc or parts.query or parts.fragment or not parts.netloc:
         raise _invalid(

@@ -26,9 +26,7 @@ def cheap_passwords() -> Iterator[None]:
         patch.setattr(passwords, "MEMORY_KIB", 8)
         patch.setattr(passwords, "PASSES", 1)
         patch.setattr(passwords, "LANES", 1)
-        passwords._hash_of_nobody.cache_clear()
         yield
-    passwords._hash_of_nobody.cache_clear()
 
 
 @pytest.fixture
@@ -37,9 +35,7 @@ def full_password_cost() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for name, value in FULL_COST.items():
             patch.setattr(passwords, name, value)
-        passwords._hash_of_nobody.cache_clear()
         yield
-    passwords._hash_of_nobody.cache_clear()
 
 
 @pytest.fixture
@@ -69,7 +65,7 @@ def client(app, settings) -> Iterator[TestClient]:
     app.state.settings = settings
     client = TestClient(app, raise_server_exceptions=False)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("app.main.prepare_patiently", lambda *_: None)
+        patch.setattr("app.main.prepare_patiently", lambda *_, **__: None)
         patch.setattr(ApiChildren, "start_soon", lambda _: None)
         client.__enter__()
     try:

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 # Each is for the worker, the children that decode photographs, a command, or who asks for what needs it.
-NOT_AT_START = ("cv2", "numpy", "scipy", "PIL", "pillow_heif", "pyarrow", "fpdf", "openpyxl", "alembic")
+NOT_AT_START = ("cv2", "numpy", "scipy", "PIL", "pillow_heif", "pyarrow", "fpdf", "openpyxl", "alembic", "obstore")
 
 
 @pytest.fixture(scope="module")

@@ -76,6 +76,7 @@ def test_hash_of_nobody_is_no_way_in():
     passwords = Passwords()
     assert not passwords.check("nobody has this password", None).is_right
     assert not _hasher().current_hasher.check_needs_rehash(_hash_of_nobody())
+    assert _hash_of_nobody() != _hash_of_nobody()
 
 
 def test_sign_out_ends_the_session(olga):

@@ -1,0 +1,53 @@
+"""What `prepare` has to make, made in a process of its own: `python -m app.services.prepare_apart PARENT_PID`.
+
+A process that serves for months would keep the memory that migrations and the starter food table take once (40 MB).
+"""
+
+import os
+import subprocess
+import sys
+
+from app.db.schema_state import is_current
+from app.db.session import Database, open_database
+from app.jobs.process_life import die_with_parent
+from app.jobs.supervisor import settings_environment
+from app.logs import configure_logging
+from app.services.import_foods import is_starter_there
+from app.services.prepare import prepare
+from app.settings import Settings
+
+
+def prepare_apart(database: Database, settings: Settings) -> None:
+    """Have it made if anything is missing.
+
+    What goes wrong there is not told: the caller prepares afterwards, finds the same and tells it. Raises what the
+    database raises when it is asked what it has.
+    """
+    if is_current(database) and is_starter_there(database):
+        return
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith("TADA_")}
+    subprocess.run(
+        [sys.executable, "-m", "app.services.prepare_apart", str(os.getpid())],
+        env=inherited | settings_environment(settings),
+        stdin=subprocess.DEVNULL,
+        check=False,
+    )
+
+
+def main(parent_pid: int) -> int:
+    """Prepare; exit status 1 if it could not be done."""
+    die_with_parent(parent_pid)
+    settings = Settings()
+    configure_logging(settings)
+    database = open_database(settings)
+    try:
+        prepare(database, settings)
+    except Exception:  # noqa: BLE001  # the parent comes upon it too, and knows how to tell it
+        return 1
+    finally:
+        database.dispose()
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(int(sys.argv[1])))
