@@ -7,6 +7,7 @@ nothing. What the rows are joined with is read for the page alone. docs/queries.
 """
 
 import itertools
+import math
 import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from datetime import UTC, date, datetime, time, timedelta
 from typing import Any
 
 import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql
 from sqlalchemy.orm import Session
 
 from app.db.models import EffectiveRecord, Food, Participant, Study
@@ -27,10 +29,13 @@ LATEST_END = timedelta(days=3, hours=12)
 BEFORE_ALL = (datetime(1900, 1, 1, tzinfo=UTC), uuid.UUID(int=0))  # the key of no record, before all of them
 CALENDAR = (date(1900, 1, 1), date(9000, 1, 1))  # days beyond bound nothing: no record is there
 
+MOST_PLANNED = 8  # PostgreSQL plans each branch by itself, in half a millisecond; more of them are given as arrays
+ORDER = (EffectiveRecord.captured_at, EffectiveRecord.item_id)
 AFTER_INSTANT, AFTER_ITEM = "after_instant", "after_item"  # parameters of RecordSearch.pages
 
 Key = tuple[datetime, uuid.UUID]
-Branch = tuple[sa.ColumnElement[bool], ...]
+Conditions = tuple[sa.ColumnElement[bool], ...]
+Branch = tuple[Any, ...]  # a value of each key column
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +59,14 @@ class RecordFilter:
 class RecordSearch:
     """A filter whose names are ids: the branches to read, and what each row of them must fulfil besides.
 
-    PostgreSQL keeps an index's order in a branch only if the branch has an order and a limit of its own (else it reads
-    all of each and sorts); SQLite merges branches as they are, and would sort each that has a limit.
+    keys: the columns that a branch has values of. PostgreSQL keeps an index's order in a branch only if the branch has
+    an order and a limit of its own (else it reads all of each and sorts); SQLite merges branches as they are, and would
+    sort each that has a limit.
     """
 
+    keys: tuple[Any, ...]
     branches: Sequence[Branch]
-    conditions: Branch
+    conditions: Conditions
     is_on_sqlite: bool
 
     def page(self, after: Key | None, limit: int, *columns: Any) -> sa.CTE:
@@ -67,7 +74,10 @@ class RecordSearch:
 
         In no order: the reader sorts what it has joined them with.
         """
-        return self._page(() if after is None else (_behind(*after),), limit, columns)
+        conditions = self.conditions if after is None else (*self.conditions, _behind(*after))
+        if self.is_on_sqlite or len(self.branches) <= MOST_PLANNED:
+            return self._page(conditions, limit, columns)
+        return self._page_by_arrays(conditions, limit, columns)
 
     def pages(self, limit: int, *columns: Any) -> sa.CTE:
         """The same for one page after the other: AFTER_INSTANT and AFTER_ITEM are the statement's parameters."""
@@ -76,23 +86,44 @@ class RecordSearch:
             sa.bindparam(AFTER_INSTANT, type_=record.captured_at.type),
             sa.bindparam(AFTER_ITEM, type_=record.item_id.type),
         )
-        return self._page((sa.tuple_(record.captured_at, record.item_id) > sa.tuple_(*after),), limit, columns)
+        behind = sa.tuple_(record.captured_at, record.item_id) > sa.tuple_(*after)
+        return self._page((*self.conditions, behind), limit, columns)
 
     def rows(self, *columns: Any) -> sa.Select[*tuple[Any, ...]] | sa.CompoundSelect[*tuple[Any, ...]]:
         """All records in their order, as SQLite finds them: captured_at, item_id and these columns of theirs."""
-        order = (EffectiveRecord.captured_at, EffectiveRecord.item_id)
-        parts = [sa.select(*order, *columns).where(*branch, *self.conditions) for branch in self.branches]
+        parts = self._parts(self.conditions, columns)
         if len(parts) == 1:
-            return parts[0].order_by(*order)
-        return sa.union_all(*parts).order_by(*(sa.literal_column(column.key) for column in order))
+            return parts[0].order_by(*ORDER)
+        return sa.union_all(*parts).order_by(*(sa.literal_column(column.key) for column in ORDER))
 
-    def _page(self, behind: Branch, limit: int, columns: Sequence[Any]) -> sa.CTE:
-        order = (EffectiveRecord.captured_at, EffectiveRecord.item_id)
-        parts = [sa.select(*order, *columns).where(*branch, *self.conditions, *behind) for branch in self.branches]
+    def _parts(self, conditions: Conditions, columns: Sequence[Any]) -> list[sa.Select[*tuple[Any, ...]]]:
+        """A query a branch."""
+        found = sa.select(*ORDER, *columns).where(*conditions)
+        return [
+            found.where(*(key == value for key, value in zip(self.keys, values, strict=True)))
+            for values in self.branches
+        ]
+
+    def _page(self, conditions: Conditions, limit: int, columns: Sequence[Any]) -> sa.CTE:
+        parts = self._parts(conditions, columns)
         if not self.is_on_sqlite:
-            parts = [sa.select(part.order_by(*order).limit(limit).subquery()) for part in parts]
+            parts = [sa.select(part.order_by(*ORDER).limit(limit).subquery()) for part in parts]
         every = sa.union_all(*parts).subquery("branch")
         return sa.select(every).order_by(every.c.captured_at, every.c.item_id).limit(limit).cte("page")
+
+    def _page_by_arrays(self, conditions: Conditions, limit: int, columns: Sequence[Any]) -> sa.CTE:
+        """PostgreSQL: one plan for however many branches, each of which gives a page of its own."""
+        names = [f"key_{number}" for number in range(len(self.keys))]
+        arrays = (
+            sa.literal(list(values), postgresql.ARRAY(key.type))
+            for key, values in zip(self.keys, zip(*self.branches, strict=True), strict=True)
+        )
+        listed = sa.func.unnest(*arrays).table_valued(*names).render_derived("listed")
+        of_branch = (key == listed.c[name] for key, name in zip(self.keys, names, strict=True))
+        found = sa.select(*ORDER, *columns).where(*conditions, *of_branch).order_by(*ORDER).limit(limit)
+        branch = found.lateral("branch")
+        every = sa.select(branch).select_from(listed.join(branch, sa.true()))
+        return every.order_by(branch.c.captured_at, branch.c.item_id).limit(limit).cte("page")
 
 
 def search_of(session: Session, chosen: RecordFilter) -> RecordSearch | None:
@@ -106,25 +137,27 @@ def search_of(session: Session, chosen: RecordFilter) -> RecordSearch | None:
         return None
     days = _within_days(chosen.first_day, chosen.last_day)
     of_food, of_status = _one_of(record.food_id, foods), _one_of(record.status, statuses)
+    by: list[tuple[Any, Sequence[Any]]] = []
     if people is not None:
-        branches, rest = _branches((record.participant_id, people)), (*of_food, *of_status, *days)
+        by, rest = [(record.participant_id, people)], (*of_food, *of_status, *days)
     elif foods is not None:
         searched = studies if studies is not None else all_studies(session)
-        branches = _branches(
-            (record.food_id, foods), (record.study_id, searched), (record.status, statuses or RECORD_STATUSES)
-        )
+        by = [(record.food_id, foods), (record.study_id, searched), (record.status, statuses or RECORD_STATUSES)]
         rest = days
     elif statuses is not None:
         searched = studies if studies is not None else all_studies(session)
-        branches, rest = _branches((record.study_id, searched), (record.status, statuses)), days
+        by, rest = [(record.study_id, searched), (record.status, statuses)], days
     elif studies is not None:
-        branches, rest = _branches((record.study_id, studies)), days
+        by, rest = [(record.study_id, studies)], days
     else:
-        branches, rest = [()], days
-    if len(branches) > MOST_BRANCHES:
+        rest = days
+    if math.prod(len(values) for _, values in by) > MOST_BRANCHES:
         of_study, of_person = _one_of(record.study_id, studies), _one_of(record.participant_id, people)
-        branches, rest = [()], (*of_study, *of_person, *of_food, *of_status, *days)
-    return RecordSearch(branches, rest, session.get_bind().dialect.name == "sqlite") if branches else None
+        by, rest = [], (*of_study, *of_person, *of_food, *of_status, *days)
+    branches = list(itertools.product(*(values for _, values in by)))
+    keys = tuple(column for column, _ in by)
+    is_on_sqlite = session.get_bind().dialect.name == "sqlite"
+    return RecordSearch(keys, branches, rest, is_on_sqlite) if branches else None
 
 
 def studies_of(
@@ -172,7 +205,7 @@ def _foods(session: Session, keys: Sequence[str]) -> list[int] | None:
     return list(session.scalars(sa.select(Food.id).where(Food.key.in_(keys)).order_by(Food.id)))
 
 
-def _within_days(first_day: date | None, last_day: date | None) -> Branch:
+def _within_days(first_day: date | None, last_day: date | None) -> Conditions:
     """The local days exactly, and bounds of the instant around them, by which an index is entered and left."""
     record = EffectiveRecord
     earliest, latest = CALENDAR
@@ -192,13 +225,7 @@ def _midnight(day: date) -> datetime:
     return datetime.combine(day, time(), UTC)
 
 
-def _branches(*columns: tuple[Any, Sequence[Any]]) -> list[Branch]:
-    """A branch for each combination of the columns' values."""
-    each = [[column == value for value in values] for column, values in columns]
-    return list(itertools.product(*each))
-
-
-def _one_of(column: Any, values: Sequence[Any] | None) -> Branch:
+def _one_of(column: Any, values: Sequence[Any] | None) -> Conditions:
     return (column.in_(values),) if values is not None else ()
 
 
