@@ -8,12 +8,13 @@ import threading
 import pytest
 import sqlalchemy as sa
 
-from app.db.models import Job, MealImage
-from app.db.queries import meals, spent_keys
+from app.db.models import Job, MealImage, Run
+from app.db.queries import meals, privacy, spent_keys
 from app.errors import UnavailableError
 from app.services.after_meal import SubmitAfterPair
 from app.services.delete_blobs import BlobDeleter
 from app.services.submit_meal import SubmitMeal
+from tests import estimates
 from tests.integration.after_pairs import Table
 from tests.integration.conftest import meal_metadata
 from tests.photographs import pair
@@ -247,3 +248,24 @@ def test_photograph_that_was_there_when_another_pair_took_its_place_is_not_taken
     assert table.put("after_right").status_code == 202
     with state.database.read() as session:
         assert set(session.scalars(sa.select(MealImage.blob_key))) <= keys_of(state)
+
+
+@pytest.mark.parametrize("kind", ["postgres"])  # on SQLite nothing is committed while the deleter looks
+def test_answer_of_a_job_that_ends_between_two_queries_of_one_look_is_no_orphan(phone, state):
+    """Its run is not seen by the first, and its job is no longer under way for the second, were they the other way."""
+    table, saved = Table(phone, state), []
+    with state.database.read() as session:
+        job = session.scalars(sa.select(Job)).one()
+        sealed = f"{job.study_id}/{job.meal_id}/runs/{job.id}/result.json/{'a' * 64}"
+    with state.database.write() as session:
+
+        @sa.event.listens_for(session, "do_orm_execute")
+        def ends_before_the_second_query(_):
+            saved.append(None)
+            if len(saved) == 2:
+                run_id = estimates.save(state, table.id)
+                with state.database.write() as other:
+                    other.execute(sa.update(Run).where(Run.id == run_id).values(result_key=sealed))
+
+        assert privacy.needed_keys(session, [sealed]) == {sealed}
+    assert len(saved) >= 2
