@@ -166,7 +166,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
 }
 
 
-def api_state(request: Request) -> ApiState:
+async def api_state(request: Request) -> ApiState:
     """The process's state."""
     state: ApiState = request.app.state.api
     return state

@@ -11,7 +11,8 @@ from app.services.caller import Caller, DeviceCaller, StaffCaller, require_devic
 __all__ = ["CurrentCaller", "CurrentDevice", "CurrentStaff", "State"]
 
 
-def current_caller(caller: Annotated[Caller | None, Depends(authorise)]) -> Caller:
+# async, since they wait for nothing: what is not goes to a thread and back, for each call
+async def current_caller(caller: Annotated[Caller | None, Depends(authorise)]) -> Caller:
     """Who calls. Raises UnauthenticatedError."""
     if caller is None:
         raise UnauthenticatedError("Send the header `Authorization: Bearer TOKEN`.")
@@ -21,12 +22,12 @@ def current_caller(caller: Annotated[Caller | None, Depends(authorise)]) -> Call
 CurrentCaller = Annotated[Caller, Depends(current_caller)]
 
 
-def current_device(caller: CurrentCaller) -> DeviceCaller:
+async def current_device(caller: CurrentCaller) -> DeviceCaller:
     """The calling phone. Raises NotAllowedError for staff."""
     return require_device(caller)
 
 
-def current_staff(caller: CurrentCaller) -> StaffCaller:
+async def current_staff(caller: CurrentCaller) -> StaffCaller:
     """The calling staff member. Raises NotAllowedError for a phone."""
     return require_staff(caller)
 

@@ -200,7 +200,7 @@ async def _submit(
 ) -> Response:
     def work() -> tuple[bool, MealView]:
         submitted = state.submit_meal.submit(caller, client_id, metadata, files)
-        return submitted.is_new, read_meal(state.database, caller, client_id)
+        return submitted.is_new, submitted.view or read_meal(state.database, caller, client_id)
 
     is_new, view = await anyio.to_thread.run_sync(work, limiter=state.upload_limiter)
     return meal_response(view, 202 if is_new else 200)

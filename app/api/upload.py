@@ -57,7 +57,8 @@ class _FileInTheMaking:
         self.path = Path(path)
         self._file: BinaryIO = os.fdopen(handle, "wb")
         self._hash = hashlib.sha256()
-        self._pending = bytearray()
+        self._pending: list[bytes] = []
+        self._pending_bytes = 0
         self._name = name
         self._limit = limit
         self._bytes = 0
@@ -67,18 +68,20 @@ class _FileInTheMaking:
         self._bytes += len(data)
         if self._bytes > self._limit:
             raise _photo_too_large(self._name, self._limit)
-        self._pending += data
+        self._pending.append(data)
+        self._pending_bytes += len(data)
 
     @property
     def wants_writing(self) -> bool:
         """Whether enough has gathered for a write."""
-        return len(self._pending) >= WRITE_BYTES
+        return self._pending_bytes >= WRITE_BYTES
 
     def write(self) -> None:
         """Hash and write what has gathered. Blocks."""
-        self._hash.update(self._pending)
-        self._file.write(self._pending)
-        self._pending = bytearray()
+        pieces, self._pending, self._pending_bytes = self._pending, [], 0
+        for piece in pieces:
+            self._hash.update(piece)
+            self._file.write(piece)
 
     def finish(self) -> ReceivedFile:
         """Write the rest and close. Blocks."""

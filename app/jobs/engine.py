@@ -8,7 +8,6 @@ import logging
 import sqlite3
 import threading
 import time
-import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -83,13 +82,13 @@ class JobQueue:
             lazy=True,
         )
 
-    def enqueue(self, session: Session, job_id: uuid.UUID) -> None:
+    def enqueue(self, session: Session, job: Job) -> None:
         """Make the job run, at its turn, once the session's transaction is committed; rolled back, it never was.
 
         The id of the request that we are in goes with it, so that the worker's log names it too.
         """
-        job = session.get_one(Job, job_id)
         self._turns.give(session, job)
+        session.add(job)
         session.flush()
         request_id = structlog.contextvars.get_contextvars().get("request_id")
         self._client.enqueue_in_transaction(
@@ -97,12 +96,12 @@ class JobQueue:
             {
                 "workflow_name": WORKFLOW,
                 "queue_name": QUEUE,
-                "workflow_id": str(job_id),
+                "workflow_id": str(job.id),
                 "app_version": str(self._protocol),
                 "priority": min(job.turn, HIGHEST_PRIORITY_NUMBER),
                 "attributes": {"request_id": request_id} if request_id is not None else {},
             },
-            str(job_id),
+            str(job.id),
         )
 
     def close(self) -> None:

@@ -51,8 +51,7 @@ def _move_job(session: Session, queue: JobQueue, job_id: uuid.UUID, settle: Sett
         return False
     if status is None:
         job.state = "queued"
-        session.flush()
-        queue.enqueue(session, job_id)
+        queue.enqueue(session, job)
         instruments.SWEPT.labels("queued").inc()
         log.warning("job_queued_again", job_id=str(job_id), meal_id=str(meal.id), reason="it had no workflow")
         return True
@@ -90,12 +89,10 @@ def _move_meal(session: Session, queue: JobQueue, meal_id: uuid.UUID, purpose: s
 def _queue_first_job(session: Session, queue: JobQueue, meal: Meal, purpose: str) -> None:
     now = datetime.now(UTC)
     job = Job(id=uuid.uuid4(), meal_id=meal.id, purpose=purpose, state="queued", attempts=0, enqueued_at=now)
-    session.add(job)
     if purpose == "meal" and meal.status != "queued":
         meal.status, meal.stage = "queued", None
         meal.version += 1
     elif purpose == "after" and meal.after_status != "queued":
         meal.after_status = "queued"
         meal.version += 1
-    session.flush()
-    queue.enqueue(session, job.id)
+    queue.enqueue(session, job)

@@ -34,7 +34,7 @@ class Turns:
         if job.turn:
             return
         study_id = session.get_one(Meal, job.meal_id).study_id
-        now, last = jobs.turn_now(session), jobs.last_turn_of(session, study_id)
+        now, last = jobs.turns_so_far(session, study_id)
         with self._lock:
             turn = max(now, last + 1, self._given.get(study_id, 0) + 1)
             self._given[study_id] = turn

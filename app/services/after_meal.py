@@ -235,10 +235,8 @@ class SubmitAfterPair:
 
     def _queue_estimate(self, session: Session, meal: Meal, now: datetime) -> None:
         job = Job(id=uuid.uuid4(), meal_id=meal.id, purpose="after", state="queued", attempts=0, enqueued_at=now)
-        session.add(job)
         meal.after_status = "queued"
-        session.flush()
-        self._queue.enqueue(session, job.id)
+        self._queue.enqueue(session, job)
 
 
 def _start_anew(session: Session, meal: Meal, known: _Known, now: datetime) -> None:

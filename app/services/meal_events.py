@@ -190,7 +190,7 @@ class MealEvents:
         insert_event(session, caller, meal, event, change, sequence=sequence, now=now)
         for row in change.rows:
             if isinstance(row, Job):
-                self._queue.enqueue(session, row.id)
+                self._queue.enqueue(session, row)
         audit.note(session, caller, "meal.event", study_id=meal.study_id, subject=meal.alias, kind=event.kind)
 
 

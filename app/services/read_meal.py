@@ -124,6 +124,23 @@ def meal_view(
     )
 
 
+def view_of_new_meal(meal: Meal, participant_code: str, study_code: str, images: Iterable[MealImage]) -> MealView:
+    """A meal that was written down a moment ago, as `read_meal` would read it: nothing is known of its foods yet."""
+    return MealView(
+        meal=meal,
+        participant_code=participant_code,
+        study_code=study_code,
+        images=tuple(sorted(images, key=lambda image: image.slot)),
+        run=None,
+        artefacts=(),
+        items=(),
+        components={},
+        total_mass=NOBODY_KNOWS,
+        totals={},
+        after=AfterView(run=None, artefacts=(), leftovers=()),
+    )
+
+
 def open_artefact(
     database: Database,
     blobs: BlobStore,

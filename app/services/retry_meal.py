@@ -86,12 +86,10 @@ def _what_failed(meal: Meal, code: str | None) -> dict[str, tuple[str, ...]]:
 def _queue_again(session: Session, queue: JobQueue, meal: Meal, purpose: str) -> None:
     now = datetime.now(UTC)
     job = Job(id=uuid.uuid4(), meal_id=meal.id, purpose=purpose, state="queued", attempts=0, enqueued_at=now)
-    session.add(job)
     if purpose == "meal":
         meal.status, meal.stage = "queued", None
         meal.failure_code = meal.failure_message = meal.failure_advice = None
     else:
         meal.after_status = "queued"
         meal.after_failure_code = meal.after_failure_message = meal.after_failure_advice = None
-    session.flush()
-    queue.enqueue(session, job.id)
+    queue.enqueue(session, job)

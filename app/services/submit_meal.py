@@ -28,6 +28,7 @@ from app.services.erase import is_meal_deleted, meal_deleted
 from app.services.job_queue import JobQueue
 from app.services.location_policy import policy_of
 from app.services.meal_time import MealTime
+from app.services.read_meal import MealView, view_of_new_meal
 from app.services.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
 from app.services.seal_photos import image_row, require_unspent, seal_photos, storage_full, unspent_keys
 from app.services.secret_box import SecretBox
@@ -56,10 +57,11 @@ class MealMetadata:
 
 @dataclass(frozen=True, slots=True)
 class Submitted:
-    """meal_id: ours. is_new: something was kept that was not there before."""
+    """meal_id: ours. is_new: something was kept that was not there before. view: of a meal that is all new."""
 
     meal_id: uuid.UUID
     is_new: bool
+    view: MealView | None = None
 
 
 class SubmitMeal:
@@ -116,12 +118,12 @@ class SubmitMeal:
         )
         details = _details(metadata, location) if metadata is not None else None
         with self._database.read() as session:  # before sealing, so that a refused request leaves no blob
-            stored = self._check(session, meal_id, details, photos)
+            stored = self._check(session, session.get(Meal, meal_id), meal_id, details, photos)
             keys = unspent_keys(
                 session, {slot: f"{study.id}/{meal_id}/{slot}/{photo.stored_sha256}" for slot, photo in photos.items()}
             )
         seal_photos(self._blobs, photos, keys, stored)
-        meal = _Arriving(client_id, meal_id, metadata, details, location)
+        meal = _Arriving(study, client_id, meal_id, metadata, details, location)
         try:
             try:
                 return self._write(caller, meal, photos, keys)
@@ -135,16 +137,16 @@ class SubmitMeal:
     def _check(
         self,
         session: Session,
+        meal: Meal | None,
         meal_id: uuid.UUID,
         details: Mapping[str, Any] | None,
         photos: Mapping[str, SealablePhoto],
     ) -> dict[str, MealImage]:
-        meal = session.get(Meal, meal_id)
         if meal is None:
             if is_meal_deleted(session, self._box, meal_id):
                 raise meal_deleted()
             if details is None:
-                raise NotFoundError("There is no such meal yet: PUT /v1/meals/{id} with its metadata first.")
+                raise _unknown_meal()
             return {}
         if meal.origin == "declared":
             raise ConflictError(
@@ -177,41 +179,38 @@ class SubmitMeal:
     ) -> Submitted:
         now, meal_id = datetime.now(UTC), arriving.meal_id
         with self._database.write() as session:
-            require_in_study(session, caller.participant_id)
+            participant = require_in_study(session, caller.participant_id)
             require_unspent(session, keys.values())
-            meal = meals.lock_meal(session, meal_id)
-            stored = self._check(session, meal_id, arriving.details, photos)
-            is_new = meal is None
-            if meal is None and arriving.metadata is not None and arriving.details is not None:
-                meal = _new_meal(session, caller, arriving.client_id, meal_id, arriving.metadata, arriving.details, now)
-                session.add(meal)
-                session.flush()
-                if arriving.metadata.app_version is not None:
-                    people.note_app_version(session, caller.device_id, arriving.metadata.app_version)
-            if meal is None:
-                raise NotFoundError("There is no such meal yet: PUT /v1/meals/{id} with its metadata first.")
-            for slot, photo in photos.items():
-                if slot not in stored:
-                    session.add(image_row(meal_id, slot, photo, keys[slot], now))
-                    meal.version += 1
-                    is_new = True
+            known = meals.lock_meal(session, meal_id)
+            stored = self._check(session, known, meal_id, arriving.details, photos)
+            meal = known if known is not None else _new_meal(caller, arriving, now)
+            images = [
+                image_row(meal_id, slot, photo, keys[slot], now) for slot, photo in photos.items() if slot not in stored
+            ]
+            is_complete = meal.status == "receiving" and set(stored) | set(photos) == set(SLOTS)
+            meal.version += len(images) + is_complete
+            if is_complete:
+                meal.status, meal.submitted_at = "queued", now
             if arriving.location is not None and meal.details.get("location") is None:  # a photograph told it
                 meal.details = meal.details | {"location": arriving.location}
-            if meal.status == "receiving" and set(stored) | set(photos) == set(SLOTS):
-                self._queue_estimate(session, meal, now)
+            session.add(meal)
+            session.flush()  # its row first: all others name it
+            session.add_all(images)
+            is_new = known is None or bool(images)
             if is_new:
                 audit.note(session, caller, "meal.receive", subject=meal.alias, slots=sorted(set(photos) - set(stored)))
+            if known is None and arriving.metadata is not None and arriving.metadata.app_version is not None:
+                people.note_app_version(session, caller.device_id, arriving.metadata.app_version)
+            if is_complete:
+                self._queue_estimate(session, meal, now)
         if is_new:
             log.info("meal_kept", meal_id=str(meal_id), slots=sorted(photos), status=meal.status)
-        return Submitted(meal_id, is_new)
+        view = view_of_new_meal(meal, participant.code, arriving.study.code, images) if known is None else None
+        return Submitted(meal_id, is_new, view)
 
     def _queue_estimate(self, session: Session, meal: Meal, now: datetime) -> None:
         job = Job(id=uuid.uuid4(), meal_id=meal.id, state="queued", attempts=0, enqueued_at=now)
-        session.add(job)
-        meal.status, meal.submitted_at = "queued", now
-        meal.version += 1
-        session.flush()
-        self._queue.enqueue(session, job.id)
+        self._queue.enqueue(session, job)
         log.info("meal_queued", meal_id=str(meal.id), job_id=str(job.id), purpose=job.purpose)
         announce_meal(session, meal)
 
@@ -223,8 +222,12 @@ def meal_id_of(participant_id: uuid.UUID, client_id: uuid.UUID) -> uuid.UUID:
 
 @dataclass(frozen=True, slots=True)
 class _Arriving:
-    """A meal on its way into the database. location: what the study's policy leaves of it."""
+    """A meal on its way into the database. location: what the study's policy leaves of it.
 
+    metadata and details are None together.
+    """
+
+    study: Study
     client_id: uuid.UUID
     meal_id: uuid.UUID
     metadata: MealMetadata | None
@@ -245,32 +248,30 @@ def _details(metadata: MealMetadata, location: Mapping[str, float] | None) -> di
     }
 
 
-def _new_meal(
-    session: Session,
-    caller: DeviceCaller,
-    client_id: uuid.UUID,
-    meal_id: uuid.UUID,
-    metadata: MealMetadata,
-    details: dict[str, Any],
-    now: datetime,
-) -> Meal:
-    study = session.get_one(Study, caller.study_id)  # its day start of now: the day is computed once and never again
+def _new_meal(caller: DeviceCaller, arriving: _Arriving, now: datetime) -> Meal:
+    metadata, study = arriving.metadata, arriving.study
+    if metadata is None or arriving.details is None:
+        raise _unknown_meal()
     return Meal(
-        id=meal_id,
-        client_id=client_id,
+        id=arriving.meal_id,
+        client_id=arriving.client_id,
         study_id=caller.study_id,
         participant_id=caller.participant_id,
         device_id=caller.device_id,
-        captured_at=metadata.time.captured_at,
+        captured_at=metadata.time.captured_at.astimezone(UTC),  # as the database tells it
         utc_offset_minutes=metadata.time.utc_offset_minutes,
         time_zone=metadata.time.time_zone,
-        local_date=metadata.time.local_date(study.day_starts_minutes),
-        details=details,
+        local_date=metadata.time.local_date(study.day_starts_minutes),  # computed once and never again
+        details=arriving.details,
         status="receiving",
         after_due_at=after_due_at(study, metadata.time.captured_at),
         version=1,
         received_at=now,
     )
+
+
+def _unknown_meal() -> NotFoundError:
+    return NotFoundError("There is no such meal yet: PUT /v1/meals/{id} with its metadata first.")
 
 
 def after_due_at(study: Study, captured_at: datetime) -> datetime | None:

@@ -119,11 +119,12 @@ def _in_one_transaction(
     return receipt
 
 
-def require_in_study(session: Session, participant_id: uuid.UUID) -> None:
+def require_in_study(session: Session, participant_id: uuid.UUID) -> Participant:
     """Before something is added to a participant: they are here, and until commit they stay. Raises GoneError."""
     participant = privacy.join_participant(session, participant_id)
     if participant is None or participant.withdrawn_at is not None:
         raise has_left()
+    return participant
 
 
 def has_left() -> GoneError:

@@ -45,14 +45,19 @@ class Executor:
     started_at: datetime
 
 
-def turn_now(session: Session) -> int:
-    """The turn that workers have come to: the highest of all that were begun; 0 before the first."""
-    return session.scalar(sa.select(sa.func.max(Job.turn)).where(Job.turn > 0, Job.started_at.is_not(None))) or 0
+_TURNS = sa.select(  # built once: every upload asks
+    sa.select(sa.func.max(Job.turn)).where(Job.turn > 0, Job.started_at.is_not(None)).scalar_subquery(),
+    sa.select(sa.func.max(Job.turn)).where(Job.study_id == sa.bindparam("study_id")).scalar_subquery(),
+)
 
 
-def last_turn_of(session: Session, study_id: uuid.UUID) -> int:
-    """The turn of the study's last job in the line, done or not; 0: it has none."""
-    return session.scalar(sa.select(sa.func.max(Job.turn)).where(Job.study_id == study_id)) or 0
+def turns_so_far(session: Session, study_id: uuid.UUID) -> tuple[int, int]:
+    """The turn that workers have come to, the highest of all that were begun; that of the study's last job in the line.
+
+    0: none was begun; the study has none.
+    """
+    now, of_study = session.execute(_TURNS, {"study_id": study_id}).one()
+    return now or 0, of_study or 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,36 @@ from sqlalchemy.orm import Session
 
 from app.db.models import AccessToken, Device, Enrolment, Meal, Participant, Staff, Study, StudyMember, Tombstone
 
+_TOKEN = (  # built once: every call asks
+    sa.select(
+        AccessToken.id.label("token_id"),
+        AccessToken.kind,
+        AccessToken.scope,
+        AccessToken.study_id.label("only_study_id"),
+        AccessToken.staff_id,
+        Staff.name.label("staff_name"),
+        Staff.is_admin,
+        AccessToken.device_id,
+        Device.participant_id,
+        Participant.study_id,
+        Participant.alias.label("participant_alias"),
+    )
+    .outerjoin(Staff, Staff.id == AccessToken.staff_id)
+    .outerjoin(Device, Device.id == AccessToken.device_id)
+    .outerjoin(Participant, Participant.id == Device.participant_id)
+    .where(
+        AccessToken.token_sha256 == sa.bindparam("token_sha256"),
+        AccessToken.revoked_at.is_(None),
+        Staff.disabled_at.is_(None),
+        Device.revoked_at.is_(None),
+        sa.or_(AccessToken.expires_at.is_(None), AccessToken.expires_at > sa.bindparam("now")),
+        sa.or_(
+            AccessToken.kind != "session",
+            sa.func.coalesce(AccessToken.last_used_at, AccessToken.created_at) > sa.bindparam("idle_since"),
+        ),
+    )
+)
+
 
 def find_token(
     session: Session, token_sha256: str, now: datetime, *, idle_since: datetime
@@ -18,36 +48,8 @@ def find_token(
 
     idle_since: a session must have been used, or opened, after it.
     """
-    query = (
-        sa.select(
-            AccessToken.id.label("token_id"),
-            AccessToken.kind,
-            AccessToken.scope,
-            AccessToken.study_id.label("only_study_id"),
-            AccessToken.staff_id,
-            Staff.name.label("staff_name"),
-            Staff.is_admin,
-            AccessToken.device_id,
-            Device.participant_id,
-            Participant.study_id,
-            Participant.alias.label("participant_alias"),
-        )
-        .outerjoin(Staff, Staff.id == AccessToken.staff_id)
-        .outerjoin(Device, Device.id == AccessToken.device_id)
-        .outerjoin(Participant, Participant.id == Device.participant_id)
-        .where(
-            AccessToken.token_sha256 == token_sha256,
-            AccessToken.revoked_at.is_(None),
-            Staff.disabled_at.is_(None),
-            Device.revoked_at.is_(None),
-            sa.or_(AccessToken.expires_at.is_(None), AccessToken.expires_at > now),
-            sa.or_(
-                AccessToken.kind != "session",
-                sa.func.coalesce(AccessToken.last_used_at, AccessToken.created_at) > idle_since,
-            ),
-        )
-    )
-    return session.execute(query).one_or_none()
+    values = {"token_sha256": token_sha256, "now": now, "idle_since": idle_since}
+    return session.execute(_TOKEN, values).one_or_none()
 
 
 def roles_of(session: Session, staff_id: uuid.UUID) -> dict[uuid.UUID, Any]:

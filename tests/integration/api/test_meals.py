@@ -39,6 +39,26 @@ def test_same_meal_again_gives_200_and_the_same_answer(phone, state):
         assert session.query(Job).count() == 1
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"captured_at": "2026-11-20T23:30:00.123456-05:00", "time_zone": "America/New_York", "app_version": "1.2"},
+        {"hints": [{"box": [10, 10, 50, 50]}], "marker": "plain:9x7:11"},
+        {"location": {"latitude": 31.23, "longitude": 121.47}},
+    ],
+)
+def test_answer_to_a_new_meal_is_what_asking_for_it_gives(phone, changes):
+    """The answer is made of what was written, without reading it again."""
+    sent = phone.post(pair(), **changes)
+    asked = phone.get(f"/v1/meals/{sent.json()['id']}")
+    assert sent.status_code == 202, sent.text
+    assert (sent.json(), sent.headers["etag"]) == (asked.json(), asked.headers["etag"])
+    metadata = meal_metadata(**changes)
+    announced = phone.put(f"/v1/meals/{metadata.pop('id')}", json=metadata)
+    assert announced.json() == phone.get(f"/v1/meals/{announced.json()['id']}").json()
+
+
 def test_meal_part_by_part_is_queued_by_its_last_photograph(phone):
     metadata, photos = meal_metadata(), pair()
     client_id = metadata.pop("id")

@@ -107,7 +107,7 @@ def main():
 def new_job(session, queue, fake="quick", device_id=None):
     """A meal with its job, queued in the session's transaction; returns the job's id. device_id: whose meal it is."""
     job, _ = new_job_without_workflow(session, fake, device_id)
-    queue.enqueue(session, job.id)
+    queue.enqueue(session, job)
     return job.id
 
 

@@ -4,6 +4,7 @@ import sys
 import pytest
 import sqlalchemy as sa
 
+from app.db.models import Job
 from app.db.schema_state import MigrationBusyError
 from app.jobs.engine import MIGRATION_LOCK, prepare_job_tables
 from tests.integration.jobs.fakes import new_job
@@ -29,7 +30,7 @@ def test_job_queued_twice_runs_once_and_job_of_a_rolled_back_transaction_never(j
         raise Stop
     twice, last = jobs.add(), jobs.add()
     with jobs.database.write() as session:
-        jobs.queue.enqueue(session, twice)
+        jobs.queue.enqueue(session, session.get_one(Job, twice))
     jobs.start_worker()
     jobs.wait_for_state(last, "done")
     assert len(jobs.saves(twice)) == 1

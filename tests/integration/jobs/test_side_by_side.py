@@ -179,7 +179,7 @@ def test_pruning_takes_as_many_batches_as_it_needs_up_to_a_bound(jobs, monkeypat
     for _ in range(9):
         with jobs.database.write() as session:
             job, _ = new_job_without_workflow(session)
-            jobs.queue.enqueue(session, job.id)
+            jobs.queue.enqueue(session, job)
             job.state = "done"
     jobs.run_sql(f"UPDATE {jobs.workflow_table} SET status = 'ERROR', completed_at = {LONG_AGO}")
     assert [prune_jobs(jobs.database, 1) for _ in range(3)] == [6, 3, 0]

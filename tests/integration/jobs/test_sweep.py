@@ -60,7 +60,7 @@ def test_job_whose_workflow_ended_without_it_is_failed_visibly(jobs):
 def test_dead_job_of_another_purpose_leaves_the_meals_own_answer(jobs, purpose):
     with jobs.database.write() as session:
         job, meal = new_job_without_workflow(session)
-        jobs.queue.enqueue(session, job.id)
+        jobs.queue.enqueue(session, job)
         job.purpose, meal.status, meal.after_status = purpose, "estimated", "queued"
     jobs.run_sql(f"UPDATE {jobs.workflow_table} SET status = 'ERROR' WHERE workflow_uuid = '{job.id}'")
     sweep(jobs.database, jobs.queue, settle)

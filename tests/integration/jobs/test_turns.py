@@ -1,6 +1,5 @@
 """Fair between studies: in which order workers take what waits. The order of claims is asked of DBOS's own claim."""
 
-import time
 import uuid
 from itertools import pairwise
 
@@ -29,7 +28,7 @@ class Line:
 
     def _queue(self, session, phone):
         job, _ = new_job_without_workflow(session, device_id=phone)
-        self.jobs.queue.enqueue(session, job.id)
+        self.jobs.queue.enqueue(session, job)
         return job.id
 
     def take(self):
@@ -116,7 +115,7 @@ def test_uploads_of_one_study_that_do_not_see_each_other_get_turns_of_their_own(
     for _ in range(5):
         with pytest.raises(RuntimeError), jobs.database.write() as session:  # noqa: PT012
             job, _ = new_job_without_workflow(session, device_id=phone)
-            jobs.queue.enqueue(session, job.id)
+            jobs.queue.enqueue(session, job)
             given.append(job.turn)
             raise RuntimeError
     assert given == [1, 2, 3, 4, 5]
@@ -128,7 +127,7 @@ def test_another_process_goes_on_where_the_first_is(jobs):
     other = JobQueue(jobs.database)
     with jobs.database.write() as session:
         job, _ = new_job_without_workflow(session, device_id=phone)
-        other.enqueue(session, job.id)
+        other.enqueue(session, job)
         assert job.turn == jobs.job(first).turn + 1 == 2
     other.close()
 
@@ -139,7 +138,7 @@ def test_job_that_is_queued_again_keeps_its_turn(line, jobs):
     before = jobs.job(lost).turn
     jobs.run_sql(f"DELETE FROM {jobs.workflow_table} WHERE workflow_uuid = '{lost}'")
     with jobs.database.write() as session:
-        jobs.queue.enqueue(session, lost)
+        jobs.queue.enqueue(session, session.get_one(Job, lost))
     assert jobs.job(lost).turn == before
     assert line.take() == lost
 
@@ -171,8 +170,8 @@ def test_turns_beyond_the_queues_numbers_are_first_come_first_served(line, jobs)
     phone = jobs.new_study()
     first = line.send(phone)[0]
     jobs.run_sql(f"UPDATE job SET turn = {2**31 + 7}")
-    jobs.run_sql(f"UPDATE {jobs.workflow_table} SET priority = {2**31 - 1}")
-    time.sleep(0.01)  # DBOS notes when a job was queued in milliseconds
+    # a second ago: DBOS on SQLite notes in whole seconds when a job was queued
+    jobs.run_sql(f"UPDATE {jobs.workflow_table} SET priority = {2**31 - 1}, created_at = created_at - 1000")
     second = line.send(phone)[0]
     assert jobs.job(second).turn == 2**31 + 8
     assert [line.take(), line.take()] == [first, second]
