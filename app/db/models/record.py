@@ -271,6 +271,13 @@ class EffectiveRecord(Base):
         sa.Index(None, "food_id", "study_id", "status", "captured_at", "item_id"),
         sa.Index(None, "participant_id", "captured_at", "item_id"),
         sa.Index(None, "study_id", "change_seq"),
-        sa.Index(None, "study_id", "reviewed", "doubt", "item_id"),
+        sa.Index(None, "study_id", "reviewed", "status", "doubt", "item_id"),
+        sa.Index("ix_effective_record_queue_of_food", "food_id", "study_id", "reviewed", "status", "doubt", "item_id"),
+        sa.Index(
+            "ix_effective_record_queue_of_provisional",
+            *("study_id", "reviewed", "doubt", "item_id"),
+            sqlite_where=sa.text("provisional IS 1"),
+            postgresql_where=sa.text("provisional IS true"),
+        ),
         sa.Index(None, "participant_id", "local_date"),
     )

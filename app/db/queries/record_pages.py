@@ -131,7 +131,7 @@ def search_of(session: Session, chosen: RecordFilter) -> RecordSearch | None:
     record = EffectiveRecord
     studies = studies_of(session, chosen.study_code, chosen.study_ids)
     people = _participants(session, chosen, studies)
-    foods = _foods(session, chosen.food_keys)
+    foods = food_ids(session, chosen.food_keys) if chosen.food_keys else None
     statuses = sorted(set(chosen.statuses)) or None
     if any(found is not None and not found for found in (studies, people, foods)):
         return None
@@ -198,10 +198,8 @@ def _participants(
     return participants_of(session, chosen.participant_code, chosen.participant_id, studies)
 
 
-def _foods(session: Session, keys: Sequence[str]) -> list[int] | None:
-    """The ids of all versions of these foods, in all releases; None: foods are not asked for."""
-    if not keys:
-        return None
+def food_ids(session: Session, keys: Sequence[str]) -> list[int]:
+    """The ids of all versions of these foods, in all releases."""
     return list(session.scalars(sa.select(Food.id).where(Food.key.in_(keys)).order_by(Food.id)))
 
 

@@ -7,7 +7,10 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.models import EffectiveRecord, Food, Meal, MealEvent, Participant, Staff
+from app.db.models.record import RECORD_STATUSES
+from app.db.queries.record_pages import food_ids, participants_of
 
+QUEUED_STATUSES = tuple(status for status in RECORD_STATUSES if status != "rejected")
 QUESTIONS_LOOKED_AT = 1000  # of one participant, the newest
 
 
@@ -69,28 +72,67 @@ def page_of_queue(
     session: Session, chosen: QueueFilter, *, after: tuple[float, uuid.UUID] | None, limit: int
 ) -> list[QueueRow]:
     """At most `limit` items that count and no reviewer has spoken of, the most doubtful first, behind `after`."""
+    page = queue_keys(session, chosen, after=after, limit=limit)
+    if page is None:
+        return []
     record = EffectiveRecord
     query = (
         sa.select(record, Meal, Participant.code, Food)
+        .select_from(page.join(record, record.item_id == page.c.item_id))
         .join(Meal, Meal.id == record.meal_id)
         .join(Participant, Participant.id == record.participant_id)
         .outerjoin(Food, Food.id == record.food_id)
-        .where(record.study_id == chosen.study_id, record.reviewed.is_(False), record.status != "rejected")
-        .order_by(record.doubt.desc(), record.item_id.desc())
-        .limit(limit)
+        .order_by(page.c.doubt.desc(), page.c.item_id.desc())
     )
-    conditions = {
-        record.status: chosen.status,
-        Food.key: chosen.food_key,
-        record.provisional: chosen.provisional,
-        Participant.code: chosen.participant_code,
-    }
-    for column, value in conditions.items():
-        if value is not None:
-            query = query.where(column == value)
+    return [QueueRow(*row) for row in session.execute(query)]
+
+
+def queue_keys(
+    session: Session, chosen: QueueFilter, *, after: tuple[float, uuid.UUID] | None, limit: int
+) -> sa.CTE | None:
+    """Which items are on a page: their doubt and item_id, from an index that has them in this order; in no order.
+
+    None: the filter names what is not there.
+    """
+    record, branches = EffectiveRecord, _branches(session, chosen)
+    if not branches:
+        return None
+    conditions = [record.study_id == chosen.study_id, record.reviewed.is_(False)]
     if chosen.min_doubt is not None:
-        query = query.where(record.doubt >= chosen.min_doubt)
+        conditions.append(record.doubt >= chosen.min_doubt)
     if after is not None:
         bound = sa.tuple_(sa.literal(after[0], record.doubt.type), sa.literal(after[1], record.item_id.type))
-        query = query.where(sa.tuple_(record.doubt, record.item_id) < bound)
-    return [QueueRow(*row) for row in session.execute(query)]
+        conditions.append(sa.tuple_(record.doubt, record.item_id) < bound)
+    parts = [sa.select(record.doubt, record.item_id).where(*conditions, *branch) for branch in branches]
+    if chosen.participant_code is not None:  # all that there is of a person, and sorted then: not the study's in order
+        parts = [sa.select(part.cte("of_person").prefix_with("MATERIALIZED")) for part in parts]
+    elif session.get_bind().dialect.name != "sqlite":  # as in record_pages.RecordSearch
+        order = (record.doubt.desc(), record.item_id.desc())
+        parts = [sa.select(part.order_by(*order).limit(limit).subquery()) for part in parts]
+    every = sa.union_all(*parts).subquery("branch")
+    return sa.select(every).order_by(every.c.doubt.desc(), every.c.item_id.desc()).limit(limit).cte("page")
+
+
+def _branches(session: Session, chosen: QueueFilter) -> list[tuple[sa.ColumnElement[bool], ...]]:
+    """What to read, each from an index in the queue's order; nothing where the filter names what is not there.
+
+    A person has some thousand records, and an after-meal pair is waited for at few meals: there the other filters are
+    compared row by row.
+    """
+    record = EffectiveRecord
+    statuses = QUEUED_STATUSES if chosen.status is None else (chosen.status,)
+    found = None if chosen.food_key is None else food_ids(session, (chosen.food_key,))
+    rest: list[sa.ColumnElement[bool]] = []
+    if chosen.provisional is not None:
+        rest.append(record.provisional.is_(chosen.provisional))
+    if chosen.participant_code is not None or chosen.provisional:
+        rest.append(record.status.in_(statuses))
+        if found is not None:
+            rest.append(record.food_id.in_(found))
+        if chosen.participant_code is None:
+            return [tuple(rest)]
+        people = participants_of(session, chosen.participant_code, None, [chosen.study_id]) or ()
+        return [(record.participant_id == person, *rest) for person in people]
+    if found is not None:
+        return [(record.food_id == food, record.status == status, *rest) for food in found for status in statuses]
+    return [(record.status == status, *rest) for status in statuses]

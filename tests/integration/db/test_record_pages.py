@@ -4,6 +4,7 @@ import itertools
 import random
 import re
 import uuid
+from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta
 
 import pytest
@@ -25,6 +26,7 @@ from app.db.queries import days, record_pages
 from app.db.queries.days import DayFilter, page_of_days
 from app.db.queries.record_pages import RecordFilter, search_of
 from app.db.queries.records import page_of_records
+from app.db.queries.review import QueueFilter, page_of_queue, queue_keys
 
 NOW = datetime(2026, 11, 1, tzinfo=UTC)
 FIRST_DAY = date(2026, 10, 1)
@@ -76,9 +78,11 @@ def eaten(database):
             session.flush()
             food = drawn.choice((None, 10, 11, 20, 21))
             status = drawn.choice(RECORD_STATUSES)
+            doubt, reviewed, provisional = drawn.choice((0.0, 0.5, 1.0)), drawn.random() < 0.3, drawn.random() < 0.3
             session.add(EffectiveRecord(item_id=item.id, meal_id=meal.id, study_id=study.id, participant_id=person.id,
                                         captured_at=captured_at, local_date=day, status=status, food_id=food,
-                                        flags=[], change_seq=1))  # fmt: skip
+                                        flags=[], change_seq=1, doubt=doubt, reviewed=reviewed,
+                                        provisional=provisional))  # fmt: skip
             rows.append(
                 {
                     "key": (captured_at, item.id),
@@ -89,6 +93,9 @@ def eaten(database):
                     "day": day,
                     "food": {None: None, 0: "apple", 1: "pear"}[food and food % 10],
                     "status": status,
+                    "doubt": doubt,
+                    "reviewed": reviewed,
+                    "provisional": provisional,
                 }
             )
         session.add(DiaryDay(participant_id=people[0][1].id, local_date=FIRST_DAY - timedelta(days=1), id=uuid.uuid4(),
@@ -235,3 +242,74 @@ def test_pages_of_days_are_those_of_meals_and_words_in_their_order(database, eat
                 after = (page[-1].local_date, page[-1].participant_id)
                 seen += [(day.local_date, day.participant_id) for day in page]
             assert seen == expected, chosen
+
+
+QUEUE_VALUES = {
+    "status": (None, "needs_review"),
+    "food_key": (None, "apple", "no such"),
+    "min_doubt": (None, 0.5),
+    "provisional": (None, True, False),
+    "participant_code": (None, "P001", "no such"),
+}
+
+
+def queue_filters(rows):
+    """All combinations of QUEUE_VALUES, of the study "a"."""
+    study_id = next(row["study_id"] for row in rows if row["study"] == "a")
+    for values in itertools.product(*QUEUE_VALUES.values()):
+        yield QueueFilter(study_id, **dict(zip(QUEUE_VALUES, values, strict=True)))
+
+
+def queue_reference(rows, chosen):
+    """What waits for a reviewer, one row at a time."""
+
+    def waits(row):
+        return (
+            row["study_id"] == chosen.study_id
+            and not row["reviewed"]
+            and row["status"] != "rejected"
+            and chosen.status in (None, row["status"])
+            and chosen.food_key in (None, row["food"])
+            and row["doubt"] >= (chosen.min_doubt or 0.0)
+            and chosen.provisional in (None, row["provisional"])
+            and chosen.participant_code in (None, row["person"])
+        )
+
+    return sorted(((row["doubt"], row["key"][1]) for row in rows if waits(row)), reverse=True)
+
+
+def test_any_filters_leave_the_queue_that_a_slow_reference_finds(database, eaten):
+    found = 0
+    with database.read() as session:
+        for chosen in queue_filters(eaten):
+            expected, seen, after = queue_reference(eaten, chosen), [], None
+            while page := page_of_queue(session, chosen, after=after, limit=3):
+                after = (page[-1].record.doubt, page[-1].record.item_id)
+                seen += [(row.record.doubt, row.record.item_id) for row in page]
+            assert seen == expected, chosen
+            found += len(seen)
+    assert found > 60  # the filters do leave something
+
+
+@pytest.mark.parametrize(
+    ("named", "index"),
+    [
+        ({}, "study_id_reviewed_status_doubt_item_id"),
+        ({"status": "needs_review", "min_doubt": 0.1}, "study_id_reviewed_status_doubt_item_id"),
+        ({"food_key": "apple"}, "queue_of_food"),
+        ({"food_key": "apple", "status": "proposed", "provisional": False}, "queue_of_food"),
+        ({"provisional": True}, "queue_of_provisional"),
+    ],
+    ids=["none", "status", "food", "food+status", "provisional"],
+)
+def test_no_page_of_the_queue_sorts_or_passes_by_what_others_wait_for(database, eaten, named, index):
+    chosen = next(queue_filters(eaten))
+    with database.read() as session:
+        keys = queue_keys(session, replace(chosen, **named), after=(0.9, uuid.UUID(int=0)), limit=50)
+        steps = " | ".join(plan_of(session, sa.select(keys)))
+    assert f"ix_effective_record_{index}" in steps, steps
+    if database.is_sqlite:
+        assert "TEMP B-TREE" not in steps, steps
+    else:
+        assert "Seq Scan" not in steps, steps
+        assert not re.search(r"\bSort\b(?! Key)", steps), steps
