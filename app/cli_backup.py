@@ -88,7 +88,7 @@ def restore(
     if check:
         with _told_of_files():
             checked = check_only(file, settings, tell, other_key=other_key)
-        _tell_checked(checked, {}, "whole", as_json=as_json)
+        _tell_checked(checked, {}, "as it was made" if checked.end.damaged else "whole", as_json=as_json)
         raise SystemExit(1 if checked.end.damaged else 0)
     with _ended_in_order(), database_as_it_is() as database, _told_of_files():
         blobs = open_blob_store(settings.resolved_blob_url, settings)

@@ -168,7 +168,10 @@ def _photos(database: Database, blobs: BlobStore) -> Finding:
     with database.read() as session:
         found = find_missing(meals.blob_keys(session), blobs)
     if found.missing:
-        advice = "Restore them from a backup: their meals' records stay, their estimates cannot be made again."
+        advice = (
+            'Put them back from a backup (docs/backup.md, "Blobs that it lacks"): their meals\' records stay, their '
+            "estimates cannot be made again."
+        )
         return Finding("photographs", "bad", f"{found.missing} of {found.total} missing: {_some(found.first)}.", advice)
     return Finding("photographs", "ok", f"all {found.total} are in the store")
 

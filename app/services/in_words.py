@@ -41,6 +41,8 @@ def in_words(error: BaseException) -> TadaError | None:
     if isinstance(error, sa.exc.DBAPIError):
         is_away = isinstance(error, (sa.exc.OperationalError, sa.exc.InterfaceError))
         return _of_database(error.orig, is_away=is_away, is_full=is_disk_full(error))
+    if isinstance(error, sqlite3.Error) and getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_FULL:
+        return StorageFullError("The folder for temporary files (TMPDIR) has no room left.")  # app/db/scratch_keys.py
     if isinstance(error, (psycopg.Error, sqlite3.Error)):
         return _of_database(error, is_away=isinstance(error, AWAY), is_full=False)
     if isinstance(error, OSError):

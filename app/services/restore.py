@@ -13,7 +13,7 @@ from typing import IO, Any
 
 import sqlalchemy as sa
 
-from app.db.layout import TableLayout
+from app.db.layout import TableLayout, layout_at
 from app.db.migrate import SchemaUnknownError
 from app.db.refill import Refill, make_tables, refilling, require_alone, require_empty
 from app.db.schema_state import current_revision, revisions
@@ -79,10 +79,9 @@ def restore(
     before anything is written, but `backup_refused`, which leaves blobs, and what goes out of order on the way.
     """
     with path.open("rb") as file, nothing_named() as named:
+        _require_free_database(database)  # at once, and again after the check, which may take an hour
         checked = check_backup(file, _key_of(settings, other_key=other_key), named, tell)
-        require_alone(database)
-        _require_known_schema(database)
-        require_empty(database, checked.layout)
+        _require_free_database(database)
         _require_store(blobs, named.blobs, checked.end.blob_bytes)
         missing_in_ledger = require_ledger(settings, named.erasures, other_ledger=other_ledger)
         put_blobs(file, checked.blobs_offset, blobs, tell)
@@ -111,10 +110,15 @@ def _key_of(settings: Settings, *, other_key: bool) -> Callable[[Manifest], Secr
     return open_box
 
 
-def _require_known_schema(database: Database) -> None:
+def _require_free_database(database: Database) -> None:
+    """Nobody else has it open, and it is empty, in a schema that we know."""
+    require_alone(database)
     revision = current_revision(database)
-    if revision is not None and revision not in revisions():
+    if revision is None:
+        return
+    if revision not in revisions():
         raise SchemaUnknownError(f"The database's schema ({revision}) is a newer program's: restore with that.")
+    require_empty(database, layout_at(revision))
 
 
 def _require_store(blobs: BlobStore, keys: ScratchKeys, needed_bytes: int) -> None:

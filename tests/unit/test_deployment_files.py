@@ -146,6 +146,15 @@ def test_metric_that_scales_workers_is_one_that_is_told():
 
 
 def test_unit_of_systemd_has_settings_that_there_are():
-    unit = re.search(r"```ini\n(.*?)```", (ROOT / "docs" / "deployment.md").read_text(), re.DOTALL)[1]
-    assert set(re.findall(r"TADA_[A-Z_]+", unit)) - KNOWN == set()
+    page = (ROOT / "docs" / "deployment.md").read_text()
+    unit = re.search(r"```ini\n(.*?)```", page, re.DOTALL)[1]
+    settings = re.search(r"```text\n(TADA_.*?)```", page, re.DOTALL)[1]
+    names = set(re.findall(r"^(TADA_[A-Z_]+)=", settings, re.MULTILINE))
+    assert {"TADA_DATA_DIR", "TADA_ERASURE_URL", "TADA_METRICS_TOKEN"} <= names <= KNOWN
     assert "Restart=always" in unit
+    (file,) = re.findall(r"^EnvironmentFile=(.+)$", unit, re.MULTILINE)
+    assert page.count(file) >= 4  # what is in it, the unit, whose it is, and commands
+    backup = (ROOT / "docs" / "backup.md").read_text()
+    assert f"EnvironmentFile={file}\n" in backup
+    folder = re.search(r"^TADA_ERASURE_URL=file://(.+)$", settings, re.MULTILINE)[1]
+    assert f"ReadWritePaths={folder}\n" in unit

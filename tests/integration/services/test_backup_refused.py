@@ -402,6 +402,16 @@ def test_restore_beside_blobs_of_others_is_refused(backup_file, machine):
     assert machine.stored() == {key: b"somebody's"}
 
 
+def test_place_that_is_not_free_is_told_before_the_backup_is_read(backup_file, database, tmp_path, monkeypatch):
+    """Reading it may take an hour."""
+    monkeypatch.setattr("app.services.restore.check_backup", None)
+    with deployment(tmp_path / "machine", database.url) as machine:
+        add_meal(machine)
+        with pytest.raises(ConflictError) as refused:
+            machine.restore(backup_file)
+    assert refused.value.code == "deployment_not_empty"
+
+
 def test_restore_while_a_process_has_the_database_open_is_refused(backup_file, database, tmp_path):
     with deployment(tmp_path / "machine", database.url) as machine:
         other = Database(database.url)

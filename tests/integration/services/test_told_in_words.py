@@ -3,6 +3,7 @@
 import functools
 import json
 import os
+import sqlite3
 import subprocess
 import sys
 import uuid
@@ -143,7 +144,7 @@ def test_file_that_is_no_database_is_told(tmp_path, impatient):
 def test_fault_of_the_program_at_the_start_keeps_its_traceback(
     prepared_database_url, tmp_path, impatient, monkeypatch, caplog
 ):
-    def mistaken(*_):
+    def mistaken(*_, **__):
         raise KeyError("a mistake of ours")
 
     for module in (app.main, app.worker):
@@ -163,6 +164,9 @@ def test_what_is_wrapped_is_told_by_its_cause_and_what_is_ours_is_not():
     wrapped.__cause__ = away
     assert in_words(wrapped).message == "The database does not answer: the database system is starting up"
     assert in_words(dbos_error.DBOSInitializationError("no tables")).message.endswith(": no tables")
+    full = sqlite3.OperationalError("database or disk is full")
+    full.sqlite_errorcode = sqlite3.SQLITE_FULL
+    assert "TMPDIR" in in_words(full).message  # a scratch file's, which no engine of SQLAlchemy wraps
     assert isinstance(in_words(OSError(28, "No space left on device", "/data")), StorageFullError)
     assert in_words(sa.exc.ProgrammingError("SELEC", {}, Exception("syntax error"))) is None
     with pytest.raises(KeyError), told_in_words():
