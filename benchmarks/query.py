@@ -40,7 +40,7 @@ from app.db.migrate import upgrade
 from app.db.models import AccessToken, Device, EffectiveRecord, Participant, Staff, Study, StudyMember
 from app.db.queries.days import DayFilter
 from app.db.queries.record_pages import RecordFilter, search_of
-from app.db.queries.review import QueueFilter
+from app.db.queries.review import QueueFilter, page_of_queue
 from app.db.session import Database
 from app.demo import running_server
 from app.services.caller import Caller, DeviceCaller, StaffCaller
@@ -61,7 +61,7 @@ LOAD_SETTINGS = {
     "fsync": "off",
     "full_page_writes": "off",
     "autovacuum": "off",
-    "max_wal_size": "'8GB'",
+    "max_wal_size": "'2GB'",
     "checkpoint_timeout": "'1h'",
 }
 PAGE = 100
@@ -331,10 +331,26 @@ def others(kind: str, database: Database, people: Sequence[Who], samples: int, c
         "queue": lambda: QueueFilter(study),
         "queue of a status": lambda: QueueFilter(study, status=chance.choice(STATUS_FILTERS[:3])),
         "queue of a food": lambda: QueueFilter(study, food_key=food_key(chance.choice(FOOD_RANKS))),
+        "queue of a food and status": lambda: QueueFilter(
+            study, food_key=food_key(chance.choice(FOOD_RANKS)), status=chance.choice(STATUS_FILTERS[:3])
+        ),
+        "queue, provisional": lambda: QueueFilter(study, provisional=True),
+        "queue of doubts": lambda: QueueFilter(study, min_doubt=chance.random()),
         "queue of a participant": lambda: QueueFilter(study, participant_code=f"P{chance.randrange(PEOPLE):05d}"),
     }
     for name, make_queue in queues.items():
         report(kind, name, samples, lambda m=make_queue: read_queue(database, m(), cursor=None, limit=50))
+        report(
+            kind,
+            f"{name}, its middle, without candidates",
+            samples,
+            lambda m=make_queue: middle_of_queue(database, m()),
+        )
+
+
+def middle_of_queue(database: Database, chosen: QueueFilter) -> None:
+    with database.read() as session:
+        page_of_queue(session, chosen, after=(0.5, uuid.UUID(int=0)), limit=51)
 
 
 def report(kind: str, what: str, samples: int, ask: Callable[[], object]) -> None:
