@@ -3,26 +3,15 @@
 import csv
 import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import chain, islice
-
-from fastapi.responses import StreamingResponse
+from itertools import islice
 
 from app.exports.csv_rows import safe_cell
 
 ROWS_A_CHUNK = 200
+MEDIA_TYPE = "text/csv; charset=utf-8; header=present"
 
 
-def csv_response(name: str, columns: Sequence[str], rows: Iterator[Mapping[str, object]]) -> StreamingResponse:
-    """A file of this name. The first row is read at once: a database that fails gives an error, not a broken file."""
-    first = list(islice(rows, 1))
-    return StreamingResponse(
-        stream_csv(columns, chain(first, rows)),
-        media_type="text/csv; charset=utf-8; header=present",
-        headers={"Content-Disposition": f'attachment; filename="{name}"', "Cache-Control": "no-store"},
-    )
-
-
-def stream_csv(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> Iterator[str]:
+def stream_csv(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> Iterator[bytes]:
     """Header and rows."""
     buffer = io.StringIO()
     writer = csv.writer(buffer)
@@ -31,7 +20,7 @@ def stream_csv(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> 
     while True:
         chunk = list(islice(left, ROWS_A_CHUNK))
         writer.writerows([safe_cell(row[name]) for name in columns] for row in chunk)
-        yield buffer.getvalue()
+        yield buffer.getvalue().encode()
         buffer.seek(0)
         buffer.truncate()
         if len(chunk) < ROWS_A_CHUNK:

@@ -1,5 +1,6 @@
 """/v1/me/days, the diary; /v1/days and a study's intakes, what researchers make of it."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from datetime import date
 from typing import Annotated, Any, Literal
@@ -7,7 +8,8 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import JSONResponse
 
-from app.api.csv_stream import csv_response
+from app.api.closing_stream import ClosingStream
+from app.api.csv_stream import MEDIA_TYPE, stream_csv
 from app.api.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
 from app.api.food_edits import IfMatch, expected_versions
 from app.api.paging import Cursor, Limit, next_page
@@ -28,6 +30,7 @@ from app.db.queries.days import DayFilter, DayRow
 from app.errors import InvalidInputError
 from app.services import day_summaries, diary
 from app.services.diary import Whose, Word
+from app.services.spooled_export import SpooledExports
 from app.services.study_days import StudyDay, judge_day
 
 router = APIRouter(prefix="/v1", tags=["days"])
@@ -102,7 +105,7 @@ def put_day_of_participant(
     response_model=DaySummaryPage,
     responses={
         200: {"content": {"text/csv": {"schema": {"type": "string"}}}, "description": "A page, or all rows as CSV."},
-        **problem_responses(401, 403, 422),
+        **problem_responses(401, 403, 422, 503),
     },
 )
 def get_days(
@@ -119,13 +122,15 @@ def get_days(
         Literal["json", "csv"] | None, Query(alias="format", description="Default: by the Accept header, else json.")
     ] = None,
 ) -> Response:
-    """A row a participant-day, those without food too. CSV streams all rows; JSON comes in pages."""
+    """A row a participant-day, those without food too. JSON comes in pages; CSV has all rows, of one moment."""
     _check_order(first_day, last_day)
     chosen = DayFilter(study_code=study, participant_code=participant, first_day=first_day, last_day=last_day)
     if output == "csv" or (output is None and request.headers.get("accept", "").startswith("text/csv")):
-        days = day_summaries.stream_day_summaries(state.database, caller, chosen)
-        rows = (_summary_out(day).model_dump(mode="json") for day in days)
-        return csv_response("days.csv", tuple(DaySummaryOut.model_fields), rows)
+        file = SpooledExports(state.database, state.blobs, state.settings, state.export_places)(
+            caller, "days", lambda session: _days_csv(day_summaries.all_day_summaries(session, caller, chosen))
+        )
+        headers = {"Content-Disposition": 'attachment; filename="days.csv"', "Cache-Control": "private, no-store"}
+        return ClosingStream(file.pieces, file.close, media_type=MEDIA_TYPE, headers=headers)
     page = day_summaries.list_day_summaries(state.database, caller, chosen, cursor=cursor, limit=limit)
     body = DaySummaryPage(items=[_summary_out(day) for day in page.rows], next=next_page(request, page.cursor))
     return JSONResponse(body.model_dump(mode="json"), headers={"Cache-Control": "private, no-store"})
@@ -148,6 +153,11 @@ def get_intakes(
         state.database, staff, study, first_day=first_day, last_day=last_day, cursor=cursor, limit=limit
     )
     return IntakePage(items=[_intake_out(intake) for intake in page.rows], next=next_page(request, page.cursor))
+
+
+def _days_csv(days: Iterable[StudyDay]) -> Iterator[bytes]:
+    rows = (_summary_out(day).model_dump(mode="json") for day in days)
+    return stream_csv(tuple(DaySummaryOut.model_fields), rows)
 
 
 def _word(body: DayIn) -> Word:

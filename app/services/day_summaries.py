@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from datetime import date
 
+from sqlalchemy.orm import Session
+
 from app.db.queries import days, intakes, people
 from app.db.queries.days import DayFilter
 from app.db.queries.intakes import IntakeRow
@@ -16,7 +18,7 @@ from app.services.caller import Caller, DeviceCaller
 from app.services.cursors import DAY, ID, TEXT, Page, decode_cursor, encode_cursor
 from app.services.study_days import StudyDay, judge_days, number_days
 
-STREAM_PAGE = 1000  # rows a query while streaming: each its own short transaction
+STREAM_PAGE = 1000  # rows a query while streaming
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +35,9 @@ def list_day_summaries(
 ) -> Page[StudyDay]:
     """One page, by (local date, participant). Raises InvalidInputError for a cursor that is broken or of others."""
     listed = "days " + json.dumps(asdict(chosen), default=str, sort_keys=True)
-    if isinstance(caller, DeviceCaller):
-        chosen = replace(chosen, participant_id=caller.participant_id)
-    else:
-        chosen = replace(chosen, study_ids=visible_studies(caller))
     after = decode_cursor(listed, cursor, DAY, ID)
     with database.read() as session:
-        rows = days.page_of_days(session, chosen, after=after, limit=limit + 1)
+        rows = days.page_of_days(session, visible_days(caller, chosen), after=after, limit=limit + 1)
         numbered = number_days(session, rows[:limit])
     if len(rows) <= limit:
         return Page(numbered, None)
@@ -47,15 +45,22 @@ def list_day_summaries(
     return Page(numbered, encode_cursor(listed, last.local_date, last.participant_id))
 
 
-def stream_day_summaries(database: Database, caller: Caller, chosen: DayFilter) -> Iterator[StudyDay]:
-    """All days, a page's query at a time; memory stays that of a page."""
-    cursor = None
+def all_day_summaries(session: Session, caller: Caller, chosen: DayFilter) -> Iterator[StudyDay]:
+    """All days, a page's query at a time; memory stays that of a page. Of one moment: in the caller's transaction."""
+    visible, after = visible_days(caller, chosen), None
     while True:
-        page = list_day_summaries(database, caller, chosen, cursor=cursor, limit=STREAM_PAGE)
-        yield from page.rows
-        cursor = page.cursor
-        if cursor is None:
+        rows = days.page_of_days(session, visible, after=after, limit=STREAM_PAGE)
+        yield from number_days(session, rows)
+        if len(rows) < STREAM_PAGE:
             return
+        after = (rows[-1].local_date, rows[-1].participant_id)
+
+
+def visible_days(caller: Caller, chosen: DayFilter) -> DayFilter:
+    """Of these the ones that the caller may see: a phone its participant's only, staff those of their studies."""
+    if isinstance(caller, DeviceCaller):
+        return replace(chosen, participant_id=caller.participant_id)
+    return replace(chosen, study_ids=visible_studies(caller))
 
 
 def list_intakes(

@@ -13,6 +13,7 @@ import sqlalchemy as sa
 from pyarrow import parquet
 from pydantic_core import to_json
 
+from app.api import csv_stream
 from app.api.schemas.records import RecordOut
 from app.db.models import AuditEvent, EffectiveRecord, Meal, Participant, Staff
 from app.db.queries import record_export
@@ -20,7 +21,7 @@ from app.exports import cells
 from app.exports.csv_rows import safe_cell
 from app.exports.record_columns import RECORD_COLUMNS, RECORD_NAMES
 from app.exports.spool import Spool
-from app.services import export_records
+from app.services import day_summaries, export_records, spooled_export
 from app.services.caller import StaffCaller
 from app.services.export_records import ExportRecords
 from app.services.list_records import RecordFilter
@@ -218,29 +219,61 @@ def wait_for_end_of_exports():
         time.sleep(0.01)
 
 
-def test_export_is_of_one_moment_and_gives_the_database_back_before_the_reader_reads(state, export, monkeypatch):
-    monkeypatch.setattr(record_export, "ROWS_A_BATCH", 1)
+@pytest.fixture
+def held_after_the_first_row(monkeypatch):
+    """An export's writer waits behind the header and the first row: what it has written, and how to let it go on."""
     written, go_on = [], threading.Event()
     write = Spool.write
 
     def slow_write(spool, data):
         write(spool, data)
         written.append(data)
-        if len(written) == 2:  # the header and the first record
+        if len(written) == 2:
             assert go_on.wait(20)
 
     monkeypatch.setattr(Spool, "write", slow_write)
+
+    def wait():
+        deadline = time.monotonic() + 20
+        while len(written) < 2:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        return go_on.set
+
+    return wait
+
+
+def test_export_is_of_one_moment_and_gives_the_database_back_before_the_reader_reads(
+    state, export, monkeypatch, held_after_the_first_row
+):
+    monkeypatch.setattr(record_export, "ROWS_A_BATCH", 1)
     file = export()
-    while len(written) < 2:
-        time.sleep(0.01)
+    go_on = held_after_the_first_row()
     with state.database.write() as session:
         session.execute(sa.update(EffectiveRecord).values(energy_kcal=77.0))
-    go_on.set()
+    go_on()
     wait_for_end_of_exports()  # and nobody has read a byte
     text = b"".join(file.pieces).decode()
     file.close()
     assert len(text.splitlines()) >= 5
     assert "77.0" not in text
+
+
+@pytest.mark.usefixtures("eaten")
+def test_days_as_csv_are_of_one_moment(state, client, admin, monkeypatch, held_after_the_first_row):
+    monkeypatch.setattr(day_summaries, "STREAM_PAGE", 1)
+    monkeypatch.setattr(csv_stream, "ROWS_A_CHUNK", 1)
+    answers = []
+    reader = threading.Thread(target=lambda: answers.append(client.get("/v1/days?format=csv", headers=admin).text))
+    reader.start()
+    go_on = held_after_the_first_row()
+    with state.database.write() as session:
+        session.execute(sa.update(EffectiveRecord).values(energy_kcal=77.0))
+    go_on()
+    reader.join(20)
+    rows = list(csv.DictReader(io.StringIO(answers[0], newline="")))
+    assert len(rows) == 3
+    assert "77.0" not in [row["energy_kcal"] for row in rows]
 
 
 def test_reader_who_leaves_ends_the_query(export, monkeypatch):
@@ -296,7 +329,7 @@ def test_system_without_threads_refuses_the_export_and_leaves_the_place(client, 
             raise RuntimeError("can't start new thread")
 
     with monkeypatch.context() as patch:
-        patch.setattr(export_records, "threading", SimpleNamespace(Thread=NoThread))
+        patch.setattr(spooled_export, "threading", SimpleNamespace(Thread=NoThread))
         for _ in range(4):
             answer = client.get("/v1/records?format=csv", headers=admin)
             assert (answer.status_code, answer.json()["code"]) == (503, "server_busy")
