@@ -85,6 +85,7 @@ class ChildPool:
     """At most so many children; `run` waits for a free one. tasks: see child.py."""
 
     def __init__(self, settings: Settings, tasks: str, *, uses: int = USES, children: int = 1) -> None:
+        self.on_done: Callable[[str], object] = lambda _: None  # a request of this name needs its child no more
         self._settings = settings
         self._tasks = tasks
         self._uses = uses
@@ -111,6 +112,8 @@ class ChildPool:
             with self._free:
                 result = self._run_in_child(request, on_stage, limit, name)
             if result is not None:
+                if name is not None:
+                    self.on_done(name)
                 instruments.CHILD_RESULTS.labels(result.outcome).inc()
                 return result
         raise ChildStartError("child processes ended before they took the request")

@@ -1,4 +1,4 @@
-"""Claims jobs for one worker: never more than it has room for, and the next one as soon as one ends.
+"""Claims jobs for one worker: never more than it has room for, and the next one as soon as a child is free.
 
 In place of DBOS's own queue thread, which knows one concurrency for all workers of a database, looks only every so
 often, and runs rows of one version. The claim itself is DBOS's: one statement that takes the rows of the lowest turn,
@@ -35,6 +35,7 @@ class Claims:
         self._versions = list(versions)
         self._queue = Queue(queue_name, worker_concurrency=concurrency, token=_INTERNAL_QUEUE_CONSTRUCTION)
         self._claimed: set[str] = set()
+        self._computed: set[str] = set()  # of those: only what is to be sealed and saved is left
         self._lock = threading.Lock()
         self._ending = threading.Event()
         self._look = threading.Event()
@@ -50,6 +51,13 @@ class Claims:
         self._look.set()
         self._thread.join(STOP_SECONDS)
 
+    def note_computed(self, workflow_id: str) -> None:
+        """The job needs no child any more: while its result is sealed and saved, the next one may have it."""
+        with self._lock:
+            if workflow_id in self._claimed:
+                self._computed.add(workflow_id)
+        self._look.set()
+
     def _claim_on_and_on(self) -> None:
         while not self._ending.is_set():
             self._look.clear()
@@ -64,7 +72,8 @@ class Claims:
         # while jobs of two versions wait, as in a rolling upgrade, neither always goes first
         for version in random.sample(self._versions, len(self._versions)):
             with self._lock:
-                running = len(self._claimed)
+                claimed, computed = len(self._claimed), len(self._computed)
+            running = claimed - min(computed, self._concurrency)  # a store that is slow piles up no results
             if running >= self._concurrency or self._ending.is_set():
                 return
             token = str(uuid.uuid4())
@@ -102,4 +111,5 @@ class Claims:
         """There is room again: look at once."""
         with self._lock:
             self._claimed.discard(workflow_id)
+            self._computed.discard(workflow_id)
         self._look.set()

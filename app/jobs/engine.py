@@ -145,6 +145,10 @@ class Engine:
         for stop in self._dbos.background_thread_stop_events:
             stop.set()
 
+    def note_computed(self, workflow_id: str) -> None:
+        """The job needs no child any more."""
+        self._claims.note_computed(workflow_id)
+
     def requeue(self, workflow_id: str, executor_id: str) -> bool:
         """Put a job back into the queue, at its old turn, if that executor still has it. False: it has not."""
         return self._dbos._sys_db.reenqueue_for_recovery(workflow_id, [executor_id], QUEUE)  # noqa: SLF001

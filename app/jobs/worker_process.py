@@ -53,6 +53,7 @@ def run_jobs(
     pool = ChildPool(settings, tasks, children=concurrency)
     use_cases = make_use_cases(database, pool)
     worker = JobWorker(database, use_cases, concurrency=concurrency, times=times, protocol=protocol)
+    pool.on_done = worker.note_computed
     worker.start()
     chores = ChoreThread(make_chores(database))
     chores.start()

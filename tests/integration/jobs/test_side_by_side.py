@@ -43,6 +43,23 @@ def test_each_worker_runs_as_many_jobs_as_it_is_set_to_beside_one_that_is_set_ot
         jobs.wait_for_state(job_id, "done")
 
 
+def test_next_jobs_begin_while_results_are_sealed_but_results_do_not_pile_up(jobs):
+    ids = [jobs.add("seal_slowly") for _ in range(4)]
+    worker = jobs.start_worker(worker_concurrency=1)
+    sealing = lambda: [job_id for job_id in ids if (jobs.folder / f"sealing-{job_id}-{worker.pid}").exists()]  # noqa: E731
+    wait_until(lambda: len(sealing()) == 2, "the second to be computed while the first is sealed")
+    time.sleep(0.6)  # more than two looks
+    assert computing(jobs) == {worker.pid: 2}
+    first, second = sealing()
+    jobs.go(first)
+    wait_until(lambda: len(sealing()) == 3, "the third to be computed while the second is sealed")
+    assert not jobs.saves(second)
+    for job_id in ids:
+        jobs.go(job_id)
+    for job_id in ids:
+        jobs.wait_for_state(job_id, "done")
+
+
 def test_worker_takes_the_first_job_of_another_study_before_the_backlog_of_the_one_it_is_at(jobs):
     large, small = jobs.new_study(), jobs.new_study()
     backlog = [jobs.add("hold", large) for _ in range(4)]
