@@ -1,4 +1,4 @@
-"""`tada restore`: an empty deployment becomes what a backup holds: blobs first, then all rows or none.
+"""`tada restore`: an empty deployment becomes what a backup holds: empty tables, blobs, then all rows or none.
 
 The whole backup, the place that it comes to and the ledger of erasures are checked before anything is written. Broken
 off, the same restore can be done again: the blobs that are there already are the same. At the end erasures that came
@@ -20,7 +20,7 @@ from app.db.schema_state import current_revision, revisions
 from app.db.scratch_keys import ScratchKeys
 from app.db.session import Database
 from app.errors import ConflictError, StorageFullError
-from app.jobs.engine import JobQueue
+from app.jobs.engine import JobQueue, prepare_job_tables
 from app.jobs.sweep import sweep
 from app.services import audit
 from app.services.backup import Tell
@@ -84,8 +84,9 @@ def restore(
         _require_free_database(database)
         _require_store(blobs, named.blobs, checked.end.blob_bytes)
         missing_in_ledger = require_ledger(settings, named.erasures, other_ledger=other_ledger)
-        put_blobs(file, checked.blobs_offset, blobs, tell)
         make_tables(database, checked.manifest.revision, checked.layout)
+        prepare_job_tables(database)  # a role that may not is told now, and not when all blobs are there
+        put_blobs(file, checked.blobs_offset, blobs, tell)
         with refilling(database, checked.layout) as refill:
             _put_rows(refill, file, checked, tell)
             _mark_erased(refill, checked, named.blobs)

@@ -25,6 +25,7 @@ from app.services.secret_box import SecretBox, SecretKeyError
 from app.storage.opening import open_blob_store
 from tests.integration.services.deployments import SECRET, deployment, quiet, stored_under
 from tests.integration.services.forged_backups import Forgery
+from tests.integration.services.weak_role import weak_role
 
 NOW = datetime(2026, 11, 20, 4, 30, 0, 123456, tzinfo=UTC)
 BOX = SecretBox(SECRET)
@@ -339,6 +340,16 @@ def test_postgres_without_a_key_is_told_so_before_anything_is_written(backup_fil
         with pytest.raises(SecretKeyError):
             machine.restore(backup_file, other_key=True)
         assert_untouched(machine)
+
+
+def test_role_that_may_make_no_tables_is_told_before_any_blob_is_written(backup_file, kind, database_url, tmp_path):
+    """Blobs may take an hour."""
+    if kind == "sqlite":
+        return
+    with weak_role(database_url) as (url, _), deployment(tmp_path / "machine", url) as machine:
+        with pytest.raises(sa.exc.ProgrammingError, match="permission denied"):
+            machine.restore(backup_file)
+        assert machine.stored() == {}
 
 
 def test_rows_that_the_database_does_not_take_are_refused_and_none_of_them_stays(machine, backup_file, tmp_path):

@@ -6,7 +6,6 @@ import os
 import sqlite3
 import subprocess
 import sys
-import uuid
 
 import pytest
 import sqlalchemy as sa
@@ -16,7 +15,6 @@ import app.main
 import app.serving
 import app.worker
 from app.db.migrate import upgrade
-from app.db.session import Database
 from app.errors import StorageFullError, TadaError, UnavailableError
 from app.jobs.engine import prepare_job_tables
 from app.services.in_words import in_words, told_in_words
@@ -26,6 +24,7 @@ from app.settings import Settings
 from app.storage import s3
 from app.worker import run_worker
 from tests.conftest import postgres_database
+from tests.integration.services.weak_role import weak_role
 from tests.s3_places import IMPATIENT
 
 KEY = "a key for tests only, of no worth"
@@ -44,20 +43,9 @@ def impatient(monkeypatch):
 
 @pytest.fixture
 def weak(postgres_server):
-    """A role that may connect to a database of somebody else's, and no more: its URL, and the owner's."""
-    with postgres_database(postgres_server) as url:
-        name = f"weak_{uuid.uuid4().hex}"
-        owner = Database(url)
-        with owner.write() as session:
-            session.execute(sa.text("REVOKE CREATE ON SCHEMA public FROM PUBLIC"))  # as from PostgreSQL 15 on
-            session.execute(sa.text(f"CREATE ROLE {name} LOGIN"))
-        try:
-            yield sa.make_url(url).set(username=name).render_as_string(hide_password=False), owner
-        finally:
-            with owner.write() as session:
-                session.execute(sa.text(f"DROP OWNED BY {name}"))
-                session.execute(sa.text(f"DROP ROLE {name}"))
-            owner.dispose()
+    """A role that may connect to a database of somebody else's, and no more: its URL, and the owner's database."""
+    with postgres_database(postgres_server) as url, weak_role(url) as found:
+        yield found
 
 
 def begun(*command, **variables):
