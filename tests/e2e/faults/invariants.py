@@ -23,6 +23,7 @@ from app.db.models import (
     Participant,
     Run,
     RunArtefact,
+    SpentKey,
 )
 from app.db.queries import jobs, privacy
 from app.db.queries.meals import WAITING
@@ -68,7 +69,7 @@ class Checker:
         self._journal = journal
         self._database = Database(settings.resolved_database_url)
         self._blobs = open_blob_store(settings.resolved_blob_url, settings)
-        self.orphans = 0
+        self.orphans = self.orphans_before = 0
 
     def close(self):
         self._database.dispose()
@@ -202,6 +203,8 @@ class Checker:
     def _blobs_and_rows(self):
         """After the deletions and without a grace time the store holds what the database names, and nothing else."""
         time.sleep(1.1)  # a store's times have seconds
+        with self._database.read() as session:
+            self.orphans_before = session.scalar(sa.select(sa.func.count()).select_from(SpentKey))
         deleter = BlobDeleter(self._database, self._blobs)
         deleter.delete_wanted()
         self.orphans = deleter.delete_orphans(grace=timedelta(0))

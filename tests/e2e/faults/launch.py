@@ -2,21 +2,26 @@
 
 FOLDER/slow holds the seconds that each fsync takes, FOLDER/full makes fsync say that the disk is full (where no small
 file system could be mounted). Pictures that carry a note are estimated as it says (stub_tasks.py), all others by the
-real pipeline. FAULT_VERSION and FAULT_PROTOCOL make it an older release.
+real pipeline. FAULT_VERSION and FAULT_PROTOCOL make it an older release. Orphans go after seconds, not after a day, so
+that the store is listed for them in the midst of uploads that are slow, break off and come again.
 """
 
 import contextlib
+import dataclasses
 import errno
 import functools
 import os
 import pathlib
 import sys
 import time
+from datetime import timedelta
 
 import app
 from app.jobs.process_life import die_with_parent
 
 STUB_TASKS = "tests.e2e.faults.stub_tasks:TASKS"
+ORPHAN_GRACE = timedelta(seconds=1)
+ORPHAN_ROUND_SECONDS = 2.0
 
 
 def main(folder, *command, parent):
@@ -28,11 +33,32 @@ def main(folder, *command, parent):
 
     engine.JOB_PROTOCOL_VERSION = int(os.environ.get("FAULT_PROTOCOL", engine.JOB_PROTOCOL_VERSION))
     worker.TASKS = STUB_TASKS
+    delete_orphans_soon()
     own = [sys.executable, "-m", "tests.e2e.faults.launch", folder, "worker"]
     serving.WorkerProcess = functools.partial(serving.WorkerProcess, command=own)
     os.fsync = faulty_fsync(os.fsync, pathlib.Path(folder))
     sys.argv = ["tada", *command]
     cli.main()
+
+
+def delete_orphans_soon():
+    from app import worker
+    from app.services import orphan_rounds
+    from app.services.delete_blobs import BlobDeleter
+
+    BlobDeleter.orphan_batches = functools.partialmethod(BlobDeleter.orphan_batches, ORPHAN_GRACE)
+    orphan_rounds.FILES = orphan_rounds.BUCKET = orphan_rounds.Pace(
+        every=timedelta(seconds=ORPHAN_ROUND_SECONDS), first_after=timedelta(0)
+    )
+    worker_chores = worker.worker_chores
+
+    def chores(*arguments):
+        return [
+            dataclasses.replace(chore, every_seconds=ORPHAN_ROUND_SECONDS) if chore.name == "delete_orphans" else chore
+            for chore in worker_chores(*arguments)
+        ]
+
+    worker.worker_chores = chores
 
 
 def faulty_fsync(fsync, folder):
