@@ -4,11 +4,11 @@
 
 Each a database made by benchmarks/query_data.py, in FOLDER (default: a temporary one) and removed at the end; with
 --keep it stays and the next run with the same FOLDER, --rows and --seed measures it again. Ten million records take
-some 15 GB and half an hour to make.
+some 17 GB and some twelve minutes to make.
 
 Pages of 100: every filter of GET /v1/records and every pair of them, as an admin of all studies, as the owner of the
 largest study and as a participant's phone, each --samples times (the slowest sets are listed); the first page, the one
-behind 100,000 records (or the last, where there are fewer), and the last. "service" is `list_records` in this process,
+behind 100,000 records, where there are as many, and the last. "service" is `list_records` in this process,
 "HTTP" the same from a server of its own on this machine. Then days and review queue; then exports of 100,000 records
 and of a million, by HTTP: rows a second, and the server's greatest memory above what it had before.
 """
@@ -39,7 +39,7 @@ import sqlalchemy as sa
 from app.db.migrate import upgrade
 from app.db.models import AccessToken, Device, EffectiveRecord, Participant, Staff, Study, StudyMember
 from app.db.queries.days import DayFilter
-from app.db.queries.record_pages import RecordFilter, search_of
+from app.db.queries.record_pages import AFTER_INSTANT, AFTER_ITEM, BEFORE_ALL, RecordFilter, search_of
 from app.db.queries.review import QueueFilter, page_of_queue
 from app.db.session import Database
 from app.demo import running_server
@@ -193,6 +193,7 @@ def measure(kind: str, url: str, folder: Path, samples: int, chance: random.Rand
     with running_server(settings) as address, httpx2.Client(base_url=address, timeout=600.0) as client:
         slowest = max(slowest, pages_by_http(kind, client, people, samples, chance))
         speeds = query_exports.exports(kind, url, folder, client, people[0].token, count)
+        query_exports.days(kind, client, people[1].token)
     query_exports.writing(kind, database)
     database.dispose()
     print(f"\n{kind}: slowest p95 of a page {slowest:.1f} ms, bar {TARGET_P95_MS:.0f} ms", flush=True)
@@ -298,9 +299,9 @@ def positions(database: Database, who: Who, chosen: RecordFilter) -> list[tuple[
             return found
         if not database.is_sqlite:
             session.execute(sa.text("SET LOCAL statement_timeout = 0"))
-        page = search.page(None, FAR)
+        page = search.pages(FAR)
         ahead = sa.select(page).order_by(page.c.captured_at.desc(), page.c.item_id.desc()).limit(1)
-        far = session.execute(ahead).first()
+        far = session.execute(ahead, {AFTER_INSTANT: BEFORE_ALL[0], AFTER_ITEM: BEFORE_ALL[1]}).first()
         if far is not None:
             found.append(("page 1,001", cursor_behind(visible, far[0], far[1])))
         end = datetime.combine(chosen.last_day or FIRST_DAY + timedelta(days=DAYS), datetime.min.time(), UTC)
