@@ -57,7 +57,7 @@ def compare_intake(daily: Sequence[float], reference: float, kind: Kind, *, is_c
 def student_t(freedom: int) -> float:
     """The t that Student's distribution of so many degrees of freedom stays within, on both sides, at LEVEL.
 
-    Here and not from SciPy, which would be half of the memory of a process that answers phones.
+    Here and not from SciPy, which would take 28 MB of every process that answers phones.
     """
     below, above = 0.0, math.pi / 2
     while below < (angle := (below + above) / 2) < above:

@@ -164,7 +164,7 @@ def _amount(day: ClosedDay, amounts: Mapping[tuple[uuid.UUID, date], Amount]) ->
 
 
 def _judge(stage: LifeStage, group: _Group, number: str) -> StageAdequacy:
-    import numpy as np  # noqa: PLC0415  # 25 MB of an API process that has no other use for it, until somebody asks
+    import numpy as np  # noqa: PLC0415  # 13 MB of a process that has no other use for it
 
     from app.nutrition.usual_intake import NotJudged, judge_group  # noqa: PLC0415  # with it
 

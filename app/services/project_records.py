@@ -299,7 +299,7 @@ def _with_after_pair_settled(session: Session, parts: MealParts) -> MealParts:
         return parts
     state = fold_meal(parts)
     if has_pieces:
-        # NumPy and SciPy come with it, half as much memory again for an API process: for those meals that have pieces
+        # NumPy and SciPy come with it: 50 MB that an API process has no other use for
         from app.services.match_leftovers import match_leftovers  # noqa: PLC0415
 
         if match_leftovers(session, parts, state):
