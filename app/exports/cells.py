@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from typing import Generic, TypeVar
 
-MOST_KNOWN = 20_000  # that are kept
+MOST_KNOWN = 4000  # that are kept: a few batches' meals, most foods; more would cost the garbage collector's time
 
 Value = TypeVar("Value")
 Made = TypeVar("Made")

@@ -42,7 +42,7 @@ from app.exports.record_columns import (
 )
 
 ROWS_A_BATCH = 2000
-MOST_KNOWN = 20_000  # meals, participants, foods ... that are kept in memory during an export
+MOST_KNOWN = 20_000  # participants, foods ... that are kept in memory during an export
 OWN = (STATE, VOLUME, DENSITY_SOURCE, AMOUNTS, FLAGS, CHANGE)  # parts that are read as they are stored
 KEYS = ("captured_at", "item_id", "meal_id", "food_id")  # what a row begins with
 HEX_DIGITS = 32  # of an id without hyphens
@@ -83,12 +83,12 @@ class _Meal(NamedTuple):
 class _Lookup(Generic[Id, Known]):
     """What ids stand for, learnt a batch at a time, and forgotten before it is too much."""
 
-    def __init__(self, find: Callable[[Collection[Id]], Mapping[Id, Known]]) -> None:
-        self._find, self._known = find, dict[Id, Known]()
+    def __init__(self, find: Callable[[Collection[Id]], Mapping[Id, Known]], most_known: int = MOST_KNOWN) -> None:
+        self._find, self._most_known, self._known = find, most_known, dict[Id, Known]()
 
     def __call__(self, ids: Collection[Id]) -> list[Known]:
         new = set(ids) - self._known.keys()
-        if len(self._known) + len(new) > MOST_KNOWN:
+        if len(self._known) + len(new) > self._most_known:
             self._known.clear()
             new = set(ids)
         if new:
@@ -104,7 +104,8 @@ def export_batches(session: Session, search: RecordSearch | None) -> Iterator[Ba
     """
     if search is None:
         return
-    meals, foods = _Lookup(_meal_finder(session)), _Lookup(lambda ids: _foods(session, ids))
+    meals = _Lookup(_meal_finder(session), most_known=ROWS_A_BATCH)  # a meal's records are neighbours
+    foods = _Lookup(lambda ids: _foods(session, ids))
     flags, states = MadeOnce(_flags), MadeOnce(_state)
     for rows in (_one_query if search.is_on_sqlite else _query_by_query)(session.connection(), search):
         own = {part: list(map(itemgetter(place), rows)) for part, place in PLACES.items()}
@@ -186,7 +187,7 @@ def _meal_finder(session: Session) -> Callable[[Collection[str]], dict[str, _Mea
     """Finds meals by their ids, with what goes with a meal."""
     connection, is_on_sqlite = session.connection(), session.get_bind().dialect.name == "sqlite"
     study_codes, people = _Lookup(lambda ids: _studies(session, ids)), _Lookup(lambda ids: _people(session, ids))
-    query = _meals(is_on_sqlite=is_on_sqlite)
+    query, days = _meals(is_on_sqlite=is_on_sqlite), MadeOnce(_day)
 
     def find(ids: Collection[str]) -> dict[str, _Meal]:
         result = connection.execute(query, {IDS: json.dumps(sorted(ids)) if is_on_sqlite else sorted(ids)})
@@ -195,18 +196,11 @@ def _meal_finder(session: Session) -> Callable[[Collection[str]], dict[str, _Mea
         found, studies = {}, study_codes([row[6] for row in rows])
         persons = people([row[7] for row in rows])
         for row, study, person in zip(rows, studies, persons, strict=True):
-            meal_id, client_id, captured_at, time_zone, day, received_at, _, _, day_status = row
-            captured, local_date = _instant(captured_at), _day(day)
-            of_meal = (
-                _hyphenated(client_id),
-                study,
-                person.code,
-                captured.isoformat().removesuffix("+00:00") + "Z",
-                time_zone,
-                local_date.isoformat(),
-                (_instant(received_at) - captured).total_seconds(),
-            )
-            number = None if person.first_day is None else local_date.toordinal() - person.first_day + 1
+            meal_id, client_id, captured_at, time_zone, local_date, received_at, _, _, day_status = row
+            day, ordinal = days[local_date]
+            captured, delay_seconds = _captured(captured_at, received_at)
+            of_meal = (_hyphenated(client_id), study, person.code, captured, time_zone, day, delay_seconds)
+            number = None if person.first_day is None else ordinal - person.first_day + 1
             found[meal_id] = _Meal(of_meal, (day_status, number))
         return found
 
@@ -238,14 +232,19 @@ def _meals(*, is_on_sqlite: bool) -> sa.Select[*tuple[Any, ...]]:
     )
 
 
-def _instant(value: str | datetime) -> datetime:
-    """SQLite's text, or PostgreSQL's instant."""
-    return datetime.fromisoformat(value).replace(tzinfo=UTC) if isinstance(value, str) else value.astimezone(UTC)
+def _captured(captured_at: Any, received_at: Any) -> tuple[str, float]:
+    """An instant as JSON has it, and the seconds to the other one. From SQLite's texts, or PostgreSQL's instants."""
+    if isinstance(captured_at, str):
+        delay = datetime.fromisoformat(received_at) - datetime.fromisoformat(captured_at)
+        return f"{captured_at[:10]}T{captured_at[11:].removesuffix('.000000')}Z", delay.total_seconds()
+    text = captured_at.astimezone(UTC).isoformat().removesuffix("+00:00")
+    return f"{text}Z", (received_at - captured_at).total_seconds()
 
 
-def _day(value: str | date) -> date:
-    """SQLite's text, or PostgreSQL's day."""
-    return date.fromisoformat(value) if isinstance(value, str) else value
+def _day(value: str | date) -> tuple[str, int]:
+    """A day as JSON has it, and its ordinal. From SQLite's text, or PostgreSQL's day."""
+    day = date.fromisoformat(value) if isinstance(value, str) else value
+    return day.isoformat(), day.toordinal()
 
 
 def _hyphenated(text: str) -> str:
