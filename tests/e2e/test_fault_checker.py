@@ -27,6 +27,10 @@ from tests.e2e.faults.programs import Clock
 from tests.e2e.faults.proxy import Network
 from tests.integration.jobs.fakes import new_meal
 
+AUTOFLUSH = (
+    "(raised as a result of Query-invoked autoflush; consider using a session.no_autoflush block if this flush is "
+    "occurring prematurely)"
+)
 PHOTOS = {"left": b"the left photograph", "right": b"the right one"}
 
 
@@ -162,6 +166,8 @@ def test_traceback_of_a_bug_is_told_and_one_of_a_database_that_is_away_is_not():
         ("sqlalchemy.exc.InternalError: (psycopg.errors.IdleInTransactionSessionTimeout) ended", False),
         ("sqlalchemy.exc.OperationalError: (sqlite3.OperationalError) database or disk is full", False),
         ("psycopg.errors.QueryCanceled: canceling statement due to statement timeout", False),
+        (f"sqlalchemy.exc.OperationalError: {AUTOFLUSH}\n(psycopg.OperationalError) the connection is lost", False),
+        (f"sqlalchemy.exc.ProgrammingError: {AUTOFLUSH}\n(psycopg.errors.SyntaxError) syntax error", True),
         ("sqlalchemy.exc.IntegrityError: (psycopg.errors.UniqueViolation) duplicate key", True),
         ("sqlalchemy.exc.ProgrammingError: (psycopg.errors.SyntaxError) syntax error", True),
         ("psycopg.errors.UniqueViolation: duplicate key value", True),

@@ -58,6 +58,8 @@ ERROR_LINE = re.compile(
     r"^(\w+\.)*[A-Z]\w*(Error|Exception|Shutdown|TryAgain|JobLeft|Timeout)\b(:|$)|^(\w+\.)+[A-Z]\w+(:|$)"
 )
 
+AUTOFLUSHED = re.compile(r": \(raised as a result of [^\n]*\)\n")  # SQLAlchemy's word before the database's own
+
 AFTER_ANSWERS = ("estimated", "needs_review")  # both follow from such pictures: whose leftover it is may be in doubt
 
 
@@ -260,5 +262,6 @@ def traceback_ends(text):
 
 def last_error(exception):
     """Its class and words; what SQLAlchemy adds below (the statement, a link) is none of it."""
+    exception = AUTOFLUSHED.sub(": ", exception)
     lines = [line for line in exception.splitlines() if ERROR_LINE.match(line)]
     return lines[-1] if lines else exception[-300:]
