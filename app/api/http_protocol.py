@@ -52,6 +52,7 @@ SMALL_CHUNKS, SMALL_CHUNK_BYTES = 2000, 64  # so many chunks that are smaller on
 DRAINED_BYTES = 64 * 1024 * 1024  # of a body that is refused before it is read: so that the phone reads the answer
 LAST_WORD_SECONDS = 4.0  # before a stopping process is gone: to look, to answer and to linger
 LINGER_SECONDS = 2.0  # a refused connection reads on, so that the answer is not lost with a reset
+READ_BYTES = 128 * 1024  # of one system call; asyncio takes 256 KiB, which is no faster and counts for each upload
 TICK_SECONDS = 1.0
 TOLD_SECONDS = 60.0
 CONNECTION_RETRY_SECONDS = 5
@@ -238,6 +239,7 @@ class WatchedProtocol(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Count it; one too many is answered at once."""
         self._plain = transport
+        transport.max_size = READ_BYTES  # type: ignore[attr-defined]  # of asyncio's own transports
         super().connection_made(_Transport(transport, self._close))  # type: ignore[arg-type]  # passes all else on
         self._address = home_of(self.client[0]) if self.client else "unknown"
         now = self.loop.time()

@@ -1,6 +1,6 @@
 """A request's body to files in the staging folder, piece by piece: memory stays bounded, limits hold while it streams.
 
-Multipart is parsed with python-multipart's low-level parser. Bytes are gathered to half a megabyte, then written and
+Multipart is parsed with python-multipart's low-level parser. Bytes are gathered to 128 KiB, then written and
 hashed in a thread, of which at most `max_uploads` work at a time. Whatever ends the request early (a limit, a cut
 connection) removes the files.
 """
@@ -24,7 +24,7 @@ from starlette.requests import Request
 from app.errors import MalformedRequestError, TooLargeError, UnsupportedMediaError
 from app.services.receive_photo import ReceivedFile
 
-WRITE_BYTES = 512 * 1024  # of each upload under way; larger ones are no faster
+WRITE_BYTES = 128 * 1024  # of each upload under way; larger ones are no faster
 FRAME_BYTES = 64 * 1024  # boundaries and headers of the parts
 MAX_BOUNDARY_LENGTH = 70  # RFC 2046, section 5.1.1
 PHOTO_TYPES = frozenset(
