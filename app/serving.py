@@ -26,7 +26,7 @@ from app.jobs.supervisor import WorkerProcess
 from app.logs import configure_logging
 from app.main import create_app
 from app.services.check_stores import check_stores
-from app.services.in_words import in_words
+from app.services.in_words import in_words, told_in_words
 from app.settings import Settings
 
 log = structlog.get_logger()
@@ -40,7 +40,8 @@ def serve(settings: Settings, *, with_worker: bool) -> int:
     """Serve until SIGTERM or SIGINT. Returns the exit status. Raises TadaError, in words, where it cannot begin."""
     configure_logging(settings)
     check_public_url(settings.public_url)
-    check_stores(settings)
+    with told_in_words():
+        check_stores(settings)
     give_memory_back()
     embedded_worker = WorkerProcess(settings) if with_worker and settings.is_embedded else None
     app = create_app(settings)
