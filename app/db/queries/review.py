@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from app.db.models import EffectiveRecord, Food, Meal, MealEvent, Participant, Staff
 from app.db.models.record import RECORD_STATUSES
-from app.db.queries.record_pages import food_ids, participants_of
+from app.db.queries.record_pages import MOST_BRANCHES, food_ids, participants_of
 
 QUEUED_STATUSES = tuple(status for status in RECORD_STATUSES if status != "rejected")
 QUESTIONS_LOOKED_AT = 1000  # of one participant, the newest
@@ -133,6 +133,8 @@ def _branches(session: Session, chosen: QueueFilter) -> list[tuple[sa.ColumnElem
             return [tuple(rest)]
         people = participants_of(session, chosen.participant_code, None, [chosen.study_id]) or ()
         return [(record.participant_id == person, *rest) for person in people]
-    if found is not None:
+    if found is not None and len(found) * len(statuses) > MOST_BRANCHES:
+        rest.append(record.food_id.in_(found))  # the study's in their order, and those of other foods passed by
+    elif found is not None:
         return [(record.food_id == food, record.status == status, *rest) for food in found for status in statuses]
     return [(record.status == status, *rest) for status in statuses]

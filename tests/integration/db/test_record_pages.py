@@ -22,7 +22,7 @@ from app.db.models import (
     Study,
 )
 from app.db.models.record import RECORD_STATUSES
-from app.db.queries import days, record_pages
+from app.db.queries import days, record_pages, review
 from app.db.queries.days import DayFilter, page_of_days
 from app.db.queries.record_pages import RecordFilter, search_of
 from app.db.queries.records import page_of_records
@@ -278,7 +278,9 @@ def queue_reference(rows, chosen):
     return sorted(((row["doubt"], row["key"][1]) for row in rows if waits(row)), reverse=True)
 
 
-def test_any_filters_leave_the_queue_that_a_slow_reference_finds(database, eaten):
+@pytest.mark.parametrize("most_branches", [256, 1])
+def test_any_filters_leave_the_queue_that_a_slow_reference_finds(database, eaten, monkeypatch, most_branches):
+    monkeypatch.setattr(review, "MOST_BRANCHES", most_branches)
     found = 0
     with database.read() as session:
         for chosen in queue_filters(eaten):
@@ -289,6 +291,21 @@ def test_any_filters_leave_the_queue_that_a_slow_reference_finds(database, eaten
             assert seen == expected, chosen
             found += len(seen)
     assert found > 60  # the filters do leave something
+
+
+def test_queue_of_a_food_with_very_many_versions_is_read(database, eaten):
+    """More of them than SQLite takes queries in one compound (500): four statuses of each."""
+    with database.write() as session:
+        for number in range(3, 133):
+            session.add(FoodRelease(id=number, source="test", name="table", version=str(number), released_on=FIRST_DAY,
+                                    checksum=f"{number:064}", imported_at=NOW, completed_at=NOW))  # fmt: skip
+            session.flush()
+            session.add(Food(id=10 * number, release_id=number, key="apple", name="apple", aliases=[],
+                             food_group="all", form="ball", refuse=[], probes=[], source_ids={}))  # fmt: skip
+    chosen = replace(next(queue_filters(eaten)), food_key="apple")
+    with database.read() as session:
+        page = page_of_queue(session, chosen, after=None, limit=100)
+    assert [(row.record.doubt, row.record.item_id) for row in page] == queue_reference(eaten, chosen) != []
 
 
 @pytest.mark.parametrize(
