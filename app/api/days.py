@@ -29,6 +29,7 @@ from app.db.models.record import HEADLINE_COLUMNS
 from app.db.queries.days import DayFilter, DayRow
 from app.errors import InvalidInputError
 from app.services import day_summaries, diary
+from app.services.caller import StaffCaller
 from app.services.diary import Whose, Word
 from app.services.spooled_export import SpooledExports
 from app.services.study_days import StudyDay, judge_day
@@ -126,8 +127,16 @@ def get_days(
     _check_order(first_day, last_day)
     chosen = DayFilter(study_code=study, participant_code=participant, first_day=first_day, last_day=last_day)
     if output == "csv" or (output is None and request.headers.get("accept", "").startswith("text/csv")):
+
+        def note() -> None:
+            if isinstance(caller, StaffCaller):
+                day_summaries.note_days_export(state.database, caller, chosen)
+
         file = SpooledExports(state.database, state.blobs, state.settings, state.export_places)(
-            caller, "days", lambda session: _days_csv(day_summaries.all_day_summaries(session, caller, chosen))
+            caller,
+            "days",
+            lambda session: _days_csv(day_summaries.all_day_summaries(session, caller, chosen)),
+            note=note,
         )
         headers = {"Content-Disposition": 'attachment; filename="days.csv"', "Cache-Control": "private, no-store"}
         return ClosingStream(file.pieces, file.close, media_type=MEDIA_TYPE, headers=headers)

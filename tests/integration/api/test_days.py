@@ -7,7 +7,7 @@ from datetime import date, timedelta
 import pytest
 import sqlalchemy as sa
 
-from app.db.models import EffectiveRecord, Meal, Study
+from app.db.models import AuditEvent, EffectiveRecord, Meal, Study
 from app.db.models.record import HEADLINE_COLUMNS
 from tests.integration.eaten_days import add_meal, eaten_item, set_profile
 
@@ -133,6 +133,20 @@ def test_pages_lead_through_all_days_of_all_participants(enrol, state, client, a
     assert [day for day, _ in seen] == sorted(day for day, _ in seen)
     text = client.get("/v1/days?format=csv", headers=admin).text
     assert len(list(csv.DictReader(io.StringIO(text)))) == 9
+
+
+def test_csv_by_staff_is_noted_once_in_the_studys_log_and_a_phones_is_not(phone, state, client, admin):
+    add_meal(state, "P001", "2026-11-01")
+    for path in ("/v1/days?study=pilot&from=2026-11-01&format=csv", "/v1/days?study=pilot", "/v1/days?format=csv"):
+        assert client.get(path, headers=admin).status_code == 200
+    assert client.get("/v1/days?format=csv", headers=phone.headers).status_code == 200
+    with state.database.read() as session:
+        study_id = session.scalars(sa.select(Study.id).where(Study.code == "pilot")).one()
+        events = session.scalars(sa.select(AuditEvent).where(AuditEvent.action == "days.export")).all()
+    assert [(event.study_id, event.details) for event in events] == [
+        (study_id, {"output": "csv", "filters": ["first_day", "study_code"]}),
+        (None, {"output": "csv", "filters": []}),
+    ]
 
 
 def test_cursor_of_other_filters_and_broken_ones_are_refused(phone, state, client):
