@@ -1,7 +1,7 @@
 """A backup is read from its first byte to its last before anything is restored from it: whole, unchanged, understood.
 
 Every checksum, every row against the tables of its revision, every blob against the SHA-256 in its key and against the
-rows that name it. What does not fit is refused (`backup_broken`, `backup_too_new`), so what a restore does afterwards
+rows that name it. What does not fit is refused (`backup_broken` and the like), so what a restore does afterwards
 it does with known values. Memory stays flat whatever the file claims.
 """
 
@@ -82,7 +82,7 @@ def nothing_named() -> Iterator[Named]:
 def check_backup(file: IO[bytes], open_box: OpenBox, named: Named, tell: Tell) -> CheckedBackup:
     """Read all of it. named: becomes what its rows name.
 
-    Raises InvalidInputError (`backup_broken`, `backup_too_new`), and what open_box raises.
+    Raises InvalidInputError (`backup_broken`, `backup_too_new`, `backup_too_old`), and what open_box raises.
     """
     reading = _Reading(file, named, tell)
     manifest = reading.manifest()

@@ -22,7 +22,7 @@ from app.db.layout import TableLayout
 from app.errors import InvalidInputError
 from app.services.secret_box import SecretBox
 
-FORMAT = 2  # 1, of before the first release, had the blobs that it lacks in its end
+FORMAT = 2  # 1, of versions before 0.2, had the blobs that it lacks in its end
 MANIFEST, LACKING, SUMS, END = "tada-backup.json", "lacking.jsonl", "SHA256SUMS", "end.json"
 CHUNK_BYTES = 2 * 1024 * 1024  # of rows before compression: a chunk ends with the row that passes it
 MAX_CHUNK_BYTES = 64 * 1024 * 1024  # one that unpacks to more was not written by us
@@ -109,13 +109,13 @@ def key_check(box: SecretBox, backup: str) -> str:
 
 
 def read_manifest(content: bytes) -> Manifest:
-    """Raises InvalidInputError: `backup_broken`, `backup_too_new`."""
+    """Raises InvalidInputError: `backup_broken`, `backup_too_new`, `backup_too_old`."""
     document = _document(content, MANIFEST)
     number = document.get("format")
     if isinstance(number, int) and number > FORMAT:
         raise too_new(f"its format is {number}, this program reads {FORMAT}")
     if number == 1:
-        raise broken("its format is 1, of before the first release, which only the program of then reads")
+        raise too_old("its format is 1, which versions before 0.2 wrote and read")
     try:
         manifest = Manifest(**document | {"created_at": datetime.fromisoformat(document["created_at"])})
     except (TypeError, ValueError, KeyError) as error:
@@ -169,6 +169,15 @@ def too_new(why: str) -> InvalidInputError:
     return InvalidInputError(
         f"The backup was made by a newer program than this: {why}. Install that version, then restore.",
         code="backup_too_new",
+    )
+
+
+def too_old(why: str) -> InvalidInputError:
+    """The backup is whole, as far as is known, and of an older format than this program reads."""
+    return InvalidInputError(
+        f"The backup was made by an older program, and nothing is wrong with that: {why}. Restore it with version 0.1.0, "
+        "then upgrade that deployment (docs/upgrades.md). Nothing was restored.",
+        code="backup_too_old",
     )
 
 

@@ -145,12 +145,19 @@ def test_format_or_schema_that_is_not_known_is_told_as_newer(backup_file):
         assert refusal(forgery.to_bytes(BOX)).code == "backup_too_new"
 
 
+def test_format_of_versions_before_0_2_is_told_as_older_and_not_as_broken(forgery):
+    forgery.change_manifest(format=1)
+    refused = refusal(forgery.to_bytes(BOX))
+    assert refused.code == "backup_too_old"
+    assert "Restore it with version 0.1.0" in refused.message
+    assert "broken" not in refused.message
+
+
 @pytest.mark.parametrize(
     "fields",
     [
         {"format": "1"},
         {"format": 0},
-        {"format": 1},
         {"created_at": "yesterday"},
         {"created_at": "2026-11-22T00:00:00"},
         {"revision": 7},
