@@ -1,7 +1,11 @@
 """pages of the review queue by any filter, out of millions
 
 As with 20261122_record_indexes, an index that is there already is kept, and who runs a large PostgreSQL makes them
-beforehand (docs/queries.md). The queue's former index goes: the new one serves what it served.
+beforehand (docs/queries.md).
+
+The queue's former index stays, though the new one serves what it served: servers of the release before look by it while
+machines are upgraded one by one. A later release drops it in a migration of its own that builds nothing: building
+keeps writers waiting until the commit, dropping waits for whoever has read the table, and of these some come to write.
 
 Revision ID: 20261122_review_queue
 Revises: 20261122_spent_keys
@@ -16,7 +20,6 @@ down_revision = "20261122_spent_keys"
 branch_labels = None
 depends_on = None
 
-FORMER = ("ix_effective_record_study_id_reviewed_doubt_item_id", ("study_id", "reviewed", "doubt", "item_id"))
 INDEXES = (
     (
         "ix_effective_record_study_id_reviewed_status_doubt_item_id",
@@ -44,11 +47,9 @@ def upgrade() -> None:
             sqlite_where=sa.text("provisional IS 1") if is_of_provisional else None,
             postgresql_where=sa.text("provisional IS true") if is_of_provisional else None,
         )
-    op.drop_index(FORMER[0], table_name="effective_record", if_exists=True)
 
 
 def downgrade() -> None:
-    op.create_index(FORMER[0], "effective_record", list(FORMER[1]), if_not_exists=True)
     for name, _, _ in reversed(INDEXES):
         op.drop_index(name, table_name="effective_record")
 

@@ -29,6 +29,8 @@ def what_old_code_would_miss(before, after):
             found.append(f"{table}.{name} was {text}, is {now}")
         elif what == "column" and " not null" in now and " not null" not in text:
             found.append(f"{table}.{name} may not be null any more")
+        elif what == "index" and now is None:
+            found.append(f"{table}: index {name} is gone, which old code needs")
     old_tables = {table for table, _, _ in before}
     for (table, what, name), text in after.items():
         if table not in old_tables or (table, what, name) in before:
@@ -81,6 +83,7 @@ BREAKS = {
     "ALTER TABLE study DROP COLUMN shares_index": "study.shares_index is gone",
     "ALTER TABLE run RENAME COLUMN colour TO color": "run.colour is gone",
     "ALTER TABLE study ADD COLUMN spare INTEGER NOT NULL": "study.spare is new and has no default",
+    "DROP INDEX ix_meal_status_submitted_at": "meal: index ix_meal_status_submitted_at is gone, which old code needs",
     "CREATE UNIQUE INDEX uq_spare ON device (name)": "device: uq_spare binds rows that old code writes",
 }
 
