@@ -175,8 +175,8 @@ def too_new(why: str) -> InvalidInputError:
 def too_old(why: str) -> InvalidInputError:
     """The backup is whole, as far as is known, and of an older format than this program reads."""
     return InvalidInputError(
-        f"The backup was made by an older program, and nothing is wrong with that: {why}. Restore it with version 0.1.0, "
-        "then upgrade that deployment (docs/upgrades.md). Nothing was restored.",
+        f"The backup was made by an older program, and nothing is wrong with that: {why}. Restore it with version "
+        "0.1.0, then upgrade that deployment (docs/upgrades.md). Nothing was restored.",
         code="backup_too_old",
     )
 

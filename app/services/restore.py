@@ -74,9 +74,10 @@ def restore(
     """Restore a backup into an empty deployment that nobody runs.
 
     other_key: though the secret key is another. other_ledger: though the ledger of erasures is not that of then.
-    Raises InvalidInputError (`backup_broken`, `backup_too_new`, `backup_too_old`, `backup_refused`), SecretKeyError, ConflictError
-    (`deployment_in_use`, `deployment_not_empty`, `ledger_differs`), StorageFullError, OSError of a store. All of them
-    before anything is written, but `backup_refused`, which leaves blobs, and what goes out of order on the way.
+    Raises InvalidInputError (`backup_broken`, `backup_too_new`, `backup_too_old`, `backup_refused`), SecretKeyError,
+    ConflictError (`deployment_in_use`, `deployment_not_empty`, `ledger_differs`), StorageFullError, OSError of a store.
+    All of them before anything is written, but `backup_refused`, which leaves blobs, and what goes out of order on the
+    way.
     """
     with path.open("rb") as file, nothing_named() as named:
         _require_free_database(database)  # at once, and again after the check, which may take an hour
