@@ -51,7 +51,7 @@ def backup(
             sys.stdout.buffer.flush()
         else:
             done = backup_to_file(database, blobs, box, file, tell)
-        note_backup(database, blobs=done.blobs, damaged=done.damaged)
+        note_backup(database, blobs=done.blobs, damaged=done.damaged, piped=to_pipe)
     answer = _described(
         done.manifest, done.rows, done.blobs, done.blob_bytes, done.erased, done.damaged, done.damaged_first
     )

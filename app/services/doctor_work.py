@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 
 from app import __version__
 from app.db.queries import doctor, jobs, vectors
-from app.db.queries.figures import figures, last_backup
+from app.db.queries.figures import figures, first_event_at, last_backup
 from app.db.session import Database
 from app.jobs.engine import JobQueue
 from app.jobs.leases import living_workers
@@ -115,11 +115,16 @@ def look_at_webhooks(database: Database, box: SecretBox | None) -> Iterator[Find
 def look_at_backup(database: Database) -> Finding:
     """Of `tada backup` only: other means are not known here."""
     with database.read() as session:
-        found = last_backup(session)
+        found, began_at = last_backup(session), first_event_at(session)
+    now = datetime.now(UTC)
     if found is None:
         advice = "Run `tada backup` daily, or watch over the backups that you make by other means (docs/backup.md)."
-        return Finding("backup", "note", "no `tada backup` of this database is known.", advice)
-    age = datetime.now(UTC) - found.made_at
+        said = "no `tada backup` of this database is known"
+        if began_at is not None and now - began_at > BACKUP_EVERY:
+            hours = (now - began_at).total_seconds() / 3600
+            return Finding("backup", "bad", f"{said}, and it has been in use for {hours:.0f} h.", advice)
+        return Finding("backup", "note", f"{said}.", advice)
+    age = now - found.made_at
     said = f"the last `tada backup` is {age.total_seconds() / 3600:.0f} h old"
     if found.damaged:
         message = f"{said}, and lacks {found.damaged} blobs that were damaged or missing."
@@ -127,6 +132,9 @@ def look_at_backup(database: Database) -> Finding:
         return Finding("backup", "bad", message, advice)
     if age > BACKUP_EVERY:
         return Finding("backup", "bad", f"{said}.", "Make one now, and see why the daily one was not made.")
+    if found.piped:
+        message = f"{said}, and was sent to a pipe: whether it was kept is not known here."
+        return Finding("backup", "note", message, "Check the file with `tada restore --check` (docs/backup.md).")
     return Finding("backup", "ok", said)
 
 

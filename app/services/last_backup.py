@@ -8,7 +8,10 @@ from app.db.session import Database
 from app.services import audit
 
 
-def note_backup(database: Database, *, blobs: int, damaged: int) -> None:
-    """A backup is whole and on disk. damaged: blobs that it lacks."""
+def note_backup(database: Database, *, blobs: int, damaged: int, piped: bool = False) -> None:
+    """A backup is whole and on disk. damaged: blobs that it lacks.
+
+    piped: it was read to its end by another program, and nobody here knows whether that kept it.
+    """
     with database.write() as session:
-        audit.note(session, None, BACKUP_MADE, blobs=blobs, damaged=damaged)
+        audit.note(session, None, BACKUP_MADE, blobs=blobs, damaged=damaged, piped=piped)

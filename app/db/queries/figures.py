@@ -78,17 +78,23 @@ def _oldest(session: Session, times: sa.Select[datetime]) -> datetime | None:
 
 @dataclass(frozen=True, slots=True)
 class LastBackup:
-    """The last `tada backup` that ended. damaged: blobs that it lacks, for they were damaged or missing."""
+    """The last `tada backup` that ended. damaged: blobs that it lacks, for they were damaged or missing.
+
+    piped: it went to another program, of which nobody here knows whether it kept it.
+    """
 
     made_at: datetime
     damaged: int
+    piped: bool = False
 
 
 def last_backup(session: Session) -> LastBackup | None:
     """None: there was none. By an index of its own, however many events came after it."""
     query = sa.select(AuditEvent.at, AuditEvent.details).where(IS_BACKUP).order_by(AuditEvent.id.desc()).limit(1)
     found = session.execute(query).first()
-    return LastBackup(found.at, int(found.details.get("damaged", 0))) if found is not None else None
+    if found is None:
+        return None
+    return LastBackup(found.at, int(found.details.get("damaged", 0)), piped=bool(found.details.get("piped", False)))
 
 
 def first_event_at(session: Session) -> datetime | None:

@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 import pytest
 
 from app.db.models import Tombstone
+from app.db.queries.figures import last_backup
 from app.services import backup as backup_module
 from tests.commands import run_tada
 from tests.integration.services.deployments import SECRET, deployment
@@ -171,7 +172,7 @@ def test_restore_from_a_pipe_is_refused_since_it_is_read_twice():
     assert "must be a file" in ended.stderr
 
 
-def test_backup_through_a_pipe_is_a_tar_like_any_other(place, tmp_path):
+def test_backup_through_a_pipe_is_a_tar_like_any_other_and_noted_as_piped(place, database, tmp_path):
     """As a process of its own: a test's standard output has no bytes beneath it. The format is what others unpack."""
     environment = {name: str(value) for name, value in place.items()} | {"PATH": "/usr/bin:/bin"}
     made = subprocess.run(
@@ -186,3 +187,5 @@ def test_backup_through_a_pipe_is_a_tar_like_any_other(place, tmp_path):
     assert len(list((tmp_path / "unpacked" / "blobs").rglob("*/left/*"))) == 1
     assert told["blobs"] == 2
     assert run_tada("restore", tmp_path / "piped.tar", "--check", **place).returncode == 0
+    with database.read() as session:
+        assert last_backup(session).piped

@@ -388,6 +388,28 @@ def test_backup_that_is_old_is_told_and_one_that_never_was_is_a_note(deployment)
     assert deployment.bad()["backup"] == "the last `tada backup` is 72 h old."
 
 
+@pytest.mark.parametrize(("days", "level"), [(1, "note"), (3, "bad")])
+def test_backup_that_never_was_is_bad_once_the_deployment_is_two_days_old(deployment, days, level):
+    at = datetime.now(UTC) - timedelta(days=days)
+    deployment.add(AuditEvent(at=at, actor_kind="system", actor="system", action="staff.create", details={}))
+    found = deployment.findings()["backup"]
+    assert found.level == level
+    said = "no `tada backup` of this database is known"
+    assert found.message == (f"{said}." if level == "note" else f"{said}, and it has been in use for 72 h.")
+
+
+def test_backup_that_went_to_a_pipe_is_no_known_good_one(deployment):
+    note_backup(deployment.database, blobs=7, damaged=0, piped=True)
+    found = deployment.findings()["backup"]
+    assert (found.level, found.message) == (
+        "note",
+        "the last `tada backup` is 0 h old, and was sent to a pipe: whether it was kept is not known here.",
+    )
+    assert "tada restore --check" in found.advice
+    note_backup(deployment.database, blobs=7, damaged=0)
+    assert deployment.findings()["backup"].level == "ok"
+
+
 def test_backup_that_lacks_blobs_is_no_good_one(deployment):
     note_backup(deployment.database, blobs=5, damaged=2)
     assert (
