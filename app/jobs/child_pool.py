@@ -85,6 +85,7 @@ class ChildPool:
     """At most so many children; `run` waits for a free one. tasks: see child.py."""
 
     def __init__(self, settings: Settings, tasks: str, *, uses: int = USES, children: int = 1) -> None:
+        self.on_begin: Callable[[str], object] = lambda _: None  # a request of this name needs a child, maybe again
         self.on_done: Callable[[str], object] = lambda _: None  # a request of this name needs its child no more
         self._settings = settings
         self._tasks = tasks
@@ -108,6 +109,8 @@ class ChildPool:
         Raises ChildPoolClosedError, ChildCancelledError, ChildStartError, and what on_stage raises.
         """
         limit = self._settings.estimate_seconds if seconds is None else seconds
+        if name is not None:
+            self.on_begin(name)
         for _ in range(BEGINNINGS):
             with self._free:
                 result = self._run_in_child(request, on_stage, limit, name)

@@ -58,6 +58,11 @@ class Claims:
                 self._computed.add(workflow_id)
         self._look.set()
 
+    def note_computing(self, workflow_id: str) -> None:
+        """The job needs a child, maybe again: what it had found could not be sealed."""
+        with self._lock:
+            self._computed.discard(workflow_id)
+
     def _claim_on_and_on(self) -> None:
         while not self._ending.is_set():
             self._look.clear()

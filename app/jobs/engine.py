@@ -145,6 +145,10 @@ class Engine:
         for stop in self._dbos.background_thread_stop_events:
             stop.set()
 
+    def note_computing(self, workflow_id: str) -> None:
+        """The job needs a child, maybe again."""
+        self._claims.note_computing(workflow_id)
+
     def note_computed(self, workflow_id: str) -> None:
         """The job needs no child any more."""
         self._claims.note_computed(workflow_id)

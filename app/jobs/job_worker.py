@@ -70,6 +70,10 @@ class JobWorker:
         self._begin(self._look_after_others, "takeover")
         log.info("worker_started", executor_id=self.executor_id)
 
+    def note_computing(self, job_id: str) -> None:
+        """The job needs a child, maybe again, if what it had found could not be sealed."""
+        self._engine.note_computing(job_id)
+
     def note_computed(self, job_id: str) -> None:
         """The job needs no child any more: the next may be claimed while it is sealed and saved."""
         self._engine.note_computed(job_id)

@@ -37,12 +37,13 @@ def run_jobs(
     *,
     tasks: str,
     make_chores: Callable[[Database], Sequence[Chore]] = lambda _: (),
+    at_start: Callable[[], AbstractContextManager[None]] = nullcontext,
     times: WorkerTimes | None = None,
     protocol: int | None = None,
 ) -> int:
     """Work until a signal comes. Returns the exit status; must be called in the main thread.
 
-    tasks: the children's registry (child.py). times: shorter in tests. protocol: another in tests.
+    tasks: the children's registry (child.py). at_start: around what comes before the work. times: shorter in tests. protocol: another in tests.
     """
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -53,6 +54,7 @@ def run_jobs(
     pool = ChildPool(settings, tasks, children=concurrency)
     use_cases = make_use_cases(database, pool)
     worker = JobWorker(database, use_cases, concurrency=concurrency, times=times, protocol=protocol)
+    pool.on_begin = worker.note_computing
     pool.on_done = worker.note_computed
     worker.start()
     chores = ChoreThread(make_chores(database))

@@ -60,6 +60,18 @@ def test_next_jobs_begin_while_results_are_sealed_but_results_do_not_pile_up(job
         jobs.wait_for_state(job_id, "done")
 
 
+def test_job_that_is_computed_again_since_the_store_was_away_takes_its_room_back(jobs):
+    retried = jobs.add("store_away_once")
+    worker = jobs.start_worker(worker_concurrency=1)
+    wait_until((jobs.folder / f"again-{retried}").exists, "the first job to be in a child again")
+    following = jobs.add("quick")
+    time.sleep(0.6)  # more than two looks
+    assert not (jobs.folder / f"computing-{following}-{worker.pid}").exists()
+    jobs.go(retried)
+    for job_id in (retried, following):
+        jobs.wait_for_state(job_id, "done")
+
+
 def test_worker_takes_the_first_job_of_another_study_before_the_backlog_of_the_one_it_is_at(jobs):
     large, small = jobs.new_study(), jobs.new_study()
     backlog = [jobs.add("hold", large) for _ in range(4)]

@@ -1,6 +1,7 @@
 """Tasks for the child process: one for each way to end."""
 
 import os
+import pathlib
 import signal
 import time
 
@@ -13,6 +14,13 @@ def _hang(arguments, on_stage):
     on_stage("hanging")
     while True:
         time.sleep(1)
+
+
+def _hold(arguments, on_stage):
+    on_stage("holding")
+    while not pathlib.Path(arguments["until"]).exists():
+        time.sleep(0.02)
+    return {}
 
 
 def _eat_memory(arguments, on_stage):
@@ -65,6 +73,7 @@ def _killed(arguments, on_stage):
 TASKS = {
     "segfault": _segfault,
     "hang": _hang,
+    "hold": _hold,
     "eat_memory": _eat_memory,
     "raise": _raise,
     "print": _print,
