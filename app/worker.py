@@ -32,21 +32,20 @@ NICENESS_BESIDE_SERVER = 5  # it keeps all cores busy while meals wait; the serv
 
 
 def run_worker(settings: Settings) -> int:
-    """Work until SIGTERM or SIGINT. Returns the exit status. Raises TadaError, in words, where it cannot begin."""
+    """Work until SIGTERM or SIGINT. Returns the exit status. Raises TadaError, in words, where it cannot begin.
+
+    What ends it later keeps its traceback.
+    """
     configure_logging(settings)
     with told_in_words():
-        return _run_worker(settings)
-
-
-def _run_worker(settings: Settings) -> int:
-    check_stores(settings)
-    database = open_database(settings)
-    try:
-        prepare_patiently(database, settings)
-    finally:
-        database.dispose()
-    blobs = open_blob_store(settings.resolved_blob_url, settings)
-    box = open_secret_box(settings)
+        check_stores(settings)
+        database = open_database(settings)
+        try:
+            prepare_patiently(database, settings)
+        finally:
+            database.dispose()
+        blobs = open_blob_store(settings.resolved_blob_url, settings)
+        box = open_secret_box(settings)
 
     metrics = _serve_metrics(settings)
 
@@ -57,7 +56,7 @@ def _run_worker(settings: Settings) -> int:
         return worker_chores(database, blobs, box, settings)
 
     try:
-        return run_jobs(settings, make_use_cases, tasks=TASKS, make_chores=make_chores)
+        return run_jobs(settings, make_use_cases, tasks=TASKS, make_chores=make_chores, at_start=told_in_words)
     finally:
         if metrics is not None:
             metrics.stop()

@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 
 import structlog
 
@@ -43,22 +44,24 @@ def run_jobs(
 ) -> int:
     """Work until a signal comes. Returns the exit status; must be called in the main thread.
 
-    tasks: the children's registry (child.py). at_start: around what comes before the work. times: shorter in tests. protocol: another in tests.
+    tasks: the children's registry (child.py). at_start: around what comes before the work. times: shorter in tests.
+    protocol: another in tests.
     """
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
-    database = open_database(settings)
-    prepare_job_tables(database)
-    concurrency = worker_concurrency(settings)
-    pool = ChildPool(settings, tasks, children=concurrency)
-    use_cases = make_use_cases(database, pool)
-    worker = JobWorker(database, use_cases, concurrency=concurrency, times=times, protocol=protocol)
-    pool.on_begin = worker.note_computing
-    pool.on_done = worker.note_computed
-    worker.start()
-    chores = ChoreThread(make_chores(database))
-    chores.start()
+    with at_start():
+        database = open_database(settings)
+        prepare_job_tables(database)
+        concurrency = worker_concurrency(settings)
+        pool = ChildPool(settings, tasks, children=concurrency)
+        use_cases = make_use_cases(database, pool)
+        worker = JobWorker(database, use_cases, concurrency=concurrency, times=times, protocol=protocol)
+        pool.on_begin = worker.note_computing
+        pool.on_done = worker.note_computed
+        worker.start()
+        chores = ChoreThread(make_chores(database))
+        chores.start()
     threading.Thread(target=_warm_up, args=(pool,), daemon=True).start()
     while not stop.wait(0.2):
         if worker.lost.is_set():

@@ -62,6 +62,10 @@ def _of_database(error: BaseException | None, *, is_away: bool, is_full: bool) -
         )
     if getattr(error, "sqlite_errorcode", 0) & 0xFF in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
         return UnavailableError(f"The database's file is damaged, or none of ours: {said}. docs/backup.md: restore it.")
+    if getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_ERROR:
+        return (
+            None  # no such table, no such column, a statement that is none: of the class of what is away all the same
+        )
     return UnavailableError(f"The database does not answer: {said}") if is_away else None
 
 
