@@ -107,6 +107,7 @@ def server_config(settings: Settings, app: ASGIApp) -> uvicorn.Config:
         forwarded_allow_ips=proxies,
         timeout_keep_alive=KEEP_ALIVE_SECONDS,
         timeout_graceful_shutdown=settings.stop_seconds,
+        loop="asyncio",  # whatever else is installed: WatchedProtocol sets what is asyncio's own
         http=partial(WatchedProtocol, watch),  # type: ignore[arg-type]  # it is only ever called
         ws="none",
     )

@@ -261,6 +261,7 @@ class WatchedProtocol(H11Protocol):
         if self._head_since is None and is_idle and not self.conn.is_reading_body:
             self._head_since = self.loop.time()
         if self.conn.skim_body(data):
+            self._unset_keepalive_if_required()
             self._pass_on(data)
         else:
             super().data_received(data)
@@ -273,7 +274,7 @@ class WatchedProtocol(H11Protocol):
             if len(self.cycle.body) > HIGH_WATER_LIMIT:
                 self.flow.pause_reading()
             self.cycle.message_event.set()
-        self._drop_unwanted()
+        self._look_at_rest_of_body()
 
     def handle_events(self) -> None:
         """As uvicorn's, noting when a head was complete, and how much of a body nobody wanted has come."""
@@ -282,12 +283,17 @@ class WatchedProtocol(H11Protocol):
         if self.conn.heads != heads:
             self._head_since = None
             self._progress = (self.loop.time(), 0, 0)
-        self._drop_unwanted()
+        self._look_at_rest_of_body()
 
-    def _drop_unwanted(self) -> None:
-        """End a connection that goes on sending a body long after its answer."""
-        is_answered = self.cycle is not None and self.cycle.response_complete
-        if self.conn.is_reading_body and is_answered and self.conn.body_bytes > DRAINED_BYTES:
+    def _look_at_rest_of_body(self) -> None:
+        """Of a body that was answered before its end: too much of it is cut off; once it is through, we wait anew."""
+        if self.cycle is None or not self.cycle.response_complete or self.transport.is_closing():
+            return
+        if not self.conn.is_reading_body and self.timeout_keep_alive_task is None:
+            self.timeout_keep_alive_task = self.loop.call_later(
+                self.timeout_keep_alive, self.timeout_keep_alive_handler
+            )
+        elif self.conn.is_reading_body and self.conn.body_bytes > DRAINED_BYTES:
             self._cut("body_not_wanted")
 
     def send_400_response(self, msg: str) -> None:

@@ -10,10 +10,12 @@ import uvicorn
 
 from app.api.http_protocol import ConnectionLimits, ConnectionWatch, WatchedProtocol
 
+KEEP_ALIVE_SECONDS = 1
+
 
 async def app(scope, receive, send):
-    """Answers with the SHA-256 and the length of the body."""
-    digest, length, more = hashlib.sha256(), 0, True
+    """Answers with the SHA-256 and the length of the body, to /early before it reads any of it."""
+    digest, length, more = hashlib.sha256(), 0, scope["path"] != "/early"
     while more:
         message = await receive()
         if message["type"] != "http.request":
@@ -29,7 +31,14 @@ async def app(scope, receive, send):
 @pytest.fixture(scope="module")
 def port():
     watch = ConnectionWatch(ConnectionLimits(10, 10, 10, 10))
-    config = uvicorn.Config(app, port=0, http=partial(WatchedProtocol, watch), lifespan="off", log_level="critical")
+    config = uvicorn.Config(
+        app,
+        port=0,
+        http=partial(WatchedProtocol, watch),
+        lifespan="off",
+        log_level="critical",
+        timeout_keep_alive=KEEP_ALIVE_SECONDS,
+    )
     server = uvicorn.Server(config)
     running = threading.Thread(target=server.run)
     running.start()
@@ -42,8 +51,8 @@ def port():
         running.join()
 
 
-def head(body, more=b"Connection: close\r\n"):
-    return b"PUT / HTTP/1.1\r\nHost: t\r\n%bContent-Length: %d\r\n\r\n" % (more, len(body))
+def head(body, more=b"Connection: close\r\n", path=b"/"):
+    return b"PUT %b HTTP/1.1\r\nHost: t\r\n%bContent-Length: %d\r\n\r\n" % (path, more, len(body))
 
 
 def answers(port, *pieces):
@@ -86,3 +95,17 @@ def test_body_that_ends_too_early_is_not_passed_on_as_whole(port):
             time.sleep(0.005)
         sock.shutdown(socket.SHUT_WR)
         assert b" 200 " not in sock.recv(65536)
+
+
+def test_caller_who_goes_on_sending_long_after_an_early_answer_reads_it_and_is_then_an_idle_connection(port):
+    """As 413 or 410 to a phone with a slow network, which reads when all is sent."""
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as sock:
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        sock.sendall(head(BODY, b"", b"/early"))
+        for start in range(0, len(BODY), len(BODY) // 10):
+            sock.sendall(BODY[start : start + len(BODY) // 10])
+            time.sleep(KEEP_ALIVE_SECONDS / 5)
+        assert told(b"").encode() in sock.recv(65536)
+        begun = time.monotonic()
+        assert sock.recv(1) == b""  # no sooner and no later than any connection that nothing comes on
+        assert KEEP_ALIVE_SECONDS / 2 < time.monotonic() - begun < 5 * KEEP_ALIVE_SECONDS
