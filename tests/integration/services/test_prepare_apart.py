@@ -1,11 +1,19 @@
 """Migrations and the starter table take memory once: not that of the process that serves."""
 
+import signal
+import subprocess
+
+import pytest
 import sqlalchemy as sa
 
-from app.db.schema_state import is_current
+from app.db.schema_state import MigrationBusyError, is_current
 from app.db.session import Database
+from app.errors import UnavailableError
+from app.jobs.supervisor import settings_environment
+from app.services import prepare as prepare_module
 from app.services import prepare_apart as module
 from app.services.import_foods import is_starter_there
+from app.services.prepare import prepare_patiently
 from app.services.prepare_apart import prepare_apart
 from app.settings import Settings
 
@@ -35,3 +43,56 @@ def test_what_goes_wrong_there_is_left_to_who_prepares_next(database_url, tmp_pa
     assert "Traceback" not in capfd.readouterr().err
     assert is_current(database)  # as far as it came
     database.dispose()
+
+
+class Ended:
+    """In the place of subprocess.run: processes that end so. It counts them."""
+
+    def __init__(self, status):
+        self.status, self.count = status, 0
+
+    def __call__(self, command, **_):
+        self.count += 1
+        return subprocess.CompletedProcess(command, self.status)
+
+
+@pytest.fixture
+def empty(database_url, tmp_path):
+    """An empty database and its settings."""
+    database = Database(database_url)
+    yield database, Settings(data_dir=tmp_path, database_url=database_url, secret_key="k" * 40)
+    database.dispose()
+
+
+def test_process_that_a_signal_ended_is_told_and_its_work_not_done_here(empty, monkeypatch):
+    ended = Ended(-signal.SIGKILL)
+    monkeypatch.setattr(module.subprocess, "run", ended)
+    monkeypatch.setattr(prepare_module, "prepare", None)
+    with pytest.raises(UnavailableError, match=r"ended by signal 9 \(Killed\)") as caught:
+        prepare_patiently(*empty, patience_seconds=1.0, first=prepare_apart)
+    assert caught.value.retryable
+    assert ended.count > 1  # the next one may have more memory
+
+
+def test_process_that_found_others_busy_for_the_whole_patience_is_not_waited_for_twice(empty, monkeypatch):
+    ended = Ended(module.BUSY)
+    monkeypatch.setattr(module.subprocess, "run", ended)
+    monkeypatch.setattr(prepare_module, "prepare", None)
+    with pytest.raises(MigrationBusyError, match="did not end in time"):
+        prepare_patiently(*empty, patience_seconds=0.0, first=prepare_apart)
+    assert ended.count == 1
+
+
+def test_status_of_a_process_tells_whether_others_were_busy(empty, monkeypatch):
+    _, settings = empty
+    for name, value in settings_environment(settings).items():
+        monkeypatch.setenv(name, value)
+    for name in ("die_with_parent", "configure_logging"):
+        monkeypatch.setattr(module, name, lambda _: None)
+    for error, status in ((MigrationBusyError("busy"), module.BUSY), (UnavailableError("away"), 1)):
+
+        def fail(*_, error=error):
+            raise error
+
+        monkeypatch.setattr(module, "prepare", fail)
+        assert module.main(1) == status

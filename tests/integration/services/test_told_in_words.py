@@ -1,5 +1,6 @@
 """What keeps a server, a worker or a command from beginning is one sentence with a status, and no traceback."""
 
+import errno
 import functools
 import json
 import os
@@ -156,6 +157,36 @@ def test_fault_of_the_program_at_the_start_keeps_its_traceback(
     assert "a mistake of ours" in caplog.text
     with pytest.raises(KeyError):
         run_worker(settings)
+
+
+def test_fault_of_a_worker_that_works_keeps_its_traceback(prepared_database_url, tmp_path, impatient, monkeypatch):
+    settings = Settings(database_url=prepared_database_url, data_dir=tmp_path, secret_key=KEY)
+
+    def begin_and_fail(_, __, *, at_start, is_at_work, **___):
+        with at_start():
+            if not is_at_work:
+                raise OSError(errno.EACCES, "Permission denied")
+        raise OSError(errno.EBADF, "Bad file descriptor")
+
+    monkeypatch.setattr(app.worker, "run_jobs", functools.partial(begin_and_fail, is_at_work=True))
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        run_worker(settings)
+    monkeypatch.setattr(app.worker, "run_jobs", functools.partial(begin_and_fail, is_at_work=False))
+    with pytest.raises(UnavailableError, match="Permission denied"):
+        run_worker(settings)
+
+
+def test_statement_that_sqlite_does_not_take_is_a_fault_of_the_program():
+    """sqlite3 raises the class that it has for a database that is locked or away."""
+    connection = sqlite3.connect(":memory:")
+    with pytest.raises(sqlite3.OperationalError) as caught:
+        connection.execute("SELECT 1 FROM nowhere")
+    connection.close()
+    assert in_words(caught.value) is None
+    assert in_words(sa.exc.OperationalError("SELECT 1 FROM nowhere", {}, caught.value)) is None
+    with pytest.raises(sqlite3.OperationalError) as caught:
+        sqlite3.connect("/nowhere/at/all")
+    assert in_words(caught.value).message.startswith("The database does not answer: unable to open")
 
 
 def test_what_is_wrapped_is_told_by_its_cause_and_what_is_ours_is_not():
