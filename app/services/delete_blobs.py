@@ -70,7 +70,7 @@ class BlobDeleter:
                 ours = privacy.of_known_studies(session, keys)
                 orphans = sorted(ours - privacy.needed_keys(session, ours))
             strange += len(keys) - len(ours)
-            yield sum(self._delete_orphan(key, before) for key in orphans)
+            yield self._delete_orphans(orphans, before)
         if strange:  # no study is ever deleted: this store is another database's, or the other way round
             log.error("blobs_of_no_study", count=strange)
 
@@ -89,21 +89,27 @@ class BlobDeleter:
         self._blobs.remove_abandoned()
         return done
 
-    def _delete_orphan(self, key: str, before: datetime) -> bool:
+    def _delete_orphans(self, keys: Sequence[str], before: datetime) -> int:
         """Look once more: a photograph that was sent again since the batch was read is young now, or has its row.
 
-        Its key is spent before it is deleted, so whoever has just sealed it cannot name it (docs/storage.md).
+        The keys are spent, in one short transaction, before the first is deleted, so whoever has just sealed one of
+        them cannot name it (docs/storage.md).
         """
-        beside = self._blobs.keys(key.rpartition("/")[0] + "/")
-        if not any(blob.key == key and blob.stored_at < before for blob in beside):
-            return False
+        old = [key for key in keys if self._is_old(key, before)]
+        if not old:  # as of nearly every batch: a listing keeps no writer waiting
+            return 0
         with self._database.write() as session:
-            if not spent_keys.hold_alone(session, key) or privacy.needed_keys(session, [key]):
-                return False
-            spent_keys.spend(session, key, datetime.now(UTC))
-        self._blobs.delete(key)
-        instruments.BLOBS_DELETED.labels("orphan").inc()
-        return True
+            free = spent_keys.hold_alone(session, old)
+            orphans = free - privacy.needed_keys(session, free)
+            spent_keys.spend(session, orphans, datetime.now(UTC))
+        for key in sorted(orphans):
+            self._blobs.delete(key)
+            instruments.BLOBS_DELETED.labels("orphan").inc()
+        return len(orphans)
+
+    def _is_old(self, key: str, before: datetime) -> bool:
+        beside = self._blobs.keys(key.rpartition("/")[0] + "/")
+        return any(blob.key == key and blob.stored_at < before for blob in beside)
 
     def _delete_all(self, keys: Sequence[str]) -> tuple[list[str], OSError | None]:
         """Those that are gone, and the last fault."""

@@ -16,7 +16,7 @@ from app.db.models import SpentKey
 
 
 def spent_among(session: Session, keys: Collection[str]) -> set[str]:
-    """Those of the keys that are never to be used again. A few at a time: those of one request."""
+    """Those of the keys that are never to be used again. Some hundreds at a time."""
     of_digests = {_digest(key): key for key in keys}
     if not of_digests:
         return set()
@@ -31,16 +31,22 @@ def hold(session: Session, keys: Collection[str]) -> None:
         session.execute(sa.select(*locks))
 
 
-def hold_alone(session: Session, key: str) -> bool:
-    """Whether nobody else is just about to name the key, or to spend it; until this transaction ends it stays so."""
-    if session.get_bind().dialect.name != "postgresql":
-        return True
-    return bool(session.scalar(sa.select(sa.func.pg_try_advisory_xact_lock(_number(key)))))
+def hold_alone(session: Session, keys: Collection[str]) -> set[str]:
+    """Those of the keys that nobody is just about to name, or to spend; until this transaction ends it stays so.
+
+    Some hundreds at a time. It waits for nobody, so it is in no deadlock with those who hold and wait.
+    """
+    if not keys or session.get_bind().dialect.name != "postgresql":
+        return set(keys)
+    ordered = sorted(keys)
+    locks = (sa.func.pg_try_advisory_xact_lock(_number(key)) for key in ordered)
+    got = session.execute(sa.select(*locks)).one()
+    return {key for key, is_ours in zip(ordered, got, strict=True) if is_ours}
 
 
-def spend(session: Session, key: str, now: datetime) -> None:
-    """No row may name the key any more. The same again is harmless."""
-    if not spent_among(session, [key]):
+def spend(session: Session, keys: Collection[str], now: datetime) -> None:
+    """No row may name the keys any more. The same again is harmless."""
+    for key in set(keys) - spent_among(session, keys):
         session.add(SpentKey(digest=_digest(key), spent_at=now))
 
 

@@ -70,13 +70,13 @@ def test_round_begins_when_it_is_due_and_not_before(state, orphans, clock):
 def test_long_round_is_done_in_slices(state, orphans, clock, monkeypatch):
     monkeypatch.setattr("app.services.delete_blobs.BATCH", 1)
     ours = rounds(state, clock)
-    delete = ours._deleter._delete_orphan
+    delete = ours._deleter._delete_orphans
 
-    def slow(key, before):
+    def slow(keys, before):
         clock.seconds += SLICE_SECONDS
-        return delete(key, before)
+        return delete(keys, before)
 
-    monkeypatch.setattr(ours._deleter, "_delete_orphan", slow)
+    monkeypatch.setattr(ours._deleter, "_delete_orphans", slow)
     assert [ours.go_on() for _ in range(4)] == [1, 1, 1, 0]
 
 

@@ -136,15 +136,15 @@ def test_photograph_whose_key_is_spent_after_it_was_sealed_is_refused_and_taken_
 
 
 def test_orphan_that_is_named_since_the_first_look_stays(sending, state, monkeypatch):
-    delete_orphan, answers = BlobDeleter._delete_orphan, []
+    delete_orphans, answers = BlobDeleter._delete_orphans, []
 
-    def sent_meanwhile(self, key, before):
+    def sent_meanwhile(self, keys, before):
         if not answers:
             answers.append(sending.send())
             make_old(state.blobs)  # sealed again, it is young, or old by the clock of another machine
-        return delete_orphan(self, key, before)
+        return delete_orphans(self, keys, before)
 
-    monkeypatch.setattr(BlobDeleter, "_delete_orphan", sent_meanwhile)
+    monkeypatch.setattr(BlobDeleter, "_delete_orphans", sent_meanwhile)
     assert sending.delete_orphans() == 0
     assert answers[0].status_code == 202
     sending.assert_kept()
@@ -170,8 +170,8 @@ def test_orphan_whose_row_is_written_and_not_committed_stays(sending, state, mon
 def test_upload_that_meets_a_key_just_being_spent_waits_and_is_refused(sending, monkeypatch):
     spend, uploads, answers = spent_keys.spend, [], []
 
-    def while_it_is_sent(session, key, now):
-        spend(session, key, now)
+    def while_it_is_sent(session, keys, now):
+        spend(session, keys, now)
         session.flush()
         if not uploads:
             uploads.append(in_thread(lambda: answers.append(sending.send())))
@@ -184,6 +184,31 @@ def test_upload_that_meets_a_key_just_being_spent_waits_and_is_refused(sending, 
     assert (answers[0].status_code, answers[0].json()["retryable"]) == (503, True)
     assert sending.send().status_code == 202
     sending.assert_kept()
+
+
+def test_orphans_of_a_batch_are_spent_together_before_the_first_is_deleted(sending, state, monkeypatch):
+    spend, delete, done = spent_keys.spend, state.blobs.delete, []
+    monkeypatch.setattr(spent_keys, "spend", lambda *given: (done.append(set(given[1])), spend(*given)))
+    monkeypatch.setattr(state.blobs, "delete", lambda key: (done.append(key), delete(key)))
+    assert sending.delete_orphans() == 2
+    assert done == [sending.orphans, *sorted(sending.orphans)]
+
+
+def test_listing_without_orphans_writes_nothing(sending, state, monkeypatch):
+    assert sending.delete_orphans() == 2
+    monkeypatch.setattr(state.database, "write", out_of_order)
+    assert sum(BlobDeleter(state.database, state.blobs).orphan_batches()) == 0
+
+
+@pytest.mark.parametrize("kind", ["postgres"])  # SQLite has one writer at a time
+def test_orphan_that_somebody_is_about_to_name_stays_and_the_others_of_its_batch_go(sending, state):
+    named, other = sorted(sending.orphans)
+    with state.database.write() as session:
+        spent_keys.hold(session, [named])
+        assert sending.delete_orphans() == 1
+    assert sending.orphans & keys_of(state) == {named}
+    with state.database.read() as session:
+        assert spent_keys.spent_among(session, sending.orphans) == {other}
 
 
 def test_deleter_that_died_before_it_deleted_keeps_no_phone_waiting(sending, state, monkeypatch):
