@@ -1,12 +1,8 @@
 import socket
-import threading
-import time
-from functools import partial
 
 import pytest
-import uvicorn
 
-from app.api.http_protocol import ConnectionLimits, ConnectionWatch, WatchedProtocol
+from tests.unit.api.watched_server import watched_server
 
 
 async def app(scope, receive, send):
@@ -19,18 +15,8 @@ async def app(scope, receive, send):
 
 @pytest.fixture(scope="module")
 def port():
-    watch = ConnectionWatch(ConnectionLimits(10, 10, 10, 10))
-    config = uvicorn.Config(app, port=0, http=partial(WatchedProtocol, watch), lifespan="off", log_level="critical")
-    server = uvicorn.Server(config)
-    running = threading.Thread(target=server.run)
-    running.start()
-    try:
-        while not server.started and running.is_alive():
-            time.sleep(0.01)
-        yield server.servers[0].sockets[0].getsockname()[1]
-    finally:
-        server.should_exit = True
-        running.join()
+    with watched_server(app) as found:
+        yield found
 
 
 def read_all(port, request):
