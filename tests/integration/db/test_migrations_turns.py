@@ -105,7 +105,7 @@ def test_postgres_that_cannot_notice_a_dead_client_is_migrated_all_the_same(data
     def before(connection, cursor, statement, parameters, context, executemany):
         if name in statement and not is_able:
             return f"SET LOCAL {name} = -1", ()
-        if "CREATE TABLE" in statement:
+        if statement.lstrip().startswith("CREATE "):
             cursor.execute(f"SHOW {name}")
             seen.append(cursor.fetchone()[0])
         return statement, parameters
