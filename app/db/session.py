@@ -8,15 +8,16 @@ of their statements: they end up in logs, and the values are about people.
 
 import sqlite3
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import psycopg
 import sqlalchemy as sa
 from sqlalchemy import event
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from app.settings import Settings
@@ -27,7 +28,11 @@ CONNECT_SECONDS = 10  # PostgreSQL: to a host that does not answer
 TCP_LIVENESS = {"keepalives_idle": 30, "keepalives_interval": 10, "keepalives_count": 3, "tcp_user_timeout": 60_000}
 PG_DATA_EXCEPTION = "22"  # class of SQLSTATEs: a value that cannot be
 PG_DEADLOCK = "40P01"
+DEADLOCK_TRIES = 5
 PG_DISK_FULL = "53100"  # SQLSTATE disk_full
+
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,9 +206,15 @@ def _without_values(context: sa.engine.ExceptionContext) -> None:
         ours.args = tuple(one.replace(told, kept) if isinstance(one, str) else one for one in ours.args)
 
 
-def is_deadlock(error: Exception) -> bool:
-    """Whether PostgreSQL ended the transaction so that another could go on: the same once more will do."""
-    return getattr(getattr(error, "orig", None), "sqlstate", None) == PG_DEADLOCK
+def despite_deadlocks(transaction: Callable[[], Result]) -> Result:
+    """Do a whole transaction, and the same again where PostgreSQL ended it so that another could go on."""
+    for _ in range(DEADLOCK_TRIES - 1):
+        try:
+            return transaction()
+        except OperationalError as error:
+            if getattr(error.orig, "sqlstate", None) != PG_DEADLOCK:
+                raise
+    return transaction()
 
 
 def is_disk_full(error: Exception) -> bool:

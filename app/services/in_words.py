@@ -41,7 +41,7 @@ def in_words(error: BaseException) -> TadaError | None:
     if isinstance(error, sa.exc.DBAPIError):
         is_away = isinstance(error, (sa.exc.OperationalError, sa.exc.InterfaceError))
         return _of_database(error.orig, is_away=is_away, is_full=is_disk_full(error))
-    if isinstance(error, sqlite3.Error) and getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_FULL:
+    if _sqlite_code(error) == sqlite3.SQLITE_FULL:
         return StorageFullError("The folder for temporary files (TMPDIR) has no room left.")  # app/db/scratch_keys.py
     if isinstance(error, (psycopg.Error, sqlite3.Error)):
         return _of_database(error, is_away=isinstance(error, AWAY), is_full=False)
@@ -60,12 +60,10 @@ def _of_database(error: BaseException | None, *, is_away: bool, is_full: bool) -
         return UnavailableError(
             f"The database does not let us: {said}. The role of TADA_DATABASE_URL must own its database."
         )
-    if getattr(error, "sqlite_errorcode", 0) & 0xFF in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
+    if _sqlite_code(error) in (sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT):
         return UnavailableError(f"The database's file is damaged, or none of ours: {said}. docs/backup.md: restore it.")
-    if getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_ERROR:
-        return (
-            None  # no such table, no such column, a statement that is none: of the class of what is away all the same
-        )
+    if _sqlite_code(error) == sqlite3.SQLITE_ERROR:  # no such table, no statement: in a class with what is away
+        return None
     return UnavailableError(f"The database does not answer: {said}") if is_away else None
 
 
@@ -74,3 +72,9 @@ def _of_system(error: OSError) -> TadaError:
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return StorageFullError(f"{where}there is no room left.")
     return UnavailableError(f"{where}{error.strerror or error}.")
+
+
+def _sqlite_code(error: BaseException | None) -> int:
+    """SQLite's primary code; 0: none."""
+    code: int = getattr(error, "sqlite_errorcode", 0)
+    return code & 0xFF

@@ -10,20 +10,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime
 
-from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from app.db.models import Meal
 from app.db.queries import job_lists, meals, people
 from app.db.queries.job_lists import FailedFilter, JobRow
-from app.db.session import Database, is_deadlock
+from app.db.session import Database, despite_deadlocks
 from app.errors import ConflictError, GoneError, NotFoundError
 from app.services.cancel_meal import cancel_locked_meal
 from app.services.job_queue import JobQueue
 from app.services.locked_meal import lock_with_person
 from app.services.retry_meal import retry_locked_meal
 
-TRIES = 5  # of a retry that PostgreSQL ended for another's sake
 BATCH = 100  # ids read at once; each meal has its own transaction
 
 
@@ -110,18 +108,15 @@ def _one(database: Database, meal_id: uuid.UUID, do: Callable[[Session, Meal], N
 
     People come before their meals here, but to save an estimate locks its meal first.
     """
-    for tries_left in reversed(range(TRIES)):
-        try:
-            with database.write() as session:
-                meal = session.get(Meal, meal_id)
-                locked = lock_with_person(session, meal) if meal is not None else None
-                if locked is not None:  # else erased meanwhile
-                    do(session, locked)
-        except OperationalError as error:
-            if not tries_left or not is_deadlock(error):
-                raise
-        else:
-            return
+
+    def transaction() -> None:
+        with database.write() as session:
+            meal = session.get(Meal, meal_id)
+            locked = lock_with_person(session, meal) if meal is not None else None
+            if locked is not None:  # else erased meanwhile
+                do(session, locked)
+
+    despite_deadlocks(transaction)
 
 
 def _locked(session: Session, client_id: uuid.UUID, participant_code: str | None) -> Meal:

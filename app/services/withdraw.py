@@ -10,12 +10,11 @@ import uuid
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from app.db.models import ErasureReceipt, Meal, Participant, Study
 from app.db.queries import jobs, people, privacy, records
-from app.db.session import is_deadlock
+from app.db.session import despite_deadlocks
 from app.errors import ConflictError, GoneError, NotFoundError
 from app.services import announce, audit
 from app.services.access import require_study
@@ -24,7 +23,6 @@ from app.services.erase import PHOTOGRAPH_ERASED, Eraser, add_receipt, erase_mea
 from app.services.erasure_ledger import DEEDS, Deed, Erasure, digest_of
 from app.services.project_records import project_meal
 
-TRIES = 5  # of a withdrawal that PostgreSQL ended for another's sake
 WITHDRAWN = "withdrawn"  # stands where a name stood
 KEPT_DETAILS = ("captured_at", "time_zone", "marker", "camera")
 NO_DETAILS: dict[str, Any] = {"hints": [], "location": None, "app_version": None}
@@ -81,13 +79,7 @@ def carry_out_on_participant(
     It locks the person, then their meals. An estimate that is just saved holds its meal and wants the person: then
     PostgreSQL ends one of the two, and who leaves does not hear of it.
     """
-    for tries_left in reversed(range(TRIES)):
-        try:
-            return _in_one_transaction(eraser, erasure, participant_id, caller)
-        except OperationalError as error:
-            if not tries_left or not is_deadlock(error):
-                raise
-    return None
+    return despite_deadlocks(lambda: _in_one_transaction(eraser, erasure, participant_id, caller))
 
 
 def _in_one_transaction(
