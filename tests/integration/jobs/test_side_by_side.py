@@ -46,7 +46,10 @@ def test_each_worker_runs_as_many_jobs_as_it_is_set_to_beside_one_that_is_set_ot
 def test_next_jobs_begin_while_results_are_sealed_but_results_do_not_pile_up(jobs):
     ids = [jobs.add("seal_slowly") for _ in range(4)]
     worker = jobs.start_worker(worker_concurrency=1)
-    sealing = lambda: [job_id for job_id in ids if (jobs.folder / f"sealing-{job_id}-{worker.pid}").exists()]  # noqa: E731
+
+    def sealing():
+        return [job_id for job_id in ids if (jobs.folder / f"sealing-{job_id}-{worker.pid}").exists()]
+
     wait_until(lambda: len(sealing()) == 2, "the second to be computed while the first is sealed")
     time.sleep(0.6)  # more than two looks
     assert computing(jobs) == {worker.pid: 2}
