@@ -3,7 +3,7 @@
 As a large deployment might look after three years: 20 studies of 60 % to 0.1 % of the participants, 800 foods by Zipf's
 law (every second of the first 400 in two releases), a participant's day of three meals, 2.75 items a meal; 85 % of the
 records confirmed, 10 % in need of review (half of them without food and grams), the rest of rare statuses. Rows lie in
-the order of time, as they would have arrived.
+the order of time, as they would have arrived. Or, by a Shape, as one large study has it.
 """
 
 import io
@@ -44,6 +44,17 @@ CLOSED_SHARE, PROVISIONAL_SHARE, REVIEWED_SHARE = 0.7, 0.0005, 0.3
 NOW = datetime(2026, 12, 31)  # noqa: DTZ001  # UTC, as all instants here: Arrow's and NumPy's have no zone
 LOADED = ("effective_record", "item", "meal", "diary_day")  # tables whose indexes are made when they are full
 
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """How the records are spread. largest: the share of the participants who are in the first study."""
+
+    largest: float = 0.6
+    days: int = DAYS
+
+
+SPREAD = Shape()
+ONE_STUDY = Shape(largest=0.95, days=365)  # nearly all in one study, within a year
+
 # Names to values: a NumPy or Arrow array, a list, or one value for all rows. Ids are 32 hexadecimal digits.
 Columns = Mapping[str, Any]
 
@@ -58,10 +69,10 @@ class Ground:
     study_of: np.ndarray[Any, Any]
 
 
-def study_shares() -> np.ndarray[Any, Any]:
-    """60 %, and the others in a geometric row down to 0.1 %."""
+def study_shares(largest: float = SPREAD.largest) -> np.ndarray[Any, Any]:
+    """The largest, and the others in a geometric row: after 60 %, down to 0.1 %."""
     rest = np.geomspace(0.0946, 0.001, STUDIES - 1)
-    return np.concatenate([[0.6], rest * 0.4 / rest.sum()])
+    return np.concatenate([[largest], rest * (1.0 - largest) / rest.sum()])
 
 
 def food_key(rank: int) -> str:
@@ -69,13 +80,13 @@ def food_key(rank: int) -> str:
     return f"food-{rank:04d}"
 
 
-def fill(database: Database, rows: int, seed: int, tell: Any = print) -> None:
+def fill(database: Database, rows: int, seed: int, tell: Any = print, shape: Shape = SPREAD) -> None:
     """Fill a migrated, empty database with at least so many records, and let the planner know."""
     rng = np.random.default_rng(seed)
     with Loader(database) as loader:
-        ground = lay_ground(loader, rng)
+        ground = lay_ground(loader, rng, shape)
         done = 0
-        for batch in batches(ground, rows, rng):
+        for batch in batches(ground, rows, rng, shape):
             for model, columns in batch:
                 loader.insert(model, columns)
             done += len(batch[-1][1]["item_id"])
@@ -84,10 +95,10 @@ def fill(database: Database, rows: int, seed: int, tell: Any = print) -> None:
         tell(f"  {done:,} records; indexes")
 
 
-def lay_ground(loader: "Loader", rng: np.random.Generator) -> Ground:
+def lay_ground(loader: "Loader", rng: np.random.Generator, shape: Shape = SPREAD) -> Ground:
     """Studies, participants with a phone each, two food releases."""
     study_ids, person_ids, device_ids = _ids(rng, STUDIES), _ids(rng, PEOPLE), _ids(rng, PEOPLE)
-    study_of = np.sort(rng.choice(STUDIES, PEOPLE, p=study_shares()))
+    study_of = np.sort(rng.choice(STUDIES, PEOPLE, p=study_shares(shape.largest)))
     study_of[-STUDIES:] = np.maximum(study_of[-STUDIES:], np.arange(STUDIES))  # nobody's study is empty
     study_of.sort()
     loader.insert(
@@ -127,13 +138,13 @@ def food_id(rank: Any, *, twice: Any) -> Any:
 Batch = list[tuple[type[Base], Columns]]
 
 
-def batches(ground: Ground, rows: int, rng: np.random.Generator) -> Iterator[Batch]:
+def batches(ground: Ground, rows: int, rng: np.random.Generator, shape: Shape = SPREAD) -> Iterator[Batch]:
     """Days, meals, items and records, in the order of time, some days a batch."""
-    active = max(1, min(PEOPLE, round(rows / MEAN_ITEMS / DAYS / len(MEAL_HOURS))))
+    active = max(1, min(PEOPLE, round(rows / MEAN_ITEMS / shape.days / len(MEAL_HOURS))))
     days_a_batch = max(1, round(ROWS_A_BATCH / (active * len(MEAL_HOURS) * MEAN_ITEMS)))
     done, day = 0, 0
     while done < rows:
-        count = min(days_a_batch, DAYS - day) if day < DAYS else days_a_batch
+        count = min(days_a_batch, shape.days - day) if day < shape.days else days_a_batch
         batch = some_days(ground, day, count, active, done, rng)
         done += len(batch[-1][1]["item_id"])
         day += count
