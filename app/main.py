@@ -58,6 +58,9 @@ from app.api.schemas.checks import CheckMetadataIn
 from app.api.schemas.meals import MealMetadataIn, NewMealMetadataIn
 from app.api.state import ApiState
 from app.api.waiting import MealWaiter
+from app.dashboard import routes as dashboard
+from app.dashboard.answers import DashboardAnswers
+from app.dashboard.static_files import DashboardFiles
 from app.db.session import open_database
 from app.jobs.engine import JobQueue
 from app.metrics.instruments import tell_build
@@ -160,6 +163,8 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(BodyLimit)
     app.add_middleware(AddressLimit)  # before a body is read
     app.add_middleware(RequestLog)
+    app.add_middleware(DashboardAnswers)
+    app.mount("/dashboard/static", DashboardFiles())
     for resource in (
         meals,
         meal_jobs,
@@ -196,6 +201,7 @@ def create_app(settings: Settings) -> FastAPI:
         webhooks,
         health,
         metrics,
+        dashboard,
     ):
         app.include_router(resource.router)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]  # FastAPI's own way to extend the document

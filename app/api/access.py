@@ -16,6 +16,7 @@ from fastapi import Depends, Request, Security
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from starlette.datastructures import Headers
 
+from app.api import pages
 from app.api.call_limits import count_caller
 from app.api.state import ApiState
 from app.db.queries import people
@@ -38,7 +39,8 @@ class Rule:
 
     staff: the least role in the study; "any": whoever is signed in; None: no staff. An admin passes wherever staff do.
     session: staff must have signed in with their password; a personal token is not enough.
-    scraper: who may read the metrics (app/metrics/reader.py), and nobody else.
+    scraper: who may read the metrics (app/metrics/reader.py), and nobody else. page: called by a browser
+    (api/pages.py), with the session in a cookie.
     """
 
     is_open: bool = False
@@ -46,6 +48,7 @@ class Rule:
     staff: Literal["any", "viewer", "reviewer", "owner", "admin"] | None = None
     session: bool = False
     scraper: bool = False
+    page: bool = False
 
 
 OPEN = Rule(is_open=True)
@@ -62,7 +65,7 @@ OWNER_OR_DEVICE = Rule(device=True, staff="owner")
 ADMIN = Rule(staff="admin")
 SCRAPER = Rule(scraper=True)
 
-RULES: Mapping[tuple[str, str], Rule] = {
+CALLS: Mapping[tuple[str, str], Rule] = {
     # health
     ("GET", "/healthz"): OPEN,
     ("HEAD", "/healthz"): OPEN,
@@ -164,6 +167,11 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("POST", "/v1/studies/{study}/densities"): OWNER,
     ("POST", "/v1/studies/{study}/densities/{density}/withdrawal"): OWNER,
 }
+RULES: Mapping[tuple[str, str], Rule] = {
+    **CALLS,
+    **dict.fromkeys(pages.OPEN_PAGES, Rule(is_open=True, page=True)),
+    **{page: replace(CALLS[call], device=False, session=True, page=True) for page, call in pages.PAGES.items()},
+}
 
 
 async def api_state(request: Request) -> ApiState:
@@ -188,16 +196,17 @@ def authorise(
     rule = RULES.get((request.method, request.scope["route"].path))
     if rule is None:
         raise NotAllowedError("Nobody may make this call: it has no rule.", code="no_rule")
+    if rule.page and request.method not in SAFE_METHODS:
+        pages.require_own_page(request, state.settings)
     if rule.is_open:
         return None
     if rule.scraper:
         _require_scraper(request, state)
         return None
-    if credentials is None:
-        raise UnauthenticatedError("Send the header `Authorization: Bearer TOKEN`.")
-    caller = authenticate(state.database, state.secrets, credentials.credentials)
+    caller = authenticate(state.database, state.secrets, _token(request, state, rule, credentials))
     count_caller(request, state.call_limits, caller)
-    _note_use(state, caller, request.headers)
+    if (request.method, request.scope["route"].path) not in pages.POLLED:
+        _note_use(state, caller, request.headers)
     if isinstance(caller, DeviceCaller):
         if not rule.device:
             code = "admin_only" if rule.staff == "admin" else "staff_only"
@@ -209,6 +218,18 @@ def authorise(
     if "study" in request.path_params:
         _enter_study(state, caller, request.path_params["study"])
     return caller
+
+
+def _token(request: Request, state: ApiState, rule: Rule, credentials: HTTPAuthorizationCredentials | None) -> str:
+    """A page's is in the cookie and nowhere else, a call's in the header and nowhere else."""
+    if rule.page:
+        token = request.cookies.get(pages.session_cookie(request, state.settings))
+        if token is None:
+            raise UnauthenticatedError("Sign in first.")
+        return token
+    if credentials is None:
+        raise UnauthenticatedError("Send the header `Authorization: Bearer TOKEN`.")
+    return credentials.credentials
 
 
 def _require_scraper(request: Request, state: ApiState) -> None:

@@ -3,9 +3,11 @@
 from pathlib import Path
 
 from app.api.access import RULES, SAFE_METHODS, Rule
+from app.api.pages import OPEN_PAGES, PAGES
 
 PAGE = Path(__file__).parents[2] / "docs" / "access.md"
 START, END = "<!-- table from app/api/access.py -->\n", "<!-- end of the table -->\n"
+PAGES_START, PAGES_END = "<!-- table from app/api/pages.py -->\n", "<!-- end of the pages -->\n"
 HEADINGS = ("call", "anybody", "phone", "viewer", "reviewer", "owner", "admin", "read-only token")
 LEAST = {"any": 0, "viewer": 1, "reviewer": 2, "owner": 3, "admin": 4}
 
@@ -16,14 +18,27 @@ def access_table() -> str:
     lines += [
         _row([f"`{method} {path}`", *_cells(method, rule)])
         for (method, path), rule in sorted(RULES.items(), key=lambda entry: (entry[0][1], entry[0][0]))
+        if not rule.page
+    ]
+    return "".join(lines)
+
+
+def page_table() -> str:
+    """Markdown: a row a page of the dashboard, and the call whose rule it has."""
+    rows = {**dict.fromkeys(OPEN_PAGES, "anybody"), **{page: f"`{' '.join(call)}`" for page, call in PAGES.items()}}
+    lines = [_row(["page", "as"]), _row(["---", "---"])]
+    lines += [
+        _row([f"`{method} {path}`", rows[method, path]]) for method, path in sorted(rows, key=lambda at: at[::-1])
     ]
     return "".join(lines)
 
 
 def page_with_table(page: str) -> str:
     """The page with its table made anew."""
-    before, rest = page.split(START)
-    return before + START + access_table() + END + rest.split(END)[1]
+    for start, table, end in ((START, access_table(), END), (PAGES_START, page_table(), PAGES_END)):
+        before, rest = page.split(start)
+        page = before + start + table + end + rest.split(end)[1]
+    return page
 
 
 def _cells(method: str, rule: Rule) -> list[str]:

@@ -5,6 +5,7 @@ they ask for, so that a new route needs no change here: only its rule.
 """
 
 import itertools
+import re
 import uuid
 from dataclasses import dataclass, field, replace
 from datetime import UTC, date, datetime, timedelta
@@ -20,7 +21,8 @@ from app.services.caller import new_token, sha256_hex
 from app.settings import Settings
 from tests.integration.api.people import bearer
 
-OUT_OF_THE_API = {"/openapi.json", "/docs", "/docs/oauth2-redirect", "/redoc"}  # what the server can do is no secret
+# what the server can do is no secret, nor are scripts and styles of the pages
+OUT_OF_THE_API = {"/openapi.json", "/docs", "/docs/oauth2-redirect", "/redoc", "/dashboard/static"}
 RANKS = {"any": 0, "viewer": 1, "reviewer": 2, "owner": 3, "admin": 4}
 NO_STUDY = "There is no such study."
 numbers = itertools.count()
@@ -220,7 +222,15 @@ def fill(path, operation, world):
     for parameter in operation.get("parameters", ()):
         if parameter["in"] == "path":
             path = path.replace(f"{{{parameter['name']}}}", str(known.get(parameter["name"], something(parameter))))
-    return path
+    for name, value in known.items():  # pages are in no document
+        path = path.replace(f"{{{name}}}", str(value))
+    return re.sub(r"\{slot[^}]*\}", "left", re.sub(r"\{day\}", "2026-11-20", path))
+
+
+def as_browser(headers):
+    """The same caller, the token in the cookie, on a page of ours."""
+    token = headers.get("Authorization", "").removeprefix("Bearer ")
+    return {"Sec-Fetch-Site": "same-origin"} | ({"Cookie": f"tada_session={token}"} if token else {})
 
 
 def something(parameter):
@@ -260,7 +270,10 @@ def test_every_route_answers_as_its_rule_says(client, state, role):
     for method, path in sorted(routes_of(client.app)):
         promised = expected(role, RULES[(method, path)], method, path)
         operation = paths.get(path, {}).get(method.lower(), {})
-        answer = client.request(method, fill(path, operation, world), headers=world.headers[role.name])
+        headers = world.headers[role.name]
+        if RULES[(method, path)].page:
+            headers = as_browser(headers)
+        answer = client.request(method, fill(path, operation, world), headers=headers, follow_redirects=False)
         fault = fault_of(role, (method, path), answer, promised)
         faults += [fault] if fault else []
         if answer.status_code < 300 and method not in SAFE_METHODS:
@@ -281,7 +294,8 @@ def test_every_route_has_a_rule_and_every_rule_a_route(app):
 def test_every_rule_is_in_the_document_that_apps_are_written_by(app):
     told = {(method.upper(), path) for path, methods in app.openapi()["paths"].items() for method in methods}
     # what monitoring reads is no business of apps
-    assert {route for route, rule in RULES.items() if route[0] != "HEAD" and not rule.scraper} == told
+    shown = {route for route, rule in RULES.items() if not rule.scraper and not rule.page}
+    assert {route for route in shown if route[0] != "HEAD"} == told
 
 
 def test_route_without_a_rule_is_refused_to_everybody(client, state):

@@ -1,0 +1,107 @@
+"""What every answer of the dashboard is: its headers, and errors as a page for a person.
+
+An ASGI layer, so that no answer goes out without them, whoever made it: a page, a picture, a refusal before the route.
+A problem document becomes a page where a browser asks for one; who is not signed in is led to the sign-in page.
+"""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+from urllib.parse import quote
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import HTMLResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.api.pages import PREFIX
+from app.api.problems import PROBLEM_JSON
+from app.dashboard.templates import render
+
+CONTENT_SECURITY_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; "
+    "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+HEADERS: Mapping[str, str] = {
+    "Content-Security-Policy": CONTENT_SECURITY_POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "same-origin",  # with "no-referrer" forms would send Origin: null, and be refused
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), geolocation=(), microphone=(), payment=(), usb=()",
+}
+NO_STORE = "private, no-store"
+SIGN_IN_CODES = frozenset({"unauthenticated"})
+
+
+class DashboardAnswers:
+    """ASGI middleware around everything below PREFIX."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the call on; dress the answer."""
+        if scope["type"] != "http" or not is_of_dashboard(scope["path"]):
+            await self._app(scope, receive, send)
+            return
+        request_headers = Headers(scope=scope)
+        held: Message | None = None  # the start of a problem document
+        body = b""
+
+        async def dressed_send(message: Message) -> None:
+            nonlocal held, body
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in HEADERS.items():
+                    headers.setdefault(name, value)
+                headers.setdefault("Cache-Control", NO_STORE)
+                if headers.get("content-type") == PROBLEM_JSON and _wants_page(request_headers):
+                    held = message
+                    return
+            elif held is not None:
+                body += message.get("body", b"")
+                if message.get("more_body"):
+                    return
+                await _page_of(scope, request_headers, held, json.loads(body))(scope, receive, send)
+                return
+            await send(message)
+
+        await self._app(scope, receive, dressed_send)
+
+
+def is_of_dashboard(path: str) -> bool:
+    """Whether a path is the dashboard's."""
+    return path in ("/", PREFIX) or path.startswith(f"{PREFIX}/")
+
+
+def _wants_page(headers: Headers) -> bool:
+    return "text/html" in headers.get("accept", "")
+
+
+def _page_of(scope: Scope, request_headers: Headers, start: Message, problem: dict[str, Any]) -> Response:
+    """A problem document as a page, as a piece of one for htmx, or the way to the sign-in page."""
+    is_fragment = request_headers.get("hx-request") == "true"
+    kept = {
+        name.decode("latin-1"): value.decode("latin-1")
+        for name, value in start["headers"]
+        if name not in (b"content-type", b"content-length")
+    }
+    if problem.get("code") in SIGN_IN_CODES and not scope["path"].endswith("/sign-in"):
+        target = _sign_in_address(scope, request_headers)
+        if is_fragment:
+            return Response(status_code=204, headers=kept | {"HX-Redirect": target})
+        return RedirectResponse(target, status_code=303, headers=kept)
+    template = "problem_part.html" if is_fragment else "problem.html"
+    if is_fragment:
+        kept |= {"HX-Retarget": "#problem", "HX-Reswap": "innerHTML", "HX-Push-Url": "false"}
+    return HTMLResponse(render(template, problem=problem), status_code=start["status"], headers=kept)
+
+
+def _sign_in_address(scope: Scope, headers: Headers) -> str:
+    """The sign-in page, which leads back to where one was, if that was a page to look at."""
+    if scope["method"] not in ("GET", "HEAD") or headers.get("hx-request") == "true":
+        return f"{PREFIX}/sign-in"
+    query = scope["query_string"].decode("latin-1")
+    here = scope["path"] + (f"?{query}" if query else "")
+    return f"{PREFIX}/sign-in?next={quote(here, safe='')}" if here not in ("/", PREFIX) else f"{PREFIX}/sign-in"

@@ -1,0 +1,30 @@
+"""What the menus lead to: the pages of a study and of the whole server, as far as a role reaches."""
+
+from dataclasses import dataclass
+
+from app.db.models.people import ROLES
+from app.services.caller import Role
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A page: its path below the study's (or the dashboard's), its label, the least role that may see it."""
+
+    path: tuple[str, ...]
+    label: str
+    needs: Role = "viewer"
+
+
+STUDY: tuple[Entry, ...] = ()
+SERVER: tuple[Entry, ...] = ()
+ADMIN: tuple[Entry, ...] = ()
+
+
+def study_menu(role: Role | None) -> list[Entry]:
+    """A study's pages for this role."""
+    return [entry for entry in STUDY if role is not None and ROLES.index(role) >= ROLES.index(entry.needs)]
+
+
+def server_menu(*, is_admin: bool) -> list[Entry]:
+    """The pages of no study."""
+    return [*SERVER, *(ADMIN if is_admin else ())]

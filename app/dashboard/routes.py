@@ -1,0 +1,9 @@
+"""The dashboard's routes, a file a page. Who may see which: app/api/pages.py."""
+
+from fastapi import APIRouter
+
+from app.dashboard import sign_in, studies
+
+router = APIRouter(include_in_schema=False)
+for page in (sign_in, studies):
+    router.include_router(page.router)

@@ -1,0 +1,50 @@
+// What every page has: the choice of light or dark, and words for what htmx could not do.
+
+const root = document.documentElement;
+
+function isDark() {
+  return root.dataset.theme ? root.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+}
+
+document.addEventListener("click", (event) => {
+  if (!event.target.closest("[data-theme-toggle]")) return;
+  root.dataset.theme = isDark() ? "light" : "dark";
+  localStorage.setItem("tada-theme", root.dataset.theme);
+  document.dispatchEvent(new CustomEvent("tada:theme"));
+});
+
+// a server that does not answer is no answer that htmx could swap in
+document.addEventListener("htmx:error", () => {
+  const place = document.getElementById("problem");
+  if (!place) return;
+  const line = document.createElement("p");
+  line.className = "refused";
+  line.textContent = "The server does not answer. Nothing was changed; try again in a moment.";
+  place.replaceChildren(line);
+});
+
+document.addEventListener("htmx:before:request", () => document.getElementById("problem")?.replaceChildren());
+
+// <select data-submit> and the like: a filter is applied when it is chosen
+document.addEventListener("change", (event) => {
+  if (event.target.matches("[data-submit]")) event.target.form?.requestSubmit();
+});
+
+// empty fields of a filter say nothing: keep them out of the address
+document.addEventListener("submit", (event) => {
+  if (!event.target.matches("form[data-filters]")) return;
+  for (const field of event.target.elements) if (field.name && field.value === "") field.disabled = true;
+});
+addEventListener("pageshow", () => {
+  for (const field of document.querySelectorAll("form[data-filters] :disabled")) field.disabled = false;
+});
+
+// <button data-copy="text">
+document.addEventListener("click", async (event) => {
+  const button = event.target.closest("[data-copy]");
+  if (!button) return;
+  await navigator.clipboard.writeText(button.dataset.copy);
+  const label = button.textContent;
+  button.textContent = "Copied";
+  setTimeout(() => (button.textContent = label), 1500);
+});

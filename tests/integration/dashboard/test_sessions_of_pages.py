@@ -1,0 +1,179 @@
+"""Sign in and out, sessions that end, requests that other sites make a browser send, headers of every answer."""
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+import sqlalchemy as sa
+
+from app.api.pages import PAGES
+from app.dashboard import menus
+from app.dashboard.sign_in import safe_path
+from app.db.models import AccessToken
+from app.services.caller import SESSION_IDLE
+from tests.integration.api.people import PASSWORD, make_staff
+from tests.integration.dashboard.conftest import BROWSER
+
+
+def test_who_is_not_signed_in_is_led_to_the_form_and_then_back(client, admin):
+    answer = client.get("/dashboard/studies/pilot?from=2026-11-01", headers=BROWSER, follow_redirects=False)
+    assert answer.status_code in (303, 404)
+    answer = client.get("/dashboard", headers=BROWSER, follow_redirects=False)
+    assert (answer.status_code, answer.headers["location"]) == (303, "/dashboard/sign-in")
+    make_staff(client, admin, "ann")
+    form = {"name": "ann", "password": PASSWORD, "next": "/dashboard?cursor=x"}
+    answer = client.post("/dashboard/sign-in", headers=BROWSER, data=form, follow_redirects=False)
+    assert (answer.status_code, answer.headers["location"]) == (303, "/dashboard?cursor=x")
+    cookie = answer.headers["set-cookie"].lower()
+    assert "httponly" in cookie
+    assert "samesite=lax" in cookie
+
+
+def test_wrong_password_shows_the_form_again_and_says_so(client, admin):
+    make_staff(client, admin, "ann")
+    answer = client.post("/dashboard/sign-in", headers=BROWSER, data={"name": "ann", "password": "wrong"})
+    assert answer.status_code == 401
+    assert "Name or password are wrong" in answer.text
+    assert "set-cookie" not in answer.headers
+
+
+def test_signing_out_ends_the_session_itself_not_only_the_cookie(sign_in_browser):
+    ann = sign_in_browser("ann")
+    assert ann.get("/dashboard").status_code == 200
+    assert ann.post("/dashboard/sign-out").headers["location"] == "/dashboard/sign-in"
+    assert ann.get("/dashboard").status_code == 303
+
+
+@pytest.mark.parametrize("ended", ["idle", "over"])
+def test_session_ends_when_it_should(state, sign_in_browser, ended):
+    ann = sign_in_browser("ann")
+    past = datetime.now(UTC) - SESSION_IDLE - timedelta(minutes=1)
+    change = {"created_at": past, "last_used_at": past} if ended == "idle" else {"expires_at": past}
+    with state.database.write() as session:
+        session.execute(sa.update(AccessToken).where(AccessToken.kind == "session").values(**change))
+    answer = ann.get("/dashboard")
+    assert (answer.status_code, answer.headers["location"]) == (303, "/dashboard/sign-in")
+
+
+def test_token_of_an_api_call_opens_no_page_and_a_cookie_no_api_call(client, admin, sign_in_browser):
+    assert client.get("/dashboard", headers=admin).status_code == 401
+    ann = sign_in_browser("ann")
+    cookie = {"Cookie": f"tada_session={ann.cookies['tada_session']}"}
+    assert client.get("/v1/studies", headers=cookie).status_code == 401
+    as_cookie = {"Cookie": f"tada_session={admin['Authorization'].removeprefix('Bearer ')}"}
+    answer = client.get("/dashboard", headers=as_cookie)
+    assert (answer.status_code, answer.json()["code"]) == (403, "session_needed")
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [
+        {"Sec-Fetch-Site": "cross-site"},
+        {"Sec-Fetch-Site": "same-site"},
+        {"Sec-Fetch-Site": "none"},
+        {"Sec-Fetch-Site": "cross-site", "Origin": "http://testserver"},
+        {"Origin": "https://evil.example"},
+        {"Origin": "null"},
+        {"Origin": "http://testserver.evil.example"},
+        {},
+    ],
+    ids=str,
+)
+def test_another_sites_form_changes_nothing(client, sign_in_browser, origin):
+    ann = sign_in_browser("ann")
+    cookie = {"Cookie": f"tada_session={ann.cookies['tada_session']}"}
+    answer = client.post("/dashboard/sign-out", headers=cookie | origin, follow_redirects=False)
+    assert (answer.status_code, answer.json()["code"]) == (403, "cross_site")
+    answer = client.post("/dashboard/sign-in", headers=origin, data={"name": "ann", "password": PASSWORD})
+    assert answer.status_code == 403, "nobody is signed in as somebody else by another site"
+    assert ann.get("/dashboard").status_code == 200
+
+
+def test_browser_that_tells_only_the_origin_is_let_in(client, sign_in_browser):
+    ann = sign_in_browser("ann")
+    headers = {"Cookie": f"tada_session={ann.cookies['tada_session']}", "Origin": "http://testserver"}
+    assert client.post("/dashboard/sign-out", headers=headers, follow_redirects=False).status_code == 303
+
+
+def test_under_https_the_cookie_is_bound_to_host_and_transport(app, client, admin):
+    make_staff(client, admin, "ann")
+    client.base_url = "https://testserver"
+    form = {"name": "ann", "password": PASSWORD}
+    answer = client.post("/dashboard/sign-in", headers=BROWSER, data=form, follow_redirects=False)
+    cookie = answer.headers["set-cookie"]
+    assert cookie.startswith("__Host-tada_session=")
+    assert "Secure" in cookie
+    token = answer.cookies["__Host-tada_session"]
+    client.cookies.clear()
+    plain = client.get("/dashboard", headers=BROWSER | {"Cookie": f"tada_session={token}"}, follow_redirects=False)
+    assert plain.status_code == 303, "a cookie that plain HTTP could set opens nothing"
+
+
+@pytest.mark.parametrize(
+    "path", ["/dashboard", "/dashboard/sign-in", "/dashboard/no-such-page", "/dashboard/static/app.css"]
+)
+def test_every_answer_has_the_headers_that_keep_a_page_to_itself(client, path):
+    answer = client.get(path, headers=BROWSER, follow_redirects=False)
+    policy = answer.headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert answer.headers["x-frame-options"] == "DENY"
+    assert "cache-control" in answer.headers
+
+
+def test_pages_are_not_kept_by_caches(sign_in_browser):
+    assert sign_in_browser("ann").get("/dashboard").headers["cache-control"] == "private, no-store"
+
+
+def test_error_is_a_page_for_a_browser_a_piece_for_htmx_and_a_problem_for_a_program(client, sign_in_browser):
+    ann = sign_in_browser("ann")
+    page = ann.get("/dashboard/studies/nowhere")
+    assert page.status_code == 404
+    assert "<!doctype html>" in page.text
+    piece = ann.get("/dashboard/studies/nowhere", headers={"HX-Request": "true"})
+    assert "<!doctype" not in piece.text
+    assert piece.headers["hx-retarget"] == "#problem"
+    cookie = {"Cookie": f"tada_session={ann.cookies['tada_session']}"}
+    assert client.get("/dashboard/studies/nowhere", headers=cookie).json()["code"] == "not_found"
+
+
+def test_ended_session_leads_htmx_to_the_form(client):
+    answer = client.get("/dashboard", headers=BROWSER | {"HX-Request": "true"})
+    assert (answer.status_code, answer.headers["hx-redirect"]) == (204, "/dashboard/sign-in")
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "//evil.example",
+        "https://evil.example/dashboard",
+        "/dashboard\\evil",
+        "/dashboardx",
+        "javascript:alert(1)",
+        "/v1/me",
+        "",
+    ],
+)
+def test_sign_in_leads_to_no_other_place(path):
+    assert safe_path(path) == "/dashboard"
+
+
+def test_name_in_the_form_is_shown_as_text(client):
+    name = '"><script>alert(1)</script>'
+    answer = client.post("/dashboard/sign-in", headers=BROWSER, data={"name": name, "password": "x"})
+    assert "<script>alert" not in answer.text
+
+
+def test_menus_lead_only_to_pages_that_are_there():
+    for entry in menus.STUDY:
+        assert ("GET", "/".join(["/dashboard/studies/{study}", *entry.path])) in PAGES, entry
+    for entry in (*menus.SERVER, *menus.ADMIN):
+        assert ("GET", "/".join(["/dashboard", *entry.path])) in PAGES, entry
+
+
+def test_study_of_others_is_not_listed(enrol, sign_in_browser):
+    enrol(study="secret")
+    enrol(study="pilot")
+    text = sign_in_browser("ann", pilot="viewer").page("/dashboard")
+    assert "pilot" in text
+    assert "secret" not in text
