@@ -7,15 +7,15 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse, Response
 from pydantic import StringConstraints
 
-from app.api.closing_stream import ClosingStream
 from app.api.deps import CurrentCaller, State
+from app.api.export_files import FILES, ComponentsIn, Format, LayoutIn, answer_file, file_format
 from app.api.paging import Cursor, next_page
 from app.api.problems import problem_responses
 from app.api.render import render_record
 from app.api.schemas.records import RecordPage
 from app.db.queries.record_pages import RecordFilter
 from app.errors import InvalidInputError
-from app.services.export_records import ExportFormat, ExportRecords
+from app.services.export_spec import ExportFilters, ExportSpec
 from app.services.list_records import list_records
 
 router = APIRouter(prefix="/v1/records", tags=["records"])
@@ -23,12 +23,6 @@ router = APIRouter(prefix="/v1/records", tags=["records"])
 RecordStatus = Literal["proposed", "needs_review", "confirmed", "corrected", "rejected"]
 FoodKey = Annotated[str, StringConstraints(max_length=100)]
 MOST_FOODS = 10  # in one filter: each is found in an index by itself
-MEDIA_TYPES: dict[ExportFormat, str] = {
-    "csv": "text/csv; charset=utf-8; header=present",
-    "ndjson": "application/x-ndjson",
-    "parquet": "application/vnd.apache.parquet",
-}
-FILES = {media_type.split(";")[0]: {"schema": {"type": "string"}} for media_type in MEDIA_TYPES.values()}
 
 
 @router.get(
@@ -53,12 +47,17 @@ def get_records(
     status: Annotated[list[RecordStatus] | None, Query(max_length=5, description="Any of several.")] = None,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
     cursor: Cursor = None,
-    output: Annotated[
-        Literal["json", "csv", "ndjson", "parquet"] | None,
-        Query(alias="format", description="Default: by the Accept header, else json."),
-    ] = None,
+    output: Format = None,
+    layout: LayoutIn = "wide",
+    components: ComponentsIn = "headline",
 ) -> Response:
     """Records in the order of capture. JSON comes in pages; a file has all that the filters leave, of one moment."""
+    output = file_format(request, output, layout, components)
+    if output is not None:
+        filters = ExportFilters(
+            study, participant, first_day, last_day, food_keys=tuple(food or ()), statuses=tuple(status or ())
+        )
+        return answer_file(state, caller, ExportSpec("items", layout, output, components, filters), "records")
     if first_day and last_day and first_day > last_day:
         raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
     chosen = RecordFilter(
@@ -69,21 +68,6 @@ def get_records(
         food_keys=tuple(food or ()),
         statuses=tuple(status or ()),
     )
-    exported = _export_format(output, request.headers.get("accept", ""))
-    if exported is not None:
-        export = ExportRecords(state.database, state.blobs, state.settings, state.export_places)
-        file = export(caller, chosen, exported)
-        disposition = f'attachment; filename="records.{exported}"'
-        headers = {"Content-Disposition": disposition, "Cache-Control": "private, no-store"}
-        return ClosingStream(file.pieces, file.close, media_type=MEDIA_TYPES[exported], headers=headers)
     page = list_records(state.database, caller, chosen, cursor=cursor, limit=limit)
     body = RecordPage(items=[render_record(row) for row in page.rows], next=next_page(request, page.cursor))
     return JSONResponse(body.model_dump(mode="json"), headers={"Cache-Control": "private, no-store"})
-
-
-def _export_format(output: str | None, accept: str) -> ExportFormat | None:
-    """The file that is asked for, by the parameter or else by the header; None: pages of JSON."""
-    for name, media_type in MEDIA_TYPES.items():
-        if output == name or (output is None and accept.startswith(media_type.split(";")[0])):
-            return name
-    return None

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic_core import to_json
 
 from app.exports.cells import MadeOnce
-from app.exports.record_columns import Batch, Column, ColumnType, Part, PartOfBatch
+from app.exports.columns import Batch, Column, ColumnType, Part, PartOfBatch
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet would compute such a cell
 LINE_END = "\r\n"
@@ -62,10 +62,8 @@ def _cell(column_type: ColumnType, words: MadeOnce[Any, str], value: Any) -> str
             return words[value]
         case "number" | "integer":
             return number_cells([value])[0]
-        case "boolean":
-            return str(value)
-        case "id" | "instant" | "day":  # nothing in them that CSV would quote
-            return str(value)
+        case "boolean" | "id" | "instant" | "day":  # nothing in them that CSV would quote
+            return "" if value is None else str(value)
 
 
 def _word(value: object) -> str:

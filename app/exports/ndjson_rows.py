@@ -7,18 +7,29 @@ from typing import Any
 from pydantic_core import to_json
 
 from app.exports.cells import MadeOnce
-from app.exports.record_columns import Batch, Part, PartOfBatch
+from app.exports.columns import Batch, Part, PartOfBatch
+
+Members = dict[Part, MadeOnce[Any, str]]
 
 
 def encode_ndjson(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[bytes]:
     """Each batch's rows; nothing at all of no rows."""
-    shared = {part: MadeOnce(partial(_members, _names(part))) for part in parts if part.type == "shared"}
+    shared = known_members(parts)
     for batch in batches:
-        texts = (_texts(part, shared) for part in batch)
-        yield ("{" + "}\n{".join(map(",".join, zip(*texts, strict=True))) + "}\n").encode()
+        yield ("{" + "}\n{".join(member_texts(batch, shared)) + "}\n").encode()
 
 
-def _texts(some: PartOfBatch, shared: dict[Part, MadeOnce[Any, str]]) -> Sequence[str]:
+def known_members(parts: Sequence[Part]) -> Members:
+    """The texts of shared parts' rows, made once each."""
+    return {part: MadeOnce(partial(_members, _names(part))) for part in parts if part.type == "shared"}
+
+
+def member_texts(batch: Batch, shared: Members) -> Iterator[str]:
+    """Each row as the members of a JSON object, without its braces."""
+    return map(",".join, zip(*(_texts(part, shared) for part in batch), strict=True))
+
+
+def _texts(some: PartOfBatch, shared: Members) -> Sequence[str]:
     names = _names(some.part)
     match some.part.type:
         case "id":

@@ -10,7 +10,7 @@ from typing import Any
 import pyarrow as pa
 from pyarrow import parquet
 
-from app.exports.record_columns import Batch, Column, ColumnType, Part, PartOfBatch
+from app.exports.columns import Batch, Column, ColumnType, Part, PartOfBatch
 
 ROWS_A_GROUP = 32_768  # some 10 MB in memory, and large enough to be read in few pieces
 TYPES: dict[ColumnType, Any] = {

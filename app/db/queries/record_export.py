@@ -24,11 +24,16 @@ from app.db.models import DiaryDay, EffectiveRecord, Food, FoodRelease, Meal, Pa
 from app.db.queries import diary
 from app.db.queries.record_pages import AFTER_INSTANT, AFTER_ITEM, BEFORE_ALL, RecordSearch
 from app.exports.cells import MadeOnce
+from app.exports.columns import Batch, Part, PartOfBatch
+from app.exports.geojson_rows import POINT
 from app.exports.record_columns import (
     AMOUNTS,
     CHANGE,
+    CONSUMED_G,
     DENSITY_SOURCE,
+    DOUBT,
     FLAGS,
+    FOOD_VERSION,
     OF_DAY,
     OF_FOOD,
     OF_MEAL,
@@ -36,14 +41,11 @@ from app.exports.record_columns import (
     RECORD_PARTS,
     STATE,
     VOLUME,
-    Batch,
-    Part,
-    PartOfBatch,
 )
 
 ROWS_A_BATCH = 2000
 MOST_KNOWN = 20_000  # participants, foods ... that are kept in memory during an export
-OWN = (STATE, VOLUME, DENSITY_SOURCE, AMOUNTS, FLAGS, CHANGE)  # parts that are read as they are stored
+OWN = (STATE, VOLUME, DENSITY_SOURCE, AMOUNTS, FLAGS, CHANGE, DOUBT)  # parts that are read as they are stored
 KEYS = ("captured_at", "item_id", "meal_id", "food_id")  # what a row begins with
 HEX_DIGITS = 32  # of an id without hyphens
 IDS = "ids"  # parameter of a look-up
@@ -78,15 +80,35 @@ class _Person(NamedTuple):
 class _Meal(NamedTuple):
     of_meal: tuple[Any, ...]  # the values of OF_MEAL
     of_day: tuple[Any, ...]  # and of OF_DAY
+    point: tuple[float, float] | None  # longitude, latitude
 
 
-class _Lookup(Generic[Id, Known]):
+class _Food(NamedTuple):
+    of_food: tuple[str | None, ...]  # the values of OF_FOOD
+    version: int | None
+
+
+class Keys(NamedTuple):
+    """Of a batch's records, in their order: ids as the database tells them as text, and what amounts follow from."""
+
+    item_ids: Sequence[str]
+    meal_ids: Sequence[str]
+    food_ids: Sequence[int | None]
+    densities_g_per_ml: Sequence[float | None]
+    consumed_g: Sequence[float | None]
+
+
+More = Callable[[Keys], Mapping[Part, Sequence[Any]]]
+
+
+class Lookup(Generic[Id, Known]):
     """What ids stand for, learnt a batch at a time, and forgotten before it is too much."""
 
     def __init__(self, find: Callable[[Collection[Id]], Mapping[Id, Known]], most_known: int = MOST_KNOWN) -> None:
         self._find, self._most_known, self._known = find, most_known, dict[Id, Known]()
 
     def __call__(self, ids: Collection[Id]) -> list[Known]:
+        """Of each of these, in their order."""
         new = set(ids) - self._known.keys()
         if len(self._known) + len(new) > self._most_known:
             self._known.clear()
@@ -97,28 +119,41 @@ class _Lookup(Generic[Id, Known]):
         return [known[one] for one in ids]
 
 
-def export_batches(session: Session, search: RecordSearch | None) -> Iterator[Batch]:
-    """All records of a search in the order of (captured_at, item id), a batch of RECORD_PARTS at a time.
+def export_batches(
+    session: Session,
+    search: RecordSearch | None,
+    parts: Sequence[Part] = RECORD_PARTS,
+    more: More = lambda _: {},
+) -> Iterator[Batch]:
+    """All records of a search in the order of (captured_at, item id), a batch of these parts at a time.
 
-    In one transaction of the caller's, so that they are of one moment.
+    more: gives the rows of those parts that are not known here. In one transaction of the caller's, so that they are
+    of one moment.
     """
     if search is None:
         return
-    meals = _Lookup(_meal_finder(session), most_known=ROWS_A_BATCH)  # a meal's records are neighbours
-    foods = _Lookup(lambda ids: _foods(session, ids))
+    # a meal's records are neighbours
+    meals = Lookup(_meal_finder(session, with_point=POINT in parts), most_known=ROWS_A_BATCH)
+    foods = Lookup(lambda ids: _foods(session, ids))
     flags, states = MadeOnce(_flags), MadeOnce(_state)
     for rows in (_one_query if search.is_on_sqlite else _query_by_query)(session.connection(), search):
         own = {part: list(map(itemgetter(place), rows)) for part, place in PLACES.items()}
-        of_meals = meals([row[2] for row in rows])
-        values = own | {
-            RECORD_ID: [_hyphenated(row[1]) for row in rows],
+        item_ids, meal_ids, food_ids = ([row[place] for row in rows] for place in (1, 2, 3))
+        of_meals, of_foods = meals(meal_ids), foods(food_ids)
+        values: dict[Part, Sequence[Any]] = {
+            **own,
+            RECORD_ID: list(map(hyphenated, item_ids)),
             OF_MEAL: [meal.of_meal for meal in of_meals],
             STATE: states.of(own[STATE]),
-            OF_FOOD: foods([row[3] for row in rows]),
+            OF_FOOD: [food.of_food for food in of_foods],
+            FOOD_VERSION: [food.version for food in of_foods],
             FLAGS: flags.of(own[FLAGS]),
             OF_DAY: [meal.of_day for meal in of_meals],
+            POINT: [meal.point for meal in of_meals],
         }
-        yield [PartOfBatch(part, values[part]) for part in RECORD_PARTS]
+        densities, consumed = list(map(DENSITY, own[VOLUME])), list(map(CONSUMED, own[AMOUNTS]))
+        values |= more(Keys(item_ids, meal_ids, food_ids, densities, consumed))
+        yield [PartOfBatch(part, values[part]) for part in parts]
 
 
 def _places() -> dict[Part, slice | int]:
@@ -133,6 +168,8 @@ def _places() -> dict[Part, slice | int]:
 
 
 PLACES = _places()
+CONSUMED = itemgetter(AMOUNTS.columns.index(CONSUMED_G))
+DENSITY = itemgetter([column.name for column in VOLUME.columns].index("density_g_per_ml"))
 COLUMNS = tuple(
     getattr(EffectiveRecord, name) for name in (*KEYS[2:], *(column.name for part in OWN for column in part.columns))
 )
@@ -183,38 +220,31 @@ def _state(row: tuple[Any, ...]) -> tuple[Any, ...]:
     return status, origin, bool(provisional), bool(reviewed)  # SQLite's are numbers
 
 
-def _meal_finder(session: Session) -> Callable[[Collection[str]], dict[str, _Meal]]:
-    """Finds meals by their ids, with what goes with a meal."""
+def _meal_finder(session: Session, *, with_point: bool) -> Callable[[Collection[str]], dict[str, _Meal]]:
+    """Finds meals by their ids, with what goes with a meal; with_point: where it was too, as far as it is kept."""
     connection, is_on_sqlite = session.connection(), session.get_bind().dialect.name == "sqlite"
-    study_codes, people = _Lookup(lambda ids: _studies(session, ids)), _Lookup(lambda ids: _people(session, ids))
-    query, days = _meals(is_on_sqlite=is_on_sqlite), MadeOnce(_day)
+    study_codes, people = Lookup(lambda ids: _studies(session, ids)), Lookup(lambda ids: _people(session, ids))
+    query, days = _meals(is_on_sqlite=is_on_sqlite, with_point=with_point), MadeOnce(_day)
 
     def find(ids: Collection[str]) -> dict[str, _Meal]:
-        result = connection.execute(query, {IDS: json.dumps(sorted(ids)) if is_on_sqlite else sorted(ids)})
-        rows = result.cursor.fetchall()
-        result.close()
+        rows = rows_of_ids(connection, query, ids, is_on_sqlite=is_on_sqlite)
         found, studies = {}, study_codes([row[6] for row in rows])
         persons = people([row[7] for row in rows])
         for row, study, person in zip(rows, studies, persons, strict=True):
-            meal_id, client_id, captured_at, time_zone, local_date, received_at, _, _, day_status = row
+            meal_id, client_id, captured_at, time_zone, local_date, received_at, _, _, day_status, *point = row
             day, ordinal = days[local_date]
             captured, delay_seconds = _captured(captured_at, received_at)
-            of_meal = (_hyphenated(client_id), study, person.code, captured, time_zone, day, delay_seconds)
+            of_meal = (hyphenated(client_id), study, person.code, captured, time_zone, day, delay_seconds)
             number = None if person.first_day is None else ordinal - person.first_day + 1
-            found[meal_id] = _Meal(of_meal, (day_status, number))
+            found[meal_id] = _Meal(of_meal, (day_status, number), point_of(*point) if point else None)
         return found
 
     return find
 
 
-def _meals(*, is_on_sqlite: bool) -> sa.Select[*tuple[Any, ...]]:
+def _meals(*, is_on_sqlite: bool, with_point: bool) -> sa.Select[*tuple[Any, ...]]:
     of_day = sa.and_(DiaryDay.participant_id == Meal.participant_id, DiaryDay.local_date == Meal.local_date)
-    ids: Any = sa.bindparam(IDS, type_=sa.Text() if is_on_sqlite else postgresql.ARRAY(sa.Text))
-    if is_on_sqlite:
-        one_of: Any = stored_id(Meal.id).in_(sa.select(sa.func.json_each(ids).table_valued("value").c.value))
-    else:
-        one_of = Meal.id == sa.any_(sa.cast(ids, postgresql.ARRAY(sa.Uuid)))
-    return (
+    query = (
         sa.select(
             stored_id(Meal.id),
             stored_id(Meal.client_id),
@@ -228,8 +258,40 @@ def _meals(*, is_on_sqlite: bool) -> sa.Select[*tuple[Any, ...]]:
         )
         .select_from(Meal)
         .outerjoin(DiaryDay, of_day)
-        .where(one_of)
+        .where(one_of(Meal.id, is_on_sqlite=is_on_sqlite))
     )
+    return query.add_columns(*coordinates()).join(Study, Study.id == Meal.study_id) if with_point else query
+
+
+def one_of(column: Any, *, is_on_sqlite: bool) -> sa.ColumnElement[bool]:
+    """Whether an id is one of those that rows_of_ids is given: one parameter, however many they are."""
+    ids: Any = sa.bindparam(IDS, type_=sa.Text() if is_on_sqlite else postgresql.ARRAY(sa.Text))
+    if is_on_sqlite:
+        return stored_id(column).in_(sa.select(sa.func.json_each(ids).table_valued("value").c.value))
+    found: sa.ColumnElement[bool] = column == sa.any_(sa.cast(ids, postgresql.ARRAY(sa.Uuid)))
+    return found
+
+
+def rows_of_ids(
+    connection: sa.Connection, query: sa.Select[*tuple[Any, ...]], ids: Collection[str], *, is_on_sqlite: bool
+) -> Rows:
+    """All rows of a query with one_of, as the driver gives them."""
+    result = connection.execute(query, {IDS: json.dumps(sorted(ids)) if is_on_sqlite else sorted(ids)})
+    rows: Rows = result.cursor.fetchall()
+    result.close()
+    return rows
+
+
+def coordinates() -> tuple[Any, Any]:
+    """Longitude and latitude of a meal whose study keeps locations; for a query of meals with their Study."""
+    keeps = Study.location_policy != "drop"  # a study that keeps them no longer does not show those that it has
+    place = Meal.details["location"]
+    return tuple(sa.case((keeps, place[name].as_float())) for name in ("longitude", "latitude"))  # type: ignore[return-value]
+
+
+def point_of(longitude: float | None, latitude: float | None) -> tuple[float, float] | None:
+    """Both, or neither."""
+    return (float(longitude), float(latitude)) if longitude is not None and latitude is not None else None
 
 
 def _captured(captured_at: Any, received_at: Any) -> tuple[str, float]:
@@ -247,7 +309,7 @@ def _day(value: str | date) -> tuple[str, int]:
     return day.isoformat(), day.toordinal()
 
 
-def _hyphenated(text: str) -> str:
+def hyphenated(text: str) -> str:
     """An id as everybody else writes it; a quarter of what uuid.UUID would take."""
     return text if len(text) > HEX_DIGITS else f"{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:]}"
 
@@ -256,7 +318,7 @@ def _studies(session: Session, ids: Collection[str]) -> dict[str, str]:
     found: dict[str, str] = {}
     query = sa.select(Study.id, Study.code).where(Study.id.in_([uuid.UUID(one) for one in ids]))
     for study_id, code in session.execute(query):
-        found |= dict.fromkeys(_spellings(study_id), code)
+        found |= dict.fromkeys(spellings(study_id), code)
     return found
 
 
@@ -268,21 +330,22 @@ def _people(session: Session, ids: Collection[str]) -> dict[str, _Person]:
         sa.select(Participant.id, Participant.code).where(Participant.id.in_(every))
     ):
         day = first.get(participant_id)
-        found |= dict.fromkeys(_spellings(participant_id), _Person(code, None if day is None else day.toordinal()))
+        found |= dict.fromkeys(spellings(participant_id), _Person(code, None if day is None else day.toordinal()))
     return found
 
 
-def _foods(session: Session, ids: Collection[int | None]) -> dict[int | None, tuple[str | None, ...]]:
-    """The values of OF_FOOD."""
+def _foods(session: Session, ids: Collection[int | None]) -> dict[int | None, _Food]:
     query = (
-        sa.select(Food.id, Food.key, Food.name, FoodRelease.name + " " + FoodRelease.version)
+        sa.select(Food.id, Food.key, Food.name, FoodRelease.name + " " + FoodRelease.version, Food.version)
         .join(FoodRelease, FoodRelease.id == Food.release_id)
         .where(Food.id.in_([one for one in ids if one is not None]))
     )
-    found: dict[int | None, tuple[str | None, ...]] = {None: (None, None, None)}
-    return found | {food_id: (key, name, table) for food_id, key, name, table in session.execute(query)}
+    found: dict[int | None, _Food] = {None: _Food((None, None, None), None)}
+    return found | {
+        food_id: _Food((key, name, table), version) for food_id, key, name, table, version in session.execute(query)
+    }
 
 
-def _spellings(one: uuid.UUID) -> tuple[str, str]:
+def spellings(one: uuid.UUID) -> tuple[str, str]:
     """An id as PostgreSQL's text of it, and as SQLite keeps it."""
     return str(one), one.hex

@@ -18,14 +18,19 @@ from app.api.schemas.records import RecordOut
 from app.db.models import AuditEvent, EffectiveRecord, Meal, Participant, Staff
 from app.db.queries import record_export
 from app.exports import cells
+from app.exports.columns import columns_of
 from app.exports.csv_rows import safe_cell
-from app.exports.record_columns import RECORD_COLUMNS, RECORD_NAMES
+from app.exports.record_columns import PROVENANCE_PARTS, RECORD_NAMES, RECORD_PARTS
 from app.exports.spool import Spool
-from app.services import day_summaries, export_records, spooled_export
+from app.services import day_summaries, export_tables, spooled_export
 from app.services.caller import StaffCaller
-from app.services.export_records import ExportRecords
-from app.services.list_records import RecordFilter
+from app.services.export_file import ExportFile
+from app.services.export_spec import ExportSpec
 from tests.integration.eaten_days import add_meal, eaten_item, set_profile
+
+FILE_COLUMNS = columns_of((*RECORD_PARTS, *PROVENANCE_PARTS))
+FILE_NAMES = [column.name for column in FILE_COLUMNS]
+PROVENANCE_NAMES = FILE_NAMES[len(RECORD_NAMES) :]
 
 
 @pytest.fixture
@@ -104,9 +109,9 @@ def test_exported_columns_are_the_records_of_the_api():
     ]
     assert list(RECORD_NAMES) == names
     ends = (("_g_per_ml", "g/ml"), ("_ml", "ml"), ("_kcal", "kcal"), ("_mg", "mg"), ("_g", "g"), ("_seconds", "s"))
-    for column in RECORD_COLUMNS:
+    for column in FILE_COLUMNS:
         unit = next((unit for end, unit in ends if column.name.endswith(end)), None)
-        assert column.unit == ("1" if column.name == "share" else unit), column.name
+        assert column.unit == ("1" if column.name in {"share", "edible_share", "doubt"} else unit), column.name
 
 
 @pytest.mark.usefixtures("eaten")
@@ -117,26 +122,28 @@ def test_csv_ndjson_parquet_and_pages_have_the_same_values(client, admin, monkey
     assert len(expected) == 4
     assert expected[0]["study_day"] == 3
     lines = fetch(client, admin, "ndjson").decode().splitlines()
-    assert [json.loads(line) for line in lines] == expected
+    whole = [json.loads(line) for line in lines]
+    assert [{name: row[name] for name in RECORD_NAMES} for row in whole] == expected
+    assert [list(row) for row in whole] == [FILE_NAMES] * len(expected)
     text = fetch(client, admin, "csv").decode()
     read = list(csv.DictReader(io.StringIO(text, newline="")))
-    by_name = {column.name: column for column in RECORD_COLUMNS}
+    by_name = {column.name: column for column in FILE_COLUMNS}
     assert [{name: read_cell(by_name[name], cell) for name, cell in row.items()} for row in read] == [
-        {name: csv_cell(by_name[name], row[name]) for name in RECORD_NAMES} for row in expected
+        {name: csv_cell(by_name[name], row[name]) for name in FILE_NAMES} for row in whole
     ]
     table = parquet.read_table(io.BytesIO(fetch(client, admin, "parquet")))
     rows = [{name: parquet_value(value) for name, value in row.items()} for row in table.to_pylist()]
-    assert rows == [{name: row[name] for name in RECORD_NAMES} for row in expected]
-    assert table.schema.field("energy_kcal").metadata == {b"unit": b"kcal"}
+    assert rows == whole
+    assert table.schema.field("energy_kcal").metadata[b"unit"] == b"kcal"
 
 
 def plain_csv(rows):
     """The file by csv.writer, cell by cell."""
     buffer = io.StringIO(newline="")
     writer = csv.writer(buffer)
-    writer.writerow(RECORD_NAMES)
+    writer.writerow(FILE_NAMES)
     for row in rows:
-        values = [row[name] for name in RECORD_NAMES]
+        values = [row[name] for name in FILE_NAMES]
         writer.writerow([to_json(one).decode() if isinstance(one, float) else safe_cell(one) for one in values])
     return buffer.getvalue().encode()
 
@@ -146,10 +153,9 @@ def plain_csv(rows):
 def test_files_are_byte_for_byte_those_of_a_plain_writer(client, admin, monkeypatch, batch):
     monkeypatch.setattr(record_export, "ROWS_A_BATCH", batch)
     monkeypatch.setattr(cells, "MOST_KNOWN", 1)  # all is forgotten in between, and made again
-    rows = pages(client, admin)
+    rows = [json.loads(line) for line in fetch(client, admin, "ndjson").splitlines()]
     assert fetch(client, admin, "csv") == plain_csv(rows)
-    lines = [to_json({name: row[name] for name in RECORD_NAMES}) + b"\n" for row in rows]
-    assert fetch(client, admin, "ndjson") == b"".join(lines)
+    assert fetch(client, admin, "ndjson") == b"".join(to_json(row) + b"\n" for row in rows)
 
 
 @pytest.mark.usefixtures("eaten")
@@ -171,7 +177,7 @@ def test_filters_choose_the_same_rows_in_pages_and_files(client, admin, params, 
     assert [row["id"] for row in rows] == expected
     table = parquet.read_table(io.BytesIO(fetch(client, admin, "parquet", **params)))
     assert table.column("id").to_pylist() == expected
-    assert table.column_names == list(RECORD_NAMES)
+    assert table.column_names == FILE_NAMES
 
 
 @pytest.mark.usefixtures("eaten")
@@ -202,8 +208,8 @@ def test_export_by_staff_is_noted_once_in_the_studys_log(client, admin, state):
 
 def exporter(state, staff_id):
     caller = StaffCaller(staff_id=staff_id, name="admin", is_admin=True, token_id=staff_id)
-    use_case = ExportRecords(state.database, state.blobs, state.settings, state.export_places)
-    return lambda output="csv": use_case(caller, RecordFilter(), output)
+    use_case = ExportFile(state.database, state.blobs, state.settings, state.export_places)
+    return lambda output="csv": use_case(caller, ExportSpec("items", output=output))
 
 
 @pytest.fixture
@@ -297,11 +303,11 @@ def test_reader_who_leaves_ends_the_query(export, monkeypatch):
 
 
 def test_failure_in_the_midst_breaks_the_file_off(client, admin, export, monkeypatch):
-    def broken(output, batches):
+    def broken(output, parts, batches):
         yield b"a part"
         raise ConnectionError("the database went away")
 
-    monkeypatch.setattr(export_records, "_encoded", broken)
+    monkeypatch.setattr(export_tables, "encoded", broken)
     file = export()
     assert next(file.pieces) == b"a part"
     with pytest.raises(ConnectionError):
@@ -310,11 +316,11 @@ def test_failure_in_the_midst_breaks_the_file_off(client, admin, export, monkeyp
 
 
 def test_failure_before_the_first_byte_is_an_error_and_leaves_the_place(client, admin, export, monkeypatch):
-    def broken(output, batches):
+    def broken(output, parts, batches):
         raise RuntimeError("a fault of ours")
 
     with monkeypatch.context() as patch:
-        patch.setattr(export_records, "_encoded", broken)
+        patch.setattr(export_tables, "encoded", broken)
         for _ in range(4):
             assert client.get("/v1/records?format=csv", headers=admin).status_code == 500
     assert client.get("/v1/records?format=csv", headers=admin).status_code == 200

@@ -1,0 +1,64 @@
+"""What a table is made of: columns with their meaning, in parts that stand side by side; batches of rows.
+
+Whoever writes a file, and the data dictionary, go by these definitions and nothing else.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+ColumnType = Literal["id", "word", "instant", "day", "number", "integer", "boolean", "words"]
+PartType = Literal["id", "shared", "numbers"]
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column. type: a "word" is any text, of which there are few. unit: None where the values have none.
+
+    meaning: one or a few sentences for the data dictionary. values: all that there can be, where that is a short list.
+    empty: what an empty cell says; None: there is none.
+    """
+
+    name: str
+    type: ColumnType
+    unit: str | None = None
+    meaning: str = ""
+    values: tuple[str, ...] = ()
+    empty: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Columns side by side that come from one place.
+
+    Of a "shared" part many rows have the same values (those of one meal, one food ...), so that whoever writes them
+    does it once for all of these rows; of "numbers" every row has its own, and nothing else; an "id" is a row's own
+    text, never empty.
+    """
+
+    type: PartType
+    columns: tuple[Column, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PartOfBatch:
+    """Some rows of a part: a tuple of values a row, in the order of the columns; of a single column the value itself.
+
+    Values are text, float, int, bool, None, and a tuple of texts for "words"; instants and days are RFC 3339 text, as
+    JSON has them. What a shared part has can be hashed.
+    """
+
+    part: Part
+    rows: Sequence[Any]
+
+    def as_tuples(self) -> Iterable[tuple[Any, ...]]:
+        """The rows as tuples, whatever the number of columns."""
+        return self.rows if len(self.part.columns) > 1 else zip(self.rows, strict=True)
+
+
+Batch = list[PartOfBatch]
+
+
+def columns_of(parts: Iterable[Part]) -> tuple[Column, ...]:
+    """All columns, from left to right."""
+    return tuple(column for part in parts for column in part.columns)
