@@ -1,0 +1,365 @@
+"""Which meals are on a page: their keys (captured_at, id), found in indexes whatever the filters, either way round.
+
+Each filter has an index in which its meals stand in the page's order: of the meals themselves (study, status and
+origin, failure, after-meal pair, participant) or of their records (food, flags, not reviewed). The page is read along
+one of them, the one with the fewest meals, and what the other filters ask is looked up meal by meal; so a rare filter
+beside a common one is quick, and one that leaves nothing costs nothing. The branches of an index (a study and a
+status, a food and a study) are merged, as in record_pages. docs/queries.md tells which index serves what.
+"""
+
+import itertools
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, date, datetime, time
+from typing import Any, Literal, cast
+
+import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql
+from sqlalchemy.orm import Session
+
+from app.db.models import EffectiveRecord, Meal
+from app.db.models.meal import MEAL_ORIGINS, MEAL_STATUSES
+from app.db.queries import meal_conditions as conditions_of
+from app.db.queries.meal_conditions import Condition, Conditions
+from app.db.queries.record_pages import (
+    CALENDAR,
+    EASTERNMOST,
+    LATEST_END,
+    MOST_BRANCHES,
+    MOST_PLANNED,
+    Branch,
+    Key,
+    all_studies,
+    food_ids,
+    participants_of,
+    studies_of,
+)
+
+MOST_BY_ARRAYS = 2000  # branches of one statement of PostgreSQL, which plans them as one
+MOST_LISTS = 2000  # of flags in a study, and
+MOST_STUDIES_FLAGGED = 64  # studies in which they are looked up; with more the meals are read in their order
+COUNTED = 20_000  # so far the meals of each filter are counted, to read along the one that has the fewest
+
+Needs = Literal["review", "answer"]
+
+
+@dataclass(frozen=True, slots=True)
+class MealFilter:
+    """Which meals: None, or an empty tuple, leaves a filter out. first_day and last_day: local days, both included.
+
+    statuses, failure_codes, after_statuses, food_keys, flags: one of these. food_keys, flags: of a record that holds
+    (not rejected). needs: "review", it has a record that holds and that no reviewer has spoken of, as the review queue
+    has it; "answer", a question to the participant is open.
+    """
+
+    study_code: str | None = None
+    participant_code: str | None = None
+    participant_id: uuid.UUID | None = None
+    study_ids: frozenset[uuid.UUID] | None = None
+    first_day: date | None = None
+    last_day: date | None = None
+    statuses: tuple[str, ...] = ()
+    origin: str | None = None
+    failure_codes: tuple[str, ...] = ()
+    after_statuses: tuple[str, ...] = ()
+    food_keys: tuple[str, ...] = ()
+    flags: tuple[str, ...] = ()
+    needs: Needs | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """An index in which meals stand in their order, branch by branch.
+
+    model: Meal or EffectiveRecord. keys: the columns that a branch has values of. part: the condition of a partial
+    index. is_small: no index has the order, and the meals are so few that they are read and sorted.
+    """
+
+    model: type[Meal | EffectiveRecord]
+    keys: tuple[Any, ...]
+    branches: Sequence[Branch]
+    part: Conditions = ()
+    is_small: bool = False
+
+    @property
+    def columns(self) -> tuple[Any, Any]:
+        """The instant and the id of the meal."""
+        if self.model is Meal:
+            return Meal.captured_at, Meal.id
+        return EffectiveRecord.captured_at, EffectiveRecord.meal_id.label("id")
+
+    def order(self, *, is_newest_first: bool) -> tuple[Any, Any]:
+        """As the index has it, forwards or backwards."""
+        ordered = (self.model.captured_at, Meal.id if self.model is Meal else EffectiveRecord.meal_id)
+        return (ordered[0].desc(), ordered[1].desc()) if is_newest_first else ordered
+
+
+@dataclass(frozen=True, slots=True)
+class MealSearch:
+    """A filter whose names are ids: the index to read along, and what each meal of it must fulfil besides."""
+
+    stream: Stream
+    conditions: Conditions
+    is_on_sqlite: bool
+
+    def page(self, after: Key | None, limit: int, *, is_newest_first: bool = True) -> sa.CTE:
+        """At most `limit` meals behind `after` in this order: captured_at and id, each meal once; in no order."""
+        conditions = self.conditions
+        if after is not None:
+            conditions = (*conditions, self._behind(after, is_newest_first=is_newest_first))
+        order = _named_order(is_newest_first=is_newest_first)
+        if self.is_on_sqlite:
+            arms = list(self._arms(conditions))
+            is_of_meals = self.stream.model is Meal
+            merged = (sa.union_all if is_of_meals else sa.union)(*arms) if len(arms) > 1 else arms[0].distinct()
+            if self.stream.is_small:
+                merged = sa.select(merged.cte("found").prefix_with("MATERIALIZED"))
+            return merged.order_by(*order).limit(limit).cte("page")
+        every = self._limited(conditions, limit, is_newest_first=is_newest_first)
+        return sa.select(every.c.captured_at, every.c.id).distinct().order_by(*order).limit(limit).cte("page")
+
+    def count(self, most: int) -> sa.Select[int]:
+        """How many entries the index has of these, counted up to `most`; a meal of two such records is two."""
+        if self.is_on_sqlite:
+            every: Any = sa.union_all(*self._arms(self.conditions)).subquery("every")
+        else:
+            every = self._limited(self.conditions, most, is_newest_first=True, is_distinct=False)
+        return sa.select(sa.func.count()).select_from(sa.select(every.c.id).limit(most).subquery("counted"))
+
+    def _arms(self, conditions: Conditions) -> Iterator[sa.Select[*tuple[Any, ...]]]:
+        """A query a branch."""
+        found = sa.select(*self.stream.columns).where(*self.stream.part, *conditions)
+        for values in self.stream.branches:
+            yield found.where(*(self._is(key, value) for key, value in zip(self.stream.keys, values, strict=True)))
+
+    def _limited(
+        self, conditions: Conditions, limit: int, *, is_newest_first: bool, is_distinct: bool = True
+    ) -> sa.FromClause:
+        """PostgreSQL: each branch read along its index and no further than `limit`.
+
+        A few branches are planned one by one; more are given as arrays, and one plan is made for all.
+        """
+        stream, order = self.stream, self.stream.order(is_newest_first=is_newest_first)
+
+        def limited(arm: sa.Select[*tuple[Any, ...]]) -> sa.Select[*tuple[Any, ...]]:
+            return (arm.distinct() if is_distinct and stream.model is not Meal else arm).order_by(*order).limit(limit)
+
+        if len(stream.branches) <= MOST_PLANNED:
+            arms = [limited(arm).subquery() for arm in self._arms(conditions)]
+            return sa.union_all(*(sa.select(arm) for arm in arms)).subquery("branch")
+        names = [f"key_{number}" for number in range(len(stream.keys))]
+        arrays = (
+            sa.literal(list(values), postgresql.ARRAY(_sent_as(key)))
+            for key, values in zip(stream.keys, zip(*stream.branches, strict=True), strict=True)
+        )
+        listed = sa.func.unnest(*arrays).table_valued(*names).render_derived("listed")
+        of_branch = [self._is(key, listed.c[name]) for key, name in zip(stream.keys, names, strict=True)]
+        found = sa.select(*stream.columns).where(*stream.part, *conditions, *of_branch)
+        branch = limited(found).lateral("branch")
+        return sa.select(branch).select_from(listed.join(branch, sa.true())).subquery("every")
+
+    def _is(self, key: Any, value: Any) -> Condition:
+        """Flags are compared as the database keeps them: whole lists, given as text."""
+        if key is not EffectiveRecord.flags:
+            return cast(Condition, key == value)
+        return conditions_of.is_list_of_flags(key, value, is_on_sqlite=self.is_on_sqlite)
+
+    def _behind(self, after: Key, *, is_newest_first: bool) -> Condition:
+        instant, meal = self.stream.model.captured_at, self.stream.columns[1]
+        key = sa.tuple_(
+            sa.bindparam(None, after[0], type_=Meal.captured_at.type), sa.bindparam(None, after[1], type_=Meal.id.type)
+        )
+        here = sa.tuple_(instant, meal.element if isinstance(meal, sa.Label) else meal)
+        return here < key if is_newest_first else here > key
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """What one filter asks. stream: where its meals stand in order; None: nowhere, or in too many branches.
+
+    of_meal: of the meal itself. of_record: of one of its records, given the
+    entity. is_of_questions: that one is open.
+    """
+
+    stream: Stream | None
+    of_meal: Conditions = ()
+    of_record: Callable[[Any], Condition] | None = None
+    is_of_questions: bool = False
+
+
+def search_of(session: Session, chosen: MealFilter) -> MealSearch | None:
+    """The filter as it is searched for; None: it names what is not there, or what the caller may not see."""
+    studies = studies_of(session, chosen.study_code, chosen.study_ids)
+    people = participants_of(session, chosen.participant_code, chosen.participant_id, studies)
+    foods = food_ids(session, chosen.food_keys) if chosen.food_keys else None
+    if any(found is not None and not found for found in (studies, people, foods)):
+        return None
+    is_on_sqlite = session.get_bind().dialect.name == "sqlite"
+    searched = studies if studies is not None else all_studies(session)
+    of_studies = () if studies is None else (conditions_of.one_of_ids(Meal.study_id, studies),)
+    asked = list(_asked(session, chosen, searched, foods, is_on_sqlite=is_on_sqlite))
+    if any(one.stream is not None and not one.stream.branches for one in asked):
+        return None
+    if people is not None:
+        # a person has some thousand meals: what else is asked is looked up at each
+        along = _Asked(Stream(Meal, (Meal.participant_id,), [(person,) for person in people]))
+    else:
+        along = _rarest(session, chosen, asked, is_on_sqlite=is_on_sqlite) or _all_of(searched)
+    stream = along.stream
+    if stream is None:  # too many studies at once: their meals are sorted
+        stream, of_others = Stream(Meal, (), [()], is_small=True), of_studies
+    else:
+        of_others = of_studies if along.is_of_questions else ()
+    rest = (*of_others, *_looked_up(stream.model, [one for one in asked if one is not along]))
+    return MealSearch(stream, (*within_days(stream.model, chosen), *rest), is_on_sqlite)
+
+
+def pages_of_keys(
+    session: Session, chosen: MealFilter, *, size: int = 1000, is_newest_first: bool = False
+) -> Iterator[list[Key]]:
+    """All meals of a filter, page by page, each in its order: what an export reads on, in its one transaction."""
+    search = search_of(session, chosen)
+    after: Key | None = None
+    while search is not None:
+        keys = keys_of(session, search, after, size, is_newest_first=is_newest_first)
+        if keys:
+            yield keys
+        if len(keys) < size:
+            return
+        after = keys[-1]
+
+
+def keys_of(session: Session, search: MealSearch, after: Key | None, limit: int, *, is_newest_first: bool) -> list[Key]:
+    """The keys of one page, in its order."""
+    page = search.page(after, limit, is_newest_first=is_newest_first)
+    found = session.execute(sa.select(page.c.captured_at, page.c.id))
+    return sorted(((instant, meal) for instant, meal in found), reverse=is_newest_first)
+
+
+def within_days(model: type[Meal | EffectiveRecord], chosen: MealFilter) -> Conditions:
+    """The local days exactly, and bounds of the instant around them, by which an index is entered and left."""
+    earliest, latest = CALENDAR
+    found: list[Condition] = []
+    if chosen.first_day is not None:
+        found.append(model.local_date >= chosen.first_day)
+        if earliest < chosen.first_day < latest:
+            found.append(model.captured_at >= _midnight(chosen.first_day) - EASTERNMOST)
+    if chosen.last_day is not None:
+        found.append(model.local_date <= chosen.last_day)
+        if earliest < chosen.last_day < latest:
+            found.append(model.captured_at < _midnight(chosen.last_day) + LATEST_END)
+    return tuple(found)
+
+
+def _asked(
+    session: Session,
+    chosen: MealFilter,
+    studies: Sequence[uuid.UUID],
+    foods: Sequence[int] | None,
+    *,
+    is_on_sqlite: bool,
+) -> Iterator[_Asked]:
+    """Each filter beside study, participant and days."""
+    record = EffectiveRecord
+
+    def stream(model: Any, keys: tuple[Any, ...], *values: Sequence[Any], part: Conditions = ()) -> Stream | None:
+        return _stream(model, keys, list(itertools.product(*values)), part, is_on_sqlite=is_on_sqlite)
+
+    if chosen.statuses or chosen.origin is not None:
+        statuses = sorted(set(chosen.statuses)) or MEAL_STATUSES
+        origins = (chosen.origin,) if chosen.origin is not None else MEAL_ORIGINS
+        keys = (Meal.study_id, Meal.status, Meal.origin)
+        conditions = [conditions_of.one_of_words(Meal.origin, origins)] if chosen.origin is not None else []
+        conditions += [conditions_of.one_of_words(Meal.status, statuses)] if chosen.statuses else []
+        yield _Asked(stream(Meal, keys, studies, statuses, origins), of_meal=tuple(conditions))
+    for column, values in (
+        (Meal.failure_code, sorted(set(chosen.failure_codes))),
+        (Meal.after_status, sorted(set(chosen.after_statuses))),
+    ):
+        if values:
+            known = stream(Meal, (Meal.study_id, column), studies, values, part=(column.is_not(None),))
+            yield _Asked(known, of_meal=(conditions_of.one_of_words(column, values),))
+    if foods is not None:
+        known = stream(record, (record.food_id, record.study_id), foods, studies, part=(conditions_of.holds(record),))
+        yield _Asked(known, of_record=lambda its: conditions_of.one_of_numbers(its.food_id, foods))
+    if chosen.flags:
+        yield _flagged(session, chosen, studies, is_on_sqlite=is_on_sqlite)
+    if chosen.needs == "review":
+        part = (conditions_of.holds(record), record.reviewed.is_(False))
+        known = stream(record, (record.study_id,), studies, part=part)
+        yield _Asked(known, of_record=lambda its: its.reviewed.is_(False))
+    if chosen.needs == "answer":
+        asked = Stream(Meal, (), [()], (conditions_of.was_asked(), conditions_of.waits_for_answer(Meal.id)), True)
+        yield _Asked(asked, is_of_questions=True)
+
+
+def _flagged(session: Session, chosen: MealFilter, studies: Sequence[uuid.UUID], *, is_on_sqlite: bool) -> _Asked:
+    """An index by whole lists of flags: of the lists that a study's records have, those with one of the flags."""
+    record, flags = EffectiveRecord, sorted(set(chosen.flags))
+    asked = _Asked(None, of_record=lambda its: conditions_of.has_flag(its.flags, flags, is_on_sqlite=is_on_sqlite))
+    if len(studies) > MOST_STUDIES_FLAGGED:
+        return asked
+    branches = []
+    for study in studies:
+        lists = conditions_of.lists_of_flags(session, study, MOST_LISTS + 1)
+        if len(lists) > MOST_LISTS:
+            return asked
+        branches += [(study, listed) for listed in lists if not conditions_of.flags_in(listed).isdisjoint(flags)]
+    part = (conditions_of.holds(record), conditions_of.has_flags(record))
+    stream = _stream(record, (record.study_id, record.flags), branches, part, is_on_sqlite=is_on_sqlite)
+    return replace(asked, stream=stream)
+
+
+def _stream(
+    model: Any, keys: tuple[Any, ...], branches: Sequence[Branch], part: Conditions, *, is_on_sqlite: bool
+) -> Stream | None:
+    most = MOST_BRANCHES if is_on_sqlite else MOST_BY_ARRAYS
+    return Stream(model, keys, branches, part) if len(branches) <= most else None
+
+
+def _all_of(studies: Sequence[uuid.UUID]) -> _Asked:
+    """Nothing but studies is asked."""
+    is_few = len(studies) <= MOST_BRANCHES
+    return _Asked(Stream(Meal, (Meal.study_id,), [(study,) for study in studies]) if is_few else None)
+
+
+def _rarest(session: Session, chosen: MealFilter, asked: Sequence[_Asked], *, is_on_sqlite: bool) -> _Asked | None:
+    """The filter that has the fewest entries in these days; None: none has an index of its own."""
+    readable = [(one, one.stream) for one in asked if one.stream is not None]
+    if len(readable) <= 1:
+        return readable[0][0] if readable else None
+    counted = []
+    for place, (_, stream) in enumerate(readable):
+        search = MealSearch(stream, within_days(stream.model, chosen), is_on_sqlite)
+        counted.append((session.execute(search.count(COUNTED)).scalar_one(), place))
+    return readable[min(counted)[1]][0]
+
+
+def _looked_up(model: type[Meal | EffectiveRecord], others: Sequence[_Asked]) -> Iterator[Condition]:
+    """What the other filters ask, of an entry of the index that is read along."""
+    meal_id = Meal.id if model is Meal else EffectiveRecord.meal_id
+    of_meal = [condition for one in others for condition in one.of_meal]
+    if of_meal and model is Meal:
+        yield from of_meal
+    elif of_meal:
+        yield conditions_of.meal_is(meal_id, of_meal)
+    for one in others:
+        if one.of_record is not None:
+            yield conditions_of.has_record(meal_id, one.of_record)
+        if one.is_of_questions:
+            yield conditions_of.waits_for_answer(meal_id)
+
+
+def _named_order(*, is_newest_first: bool) -> tuple[Any, Any]:
+    instant: Any = sa.literal_column("captured_at")
+    meal: Any = sa.literal_column("id")
+    return (instant.desc(), meal.desc()) if is_newest_first else (instant, meal)
+
+
+def _sent_as(key: Any) -> Any:
+    return sa.Text() if key is EffectiveRecord.flags else key.type
+
+
+def _midnight(day: date) -> datetime:
+    return datetime.combine(day, time(), UTC)
