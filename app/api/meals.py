@@ -60,7 +60,10 @@ MULTIPART_BODY = {
     }
 }
 ARTEFACT_RESPONSES: dict[int | str, dict[str, Any]] = {
-    200: {"content": {"image/jpeg": {}, "application/octet-stream": {}}, "description": "The picture or points."},
+    200: {
+        "content": {"image/jpeg": {}, "application/json": {}, "application/octet-stream": {}},
+        "description": "The picture, the points, or the scene (docs/scene.md).",
+    },
     **problem_responses(401, 404, 409, 422),
 }
 METADATA_BODY = {
@@ -176,7 +179,7 @@ def get_artefact(
     participant: ParticipantCode = None,
     pair: Annotated[Literal["meal", "after"], Query(description="Of the run on which pair.")] = "meal",
 ) -> StreamingResponse:
-    """A picture or point cloud of one step of the last run on the meal's pair, or on its after-meal pair."""
+    """A picture, the point cloud or the scene of the last run on the meal's pair, or on its after-meal pair."""
     artefact, content = open_artefact(state.database, state.blobs, caller, meal_id, name, participant, pair)
     return ClosingStream(
         content,

@@ -9,8 +9,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from app.units import ml_from_mm3
+from app.vision.mesh import ClosedShape
 from app.vision.model import Float64Array
 from app.vision.slices import Slice
+from app.vision.solids import turned
 from app.vision.vessel import Vessel
 
 THICKNESS_MM = (2.0, 8.0)  # of a wall: thin china to thick stoneware
@@ -29,11 +31,16 @@ POWER = (0.5, 0.2)  # of the wall's curve: a cone has 1, a cylinder 0
 
 @dataclass(frozen=True, slots=True)
 class BowlContent:
-    """volume_ml, sd_ml: of the content. slices: of what lies below its level at the wall."""
+    """volume_ml, sd_ml: of the content. slices: of what lies below its level at the wall.
+
+    shape: of all of it, z from the bowl's inside floor; its top is a vault of the heap's mean height, for whose true
+    form a mean says nothing.
+    """
 
     volume_ml: float
     sd_ml: float
     slices: tuple[Slice, ...]
+    shape: ClosedShape
 
 
 def measure_content(
@@ -75,16 +82,19 @@ def measure_content(
     for foot, power in np.linalg.cholesky(wall.covariance).T:
         moved = replace(wall, foot_share=min(wall.foot_share + foot, 1.0), power=max(wall.power + power, 0.1))
         changes.append(volume_ml(level_mm, floor_mm, inset_mm, moved) - found)
-    heights = np.arange(0.0, max(level_mm - floor_mm, STEP_MM), SLICE_MM)
+    depth_mm = max(level_mm - floor_mm, STEP_MM)
     slices = tuple(
-        _disc(vessel.centre_mm, float(wall.radius_mm(floor_mm + low)) - inset_mm, float(low)) for low in heights
+        _disc(vessel.centre_mm, float(wall.radius_mm(floor_mm + low)) - inset_mm, low, min(low + SLICE_MM, depth_mm))
+        for low in np.arange(0.0, depth_mm, SLICE_MM).tolist()
     )
-    return BowlContent(found, float(np.sqrt(np.square(changes).sum())), slices)
+    rings_mm = np.linspace(0.0, depth_mm, int(np.ceil(depth_mm / STEP_MM)) + 1)
+    shape = turned(vessel.centre_mm, wall.radius_mm(floor_mm + rings_mm) - inset_mm, rings_mm, heap_mm)
+    return BowlContent(found, float(np.sqrt(np.square(changes).sum())), slices, shape)
 
 
-def _disc(centre_mm: Float64Array, radius_mm: float, low_mm: float) -> Slice:
+def _disc(centre_mm: Float64Array, radius_mm: float, low_mm: float, high_mm: float) -> Slice:
     radius = max(radius_mm, STEP_MM)
-    return Slice(low_mm, low_mm + SLICE_MM, centre_mm, (radius, radius), 0.0, np.empty((0, 2)), 0.0, "continued")
+    return Slice(low_mm, high_mm, centre_mm, (radius, radius), 0.0, np.empty((0, 2)), 0.0, "continued")
 
 
 @dataclass(frozen=True, slots=True)

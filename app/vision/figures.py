@@ -1,7 +1,7 @@
-"""A picture of each step, like the paper's Figure 6, and the point cloud: what a run shows of itself.
+"""A picture of each step, like the paper's Figure 6, the point cloud and the scene: what a run shows of itself.
 
-Trace in -> JPEG and PLY files as bytes, in the colours that the marker corrects. Steps that the run did not reach have
-no picture.
+Trace in -> JPEG, PLY and JSON files as bytes, in the colours that the marker corrects. Steps that the run did not
+reach have no picture.
 """
 
 import cv2
@@ -18,10 +18,12 @@ from app.vision.model import (
     ImageArray,
     ItemEstimate,
     Photo,
+    PhotoPair,
     View,
 )
 from app.vision.pointcloud import write_ply
 from app.vision.rectification import rectify_by_fundamental
+from app.vision.scene_file import SCENE_NAME, write_scene
 from app.vision.trace import Trace
 from app.vision.volume import Volume
 
@@ -36,8 +38,8 @@ WHITE, BLACK, RED, GREEN, GREY = (255, 255, 255), (0, 0, 0), (40, 40, 220), (60,
 ITEM_COLOURS = ((40, 40, 220), (60, 170, 40), (220, 120, 30), (30, 160, 230), (190, 50, 170))
 
 
-def draw_artefacts(trace: Trace, left: Photo, items: tuple[ItemEstimate, ...]) -> list[Artefact]:
-    """Files by step: matches, rectified (by F and by poses), disparity, points (and PLY), slices, overlay."""
+def draw_artefacts(trace: Trace, pair: PhotoPair, items: tuple[ItemEstimate, ...]) -> list[Artefact]:
+    """Files by step: matches, rectified (by F and by poses), disparity, points (and PLY), slices, overlay, scene."""
     pictures: dict[str, ImageArray | None] = {
         "matches.jpg": _matches(trace),
         "rectified_by_f.jpg": _rectified_by_f(trace),
@@ -45,13 +47,14 @@ def draw_artefacts(trace: Trace, left: Photo, items: tuple[ItemEstimate, ...]) -
         "disparity.jpg": _disparity(trace),
         "points.jpg": _point_cloud(trace),
         "slices.jpg": _slices(trace),
-        "overlay.jpg": _overlay(left, trace.colours[0], items) if items and trace.colours else None,
+        "overlay.jpg": _overlay(pair.left, trace.colours[0], items) if items and trace.colours else None,
     }
     out = [_jpeg(name, picture) for name, picture in pictures.items() if picture is not None]
     if trace.points_table is not None and trace.rectified is not None:
         points, colours = _cloud(trace)
         out.append(Artefact("points.ply", "model/ply", write_ply(points, colours)))
-    return out
+    scene = write_scene(trace, pair, items)
+    return out if scene is None else [*out, Artefact(SCENE_NAME, "application/json", scene)]
 
 
 def _jpeg(name: str, picture: ImageArray) -> Artefact:

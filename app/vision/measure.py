@@ -15,6 +15,7 @@ from app.vision.disparity import DisparityMap
 from app.vision.model import Float32Array, Float64Array, Hint, MaskArray
 from app.vision.rectification import RectifiedPair
 from app.vision.segmentation import Region
+from app.vision.sight import Sight
 from app.vision.support import support_height_mm
 from app.vision.volume import Volume, estimate_volume
 
@@ -29,7 +30,8 @@ LOW_COVER = 0.5  # share of the mask that was measured, below which the estimate
 class MeasuredItem:
     """A food with its mask on the rectified grid, the points measured, its support's height and its volume.
 
-    volume: None where the food is there and how much of it is not to be seen.
+    volume: None where the food is there and how much of it is not to be seen. sight: how the views see points about
+    it, if it was measured by that; None: by the poses alone.
     """
 
     region: Region
@@ -37,6 +39,7 @@ class MeasuredItem:
     support_mm: float
     volume: Volume | None
     flags: tuple[str, ...]
+    sight: Sight | None = None
 
 
 def measure_items(

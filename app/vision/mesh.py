@@ -30,6 +30,17 @@ class Topology:
     around: csr_array
 
 
+@dataclass(frozen=True, slots=True)
+class ClosedShape:
+    """What a volume was taken of: vertices (n, 3) mm, z from the support; faces (m, 3), see Topology.
+
+    Every edge belongs to two triangles, which run along it in opposite directions.
+    """
+
+    vertices_mm: Float64Array
+    faces: IntArray
+
+
 @lru_cache
 def sphere(cells: int) -> Topology:
     """The unit sphere by a cube whose sides are grids of cells x cells: its edges and corners are vertices.

@@ -1,7 +1,7 @@
-"""Between the rectified grid and the photograph that was sent as left: hints in, outlines out.
+"""Between the rectified grid and the photographs as they were sent: hints in, outlines out.
 
-Whichever view stands on the left, measuring happens on its rectified grid; people see the photograph that they named
-left.
+Whichever view stands on the left, measuring happens on its rectified grid; people see the photographs that they named
+left and right.
 """
 
 from collections.abc import Sequence
@@ -9,9 +9,11 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from app.vision.mesh import IntArray
 from app.vision.model import Float32Array, Float64Array, Hint, MaskArray, View
 from app.vision.rectification import RectifiedPair
 from app.vision.segmentation import HintMask
+from app.vision.surface_match import draw_mask
 
 POINT_RADIUS_SHARE = 0.008  # of the long side: a fingertip
 TOLERANCE_PX = 1.5  # of an outline's corners, in the photograph
@@ -24,7 +26,7 @@ def photograph_px(pair: RectifiedPair, points_table: Float32Array, left: View, *
     """(H, W, 2) each grid pixel's place in the photograph sent as left, px.
 
     That photograph is the grid's own unless the pair came swapped; then the place follows from the pixel's point, or
-    the nearest measured one.
+    the nearest measured one. (The same way round for the one sent as right, which is the grid's own if it did.)
     """
     if not is_swapped:
         return pair.first_map_px
@@ -36,15 +38,7 @@ def photograph_px(pair: RectifiedPair, points_table: Float32Array, left: View, *
     )
     point_of = np.zeros((int(nearest.max()) + 1, 3))
     point_of[nearest[known]] = points_table[known]
-    camera = left.camera
-    projected, _ = cv2.projectPoints(
-        point_of,
-        cv2.Rodrigues(left.rotation)[0],
-        left.translation_mm,
-        camera.matrix,
-        np.array(camera.distortion),
-    )
-    return np.asarray(np.asarray(projected, np.float32).reshape(-1, 2)[nearest], np.float32)
+    return np.asarray(points_in_photograph(point_of, left).astype(np.float32)[nearest], np.float32)
 
 
 def draw_hints(hints: Sequence[Hint], places_px: Float32Array, size: tuple[int, int]) -> list[HintMask]:
@@ -87,6 +81,48 @@ def rings_of(mask: MaskArray, places_px: Float32Array, *, is_swapped: bool) -> t
     picture[cells[:, 1], cells[:, 0]] = 1
     closed = cv2.morphologyEx(picture, cv2.MORPH_CLOSE, np.ones((spread, spread), np.uint8)) > 0
     return tuple(_simplified((ring - spread) / scale + low) for ring in _rings(closed))
+
+
+def rings_of_faces(pixels: Float64Array, faces: IntArray, size: tuple[int, int]) -> tuple[Float64Array, ...]:
+    """Outlines of what triangles with corners at (n, 2) px of a photograph cover in it; empty if nothing is.
+
+    size: of the photograph (width, height).
+    """
+    if len(pixels) == 0 or not np.isfinite(pixels).all():
+        return ()
+    low = np.floor(np.clip(pixels.min(axis=0), 0, size))
+    high = np.ceil(np.clip(pixels.max(axis=0), 0, np.array(size) - 1))
+    if (high <= low).any():
+        return ()
+    scale = min(1.0, SPLAT_SIDE_PX / float((high - low).max()))
+    border = 1  # so that the contour closes where the photograph ends
+    width, height = (np.ceil((high - low) * scale)).astype(np.int64) + 1 + 2 * border
+    covered = draw_mask((pixels - low) * scale + border, faces, (int(height), int(width)))
+    covered[[0, -1]] = covered[:, [0, -1]] = False
+    return tuple(_simplified((ring - border) / scale + low) for ring in _rings(covered))
+
+
+def points_in_photograph(points_table: Float64Array, view: View) -> Float64Array:
+    """(n, 3) mm -> (n, 2) px of the photograph, with its lens's distortion."""
+    camera = view.camera
+    projected, _ = cv2.projectPoints(
+        np.ascontiguousarray(points_table, np.float64),
+        cv2.Rodrigues(view.rotation)[0],
+        view.translation_mm,
+        camera.matrix,
+        np.array(camera.distortion),
+    )
+    return np.asarray(projected, np.float64).reshape(-1, 2)
+
+
+def second_grid_in_photograph(pixels: Float64Array, pair: RectifiedPair, second: View) -> Float64Array:
+    """(n, 2) px of the second image of the rectified grid -> (n, 2) px of the second photograph."""
+    a, b, c = pair.plane_px
+    x, y = pixels.T
+    unsheared = np.column_stack([x * (1 - a) - b * y - c, y])
+    rays = np.column_stack([(unsheared - pair.centre_px) / pair.focal_px, np.ones(len(pixels))])
+    # Somewhere on each ray: where it is seen does not depend on how far away it is.
+    return points_in_photograph(rays @ pair.rotation * pair.focal_px + second.centre_mm, second)
 
 
 def _rings(mask: MaskArray) -> list[np.ndarray]:

@@ -18,7 +18,7 @@ from app.vision.features import Matches, is_on_sheet, match_features
 from app.vision.figures import draw_artefacts
 from app.vision.marker import agree_on_corners, find_marker
 from app.vision.measure import measure_items
-from app.vision.model import EstimateOptions, ItemEstimate, MealEstimate, PhotoPair, View
+from app.vision.model import EstimateOptions, ItemEstimate, MarkerObservation, MealEstimate, PhotoPair, View
 from app.vision.outlines import draw_hints, photograph_px, rings_of
 from app.vision.pose_doubt import volume_sd
 from app.vision.reconstruction import back_project, fit_to_marker, plane_points
@@ -57,7 +57,7 @@ def estimate_meal(
         failure=found if isinstance(found, Failure) else None,
         views=trace.views,
         parameters={"seed": options.seed, **trace.parameters()},
-        artefacts=draw_artefacts(trace, pair.left, items) if want_artefacts else (),
+        artefacts=draw_artefacts(trace, pair, items) if want_artefacts else (),
         colours=trace.colours,
     )
 
@@ -66,14 +66,9 @@ def _run(
     pair: PhotoPair, options: EstimateOptions, stage: "_Stages", trace: Trace
 ) -> tuple[ItemEstimate, ...] | Failure:
     with stage("marker"):
-        left = find_marker(pair.left, options.marker, "left")
-        right = find_marker(pair.right, options.marker, "right")
-        if isinstance(left, Failure):
-            return left
-        if isinstance(right, Failure):
-            return right
-        observations = agree_on_corners(pair, left, right)
-        trace.colours = measure_colour(pair.left, left), measure_colour(pair.right, right)
+        observations = _find_markers(pair, options, trace)
+        if isinstance(observations, Failure):
+            return observations
     with stage("camera"):
         views = estimate_views(pair, observations, options)
         if isinstance(views, Failure):
@@ -120,12 +115,13 @@ def _run(
                 foods.regions, rectified, trace.disparity, points, ignored, options.hints, pose_sd=pose_sd
             )
         else:
+            trace.table = foods.table
             measured = measure_shapes(foods, rectified, trace.disparity, points, pose_sd=pose_sd)
         if isinstance(measured, Failure):
             return measured
         trace.items = measured
     with stage("describe"):
-        colour, left_colour = trace.colour_of(0), trace.colours[0]
+        colour, left_colour = trace.colour_of(0), trace.colour_of(1 if trace.is_swapped else 0)
         outlines = [rings_of(item.region.mask, places, is_swapped=trace.is_swapped) for item in measured]
         return tuple(
             ItemEstimate(
@@ -140,6 +136,26 @@ def _run(
             )
             for item, rings in zip(measured, outlines, strict=True)
         )
+
+
+def _find_markers(
+    pair: PhotoPair, options: EstimateOptions, trace: Trace
+) -> tuple[MarkerObservation, MarkerObservation] | Failure:
+    """The marker in both photographs; in one only, the trace keeps that one."""
+    left = find_marker(pair.left, options.marker, "left")
+    right = find_marker(pair.right, options.marker, "right")
+    trace.markers = _if_found(left), _if_found(right)
+    if isinstance(left, Failure):
+        return left
+    if isinstance(right, Failure):
+        return right
+    trace.markers = observations = agree_on_corners(pair, left, right)
+    trace.colours = measure_colour(pair.left, left), measure_colour(pair.right, right)
+    return observations
+
+
+def _if_found(marker: MarkerObservation | Failure) -> MarkerObservation | None:
+    return None if isinstance(marker, Failure) else marker
 
 
 def _compare(first: View, second: View, matches: Matches, rng: np.random.Generator) -> Epipolar | Failure:

@@ -17,7 +17,7 @@ from app.vision.families import families
 from app.vision.form_fit import FormFit, Seen, fit_form
 from app.vision.forms import COARSE, EXACT, FINE, Form
 from app.vision.measure import MeasuredItem, is_low_texture, without_clutter
-from app.vision.mesh import Topology, faces_towards
+from app.vision.mesh import ClosedShape, Topology, faces_towards
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.outline_snap import (
     Outline,
@@ -266,7 +266,7 @@ def _measured(region: Region, food: _Food, scene: _Scene, pose_sd: float) -> Mea
     volume, support_mm, flags = found
     if is_low_texture(np.isfinite(scene.disparity.parallax_px), region.mask):
         flags = (*flags, "low_texture")
-    return MeasuredItem(region, food.points, support_mm, volume, flags)
+    return MeasuredItem(region, food.points, support_mm, volume, flags, food.sight)
 
 
 def _of_forms(fits: Sequence[tuple[FormFit, float]], pair_sd: float) -> tuple[Volume, float, tuple[str, ...]]:
@@ -284,7 +284,8 @@ def _of_forms(fits: Sequence[tuple[FormFit, float]], pair_sd: float) -> tuple[Vo
     support_mm = float(vertices[:, 2].min())
     slices = cut_sections(vertices, mesh.faces, support_mm)
     middle, rest = vertices[:, :2].mean(axis=0), vertices - [0.0, 0.0, support_mm]
-    return _volume(float(np.exp(mean)), pair_sd, item_sd, slices, middle, rest), support_mm, ()
+    shape = ClosedShape(rest, mesh.faces)
+    return _volume(float(np.exp(mean)), pair_sd, item_sd, slices, middle, rest, shape), support_mm, ()
 
 
 def _of_bowl(
@@ -305,7 +306,7 @@ def _of_bowl(
         return None, food.support_mm, flags
     rest = food.points - [0.0, 0.0, food.support_mm]
     item_sd = content.sd_ml / content.volume_ml
-    volume = _volume(content.volume_ml, pair_sd, item_sd, content.slices, vessel.centre_mm, rest)
+    volume = _volume(content.volume_ml, pair_sd, item_sd, content.slices, vessel.centre_mm, rest, content.shape)
     return volume, food.support_mm, flags
 
 
@@ -321,6 +322,7 @@ def _volume(
     slices: tuple[Slice, ...],
     middle_mm: Float64Array,
     completed_mm: Float64Array,
+    shape: ClosedShape,
 ) -> Volume:
     factor = float(np.exp(NORMAL_90 * np.hypot(pair_sd, item_sd)))
     return Volume(
@@ -331,4 +333,5 @@ def _volume(
         axis=SymmetryAxis(middle_mm, 0.0, 1.0),
         slices=slices,
         completed_mm=completed_mm,
+        shape=shape,
     )

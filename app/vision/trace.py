@@ -7,10 +7,11 @@ from app.vision.disparity import DisparityMap
 from app.vision.epipolar import Epipolar
 from app.vision.features import Matches
 from app.vision.measure import MeasuredItem
-from app.vision.model import ColourCorrection, Float32Array, View
+from app.vision.model import ColourCorrection, Float32Array, MarkerObservation, View
 from app.vision.reconstruction import DepthModel
 from app.vision.rectification import RectifiedPair
 from app.vision.relative_pose import RefinedViews
+from app.vision.topview import TableTrend
 
 
 @dataclass(slots=True)
@@ -18,9 +19,12 @@ class Trace:
     """Each step's result, None or empty where the run ended before.
 
     views: (left, right) as sent. refined: first and second by where they stand; is_swapped: first is the right one.
-    points_table: (H, W, 3) mm. items: measured foods. colours: corrections of the (left, right) photograph.
+    markers: as found in the (left, right) photograph. points_table: (H, W, 3) mm. table: how it departs from the
+    marker's plane, where heights count from it (the default method); None: they count from that plane. items: measured
+    foods. colours: corrections of the (left, right) photograph.
     """
 
+    markers: tuple[MarkerObservation | None, MarkerObservation | None] = (None, None)
     colours: tuple[ColourCorrection, ColourCorrection] | None = None
     views: tuple[View, View] | None = None
     is_swapped: bool = False
@@ -31,6 +35,7 @@ class Trace:
     disparity: DisparityMap | None = None
     depth: DepthModel | None = None
     points_table: Float32Array | None = None
+    table: TableTrend | None = None
     items: list[MeasuredItem] = field(default_factory=list)
 
     def colour_of(self, place: Literal[0, 1]) -> ColourCorrection:

@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.units import ml_from_mm3
+from app.vision.mesh import ClosedShape
 from app.vision.model import Float64Array, MaskArray, SliceForm
 from app.vision.slices import Slice, carve, cut_slices, slice_thickness_mm
+from app.vision.solids import stack_of_slices
 from app.vision.symmetry import SymmetryAxis, complete, fit_axis, main_body
 
 METHOD_SD = 0.077 * 1.2533  # the paper's mean error over six fruit (Table I); times sqrt(pi / 2) a mean error is an sd
@@ -25,7 +27,11 @@ TOP_QUANTILE = 0.999  # of heights; higher points are strays
 
 @dataclass(frozen=True, slots=True)
 class Volume:
-    """A food's volume and how it came about. relative_sd: see ItemEstimate. form: that its slices were fitted with."""
+    """A food's volume and how it came about. relative_sd: see ItemEstimate. form: that its slices were fitted with.
+
+    shape: the closed surface that stands for it. It holds volume_ml but where that is an average over several shapes
+    (the default method), of which it is the likeliest.
+    """
 
     volume_ml: float
     interval_ml: tuple[float, float]
@@ -34,6 +40,7 @@ class Volume:
     axis: SymmetryAxis
     slices: tuple[Slice, ...]
     completed_mm: Float64Array
+    shape: ClosedShape
 
 
 def estimate_volume(
@@ -74,7 +81,14 @@ def estimate_volume(
     relative_sd = {"pair": float(np.hypot(3 * SCALE_SD, pose_sd)), "item": _item_sd(slices, volume_ml)}
     spread = float(np.exp(NORMAL_90 * np.hypot(relative_sd["pair"], relative_sd["item"])))
     return Volume(
-        volume_ml, (volume_ml / spread, volume_ml * spread), relative_sd, chosen, axis, tuple(slices), completed
+        volume_ml=volume_ml,
+        interval_ml=(volume_ml / spread, volume_ml * spread),
+        relative_sd=relative_sd,
+        form=chosen,
+        axis=axis,
+        slices=tuple(slices),
+        completed_mm=completed,
+        shape=stack_of_slices(slices),
     )
 
 

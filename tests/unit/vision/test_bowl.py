@@ -7,8 +7,10 @@ import pytest
 
 from app.units import ml_from_mm3
 from app.vision.bowl import BowlContent, measure_content
+from app.vision.mesh import enclosed_mm3
 from app.vision.vessel import Vessel
 from app.vision.volume import NORMAL_90
+from tests.unit.vision.meshes import assert_watertight
 
 CENTRE_MM = np.array([100.0, 40.0])
 TABLE_MM = 2.0  # of the table over the marker's plane, which heights of a vessel count from and points do not
@@ -130,11 +132,21 @@ def test_table_over_the_markers_plane_changes_nothing():
     assert found.volume_ml == pytest.approx(measured(bowl, bowl.top(40.0)).volume_ml)
 
 
+@pytest.mark.parametrize("heap_mm", [0.0, 12.0])
+@pytest.mark.parametrize("name", BOWLS)
+def test_shape_is_closed_and_holds_the_volume(name, heap_mm):
+    bowl = BOWLS[name]
+    found = measured(bowl, bowl.top(40.0, heap_mm=heap_mm))
+    assert_watertight(found.shape.faces)
+    held_ml = ml_from_mm3(enclosed_mm3(found.shape.vertices_mm, found.shape.faces))
+    assert held_ml == pytest.approx(found.volume_ml, rel=0.01)  # steps of 1 mm, and of the vault's rings
+
+
 def test_slices_reach_from_floor_to_level_around_the_middle():
     bowl = straight()
     slices = measured(bowl, bowl.top(40.0)).slices
     assert slices[0].low_mm == 0.0
-    assert abs(slices[-1].high_mm - (40.0 - FLOOR_MM)) <= slices[0].high_mm - slices[0].low_mm
+    assert slices[-1].high_mm == pytest.approx(40.0 - FLOOR_MM, abs=0.5)  # the level, as it was measured
     assert all(np.array_equal(each.centre_mm, CENTRE_MM) for each in slices)
 
 

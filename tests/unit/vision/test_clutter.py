@@ -2,14 +2,17 @@ import numpy as np
 import pytest
 
 from app.vision.measure import MIN_VOLUME_ML, MeasuredItem, without_clutter
+from app.vision.mesh import ClosedShape
 from app.vision.segmentation import Region
 from app.vision.symmetry import SymmetryAxis
 from app.vision.volume import Volume
 
+NO_SHAPE = ClosedShape(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
+
 
 def item(volume_ml, hint=None):
     axis = SymmetryAxis(np.zeros(2), 0.0, 1.0)
-    volume = Volume(volume_ml, (volume_ml, volume_ml), {}, "circle", axis, (), np.zeros((0, 3)))
+    volume = Volume(volume_ml, (volume_ml, volume_ml), {}, "circle", axis, (), np.zeros((0, 3)), NO_SHAPE)
     return MeasuredItem(Region(np.ones((4, 4), bool), hint), np.zeros((0, 3)), 0.0, volume, ())
 
 

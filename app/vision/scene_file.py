@@ -1,0 +1,323 @@
+"""The scene in one small file, which a browser draws and people turn about: `scene.json`.
+
+Trace -> JSON: points with their colours, each food's closed shape and slices, its outline in the right photograph, the
+board to scale, the cameras. Lengths in mm in the table frame, z up (CONVENTIONS.md), heights counted as the volumes'
+were. What the run did not reach is not in it. docs/scene.md tells each key.
+"""
+
+import base64
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+
+from app.units import ml_from_mm3
+from app.vision.color import apply_colour
+from app.vision.colour_board import COLOUR_SQUARES
+from app.vision.measure import MeasuredItem
+from app.vision.mesh import IntArray, enclosed_mm3
+from app.vision.model import (
+    Float64Array,
+    ImageArray,
+    ItemEstimate,
+    MarkerObservation,
+    MaskArray,
+    Photo,
+    PhotoPair,
+    View,
+)
+from app.vision.outlines import (
+    photograph_px,
+    points_in_photograph,
+    rings_of,
+    rings_of_faces,
+    second_grid_in_photograph,
+)
+from app.vision.rectification import RectifiedPair
+from app.vision.trace import Trace
+from app.vision.volume import Volume
+
+SCENE_NAME = "scene.json"
+SCENE_VERSION = 1
+MAX_BYTES = 1_400_000  # of the file: a phone reads it too
+MAX_POINTS = 40_000
+POINT_BYTES = 12  # three times two of its place, three of its colour, four thirds of that as text
+FOOD_SHARE = 0.5  # of the points, at most, for the foods: the table between them and the board shows where they stand
+AROUND_MM = 60.0  # beside the foods and the board, of the table
+AROUND_BOARD_MM = 250.0  # where no food was found
+HEIGHTS_MM = (-15.0, 250.0)  # outside lie strays
+LIGHT_SQUARE, DARK_SQUARE = (255, 255, 255), (20, 20, 20)  # of a plain board, sRGB
+STEPS = 65_535  # of a coordinate in 16 bits
+
+
+def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) -> bytes | None:
+    """The file, or None where not even a marker was found. items: the answer's, in the order of trace.items."""
+    found = next((marker for marker in trace.markers if marker is not None), None)
+    if found is None:
+        return None
+    scene: dict[str, Any] = {
+        "version": SCENE_VERSION,
+        "units": "mm",
+        "photographs": {
+            name: _photograph(photo, marker, trace.views[place] if trace.views is not None else None)
+            for place, (name, photo, marker) in enumerate(
+                zip(("left", "right"), (pair.left, pair.right), trace.markers, strict=True)
+            )
+        },
+        "board": _board(found),
+    }
+    if trace.rectified is None or trace.points_table is None or trace.views is None:
+        return _encoded(scene)
+    topologies: list[IntArray] = []
+    scene["items"] = [
+        _item(index, item, estimate, trace, topologies)
+        for index, (item, estimate) in enumerate(zip(trace.items, items, strict=True))
+    ]
+    scene["topologies"] = [_packed(faces, "<u2") for faces in topologies]
+    room = (MAX_BYTES - len(_encoded(scene))) // POINT_BYTES
+    scene["points"], ranges = _points(trace, trace.rectified, min(MAX_POINTS, max(room, 0)))
+    for item, (start, count) in zip(scene["items"], ranges, strict=True):
+        item["points"] = {"start": start, "count": count}
+    return _encoded(scene)
+
+
+def _encoded(scene: dict[str, Any]) -> bytes:
+    return json.dumps(scene, separators=(",", ":"), allow_nan=False).encode("ascii")
+
+
+def _photograph(photo: Photo, marker: MarkerObservation | None, view: View | None) -> dict[str, Any]:
+    height, width = photo.pixels_bgr.shape[:2]
+    out: dict[str, Any] = {"width": width, "height": height}
+    if marker is not None:
+        out["marker_corners_px"] = _rounded(marker.corners_px, 2)
+    if view is not None:
+        camera = view.camera
+        out["camera"] = {
+            "fx": round(camera.fx, 3),
+            "fy": round(camera.fy, 3),
+            "cx": round(camera.cx, 3),
+            "cy": round(camera.cy, 3),
+            "distortion": _rounded(np.array(camera.distortion), 6),
+            "rotation": _rounded(view.rotation, 8),  # x_camera = rotation @ x_table + translation_mm
+            "translation_mm": _rounded(view.translation_mm, 4),
+            "centre_mm": _rounded(view.centre_mm, 3),
+        }
+    return out
+
+
+def _board(marker: MarkerObservation) -> dict[str, Any]:
+    """The board that was announced; the table frame is its own, so its pose is the identity."""
+    spec = marker.spec
+    squares = [(row, column) for row in range(spec.rows) for column in range(spec.columns)]
+    if spec.kind == "colour":
+        colours = [COLOUR_SQUARES.get(square, LIGHT_SQUARE) for square in squares]
+    else:
+        colours = [DARK_SQUARE if sum(square) % 2 == 0 else LIGHT_SQUARE for square in squares]
+    return {
+        "marker": str(spec),
+        "columns": spec.columns,
+        "rows": spec.rows,
+        "square_mm": spec.square_mm,
+        "margin_mm": spec.square_mm,  # of the white border, one square wide
+        "rotation": np.eye(3).tolist(),
+        "translation_mm": [0.0, 0.0, 0.0],
+        "square_colours": [list(colour) for colour in colours],  # sRGB, row by row from the top left
+    }
+
+
+def _item(
+    index: int,
+    item: MeasuredItem,
+    estimate: ItemEstimate,
+    trace: Trace,
+    topologies: list[IntArray],
+) -> dict[str, Any]:
+    """One food. topologies: those used so far; gains a new one."""
+    interval = estimate.volume_interval_ml
+    out: dict[str, Any] = {
+        "index": index,
+        "hint": estimate.hint,
+        "flags": list(estimate.flags),
+        "volume_ml": _number(estimate.volume_ml, 3),
+        "volume_interval_ml": _rounded(np.array(interval), 3) if interval is not None else None,
+        "support_mm": round(item.support_mm, 3),
+    }
+    if item.volume is not None:
+        out |= _shape(item.volume, item.support_mm, topologies)
+    rings, source = _right_rings(item, trace)
+    if rings:
+        out |= {"right_rings_px": [_rounded(ring, 1) for ring in rings], "right_rings_from": source}
+    return out
+
+
+def _shape(volume: Volume, support_mm: float, topologies: list[IntArray]) -> dict[str, Any]:
+    shape, vertices = volume.shape, _vertices(volume, support_mm)
+    known = [number for number, faces in enumerate(topologies) if np.array_equal(faces, shape.faces)]
+    if not known:
+        topologies.append(shape.faces)
+    packed = _quantised(vertices)
+    return {
+        "size_mm": _size(vertices),
+        "mesh_volume_ml": round(ml_from_mm3(enclosed_mm3(_unpacked(vertices), shape.faces)), 3),
+        "shape": {"vertices": packed, "topology": known[0] if known else len(topologies) - 1},
+        "slices": [
+            {
+                "low_mm": round(each.low_mm + support_mm, 3),
+                "high_mm": round(each.high_mm + support_mm, 3),
+                "centre_mm": _rounded(each.centre_mm, 3),
+                "half_axes_mm": _rounded(np.array(each.half_axes_mm), 3),
+                "heading_rad": round(each.heading, 5),
+                "source": each.source,
+            }
+            for each in volume.slices
+        ],
+    }
+
+
+def _size(vertices: Float64Array) -> dict[str, float]:
+    """Of the smallest upright box about the shape: width is the longer side on the table, depth the shorter."""
+    sides = cv2.minAreaRect(np.ascontiguousarray(vertices[:, :2], np.float32))[1]
+    return {
+        "width": round(max(sides), 2),
+        "depth": round(min(sides), 2),
+        "height": round(float(np.ptp(vertices[:, 2])), 2),
+    }
+
+
+def _vertices(volume: Volume, support_mm: float) -> Float64Array:
+    return np.asarray(volume.shape.vertices_mm + [0.0, 0.0, support_mm], np.float64)
+
+
+def _right_rings(item: MeasuredItem, trace: Trace) -> tuple[tuple[Float64Array, ...], str]:
+    """The food's outline in the photograph sent as right, and what it is of.
+
+    "mask": as it was found, where that photograph is the grid's own, or no shape is known: then the mask is carried
+    over by its points. "shape": of the closed shape, as if nothing stood before it.
+    """
+    pair, points = trace.rectified, trace.points_table
+    if pair is None or points is None or trace.views is None:
+        return (), "mask"
+    right = trace.views[1]
+    if item.volume is not None and not trace.is_swapped:
+        vertices = _vertices(item.volume, item.support_mm)
+        if item.sight is None:
+            pixels = points_in_photograph(vertices, right)
+        else:  # the drift that was taken out of the points is there in the photograph
+            on_grid = item.sight.in_view(*item.sight.project(vertices), 1)
+            pixels = second_grid_in_photograph(on_grid, pair, right)
+        height, width = right.photo.pixels_bgr.shape[:2]
+        return rings_of_faces(pixels, item.volume.shape.faces, (width, height)), "shape"
+    places = photograph_px(pair, points, right, is_swapped=not trace.is_swapped)
+    return rings_of(item.region.mask, places, is_swapped=not trace.is_swapped), "mask"
+
+
+def _points(trace: Trace, pair: RectifiedPair, most: int) -> tuple[dict[str, Any], list[tuple[int, int]]]:
+    """At most so many points, the foods' first; and (start, count) of each food's."""
+    usable = _near(trace, pair)
+    foods = np.zeros(usable.shape, np.bool_)
+    chosen = []
+    wanted = [np.flatnonzero(usable & _well_inside(item.region.mask, trace)) for item in trace.items]
+    thinning = max(1.0, sum(map(len, wanted)) / max(FOOD_SHARE * most, 1.0))
+    for item, own in zip(trace.items, wanted, strict=True):
+        foods |= item.region.mask
+        chosen.append(_evenly(own, int(len(own) / thinning)))
+    rest = np.flatnonzero(usable & ~foods)
+    ranges = [(int(start), len(own)) for start, own in zip(np.cumsum([0, *map(len, chosen)]), chosen, strict=False)]
+    chosen.append(_evenly(rest, most - sum(map(len, chosen))))
+    index = np.concatenate(chosen)
+    painted: ImageArray = apply_colour(pair.first_bgr.reshape(-1, 3)[index][None], trace.colour_of(0))[0]
+    return {
+        "positions": _quantised(_over_the_table(trace, pair, index)),
+        "colours": _packed(painted[:, ::-1], "u1"),
+    }, ranges
+
+
+def _over_the_table(trace: Trace, pair: RectifiedPair, index: IntArray) -> Float64Array:
+    """(n, 3) mm of the grid's pixels at index (n,). Where the shapes' heights count from the table, so do these.
+
+    That is, without the drift that sight.py takes out of the parallax around each food.
+    """
+    if trace.points_table is None or trace.disparity is None:
+        return np.empty((0, 3))
+    points = trace.points_table.reshape(-1, 3)[index].astype(np.float64)
+    if trace.table is None:
+        return points
+    (a, b, c), camera = pair.plane_px, pair.first_centre_mm
+    rows, columns = np.divmod(index, pair.shape[1])
+    on_plane = camera + (points - camera) * (camera[2] / (camera[2] - points[:, 2]))[:, None]
+    table_mm = trace.table.height_mm(on_plane[:, :2])
+    plane_px = a * columns + b * rows + c
+    drift_px = plane_px * (camera[2] / (camera[2] - table_mm) - 1) / (1 - a)
+    disparity = plane_px + (1 - a) * (trace.disparity.parallax_px.ravel()[index] - drift_px)
+    rays = np.column_stack([(np.column_stack([columns, rows]) - pair.centre_px) / pair.focal_px, np.ones(len(index))])
+    depth = pair.focal_px * pair.baseline_mm / np.maximum(disparity, 1e-6)
+    return np.asarray((rays * depth[:, None]) @ pair.rotation + camera, np.float64)
+
+
+def _near(trace: Trace, pair: RectifiedPair) -> MaskArray:
+    """(H, W) where a point over the table about the board and the foods was measured."""
+    if trace.points_table is None:
+        return np.zeros(pair.shape, np.bool_)
+    spec = next(marker.spec for marker in trace.markers if marker is not None)
+    half = np.array([spec.columns, spec.rows]) * spec.square_mm / 2
+    seen = [item.points_table[:, :2] for item in trace.items if len(item.points_table)]
+    corners = np.concatenate([[-half, half], *seen])
+    margin = AROUND_MM if seen else AROUND_BOARD_MM
+    low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
+    x, y, z = (trace.points_table[..., axis] for axis in range(3))
+    with np.errstate(invalid="ignore"):
+        inside = (x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])
+        return np.asarray(inside & (z > HEIGHTS_MM[0]) & (z < HEIGHTS_MM[1]), np.bool_)
+
+
+def _well_inside(mask: MaskArray, trace: Trace) -> MaskArray:
+    """(H, W) the mask but for its rim, where a window may have matched what lies behind."""
+    if trace.disparity is None:
+        return mask
+    inward = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
+    return np.asarray(inward > trace.disparity.reach_px, np.bool_)
+
+
+def _evenly(index: IntArray, most: int) -> IntArray:
+    """At most so many of (n,), spread evenly."""
+    if len(index) <= most:
+        return index
+    return index[np.linspace(0, len(index) - 1, max(most, 0)).astype(np.int64)]
+
+
+def _steps(values: Float64Array) -> tuple[Float64Array, Float64Array, IntArray]:
+    """Offset (k,), scale (k,) and whole numbers (n, k) from -32768 on: value = offset + scale * number."""
+    if len(values) == 0:
+        return np.zeros(values.shape[1]), np.ones(values.shape[1]), np.zeros(values.shape, np.int64)
+    low, high = values.min(axis=0), values.max(axis=0)
+    scale = np.where(high > low, (high - low) / STEPS, 1.0)
+    offset = low + scale * (STEPS + 1) / 2
+    return offset, scale, np.clip(np.rint((values - offset) / scale), -32768, 32767).astype(np.int64)
+
+
+def _unpacked(values: Float64Array) -> Float64Array:
+    """(n, k) as whoever reads the file finds them."""
+    offset, scale, whole = _steps(values)
+    return offset + scale * whole
+
+
+def _quantised(values: Float64Array) -> dict[str, Any]:
+    offset, scale, whole = _steps(values)
+    return {**_packed(whole, "<i2"), "offset": offset.tolist(), "scale": scale.tolist()}
+
+
+def _packed(values: np.ndarray, kind: str) -> dict[str, Any]:
+    """Rows of whole numbers as base64, little endian."""
+    names = {"<i2": "int16", "<u2": "uint16", "u1": "uint8"}
+    data = np.ascontiguousarray(values.astype(np.dtype(kind)))
+    return {"type": names[kind], "shape": list(data.shape), "base64": base64.b64encode(data.tobytes()).decode("ascii")}
+
+
+def _rounded(values: Float64Array, decimals: int) -> Any:
+    return (np.round(np.asarray(values, np.float64), decimals) + 0.0).tolist()
+
+
+def _number(value: float | None, decimals: int) -> float | None:
+    return None if value is None else round(value, decimals)
