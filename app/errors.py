@@ -71,6 +71,13 @@ class NotFoundError(TadaError):
     status = 404
 
 
+class NotAcceptableError(TadaError):
+    """None of the formats that the caller would take is one that this is given in."""
+
+    code = "not_acceptable"
+    status = 406
+
+
 class ConflictError(TadaError):
     """The id is taken by something else, or the state does not allow this."""
 

@@ -49,6 +49,8 @@ from app.api import (
 from app.api.access import RULES, authorise
 from app.api.body_limit import BodyLimit
 from app.api.call_limits import UNCOUNTED_PATHS, AddressLimit, CallLimits
+from app.api.fhir import routes as fhir
+from app.api.fhir.answers import FhirErrors
 from app.api.problems import Problem, install_problem_handlers, problem_responses
 from app.api.rate_limit import RateLimit
 from app.api.request_log import RequestLog
@@ -162,6 +164,7 @@ def create_app(settings: Settings) -> FastAPI:
     install_problem_handlers(app)
     app.add_middleware(BodyLimit)
     app.add_middleware(AddressLimit)  # before a body is read
+    app.add_middleware(FhirErrors)  # around all that answers with a problem document
     app.add_middleware(RequestLog)
     app.add_middleware(DashboardAnswers)
     app.mount("/dashboard/static", DashboardFiles())
@@ -177,6 +180,7 @@ def create_app(settings: Settings) -> FastAPI:
         audit,
         records,
         changes,
+        fhir,
         review,
         review_queue,
         questions,

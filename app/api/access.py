@@ -113,6 +113,12 @@ CALLS: Mapping[tuple[str, str], Rule] = {
     ("POST", "/v1/meals/{meal_id}/retry"): REVIEWER,
     ("GET", "/v1/records"): VIEWER_OR_DEVICE,
     ("GET", "/v1/studies/{study}/changes"): VIEWER,
+    # FHIR
+    ("GET", "/fhir/metadata"): OPEN,
+    ("GET", "/fhir/StructureDefinition/{name}"): OPEN,
+    ("GET", "/fhir/NutritionIntake"): VIEWER_OR_DEVICE,
+    ("GET", "/fhir/NutritionIntake/{intake_id}"): VIEWER_OR_DEVICE,
+    ("GET", "/fhir/Patient/{patient_id}"): VIEWER_OR_DEVICE,
     # days and feedback
     ("GET", "/v1/me/days"): DEVICE,
     ("PUT", "/v1/me/days/{day}"): DEVICE,

@@ -72,6 +72,8 @@ def test_no_call_makes_a_server_error(live_app, role, mode):
 
 def assert_no_server_error(response):
     assert response.status_code < 500, response.text
-    if response.status_code >= 400:
+    if response.status_code >= 400 and response.headers["content-type"] == ["application/fhir+json"]:
+        assert response.json()["issue"][0]["details"]["coding"][0]["code"]
+    elif response.status_code >= 400:
         assert response.headers["content-type"] == ["application/problem+json"]
         assert response.json()["code"]

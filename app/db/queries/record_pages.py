@@ -135,7 +135,7 @@ def search_of(session: Session, chosen: RecordFilter) -> RecordSearch | None:
     statuses = sorted(set(chosen.statuses)) or None
     if any(found is not None and not found for found in (studies, people, foods)):
         return None
-    days = _within_days(chosen.first_day, chosen.last_day)
+    days = within_days(chosen.first_day, chosen.last_day)
     of_food, of_status = _one_of(record.food_id, foods), _one_of(record.status, statuses)
     by: list[tuple[Any, Sequence[Any]]] = []
     if people is not None:
@@ -203,7 +203,7 @@ def food_ids(session: Session, keys: Sequence[str]) -> list[int]:
     return list(session.scalars(sa.select(Food.id).where(Food.key.in_(keys)).order_by(Food.id)))
 
 
-def _within_days(first_day: date | None, last_day: date | None) -> Conditions:
+def within_days(first_day: date | None, last_day: date | None) -> Conditions:
     """The local days exactly, and bounds of the instant around them, by which an index is entered and left."""
     record = EffectiveRecord
     earliest, latest = CALENDAR

@@ -244,9 +244,17 @@ def something(parameter):
     return by_format.get(schema.get("format")) or by_type.get(schema.get("type"), "x")
 
 
+def outcome_of(answer):
+    """FHIR's way to tell the same: the problem's code and words in an OperationOutcome."""
+    if answer.headers.get("content-type") != "application/fhir+json" or answer.status_code < 400:
+        return {}
+    details = answer.json()["issue"][0]["details"]
+    return {"code": details["coding"][0]["code"], "detail": details["text"]}
+
+
 def fault_of(role, route, answer, promised):
     """Why the answer is not what was promised, or None."""
-    body = answer.json() if answer.headers.get("content-type") == "application/problem+json" else {}
+    body = answer.json() if answer.headers.get("content-type") == "application/problem+json" else outcome_of(answer)
     said = f"{role.name}, {route[0]} {route[1]}: {answer.status_code} {body.get('code')} ({body.get('detail')})"
     refusals = {"unauthenticated", "withdrawn", "staff_only", "device_only", "admin_only", "role_too_low", "no_rule"}
     refusals |= {"token_read_only", "session_needed"}
