@@ -187,7 +187,8 @@ def _size(vertices: Float64Array) -> dict[str, float]:
 
 
 def _vertices(volume: Volume, support_mm: float) -> Float64Array:
-    return np.asarray(volume.shape.vertices_mm + [0.0, 0.0, support_mm], np.float64)
+    vertices: Float64Array = volume.shape.vertices_mm + np.array([0.0, 0.0, support_mm])
+    return vertices
 
 
 def _right_rings(item: MeasuredItem, trace: Trace) -> tuple[tuple[Float64Array, ...], str]:
