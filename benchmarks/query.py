@@ -50,7 +50,7 @@ from app.services.review_queue import read_queue
 from app.services.staff import create_admin
 from app.settings import Settings
 from benchmarks import query_data, query_exports
-from benchmarks.query_data import DAYS, FIRST_DAY, FOODS, PEOPLE, STUDIES, food_key
+from benchmarks.query_data import DAYS, FIRST_DAY, FOODS, PEOPLE, SPREAD, STUDIES, Shape, food_key
 
 DEFAULT_ROWS = {"sqlite": 1_000_000, "postgresql": 10_000_000}
 TARGET_P95_MS = 50.0
@@ -102,7 +102,9 @@ def main() -> int:
 
 
 @contextlib.contextmanager
-def filled_database(kind: str, rows: int, seed: int, parent: Path | None, *, keep: bool) -> Iterator[tuple[str, Path]]:
+def filled_database(
+    kind: str, rows: int, seed: int, parent: Path | None, *, keep: bool, shape: Shape = SPREAD
+) -> Iterator[tuple[str, Path]]:
     """The URL of a database with so many records and a folder beside it; made, or found as an earlier run left it."""
     root = parent if parent is not None else Path(tempfile.mkdtemp(prefix="tada-query-"))
     folder = root / f"{kind}-{rows}-{seed}"
@@ -117,7 +119,7 @@ def filled_database(kind: str, rows: int, seed: int, parent: Path | None, *, kee
                 wipe(database)
                 upgrade(database)
                 with loading(kind, url):
-                    query_data.fill(database, rows, seed, lambda text: print(text, flush=True))
+                    query_data.fill(database, rows, seed, lambda text: print(text, flush=True), shape)
                 database.dispose()
                 made.write_text(json.dumps({"seconds": time.perf_counter() - started}))
             yield url, folder

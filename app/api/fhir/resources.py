@@ -130,9 +130,7 @@ class Intakes:
             yield {"nutrient": self._nutrients[number], "amount": quantity(amount, str(component.unit))}
 
     def _nutrient(self, number: str, tagname: str | None, name: str) -> Resource:
-        codings = (
-            [{"system": self._names.system("infoods-tagnames"), "code": tagname}] if tagname else []
-        )
+        codings = [{"system": self._names.system("infoods-tagnames"), "code": tagname}] if tagname else []
         if number.isdecimal():  # USDA's; a component that it has no number for goes by its tagname
             codings.append({"system": self._names.system("usda-nutrients"), "code": number})
         return {"concept": ({"coding": codings} if codings else {}) | {"text": name}}

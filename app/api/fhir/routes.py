@@ -2,20 +2,18 @@
 
 import uuid
 from typing import Annotated, Any
-from urllib.parse import urlencode
 
 from fastapi import APIRouter, Depends, Path, Request
 from fastapi.responses import Response
 
 from app.api.deps import CurrentCaller, State
-from app.api.fhir.answers import FHIR_JSON, PREFIX, FhirJson, outcome_issue, require_json, wants_strict
+from app.api.fhir.answers import FHIR_JSON, PREFIX, FhirJson, require_json, wants_strict
+from app.api.fhir.bundles import search_bundle
 from app.api.fhir.capability import EXTENSIONS, SEARCH_PARAMETERS, capability_statement, structure_definition
-from app.api.fhir.names import Names, names_of, patient_id, person_of_id
+from app.api.fhir.names import names_of, patient_id, person_of_id
 from app.api.fhir.resources import Intakes, patient
-from app.api.fhir.search import CURSOR, DEFAULT_COUNT, MOST_COUNT, Asked, read_search
-from app.db.queries.fhir_intakes import IntakeRow
+from app.api.fhir.search import CURSOR, DEFAULT_COUNT, MOST_COUNT, read_search
 from app.errors import NotFoundError
-from app.services.cursors import Page
 from app.services.fhir_intakes import read_intake, read_person, search_intakes
 
 router = APIRouter(prefix=PREFIX, tags=["fhir"], dependencies=[Depends(require_json)])
@@ -77,7 +75,7 @@ def search_nutrition_intakes(request: Request, state: State, caller: CurrentCall
     names = names_of(request)
     asked = read_search(request.query_params.multi_items(), names, is_strict=wants_strict(request))
     page = search_intakes(state.database, caller, asked.search, cursor=asked.cursor, limit=asked.count)
-    return FhirJson(_bundle(names, asked, page))
+    return FhirJson(search_bundle(names, asked, page))
 
 
 @router.get("/NutritionIntake/{intake_id}", responses=_responses("NutritionIntake", 401, 404, 406, 410, 503))
@@ -104,34 +102,3 @@ def get_patient(
         raise NotFoundError("There is no such Patient.")
     participant, study_code = read_person(state.database, caller, name)
     return FhirJson(patient(names_of(request), participant, study_code))
-
-
-def _bundle(names: Names, asked: Asked, page: Page[IntakeRow]) -> dict[str, Any]:
-    intakes, here = Intakes(names), names.url("NutritionIntake")
-    links = [{"relation": "self", "url": _url(here, asked.used, asked.cursor)}]
-    if page.cursor is not None:
-        links.append({"relation": "next", "url": _url(here, asked.used, page.cursor)})
-    entries = [
-        {"fullUrl": f"{here}/{row.record.item_id}", "resource": intakes.resource(row), "search": {"mode": "match"}}
-        for row in page.rows
-    ]
-    if asked.ignored:
-        entries.append({"resource": _ignored(names, asked.ignored), "search": {"mode": "outcome"}})
-    return {"resourceType": "Bundle", "type": "searchset", "link": links} | ({"entry": entries} if entries else {})
-
-
-def _ignored(names: Names, parameters: tuple[str, ...]) -> dict[str, Any]:
-    system = names.system("errors")
-    text = "Ignored, since it is not supported here: {}. GET /fhir/metadata lists what is."
-    return {
-        "resourceType": "OperationOutcome",
-        "issue": [
-            outcome_issue("warning", "not-supported", "search_parameter_unsupported", system, text.format(name))
-            for name in parameters
-        ],
-    }
-
-
-def _url(here: str, used: tuple[tuple[str, str], ...], cursor: str | None) -> str:
-    query = urlencode([*used, *([(CURSOR, cursor)] if cursor is not None else [])])
-    return f"{here}?{query}" if query else here
