@@ -25,5 +25,5 @@ def test_every_script_is_listed():
 def test_script_is_the_one_that_was_listed_and_imports_only_its_neighbours(name):
     content = (THREE / name).read_bytes()
     assert hashlib.sha256(content).hexdigest() == listed()[name]
-    imported = re.findall(r'(?:from|import)\s*\(?"([^"]+)"', content.decode())
+    imported = re.findall(r'(?:\}from|import\(|import)"([^"]+)"', content.decode())
     assert all((THREE / path).is_file() and path.startswith("./") for path in imported)
