@@ -28,9 +28,13 @@ OPEN_PAGES: frozenset[Call] = frozenset(
         ("POST", f"{PREFIX}/sign-in"),
     }
 )
+MEAL: Final = f"{PREFIX}/studies/{{study}}/meals/{{participant}}/{{meal_id}}"
 PAGES: Mapping[Call, Call] = {
     ("GET", PREFIX): STAFF,
     ("POST", f"{PREFIX}/sign-out"): ("DELETE", "/v1/sessions/current"),
+    # one meal
+    ("POST", f"{MEAL}/events"): ("POST", "/v1/meals/{meal_id}/events"),
+    ("GET", f"{PREFIX}/studies/{{study}}/foods"): STUDY,
 }
 # asked by the page itself, again and again: no use of the session
 POLLED: frozenset[Call] = frozenset()

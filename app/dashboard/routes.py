@@ -2,8 +2,8 @@
 
 from fastapi import APIRouter
 
-from app.dashboard import sign_in, studies
+from app.dashboard import item_actions, sign_in, studies
 
 router = APIRouter(include_in_schema=False)
-for page in (sign_in, studies):
+for page in (sign_in, studies, item_actions):
     router.include_router(page.router)

@@ -71,7 +71,8 @@ def test_every_changing_call_is_noted(client, state, admin, enrol):
     call_of_foods(walk, admin)
     walk(admin, "POST", PARTICIPANTS + "/{participant}/withdrawal", participant="P002", **STUDY)
     walk(phone, "POST", "/v1/me/withdrawal")
-    changing = {route for route in RULES if route[0] not in SAFE_METHODS}
+    # pages change by the services that the calls of the API have: those note it
+    changing = {route for route, rule in RULES.items() if route[0] not in SAFE_METHODS and not rule.page}
     assert walk.unnoted == []
     assert changing - walk.done == set(UNNOTED)
 
