@@ -158,7 +158,7 @@ async def get_meal(
     """
     view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
     known = request.headers.get("if-none-match")
-    if wait and _may_change(view) and (known is None or _is_known(known, view)):
+    if wait and will_change(view) and (known is None or _is_known(known, view)):
         await state.waiter.wait(view.meal.id, view.meal.version, wait)
         view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
     if known is not None and _is_known(known, view):
@@ -220,7 +220,7 @@ async def _submit_after(
     return meal_response(view, 202 if is_new else 200)
 
 
-def _may_change(view: MealView) -> bool:
+def will_change(view: MealView) -> bool:
     """Whether a worker will move the meal, its after-meal pair or an item on, or photographs the meal."""
     is_measured_anew = any(REMEASURING in item.record.flags for item in view.items)
     return view.meal.status not in FINAL or view.meal.after_status in WAITING or is_measured_anew
