@@ -16,6 +16,7 @@ from app.api.deps import CurrentStaff, State
 from app.api.problems import problem_responses
 from app.api.schemas.privacy import AuditEventOut, AuditPage
 from app.api.schemas.text import only_text
+from app.api.state import ApiState
 from app.services.audit_log import NamedEvent, read_audit, stream_audit
 from app.services.caller import StaffCaller
 
@@ -89,13 +90,7 @@ def _answer(
     output: str | None,
 ) -> Response:
     if output == "csv" or (output is None and request.headers.get("accept", "").startswith("text/csv")):
-        rows = stream_audit(state.database, caller, **filters)
-        first = list(islice(rows, 1))  # a database that fails gives an error document, not a broken file
-        return StreamingResponse(
-            _csv(chain(first, rows)),
-            media_type="text/csv; charset=utf-8; header=present",
-            headers={"Content-Disposition": 'attachment; filename="audit.csv"', "Cache-Control": "no-store"},
-        )
+        return audit_csv(state, caller, filters)
     page = read_audit(state.database, caller, **filters, cursor=cursor, limit=limit)
     following = None
     if page.cursor is not None:
@@ -103,6 +98,17 @@ def _answer(
         following = f"{request.url.path}?{urlencode([*others, ('cursor', page.cursor)])}"
     body = AuditPage(items=[_event_out(row) for row in page.rows], next=following)
     return JSONResponse(body.model_dump(mode="json"), headers={"Cache-Control": "private, no-store"})
+
+
+def audit_csv(state: ApiState, caller: StaffCaller, filters: dict[str, Any]) -> Response:
+    """All events of the filters as CSV."""
+    rows = stream_audit(state.database, caller, **filters)
+    first = list(islice(rows, 1))  # a database that fails gives an error document, not a broken file
+    return StreamingResponse(
+        _csv(chain(first, rows)),
+        media_type="text/csv; charset=utf-8; header=present",
+        headers={"Content-Disposition": 'attachment; filename="audit.csv"', "Cache-Control": "no-store"},
+    )
 
 
 def _event_out(row: NamedEvent) -> AuditEventOut:

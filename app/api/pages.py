@@ -16,10 +16,14 @@ from app.settings import Settings
 
 PREFIX: Final = "/dashboard"
 
+STUDY_PAGES: Final = f"{PREFIX}/studies/{{study}}"
+WEBHOOKS: Final = "/v1/studies/{study}/webhooks"
+
 Call = tuple[str, str]  # method, path
 
 STAFF: Call = ("GET", "/v1/sessions/current")  # whoever is signed in
 STUDY: Call = ("GET", "/v1/studies/{study}")  # viewers
+ENROL: Call = ("POST", "/v1/studies/{study}/participants/{participant}/enrolment-codes")
 
 OPEN_PAGES: frozenset[Call] = frozenset(
     {
@@ -35,6 +39,42 @@ PAGES: Mapping[Call, Call] = {
     # one meal
     ("POST", f"{MEAL}/events"): ("POST", "/v1/meals/{meal_id}/events"),
     ("GET", f"{PREFIX}/studies/{{study}}/foods"): STUDY,
+    # protocol
+    ("GET", f"{STUDY_PAGES}/settings"): STUDY,
+    ("POST", f"{STUDY_PAGES}/settings"): ("PATCH", "/v1/studies/{study}"),
+    ("GET", f"{PREFIX}/new-study"): ("POST", "/v1/studies"),
+    ("POST", f"{PREFIX}/new-study"): ("POST", "/v1/studies"),
+    # people
+    ("GET", f"{STUDY_PAGES}/members"): ("GET", "/v1/studies/{study}/members"),
+    ("POST", f"{STUDY_PAGES}/members"): ("PUT", "/v1/studies/{study}/members/{name}"),
+    ("POST", f"{STUDY_PAGES}/members/removal"): ("DELETE", "/v1/studies/{study}/members/{name}"),
+    ("GET", f"{STUDY_PAGES}/devices"): ("GET", "/v1/studies/{study}/devices"),
+    ("POST", f"{STUDY_PAGES}/devices/{{device_id}}/revocation"): ("DELETE", "/v1/studies/{study}/devices/{device_id}"),
+    ("GET", f"{STUDY_PAGES}/enrol"): ENROL,
+    ("POST", f"{STUDY_PAGES}/enrol"): ENROL,
+    ("GET", f"{PREFIX}/staff"): ("GET", "/v1/staff"),
+    ("POST", f"{PREFIX}/staff"): ("POST", "/v1/staff"),
+    ("POST", f"{PREFIX}/staff/change"): ("PATCH", "/v1/staff/{name}"),
+    ("GET", f"{PREFIX}/account"): ("GET", "/v1/tokens"),
+    ("POST", f"{PREFIX}/account/password"): ("POST", "/v1/sessions/current/password"),
+    ("POST", f"{PREFIX}/account/tokens"): ("POST", "/v1/tokens"),
+    ("POST", f"{PREFIX}/account/tokens/{{token_id}}/revocation"): ("DELETE", "/v1/tokens/{token_id}"),
+    # webhooks
+    ("GET", f"{STUDY_PAGES}/webhooks"): ("GET", WEBHOOKS),
+    ("POST", f"{STUDY_PAGES}/webhooks"): ("POST", WEBHOOKS),
+    ("GET", f"{STUDY_PAGES}/webhooks/{{webhook}}"): ("GET", f"{WEBHOOKS}/{{webhook}}/deliveries"),
+    ("POST", f"{STUDY_PAGES}/webhooks/{{webhook}}/state"): ("PATCH", f"{WEBHOOKS}/{{webhook}}"),
+    ("POST", f"{STUDY_PAGES}/webhooks/{{webhook}}/secret"): ("POST", f"{WEBHOOKS}/{{webhook}}/secret"),
+    ("POST", f"{STUDY_PAGES}/webhooks/{{webhook}}/test"): ("POST", f"{WEBHOOKS}/{{webhook}}/test"),
+    ("POST", f"{STUDY_PAGES}/webhooks/{{webhook}}/deliveries/{{delivery}}/replay"): (
+        "POST",
+        f"{WEBHOOKS}/{{webhook}}/deliveries/{{delivery}}/replay",
+    ),
+    # audit log, marker
+    ("GET", f"{STUDY_PAGES}/audit"): ("GET", "/v1/studies/{study}/audit"),
+    ("GET", f"{PREFIX}/audit"): ("GET", "/v1/audit"),
+    ("GET", f"{PREFIX}/marker"): STAFF,
+    ("GET", f"{PREFIX}/marker.pdf"): STAFF,
 }
 # asked by the page itself, again and again: no use of the session
 POLLED: frozenset[Call] = frozenset()

@@ -30,7 +30,9 @@ def get_studies(
 @router.post("", status_code=201, responses=problem_responses(401, 403, 409, 422))
 def post_study(body: StudyIn, state: State, caller: CurrentStaff, response: Response) -> StudyOut:
     """Make a study."""
-    study = studies.create_study(state.database, code=body.code, caller=caller, **{"name": body.name, **_columns(body)})
+    study = studies.create_study(
+        state.database, code=body.code, caller=caller, **{"name": body.name, **protocol_columns(body)}
+    )
     response.headers["Location"] = f"/v1/studies/{body.code}"
     return _tagged(study, response)
 
@@ -46,7 +48,7 @@ def patch_study(
     study: StudyCode, body: StudyPatch, state: State, caller: CurrentStaff, response: Response, if_match: IfMatch = None
 ) -> StudyOut:
     """Change the protocol: only the fields that are named. The day's start is fixed once a meal is in."""
-    changes = _columns(body) | ({"name": body.name} if "name" in body.model_fields_set else {})
+    changes = protocol_columns(body) | ({"name": body.name} if "name" in body.model_fields_set else {})
     expected = expected_versions(if_match)
     return _tagged(studies.change_study(state.database, caller, study, changes, expected=expected), response)
 
@@ -64,7 +66,7 @@ def clock(minutes: int) -> str:
     return f"{minutes // 60:02}:{minutes % 60:02}"
 
 
-def _columns(body: ProtocolIn) -> dict[str, Any]:
+def protocol_columns(body: ProtocolIn) -> dict[str, Any]:
     """The protocol's fields that a body names, as columns."""
     columns = body.model_dump(include=body.model_fields_set & ProtocolIn.model_fields.keys(), mode="json")
     if "day_starts" in columns:

@@ -15,9 +15,15 @@ class Entry:
     needs: Role = "viewer"
 
 
-STUDY: tuple[Entry, ...] = ()
-SERVER: tuple[Entry, ...] = ()
-ADMIN: tuple[Entry, ...] = ()
+STUDY: tuple[Entry, ...] = (
+    Entry(("devices",), "Devices"),
+    Entry(("members",), "Members", "owner"),
+    Entry(("webhooks",), "Webhooks", "owner"),
+    Entry(("audit",), "Audit log", "owner"),
+    Entry(("settings",), "Settings"),
+)
+SERVER: tuple[Entry, ...] = (Entry(("marker",), "Marker"), Entry(("account",), "Account"))
+ADMIN: tuple[Entry, ...] = (Entry(("staff",), "Staff"), Entry(("audit",), "Audit log"))
 
 
 def study_menu(role: Role | None) -> list[Entry]:

@@ -2,8 +2,32 @@
 
 from fastapi import APIRouter
 
-from app.dashboard import item_actions, sign_in, studies
+from app.dashboard import (
+    account,
+    audit,
+    devices,
+    item_actions,
+    marker,
+    members,
+    settings_pages,
+    sign_in,
+    staff,
+    studies,
+    webhooks,
+)
 
 router = APIRouter(include_in_schema=False)
-for page in (sign_in, studies, item_actions):
+for page in (
+    sign_in,
+    studies,
+    item_actions,
+    devices,
+    members,
+    webhooks,
+    settings_pages,
+    staff,
+    account,
+    audit,
+    marker,
+):
     router.include_router(page.router)

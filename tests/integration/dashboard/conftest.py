@@ -37,6 +37,8 @@ class Browser:
         sent = BROWSER | ({"Cookie": cookies} if cookies else {}) | (headers or {})
         answer = self.client.request(method, path, headers=sent, data=data, params=params, follow_redirects=False)
         self.client.cookies.clear()
+        if hasattr(self, "cookies"):
+            self.cookies |= dict(answer.cookies)
         return answer
 
     def get(self, path, *, headers=None, **params):

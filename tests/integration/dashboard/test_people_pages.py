@@ -1,0 +1,228 @@
+"""Members, devices, enrolment cards, staff, account, settings, webhooks, audit log, marker: as people use them."""
+
+import html
+import json
+import re
+
+import cv2
+import numpy as np
+import pytest
+
+from app.services.enrolment_qr import enrolment_text, qr_png
+from tests.integration.api.people import PASSWORD, sign_in
+from tests.integration.dashboard.conftest import Browser, text_of
+
+CHANGES = ("settings", "members", "enrol", "webhooks")
+
+
+@pytest.fixture
+def owner(enrol, sign_in_browser):
+    enrol()
+    return sign_in_browser("olga", pilot="owner")
+
+
+def version_of(page):
+    return re.search(r'name="version" value="(\d+)"', page)[1]
+
+
+def protocol(**changes):
+    form = {"name": "Pilot", "locale": "de", "day_starts": "03:00", "marker": "plain:9x7:11", "location_decimals": "2"}
+    form |= {
+        "after_window_minutes": "240",
+        "location_policy": "round",
+        "retention_days": "30",
+        "withdrawal_policy": "keep",
+    }
+    return form | changes
+
+
+def test_owner_changes_the_protocol_and_the_api_tells_the_same(client, admin, owner):
+    page = owner.page("/dashboard/studies/pilot/settings")
+    answer = owner.post(
+        "/dashboard/studies/pilot/settings", **protocol(version=version_of(page), gives_feedback="true")
+    )
+    assert answer.status_code == 303, text_of(answer.text)
+    told = client.get("/v1/studies/pilot", headers=admin).json()
+    assert (told["locale"], told["retention_days"], told["gives_feedback"]) == ("de", 30, True)
+    answer = owner.post("/dashboard/studies/pilot/settings", **protocol(version=told["version"], retention_days=""))
+    told = client.get("/v1/studies/pilot", headers=admin).json()
+    assert (told["retention_days"], told["gives_feedback"]) == (None, False), "emptied and unticked"
+
+
+def test_protocol_that_was_changed_meanwhile_is_not_overwritten(client, admin, owner):
+    version = version_of(owner.page("/dashboard/studies/pilot/settings"))
+    assert client.patch(
+        "/v1/studies/pilot", headers=admin | {"If-Match": f'"{version}"'}, json={"name": "Other"}
+    ).is_success
+    answer = owner.post("/dashboard/studies/pilot/settings", **protocol(version=version))
+    assert answer.status_code == 412
+    assert "Other" in answer.text, "the page shows how it stands now"
+    assert client.get("/v1/studies/pilot", headers=admin).json()["name"] == "Other"
+
+
+def test_refused_value_stays_in_the_form_with_what_is_wrong_beside_it(owner):
+    version = version_of(owner.page("/dashboard/studies/pilot/settings"))
+    form = protocol(version=version, retention_days="-3", name='A "quoted" <b>name</b>')
+    answer = owner.post("/dashboard/studies/pilot/settings", **form)
+    assert answer.status_code == 422
+    assert 'value="-3"' in answer.text
+    assert 'id="retention_days-wrong"' in answer.text
+    assert "<b>name" not in answer.text
+    assert html.escape('A "quoted" <b>name</b>', quote=True).replace("&quot;", "&#34;") in answer.text
+
+
+@pytest.mark.parametrize("place", CHANGES)
+def test_viewer_finds_no_control_and_a_forged_form_changes_nothing(enrol, sign_in_browser, place):
+    enrol()
+    viewer = sign_in_browser("vera", pilot="viewer")
+    assert (
+        viewer.post(f"/dashboard/studies/pilot/{place}", name="x", role="owner", participants="P001").status_code == 403
+    )
+    devices = viewer.page("/dashboard/studies/pilot/devices")
+    assert "Revoke" not in devices
+    assert "Enrol phones" not in devices
+    assert '<button class="main">Save' not in viewer.page("/dashboard/studies/pilot/settings")
+
+
+def test_stranger_sees_no_page_of_the_study(enrol, sign_in_browser):
+    enrol()
+    stranger = sign_in_browser("sam")
+    for place in ("settings", "members", "devices", "webhooks", "audit"):
+        answer = stranger.get(f"/dashboard/studies/pilot/{place}")
+        assert answer.status_code == 404, place
+        assert "pilot" not in text_of(answer.text).lower()
+
+
+def test_card_of_the_sheet_enrols_a_phone_once(client, owner):
+    page = owner.post("/dashboard/studies/pilot/enrol", participants="P001\nP999").text
+    assert "P999: " in html.unescape(page)
+    code = re.search(r'<p class="secret">([^<]+)</p>', page)[1]
+    assert page.count("<svg") == 1
+    body = {"code": code, "device_name": "<b>bold</b> phone"}
+    assert client.post("/v1/enrolments", json=body).status_code == 201
+    assert client.post("/v1/enrolments", json=body).status_code != 201
+    devices = owner.page("/dashboard/studies/pilot/devices")
+    assert "&lt;b&gt;bold" in devices
+    assert code not in devices
+
+
+def test_qr_code_says_server_and_code():
+    text = enrolment_text("https://tada.example", "abc-DEF_123")
+    picture = cv2.imdecode(np.frombuffer(qr_png(text), np.uint8), cv2.IMREAD_GRAYSCALE)
+    said = cv2.QRCodeDetector().detectAndDecode(picture)[0]
+    assert json.loads(said) == {"tada": 1, "server": "https://tada.example", "code": "abc-DEF_123"}
+
+
+def test_revoked_phone_is_shown_as_such_and_opens_nothing(phone, sign_in_browser):
+    owner = sign_in_browser("olga", pilot="owner")
+    page = owner.page("/dashboard/studies/pilot/devices")
+    address = re.findall(r'action="(/dashboard/studies/pilot/devices/[^"]+/revocation)"', page)[0]
+    assert phone.get("/v1/me").status_code == 200
+    assert owner.post(address).status_code == 303
+    assert phone.get("/v1/me").status_code == 401
+    assert "revoked" in owner.page("/dashboard/studies/pilot/devices", participant="P001")
+
+
+def test_owner_gives_and_takes_roles(owner, sign_in_browser):
+    sign_in_browser("vera")
+    assert owner.post("/dashboard/studies/pilot/members", name="vera", role="reviewer").status_code == 303
+    page = text_of(owner.page("/dashboard/studies/pilot/members"))
+    assert "vera is reviewer now." in page
+    assert "vera reviewer" in page
+    assert owner.post("/dashboard/studies/pilot/members", name="nobody", role="reviewer").status_code == 404
+    assert owner.post("/dashboard/studies/pilot/members/removal", name="olga").status_code == 409, (
+        "the last owner stays"
+    )
+    assert owner.post("/dashboard/studies/pilot/members/removal", name="vera").status_code == 303
+
+
+def test_admin_adds_a_person_who_then_signs_in(client, sign_in_browser):
+    boss = sign_in_browser("boss", is_admin=True)
+    assert boss.post("/dashboard/staff", name="newcomer", password="short").status_code == 422
+    assert boss.post("/dashboard/staff", name="newcomer", password=PASSWORD).status_code == 303
+    newcomer = Browser(client, "newcomer")
+    assert newcomer.get("/dashboard/staff").status_code == 403
+    assert boss.post("/dashboard/staff/change", name="newcomer", is_disabled="true").status_code == 303
+    assert newcomer.get("/dashboard").status_code == 303
+
+
+def test_personal_token_is_shown_once_and_reads_only(client, owner):
+    page = owner.post("/dashboard/account/tokens", name="nightly", scope="read", study="pilot", days="30").text
+    token = re.search(r'id="issued">([^<]+)<', page)[1]
+    headers = {"Authorization": f"Bearer {token}"}
+    assert client.get("/v1/studies/pilot", headers=headers).status_code == 200
+    assert client.post("/v1/studies/pilot/participants", headers=headers, json={"code": "P2"}).status_code == 403
+    page = owner.page("/dashboard/account")
+    assert token not in page
+    end = re.findall(r'action="(/dashboard/account/tokens/[^"]+/revocation)"', page)[0]
+    assert owner.post(end).status_code == 303
+    assert client.get("/v1/studies/pilot", headers=headers).status_code == 401
+
+
+def test_new_password_ends_all_sessions(client, owner):
+    change = {"current_password": PASSWORD, "new_password": "another horse battery"}
+    assert owner.post("/dashboard/account/password", **change, again="not the same").status_code == 422
+    assert (
+        owner.post(
+            "/dashboard/account/password", **change | {"current_password": "x"}, again=change["new_password"]
+        ).status_code
+        == 422
+    )
+    assert owner.post("/dashboard/account/password", **change, again=change["new_password"]).status_code == 303
+    assert owner.get("/dashboard").status_code == 303
+    assert sign_in(client, "olga", "another horse battery").status_code == 201
+
+
+def test_webhook_shows_its_secret_once_and_its_deliveries(owner):
+    page = owner.post("/dashboard/studies/pilot/webhooks", url="http://plain.example", events="*")
+    assert page.status_code == 422
+    page = owner.post(
+        "/dashboard/studies/pilot/webhooks", url="https://93.184.215.14/a?b=%22c%22", events="meal.failed"
+    ).text
+    assert "shown once" in page, text_of(page)
+    secret = re.search(r'id="issued">([^<]+)<', page)[1]
+    page = owner.page("/dashboard/studies/pilot/webhooks")
+    assert secret not in page
+    address = re.search(r'href="(/dashboard/studies/pilot/webhooks/[^"]+)"', page)[1]
+    assert owner.post(f"{address}/test").status_code == 303
+    page = owner.page(address)
+    assert "ping" in page
+    again = re.search(r'action="([^"]+/replay)"', page)[1]
+    assert owner.post(again).status_code == 303
+    assert owner.post(f"{address}/state", is_enabled="false").status_code == 303
+    page = owner.page(address)
+    assert owner.post(f"{address}/state", is_enabled="true", version=version_of(page)).status_code == 303
+    assert secret not in owner.post(f"{address}/secret").text
+
+
+def test_audit_log_of_the_page_is_that_of_the_export(client, admin, owner):
+    owner.post("/dashboard/studies/pilot/members", name="olga", role="owner")
+    page = owner.page("/dashboard/studies/pilot/audit", action="enrolment.issue")
+    told = client.get("/v1/studies/pilot/audit", headers=admin, params={"action": "enrolment.issue"}).json()["items"]
+    assert page.count("<code>enrolment.issue</code>") == len(told)
+    file = owner.get("/dashboard/studies/pilot/audit", format="csv")
+    assert file.headers["content-type"].startswith("text/csv")
+    whole = client.get("/v1/studies/pilot/audit", headers=admin, params={"format": "csv"})
+    assert file.text.splitlines()[:2] == whole.text.splitlines()[:2]
+
+
+def test_marker_is_a_pdf(owner):
+    assert "plain:9x7:11" in owner.page("/dashboard/marker")
+    answer = owner.get("/dashboard/marker.pdf", marker="plain:9x7:11")
+    assert answer.content.startswith(b"%PDF")
+    assert owner.get("/dashboard/marker.pdf", marker='"><script>').status_code == 422
+
+
+def test_admin_makes_a_study(client, admin, sign_in_browser):
+    boss = sign_in_browser("boss", is_admin=True)
+    assert boss.post("/dashboard/new-study", code="bad code", name="x").status_code == 422
+    answer = boss.post("/dashboard/new-study", code="fresh", name="<i>Fresh</i>", marker="plain:9x7:11")
+    assert answer.headers["location"] == "/dashboard/studies/fresh/settings"
+    assert "<i>Fresh" not in boss.page("/dashboard")
+    assert client.get("/v1/studies/fresh", headers=admin).status_code == 200
+
+
+def test_form_with_a_file_is_refused(client, owner):
+    headers = {"Sec-Fetch-Site": "same-origin", "Cookie": f"tada_session={owner.cookies['tada_session']}"}
+    answer = client.post("/dashboard/studies/pilot/members", headers=headers, files={"name": ("a", b"x")})
+    assert (answer.status_code, answer.json()["code"]) == (400, "malformed_request")
