@@ -49,6 +49,7 @@ AROUND_MM = 60.0  # beside the foods and the board, of the table
 AROUND_BOARD_MM = 250.0  # where no food was found
 HEIGHTS_MM = (-15.0, 250.0)  # outside lie strays
 LIGHT_SQUARE, DARK_SQUARE = (255, 255, 255), (20, 20, 20)  # of a plain board, sRGB
+PLASTIC = 0.7548776662466927  # 1 / p, p^3 = p + 1; Roberts (2018), "The unreasonable effectiveness of quasirandom..."
 STEPS = 65_535  # of a coordinate in 16 bits
 
 
@@ -223,10 +224,10 @@ def _points(trace: Trace, pair: RectifiedPair, most: int) -> tuple[dict[str, Any
     thinning = max(1.0, sum(map(len, wanted)) / max(FOOD_SHARE * most, 1.0))
     for item, own in zip(trace.items, wanted, strict=True):
         foods |= item.region.mask
-        chosen.append(_evenly(own, int(len(own) / thinning)))
+        chosen.append(_evenly(own, pair.shape[1], int(len(own) / thinning)))
     rest = np.flatnonzero(usable & ~foods)
     ranges = [(int(start), len(own)) for start, own in zip(np.cumsum([0, *map(len, chosen)]), chosen, strict=False)]
-    chosen.append(_evenly(rest, most - sum(map(len, chosen))))
+    chosen.append(_evenly(rest, pair.shape[1], most - sum(map(len, chosen))))
     index = np.concatenate(chosen)
     painted: ImageArray = apply_colour(pair.first_bgr.reshape(-1, 3)[index][None], trace.colour_of(0))[0]
     return {
@@ -281,11 +282,14 @@ def _well_inside(mask: MaskArray, trace: Trace) -> MaskArray:
     return np.asarray(inward > trace.disparity.reach_px, np.bool_)
 
 
-def _evenly(index: IntArray, most: int) -> IntArray:
-    """At most so many of (n,), spread evenly."""
+def _evenly(index: IntArray, columns: int, most: int) -> IntArray:
+    """At most so many of (n,) pixels of a grid with so many columns, spread evenly over their part of it."""
     if len(index) <= most:
         return index
-    return index[np.linspace(0, len(index) - 1, max(most, 0)).astype(np.int64)]
+    rows, places = np.divmod(index, columns)
+    # The plane's counterpart of the golden ratio: whatever share of it is taken lies evenly, without rows or stripes.
+    order = (PLASTIC * rows + PLASTIC**2 * places) % 1.0
+    return index[np.sort(np.argsort(order, kind="stable")[: max(most, 0)])]
 
 
 def _steps(values: Float64Array) -> tuple[Float64Array, Float64Array, IntArray]:
