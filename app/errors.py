@@ -142,6 +142,13 @@ class UnsupportedMediaError(TadaError):
     status = 415
 
 
+class RangeNotSatisfiableError(TadaError):
+    """A part of a file is asked for that it does not have; `facts["length"]` is how long it is."""
+
+    code = "range_not_satisfiable"
+    status = 416
+
+
 class RateLimitedError(TadaError):
     """Too many calls; `facts["retry_after_seconds"]` says when to come back."""
 

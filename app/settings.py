@@ -85,6 +85,14 @@ class Settings(BaseSettings):
         ge=1,
         description="Estimates at the same time in one worker; default: as many as its cores and memory carry.",
     )
+    export_days: int = Field(default=7, ge=1, description="How long a file made in the background is kept.")
+    max_exports_of_person: int = Field(
+        default=3, ge=1, description="Background exports of a person in a study, not made yet, at most."
+    )
+    max_exports_of_study: int = Field(default=10, ge=1, description="Background exports of a study, not made yet, at most.")
+    export_min_free_bytes: int = Field(
+        default=1024 * MEBIBYTE, ge=0, description="Below it no file is made in the background; uploads go on."
+    )
     job_history_days: int = Field(
         default=7, ge=1, description="How long the job engine's own rows of ended jobs are kept; ours stay."
     )

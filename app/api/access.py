@@ -151,6 +151,12 @@ CALLS: Mapping[tuple[str, str], Rule] = {
     ("POST", "/v1/studies/{study}/webhooks/{webhook}/test"): OWNER,
     ("GET", "/v1/studies/{study}/webhooks/{webhook}/deliveries"): OWNER,
     ("POST", "/v1/studies/{study}/webhooks/{webhook}/deliveries/{delivery}/replay"): OWNER,
+    # files made in the background
+    ("GET", "/v1/studies/{study}/exports"): VIEWER,
+    ("POST", "/v1/studies/{study}/exports"): VIEWER,
+    ("GET", "/v1/studies/{study}/exports/{export_id}"): VIEWER,
+    ("GET", "/v1/studies/{study}/exports/{export_id}/file"): VIEWER,
+    ("DELETE", "/v1/studies/{study}/exports/{export_id}"): VIEWER,
     # privacy
     ("DELETE", "/v1/meals/{meal_id}"): OWNER_OR_DEVICE,
     ("POST", "/v1/me/withdrawal"): DEVICE,

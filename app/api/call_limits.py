@@ -26,7 +26,8 @@ from app.settings import Settings
 CallClass = Literal["upload", "export", "call"]
 
 UPLOAD_PATHS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+|/after)?)?|checks|calibrations)$")
-EXPORT_PATHS = re.compile(r"/exports?(/|$)")
+EXPORT_PATHS = re.compile(r"/export$|/exports/[^/]+/file$|/releases/[^/]+/(files/|check$)")
+BACKGROUND_PATHS = re.compile(r"/(exports|releases)$")
 EXPORT_TYPES = (b"text/csv", b"application/x-ndjson", b"application/vnd.apache.parquet")  # in Accept
 UNCOUNTED_PATHS = frozenset({"/healthz", "/readyz", "/metrics"})  # asked by machines of the people who run the server
 AT_ONCE_RETRY_SECONDS = 2
@@ -110,6 +111,8 @@ def call_class(scope: Scope) -> CallClass | None:
     if not is_safe and scope["method"] != "DELETE" and UPLOAD_PATHS.match(path):
         return "upload"
     if is_safe and (EXPORT_PATHS.search(path) or _wants_file(scope)):
+        return "export"
+    if scope["method"] == "POST" and BACKGROUND_PATHS.search(path):
         return "export"
     return "call"
 

@@ -15,9 +15,15 @@ class ClosingStream(StreamingResponse):
     """Streams bytes; calls `close` once, whatever happens."""
 
     def __init__(
-        self, source: Iterator[bytes], close: Callable[[], object], *, media_type: str, headers: Mapping[str, str]
+        self,
+        source: Iterator[bytes],
+        close: Callable[[], object],
+        *,
+        media_type: str,
+        headers: Mapping[str, str],
+        status_code: int = 200,
     ) -> None:
-        super().__init__(source, media_type=media_type, headers=headers)
+        super().__init__(source, status_code, media_type=media_type, headers=headers)
         self._close = close
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

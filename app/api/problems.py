@@ -98,6 +98,8 @@ def render_problem(error: TadaError) -> JSONResponse:
     headers = {}
     if error.retryable:
         headers["Retry-After"] = str(error.facts.get("retry_after_seconds", RETRY_AFTER_SECONDS))
+    if error.status == http.HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE:
+        headers["Content-Range"] = f"bytes */{error.facts['length']}"
     if error.status == http.HTTPStatus.UNAUTHORIZED:
         headers["WWW-Authenticate"] = "Bearer"
     return JSONResponse(body, status_code=error.status, headers=headers, media_type=PROBLEM_JSON)

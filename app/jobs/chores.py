@@ -19,11 +19,15 @@ LOOK_SECONDS = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Chore:
-    """run: does what there is to do now and returns. every_seconds: from one beginning to the next, at the soonest."""
+    """run: does what there is to do now and returns. every_seconds: from one beginning to the next, at the soonest.
+
+    at_end: what the worker must do before it ends, within few seconds.
+    """
 
     name: str
     every_seconds: float
     run: Callable[[], object]
+    at_end: Callable[[], object] | None = None
 
 
 class ChoreThread:
@@ -44,6 +48,14 @@ class ChoreThread:
         self._thread.join(seconds)
 
     def _go_round(self) -> None:
+        try:
+            self._take_turns()
+        finally:
+            for chore in self._chores:
+                if chore.at_end is not None:
+                    _end(chore.name, chore.at_end)
+
+    def _take_turns(self) -> None:
         due = dict.fromkeys((chore.name for chore in self._chores), 0.0)
         while not self._ending.wait(LOOK_SECONDS):
             for chore in self._chores:
@@ -57,3 +69,10 @@ class ChoreThread:
                     instruments.CHORES_FAILED.labels(chore.name).inc()
                 else:
                     instruments.CHORE_DONE.labels(chore.name).set_to_current_time()
+
+
+def _end(name: str, at_end: Callable[[], object]) -> None:
+    try:
+        at_end()
+    except Exception as error:  # the worker's edge: it ends all the same
+        log.warning("chore_not_ended", chore=name, exc_info=error)

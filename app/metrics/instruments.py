@@ -119,6 +119,12 @@ DELIVERIES = Counter(
 BLOBS_DELETED = Counter(
     "tada_blobs_deleted", "Blobs deleted. why: erased, or orphan (no row named it).", ["why"], registry=REGISTRY
 )
+FILES_MADE = Counter(
+    "tada_files_made",
+    "Tries to make a file in the background. outcome: done, again, lost (called off or taken over), died, or a code.",
+    ["kind", "outcome"],
+    registry=REGISTRY,
+)
 CLOCK_DOUBTED = Gauge(
     "tada_clock_doubted",
     "1: the clock jumped ahead; until it is steady nothing is erased for its age.",
@@ -149,3 +155,5 @@ def tell_build(part: Literal["api", "worker"]) -> None:
         SWEPT.labels(what)
     for why in ("erased", "orphan"):
         BLOBS_DELETED.labels(why)
+    for outcome in ("done", "again", "lost", "died", "storage_full", "internal_error"):
+        FILES_MADE.labels("export", outcome)

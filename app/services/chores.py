@@ -14,6 +14,7 @@ from app.services.delete_blobs import BlobDeleter
 from app.services.deliver_webhooks import DeliverWebhooks
 from app.services.erase import Eraser
 from app.services.erasure_ledger import ErasureLedger
+from app.services.file_work_chore import expire_exports, file_process
 from app.services.orphan_rounds import OrphanRounds
 from app.services.prune_jobs import prune_jobs
 from app.services.reapply_erasures import reapply_erasures
@@ -52,6 +53,7 @@ def worker_chores(
             return 0
         return erase_old_pictures(database)
 
+    files = file_process(database, settings)
     deliver = DeliverWebhooks(database, box, WebhookPost(allow_loopback=settings.webhook_allow_loopback))
     return [
         Chore("close_after_windows", 10.0, AfterWindows(database).close_due),
@@ -63,5 +65,7 @@ def worker_chores(
         Chore("deliver_webhooks", 1.0, deliver.run),
         Chore("give_up_deliveries", 60.0, deliver.give_up_unsendable),
         Chore("remove_old_deliveries", HOUR, deliver.remove_old),
+        Chore("make_files", 1.0, files.look, at_end=files.stop),
+        Chore("expire_exports", 60.0, lambda: expire_exports(database)),
         Chore("prune_jobs", 60.0, lambda: prune_jobs(database, settings.job_history_days)),
     ]

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from sqlalchemy.orm import Session
 
 from app.db.models import ErasureReceipt, Meal, MealImage
-from app.db.queries import meals, privacy, records
+from app.db.queries import exports, meals, privacy, records
 from app.db.queries.privacy import Ids
 from app.db.session import Database
 from app.errors import Failure, GoneError, NotFoundError
@@ -76,6 +76,7 @@ class Eraser:
             counts = erase_meals(session, study_id, [meal], privacy.one_meal(meal_id), erasure)
             privacy.add_tombstones(session, "meal", [erasure.digest], erasure.at, study_id=study_id)
             receipt = add_receipt(session, erasure, study_id, what="meal", policy="erase", counts=counts)
+            exports.erase_from_exports(session, study_id, None)
             audit.note(session, caller, "meal.erase", study_id=study_id, subject=alias, receipt=str(receipt.id))
         self.database.empty_log()
         return receipt

@@ -13,7 +13,7 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from app.db.models import ErasureReceipt, Meal, Participant, Study
-from app.db.queries import jobs, people, privacy, records
+from app.db.queries import exports, jobs, people, privacy, records
 from app.db.session import despite_deadlocks
 from app.errors import ConflictError, GoneError, NotFoundError
 from app.services import announce, audit
@@ -90,7 +90,7 @@ def _in_one_transaction(
         if participant is None or privacy.tombstones_among(session, "participant", [erasure.digest]):
             return None
         privacy.end_enrolments(session, participant_id)
-        study_id, alias = participant.study_id, participant.alias
+        study_id, alias, code = participant.study_id, participant.alias, participant.code
         tokens = privacy.end_tokens(session, participant_id)
         ended = [eraser.box.digest("token", token_sha256) for token_sha256 in tokens]
         privacy.add_tombstones(session, "token", ended, erasure.at, study_id=study_id)
@@ -98,6 +98,8 @@ def _in_one_transaction(
         counts = {"access_token": len(ended)} | _do(session, participant, erasure)
         privacy.add_tombstones(session, "participant", [erasure.digest], erasure.at, study_id=study_id)
         receipt = add_receipt(session, erasure, study_id, what="participant", policy=erasure.deed, counts=counts)
+        if erasure.deed != "keep":
+            exports.erase_from_exports(session, study_id, code)
         audit.note(
             session,
             caller,

@@ -91,6 +91,14 @@ class BlobStore(Protocol):
         """
         ...
 
+    def stream_part(self, key: str, start: int, length: int) -> Generator[bytes, None, None]:
+        """`length` bytes of a blob from `start` on, piece by piece; close it if you do not read it to the end.
+
+        Raises BlobMissingError before the first piece, BlobDamagedError where the blob is too short. A part cannot be
+        compared with what was put: whoever has all parts can.
+        """
+        ...
+
     def has(self, key: str) -> bool:
         """Whether a blob is there."""
         ...

@@ -15,10 +15,17 @@ from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.storage.blob_store import BlobMissingError, StoredBlob, require_valid_key, require_valid_prefix
+from app.storage.blob_store import (
+    BlobDamagedError,
+    BlobMissingError,
+    StoredBlob,
+    require_valid_key,
+    require_valid_prefix,
+)
 from app.storage.staging import open_staging, remove_abandoned
 
 STAGING = ".incoming"  # no key starts with a full stop (KEY_PATTERN)
+PIECE_BYTES = 256 * 1024
 SYNCS_AT_ONCE = 32  # threads, which only wait for the disk
 MOVES = 5  # tries to move a file into a folder that a deletion beside us may take away as empty
 
@@ -85,6 +92,26 @@ class LocalBlobStore:
         def pieces() -> Generator[bytes, None, None]:
             with file:
                 while piece := file.read(chunk_bytes):
+                    yield piece
+
+        return pieces()
+
+    def stream_part(self, key: str, start: int, length: int) -> Generator[bytes, None, None]:
+        """Read from there on; the file is opened before the first piece is asked for."""
+        try:
+            file = self._path(key).open("rb")
+        except FileNotFoundError:
+            raise BlobMissingError(key) from None
+
+        def pieces() -> Generator[bytes, None, None]:
+            left = length
+            with file:
+                file.seek(start)
+                while left:
+                    piece = file.read(min(PIECE_BYTES, left))
+                    if not piece:
+                        raise BlobDamagedError(key)
+                    left -= len(piece)
                     yield piece
 
         return pieces()

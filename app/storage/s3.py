@@ -148,6 +148,21 @@ class S3BlobStore:
 
         return pieces()
 
+    def stream_part(self, key: str, start: int, length: int) -> Generator[bytes, None, None]:
+        """Range by range; the first is there before the first piece is asked for."""
+        require_valid_key(key)
+        first = self._range(key, start, min(STREAM_BYTES, length)) if length else b""
+
+        def pieces() -> Generator[bytes, None, None]:
+            block, place = first, start + len(first)
+            while block:
+                yield block
+                left = start + length - place
+                block = self._range(key, place, min(STREAM_BYTES, left)) if left else b""
+                place += len(block)
+
+        return pieces()
+
     def has(self, key: str) -> bool:
         """Ask for its first byte: unlike HEAD, S3 then says whether it is the bucket that is not there."""
         require_valid_key(key)
@@ -246,6 +261,17 @@ class S3BlobStore:
             if len(block) != range_bytes:
                 raise BlobDamagedError(key)
             yield block
+
+    def _range(self, key: str, start: int, length: int) -> bytes:
+        """These bytes of the object, all of them."""
+        try:
+            with self._told(key):
+                block = bytes(obstore.get(self._store, key, options={"range": (start, start + length)}).bytes())
+        except _EmptyObjectError:
+            raise BlobDamagedError(key) from None
+        if len(block) != length:
+            raise BlobDamagedError(key)
+        return block
 
     def _is_meant_empty(self, key: str) -> bool:
         with self._told(key):

@@ -3,6 +3,7 @@
 from app.db.models.base import Base, UtcDateTime
 from app.db.models.calibration import CameraCalibration
 from app.db.models.diary import DayEvent, DiaryDay
+from app.db.models.export import Export
 from app.db.models.food import (
     Component,
     Food,
@@ -49,6 +50,7 @@ __all__ = [
     "EffectiveRecord",
     "Enrolment",
     "ErasureReceipt",
+    "Export",
     "Food",
     "FoodActivation",
     "FoodChange",

@@ -25,6 +25,7 @@ from app.db.models import (
     DiaryDay,
     EffectiveRecord,
     Enrolment,
+    Export,
     IndexEntry,
     Item,
     ItemCandidate,
@@ -359,7 +360,8 @@ def is_named(session: Session, key: str) -> bool:
     images = sa.exists().where(MealImage.blob_key == key, MealImage.erased_at.is_(None))
     artefacts = sa.exists().where(RunArtefact.blob_key == key)
     results = sa.exists().where(Run.result_key == key)
-    return bool(session.scalar(sa.select(sa.or_(images, artefacts, results))))
+    files = sa.exists().where(Export.blob_key == key)
+    return bool(session.scalar(sa.select(sa.or_(images, artefacts, results, files))))
 
 
 def of_known_studies(session: Session, keys: Collection[str]) -> set[str]:
@@ -378,10 +380,11 @@ def needed_keys(session: Session, keys: Collection[str]) -> set[str]:
     """
     meal_of = {key: _meal_of(key) for key in keys}
     meals = {meal_id for meal_id in meal_of.values() if meal_id is not None}
-    named = sa.union_all(
+    named: sa.CompoundSelect[Any] = sa.union_all(
         sa.select(MealImage.blob_key).where(MealImage.meal_id.in_(meals), MealImage.erased_at.is_(None)),
         sa.select(RunArtefact.blob_key).join(Run, Run.id == RunArtefact.run_id).where(Run.meal_id.in_(meals)),
         sa.select(Run.result_key).where(Run.meal_id.in_(meals)),
+        sa.select(Export.blob_key).where(Export.blob_key.in_(keys)),
     )
     # first: a job that ends in between has its run by the time of the second query
     at_work = set(session.scalars(sa.select(Job.meal_id).where(Job.meal_id.in_(meals), Job.state.in_(LIVE_STATES))))

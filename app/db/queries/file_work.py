@@ -1,0 +1,135 @@
+"""SQL of files in the making: whose turn it is, who works on which, and whether they still live.
+
+A claim lives by its heartbeats, on the database's clock (SQLite: one machine, so this machine's). Whoever comes back
+after a takeover finds another claim in the row, or none, and writes nothing: each write here asks for the claim.
+"""
+
+import uuid
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.db.models import Export, UtcDateTime
+from app.db.models.export import UNDER_WAY
+
+LEASE_SECONDS = 60.0  # longer than a writer may wait for its turn on SQLite
+
+Work = Export
+KINDS: tuple[type[Work], ...] = (Export,)  # in this order where several wait
+
+
+@dataclass(frozen=True, slots=True)
+class Sums:
+    """How far a file is."""
+
+    rows: int
+    bytes: int
+
+
+def has_work(session: Session, lease_seconds: float = LEASE_SECONDS) -> bool:
+    """Whether there is something to begin: nobody works on it, or whoever did has died."""
+    return any(
+        session.scalar(sa.select(sa.literal(1)).where(sa.exists().where(_is_free(session, model, lease_seconds))))
+        for model in KINDS
+    )
+
+
+def claim_next(session: Session, claim: uuid.UUID, lease_seconds: float = LEASE_SECONDS) -> Work | None:
+    """What waits longest, now ours; None: nothing waits."""
+    for model in KINDS:
+        query = (
+            sa.select(model)
+            .where(_is_free(session, model, lease_seconds))
+            .order_by(model.requested_at, model.id)
+            .limit(1)
+            .with_for_update(skip_locked=True)
+        )
+        found = session.scalars(query.execution_options(populate_existing=True)).one_or_none()
+        if found is not None:
+            _begin(session, found, claim)
+            return found
+    return None
+
+
+def beat(session: Session, work: Work, claim: uuid.UUID, sums: Sums) -> bool:
+    """A sign of life, with how far it is. False: it is not ours any more."""
+    model = type(work)
+    done: Any = session.execute(
+        sa.update(model)
+        .where(model.id == work.id, model.claim == claim)
+        .values(heartbeat_at=_clock(session), rows_written=sums.rows, bytes=sums.bytes)
+        .execution_options(synchronize_session=False)
+    )
+    return bool(done.rowcount)
+
+
+def estimate(session: Session, work: Work, claim: uuid.UUID, rows: int) -> None:
+    """How many rows there will be, about."""
+    model = type(work)
+    session.execute(
+        sa.update(model)
+        .where(model.id == work.id, model.claim == claim)
+        .values(rows_estimated=rows)
+        .execution_options(synchronize_session=False)
+    )
+
+
+def hold(session: Session, work: Work, claim: uuid.UUID) -> Work | None:
+    """The work as it is now, locked; None: it is not ours any more."""
+    model = type(work)
+    query = sa.select(model).where(model.id == work.id, model.claim == claim).with_for_update()
+    return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
+
+
+def put_back(session: Session, claim: uuid.UUID, *, counts: bool) -> int:
+    """Let others begin what this claim has, at once. counts: as a try. Returns how many."""
+    total = 0
+    for model in KINDS:
+        for work in session.scalars(sa.select(model).where(model.claim == claim).with_for_update()):
+            begin_again(work, counts=counts)
+            total += 1
+    return total
+
+
+def begin_again(work: Work, *, counts: bool, after_seconds: float = 0.0) -> None:
+    """What was made so far does not count; whoever makes it finds the claim gone with the next heartbeat."""
+    if work.state in UNDER_WAY:
+        work.state = "queued"
+    work.claim = work.heartbeat_at = work.rows_estimated = None
+    work.rows_written = work.bytes = 0
+    work.begin_after = datetime.now(UTC) + timedelta(seconds=after_seconds) if after_seconds else None
+    if not counts and work.attempts:
+        work.attempts -= 1
+
+
+def _begin(session: Session, work: Work, claim: uuid.UUID) -> None:
+    begin_again(work, counts=True)
+    work.claim = claim
+    work.attempts += 1
+    work.started_at = work.started_at or datetime.now(UTC)
+    if work.state == "queued":
+        work.state = "running"
+    session.flush()
+    beat(session, work, claim, Sums(0, 0))
+
+
+def _is_free(session: Session, model: type[Work], lease_seconds: float) -> sa.ColumnElement[bool]:
+    """A heartbeat of a time to come is no sign of life: the database's clock went back, and who lives beats again."""
+    is_left = sa.or_(
+        model.claim.is_(None),
+        model.heartbeat_at < _clock(session, -lease_seconds),
+        model.heartbeat_at > _clock(session, lease_seconds),
+    )
+    is_due = sa.or_(model.begin_after.is_(None), model.begin_after <= _clock(session))
+    return sa.and_(model.state.in_(UNDER_WAY), is_left, is_due)
+
+
+def _clock(session: Session, seconds: float = 0.0) -> sa.ColumnElement[Any]:
+    """The database's time, so many seconds on."""
+    shift = timedelta(seconds=seconds)
+    if session.get_bind().dialect.name == "sqlite":
+        return sa.literal(datetime.now(UTC) + shift, UtcDateTime())
+    return sa.func.clock_timestamp(type_=sa.DateTime(timezone=True)) + shift

@@ -1,0 +1,179 @@
+"""Makes one file that waits for it: claims it, writes it of one moment, seals it, and says so in the database.
+
+Run in a process beside the worker (app/file_worker.py). Whatever happens in between, nobody is served half a file, or
+one with rows that were erased while it was written: it counts only by the last transaction, which asks whether the
+claim is still ours and whether the study has erased anything since the snapshot. Broken off, the file is made again
+from its beginning, of the moment of then.
+"""
+
+import errno
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import sqlalchemy as sa
+import structlog
+from sqlalchemy.orm import Session
+
+from app.db.models import Export, Staff
+from app.db.queries import exports, file_work
+from app.db.queries.exports import Moment
+from app.db.queries.file_work import Work
+from app.db.session import Database
+from app.errors import StorageFullError, TadaError
+from app.services.caller import StaffCaller
+from app.services.export_estimate import estimate_rows
+from app.services.export_spec import spec_of_json
+from app.services.export_tables import write_export
+from app.services.made_file import ClaimLostError, WorkLife, staged_file
+from app.settings import Settings
+from app.storage.blob_store import BlobStore
+
+log = structlog.get_logger()
+
+MOST_ATTEMPTS = 5
+FIRST_WAIT_SECONDS, LONGEST_WAIT_SECONDS = 5.0, 300.0
+STATEMENT_SECONDS = 3600  # PostgreSQL; requests have their own, shorter limit
+DONE, AGAIN, LOST = "done", "again", "lost"
+INTERNAL_ERROR = "internal_error"
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """What became of a try. outcome: done, again (later), lost (called off, taken over), or the code of a failure."""
+
+    kind: str
+    work_id: uuid.UUID
+    outcome: str
+
+
+class FileRunner:
+    """One try of one file. claim: drawn for it. beat_seconds: shorter in tests."""
+
+    def __init__(
+        self,
+        database: Database,
+        blobs: BlobStore,
+        settings: Settings,
+        claim: uuid.UUID,
+        *,
+        lease_seconds: float = file_work.LEASE_SECONDS,
+        beat_seconds: float = 1.0,
+    ) -> None:
+        self._database, self._blobs, self._settings, self._claim = database, blobs, settings, claim
+        self._lease_seconds, self._beat_seconds = lease_seconds, beat_seconds
+
+    def run_one(self) -> Ended | None:
+        """Make what waits longest; None: nothing waits. Raises what keeps the database from being told."""
+        with self._database.write() as session:
+            work = file_work.claim_next(session, self._claim, self._lease_seconds)
+        if work is None:
+            return None
+        died_each_time = work.attempts > MOST_ATTEMPTS
+        outcome = self._tell(work, code="export_gave_up") if died_each_time else self._try(work)
+        return Ended(work.__tablename__, work.id, outcome)
+
+    def _try(self, work: Work) -> str:
+        try:
+            with WorkLife(self._database, work, self._claim, self._beat_seconds) as life:
+                return self._make_export(work, life)
+        except ClaimLostError:
+            return LOST
+        except Exception as error:  # the worker's edge: the work's row tells it
+            log.warning("file_not_made", file=str(work.id), attempt=work.attempts, exc_info=error)
+            return self._tell(work, _lasting_code(error, work.attempts))
+
+    def _make_export(self, export: Export, life: WorkLife) -> str:
+        def count(rows: int) -> None:
+            life.rows += rows
+
+        spec = spec_of_json(export.spec)
+        with staged_file(self._blobs.staging_folder(), life, self._settings.export_min_free_bytes) as file:
+            with self._snapshot() as session:
+                moment = exports.moment_of(session, export.study_id)
+                self._estimate(export, estimate_rows(session, export.study_id, spec))
+                file.write_all(write_export(session, _acting_for(session, export), spec, counted=count))
+            key = f"{export.study_id}/exports/{export.id}/{self._claim.hex}/{file.sha256}"
+            self._blobs.put_file(key, file.path)
+        is_ours = False
+        try:
+            with self._database.write() as session:
+                held = self._hold_unchanged(session, export, moment)
+                if held is not None:
+                    held.state, held.blob_key, held.sha256 = "done", key, file.sha256
+                    held.rows_written, held.bytes, held.at_change_seq = life.rows, file.length, moment.change_seq
+                    held.finished_at = datetime.now(UTC)
+                    held.expires_at = held.finished_at + timedelta(days=self._settings.export_days)
+                    held.claim = held.heartbeat_at = None
+            is_ours = held is not None
+        finally:
+            if not is_ours:  # nobody will name it; if we die before, it goes as an orphan
+                self._blobs.delete(key)
+        return DONE if is_ours else AGAIN
+
+    def _hold_unchanged(self, session: Session, work: Work, moment: Moment) -> Work | None:
+        """The work, if nothing of the study was erased since the moment; else it is begun again, and None.
+
+        The study is locked first, as erasures do (queries/exports.py). Raises ClaimLostError.
+        """
+        exports.lock_study(session, work.study_id, shared=True)
+        held = file_work.hold(session, work, self._claim)
+        if held is None:
+            raise ClaimLostError
+        if exports.moment_of(session, work.study_id).erasures == moment.erasures:
+            return held
+        file_work.begin_again(held, counts=False)
+        return None
+
+    def _estimate(self, work: Work, rows: int | None) -> None:
+        if rows is not None:
+            with self._database.write() as session:
+                file_work.estimate(session, work, self._claim, rows)
+
+    def _tell(self, work: Work, code: str | None) -> str:
+        """Note a failure for good, or (None) that it is to be begun again after a while."""
+        with self._database.write() as session:
+            held = file_work.hold(session, work, self._claim)
+            if held is None:
+                return LOST
+            if code is None:
+                wait = min(FIRST_WAIT_SECONDS * 2 ** (held.attempts - 1), LONGEST_WAIT_SECONDS)
+                file_work.begin_again(held, counts=True, after_seconds=wait)
+                return AGAIN
+            held.state, held.failure_code, held.finished_at = "failed", code, datetime.now(UTC)
+            held.claim = held.heartbeat_at = None
+            return code
+
+    @contextmanager
+    def _snapshot(self) -> Iterator[Session]:
+        """A read of one moment that may take as long as a large study takes."""
+        with self._database.read() as session:
+            if not self._database.is_sqlite:
+                session.execute(sa.text(f"SET LOCAL statement_timeout = {STATEMENT_SECONDS * 1000}"))
+            yield session
+
+
+def _acting_for(session: Session, export: Export) -> StaffCaller:
+    """Who asked for it, with what anybody needs who may fetch it: a viewer's eyes, in this study alone."""
+    return StaffCaller(
+        staff_id=export.staff_id,
+        name=session.get_one(Staff, export.staff_id).name,
+        is_admin=False,
+        token_id=export.staff_id,
+        roles={export.study_id: "viewer"},
+        can_write=False,
+        only_study_id=export.study_id,
+    )
+
+
+def _lasting_code(error: Exception, attempts: int) -> str | None:
+    """The code by which the work fails; None: it is tried again."""
+    if isinstance(error, StorageFullError):
+        return error.code
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return StorageFullError.code
+    if isinstance(error, TadaError) and not error.retryable:
+        return error.code
+    return INTERNAL_ERROR if attempts >= MOST_ATTEMPTS else None

@@ -1,0 +1,60 @@
+"""The worker's part in making files: a side process makes them, one at a time; files whose time is over go."""
+
+import os
+import sys
+import uuid
+from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from app.db.queries import exports, file_work
+from app.db.session import Database
+from app.jobs.side_process import SideProcess
+from app.jobs.supervisor import settings_environment
+from app.metrics import instruments
+from app.settings import Settings
+
+COMMAND = (sys.executable, "-m", "app.file_worker")
+BATCH = 200
+TOLD_FOR = timedelta(days=30)  # what has ended without a file stays in the list so long
+
+
+def file_process(
+    database: Database, settings: Settings, *, lease_seconds: float = file_work.LEASE_SECONDS
+) -> SideProcess:
+    """The side process of one worker."""
+
+    def has_work() -> bool:
+        with database.read() as session:
+            return file_work.has_work(session, lease_seconds)
+
+    def on_end(claim: str, ended: Mapping[str, Any] | None) -> None:
+        """Count it; what a process that died had goes back at once, not with its lease."""
+        if ended is None:
+            with database.write() as session:
+                file_work.put_back(session, uuid.UUID(claim), counts=True)
+            instruments.FILES_MADE.labels("export", "died").inc()
+        elif ended.get("outcome") is not None:
+            kind, outcome = str(ended["kind"]), str(ended["outcome"])
+            instruments.FILES_MADE.labels(kind, instruments.outcome_label(outcome)).inc()
+
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith("TADA_")}
+    return SideProcess(
+        COMMAND,
+        inherited | settings_environment(settings),
+        has_work=has_work,
+        new_claim=lambda: uuid.uuid4().hex,
+        on_end=on_end,
+    )
+
+
+def expire_exports(database: Database, now: datetime | None = None) -> int:
+    """Files whose time is over are to go, and old lines of the list. Returns how many files."""
+    now, total = now or datetime.now(UTC), 0
+    while True:
+        with database.write() as session:
+            count = exports.expire_due(session, now, BATCH)
+            exports.forget_ended(session, now - TOLD_FOR)
+        total += count
+        if count < BATCH:
+            return total
