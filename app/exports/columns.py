@@ -5,6 +5,7 @@ Whoever writes a file, and the data dictionary, go by these definitions and noth
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any, Literal
 
 ColumnType = Literal["id", "word", "instant", "day", "number", "integer", "boolean", "words"]
@@ -62,3 +63,13 @@ Batch = list[PartOfBatch]
 def columns_of(parts: Iterable[Part]) -> tuple[Column, ...]:
     """All columns, from left to right."""
     return tuple(column for part in parts for column in part.columns)
+
+
+def rows_of(part: Part, rows: Sequence[Sequence[Any]]) -> Sequence[Any]:
+    """Rows of values as a PartOfBatch has them: of a single column the value itself."""
+    return rows if len(part.columns) > 1 else [value for (value,) in rows]
+
+
+def instant_text(instant: datetime) -> str:
+    """As JSON has it: UTC, microseconds where there are any."""
+    return f"{instant.astimezone(UTC).isoformat().removesuffix('+00:00')}Z"

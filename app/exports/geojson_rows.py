@@ -10,7 +10,7 @@ from app.exports.ndjson_rows import known_members, member_texts
 UNKNOWN_PLACE = "Not told, or the study keeps no locations."
 LONGITUDE = Column("longitude", "number", "deg", "WGS84, as far as the study keeps locations.", empty=UNKNOWN_PLACE)
 LATITUDE = Column("latitude", "number", "deg", "WGS84, as far as the study keeps locations.", empty=UNKNOWN_PLACE)
-POINT = Part("shared", (LONGITUDE, LATITUDE))  # a row is None where the place is not known
+POINT = Part("shared", (LONGITUDE, LATITUDE))
 
 
 def encode_geojson(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[bytes]:
@@ -29,5 +29,5 @@ def encode_geojson(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[
     yield ("" if head == "," else head).encode() + b"\n]}\n"
 
 
-def _geometry(point: tuple[float, float] | None) -> str:
-    return f'{{"type":"Point","coordinates":{to_json(point).decode()}}}' if point is not None else "null"
+def _geometry(point: tuple[float | None, float | None]) -> str:
+    return "null" if None in point else f'{{"type":"Point","coordinates":{to_json(point).decode()}}}'

@@ -16,7 +16,16 @@ Output = Literal["csv", "ndjson", "parquet", "geojson"]
 Components = Literal["headline", "all"]
 
 DAYS_AND_PEOPLE = ("study_code", "participant_code", "first_day", "last_day")
-MEAL_FILTERS = (*DAYS_AND_PEOPLE, "food_keys", "statuses", "flags", "origin", "needs", "failure_code", "after_statuses")
+MEAL_FILTERS = (
+    *DAYS_AND_PEOPLE,
+    "food_keys",
+    "statuses",
+    "flags",
+    "origin",
+    "needs",
+    "failure_codes",
+    "after_statuses",
+)
 FILTERS: Mapping[Rows, tuple[str, ...]] = {  # which filters each table has: those of its JSON endpoint
     "items": (*DAYS_AND_PEOPLE, "food_keys", "statuses"),
     "meals": MEAL_FILTERS,
@@ -41,7 +50,7 @@ class ExportFilters:
     flags: tuple[str, ...] = ()
     origin: str | None = None
     needs: str | None = None
-    failure_code: str | None = None
+    failure_codes: tuple[str, ...] = ()
     after_statuses: tuple[str, ...] = ()
 
     @property

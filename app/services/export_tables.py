@@ -4,23 +4,28 @@ Whoever exports for a person passes that person's caller: what they may not see 
 (export_file.py) and by whoever writes files in the background.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from sqlalchemy.orm import Session
 
-from app.db.queries.record_export import export_batches
-from app.db.queries.record_pages import RecordFilter, search_of
 from app.exports.columns import Batch, Part
 from app.exports.csv_rows import encode_csv
-from app.exports.geojson_rows import POINT, encode_geojson
+from app.exports.geojson_rows import encode_geojson
 from app.exports.ndjson_rows import encode_ndjson
-from app.exports.record_columns import PROVENANCE_PARTS, RECORD_PARTS
 from app.services.caller import Caller
-from app.services.export_provenance import Provenance
-from app.services.export_spec import ExportSpec, Output, check_spec
-from app.services.list_records import visible_records
+from app.services.export_days import day_table
+from app.services.export_items import item_table
+from app.services.export_meals import meal_table, photograph_table
+from app.services.export_spec import ExportSpec, Output, Rows, check_spec
+from app.services.export_table import Table
 
 Counted = Callable[[int], None]
+TABLES: Mapping[Rows, Callable[[Session, Caller, ExportSpec], Table]] = {
+    "items": item_table,
+    "meals": meal_table,
+    "days": day_table,
+    "photographs": photograph_table,
+}
 
 
 def write_export(
@@ -36,8 +41,13 @@ def write_export(
 
 
 def _written(session: Session, caller: Caller, spec: ExportSpec, counted: Counted) -> Iterator[bytes]:
-    parts, batches = _items(session, caller, spec)
-    yield from encoded(spec.output, parts, _counting(batches, counted))
+    table = table_of(session, caller, spec)
+    yield from encoded(spec.output, table.parts, _counting(table.batches, counted))
+
+
+def table_of(session: Session, caller: Caller, spec: ExportSpec) -> Table:
+    """The table: its columns are there at once, its rows are read as they are asked for."""
+    return TABLES[spec.rows](session, caller, spec)
 
 
 def encoded(output: Output, parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[bytes]:
@@ -51,24 +61,6 @@ def encoded(output: Output, parts: Sequence[Part], batches: Iterable[Batch]) -> 
     from app.exports.parquet_rows import encode_parquet  # noqa: PLC0415  # 60 MB, for those who ask for it
 
     return encode_parquet(parts, batches)
-
-
-def _items(session: Session, caller: Caller, spec: ExportSpec) -> tuple[tuple[Part, ...], Iterable[Batch]]:
-    filters = spec.filters
-    chosen = RecordFilter(
-        study_code=filters.study_code,
-        participant_code=filters.participant_code,
-        first_day=filters.first_day,
-        last_day=filters.last_day,
-        food_keys=filters.food_keys,
-        statuses=filters.statuses,
-    )
-    search = search_of(session, visible_records(caller, chosen))
-    parts: tuple[Part, ...] = (*RECORD_PARTS, *PROVENANCE_PARTS) if spec.provenance else RECORD_PARTS
-    wanted = (*parts, POINT) if spec.output == "geojson" else parts
-    if spec.provenance:
-        return parts, export_batches(session, search, wanted, Provenance(session))
-    return parts, export_batches(session, search, wanted)
 
 
 def _counting(batches: Iterable[Batch], counted: Counted) -> Iterator[Batch]:

@@ -49,6 +49,7 @@ OWN = (STATE, VOLUME, DENSITY_SOURCE, AMOUNTS, FLAGS, CHANGE, DOUBT)  # parts th
 KEYS = ("captured_at", "item_id", "meal_id", "food_id")  # what a row begins with
 HEX_DIGITS = 32  # of an id without hyphens
 IDS = "ids"  # parameter of a look-up
+NOWHERE = (None, None)
 Rows = Sequence[tuple[Any, ...]]  # of the columns KEYS and those of OWN
 Known = TypeVar("Known")
 Id = TypeVar("Id")
@@ -80,7 +81,7 @@ class _Person(NamedTuple):
 class _Meal(NamedTuple):
     of_meal: tuple[Any, ...]  # the values of OF_MEAL
     of_day: tuple[Any, ...]  # and of OF_DAY
-    point: tuple[float, float] | None  # longitude, latitude
+    point: tuple[float | None, float | None]  # longitude, latitude
 
 
 class _Food(NamedTuple):
@@ -236,7 +237,7 @@ def _meal_finder(session: Session, *, with_point: bool) -> Callable[[Collection[
             captured, delay_seconds = _captured(captured_at, received_at)
             of_meal = (hyphenated(client_id), study, person.code, captured, time_zone, day, delay_seconds)
             number = None if person.first_day is None else ordinal - person.first_day + 1
-            found[meal_id] = _Meal(of_meal, (day_status, number), point_of(*point) if point else None)
+            found[meal_id] = _Meal(of_meal, (day_status, number), point_of(*point) if point else NOWHERE)
         return found
 
     return find
@@ -289,9 +290,9 @@ def coordinates() -> tuple[Any, Any]:
     return tuple(sa.case((keeps, place[name].as_float())) for name in ("longitude", "latitude"))  # type: ignore[return-value]
 
 
-def point_of(longitude: float | None, latitude: float | None) -> tuple[float, float] | None:
+def point_of(longitude: float | None, latitude: float | None) -> tuple[float | None, float | None]:
     """Both, or neither."""
-    return (float(longitude), float(latitude)) if longitude is not None and latitude is not None else None
+    return (float(longitude), float(latitude)) if longitude is not None and latitude is not None else NOWHERE
 
 
 def _captured(captured_at: Any, received_at: Any) -> tuple[str, float]:

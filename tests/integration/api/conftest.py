@@ -3,6 +3,9 @@
 import pytest
 
 from tests.integration.api.editing import QUARK
+from tests.integration.talking import talked_over
+
+__all__ = ["talked_over"]  # a fixture
 
 
 @pytest.fixture
