@@ -25,6 +25,7 @@ from app.api.fhir.names import Names
 from app.api.fhir.search import read_search
 from app.db.models import Component, Food, FoodNutrient
 from app.db.session import Database
+from app.nutrition.components import COMPONENTS
 from app.services.caller import StaffCaller
 from app.services.fhir_intakes import search_intakes
 from benchmarks.query import COLUMNS, Who, callers, filled_database, quantile, row
@@ -124,6 +125,12 @@ def cases(who: Who, chance: random.Random) -> dict[str, Callable[[], Query]]:
 def give_contents(database: Database) -> None:
     """Each food of the benchmark the same number of components."""
     with database.write() as session:
+        if session.scalars(sa.select(Component.id).limit(1)).first() is None:
+            session.add_all(
+                Component(number=each.number, name=each.name, unit=each.unit, tagname=each.tagname)
+                for each in COMPONENTS
+            )
+            session.flush()
         foods: Sequence[int] = session.scalars(
             sa.select(Food.id).where(~sa.exists().where(FoodNutrient.food_id == Food.id), Food.key.like("food-%"))
         ).all()

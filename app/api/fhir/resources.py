@@ -179,7 +179,7 @@ def _notes(record: EffectiveRecord) -> Iterator[Resource]:
 
 
 def _instant(instant: datetime, zone: timezone) -> str:
-    return instant.astimezone(zone).isoformat()
+    return instant.astimezone(zone).isoformat().replace("+00:00", "Z")
 
 
 def _text(value: object) -> str:

@@ -4,7 +4,6 @@ A rejected record is none: it is never here. The pages are found as in record_pa
 by id, each in an index that has them in the page's order.
 """
 
-import itertools
 import uuid
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -124,37 +123,46 @@ def _keys(session: Session, chosen: IntakeFilter, after: Key | None, limit: int)
         (key, values), *others = named  # the narrowest; the others are compared row by row
         rest += [record.status.in_(STANDING), *(column.in_(sorted(allowed)) for column, allowed in others)]
         return RecordSearch((key,), [(each,) for each in sorted(values)], tuple(rest), is_on_sqlite).page(after, limit)
-    studies = sorted(chosen.study_ids) if chosen.study_ids is not None else all_studies(session)
     if chosen.provisional:
-        return _few_keys(studies, rest, after, limit)
-    branches: list[tuple[Any, ...]] = list(itertools.product(studies, STANDING))
-    if not branches:
-        return None
-    keys: tuple[Any, ...] = (record.study_id, record.status)
-    if len(branches) > MOST_BRANCHES:
-        rest.append(record.status.in_(STANDING))
-        if chosen.study_ids is not None:
-            rest.append(record.study_id.in_(studies))
-        keys, branches = (), [()]
-    return RecordSearch(keys, branches, tuple(rest), is_on_sqlite).page(after, limit)
+        return _few_keys(session, chosen, rest, after, limit)
+    rest.append(record.status.in_(STANDING))  # nearly all are: those that are passed by cost less than branches would
+    if chosen.study_ids is None:
+        return RecordSearch((), [()], tuple(rest), is_on_sqlite).page(after, limit)
+    studies = sorted(chosen.study_ids)
+    if len(studies) > MOST_BRANCHES:
+        rest.append(record.study_id.in_(studies))
+        return RecordSearch((), [()], tuple(rest), is_on_sqlite).page(after, limit)
+    branches = [(study,) for study in studies]
+    return RecordSearch((record.study_id,), branches, tuple(rest), is_on_sqlite).page(after, limit)
 
 
 def _few_keys(
-    studies: Sequence[uuid.UUID], conditions: Sequence[sa.ColumnElement[bool]], after: Key | None, limit: int
+    session: Session,
+    chosen: IntakeFilter,
+    conditions: Sequence[sa.ColumnElement[bool]],
+    after: Key | None,
+    limit: int,
 ) -> sa.CTE:
     """Of the records that are provisional, which are few: all of them by their own index, and sorted then."""
     record = EffectiveRecord
+    studies = sorted(chosen.study_ids) if chosen.study_ids is not None else all_studies(session)
+    in_studies = [record.study_id.in_(studies)] if len(studies) <= MOST_BRANCHES else []
+    # nothing else is asked of them here, so that no other index looks as good
     held = (
-        sa.select(record.captured_at, record.item_id)
-        .where(record.study_id.in_(studies), record.status.in_(STANDING), *conditions)
+        sa.select(record.item_id)
+        .where(record.provisional.is_(sa.true()), *in_studies)
         .cte("held")
         .prefix_with("MATERIALIZED")
     )
-    query = sa.select(held)
+    query = (
+        sa.select(record.captured_at, record.item_id)
+        .join(held, held.c.item_id == record.item_id)
+        .where(record.status.in_(STANDING), *conditions)
+    )
     if after is not None:
         behind = sa.tuple_(sa.literal(after[0], record.captured_at.type), sa.literal(after[1], record.item_id.type))
-        query = query.where(sa.tuple_(held.c.captured_at, held.c.item_id) > behind)
-    return query.order_by(held.c.captured_at, held.c.item_id).limit(limit).cte("page")
+        query = query.where(sa.tuple_(record.captured_at, record.item_id) > behind)
+    return query.order_by(record.captured_at, record.item_id).limit(limit).cte("page")
 
 
 def _between(since: datetime | None, before: datetime | None) -> list[sa.ColumnElement[bool]]:
