@@ -1,7 +1,8 @@
 """An empty deployment's database is filled with the rows of a backup: all of them or none.
 
 Indexes and references are set aside while the rows come and made again after them, in the same transaction: several
-times as fast, and what refers to nothing is found at once.
+times as fast, and what refers to nothing is found at once. So are the triggers that mark days row by row; all days are
+marked at the end, and the workers write their sums.
 """
 
 import contextlib
@@ -46,6 +47,17 @@ INDEXES = """
     FROM pg_index x JOIN pg_class i ON i.oid = x.indexrelid JOIN pg_class t ON t.oid = x.indrelid
     WHERE t.relnamespace = current_schema()::regnamespace AND t.relname = ANY(:tables)
         AND NOT EXISTS (SELECT 1 FROM pg_constraint c WHERE c.conindid = x.indexrelid) ORDER BY 1
+"""
+DAY_TRIGGERS = """
+    SELECT t.relname, g.tgname FROM pg_trigger g JOIN pg_class t ON t.oid = g.tgrelid
+    WHERE t.relnamespace = current_schema()::regnamespace AND t.relname = ANY(:tables) AND g.tgname LIKE '%_marks_day'
+"""
+MARK_DAYS = """
+    INSERT INTO day_mark (participant_id, local_date, study_id)
+    SELECT participant_id, local_date, study_id FROM (
+        SELECT participant_id, local_date, study_id FROM meal
+        UNION SELECT participant_id, local_date, study_id FROM diary_day
+    ) AS day ORDER BY local_date
 """
 SEQUENCES = """
     SELECT t.relname, a.attname, pg_get_serial_sequence(quote_ident(t.relname), a.attname)
@@ -145,12 +157,21 @@ def _sqlite_aside(connection: sa.Connection, tables: Sequence[str]) -> Iterator[
         .bindparams(sa.bindparam("tables", tables, expanding=True))
     ).all()  # fmt: skip
     quote = connection.dialect.identifier_preparer.quote
+    marking = connection.exec_driver_sql(
+        "SELECT name, sql FROM sqlite_master WHERE type = 'trigger' AND name LIKE '%_marks_day_%'"
+    ).all()
     for index in made:
         connection.exec_driver_sql(f"DROP INDEX {quote(index.name)}")
+    for trigger in marking:
+        connection.exec_driver_sql(f"DROP TRIGGER {quote(trigger.name)}")
     yield
     for index in made:
         with _told(index.name):
             connection.exec_driver_sql(index.sql)
+    for trigger in marking:
+        connection.exec_driver_sql(trigger.sql)
+    if marking:
+        connection.exec_driver_sql(MARK_DAYS)
     broken = connection.exec_driver_sql("PRAGMA foreign_key_check").first()
     if broken is not None:
         raise _refused(broken[0], "a row refers to one that is not there")
@@ -168,6 +189,9 @@ def _postgres_aside(connection: sa.Connection, tables: Sequence[str]) -> Iterato
         connection.exec_driver_sql(f"ALTER TABLE {quote(table)} DROP CONSTRAINT {quote(name)}")
     for name, _ in indexes:
         connection.exec_driver_sql(f"DROP INDEX {quote(name)}")
+    marking = connection.execute(sa.text(DAY_TRIGGERS), names).all()
+    for table, name in marking:
+        connection.exec_driver_sql(f"ALTER TABLE {quote(table)} DISABLE TRIGGER {quote(name)}")
     yield
     for name, definition in indexes:
         with _told(name):
@@ -175,6 +199,10 @@ def _postgres_aside(connection: sa.Connection, tables: Sequence[str]) -> Iterato
     for table, name, definition in keys:
         with _told(table):
             connection.exec_driver_sql(f"ALTER TABLE {quote(table)} ADD CONSTRAINT {quote(name)} {definition}")
+    for table, name in marking:
+        connection.exec_driver_sql(f"ALTER TABLE {quote(table)} ENABLE TRIGGER {quote(name)}")
+    if marking:
+        connection.exec_driver_sql(MARK_DAYS)
     for table, column, sequence in connection.execute(sa.text(SEQUENCES), names).all():
         query = f"SELECT setval(:name, (SELECT max({quote(column)}) FROM {quote(table)}))"  # noqa: S608  # catalogue's
         connection.execute(sa.text(query), {"name": sequence})

@@ -101,7 +101,7 @@ def judge_study(
             raise NotFoundError("There is no such study.")
         require_study(caller, study.id)
         chosen = DayFilter(study_ids=frozenset({study.id}), first_day=first_day, last_day=last_day)
-        closed = intakes.closed_days(session, chosen)
+        closed = intakes.closed_days(session, study.id, first_day, last_day)
         amounts = intakes.component_by_day(session, chosen, found.number, LESS.get(found.number))
         profiles = intakes.profiles_of(session, study.id)
     by_person: dict[uuid.UUID, list[ClosedDay]] = defaultdict(list)

@@ -15,7 +15,8 @@ from sqlalchemy.orm import Session
 from app.db.models import EffectiveRecord, Participant, Study
 from app.db.models.record import HEADLINE_COLUMNS
 from app.db.queries import days, diary
-from app.db.queries.days import FULL, DayFilter, DayRow
+from app.db.queries.day_definition import FULL
+from app.db.queries.days import DayFilter, DayRow
 from app.db.queries.eaten import meals_of_day
 from app.db.session import Database
 from app.errors import InvalidInputError, NotAllowedError

@@ -13,7 +13,8 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from app.db.queries import diary
-from app.db.queries.days import FULL, DayRow
+from app.db.queries.day_definition import FULL
+from app.db.queries.days import DayRow
 from app.nutrition.energy_requirement import Person, basal_metabolic_rate
 from app.nutrition.plausible_energy import Plausibility, judge_energy
 

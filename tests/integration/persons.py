@@ -35,6 +35,7 @@ from app.db.models import (
 from app.db.queries.jobs import DBOS_SCHEMA
 from app.db.queries.privacy import WORKFLOW_TABLES
 from app.services.caller import sha256_hex
+from app.services.day_sums import compare_days
 from app.services.rebuild_records import rebuild_records
 from app.vision.vcm import LENGTH, VCM_VERSION
 from tests import estimates
@@ -68,6 +69,9 @@ class Person:
         estimates.save(state, self.metadata["id"], found_item(hint=0))
         self._fill(state)
         rebuild_records(state.database, write=True)
+        compare_days(state.database, write=True)
+        with state.database.write() as session:  # and a change that is not in the day's sums yet
+            session.get_one(Meal, self.meal_id).status = "needs_review"
         self.rows = {table: sorted(keys - before[table]) for table, keys in all_keys(state.database).items()}
 
     @property

@@ -2,7 +2,7 @@
 
 from app.db.models.base import Base, UtcDateTime
 from app.db.models.calibration import CameraCalibration
-from app.db.models.diary import DayEvent, DiaryDay
+from app.db.models.diary import DayEvent, DayMark, DaySum, DiaryDay
 from app.db.models.export import Export
 from app.db.models.food import (
     Component,
@@ -45,6 +45,8 @@ __all__ = [
     "CameraCalibration",
     "Component",
     "DayEvent",
+    "DayMark",
+    "DaySum",
     "Device",
     "DiaryDay",
     "EffectiveRecord",

@@ -1,4 +1,7 @@
-"""A participant's days: closed or open. Means leave open days out; a forgotten meal looks like an open day."""
+"""A participant's days: closed or open, and what they come to. Means leave open days out.
+
+A forgotten meal looks like an open day.
+"""
 
 import uuid
 from datetime import date, datetime
@@ -7,6 +10,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.models.base import Base, one_of
+from app.db.models.privacy import BigId
 from app.db.models.review import LAYERS
 
 DAY_STATUSES = ("open", "closed")
@@ -58,4 +62,87 @@ class DiaryDay(Base):
         one_of("status", DAY_STATUSES),
         sa.Index(None, "study_id", "local_date"),
         sa.Index(None, "study_id", "change_seq"),
+    )
+
+
+class DaySum(Base):
+    """What a participant-day comes to: a projection of its meals, records and word, so that a study is summed quickly.
+
+    What holds is counted in one place (db/queries/day_definition.py) and written down from there. While a DayMark of
+    the day is there the row may be of before: whoever reads counts that day itself. Columns as DayRow has them; beside
+    those, late_meals: arrived more than a day after they were eaten; located_meals: whose place is kept;
+    unseen_leftovers_items: counted as eaten up since nobody has looked, whether or not the study expects it; *_meals by
+    status. Without a word the day is open, and said_nothing false.
+    """
+
+    __tablename__ = "day_sum"
+
+    # a server of 0.2 erases people without knowing this table
+    participant_id: Mapped[uuid.UUID] = mapped_column(
+        sa.ForeignKey("participant.id", ondelete="CASCADE"), primary_key=True
+    )
+    local_date: Mapped[date] = mapped_column(primary_key=True)
+    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
+    status: Mapped[str] = mapped_column(sa.String(16))
+    said_nothing: Mapped[bool]
+    meals: Mapped[int]
+    receiving_meals: Mapped[int]
+    queued_meals: Mapped[int]
+    processing_meals: Mapped[int]
+    estimated_meals: Mapped[int]
+    needs_review_meals: Mapped[int]
+    failed_meals: Mapped[int]
+    confirmed_meals: Mapped[int]
+    meals_after_closing: Mapped[int]
+    unmeasured_meals: Mapped[int]
+    late_meals: Mapped[int]
+    located_meals: Mapped[int]
+    median_upload_delay_seconds: Mapped[float | None]
+    items: Mapped[int]
+    unmeasured_items: Mapped[int]
+    provisional_items: Mapped[int]
+    unseen_leftovers_items: Mapped[int]
+    consumed_g: Mapped[float | None]
+    energy_kcal: Mapped[float | None]
+    energy_kcal_coverage: Mapped[float | None]
+    protein_g: Mapped[float | None]
+    protein_g_coverage: Mapped[float | None]
+    fat_g: Mapped[float | None]
+    fat_g_coverage: Mapped[float | None]
+    carbohydrate_g: Mapped[float | None]
+    carbohydrate_g_coverage: Mapped[float | None]
+    fibre_g: Mapped[float | None]
+    fibre_g_coverage: Mapped[float | None]
+    sugar_g: Mapped[float | None]
+    sugar_g_coverage: Mapped[float | None]
+    saturated_fat_g: Mapped[float | None]
+    saturated_fat_g_coverage: Mapped[float | None]
+    sodium_mg: Mapped[float | None]
+    sodium_mg_coverage: Mapped[float | None]
+    potassium_mg: Mapped[float | None]
+    potassium_mg_coverage: Mapped[float | None]
+    vitamin_c_mg: Mapped[float | None]
+    vitamin_c_mg_coverage: Mapped[float | None]
+
+    __table_args__ = (one_of("status", DAY_STATUSES), sa.Index(None, "study_id", "local_date", "participant_id"))
+
+
+class DayMark(Base):
+    """A participant-day of which something has changed since its DaySum was written; one for each change.
+
+    Made by triggers (migrations, 20261122_day_sums) in the transaction of the change, so that no writer can forget it,
+    a server of 0.2 neither. Nothing is updated and nothing waits: two who change meals of one day at the same time
+    each leave a mark. Without references, since an erasure must not wait for it.
+    """
+
+    __tablename__ = "day_mark"
+
+    id: Mapped[int] = mapped_column(BigId, primary_key=True)
+    participant_id: Mapped[uuid.UUID]
+    local_date: Mapped[date]
+    study_id: Mapped[uuid.UUID]
+
+    __table_args__ = (
+        sa.Index(None, "participant_id", "local_date"),
+        sa.Index(None, "study_id", "local_date", "participant_id"),
     )

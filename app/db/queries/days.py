@@ -1,29 +1,26 @@
 """SQL of days: what meals and records come to, a row a participant-day.
 
-The sums are the database's, over records that hold (not rejected) of meals that are there (not deleted). What is not
-known is NULL, never 0, but on a day when nothing was eaten. Days page by (local_date, participant id).
+What a day comes to is defined in day_definition.py and kept in DaySum; a day that has changed since (DayMark) is
+counted when it is asked for, so that what is told is of the moment of the question. Days page by (local_date,
+participant id).
 """
 
 import uuid
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime
 from typing import Any, Literal, NamedTuple
 
 import sqlalchemy as sa
-from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.orm import Session
-from sqlalchemy.sql.functions import FunctionElement
 
-from app.db.models import DayEvent, DiaryDay, EffectiveRecord, Meal, Participant, Study
+from app.db.models import DayEvent, DayMark, DaySum, DiaryDay, Meal, Participant, Study
 from app.db.models.record import HEADLINE_COLUMNS
+from app.db.queries.day_definition import COLUMNS, counted_days
 from app.db.queries.record_pages import MOST_BRANCHES, all_studies, participants_of, studies_of
 
 DayStatus = Literal["open", "closed"]
 DayKey = tuple[date, uuid.UUID]  # local day, participant
-
-SEEN = ("pipeline", "added", "split", "merged")  # origins of items that are in a meal's photographs
-FULL = 1.0 - 1e-9  # a coverage of everything, but for rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,35 +99,12 @@ class DayRow:
         return Amount(0.0, 1.0) if self.is_nothing else self.amounts[column]
 
 
-class seconds_between(FunctionElement[float]):  # noqa: N801  # named as the SQL function that it stands for
-    """Seconds from the first instant to the second."""
-
-    type = sa.Float()
-    inherit_cache = True
-
-
-@compiles(seconds_between, "postgresql")
-def _seconds_postgresql(element: Any, compiler: Any, **options: Any) -> str:
-    first, second = (compiler.process(clause, **options) for clause in element.clauses)
-    return f"CAST(EXTRACT(EPOCH FROM ({second} - {first})) AS DOUBLE PRECISION)"
-
-
-@compiles(seconds_between, "sqlite")
-def _seconds_sqlite(element: Any, compiler: Any, **options: Any) -> str:
-    first, second = (compiler.process(clause, **options) for clause in element.clauses)
-    return f"ROUND((julianday({second}) - julianday({first})) * 86400.0, 3)"  # it counts milliseconds
-
-
 def page_of_days(session: Session, chosen: DayFilter, *, after: DayKey | None, limit: int) -> list[DayRow]:
     """At most `limit` participant-days that have a meal or a word, in the order of (day, participant id)."""
     found = _page_keys(session, chosen, after, limit)
     if found is None:
         return []
-    page = found.cte("page")
-    return [
-        _day_row(row)
-        for row in session.execute(days_with_sums(page).order_by(page.c.local_date, page.c.participant_id))
-    ]
+    return _rows_of(session, found.cte("page"))
 
 
 def _page_keys(
@@ -179,11 +153,7 @@ def _within(
 
 def days_of(session: Session, chosen: DayFilter) -> list[DayRow]:
     """All days of the filter: for one participant, or a range that is bounded."""
-    page = keys_of(chosen, None).cte("page")
-    return [
-        _day_row(row)
-        for row in session.execute(days_with_sums(page).order_by(page.c.local_date, page.c.participant_id))
-    ]
+    return _rows_of(session, keys_of(chosen, None).cte("page"))
 
 
 def find_day(session: Session, participant_id: uuid.UUID, local_date: date) -> DayRow | None:
@@ -227,185 +197,87 @@ def filtered(
     return query
 
 
-def days_with_sums(page: sa.CTE) -> sa.Select[*tuple[Any, ...]]:
-    """The days of a page with all that is told of them."""
-    meals, delays, eaten = _meals_of(page), _delays_of(page), _records_of(page)
-    by_reviewer = sa.exists().where(
-        _same_day(DayEvent.participant_id, DayEvent.local_date, page), DayEvent.layer == "reviewer"
-    )
-    return (
+def sums_of_days(session: Session, which: Callable[[type[DaySum | DayMark]], Sequence[Any]]) -> sa.Subquery:
+    """What each of these days comes to, COLUMNS of DaySum; those that have changed since are counted anew.
+
+    which: the conditions on a table's participant_id, local_date and study_id.
+    """
+    kept = sa.select(*(DaySum.__table__.c[name] for name in COLUMNS)).where(*which(DaySum))
+    if not session.scalar(sa.select(sa.exists().where(*which(DayMark)))):
+        return kept.subquery("day")
+    keys = sa.select(DayMark.participant_id, DayMark.local_date).where(*which(DayMark)).distinct()
+    return sa.union_all(kept.where(~_is_marked(DaySum)), counted_days(keys.cte("marked"))).subquery("day")
+
+
+def _rows_of(session: Session, page: sa.CTE) -> list[DayRow]:
+    """The days of a page of keys, in their order."""
+    by_reviewer = sa.exists().where(_same_day(DayEvent, page.c), DayEvent.layer == "reviewer")
+    query = (
         sa.select(
-            page.c.participant_id,
-            Participant.code.label("participant_code"),
-            Study.code.label("study_code"),
+            Participant.code,
+            Study.code,
             Participant.profile,
-            page.c.local_date,
-            sa.func.coalesce(DiaryDay.status, "open").label("status"),
-            sa.func.coalesce(DiaryDay.ate_nothing, sa.false()).label("said_nothing"),
-            sa.func.coalesce(DiaryDay.version, 0).label("version"),
+            Study.expects_after_pair,
+            sa.func.coalesce(DiaryDay.version, 0),
             DiaryDay.changed_at,
-            by_reviewer.label("by_reviewer"),
-            sa.func.coalesce(meals.c.meals, 0).label("meals"),
-            sa.func.coalesce(meals.c.late, 0).label("meals_after_closing"),
-            sa.func.coalesce(meals.c.unmeasured_meals, 0).label("unmeasured_meals"),
-            delays.c.median_seconds,
-            sa.func.coalesce(eaten.c.item_count, 0).label("item_count"),
-            sa.func.coalesce(eaten.c.unmeasured, 0).label("unmeasured"),
-            sa.func.coalesce(eaten.c.provisional, 0).label("provisional"),
-            sa.func.coalesce(eaten.c.leftovers_unknown, 0).label("leftovers_unknown"),
-            eaten.c.consumed_g,
-            *(eaten.c[column] for column in HEADLINE_COLUMNS),
-            *(
-                sa.case((sa.func.coalesce(meals.c.unmeasured_meals, 0) == 0, eaten.c[name])).label(name)
-                for name in (f"{column}_coverage" for column in HEADLINE_COLUMNS)
-            ),
+            by_reviewer,
+            sa.or_(DaySum.participant_id.is_(None), _is_marked(page.c)),
+            page.c.participant_id,
+            page.c.local_date,
+            *(DaySum.__table__.c[name] for name in COLUMNS if name not in ("participant_id", "local_date")),
         )
         .select_from(page)
         .join(Participant, Participant.id == page.c.participant_id)
         .join(Study, Study.id == Participant.study_id)
-        .outerjoin(DiaryDay, _same_day(DiaryDay.participant_id, DiaryDay.local_date, page))
-        .outerjoin(meals, _same_day(meals.c.participant_id, meals.c.local_date, page))
-        .outerjoin(delays, _same_day(delays.c.participant_id, delays.c.local_date, page))
-        .outerjoin(eaten, _same_day(eaten.c.participant_id, eaten.c.local_date, page))
+        .outerjoin(DiaryDay, _same_day(DiaryDay, page.c))
+        .outerjoin(DaySum, _same_day(DaySum, page.c))
+        .order_by(page.c.local_date, page.c.participant_id)
     )
-
-
-def coverage_of(amount: Any, consumed_g: Any) -> sa.ColumnElement[Any]:
-    """The share of the eaten grams for which an amount is known; NULL where grams are not known.
-
-    Differences below zero (more left than served, within the error) weigh nothing. Where nothing weighs anything, all
-    was left: known of everything, or not.
-    """
-    weight_g = sa.case((consumed_g > 0.0, consumed_g), else_=0.0)
-    known_g = sa.func.sum(sa.case((amount.is_not(None), weight_g), else_=0.0))
-    unknown = sa.func.sum(sa.case((consumed_g.is_(None), 1), else_=0))
-    of_nothing = sa.case((sa.func.count(amount) == sa.func.count(), 1.0), else_=0.0)
-    of_what_was_eaten = known_g / sa.func.nullif(sa.func.sum(weight_g), 0.0)
-    return sa.case((unknown == 0, sa.func.coalesce(of_what_was_eaten, of_nothing)))
-
-
-def is_unmeasured_meal() -> sa.ColumnElement[bool]:
-    """Whether no food is known of a meal (it failed, or is not measured yet) and nobody has confirmed that it is so."""
-    has_food = sa.exists().where(EffectiveRecord.meal_id == Meal.id, EffectiveRecord.status != "rejected")
-    return sa.and_(Meal.id.is_not(None), Meal.status != "confirmed", ~has_food)
-
-
-def is_leftover_unknown() -> sa.ColumnElement[bool]:
-    """Whether a record's eaten grams are all that was served since nobody has looked what was left, and should have.
-
-    Of what was declared no camera sees what is left. For a query of records with their Meal and Study.
-    """
-    return sa.and_(
-        Study.expects_after_pair,
-        Meal.origin == "photographed",
-        EffectiveRecord.origin.in_(SEEN),
-        EffectiveRecord.consumed_g.is_not(None),
-        EffectiveRecord.left_g.is_(None),
-    )
-
-
-# The page stands first in each of these, joined by LEFT JOIN: SQLite, which does not know how few its rows are, would
-# read all meals and records otherwise.
-def _meals_of(page: sa.CTE) -> sa.Subquery:
-    is_late = sa.and_(DiaryDay.status == "closed", Meal.received_at > DiaryDay.changed_at)
-    return (
-        sa.select(
-            page.c.participant_id,
-            page.c.local_date,
-            sa.func.count(Meal.id).label("meals"),
-            sa.func.sum(sa.case((is_late, 1), else_=0)).label("late"),
-            sa.func.sum(sa.case((is_unmeasured_meal(), 1), else_=0)).label("unmeasured_meals"),
+    rows = session.execute(query).all()
+    counted: dict[DayKey, sa.RowMapping] = {}
+    if any(row[7] for row in rows):
+        is_stale = sa.or_(DaySum.participant_id.is_(None), _is_marked(page.c))
+        stale = (
+            sa.select(page.c.participant_id, page.c.local_date)
+            .outerjoin(DaySum, _same_day(DaySum, page.c))
+            .where(is_stale)
+            .cte("stale")
         )
-        .select_from(page)
-        .outerjoin(Meal, _same_day(Meal.participant_id, Meal.local_date, page))
-        .outerjoin(DiaryDay, _same_day(DiaryDay.participant_id, DiaryDay.local_date, page))
-        .group_by(page.c.participant_id, page.c.local_date)
-        .subquery()
-    )
+        anew = session.execute(counted_days(stale)).mappings()
+        counted = {(each["local_date"], each["participant_id"]): each for each in anew}
+    return [_day_row(row, counted.get((row.local_date, row.participant_id), row._mapping)) for row in rows]  # noqa: SLF001  # a row by name
 
 
-def _delays_of(page: sa.CTE) -> sa.Subquery:
-    """The median delay from eating to arrival: SQLite knows no median, so the one or two in the middle are averaged."""
-    delay = seconds_between(Meal.captured_at, Meal.received_at)
-    of_day = (page.c.participant_id, page.c.local_date)
-    ranked = (
-        sa.select(
-            page.c.participant_id,
-            page.c.local_date,
-            delay.label("seconds"),
-            sa.func.row_number().over(partition_by=of_day, order_by=(delay, Meal.id)).label("place"),
-            sa.func.count().over(partition_by=of_day).label("places"),
-        )
-        .select_from(page)
-        .outerjoin(Meal, _same_day(Meal.participant_id, Meal.local_date, page))
-        .subquery()
-    )
-    twice = 2 * ranked.c.place
-    return (
-        sa.select(ranked.c.participant_id, ranked.c.local_date, sa.func.avg(ranked.c.seconds).label("median_seconds"))
-        .where(twice.between(ranked.c.places, ranked.c.places + 2))
-        .group_by(ranked.c.participant_id, ranked.c.local_date)
-        .subquery()
-    )
+def _is_marked(of: Any) -> sa.ColumnElement[bool]:
+    """Whether a day has changed since its sums were written."""
+    return sa.exists().where(_same_day(DayMark, of))
 
 
-def _records_of(page: sa.CTE) -> sa.Subquery:
-    record = EffectiveRecord
-    columns: list[Any] = []
-    for name in HEADLINE_COLUMNS:
-        amount = getattr(record, name)
-        columns += [
-            sa.func.sum(amount).label(name),
-            coverage_of(amount, record.consumed_g).label(f"{name}_coverage"),
-        ]
-    return (
-        sa.select(
-            page.c.participant_id,
-            page.c.local_date,
-            sa.func.count(record.item_id).label("item_count"),
-            sa.func.count(sa.case((record.consumed_g.is_(None), record.item_id))).label("unmeasured"),
-            sa.func.sum(sa.case((record.provisional, 1), else_=0)).label("provisional"),
-            sa.func.sum(sa.case((is_leftover_unknown(), 1), else_=0)).label("leftovers_unknown"),
-            sa.func.sum(record.consumed_g).label("consumed_g"),
-            *columns,
-        )
-        .select_from(page)
-        .outerjoin(
-            record,
-            sa.and_(_same_day(record.participant_id, record.local_date, page), record.status != "rejected"),
-        )
-        .outerjoin(Meal, Meal.id == record.meal_id)
-        .outerjoin(Study, Study.id == record.study_id)
-        .group_by(page.c.participant_id, page.c.local_date)
-        .subquery()
-    )
+def _same_day(table: Any, of: Any) -> sa.ColumnElement[bool]:
+    return sa.and_(table.participant_id == of.participant_id, table.local_date == of.local_date)
 
 
-def _same_day(participant_id: Any, local_date: Any, page: sa.CTE) -> sa.ColumnElement[bool]:
-    return sa.and_(participant_id == page.c.participant_id, local_date == page.c.local_date)
-
-
-def _day_row(row: sa.Row[*tuple[Any, ...]]) -> DayRow:
-    values = row._mapping  # noqa: SLF001  # SQLAlchemy's own way to a row by name
+def _day_row(row: sa.Row[*tuple[Any, ...]], sums: sa.RowMapping) -> DayRow:
+    participant_code, study_code, profile, expects_after_pair, version, changed_at, is_by_reviewer = row[:7]
     return DayRow(
-        participant_id=values["participant_id"],
-        participant_code=values["participant_code"],
-        study_code=values["study_code"],
-        profile=values["profile"],
-        local_date=values["local_date"],
-        status=values["status"],
-        said_nothing=bool(values["said_nothing"]),
-        version=values["version"],
-        changed_at=values["changed_at"],
-        is_by_reviewer=bool(values["by_reviewer"]),
-        meals=values["meals"],
-        meals_after_closing=int(values["meals_after_closing"]),
-        unmeasured_meals=int(values["unmeasured_meals"]),
-        median_upload_delay_seconds=values["median_seconds"],
-        items=values["item_count"],
-        unmeasured_items=int(values["unmeasured"]),
-        provisional_items=int(values["provisional"]),
-        leftovers_unknown_items=int(values["leftovers_unknown"]),
-        consumed_g=values["consumed_g"],
-        amounts={column: Amount(values[column], values[f"{column}_coverage"]) for column in HEADLINE_COLUMNS},
+        participant_id=sums["participant_id"],
+        participant_code=participant_code,
+        study_code=study_code,
+        profile=profile,
+        local_date=sums["local_date"],
+        status=sums["status"],
+        said_nothing=bool(sums["said_nothing"]),
+        version=version,
+        changed_at=changed_at,
+        is_by_reviewer=bool(is_by_reviewer),
+        meals=sums["meals"],
+        meals_after_closing=sums["meals_after_closing"],
+        unmeasured_meals=sums["unmeasured_meals"],
+        median_upload_delay_seconds=sums["median_upload_delay_seconds"],
+        items=sums["items"],
+        unmeasured_items=sums["unmeasured_items"],
+        provisional_items=sums["provisional_items"],
+        leftovers_unknown_items=sums["unseen_leftovers_items"] if expects_after_pair else 0,
+        consumed_g=sums["consumed_g"],
+        amounts={column: Amount(sums[column], sums[f"{column}_coverage"]) for column in HEADLINE_COLUMNS},
     )

@@ -9,18 +9,20 @@ from typing import Any, NamedTuple
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import Component, DiaryDay, EffectiveRecord, FoodNutrient, Meal, Participant
-from app.db.models.record import HEADLINE_COLUMNS
-from app.db.queries.days import (
-    FULL,
-    Amount,
-    DayFilter,
-    coverage_of,
-    days_with_sums,
-    filtered,
-    is_unmeasured_meal,
-    keys_of,
+from app.db.models import (
+    Component,
+    DayMark,
+    DaySum,
+    DiaryDay,
+    EffectiveRecord,
+    FoodNutrient,
+    Meal,
+    Participant,
+    Study,
 )
+from app.db.models.record import HEADLINE_COLUMNS
+from app.db.queries.day_definition import FULL, coverage_of
+from app.db.queries.days import Amount, DayFilter, filtered, sums_of_days
 
 
 class MeanAmount(NamedTuple):
@@ -79,32 +81,20 @@ def page_of_intakes(
     limit: int,
 ) -> list[IntakeRow]:
     """Mean intakes of at most `limit` participants who have a day, by code, those behind `after`."""
-    chosen = DayFilter(study_ids=frozenset({study_id}), first_day=first_day, last_day=last_day)
-    keys = keys_of(chosen, None).subquery()
-    some = (
-        sa.select(Participant.id)
-        .where(Participant.study_id == study_id, Participant.id.in_(sa.select(keys.c.participant_id)))
-        .order_by(Participant.code)
-        .limit(limit)
-    )
-    if after is not None:
-        some = some.where(Participant.code > after)
-    people = some.cte("people")
-    page = (
-        sa.select(keys.c.participant_id, keys.c.local_date)
-        .join(people, people.c.id == keys.c.participant_id)
-        .cte("page")
-    )
-    day = days_with_sums(page).subquery()
-    is_closed = day.c.status == "closed"
-    is_empty = sa.and_(day.c.meals > 0, day.c.item_count == 0, day.c.unmeasured_meals == 0)
-    is_nothing = sa.and_(is_closed, sa.or_(sa.and_(day.c.said_nothing, day.c.meals == 0), is_empty))
-    is_final = day.c.provisional == 0
-    is_whole = sa.and_(day.c.item_count > 0, day.c.unmeasured == 0, day.c.unmeasured_meals == 0, is_final)
-    is_measured = sa.and_(is_closed, is_whole, day.c.energy_kcal_coverage >= FULL)
+    people = _page_of_people(session, study_id, first_day, last_day, after, limit)
+    if not people:
+        return []
+
+    def of_people(table: type[DaySum | DayMark]) -> list[Any]:
+        return [table.participant_id.in_(people), *within(table.local_date, first_day, last_day)]
+
+    expects_after_pair = session.scalar(sa.select(Study.expects_after_pair).where(Study.id == study_id))
+    day = sums_of_days(session, of_people)
+    is_closed, is_nothing = day.c.status == "closed", is_day_of_nothing(day)
+    is_measured = sa.and_(is_measured_whole(day), day.c.energy_kcal_coverage >= FULL)
     closed_sums = [
         sa.func.coalesce(sa.func.sum(sa.case((is_closed, day.c[name]), else_=0)), 0).label(name)
-        for name in ("unmeasured_meals", "unmeasured", "provisional", "leftovers_unknown")
+        for name in ("unmeasured_meals", "unmeasured_items", "provisional_items", "unseen_leftovers_items")
     ]
     whole_kcal = sa.case((is_nothing, 0.0), (is_measured, day.c.energy_kcal))
     means: list[Any] = []
@@ -117,49 +107,63 @@ def page_of_intakes(
             sa.func.count(amount).label(f"{name}_days"),
             sa.case((sa.func.count(coverage) == closed_days, sa.func.avg(coverage))).label(f"{name}_coverage"),
         ]
-    query = (
-        sa.select(
-            day.c.participant_id,
-            day.c.participant_code,
-            sa.func.min(day.c.local_date).label("first_day"),
-            sa.func.max(day.c.local_date).label("last_day"),
-            sa.func.count().label("days"),
-            sa.func.count(sa.case((is_closed, 1))).label("closed_days"),
-            *closed_sums,
-            sa.func.count(whole_kcal).label("whole_days"),
-            sa.func.avg(whole_kcal).label("whole_kcal"),
-            *means,
+    query = sa.select(
+        day.c.participant_id,
+        sa.func.min(day.c.local_date).label("first_day"),
+        sa.func.max(day.c.local_date).label("last_day"),
+        sa.func.count().label("days"),
+        sa.func.count(sa.case((is_closed, 1))).label("closed_days"),
+        *closed_sums,
+        sa.func.count(whole_kcal).label("whole_days"),
+        sa.func.avg(whole_kcal).label("whole_kcal"),
+        *means,
+    ).group_by(day.c.participant_id)
+    rows = {row.participant_id: row for row in session.execute(query)}
+    return [
+        _intake_row(rows[person.id], person, expects_after_pair=bool(expects_after_pair))
+        for person in session.scalars(
+            sa.select(Participant).where(Participant.id.in_(people)).order_by(Participant.code)
         )
-        .group_by(day.c.participant_id, day.c.participant_code)
-        .order_by(day.c.participant_code)
-    )
-    rows = session.execute(query).all()
-    profiles: dict[uuid.UUID, dict[str, Any] | None] = dict(
-        session.execute(
-            sa.select(Participant.id, Participant.profile).where(Participant.id.in_([row[0] for row in rows]))
-        ).all()
-    )
-    return [_intake_row(row, profiles[row[0]]) for row in rows]
+    ]
 
 
-def closed_days(session: Session, chosen: DayFilter) -> list[ClosedDay]:
-    """The closed days of the filter."""
-    record = EffectiveRecord
-    same_day = (record.participant_id == DiaryDay.participant_id, record.local_date == DiaryDay.local_date)
-    holds = (*same_day, record.status != "rejected")
-    is_there = (
-        Meal.participant_id == DiaryDay.participant_id,
-        Meal.local_date == DiaryDay.local_date,
+def within(local_date: Any, first_day: date | None, last_day: date | None) -> list[sa.ColumnElement[bool]]:
+    """The conditions of a range of local days, both included."""
+    found = []
+    if first_day is not None:
+        found.append(local_date >= first_day)
+    if last_day is not None:
+        found.append(local_date <= last_day)
+    return found
+
+
+def is_day_of_nothing(day: sa.Subquery) -> sa.ColumnElement[bool]:
+    """Whether a day is closed and nothing was eaten; as DayRow.is_nothing."""
+    is_empty = sa.and_(day.c.meals > 0, day.c["items"] == 0, day.c.unmeasured_meals == 0)
+    return sa.and_(day.c.status == "closed", sa.or_(sa.and_(day.c.said_nothing, day.c.meals == 0), is_empty))
+
+
+def is_measured_whole(day: sa.Subquery) -> sa.ColumnElement[bool]:
+    """Whether a day is closed, and the grams of all that was eaten are known and final; as DayRow.is_complete."""
+    is_known = sa.and_(day.c.unmeasured_items == 0, day.c.unmeasured_meals == 0, day.c.provisional_items == 0)
+    return sa.and_(day.c.status == "closed", day.c["items"] > 0, is_known)
+
+
+def closed_days(
+    session: Session, study_id: uuid.UUID, first_day: date | None, last_day: date | None
+) -> list[ClosedDay]:
+    """The closed days of a study."""
+
+    def of_study(table: type[DaySum | DayMark]) -> list[Any]:
+        return [table.study_id == study_id, *within(table.local_date, first_day, last_day)]
+
+    day = sums_of_days(session, of_study)
+    is_nothing = is_day_of_nothing(day)
+    query = (
+        sa.select(day.c.participant_id, day.c.local_date, is_nothing, sa.or_(is_nothing, is_measured_whole(day)))
+        .where(day.c.status == "closed")
+        .order_by(day.c.participant_id, day.c.local_date)
     )
-    has_meal, has_item = sa.exists().where(*is_there), sa.exists().where(*holds)
-    is_known = ~sa.exists().where(*is_there, is_unmeasured_meal())
-    is_empty = sa.and_(has_meal, ~has_item, is_known)
-    is_nothing = sa.or_(sa.and_(DiaryDay.ate_nothing, ~has_meal), is_empty)
-    is_open = sa.or_(record.consumed_g.is_(None), record.provisional)
-    is_measured = sa.and_(has_item, ~sa.exists().where(*holds, is_open), is_known)
-    query = sa.select(DiaryDay.participant_id, DiaryDay.local_date, is_nothing, sa.or_(is_nothing, is_measured))
-    query = filtered(query, DiaryDay.study_id, DiaryDay.participant_id, DiaryDay.local_date, chosen)
-    query = query.where(DiaryDay.status == "closed").order_by(DiaryDay.participant_id, DiaryDay.local_date)
     return [ClosedDay(row[0], row[1], bool(row[2]), bool(row[3])) for row in session.execute(query)]
 
 
@@ -202,21 +206,42 @@ def _contents(number: str) -> sa.Subquery:
     )
 
 
-def _intake_row(row: sa.Row[*tuple[Any, ...]], profile: dict[str, Any] | None) -> IntakeRow:
+def _page_of_people(
+    session: Session,
+    study_id: uuid.UUID,
+    first_day: date | None,
+    last_day: date | None,
+    after: str | None,
+    limit: int,
+) -> list[uuid.UUID]:
+    """The first participants by code, behind a code, who have a day with a meal or a word."""
+    has_day = sa.or_(
+        *(
+            sa.exists().where(table.participant_id == Participant.id, *within(table.local_date, first_day, last_day))
+            for table in (Meal, DiaryDay)
+        )
+    )
+    some = sa.select(Participant.id).where(Participant.study_id == study_id, has_day)
+    if after is not None:
+        some = some.where(Participant.code > after)
+    return list(session.scalars(some.order_by(Participant.code).limit(limit)))
+
+
+def _intake_row(row: sa.Row[*tuple[Any, ...]], person: Participant, *, expects_after_pair: bool) -> IntakeRow:
     values = row._mapping  # noqa: SLF001  # SQLAlchemy's own way to a row by name
     return IntakeRow(
-        participant_id=values["participant_id"],
-        participant_code=values["participant_code"],
-        profile=profile,
+        participant_id=person.id,
+        participant_code=person.code,
+        profile=person.profile,
         first_day=values["first_day"],
         last_day=values["last_day"],
         days=values["days"],
         closed_days=values["closed_days"],
         open_days=values["days"] - values["closed_days"],
         unmeasured_meals=int(values["unmeasured_meals"]),
-        unmeasured_items=int(values["unmeasured"]),
-        provisional_items=int(values["provisional"]),
-        leftovers_unknown_items=int(values["leftovers_unknown"]),
+        unmeasured_items=int(values["unmeasured_items"]),
+        provisional_items=int(values["provisional_items"]),
+        leftovers_unknown_items=int(values["unseen_leftovers_items"]) if expects_after_pair else 0,
         whole_days=values["whole_days"],
         whole_energy_kcal=values["whole_kcal"],
         means={

@@ -21,6 +21,8 @@ from app.db.models import (
     BlobDeletion,
     CameraCalibration,
     DayEvent,
+    DayMark,
+    DaySum,
     Device,
     DiaryDay,
     EffectiveRecord,
@@ -115,6 +117,7 @@ def delete_meals(session: Session, meals: Ids) -> dict[str, int]:
     runs = sa.select(Run.id).where(Run.meal_id.in_(meals))
     job_ids = list(session.scalars(sa.select(Job.id).where(Job.meal_id.in_(meals))))
     delete_workflows(session, [str(job_id) for job_id in job_ids])
+    _delete_day_sums(session, meals)
     return _delete_in_order(
         session,
         (EffectiveRecord, EffectiveRecord.meal_id.in_(meals)),
@@ -138,7 +141,7 @@ def delete_meals(session: Session, meals: Ids) -> dict[str, int]:
 def delete_participant(session: Session, participant_id: uuid.UUID) -> dict[str, int]:
     """Remove a participant whose meals are gone; table -> rows."""
     devices = sa.select(Device.id).where(Device.participant_id == participant_id)
-    return _delete_in_order(
+    counts = _delete_in_order(
         session,
         (WebhookDelivery, WebhookDelivery.participant_id == participant_id),
         (DiaryDay, DiaryDay.participant_id == participant_id),
@@ -147,8 +150,19 @@ def delete_participant(session: Session, participant_id: uuid.UUID) -> dict[str,
         (AccessToken, AccessToken.device_id.in_(devices)),
         (Device, Device.participant_id == participant_id),
         (Enrolment, Enrolment.participant_id == participant_id),
-        (Participant, Participant.id == participant_id),
     )
+    of_person = (DaySum.participant_id == participant_id, DayMark.participant_id == participant_id)
+    _delete_in_order(session, *zip((DaySum, DayMark), of_person, strict=True))  # those before have left marks
+    return counts | _delete_in_order(session, (Participant, Participant.id == participant_id))
+
+
+def _delete_day_sums(session: Session, meals: Ids) -> None:
+    """Remove what the days of meals come to: what is left of them is counted anew, since they are marked.
+
+    No receipt tells of it: the sums of a day are there or not as it happens.
+    """
+    days = sa.select(Meal.participant_id, Meal.local_date).where(Meal.id.in_(meals))
+    _delete_in_order(session, (DaySum, sa.tuple_(DaySum.participant_id, DaySum.local_date).in_(days)))
 
 
 def end_enrolments(session: Session, participant_id: uuid.UUID) -> None:

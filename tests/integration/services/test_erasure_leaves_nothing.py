@@ -33,6 +33,7 @@ STAYS_WITHOUT_MEAL = {
     "access_token",
     "camera_calibration",
     "day_event",
+    "day_mark",  # its sums are to be written anew
     "device",
     "diary_day",
     "enrolment",

@@ -1,0 +1,108 @@
+"""The kept sums of participant-days (DaySum): written in the background where a day has changed, and checked.
+
+A change of a meal, a record or a word leaves a mark in its own transaction (triggers). Whoever reads counts marked days
+itself, so that what is told is right at any moment; here the marks are worked off, so that there are few to count.
+"""
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from app.db.queries import day_sums
+from app.db.session import Database
+
+ROUND_SECONDS = 2.0  # then the worker's other chores have their turn
+COMPARED_AT_A_TIME = 500
+SAME = 1e-9  # relative: the order in which a database adds is its own
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedDays:
+    """How many days were compared, and of how many the kept sums were not what they should be."""
+
+    compared: int
+    different: int
+
+
+def write_sums(database: Database, seconds: float = ROUND_SECONDS) -> int:
+    """Write the sums of marked days, for so long at most. Returns how many marks are worked off.
+
+    Several workers may do it at once: one does, the others leave it to them.
+    """
+    done, until = 0, time.monotonic() + seconds
+    with database.read() as session:
+        if not day_sums.has_marks(session):
+            return 0
+    while True:
+        try:
+            with database.write() as session:
+                count = _one_turn(session)
+        except IntegrityError:  # a participant or a study went between two statements; the marks stay
+            return done
+        done += count
+        if count == 0 or time.monotonic() > until:
+            return done
+
+
+def write_all_sums(database: Database) -> int:
+    """Work off all marks, as long as there are any that this process may write."""
+    return write_sums(database, math.inf)
+
+
+def compare_days(database: Database, *, write: bool) -> ComparedDays:
+    """Compare the kept sums of every day that is not marked with what it comes to; with `write`, put right all."""
+    if write:
+        write_all_sums(database)
+    compared = different = 0
+    after = None
+    while True:
+        with database.read() as session:
+            days = day_sums.days_after(session, after, COMPARED_AT_A_TIME)
+            if not days:
+                break
+            marked = day_sums.marked_among(session, days)
+            kept, counted = day_sums.kept_sums(session, days), day_sums.counted_sums(session, days)
+        wrong = [day for day in days if day not in marked and not _is_same(kept.get(day), counted.get(day))]
+        compared += len(days) - len(marked.intersection(days))
+        different += len(wrong)
+        after = days[-1]
+        if write and wrong:
+            with database.write() as session:
+                day_sums.mark_days(session, wrong)
+    if write and different:
+        write_all_sums(database)
+    return ComparedDays(compared, different)
+
+
+def _one_turn(session: Session) -> int:
+    """Write the sums of some marked days, in this transaction. Returns how many marks are gone."""
+    if not day_sums.take_turn(session):
+        return 0
+    marks = day_sums.newest_marks(session, day_sums.OF_ONE_TURN)
+    if not marks:
+        return 0
+    there, staying = day_sums.people_among(session, {mark.participant_id for mark in marks})
+    gone = [mark.id for mark in marks if mark.participant_id not in there]
+    due = [mark for mark in marks if mark.participant_id in staying]
+    if gone:  # a server of 0.2 erased them
+        day_sums.forget_marks(session, gone)
+    if due:
+        day_sums.write_sums(session, due)
+    return len(gone) + len(due)
+
+
+def _is_same(kept: Mapping[str, Any] | None, counted: Mapping[str, Any] | None) -> bool:
+    if kept is None or counted is None:
+        return kept is counted
+    return all(_is_near(kept[name], counted[name]) for name in counted)
+
+
+def _is_near(one: Any, other: Any) -> bool:
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=SAME, abs_tol=SAME)
+    return bool(one == other)
