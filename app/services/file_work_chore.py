@@ -3,7 +3,7 @@
 import os
 import sys
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -20,9 +20,13 @@ TOLD_FOR = timedelta(days=30)  # what has ended without a file stays in the list
 
 
 def file_process(
-    database: Database, settings: Settings, *, lease_seconds: float = file_work.LEASE_SECONDS
+    database: Database,
+    settings: Settings,
+    *,
+    command: Sequence[str] = COMMAND,
+    lease_seconds: float = file_work.LEASE_SECONDS,
 ) -> SideProcess:
-    """The side process of one worker."""
+    """The side process of one worker. command, lease_seconds: others in tests."""
 
     def has_work() -> bool:
         with database.read() as session:
@@ -40,7 +44,7 @@ def file_process(
 
     inherited = {name: value for name, value in os.environ.items() if not name.startswith("TADA_")}
     return SideProcess(
-        COMMAND,
+        command,
         inherited | settings_environment(settings),
         has_work=has_work,
         new_claim=lambda: uuid.uuid4().hex,

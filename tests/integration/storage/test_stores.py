@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from app.storage.blob_store import BlobMissingError
+from app.storage.blob_store import BlobDamagedError, BlobMissingError
 
 KEY = "study/meal/left/0123"
 MEBIBYTE = 1024 * 1024
@@ -169,3 +169,20 @@ def test_check_of_a_store_that_can_be_written_leaves_nothing(store):
 def test_room_is_what_the_staging_folder_has(store):
     vfs = os.statvfs(store.staging_folder())
     assert store.free_bytes() == pytest.approx(vfs.f_bavail * vfs.f_frsize, rel=0.05)  # others write meanwhile
+
+
+@pytest.mark.parametrize(("start", "length"), [(0, 0), (0, 1), (5, 300_000), (699_999, 1), (250_000, 450_000)])
+def test_part_of_a_blob_is_those_bytes_of_it(store, start, length):
+    content = os.urandom(700_000)
+    store.put_bytes(KEY, content)
+    assert b"".join(store.stream_part(KEY, start, length)) == content[start : start + length]
+
+
+def test_part_that_the_blob_does_not_have_is_told_and_so_is_a_missing_blob(store):
+    content = b"x" * 1000
+    store.put_bytes(KEY, content)
+    for start, length in ((900, 200), (2000, 10)):
+        with pytest.raises(BlobDamagedError):
+            b"".join(store.stream_part(KEY, start, length))
+    with pytest.raises(BlobMissingError):
+        store.stream_part("study/meal/left/4567", 0, 5)
