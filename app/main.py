@@ -28,6 +28,7 @@ from app.api import (
     me,
     me_privacy,
     meal_jobs,
+    meal_lists,
     meals,
     metrics,
     participants,
@@ -170,6 +171,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(DashboardAnswers)
     app.mount("/dashboard/static", DashboardFiles())
     for resource in (
+        meal_lists,
         meals,
         meal_jobs,
         photographs,

@@ -63,6 +63,22 @@ class Meal(Base):
         sa.Index(None, "participant_id", "local_date"),
         sa.Index(None, "study_id", "local_date", "participant_id"),
         sa.Index(None, "status", "submitted_at"),
+        # lists of meals (db/queries/meal_pages.py): all that the page's order and the filter on days need is in each
+        sa.Index("ix_meal_list_of_status", "study_id", "status", "origin", "captured_at", "id", "local_date"),
+        sa.Index("ix_meal_list_of_participant", "participant_id", "captured_at", "id", "local_date"),
+        sa.Index(
+            "ix_meal_list_of_failure",
+            *("study_id", "failure_code", "captured_at", "id", "local_date"),
+            sqlite_where=sa.text("failure_code IS NOT NULL"),
+            postgresql_where=sa.text("failure_code IS NOT NULL"),
+        ),
+        sa.Index(
+            "ix_meal_list_of_after",
+            *("study_id", "after_status", "captured_at", "id", "local_date"),
+            sqlite_where=sa.text("after_status IS NOT NULL"),
+            postgresql_where=sa.text("after_status IS NOT NULL"),
+        ),
+        sa.Index(None, "client_id"),
     )
 
 

@@ -282,4 +282,23 @@ class EffectiveRecord(Base):
             postgresql_where=sa.text("provisional IS true"),
         ),
         sa.Index(None, "participant_id", "local_date"),
+        # lists of meals by what holds of their items (db/queries/meal_pages.py)
+        sa.Index(
+            "ix_effective_record_meals_of_food",
+            *("food_id", "study_id", "captured_at", "meal_id", "local_date"),
+            sqlite_where=sa.text("status <> 'rejected'"),
+            postgresql_where=sa.text("status <> 'rejected'"),
+        ),
+        sa.Index(
+            "ix_effective_record_meals_of_flags",
+            *("study_id", "flags", "captured_at", "meal_id", "local_date"),
+            sqlite_where=sa.text("status <> 'rejected' AND flags <> '[]'"),
+            postgresql_where=sa.text("status <> 'rejected' AND flags <> '[]'"),
+        ),
+        sa.Index(
+            "ix_effective_record_meals_to_review",
+            *("study_id", "captured_at", "meal_id", "local_date"),
+            sqlite_where=sa.text("status <> 'rejected' AND reviewed IS 0"),
+            postgresql_where=sa.text("status <> 'rejected' AND reviewed IS false"),
+        ),
     )

@@ -47,4 +47,10 @@ class MealEvent(Base):
         one_of("kind", EVENT_KINDS),
         one_of("layer", LAYERS),
         sa.UniqueConstraint("meal_id", "sequence"),
+        sa.Index(
+            "ix_meal_event_questions",
+            "meal_id",
+            sqlite_where=sa.text("kind = 'question'"),
+            postgresql_where=sa.text("kind = 'question'"),
+        ),
     )

@@ -78,7 +78,7 @@ def waits_for_answer(meal_id: Any) -> Condition:
         undo.meal_id == question.meal_id, undo.kind == "undo", _names(undo, "event", question)
     )
     is_answer_taken_back = sa.exists().where(
-        undo.meal_id == question.meal_id, undo.kind == "undo", _names(undo, "event", word)
+        undo.meal_id == word.meal_id, undo.kind == "undo", _names(undo, "event", word)
     )
     is_answered = sa.exists().where(
         word.meal_id == question.meal_id, word.kind == "answer", _names(word, "question", question),
@@ -99,10 +99,11 @@ def has_flag(column: Any, flags: Sequence[str], *, is_on_sqlite: bool) -> Condit
 
 def is_list_of_flags(column: Any, text: Any, *, is_on_sqlite: bool) -> Condition:
     """A list of flags is this one, given as text as lists_of_flags has it."""
-    if is_on_sqlite:
-        return sa.type_coerce(column, sa.Text()) == text
-    kept: Condition = sa.type_coerce(column, postgresql.JSONB()) == sa.cast(text, postgresql.JSONB())
-    return kept
+    is_it: Condition = sa.type_coerce(column, sa.Text()) == text
+    if not is_on_sqlite:
+        kept = sa.cast(sa.literal(text, sa.Text()) if isinstance(text, str) else text, postgresql.JSONB())
+        is_it = sa.type_coerce(column, postgresql.JSONB()) == kept
+    return is_it
 
 
 def lists_of_flags(session: Session, study_id: uuid.UUID, most: int) -> list[str]:

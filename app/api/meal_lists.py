@@ -1,0 +1,162 @@
+"""/v1/meals as a list; how many meals of a study have each status; which of those on a page have changed."""
+
+import uuid
+from datetime import date
+from typing import Annotated, Literal
+from urllib.parse import quote
+
+from fastapi import APIRouter, Path, Query, Request
+from fastapi.responses import JSONResponse, Response
+from pydantic import StringConstraints
+
+from app.api.deps import CurrentCaller, CurrentStaff, State
+from app.api.paging import Cursor, Limit, next_page
+from app.api.problems import problem_responses
+from app.api.render import food_ref
+from app.api.schemas.meal_lists import (
+    ChangedMeals,
+    MealCounts,
+    MealLinks,
+    MealListItem,
+    MealPage,
+    StatusCountOut,
+)
+from app.db.queries.meal_pages import MealFilter
+from app.db.queries.meal_rows import MealRow
+from app.errors import InvalidInputError
+from app.services.caller import Caller, DeviceCaller
+from app.services.list_meals import MOST_WATCHED, changed_meals, count_meals, list_meals, sums_of
+from app.services.studies import read_study
+
+router = APIRouter(prefix="/v1", tags=["meals"])
+
+MealStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"]
+AfterStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "nothing_left"]
+FoodKey = Annotated[str, StringConstraints(max_length=100)]
+Word = Annotated[str, StringConstraints(max_length=64, pattern="^[a-z0-9_]+$")]
+Known = Annotated[str, StringConstraints(max_length=50, pattern=r"^[0-9A-Fa-f-]{32,36}:[0-9]{1,9}$")]
+MOST_VALUES = 10  # of one filter, any of which will do
+PRIVATE = {"Cache-Control": "private, no-store"}
+
+
+@router.get("/meals", response_model=MealPage, responses=problem_responses(401, 422))
+def get_meals(
+    request: Request,
+    state: State,
+    caller: CurrentCaller,
+    study: Annotated[str | None, Query(max_length=64)] = None,
+    participant: Annotated[str | None, Query(max_length=64)] = None,
+    first_day: Annotated[date | None, Query(alias="from", description="First local day, included.")] = None,
+    last_day: Annotated[date | None, Query(alias="to", description="Last local day, included.")] = None,
+    status: Annotated[list[MealStatus] | None, Query(max_length=7, description="Any of several.")] = None,
+    origin: Literal["photographed", "declared"] | None = None,
+    failure: Annotated[
+        list[Word] | None, Query(max_length=MOST_VALUES, description="A failure's code; any of several.")
+    ] = None,
+    after_status: Annotated[
+        list[AfterStatus] | None, Query(max_length=7, description="How the after-meal pair stands; any of several.")
+    ] = None,
+    food: Annotated[
+        list[FoodKey] | None,
+        Query(max_length=MOST_VALUES, description="The key of a food of an item; any of several."),
+    ] = None,
+    flag: Annotated[
+        list[Word] | None, Query(max_length=MOST_VALUES, description="A flag of an item; any of several.")
+    ] = None,
+    needs: Annotated[
+        Literal["review", "answer"] | None,
+        Query(description="review: an item is in the review queue; answer: a question to the participant is open."),
+    ] = None,
+    order: Annotated[Literal["newest", "oldest"], Query(description="Which come first.")] = "newest",
+    limit: Limit = 100,
+    cursor: Cursor = None,
+) -> Response:
+    """Meals by time of capture. Items that were rejected count nowhere: not in the filters, not in the figures."""
+    if first_day and last_day and first_day > last_day:
+        raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
+    chosen = MealFilter(
+        study_code=study,
+        participant_code=participant,
+        first_day=first_day,
+        last_day=last_day,
+        statuses=tuple(status or ()),
+        origin=origin,
+        failure_codes=tuple(failure or ()),
+        after_statuses=tuple(after_status or ()),
+        food_keys=tuple(food or ()),
+        flags=tuple(flag or ()),
+        needs=needs,
+    )
+    page = list_meals(state.database, caller, chosen, order=order, cursor=cursor, limit=limit)
+    body = MealPage(items=[render_meal_row(row, caller) for row in page.rows], next=next_page(request, page.cursor))
+    return JSONResponse(body.model_dump(mode="json"), headers=PRIVATE)
+
+
+@router.get("/studies/{study}/meal-counts", responses=problem_responses(401, 403, 404))
+def get_meal_counts(
+    study: Annotated[str, Path(max_length=64)], state: State, _: CurrentStaff, response: Response
+) -> MealCounts:
+    """How many meals of the study have each status; of more than 1,000 it is said that there are more."""
+    response.headers.update(PRIVATE)
+    counts = count_meals(state.database, read_study(state.database, study).id)
+    return MealCounts(items=[StatusCountOut.model_validate(count, from_attributes=True) for count in counts])
+
+
+@router.get("/studies/{study}/changed-meals", responses=problem_responses(401, 403, 404, 422))
+def get_changed_meals(
+    study: Annotated[str, Path(max_length=64)],
+    state: State,
+    caller: CurrentStaff,
+    response: Response,
+    meal: Annotated[
+        list[Known] | None,
+        Query(max_length=MOST_WATCHED, description="ID:VERSION, as they are known; several."),
+    ] = None,
+) -> ChangedMeals:
+    """Which of these meals have changed, as they stand now: what a page that shows them asks every few seconds."""
+    response.headers.update(PRIVATE)
+    known = [_known(text) for text in meal or ()]
+    rows = changed_meals(state.database, read_study(state.database, study).id, known)
+    return ChangedMeals(items=[render_meal_row(row, caller) for row in rows])
+
+
+def render_meal_row(row: MealRow, caller: Caller) -> MealListItem:
+    """A meal of a list as the API shows it. Staff's links name the participant: a phone's id alone may be two meals."""
+    meal, sums = row.meal, sums_of(row)
+    path = f"/v1/meals/{meal.client_id}"
+    whose = "" if isinstance(caller, DeviceCaller) else f"?participant={quote(row.participant_code, safe='')}"
+    return MealListItem(
+        id=meal.client_id,
+        study=row.study_code,
+        participant=row.participant_code,
+        status=meal.status,
+        stage=meal.stage,
+        failure_code=meal.failure_code,
+        captured_at=meal.captured_at,
+        time_zone=meal.time_zone,
+        local_date=meal.local_date,
+        received_at=meal.received_at,
+        upload_delay_seconds=(meal.received_at - meal.captured_at).total_seconds(),
+        origin=meal.origin,
+        after_status=meal.after_status,
+        provisional=sums.provisional,
+        version=meal.version,
+        item_count=sums.items,
+        foods=[ref for ref in map(food_ref, sums.foods) if ref is not None],
+        consumed_g=sums.consumed_g,
+        energy_kcal=sums.energy_kcal,
+        unmeasured_items=sums.unmeasured,
+        items_without_energy=sums.without_energy,
+        doubt=sums.doubt,
+        flags=list(sums.flags),
+        links=MealLinks(meal=f"{path}{whose}", photograph_left=f"{path}/images/left{whose}" if row.has_left else None),
+    )
+
+
+def _known(text: str) -> tuple[uuid.UUID, int]:
+    """Raises InvalidInputError where the id is none."""
+    client_id, _, version = text.partition(":")
+    try:
+        return uuid.UUID(client_id), int(version)
+    except ValueError:
+        raise InvalidInputError(f"{client_id} is no id of a meal.") from None

@@ -1,0 +1,73 @@
+"""Lists of meals over the wire."""
+
+import uuid
+from datetime import date, datetime
+
+from pydantic import BaseModel, Field
+
+from app.api.schemas.foods import FoodRef
+
+
+class MealLinks(BaseModel):
+    """Paths, to be followed as they stand."""
+
+    meal: str
+    photograph_left: str | None = Field(description="Null where it has not come, or was erased.")
+
+
+class MealListItem(BaseModel):
+    """A meal of a list. Figures are those of the records that hold (not rejected); `GET meal` has the intervals."""
+
+    id: uuid.UUID = Field(description="The id that the phone made.")
+    study: str
+    participant: str
+    status: str = Field(description="receiving, queued, processing, estimated, needs_review, failed or confirmed")
+    stage: str | None = Field(description="The pipeline's step while processing.")
+    failure_code: str | None
+    captured_at: datetime
+    time_zone: str
+    local_date: date
+    received_at: datetime
+    upload_delay_seconds: float = Field(description="From eating to the first of the meal on the server.")
+    origin: str = Field(description="photographed or declared")
+    after_status: str | None = Field(description="How its after-meal pair stands; null: nothing has come.")
+    provisional: bool = Field(description="An after-meal pair may still come.")
+    version: int
+    item_count: int
+    foods: list[FoodRef] = Field(description="In the order of the items, each once; an unknown one is left out.")
+    consumed_g: float | None = Field(
+        description="Of the items whose grams are known, signed; null where they are known of none."
+    )
+    energy_kcal: float | None = Field(description="Of the items whose energy is known; null where it is known of none.")
+    unmeasured_items: int = Field(description="Items whose grams are not known; above 0, the sums are incomplete.")
+    items_without_energy: int = Field(description="Items whose energy is not known, those without grams included.")
+    doubt: float | None = Field(description="The greatest of its items, 0 to 1, as the review queue orders them.")
+    flags: list[str] = Field(description="Of any of its items.")
+    links: MealLinks
+
+
+class MealPage(BaseModel):
+    """A page of meals by time of capture; `next` leads to the page after it, null at the end."""
+
+    items: list[MealListItem]
+    next: str | None = Field(description="The next page's path and query.")
+
+
+class StatusCountOut(BaseModel):
+    """How many meals have a status. `is_more`: there are more than `count`."""
+
+    status: str
+    count: int
+    is_more: bool
+
+
+class MealCounts(BaseModel):
+    """Of each status, in the order of a meal's way; up to 1,000 are counted."""
+
+    items: list[StatusCountOut]
+
+
+class ChangedMeals(BaseModel):
+    """Those of the meals asked about that have another version by now, as they stand."""
+
+    items: list[MealListItem]
