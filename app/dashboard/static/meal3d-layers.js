@@ -8,6 +8,8 @@ const CORNERS = 64; // of a slice's ellipse
 const SHEET_MM = 6; // so near to the print a point shows the sheet
 const BEHIND_UNITS = 1200; // by which shapes step back behind the points measured on them: 1 mm where people look
 const CAMERA_MM = 40; // length of a drawn camera
+const NAME_PX = 26;
+const SMALL_PX = 18;
 const UNSEEN = new Set(["mirrored", "continued"]); // slices that no photograph shows
 
 /** {root, layers by name, box of the foods and the board, dispose()}. palette: {ink, ground}, as CSS says colours. */
@@ -49,6 +51,14 @@ export function setWireframe(layers, isWire) {
     each.material.opacity = isWire ? 0.55 : 1;
     each.material.transparent = isWire;
     each.material.needsUpdate = true;
+  });
+}
+
+/** Words are as large as they are on the page, however far away they stand. height: of the view, px. */
+export function sizeLabels(root, fieldOfView, height) {
+  const onePixel = (2 * Math.tan((fieldOfView / 2) * (Math.PI / 180))) / Math.max(height, 1);
+  root.traverse((each) => {
+    if (each.isSprite) each.scale.set(each.userData.width * onePixel, each.userData.height * onePixel, 1);
   });
 }
 
@@ -268,8 +278,8 @@ function cameraOf(name, photo, palette) {
   const [w, h] = [photo.width - 0.5, photo.height - 0.5];
   const corners = [corner(-0.5, -0.5), corner(w, -0.5), corner(w, h), corner(-0.5, h)];
   const at = corners.flatMap((one, k) => [...origin, ...one, ...one, ...corners[(k + 1) % 4]]);
-  const label = labelOf(`${name} photograph`, 14, palette);
-  label.position.copy(origin).z += 12;
+  const label = labelOf(`${name} photograph`, SMALL_PX, palette);
+  label.position.copy(origin).z += 6;
   return [segments(at, { color: palette.ink }), label];
 }
 
@@ -282,9 +292,10 @@ function* rulerOf(board, palette) {
   const upright = [];
   for (let z = 0; z <= 50; z += 10) upright.push(left, y, z, left + (z % 50 ? 3 : 6), y, z);
   yield segments([left, y, 0, left, y, 50, ...upright], { color: palette.ink });
-  for (const [words, x, z] of [["0", left, -3], ["50", left + 50, -3], ["100 mm", left + 100, -3], ["50 mm up", left, 57]]) {
-    const label = labelOf(words, 8, palette);
-    label.position.set(x, z < 0 ? y - 7 : y, z < 0 ? 1 : z);
+  for (const [words, x, z] of [["50", left + 50, 0], ["100 mm", left + 100, 0], ["50 mm up", left, 52]]) {
+    const label = labelOf(words, SMALL_PX, palette);
+    label.position.set(x, z ? y : y - 3, z);
+    if (!z) label.center.set(0.5, 0.5);
     yield label;
   }
 }
@@ -293,12 +304,12 @@ function badgeOf(mesh, names, palette) {
   const item = mesh.userData.item;
   mesh.geometry.computeBoundingBox();
   const box = mesh.geometry.boundingBox;
-  const label = labelOf(`${item.index + 1} · ${nameOf(item, names)}`, 11, palette, colourOf(item.index));
-  label.position.set((box.min.x + box.max.x) / 2, (box.min.y + box.max.y) / 2, box.max.z + 16);
+  const label = labelOf(`${item.index + 1} · ${nameOf(item, names)}`, NAME_PX, palette, colourOf(item.index));
+  label.position.set((box.min.x + box.max.x) / 2, (box.min.y + box.max.y) / 2, box.max.z + 12);
   return label;
 }
 
-/** Words that always face who looks, so high in mm. */
+/** Words that always face who looks, so many px high, standing on their place. */
 function labelOf(words, height, palette, edge) {
   const [pixels, pad] = [48, 14];
   const canvas = document.createElement("canvas");
@@ -326,8 +337,9 @@ function labelOf(words, height, palette, edge) {
   context.fillText(words, pad, canvas.height / 2 + 2);
   const map = new THREE.CanvasTexture(canvas);
   map.colorSpace = THREE.SRGBColorSpace;
-  const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map, transparent: true, depthWrite: false }));
-  sprite.scale.set((height * canvas.width) / canvas.height, height, 1);
+  const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map, transparent: true, depthWrite: false, depthTest: false, sizeAttenuation: false }));
+  sprite.userData = { width: (height * canvas.width) / canvas.height, height };
+  sprite.center.set(0.5, 0);
   sprite.renderOrder = 10;
   return sprite;
 }

@@ -2,14 +2,14 @@
 
 import * as THREE from "./vendor/three/three.module.min.js";
 import { OrbitControls } from "./vendor/three/OrbitControls.min.js";
-import { buildLayers, setWireframe } from "./meal3d-layers.js";
+import { buildLayers, setWireframe, sizeLabels } from "./meal3d-layers.js";
 
 const FIELD_OF_VIEW = 32; // degrees
 const NEAR_MM = 10;
 const FAR_MM = 6000;
 const MARGIN = 1.06; // around what is shown
 const TURN = Math.PI / 18; // at a key
-const ZOOM = 1.15;
+const ZOOM = 1.15; // at a key
 const PAN_PX = 30;
 const MOVE_MS = 280; // from one view to another, where motion is wanted
 
@@ -52,6 +52,7 @@ export function openView(canvas, scene, names, palette) {
     for (const [name, isShown] of Object.entries(shown)) built.layers[name].visible = isShown;
     built.layers.sheet.visible = !shown.board;
     setWireframe(built.layers, isWire);
+    sizeLabels(built.root, FIELD_OF_VIEW, canvas.parentElement.clientHeight);
     invalidate();
   };
 
@@ -68,16 +69,17 @@ export function openView(canvas, scene, names, palette) {
     });
     return MARGIN * Math.max(...needed);
   };
+  const level = () => {
+    const towards = directions.phone().setZ(0);
+    return towards.lengthSq() > 1e-6 ? towards.normalize() : towards.set(0, -1, 0);
+  };
   const directions = {
     phone: () => {
       const centre = scene.photographs.left.camera?.centre_mm;
       return centre ? new THREE.Vector3(...centre).sub(middle).normalize() : new THREE.Vector3(0, -1, 0.9).normalize();
     },
-    above: () => new THREE.Vector3(0, -0.001, 1).normalize(),
-    side: () => {
-      const towards = directions.phone().setZ(0);
-      return (towards.lengthSq() > 1e-6 ? towards.normalize() : towards.set(0, -1, 0)).setZ(0.12).normalize();
-    },
+    above: () => level().multiplyScalar(0.001).setZ(1).normalize(),
+    side: () => level().setZ(0.12).normalize(),
   };
   const place = (position, target) => {
     camera.position.copy(position);
@@ -107,9 +109,9 @@ export function openView(canvas, scene, names, palette) {
     ArrowRight: (isShift) => (isShift ? controls.pan(-PAN_PX, 0) : controls.rotateLeft(-TURN)),
     ArrowUp: (isShift) => (isShift ? controls.pan(0, PAN_PX) : controls.rotateUp(TURN)),
     ArrowDown: (isShift) => (isShift ? controls.pan(0, -PAN_PX) : controls.rotateUp(-TURN)),
-    "+": () => controls.dollyIn(ZOOM),
-    "=": () => controls.dollyIn(ZOOM),
-    "-": () => controls.dollyOut(ZOOM),
+    "+": () => controls.dollyIn(1 / ZOOM),
+    "=": () => controls.dollyIn(1 / ZOOM),
+    "-": () => controls.dollyOut(1 / ZOOM),
     0: () => setView("phone"),
     Home: () => setView("phone"),
   };
@@ -134,6 +136,7 @@ export function openView(canvas, scene, names, palette) {
     camera.aspect = width / height;
     camera.updateProjectionMatrix();
     renderer.setSize(width, height, false);
+    sizeLabels(built.root, FIELD_OF_VIEW, height);
     invalidate();
   };
   const observer = new ResizeObserver(resize);

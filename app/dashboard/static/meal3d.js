@@ -65,6 +65,7 @@ export function mountScene(element, sceneUrl, options = {}) {
     const words = error instanceof ToldError ? error.message : "The 3D view cannot be drawn.";
     root.querySelectorAll(".meal3d-view, .meal3d-bar, .meal3d-keys").forEach((part) => part.remove());
     told.textContent = words;
+    told.classList.add("notice");
     root.prepend(told, ...fallbackOf(options.fallbackUrl));
   });
   mounted.set(element, handle);
@@ -74,7 +75,7 @@ export function mountScene(element, sceneUrl, options = {}) {
 /** Mount what is there, and close what went: after htmx swapped, too. */
 export function mountAll() {
   for (const [element, handle] of mounted) {
-    const isThere = element.isConnected && element.contains(handle.root) && element.dataset.scene === handle.url;
+    const isThere = element.isConnected && element.contains(handle.root) && (element.dataset.scene ?? handle.url) === handle.url;
     if (!isThere) handle.unmount();
   }
   for (const element of document.querySelectorAll("[data-scene]")) {
@@ -95,6 +96,7 @@ async function fetchScene(url, signal) {
   if (answer.status === 410) throw new ToldError("The pictures of this meal were erased.");
   if (answer.status === 404) throw new ToldError("There is no 3D view of this run.");
   if (!answer.ok) throw new ToldError("The 3D view could not be loaded.");
+  if (!answer.headers.get("Content-Type")?.includes("json")) throw new ToldError("The 3D view could not be loaded: reload the page.");
   const scene = await answer.json();
   if (scene.version !== VERSION) throw new ToldError("The 3D view is of another version: reload the page.");
   return scene;
