@@ -37,7 +37,14 @@ PAGES: Mapping[Call, Call] = {
     ("GET", PREFIX): STAFF,
     ("POST", f"{PREFIX}/sign-out"): ("DELETE", "/v1/sessions/current"),
     # one meal
+    ("GET", MEAL): ("GET", "/v1/meals/{meal_id}"),
+    ("GET", f"{MEAL}/state"): ("GET", "/v1/meals/{meal_id}"),
+    ("GET", f"{MEAL}/images/{{slot}}"): ("GET", "/v1/meals/{meal_id}/images/{slot}"),
+    ("GET", f"{MEAL}/artefacts/{{name}}"): ("GET", "/v1/meals/{meal_id}/artefacts/{name}"),
     ("POST", f"{MEAL}/events"): ("POST", "/v1/meals/{meal_id}/events"),
+    ("POST", f"{MEAL}/retry"): ("POST", "/v1/meals/{meal_id}/retry"),
+    ("POST", f"{MEAL}/cancel"): ("POST", "/v1/meals/{meal_id}/cancel"),
+    ("POST", f"{MEAL}/erasure"): ("DELETE", "/v1/meals/{meal_id}"),
     ("GET", f"{PREFIX}/studies/{{study}}/foods"): STUDY,
     # protocol
     ("GET", f"{STUDY_PAGES}/settings"): STUDY,
@@ -77,7 +84,7 @@ PAGES: Mapping[Call, Call] = {
     ("GET", f"{PREFIX}/marker.pdf"): STAFF,
 }
 # asked by the page itself, again and again: no use of the session
-POLLED: frozenset[Call] = frozenset()
+POLLED: frozenset[Call] = frozenset({("GET", f"{MEAL}/state")})
 
 
 def session_cookie(request: Request, settings: Settings) -> str:

@@ -34,7 +34,8 @@ class EventForm(BaseModel):
     """What the forms send; a field that is empty is not told.
 
     id: made with the form, so that a form that is sent twice says one thing. version: of the meal as it was shown.
-    seen: number of the last event that the page showed, so that a conflict can tell what came after it.
+    seen: number of the last event that the page showed, so that a conflict can tell what came after it. q: what was
+    typed in a search of foods; a food's key, where none was chosen from the list.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -45,6 +46,7 @@ class EventForm(BaseModel):
     seen: Annotated[int, Field(ge=0)] = 0
     item: Short = ""
     food: Short = ""
+    q: Short = ""
     lies_as: Short = ""
     mass_g: Short = ""
     of: Short = ""
@@ -61,7 +63,8 @@ class EventForm(BaseModel):
 
     def told(self) -> dict[str, str]:
         """The fields that say something, for a form that says it again."""
-        fields: dict[str, str] = self.model_dump(exclude={"id", "version", "seen"})
+        fields: dict[str, str] = self.model_dump(exclude={"id", "version", "seen", "q"})
+        fields["food"] = self.food or self.q
         return {name: value for name, value in fields.items() if value.strip()}
 
 

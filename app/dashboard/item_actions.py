@@ -12,10 +12,12 @@ from starlette.responses import HTMLResponse, Response
 
 from app.api.pages import MEAL, PREFIX
 from app.api.review import new_event, tagged_meal
-from app.dashboard.addresses import study_address
 from app.dashboard.event_form import EventForm, event_of
+from app.dashboard.meal import conflict_of, context_of, meal_address
+from app.dashboard.meal_timeline import TITLES
 from app.dashboard.one_study import in_study
 from app.dashboard.page import CurrentPage, Page
+from app.errors import PreconditionFailedError
 from app.services.search_foods import search_foods
 
 router = APIRouter(include_in_schema=False)
@@ -27,12 +29,21 @@ FOODS_OFFERED = 12
 def post_event(page: CurrentPage, participant: str, meal_id: uuid.UUID, form: Annotated[EventForm, Form()]) -> Response:
     """Confirm, correct, reject, ask, undo: one word about the meal as it was shown."""
     event = new_event(event_of(form))
-    view, is_new = page.state.meal_events.append(
-        in_study(page), meal_id, event, expected=frozenset({form.version}), participant_code=participant
-    )
+    try:
+        view, is_new = page.state.meal_events.append(
+            in_study(page), meal_id, event, expected=frozenset({form.version}), participant_code=participant
+        )
+    except PreconditionFailedError as error:
+        if wants_json(page):
+            raise
+        return _conflict(page, participant, meal_id, form, error.status)
     if wants_json(page):
         return tagged_meal(view, 201 if is_new else 200)
-    return page.go(meal_address(page, participant, meal_id), told="Noted.")
+    said = f"{TITLES[event.kind]}: noted."
+    if page.is_fragment:
+        context = context_of(page, participant, meal_id)
+        return page.render("meal_body.html", **context | {"said": said})
+    return page.go(meal_address(page, participant, meal_id), told=said)
 
 
 @router.get(PREFIX + "/studies/{study}/foods")
@@ -46,9 +57,11 @@ def get_food_options(
     return page.render("food_options.html", foods=found, words=q, list_id=list_id)
 
 
-def meal_address(page: Page, participant: str, meal_id: uuid.UUID, *parts: object) -> str:
-    """The address of a meal's page in the study that is looked at, or of something below it."""
-    return study_address(page.study.code if page.study else "", "meals", participant, meal_id, *parts)
+def _conflict(page: Page, participant: str, meal_id: uuid.UUID, form: EventForm, status: int) -> Response:
+    """The meal as it stands by now, with what was said meanwhile and what was not written."""
+    context = context_of(page, participant, meal_id)
+    context["conflict"] = conflict_of(context["story"], form)
+    return page.render("meal_body.html" if page.is_fragment else "meal.html", status=status, **context)
 
 
 def wants_json(page: Page) -> bool:

@@ -1,0 +1,193 @@
+// The page of one meal: outlines and cards light up together, foods are searched as one types, outlines are drawn.
+import { startDrawing } from "./outline-editor.js";
+
+const SVG = "http://www.w3.org/2000/svg";
+
+// --- outline and card light up together
+
+function light(id) {
+  for (const element of document.querySelectorAll(".meal [data-item]")) {
+    element.classList.toggle("lit", element.dataset.item === id);
+  }
+}
+for (const kind of ["mouseover", "focusin"]) {
+  document.addEventListener(kind, (event) => light(event.target.closest?.(".meal [data-item]")?.dataset.item));
+}
+
+// --- what stays open when the section is made anew: details that one reads in
+
+document.addEventListener("htmx:before:morph:attr", (event) => {
+  if (event.detail?.attrName === "open" && event.target.matches?.("details[data-keep]")) event.preventDefault();
+});
+
+// a refusal is told at the head of the page: bring it into view
+document.addEventListener("htmx:after:swap", () => {
+  document.querySelector("#problem .refused, #conflict")?.scrollIntoView({ block: "nearest" });
+  afterSwap();
+});
+
+// --- foods, as options of a combobox
+
+let search; // the running one
+
+async function offer(box, input, list) {
+  search?.abort();
+  search = new AbortController();
+  const words = input.value.trim();
+  if (!words) return close(input, list);
+  try {
+    const answer = await fetch(`${box.dataset.foods}&q=${encodeURIComponent(words.slice(0, 100))}`, {
+      headers: { Accept: "text/html", "HX-Request": "true" },
+      signal: search.signal,
+    });
+    if (!answer.ok) return close(input, list);
+    const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+    list.replaceChildren(...page.body.childNodes);
+    list.hidden = false;
+    input.setAttribute("aria-expanded", "true");
+  } catch (error) {
+    if (error.name !== "AbortError") close(input, list);
+  }
+}
+
+function close(input, list) {
+  list.hidden = true;
+  list.replaceChildren();
+  input.setAttribute("aria-expanded", "false");
+  input.removeAttribute("aria-activedescendant");
+}
+
+function mark(input, option) {
+  for (const one of option.parentElement.children) one.setAttribute("aria-selected", String(one === option));
+  input.setAttribute("aria-activedescendant", option.id);
+  option.scrollIntoView({ block: "nearest" });
+}
+
+function choose(box, option) {
+  const input = box.querySelector("[role=combobox]");
+  input.value = option.dataset.name;
+  box.querySelector("input[name=food]").value = option.dataset.key;
+  close(input, box.querySelector("[role=listbox]"));
+}
+
+let typing;
+document.addEventListener("input", (event) => {
+  const input = event.target;
+  const box = input.closest(".combobox");
+  if (!box || !input.matches("[role=combobox]")) return;
+  box.querySelector("input[name=food]").value = ""; // what is typed now is not what was chosen
+  clearTimeout(typing);
+  typing = setTimeout(() => offer(box, input, box.querySelector("[role=listbox]")), 180);
+});
+
+document.addEventListener("keydown", (event) => {
+  const input = event.target;
+  if (!input.matches?.(".combobox [role=combobox]")) return;
+  const box = input.closest(".combobox");
+  const list = box.querySelector("[role=listbox]");
+  if (list.hidden) return;
+  const options = [...list.querySelectorAll("[role=option]")];
+  const at = options.findIndex((one) => one.getAttribute("aria-selected") === "true");
+  if (event.key === "ArrowDown" || event.key === "ArrowUp") {
+    event.preventDefault();
+    const step = event.key === "ArrowDown" ? 1 : -1;
+    if (options.length) mark(input, options[(at + step + options.length + (at < 0 && step < 0 ? 1 : 0)) % options.length]);
+  } else if (event.key === "Enter" && at >= 0) {
+    event.preventDefault();
+    choose(box, options[at]);
+  } else if (event.key === "Escape") {
+    event.preventDefault();
+    close(input, list);
+  }
+});
+
+document.addEventListener("mousedown", (event) => {
+  const option = event.target.closest(".combobox [role=option]");
+  if (!option) return;
+  event.preventDefault(); // the input keeps the focus
+  choose(option.closest(".combobox"), option);
+});
+
+document.addEventListener("focusout", (event) => {
+  if (!event.target.matches?.(".combobox [role=combobox]")) return;
+  close(event.target, event.target.closest(".combobox").querySelector("[role=listbox]"));
+});
+
+// --- an outline is drawn in the left photograph
+
+document.addEventListener("click", (event) => {
+  const button = event.target.closest("[data-draw-start]");
+  if (!button) return;
+  const field = button.closest(".outline-field");
+  const svg = document.querySelector('svg[data-photograph="left"]');
+  startDrawing(svg, field.querySelector("textarea"), button);
+});
+
+// --- what the run's scene knows: outlines in the right photograph, the marker's corners in both
+
+let scene; // of the page's run, fetched once
+
+async function drawScene() {
+  const told = document.getElementById("scene-of-photographs");
+  if (!told) return;
+  const wanted = JSON.parse(told.textContent);
+  try {
+    if (scene?.address !== wanted.scene) {
+      const answer = await fetch(wanted.scene);
+      if (!answer.ok) return;
+      scene = { address: wanted.scene, file: await answer.json() };
+    }
+  } catch {
+    return; // the outlines in the left photograph stand without it
+  }
+  for (const side of ["left", "right"]) {
+    const group = document.querySelector(`svg[data-photograph="${side}"] [data-corners]`);
+    const arm = (group?.ownerSVGElement.viewBox.baseVal.width ?? 0) / 220;
+    group?.replaceChildren(...(scene.file.photographs?.[side]?.marker_corners_px ?? []).map((at) => cornerMark(at, arm)));
+  }
+  const right = document.querySelector('svg[data-photograph="right"]');
+  if (!right) return;
+  for (const old of right.querySelectorAll("a[data-item]")) old.remove();
+  const size = right.viewBox.baseVal.width / 28;
+  for (const item of scene.file.items ?? []) {
+    const shown = wanted.items[item.index];
+    if (shown && item.right_rings_px?.length) right.append(outline(item, shown, size));
+  }
+}
+
+function cornerMark([x, y], arm) {
+  const mark = document.createElementNS(SVG, "path");
+  mark.setAttribute("d", `M${x - arm} ${y} H${x + arm} M${x} ${y - arm} V${y + arm}`);
+  mark.setAttribute("vector-effect", "non-scaling-stroke");
+  return mark;
+}
+
+function outline(item, shown, size) {
+  const link = document.createElementNS(SVG, "a");
+  link.setAttribute("href", `#item-${shown.id}`);
+  link.setAttribute("class", `outline colour-${((shown.number - 1) % 6) + 1} ${item.right_rings_from === "shape" ? "reckoned" : ""}`);
+  link.dataset.item = shown.id;
+  link.setAttribute("aria-label", `Item ${shown.number} in the right photograph`);
+  const path = document.createElementNS(SVG, "path");
+  path.setAttribute("d", item.right_rings_px.map((ring) => `M${ring.map((point) => point.join(" ")).join(" L")} Z`).join(" "));
+  path.setAttribute("fill-rule", "evenodd");
+  path.setAttribute("vector-effect", "non-scaling-stroke");
+  const ring = item.right_rings_px[0];
+  const label = document.createElementNS(SVG, "text");
+  const middle = (axis) => ring.reduce((sum, point) => sum + point[axis], 0) / ring.length;
+  for (const [name, value] of Object.entries({ x: middle(0), y: middle(1), "font-size": size, "text-anchor": "middle", "dominant-baseline": "central", "aria-hidden": "true" })) {
+    label.setAttribute(name, String(value));
+  }
+  label.textContent = String(shown.number);
+  link.append(path, label);
+  return link;
+}
+
+function afterSwap() {
+  for (const button of document.querySelectorAll("[data-draw-start]")) {
+    button.hidden = !document.querySelector('svg[data-photograph="left"]');
+  }
+  drawScene();
+}
+
+afterSwap();

@@ -1,0 +1,54 @@
+"""A meal whole, for the page that shows one: how it stands, and all that came to that, read at one moment."""
+
+import uuid
+from dataclasses import dataclass
+
+from app.db.models import Device, Job, Recompute, Run
+from app.db.queries import meal_story, review
+from app.db.session import Database
+from app.services.caller import StaffCaller
+from app.services.meal_events import MAX_EVENTS
+from app.services.meal_history import HistoryRow
+from app.services.project_records import Projector
+from app.services.read_meal import MealView, find_meal, meal_view
+
+
+@dataclass(frozen=True, slots=True)
+class MealStory:
+    """view: as `read_meal` has it. The rest the oldest first.
+
+    events: all words of people, those taken back too. runs: of every purpose. jobs: a run has its job's id; one without
+    a run waits, or has failed. recomputes: those that touched the meal's foods. device: the phone that sent the meal.
+    """
+
+    view: MealView
+    events: tuple[HistoryRow, ...]
+    runs: tuple[Run, ...]
+    jobs: tuple[Job, ...]
+    recomputes: tuple[Recompute, ...]
+    device: Device | None
+
+    @property
+    def last_sequence(self) -> int:
+        """Number of the newest event; 0: nobody has said anything."""
+        return self.events[-1].event.sequence if self.events else 0
+
+
+def read_story(
+    database: Database, caller: StaffCaller, client_id: uuid.UUID, participant_code: str | None = None
+) -> MealStory:
+    """The meal with its story. Raises NotFoundError, ConflictError."""
+    with database.read() as session:
+        meal, participant, study = find_meal(session, caller, client_id, participant_code)
+        undone = review.undone_events(session, meal.id)
+        return MealStory(
+            view=meal_view(session, meal, participant, study, Projector(session)),
+            events=tuple(
+                HistoryRow(event, name or participant, str(event.id) in undone)
+                for event, name in review.page_of_events(session, meal.id, after=0, limit=MAX_EVENTS)
+            ),
+            runs=tuple(meal_story.runs_of(session, meal.id)),
+            jobs=tuple(meal_story.jobs_of(session, meal.id)),
+            recomputes=tuple(meal_story.recomputes_of(session, meal.id)),
+            device=session.get(Device, meal.device_id),
+        )

@@ -1,0 +1,236 @@
+"""The page of one meal: the API's figures and no others, what people say as text, and controls as the role reaches."""
+
+import re
+import uuid
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+
+import app.dashboard
+from app.api.pages import MEAL, POLLED
+from app.dashboard.flag_words import FLAGS
+from app.db.models import AuditEvent
+from tests import estimates
+from tests.estimates import found_item, identified_item, unmeasured_item
+from tests.integration.conftest import meal_metadata
+from tests.integration.dashboard.conftest import figures_of, text_of
+from tests.photographs import pair
+
+HTMX = {"HX-Request": "true"}
+DOCS = Path(app.dashboard.__file__).parents[2] / "docs"
+
+
+class Shown:
+    """A meal by its page and by the API."""
+
+    def __init__(self, phone, browser, meal_id, study="pilot", participant="P001"):
+        self.phone, self.browser, self.id = phone, browser, meal_id
+        self.path = f"/dashboard/studies/{study}/meals/{participant}/{meal_id}"
+
+    def html(self):
+        return self.browser.page(self.path)
+
+    def meal(self):
+        return self.phone.get(f"/v1/meals/{self.id}").json()
+
+    def say(self, kind, *, headers=None, **fields):
+        meal = self.meal()
+        form = {"id": str(uuid.uuid4()), "kind": kind, "version": meal["version"]}
+        if meal["items"]:
+            form["item"] = meal["items"][0]["id"]
+        return self.browser.post(f"{self.path}/events", headers=headers, **(form | fields))
+
+
+@pytest.fixture
+def show(state, phone, sign_in_browser):
+    """A meal of P001, estimated as said, as somebody sees it: show("reviewer", found_item())."""
+
+    def make(role, *items, browser=None, **changes):
+        metadata = meal_metadata(hints=[{"point": [30, 20], "food": "apple"}], app_version="1.4.0")
+        assert phone.post(pair(1), metadata).status_code == 202
+        if items or changes:
+            estimates.save(state, metadata["id"], *items, **changes)
+        return Shown(phone, browser or sign_in_browser(f"ann-{role}", pilot=role), metadata["id"])
+
+    return make
+
+
+def numbers_of(value):
+    """All numbers of an item as the API gives it, but where its outline is."""
+    if isinstance(value, dict):
+        return [n for key, one in value.items() if key != "polygon" for n in numbers_of(one)]
+    if isinstance(value, list):
+        return [n for one in value for n in numbers_of(one)]
+    return [float(value)] if isinstance(value, int | float) and not isinstance(value, bool) else []
+
+
+def test_every_figure_of_the_api_is_on_the_page_whole(show):
+    seen = show("viewer", identified_item({"pear": 0.62, "apple": 0.3}, none=0.08, hint=0), unmeasured_item(hint=None))
+    meal, figures = seen.meal(), set(figures_of(seen.html()))
+    expected = numbers_of(meal["items"]) + numbers_of(meal["totals"])
+    assert len(expected) > 100
+    missing = [number for number in expected if number not in figures and number != meal["totals"]["unmeasured_items"]]
+    assert missing == []
+    assert set(meal["run"]["stages"].values()) <= figures
+    assert "1 of the items have no known mass" in text_of(seen.html())
+
+
+def test_json_of_the_page_is_the_apis(show):
+    seen = show("viewer", found_item())
+    assert seen.browser.get(seen.path, format="json").json() == seen.meal()
+
+
+def test_what_people_wrote_is_text(client, admin, show):
+    tart = {"key": "odd", "name": "<script>alert(1)</script>", "group": "x", "form": "slab", "reason": "test"}
+    assert client.post("/v1/foods", headers=admin, json=tart).status_code == 201
+    seen = show("reviewer", found_item())
+    assert seen.say("set_food", food="odd").status_code == 303
+    assert seen.say("comment", text='<img src=x onerror="alert(1)">\n</script>').status_code == 303
+    html = seen.html()
+    assert "<script>alert(1)" not in html
+    assert "<img src=x" not in html
+    assert "&lt;img src=x onerror=" in html
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in html
+
+
+@pytest.mark.parametrize(("role", "forms"), [("viewer", 0), ("reviewer", 1), ("owner", 2)])
+def test_controls_are_as_the_role_reaches(show, role, forms):
+    html = show(role, found_item()).html()
+    assert ('name="kind" value="confirm"' in html) is (forms >= 1)
+    assert ("/erasure" in html) is (forms >= 2)
+    assert "/events" in html or forms == 0
+
+
+def test_history_tells_runs_and_words_with_old_and_new_values(show):
+    seen = show("reviewer", found_item(volume_ml=185.0))
+    seen.say("set_volume", volume_ml="120")
+    seen.say("question", text="Was it yours?")
+    event = seen.phone.get(f"/v1/meals/{seen.id}/events").json()["items"][0]
+    seen.say("undo", event=event["id"], item="")
+    text = text_of(seen.html())
+    assert "Estimate of the meal" in text
+    assert re.search(r"Volume .{0,80}ann-reviewer .{0,40}taken back .{0,30}185 ml → 120 ml", text), text[-3000:]
+    assert "Was it yours?" in text
+    assert "Taken back" in text
+    assert seen.meal()["items"][0]["volume_ml"] == 185.0
+
+
+@pytest.mark.parametrize("asks", ["browser", "htmx"])
+def test_conflict_tells_what_changed_and_lets_one_say_it_again(show, sign_in_browser, asks):
+    ann = show("reviewer", found_item())
+    seen = ann.meal()["version"]
+    bob = Shown(ann.phone, sign_in_browser("bob", pilot="reviewer"), ann.id)
+    assert bob.say("set_food", food="pear").status_code == 303
+    answer = ann.say("set_mass", version=seen, mass_g="150", headers=HTMX if asks == "htmx" else None)
+    assert answer.status_code == 412
+    assert ("<!doctype html>" in answer.text) is (asks == "browser")
+    notice = text_of(answer.text[answer.text.index('id="conflict"') :])[:900]
+    assert re.search(r"Food .{0,40}bob .{0,60}Apple, raw, with skin → .{0,20}Pear", notice), notice
+    assert "You wanted: Mass , grams 150" in notice
+    assert ann.meal()["items"][0]["food"]["key"] == "pear"
+    again = dict(re.findall(r'name="(\w+)" value="([^"]*)"', answer.text.split('id="conflict"')[1].split("</form>")[0]))
+    assert ann.browser.post(f"{ann.path}/events", **again).status_code == 303
+    item = ann.meal()["items"][0]
+    assert (item["food"]["key"], item["mass_g"]) == ("pear", 150.0)
+
+
+def test_word_is_answered_with_the_section_as_it_stands_by_then(show):
+    seen = show("reviewer", found_item())
+    answer = seen.say("confirm", headers=HTMX)
+    assert answer.status_code == 200
+    assert answer.text.lstrip().startswith('<div id="meal"')
+    assert f'name="version" value="{seen.meal()["version"]}"' in answer.text
+    assert "status-confirmed" in answer.text
+    refused = seen.say("set_mass", mass_g="heavy", headers=HTMX)
+    assert (refused.status_code, refused.headers["hx-retarget"]) == (422, "#problem")
+
+
+def test_meal_is_found_only_below_its_study_and_its_participant(enrol, sign_in_browser):
+    phones = {study: enrol("P001", study=study) for study in ("pilot", "second")}
+    enrol("P002")
+    meal = phones["second"].post(pair(3)).json()["id"]
+    ann = sign_in_browser("ann", pilot="owner", second="owner")
+    assert ann.get(f"/dashboard/studies/second/meals/P001/{meal}").status_code == 200
+    for path in (f"pilot/meals/P001/{meal}", f"second/meals/P002/{meal}", f"second/meals/P001/{uuid.uuid4()}"):
+        assert ann.get(f"/dashboard/studies/{path}").status_code == 404, path
+    answer = ann.post(f"/dashboard/studies/pilot/meals/P001/{meal}/erasure", typed="P001")
+    assert answer.status_code == 404
+    assert ann.get(f"/dashboard/studies/second/meals/P001/{meal}").status_code == 200
+
+
+def test_meal_is_erased_only_when_its_participants_code_was_typed(show):
+    seen = show("owner", found_item())
+    answer = seen.browser.post(f"{seen.path}/erasure", typed="P002")
+    assert (answer.status_code, "Nothing was erased" in answer.text) == (422, True)
+    assert seen.meal()["status"] == "estimated"
+    answer = seen.browser.post(f"{seen.path}/erasure", typed="P001")
+    assert (answer.status_code, answer.headers["location"]) == (303, "/dashboard/studies/pilot/meals")
+    assert seen.browser.get(seen.path).status_code == 404
+
+
+def test_photograph_of_the_page_is_noted_and_not_made_again_for_who_has_it(state, show):
+    seen = show("viewer", found_item())
+
+    def readings():
+        with state.database.read() as session:
+            noted = sa.select(sa.func.count()).where(AuditEvent.action == "photograph.read")
+            return session.scalar(noted)
+
+    answer = seen.browser.get(f"{seen.path}/images/left", width=64)
+    assert (answer.status_code, answer.headers["content-type"], readings()) == (200, "image/jpeg", 1)
+    tag = {"If-None-Match": answer.headers["etag"]}
+    assert seen.browser.get(f"{seen.path}/images/left", headers=tag, width=64).status_code == 304
+    assert readings() == 1
+    assert seen.browser.get(f"{seen.path}/images/attic").status_code == 422
+    assert seen.browser.get(f"{seen.path}/artefacts/points.jpg").status_code == 404
+
+
+def test_page_follows_a_meal_until_it_is_estimated_and_keeps_no_session_alive_by_it(state, show):
+    seen = show("viewer")
+    assert f'hx-get="{seen.path}/state"' in seen.html()
+    polled = seen.browser.get(f"{seen.path}/state", headers=HTMX)
+    assert (polled.status_code, "queued" in polled.text, "hx-get" in polled.text) == (200, True, True)
+    assert ("GET", f"{MEAL}/state") in POLLED
+    estimates.save(state, seen.id, found_item())
+    polled = seen.browser.get(f"{seen.path}/state", headers=HTMX)
+    assert (polled.status_code, polled.headers["hx-refresh"]) == (204, "true")
+    assert "/state" not in seen.html()
+
+
+def test_failed_meal_says_why_and_what_to_do_and_is_estimated_again_at_a_reviewers_word(show):
+    failure = {"code": "marker_not_found", "message": "The marker was not found.", "advice": "Lay it flat."}
+    seen = show("reviewer", failure=failure)
+    text = text_of(seen.html())
+    assert "The marker was not found. Lay it flat." in text
+    assert "marker_not_found" in text
+    answer = seen.browser.post(f"{seen.path}/retry")
+    assert (answer.status_code, answer.headers["location"]) == (303, seen.path)
+    assert seen.meal()["status"] == "queued"
+    assert seen.browser.post(f"{seen.path}/cancel").status_code == 303
+    assert seen.meal()["failure"]["code"] == "cancelled"
+
+
+def test_meal_that_was_told_in_words_and_one_that_is_not_complete_have_pages(client, phone, sign_in_browser):
+    ann = sign_in_browser("ann", pilot="reviewer")
+    told = meal_metadata(items=[{"food": "apple"}])
+    assert client.post("/v1/declared-meals", headers=phone.headers, json=told).status_code == 201
+    assert "told in words" in ann.page(f"/dashboard/studies/pilot/meals/P001/{told['id']}")
+    half = meal_metadata()
+    body = {key: value for key, value in half.items() if key != "id"}
+    assert phone.put(f"/v1/meals/{half['id']}", json=body).status_code == 202
+    page = ann.page(f"/dashboard/studies/pilot/meals/P001/{half['id']}")
+    assert text_of(page).count("This photograph has not arrived.") == 2
+
+
+def test_every_flag_that_the_docs_know_is_explained():
+    told = {
+        flag
+        for name in ("flags.md", "after-meal.md", "review.md")
+        for cell in re.findall(r"^\| ((?:`[a-z_]+`(?:, )?)+) \|", (DOCS / name).read_text(), re.MULTILINE)
+        for flag in re.findall(r"`([a-z_]+)`", cell)
+    }
+    kinds = {"confirm", "reject", "split", "merge", "add", "declare", "undo", "redraw", "comment", "question", "answer"}
+    flags = {flag for flag in told if not flag.startswith(("set_", "confirm", "nothing"))} - kinds
+    assert len(flags) > 20
+    assert flags <= set(FLAGS)
