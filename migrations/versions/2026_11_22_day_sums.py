@@ -91,7 +91,7 @@ def upgrade() -> None:
     sums = [sa.Column(name, sa.Integer(), nullable=False) for name in COUNTS]
     items = [sa.Column(name, sa.Integer(), nullable=False) for name in ITEM_COUNTS]
     amounts = [
-        sa.Column(name, sa.Float(), nullable=True)
+        sa.Column(name, sa.Double(), nullable=True)
         for component in COMPONENTS
         for name in (component, f"{component}_coverage")
     ]
@@ -103,9 +103,9 @@ def upgrade() -> None:
         sa.Column("status", sa.String(16), nullable=False),
         sa.Column("said_nothing", sa.Boolean(), nullable=False),
         *sums,
-        sa.Column("median_upload_delay_seconds", sa.Float(), nullable=True),
+        sa.Column("median_upload_delay_seconds", sa.Double(), nullable=True),
         *items,
-        sa.Column("consumed_g", sa.Float(), nullable=True),
+        sa.Column("consumed_g", sa.Double(), nullable=True),
         *amounts,
         sa.CheckConstraint("status IN ('open', 'closed')", name=op.f("ck_day_sum_status")),
         sa.ForeignKeyConstraint(

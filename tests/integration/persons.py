@@ -32,10 +32,10 @@ from app.db.models import (
     Webhook,
     WebhookDelivery,
 )
+from app.db.queries import day_sums
 from app.db.queries.jobs import DBOS_SCHEMA
 from app.db.queries.privacy import WORKFLOW_TABLES
 from app.services.caller import sha256_hex
-from app.services.day_sums import compare_days
 from app.services.rebuild_records import rebuild_records
 from app.vision.vcm import LENGTH, VCM_VERSION
 from tests import estimates
@@ -69,8 +69,9 @@ class Person:
         estimates.save(state, self.metadata["id"], found_item(hint=0))
         self._fill(state)
         rebuild_records(state.database, write=True)
-        compare_days(state.database, write=True)
-        with state.database.write() as session:  # and a change that is not in the day's sums yet
+        with state.database.write() as session:  # their day's sums, and a change that is not in them yet
+            marks = day_sums.newest_marks(session, 1000)
+            day_sums.write_sums(session, [mark for mark in marks if mark.participant_id == self.participant_id])
             session.get_one(Meal, self.meal_id).status = "needs_review"
         self.rows = {table: sorted(keys - before[table]) for table, keys in all_keys(state.database).items()}
 

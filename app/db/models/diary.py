@@ -137,7 +137,7 @@ class DayMark(Base):
 
     __tablename__ = "day_mark"
 
-    id: Mapped[int] = mapped_column(BigId, primary_key=True)
+    id: Mapped[int] = mapped_column(BigId, primary_key=True, autoincrement=True)
     participant_id: Mapped[uuid.UUID]
     local_date: Mapped[date]
     study_id: Mapped[uuid.UUID]

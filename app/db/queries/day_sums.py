@@ -12,7 +12,7 @@ from app.db.models import DayMark, DaySum, DiaryDay, Meal, Participant
 from app.db.queries.day_definition import COLUMNS, counted_days
 
 WRITER_LOCK = 4_738_112  # of who writes sums, on PostgreSQL: any number, ours alone
-OF_ONE_TURN = 500  # marks: SQLite's other writers wait for no more than their days
+OF_ONE_TURN = 200  # marks: SQLite's other writers wait for no more than their days
 
 DayOf = tuple[uuid.UUID, date]  # participant, local day
 
