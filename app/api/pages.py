@@ -46,6 +46,9 @@ PAGES: Mapping[Call, Call] = {
     ("POST", f"{MEAL}/cancel"): ("POST", "/v1/meals/{meal_id}/cancel"),
     ("POST", f"{MEAL}/erasure"): ("DELETE", "/v1/meals/{meal_id}"),
     ("GET", f"{PREFIX}/studies/{{study}}/foods"): STUDY,
+    # the review queue
+    ("GET", f"{STUDY_PAGES}/review"): ("GET", "/v1/studies/{study}/review-queue"),
+    ("GET", f"{STUDY_PAGES}/review/{{participant}}/{{meal_id}}"): ("GET", "/v1/studies/{study}/review-queue"),
     # protocol
     ("GET", f"{STUDY_PAGES}/settings"): STUDY,
     ("POST", f"{STUDY_PAGES}/settings"): ("PATCH", "/v1/studies/{study}"),

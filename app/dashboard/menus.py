@@ -16,6 +16,7 @@ class Entry:
 
 
 STUDY: tuple[Entry, ...] = (
+    Entry(("review",), "Review", "reviewer"),
     Entry(("devices",), "Devices"),
     Entry(("members",), "Members", "owner"),
     Entry(("webhooks",), "Webhooks", "owner"),

@@ -33,14 +33,19 @@ def read_queue(database: Database, chosen: QueueFilter, *, cursor: str | None, l
 
     An item whose doubt changes between two pages may come twice or not at all: a reviewer starts at the head again.
     """
-    listed = f"review-queue/{sorted((name, str(value)) for name, value in asdict(chosen).items())}"
-    after = decode_cursor(listed, cursor, NUMBER, ID)
     with database.read() as session:
-        rows = review.page_of_queue(session, chosen, after=after, limit=limit + 1)
-        shown = _with_candidates(session, rows[:limit])
+        page = read_rows(session, chosen, cursor=cursor, limit=limit)
+        return Page(_with_candidates(session, page.rows), page.cursor)
+
+
+def read_rows(session: Session, chosen: QueueFilter, *, cursor: str | None, limit: int) -> Page[QueueRow]:
+    """A page of the queue's rows alone; what is shown of each, `read_queue` and review_items.py add. Raises as it."""
+    listed = f"review-queue/{sorted((name, str(value)) for name, value in asdict(chosen).items())}"
+    rows = review.page_of_queue(session, chosen, after=decode_cursor(listed, cursor, NUMBER, ID), limit=limit + 1)
+    shown = rows[:limit]
     if len(rows) <= limit:
         return Page(shown, None)
-    last = shown[-1].row.record
+    last = shown[-1].record
     return Page(shown, encode_cursor(listed, last.doubt, last.item_id))
 
 

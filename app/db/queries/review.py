@@ -1,12 +1,13 @@
 """SQL of review: a meal's history, questions to a participant, and the queue of items by doubt."""
 
 import uuid
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import EffectiveRecord, Food, Meal, MealEvent, Participant, Staff
+from app.db.models import EffectiveRecord, Food, Meal, MealEvent, MealImage, Participant, Staff
 from app.db.models.record import RECORD_STATUSES
 from app.db.queries.record_pages import MOST_BRANCHES, food_ids, participants_of
 
@@ -85,6 +86,20 @@ def page_of_queue(
         .order_by(page.c.doubt.desc(), page.c.item_id.desc())
     )
     return [QueueRow(*row) for row in session.execute(query)]
+
+
+def count_queue(session: Session, chosen: QueueFilter, most: int) -> int:
+    """How many items wait for a reviewer, counted up to `most`: no more of an index is read."""
+    page = queue_keys(session, chosen, after=None, limit=most)
+    return 0 if page is None else session.scalar(sa.select(sa.func.count()).select_from(page)) or 0
+
+
+def left_photographs(session: Session, meal_ids: Collection[uuid.UUID]) -> dict[uuid.UUID, MealImage]:
+    """Meal -> its left photograph, of those that have one that is not erased."""
+    query = sa.select(MealImage).where(
+        MealImage.meal_id.in_(list(meal_ids)), MealImage.slot == "left", MealImage.erased_at.is_(None)
+    )
+    return {image.meal_id: image for image in session.scalars(query)}
 
 
 def queue_keys(

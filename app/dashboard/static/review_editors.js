@@ -1,0 +1,97 @@
+// The fields of the review page: one at a time, in the card that is shown; Esc leaves, Enter saves.
+
+import { foodSearch } from "./review_food.js";
+
+const MOST = 20_000; // grams or millilitres, as the API has it
+
+// A number as people type it, "120,5" too; null: none that is meant.
+export function typedNumber(text) {
+  const plain = text.trim().replace(/\s/g, "").replace(",", ".");
+  if (!/^\d*\.?\d+$|^\d+\.$/.test(plain)) return null;
+  const value = Number(plain);
+  return value > 0 && value <= MOST ? value : null;
+}
+
+export function editors(root, { foods, say }) {
+  const forms = Object.fromEntries([...root.querySelectorAll("[data-editor]")].map((form) => [form.dataset.editor, form]));
+  let taken = () => {};
+  const input = forms.food.querySelector("input");
+  const search = foodSearch(input, root.querySelector("#review-foods"), foods, (key, name) => {
+    close();
+    taken("food", { key, name });
+  });
+
+  function close() {
+    for (const form of Object.values(forms)) {
+      if (form.hidden) continue;
+      form.hidden = true;
+      root.append(form); // out of the card, which may be replaced
+    }
+    search.close();
+  }
+
+  // The card was drawn anew while one typed: the field goes along.
+  function moveTo(card) {
+    const form = Object.values(forms).find((one) => !one.hidden);
+    if (!form) return false;
+    const field = document.activeElement;
+    card.querySelector("[data-editor-place]").append(form);
+    if (form.contains(field)) field.focus();
+    return true;
+  }
+
+  // onTaken(editor, value): what was said in it.
+  function open(name, card, onTaken) {
+    close();
+    taken = onTaken;
+    const form = forms[name];
+    card.querySelector("[data-editor-place]").append(form);
+    form.hidden = false;
+    if (name === "food") input.value = "";
+    if (name === "mass" || name === "volume") {
+      const value = card.dataset[name];
+      form.querySelector("input").value = value === "" ? "" : String(Number(Number(value).toPrecision(4)));
+    }
+    if (name === "comment") form.querySelector("textarea").value = "";
+    const field = form.querySelector("input, textarea");
+    field?.focus();
+    field?.select();
+    form.scrollIntoView({ block: "nearest" });
+  }
+
+  for (const name of ["mass", "volume"]) {
+    forms[name].addEventListener("submit", (event) => {
+      event.preventDefault();
+      const field = forms[name].querySelector("input");
+      const value = typedNumber(field.value);
+      field.setAttribute("aria-invalid", String(value === null));
+      if (value === null) {
+        say(`A number above 0 and at most ${MOST}: “${field.value}” is none.`);
+        field.select();
+        return;
+      }
+      const of = forms[name].querySelector("select")?.value;
+      close();
+      taken(name, name === "mass" ? { mass_g: String(value), of } : { volume_ml: String(value) });
+    });
+    // a form with one field is sent by Enter; with two it wants a button, which there is no room for
+    forms[name].addEventListener("keydown", (event) => {
+      if (event.key !== "Enter" || event.repeat) return;
+      event.preventDefault();
+      forms[name].requestSubmit();
+    });
+  }
+  forms.food.addEventListener("submit", (event) => event.preventDefault());
+  forms.comment.addEventListener("submit", (event) => {
+    event.preventDefault();
+    const text = forms.comment.querySelector("textarea").value.trim();
+    if (text) taken("comment", { text });
+  });
+  forms.comment.addEventListener("keydown", (event) => {
+    if (event.key === "Enter" && (event.ctrlKey || event.metaKey)) {
+      event.preventDefault();
+      forms.comment.requestSubmit();
+    }
+  });
+  return { open, close, moveTo };
+}

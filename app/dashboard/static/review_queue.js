@@ -1,0 +1,204 @@
+// The review queue's logic, without a page: which item is shown, what was decided, and that no decision is lost.
+//
+// A decision moves on at once and is sent behind the reviewer's back; words about one meal go one after the other, each
+// with the meal's version that its item was shown with. What is refused brings its item back. tests/e2e/test_review_logic.py
+
+export const RETRY_MS = [400, 1500, 4000]; // after a server that did not answer, or asked to be asked again
+
+const OPEN = new Set(["waiting"]);
+
+// An id as the API wants it; crypto.randomUUID is missing where the server is reached by plain HTTP.
+export function newId() {
+  const bytes = crypto.getRandomValues(new Uint8Array(16));
+  bytes[6] = (bytes[6] & 0x0f) | 0x40;
+  bytes[8] = (bytes[8] & 0x3f) | 0x80;
+  const hex = Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
+  return [hex.slice(0, 8), hex.slice(8, 12), hex.slice(12, 16), hex.slice(16, 20), hex.slice(20)].join("-");
+}
+
+const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+
+// send(entry, word): says a word about an item, resolves to {version}, rejects with {status, code, message, retryable}.
+// Called when something has moved: changed(); a decision was not saved: returned(entry, decision, problem); a decision
+// was taken back, or could not be: undone(entry, problem or null).
+export class ReviewQueue {
+  #entries = new Map(); // by id
+  #order = [];
+  #decisions = []; // of this reviewer, the newest last; those that failed are out
+  #chains = new Map(); // meal -> what is under way, settled or not
+  #on;
+  #retryMs;
+
+  constructor({ send, changed = () => {}, returned = () => {}, undone = () => {}, retryMs = RETRY_MS }) {
+    this.#on = { send, changed, returned, undone };
+    this.#retryMs = retryMs;
+    this.currentId = null;
+    this.pending = 0;
+  }
+
+  // Items behind those that are there: {id, meal, version}. Those that are known already are passed over: an item that
+  // moved while the queue was paged comes twice. Returns the ids that are new.
+  add(items) {
+    const fresh = items.filter((item) => !this.#entries.has(item.id));
+    for (const item of fresh) {
+      this.#entries.set(item.id, { ...item, state: "waiting", problem: null });
+      this.#order.push(item.id);
+    }
+    if (this.currentId === null && fresh.length) this.currentId = fresh[0].id;
+    return fresh.map((item) => item.id);
+  }
+
+  entry(id) {
+    return this.#entries.get(id);
+  }
+
+  get current() {
+    return this.#entries.get(this.currentId) ?? null;
+  }
+
+  count(...states) {
+    let found = 0;
+    for (const entry of this.#entries.values()) if (states.includes(entry.state)) found += 1;
+    return found;
+  }
+
+  // The items that are shown next, the nearest first.
+  upcoming(most) {
+    const start = this.#order.indexOf(this.currentId);
+    return this.#order.slice(start + 1).filter((id) => OPEN.has(this.entry(id).state)).slice(0, most);
+  }
+
+  canUndo() {
+    return this.#decisions.length > 0;
+  }
+
+  // word: {kind, ...} as the events' form has it. stays: there is more to say of the item.
+  decide(id, word, { stays = false } = {}) {
+    const entry = this.entry(id);
+    const decision = { entry, word: { id: newId(), ...word }, isFailed: false };
+    entry.state = stays ? "waiting" : "sent";
+    entry.problem = null;
+    this.#decisions.push(decision);
+    this.#inTurn(entry.meal, () => this.#carryOut(decision));
+    if (!stays) this.#goOn(id);
+    this.#on.changed();
+    return decision;
+  }
+
+  // A word that decides nothing: a comment. Resolves when it is saved.
+  remark(id, word) {
+    const entry = this.entry(id);
+    return this.#inTurn(entry.meal, () => this.#deliver(entry, { id: newId(), ...word }));
+  }
+
+  // Passed over for now, without a word: it comes again when the queue is begun anew.
+  skip(id) {
+    this.entry(id).state = "skipped";
+    this.#goOn(id);
+    this.#on.changed();
+  }
+
+  // Take the last decision back and show its item: whatever is shown now waits. Returns the item's entry, or null.
+  undo() {
+    const decision = this.#decisions.pop();
+    if (!decision) return null;
+    const { entry } = decision;
+    entry.state = "waiting";
+    entry.problem = null;
+    this.currentId = entry.id;
+    this.#inTurn(entry.meal, async () => {
+      if (decision.isFailed) return; // it was never written; its item is back already
+      try {
+        await this.#deliver(entry, { id: newId(), kind: "undo", event: decision.word.id });
+        this.#on.undone(entry, null);
+      } catch (problem) {
+        entry.problem = problem;
+        this.#on.undone(entry, problem);
+      }
+    });
+    this.#on.changed();
+    return entry;
+  }
+
+  // One item on, or back, whatever was decided of it.
+  step(direction) {
+    const shown = this.#order.filter((id) => this.entry(id).state !== "gone");
+    const here = shown.indexOf(this.currentId);
+    const found = here === -1 ? (direction < 0 ? shown.at(-1) : undefined) : shown[here + direction];
+    if (found === undefined) return false;
+    this.currentId = found;
+    this.#on.changed();
+    return true;
+  }
+
+  // Somebody else has settled it, or it is no more: it is not shown again.
+  drop(id) {
+    this.entry(id).state = "gone";
+    this.entry(id).problem = null;
+    if (this.currentId === id) this.#goOn(id);
+    this.#on.changed();
+  }
+
+  // To the next that waits; at the end, to those that were passed by.
+  #goOn(from) {
+    const at = this.#order.indexOf(from);
+    const round = [...this.#order.slice(at + 1), ...this.#order.slice(0, at)];
+    this.currentId = round.find((id) => OPEN.has(this.entry(id).state)) ?? null;
+  }
+
+  // Read an item anew behind all that is being said of its meal: work() resolves to its version.
+  read(id, work) {
+    const { meal } = this.entry(id);
+    return this.#inTurn(meal, async () => (this.entry(id).version = await work()), 0);
+  }
+
+  #inTurn(meal, work, words = 1) {
+    this.pending += words;
+    const done = (this.#chains.get(meal) ?? Promise.resolve()).then(work).finally(() => {
+      this.pending -= words;
+      if (words) this.#on.changed();
+    });
+    this.#chains.set(meal, done.catch(() => {}));
+    return done;
+  }
+
+  async #carryOut(decision) {
+    const { entry } = decision;
+    try {
+      await this.#deliver(entry, decision.word);
+      if (entry.state === "sent") entry.state = "decided";
+    } catch (problem) {
+      decision.isFailed = true;
+      this.#decisions = this.#decisions.filter((other) => other !== decision);
+      this.#bringBack(entry, problem);
+      this.#on.returned(entry, decision, problem);
+    }
+  }
+
+  // Behind the item that is shown, so that no key that was meant for that one falls on this one; at once, if none is.
+  #bringBack(entry, problem) {
+    entry.state = "waiting";
+    entry.problem = problem;
+    if (this.currentId === null) this.currentId = entry.id;
+    if (this.currentId === entry.id) return;
+    this.#order = this.#order.filter((id) => id !== entry.id);
+    this.#order.splice(this.#order.indexOf(this.currentId) + 1, 0, entry.id);
+  }
+
+  // The same word, with the same id, until there is an answer: said twice, it is one word.
+  async #deliver(entry, word) {
+    const version = entry.version;
+    for (let tried = 0; ; tried += 1) {
+      try {
+        const answer = await this.#on.send(entry, { ...word, version });
+        for (const other of this.#entries.values()) {
+          if (other.meal === entry.meal && other.version === version) other.version = answer.version;
+        }
+        return answer;
+      } catch (problem) {
+        if (!problem.retryable || tried >= this.#retryMs.length) throw problem;
+        await pause(this.#retryMs[tried]);
+      }
+    }
+  }
+}

@@ -1,0 +1,52 @@
+// What the review page sends and reads: a word about an item, and cards as the server draws them.
+
+const KEEPALIVE_BYTES = 60_000; // browsers send no more of it after a page was left
+
+class Problem extends Error {
+  constructor({ status = 0, code = "no_answer", message, retryable = false }) {
+    super(message);
+    Object.assign(this, { status, code, retryable });
+  }
+}
+
+const NO_ANSWER = "The server does not answer. Nothing was changed; it was tried several times.";
+
+async function ask(address, options) {
+  try {
+    return await fetch(address, options);
+  } catch {
+    throw new Problem({ message: NO_ANSWER, retryable: true });
+  }
+}
+
+// A word of the item that the card shows: resolves to {version} of the meal with it. Rejects with a Problem.
+export async function sendWord(card, word) {
+  const fields = { ...word, seen: card.dataset.seen };
+  if (word.kind !== "undo") fields.item = card.dataset.item;
+  const body = new URLSearchParams(fields);
+  const answer = await ask(card.dataset.events, {
+    method: "POST",
+    body,
+    headers: { Accept: "application/json" },
+    keepalive: body.toString().length < KEEPALIVE_BYTES,
+  });
+  const told = await answer.json().catch(() => ({}));
+  if (answer.ok && Number.isInteger(told.version)) return { version: told.version };
+  throw new Problem({
+    status: answer.status,
+    code: told.code,
+    message: told.detail ?? told.title ?? `The server answered ${answer.status}.`,
+    retryable: told.retryable === true || [502, 503, 504].includes(answer.status),
+  });
+}
+
+// A part of a page as a document of its own, in which no script runs. Rejects with a Problem.
+export async function fetchPart(address) {
+  const answer = await ask(address, { headers: { Accept: "text/html", "HX-Request": "true" } });
+  if (answer.headers.has("HX-Redirect")) {
+    throw new Problem({ status: 401, code: "unauthenticated", message: "The session has ended." });
+  }
+  const part = new DOMParser().parseFromString(await answer.text(), "text/html");
+  if (answer.ok) return part;
+  throw new Problem({ status: answer.status, message: part.body.textContent.replace(/\s+/g, " ").trim() });
+}

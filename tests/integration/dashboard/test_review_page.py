@@ -1,0 +1,148 @@
+"""The review page: its figures are those of the API's queue, and what it says is said by the API's service."""
+
+import html
+import re
+import uuid
+from urllib.parse import parse_qsl
+
+import pytest
+
+from tests import estimates
+from tests.estimates import found_item, identified_item, unmeasured_item
+from tests.integration.conftest import meal_metadata
+from tests.integration.dashboard.conftest import figures_of, text_of
+from tests.integration.reviewing import Speaker
+from tests.photographs import pair
+
+PAGE = "/dashboard/studies/pilot/review"
+QUEUE = "/v1/studies/pilot/review-queue"
+CARD = re.compile(r"<article class=\"card review-card\".*?</article>", re.DOTALL)
+FIGURES = re.compile(r"<dl class=\"figures review-figures\">.*?</dl>", re.DOTALL)
+
+
+@pytest.fixture
+def meal_of(state, enrol):
+    """An estimated meal of P001, of these items."""
+
+    def meal_of(*items, participant="P001", hint="apple", **changes):
+        body = meal_metadata(**({"hints": [{"point": [30, 20], "food": hint}]} if hint else {}), **changes)
+        assert enrol(participant).post(pair(), body).status_code == 202
+        estimates.save(state, body["id"], *items)
+        return body["id"]
+
+    return meal_of
+
+
+def cards_of(page):
+    return CARD.findall(page)
+
+
+def attribute(card, name):
+    return re.search(rf' data-{name}="([^"]*)"', card)[1]
+
+
+def test_cards_are_the_queue_of_the_api_figure_by_figure(client, admin, meal_of, sign_in_browser):
+    meal_of(identified_item({"apple": 0.6, "pear": 0.25}, none=0.1), hint=None)
+    meal_of(found_item(90.0, relative_sd={"pair": 0.0, "item": 0.2}))
+    meal_of(unmeasured_item())
+    rows = client.get(QUEUE, headers=admin).json()["items"]
+    cards = cards_of(sign_in_browser("ann", pilot="reviewer").page(PAGE))
+    assert [attribute(card, "item") for card in cards] == [row["item"] for row in rows]
+    for card, row in zip(cards, rows, strict=True):
+        meal = client.get(row["meal_href"], headers=admin).json()
+        (item,) = meal["items"]
+        energy = next((each["interval"] for each in item["nutrients"] if each["number"] == "208"), None)
+        shown = figures_of(FIGURES.search(card)[0])
+        told = [
+            (row["volume_ml"], row["volume_interval_ml"]),
+            (row["mass_g"], row["mass_interval_g"]),
+            (row["consumed_g"], row["consumed_interval_g"]),
+            (row["energy_kcal"], energy),
+        ]
+        wanted = [number for value, both in told for number in ([value, *both] if value is not None else [])]
+        assert shown == pytest.approx(wanted, rel=1e-12)
+        assert row["doubt"] in figures_of(card)
+        assert attribute(card, "version") == row["etag"].strip('"')
+        chances = [one["probability"] for one in row["candidates"] if one["probability"] is not None]
+        assert set(chances) <= set(figures_of(card))
+
+
+def test_filters_and_pages_are_those_of_the_api(client, admin, meal_of, sign_in_browser):
+    for number in range(14):
+        meal_of(found_item(100.0 + number), participant=f"P00{number % 2 + 1}")
+    browser = sign_in_browser("ann", pilot="reviewer")
+    rows = client.get(QUEUE, headers=admin).json()["items"]
+    first = browser.page(PAGE)
+    assert "14 items wait" in text_of(first)
+    path, _, query = html.unescape(attribute(first, "more")).partition("?")
+    part = browser.get(path, headers={"HX-Request": "true"}, **dict(parse_qsl(query))).text
+    assert "<html" not in part
+    assert [attribute(card, "item") for card in cards_of(first) + cards_of(part)] == [row["item"] for row in rows]
+    of_one = cards_of(browser.page(PAGE, participant="P002", status="", food="", min_doubt="", provisional=""))
+    assert {attribute(card, "who") for card in of_one} == {"P002"}
+    assert len(of_one) == 7
+    assert "No item waits for a reviewer by these filters" in browser.page(PAGE, food="banana")
+    assert browser.get(PAGE, min_doubt="2").status_code == 422
+
+
+def test_word_of_another_reviewer_is_told_with_the_item_as_it_stands(client, admin, meal_of, sign_in_browser):
+    meal = meal_of(found_item(), found_item(90.0))
+    browser = sign_in_browser("ann", pilot="reviewer")
+    first, second = cards_of(browser.page(PAGE))
+    again = {"item": attribute(first, "item"), "seen": attribute(first, "seen")}
+    assert "data-settled" not in browser.page(attribute(first, "again"), **again)
+    Speaker(client, admin, meal).say("set_mass", item=attribute(second, "item"), mass_g=77)
+    card = browser.page(attribute(first, "again"), **again)
+    assert "admin set the amount: 77 g (of another item)" in text_of(card)
+    assert "data-settled" not in card
+    assert int(attribute(card, "version")) == int(attribute(first, "version")) + 1
+    Speaker(client, admin, meal).say("set_food", item=attribute(first, "item"), food="pear")
+    card = browser.page(attribute(first, "again"), **again)
+    assert "admin set the food: pear" in text_of(card)
+    assert "data-settled" in card
+    unknown = again | {"item": str(uuid.uuid4())}
+    assert browser.get(attribute(first, "again"), **unknown).status_code == 404
+
+
+def test_own_word_settles_nothing_for_who_said_it(meal_of, sign_in_browser):
+    meal_of(found_item())
+    browser = sign_in_browser("ann", pilot="reviewer")
+    (card,) = cards_of(browser.page(PAGE))
+    fields = {"id": str(uuid.uuid4()), "kind": "set_food", "item": attribute(card, "item"), "food": "pear"}
+    fields |= {"version": attribute(card, "version"), "seen": attribute(card, "seen")}
+    answer = browser.post(attribute(card, "events"), headers={"Accept": "application/json"}, **fields)
+    assert answer.status_code == 201
+    again = browser.page(attribute(card, "again"), item=fields["item"], seen=fields["seen"])
+    assert "You set the food: pear" in text_of(again)
+    assert "data-settled" not in again
+    stale = fields | {"id": str(uuid.uuid4()), "kind": "confirm"}
+    stale.pop("food")
+    refused = browser.post(attribute(card, "events"), headers={"Accept": "application/json"}, **stale)
+    assert (refused.status_code, refused.json()["code"]) == (412, "precondition_failed")
+    assert cards_of(browser.get(PAGE).text) == []
+
+
+def test_names_and_notes_with_html_stay_text(client, admin, meal_of, sign_in_browser):
+    meal = meal_of(found_item())
+    browser = sign_in_browser("ann", pilot="reviewer")
+    (card,) = cards_of(browser.page(PAGE))
+    speaker = Speaker(client, admin, meal)
+    speaker.say("comment", item=attribute(card, "item"), text='<script>alert(1)</script>"><img src=x onerror=alert(1)>')
+    again = browser.page(attribute(card, "again"), item=attribute(card, "item"), seen=attribute(card, "seen"))
+    assert "<script>alert" not in again
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in again
+    assert "<img src=x" not in again
+
+
+def test_who_is_no_reviewer_sees_no_queue_and_another_study_has_none_of_its_items(
+    client, admin, meal_of, enrol, sign_in_browser
+):
+    meal_of(found_item())
+    enrol("P009", study="other")
+    (card,) = cards_of(sign_in_browser("ann", pilot="reviewer", other="reviewer").page(PAGE))
+    assert sign_in_browser("eve", pilot="viewer").get(PAGE).status_code == 403
+    stranger = sign_in_browser("zoe", other="owner")
+    assert stranger.get(PAGE).status_code == 404
+    elsewhere = attribute(card, "again").replace("/pilot/", "/other/")
+    assert stranger.get(elsewhere, item=attribute(card, "item")).status_code == 404
+    assert sign_in_browser("root", is_admin=True).get(elsewhere, item=attribute(card, "item")).status_code == 404
