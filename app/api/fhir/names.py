@@ -1,7 +1,7 @@
 """Names in FHIR: this server's URLs, its systems of identifiers and codes, and the ids of Patients.
 
 A Patient's id is made of codes alone, STUDY.CODE, so that no further name of a person is made that would outlive the
-code's being taken away (docs/decisions/0015). FHIR's ids know no underscore: it is written as two dots; a code begins
+code's being taken away (docs/decisions/0016). FHIR's ids know no underscore: it is written as two dots; a code begins
 with a letter or digit and has no dot, so that it can be read back.
 """
 

@@ -11,8 +11,8 @@ from typing import Any
 
 from app.api.fhir.names import ABSENT, ABSENT_CODES, FOOD_DATA_CENTRAL, TIME_ZONE, UCUM, Names, patient_id
 from app.db.models import EffectiveRecord, Participant
-from app.db.queries.fhir_intakes import IntakeFood, IntakeRow
-from app.nutrition.components import COMPONENT_BY_NUMBER
+from app.db.queries.fhir_intakes import FoodComponent, IntakeFood, IntakeRow
+from app.nutrition.components import COMPONENT_BY_NUMBER, Component
 from app.services.food_amounts import RECORD_COLUMNS
 from app.units import content_of_mass
 
@@ -113,27 +113,28 @@ class Intakes:
         """All components that the food's version knows; the ten that a record holds itself are the record's figures."""
         if record.consumed_g is None:
             return
-        contents = food.per_100_g if food is not None else {}
-        known = {component.number: component for component in contents}
-        amounts = {
-            component.number: record.consumed_g * content_of_mass(per_100_g, 1.0)
-            for component, per_100_g in contents.items()
+        amounts: dict[str, tuple[FoodComponent | Component, float]] = {
+            component.number: (component, record.consumed_g * content_of_mass(per_100_g, 1.0))
+            for component, per_100_g in (food.contents if food is not None else ())
         }
         for column, numbers in RECORD_COLUMNS.items():
             value = getattr(record, column)
             if value is not None:
-                amounts[next((number for number in numbers if number in amounts), numbers[0])] = value
-        for number, amount in amounts.items():
-            component = known.get(number) or COMPONENT_BY_NUMBER[number]
-            if number not in self._nutrients:
-                self._nutrients[number] = self._nutrient(number, component.tagname, component.name)
-            yield {"nutrient": self._nutrients[number], "amount": quantity(amount, str(component.unit))}
+                number = next((each for each in numbers if each in amounts), numbers[0])
+                amounts[number] = (amounts[number][0] if number in amounts else COMPONENT_BY_NUMBER[number], value)
+        for component, amount in amounts.values():
+            yield {"nutrient": self._nutrient(component), "amount": quantity(amount, component.unit)}
 
-    def _nutrient(self, number: str, tagname: str | None, name: str) -> Resource:
-        codings = [{"system": self._names.system("infoods-tagnames"), "code": tagname}] if tagname else []
-        if number.isdecimal():  # USDA's; a component that it has no number for goes by its tagname
-            codings.append({"system": self._names.system("usda-nutrients"), "code": number})
-        return {"concept": ({"coding": codings} if codings else {}) | {"text": name}}
+    def _nutrient(self, component: FoodComponent | Component) -> Resource:
+        number, tagname, name = component.number, component.tagname, component.name
+        if number not in self._nutrients:
+            codings = []
+            if tagname is not None:
+                codings.append({"system": self._names.system("infoods-tagnames"), "code": tagname})
+            if number.isdecimal():  # USDA's; a component that it has no number for goes by its tagname
+                codings.append({"system": self._names.system("usda-nutrients"), "code": number})
+            self._nutrients[number] = {"concept": ({"coding": codings} if codings else {}) | {"text": name}}
+        return self._nutrients[number]
 
 
 def patient(names: Names, participant: Participant, study_code: str) -> Resource:

@@ -13,16 +13,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import (
-    Component,
-    EffectiveRecord,
-    Food,
-    FoodNutrient,
-    FoodRelease,
-    Meal,
-    Participant,
-    Study,
-)
+from app.db.models import Component, EffectiveRecord, Food, FoodNutrient, FoodRelease, Meal, Participant, Study
 from app.db.models.record import RECORD_STATUSES
 from app.db.queries.record_pages import MOST_BRANCHES, Key, RecordSearch, all_studies, participants_of, within_days
 
@@ -47,15 +38,25 @@ class IntakeFilter:
 
 
 @dataclass(frozen=True, slots=True)
+class FoodComponent:
+    """A component, apart from its session: a page has thousands of figures."""
+
+    number: str
+    name: str
+    unit: str
+    tagname: str | None
+
+
+@dataclass(frozen=True, slots=True)
 class IntakeFood:
-    """A version of a food. release: its table's name and version. per_100_g: component -> content of the edible."""
+    """A version of a food. release: its table's name and version. contents: of 100 g edible, of what is known."""
 
     key: str
     name: str
     version: int
     source_ids: Mapping[str, str]
     release: str
-    per_100_g: Mapping[Component, float]
+    contents: tuple[tuple[FoodComponent, float], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,7 +204,7 @@ def _with_foods(session: Session, query: sa.Select[*tuple[Any, ...]]) -> list[In
     foods: dict[int, IntakeFood] = {}
     for *_, food, release in rows:
         if food is not None and food.id not in foods:
-            known = contents.get(food.id, {})
+            known = tuple(contents.get(food.id, ()))
             foods[food.id] = IntakeFood(food.key, food.name, food.version, food.source_ids, release, known)
     return [
         IntakeRow(
@@ -220,17 +221,18 @@ def _with_foods(session: Session, query: sa.Select[*tuple[Any, ...]]) -> list[In
     ]
 
 
-def _contents(session: Session, food_ids: Collection[int]) -> dict[int, dict[Component, float]]:
-    """Food -> component -> content of 100 g; of a page's foods ten thousand, so they are read as bare numbers."""
+def _contents(session: Session, food_ids: Collection[int]) -> dict[int, list[tuple[FoodComponent, float]]]:
+    """Food -> its components with the content of 100 g; a page's foods have thousands, so the rows are bare numbers."""
     if not food_ids:
         return {}
-    components = {component.id: component for component in session.scalars(sa.select(Component))}
+    every = sa.select(Component.id, Component.number, Component.name, Component.unit, Component.tagname)
+    components = {row.id: FoodComponent(row.number, row.name, row.unit, row.tagname) for row in session.execute(every)}
     query = (
         sa.select(FoodNutrient.food_id, FoodNutrient.component_id, FoodNutrient.per_100_g)
         .where(FoodNutrient.food_id.in_(food_ids))
         .order_by(FoodNutrient.food_id, FoodNutrient.component_id)
     )
-    found: dict[int, dict[Component, float]] = {}
+    found: dict[int, list[tuple[FoodComponent, float]]] = {}
     for food_id, component_id, per_100_g in session.execute(query):
-        found.setdefault(food_id, {})[components[component_id]] = per_100_g
+        found.setdefault(food_id, []).append((components[component_id], per_100_g))
     return found
