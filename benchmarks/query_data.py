@@ -30,7 +30,9 @@ from app.db.models import (
     Study,
 )  # fmt: skip
 from app.db.models.record import HEADLINE_COLUMNS
+from app.db.refill import MARK_DAYS
 from app.db.session import Database
+from app.services.day_sums import write_all_sums
 
 STUDIES, PEOPLE, FOODS, FOODS_TWICE = 20, 10_000, 800, 200
 FIRST_DAY, DAYS = date(2024, 1, 1), 1095
@@ -42,7 +44,9 @@ STATUS_SHARES = (0.85, 0.10, 0.045, 0.004, 0.001)
 ROWS_A_BATCH = 50_000
 CLOSED_SHARE, PROVISIONAL_SHARE, REVIEWED_SHARE = 0.7, 0.0005, 0.3
 NOW = datetime(2026, 12, 31)  # noqa: DTZ001  # UTC, as all instants here: Arrow's and NumPy's have no zone
+MARKS_A_TURN = 5000  # nobody else writes
 LOADED = ("effective_record", "item", "meal", "diary_day")  # tables whose indexes are made when they are full
+
 
 @dataclass(frozen=True, slots=True)
 class Shape:
@@ -54,6 +58,7 @@ class Shape:
 
 SPREAD = Shape()
 ONE_STUDY = Shape(largest=0.95, days=365)  # nearly all in one study, within a year
+
 
 # Names to values: a NumPy or Arrow array, a list, or one value for all rows. Ids are 32 hexadecimal digits.
 Columns = Mapping[str, Any]
@@ -239,7 +244,10 @@ def measured(count: int, rng: np.random.Generator) -> dict[str, Any]:
 
 
 class Loader:
-    """Writes without the database's checks and second indexes, which are made anew at the end: minutes, not hours."""
+    """Writes without the database's checks, triggers and second indexes, which are made anew at the end.
+
+    Minutes, not hours. The sums of days are written then.
+    """
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -267,6 +275,11 @@ class Loader:
         for name, sql in found:
             cursor.execute(f"DROP INDEX {name}")
             self._made_later.append(sql)
+        if self._database.is_sqlite:  # PostgreSQL's replicas fire none
+            marking = "SELECT name, sql FROM sqlite_master WHERE type = 'trigger' AND name LIKE '%_marks_day_%'"
+            for name, sql in cursor.execute(marking).fetchall():
+                cursor.execute(f"DROP TRIGGER {name}")
+                self._made_later.append(sql)
         return self
 
     def insert(self, model: type[Base], columns: Columns) -> None:
@@ -298,7 +311,9 @@ class Loader:
                 cursor.execute("SET statement_timeout = 0")
             for sql in self._made_later:
                 cursor.execute(sql)
+            cursor.execute(MARK_DAYS)
             self._connection.commit()
+            write_all_sums(self._database, MARKS_A_TURN)
             if self._database.is_sqlite:
                 cursor.execute("ANALYZE")
             else:

@@ -29,10 +29,11 @@ class ComparedDays:
     different: int
 
 
-def write_sums(database: Database, seconds: float = ROUND_SECONDS) -> int:
+def write_sums(database: Database, seconds: float = ROUND_SECONDS, marks_a_turn: int = day_sums.OF_ONE_TURN) -> int:
     """Write the sums of marked days, for so long at most. Returns how many marks are worked off.
 
-    Several workers may do it at once: one does, the others leave it to them.
+    marks_a_turn: in one transaction, for which SQLite's other writers wait. Several workers may do it at once: one
+    does, the others leave it to them.
     """
     done, until = 0, time.monotonic() + seconds
     with database.read() as session:
@@ -41,7 +42,7 @@ def write_sums(database: Database, seconds: float = ROUND_SECONDS) -> int:
     while True:
         try:
             with database.write() as session:
-                count = _one_turn(session)
+                count = _one_turn(session, marks_a_turn)
         except IntegrityError:  # a participant or a study went between two statements; the marks stay
             return done
         done += count
@@ -49,9 +50,9 @@ def write_sums(database: Database, seconds: float = ROUND_SECONDS) -> int:
             return done
 
 
-def write_all_sums(database: Database) -> int:
+def write_all_sums(database: Database, marks_a_turn: int = day_sums.OF_ONE_TURN) -> int:
     """Work off all marks, as long as there are any that this process may write."""
-    return write_sums(database, math.inf)
+    return write_sums(database, math.inf, marks_a_turn)
 
 
 def compare_days(database: Database, *, write: bool) -> ComparedDays:
@@ -79,11 +80,11 @@ def compare_days(database: Database, *, write: bool) -> ComparedDays:
     return ComparedDays(compared, different)
 
 
-def _one_turn(session: Session) -> int:
+def _one_turn(session: Session, limit: int) -> int:
     """Write the sums of some marked days, in this transaction. Returns how many marks are gone."""
     if not day_sums.take_turn(session):
         return 0
-    marks = day_sums.newest_marks(session, day_sums.OF_ONE_TURN)
+    marks = day_sums.newest_marks(session, limit)
     if not marks:
         return 0
     there, staying = day_sums.people_among(session, {mark.participant_id for mark in marks})
