@@ -89,7 +89,9 @@ class Settings(BaseSettings):
     max_exports_of_person: int = Field(
         default=3, ge=1, description="Background exports of a person in a study, not made yet, at most."
     )
-    max_exports_of_study: int = Field(default=10, ge=1, description="Background exports of a study, not made yet, at most.")
+    max_exports_of_study: int = Field(
+        default=10, ge=1, description="Background exports of a study, not made yet, at most."
+    )
     export_min_free_bytes: int = Field(
         default=1024 * MEBIBYTE, ge=0, description="Below it no file is made in the background; uploads go on."
     )

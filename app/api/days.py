@@ -56,7 +56,7 @@ def put_my_day(
     day: Day, body: DayIn, state: State, device: CurrentDevice, response: Response, if_match: IfMatch = None
 ) -> DayOut:
     """Close a day, tell that nothing was eaten, or open it again. `If-Match` names its version, "0" the first time."""
-    found = diary.set_day(state.database, device, day, _word(body), expected=expected_versions(if_match))
+    found = diary.set_day(state.database, device, day, word_of(body), expected=expected_versions(if_match))
     return _tagged(found, response)
 
 
@@ -94,7 +94,7 @@ def put_day_of_participant(
         state.database,
         staff,
         day,
-        _word(body),
+        word_of(body),
         expected=expected_versions(if_match),
         whose=Whose(study, participant),
     )
@@ -169,7 +169,8 @@ def _days_csv(days: Iterable[StudyDay]) -> Iterator[bytes]:
     return stream_csv(tuple(DaySummaryOut.model_fields), rows)
 
 
-def _word(body: DayIn) -> Word:
+def word_of(body: DayIn) -> Word:
+    """The diary's word for what is asked."""
     if body.status == "open":
         return "reopened"
     return "ate_nothing" if body.ate_nothing else "closed"

@@ -49,6 +49,24 @@ PAGES: Mapping[Call, Call] = {
     # the review queue
     ("GET", f"{STUDY_PAGES}/review"): ("GET", "/v1/studies/{study}/review-queue"),
     ("GET", f"{STUDY_PAGES}/review/{{participant}}/{{meal_id}}"): ("GET", "/v1/studies/{study}/review-queue"),
+    # participants
+    ("GET", f"{STUDY_PAGES}/participants"): ("GET", "/v1/studies/{study}/participants"),
+    ("POST", f"{STUDY_PAGES}/participants"): ("POST", "/v1/studies/{study}/participants"),
+    ("GET", f"{STUDY_PAGES}/participants/{{participant}}"): ("GET", "/v1/studies/{study}/participants/{participant}"),
+    ("POST", f"{STUDY_PAGES}/participants/{{participant}}/profile"): (
+        "PATCH",
+        "/v1/studies/{study}/participants/{participant}",
+    ),
+    ("POST", f"{STUDY_PAGES}/participants/{{participant}}/days/{{day}}"): (
+        "PUT",
+        "/v1/studies/{study}/participants/{participant}/days/{day}",
+    ),
+    ("POST", f"{STUDY_PAGES}/participants/{{participant}}/withdrawal"): (
+        "POST",
+        "/v1/studies/{study}/participants/{participant}/withdrawal",
+    ),
+    ("GET", f"{STUDY_PAGES}/intakes"): ("GET", "/v1/studies/{study}/intakes"),
+    ("GET", f"{STUDY_PAGES}/adequacy"): ("GET", "/v1/studies/{study}/adequacy"),
     # protocol
     ("GET", f"{STUDY_PAGES}/settings"): STUDY,
     ("POST", f"{STUDY_PAGES}/settings"): ("PATCH", "/v1/studies/{study}"),

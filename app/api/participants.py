@@ -1,5 +1,6 @@
 """/v1/studies/{study}/participants: by pseudonymous code; and the one-time codes that enrol their phones."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request, Response
@@ -54,7 +55,7 @@ def post_participant(
 ) -> ParticipantOut:
     """Add a participant."""
     made = participants.create_participant(
-        state.database, study_code=study, code=body.code, caller=caller, change=_change(body)
+        state.database, study_code=study, code=body.code, caller=caller, change=change_of(body)
     )
     response.headers["Location"] = f"/v1/studies/{study}/participants/{body.code}"
     return _render(made)
@@ -71,7 +72,7 @@ def patch_participant(
     study: StudyCode, participant: ParticipantCode, body: ParticipantPatch, state: State, caller: CurrentStaff
 ) -> ParticipantOut:
     """Change profile and first day: only what is named; a key of the profile that is null is taken away."""
-    return _render(participants.change_participant(state.database, caller, study, participant, _change(body)))
+    return _render(participants.change_participant(state.database, caller, study, participant, change_of(body)))
 
 
 @router.post(
@@ -107,10 +108,13 @@ def _wanted_picture(accept: str) -> str | None:
     return None
 
 
-def _change(body: ParticipantIn | ParticipantPatch) -> ParticipantChange:
+def change_of(
+    body: ParticipantIn | ParticipantPatch, *, also: Mapping[str, None] | None = None, moves_start: bool = False
+) -> ParticipantChange:
+    """What a body asks for. also: keys of the profile that are taken away beside; moves_start: even unnamed."""
     return ParticipantChange(
-        profile=body.profile.model_dump(exclude_unset=True, mode="json"),
-        moves_start="starts_on" in body.model_fields_set,
+        profile={**(also or {}), **body.profile.model_dump(exclude_unset=True, mode="json")},
+        moves_start=moves_start or "starts_on" in body.model_fields_set,
         starts_on=body.starts_on,
     )
 

@@ -17,6 +17,9 @@ class Entry:
 
 STUDY: tuple[Entry, ...] = (
     Entry(("review",), "Review", "reviewer"),
+    Entry(("participants",), "Participants"),
+    Entry(("intakes",), "Intakes"),
+    Entry(("adequacy",), "Adequacy"),
     Entry(("devices",), "Devices"),
     Entry(("members",), "Members", "owner"),
     Entry(("webhooks",), "Webhooks", "owner"),

@@ -1,0 +1,102 @@
+"""A study's participants, by code; what each ate on average; and a new one, or many."""
+
+from datetime import date
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from starlette.responses import Response
+
+from app.api.pages import STUDY_PAGES
+from app.api.schemas.people import ParticipantIn
+from app.dashboard.addresses import study_address
+from app.dashboard.forms import Fields, checked, typed
+from app.dashboard.headline import HEADLINES
+from app.dashboard.page import CurrentPage, Page
+from app.errors import ConflictError, InvalidInputError
+from app.services import day_summaries, participants
+from app.services.adequacy import judge_study
+
+router = APIRouter(include_in_schema=False)
+
+PARTICIPANTS_A_PAGE = 100
+MOST_AT_ONCE = 500
+
+CursorIn = Annotated[str | None, Query(max_length=500)]
+FirstDay = Annotated[date | None, Query(alias="from")]
+LastDay = Annotated[date | None, Query(alias="to")]
+
+
+@router.get(f"{STUDY_PAGES}/participants")
+def get_participants(page: CurrentPage, study: str, cursor: CursorIn = None) -> Response:
+    """The list, those who have left too."""
+    return _participants(page, study, cursor)
+
+
+@router.post(f"{STUDY_PAGES}/participants")
+def post_participants(page: CurrentPage, study: str, fields: Fields) -> Response:
+    """Add participants by their codes, one or many; each that cannot be added is told, the others stay added."""
+    asked = typed(fields).get("codes", "")
+    codes = list(dict.fromkeys(asked.replace(",", " ").replace(";", " ").split()))
+    if not codes or len(codes) > MOST_AT_ONCE:
+        raise InvalidInputError(f"Name one to {MOST_AT_ONCE} participants.")
+    refused: list[tuple[str, str]] = []
+    for code in codes:
+        body, wrong = checked(ParticipantIn, {"code": code})
+        if body is None:
+            refused.append((code, "; ".join(wrong.values())))
+            continue
+        try:
+            participants.create_participant(page.state.database, study_code=study, code=body.code, caller=page.caller)
+        except ConflictError as error:
+            refused.append((code, error.message))
+    added = len(codes) - len(refused)
+    told = f"{added} participant{'s were' if added != 1 else ' was'} added."
+    if refused:
+        return _participants(page, study, None, refused=refused, added=told, status=409)
+    return page.go(study_address(study, "participants"), told)
+
+
+@router.get(f"{STUDY_PAGES}/intakes")
+def get_intakes(
+    page: CurrentPage, study: str, first: FirstDay = None, last: LastDay = None, cursor: CursorIn = None
+) -> Response:
+    """Each participant's mean daily intake over closed days, and on how many days it rests."""
+    found = day_summaries.list_intakes(
+        page.state.database,
+        page.caller,
+        study,
+        first_day=first,
+        last_day=last,
+        cursor=cursor,
+        limit=PARTICIPANTS_A_PAGE,
+    )
+    return page.render("intakes.html", rows=found.rows, next=found.cursor, first=first, last=last, headlines=HEADLINES)
+
+
+@router.get(f"{STUDY_PAGES}/adequacy")
+def get_adequacy(
+    page: CurrentPage,
+    study: str,
+    component: Annotated[str, Query(max_length=64)] = "vitamin_c_mg",
+    first: FirstDay = None,
+    last: LastDay = None,
+) -> Response:
+    """The share of each group whose usual intake of a component lies below the EAR."""
+    judged = judge_study(page.state.database, page.caller, study, component, first_day=first, last_day=last)
+    choices = [(each.column, each.name) for each in HEADLINES]
+    return page.render("adequacy.html", judged=judged, component=component, choices=choices, first=first, last=last)
+
+
+def _participants(
+    page: Page,
+    study: str,
+    cursor: str | None,
+    *,
+    refused: list[tuple[str, str]] | None = None,
+    added: str = "",
+    status: int = 200,
+) -> Response:
+    found = participants.list_participants(page.state.database, study, cursor=cursor, limit=PARTICIPANTS_A_PAGE)
+    return page.render(
+        "participants.html", status=status, rows=found.rows, next=found.cursor, refused=refused or [], added=added
+    )

@@ -1,0 +1,118 @@
+"""Participants' pages: the list, a diary whose figures are the API's, a day's word, profile, leaving; group tables."""
+
+import re
+
+import pytest
+
+from app.db.models.record import HEADLINE_COLUMNS
+from tests.integration.dashboard.conftest import figures_of, text_of
+from tests.integration.eaten_days import add_meal, eaten_item, set_profile
+
+DAYS = ("2026-11-01", "2026-11-02", "2026-11-03", "2026-11-04")
+PATH = "/dashboard/studies/pilot/participants/P001"
+
+
+@pytest.fixture
+def eaten(phone, state):
+    """Four days with two items each, three of them closed; a profile."""
+    for number, day in enumerate(DAYS):
+        amounts = {column: 10.0 + number + place / 7 for place, column in enumerate(HEADLINE_COLUMNS)}
+        add_meal(state, "P001", day, eaten_item(100.0 + number, **amounts), eaten_item(50.5, **amounts))
+    for day in DAYS[:3]:
+        answer = phone.put(f"/v1/me/days/{day}", json={"status": "closed"}, headers={"If-Match": "*"})
+        assert answer.status_code == 200
+    set_profile(state, sex="female", birth_year=1990, weight_kg=60.0)
+    return phone
+
+
+def article(page, day):
+    return re.search(rf'<article class="day" id="day-{day}".*?</article>', page, re.DOTALL)[0]
+
+
+def test_every_figure_of_the_diary_is_the_export_s(client, admin, eaten, sign_in_browser):
+    page = sign_in_browser("vera", pilot="viewer").page(PATH)
+    rows = client.get("/v1/days", headers=admin, params={"study": "pilot", "participant": "P001"}).json()["items"]
+    assert len(rows) == len(DAYS)
+    for row in rows:
+        shown = figures_of(article(page, row["local_date"]))
+        told = [row["energy_kcal"], row["consumed_g"]]
+        meals = [row["energy_kcal"], row["consumed_g"]]  # one meal a day
+        table = [value for column in HEADLINE_COLUMNS for value in (row[column], row[f"{column}_coverage"])]
+        assert shown == pytest.approx([*told, *meals, *table, row["median_upload_delay_seconds"]])
+
+
+def test_comparison_is_what_the_participant_would_read(client, admin, eaten, sign_in_browser):
+    page = sign_in_browser("vera", pilot="viewer").page(PATH)
+    told = client.get("/v1/studies/pilot/participants/P001/summary", headers=admin).json()["comparison"]["components"]
+    assert told
+    part = page[page.index('id="compared"') :]
+    for found in told.values():
+        assert found["mean"] in figures_of(part)
+        assert found["reference"] in figures_of(part)
+
+
+def test_intakes_of_the_page_are_those_of_the_api(client, admin, eaten, sign_in_browser):
+    page = sign_in_browser("vera", pilot="viewer").page("/dashboard/studies/pilot/intakes")
+    (told,) = client.get("/v1/studies/pilot/intakes", headers=admin).json()["items"]
+    shown = figures_of(page)
+    assert shown[:3] == [told["closed_days"], told["open_days"], told["silent_days"]]
+    assert shown[3:] == [told["components"][column]["mean"] for column in HEADLINE_COLUMNS]
+
+
+def test_adequacy_page_tells_why_it_cannot_say(eaten, sign_in_browser):
+    page = sign_in_browser("vera", pilot="viewer").page("/dashboard/studies/pilot/adequacy", component="VITC")
+    assert "Vitamin C" in page
+    assert re.search(r'title="too_few[^"]*"|title="no_[^"]*"|title="few[^"]*"', page) or "data class" in page
+
+
+def test_reviewer_closes_a_day_unless_somebody_spoke_meanwhile(client, admin, eaten, sign_in_browser):
+    reviewer = sign_in_browser("rita", pilot="reviewer")
+    day = DAYS[3]
+    form = dict(re.findall(r'name="(\w+)" value="([^"]*)"', article(reviewer.page(PATH), day)))
+    assert form["status"] == "closed"
+    address = f"{PATH}/days/{day}"
+    assert eaten.put(f"/v1/me/days/{day}", json={"status": "closed"}, headers={"If-Match": "*"}).status_code == 200
+    assert reviewer.post(address, **form).status_code == 412, "the participant closed it since"
+    form["version"] = "1"
+    form["status"] = "open"
+    assert reviewer.post(address, **form).status_code == 303
+    assert "by a reviewer" in article(reviewer.page(PATH), day)
+    viewer = sign_in_browser("vera", pilot="viewer")
+    assert "Close the day" not in viewer.page(PATH)
+    assert viewer.post(address, **form).status_code == 403
+
+
+def test_owner_adds_many_and_hears_of_those_that_cannot_be(client, admin, enrol, sign_in_browser):
+    enrol()
+    owner = sign_in_browser("olga", pilot="owner")
+    page = owner.post("/dashboard/studies/pilot/participants", codes="P001, P002\nP003 <b>x</b>").text
+    assert "2 participants were added." in page
+    assert "<b>x" not in page
+    codes = [row["code"] for row in client.get("/v1/studies/pilot/participants", headers=admin).json()["items"]]
+    assert codes == ["P001", "P002", "P003"]
+
+
+def test_profile_keeps_what_is_told_and_loses_what_is_emptied(client, admin, eaten, sign_in_browser):
+    owner = sign_in_browser("olga", pilot="owner")
+    assert owner.post(f"{PATH}/profile", sex="male", birth_year="1980", starts_on="2026-10-31").status_code == 303
+    told = client.get("/v1/studies/pilot/participants/P001", headers=admin).json()
+    assert told["profile"]["sex"] == "male"
+    assert told["profile"]["weight_kg"] is None
+    assert told["starts_on"] == "2026-10-31"
+    assert owner.post(f"{PATH}/profile", birth_year="1700").status_code == 422
+    assert "day 2" in text_of(article(owner.page(PATH), DAYS[0]))
+
+
+def test_participant_leaves_only_when_the_code_is_typed(eaten, sign_in_browser):
+    owner = sign_in_browser("olga", pilot="owner")
+    assert owner.post(f"{PATH}/withdrawal", code="P01").status_code == 422
+    assert eaten.get("/v1/me").status_code == 200
+    assert owner.post(f"{PATH}/withdrawal", code="P001").status_code == 303
+    assert eaten.get("/v1/me").status_code == 410
+
+
+def test_participant_of_another_study_is_not_there(enrol, eaten, sign_in_browser):
+    enrol("X9", study="other")
+    viewer = sign_in_browser("vera", pilot="viewer")
+    assert viewer.get("/dashboard/studies/pilot/participants/X9").status_code == 404
+    assert viewer.get("/dashboard/studies/other/participants/X9").status_code == 404
