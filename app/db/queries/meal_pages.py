@@ -3,8 +3,7 @@
 Each filter has an index in which its meals stand in the page's order: of the meals themselves (study, status and
 origin, failure, after-meal pair, participant) or of their records (food, flags, not reviewed). The page is read along
 one of them, the one with the fewest meals, and what the other filters ask is looked up meal by meal; so a rare filter
-beside a common one is quick, and one that leaves nothing costs nothing. The branches of an index (a study and a
-status, a food and a study) are merged, as in record_pages. docs/queries.md tells which index serves what.
+beside a common one is quick, and one that leaves nothing costs nothing. docs/queries.md tells which index serves what.
 """
 
 import itertools
@@ -12,22 +11,21 @@ import uuid
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, time
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import sqlalchemy as sa
-from sqlalchemy.dialects import postgresql
 from sqlalchemy.orm import Session
 
 from app.db.models import EffectiveRecord, Meal
 from app.db.models.meal import MEAL_ORIGINS, MEAL_STATUSES
 from app.db.queries import meal_conditions as conditions_of
 from app.db.queries.meal_conditions import Condition, Conditions
+from app.db.queries.meal_streams import MealSearch, Stream
 from app.db.queries.record_pages import (
     CALENDAR,
     EASTERNMOST,
     LATEST_END,
     MOST_BRANCHES,
-    MOST_PLANNED,
     Branch,
     Key,
     all_studies,
@@ -39,9 +37,11 @@ from app.db.queries.record_pages import (
 MOST_BY_ARRAYS = 2000  # branches of one statement of PostgreSQL, which plans them as one
 MOST_LISTS = 2000  # of flags in a study, and
 MOST_STUDIES_FLAGGED = 64  # studies in which they are looked up; with more the meals are read in their order
-COUNTED = 20_000  # so far the meals of each filter are counted, to read along the one that has the fewest
+SAMPLED = 1000  # meals of each filter are looked at, to read along the one that has the fewest
 
 Needs = Literal["review", "answer"]
+Span = tuple[datetime | None, datetime | None]  # both included; None: no bound
+ALWAYS: Span = (None, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,112 +69,6 @@ class MealFilter:
 
 
 @dataclass(frozen=True, slots=True)
-class Stream:
-    """An index in which meals stand in their order, branch by branch.
-
-    model: Meal or EffectiveRecord. keys: the columns that a branch has values of. part: the condition of a partial
-    index. is_small: no index has the order, and the meals are so few that they are read and sorted.
-    """
-
-    model: type[Meal | EffectiveRecord]
-    keys: tuple[Any, ...]
-    branches: Sequence[Branch]
-    part: Conditions = ()
-    is_small: bool = False
-
-    @property
-    def columns(self) -> tuple[Any, Any]:
-        """The instant and the id of the meal."""
-        if self.model is Meal:
-            return Meal.captured_at, Meal.id
-        return EffectiveRecord.captured_at, EffectiveRecord.meal_id.label("id")
-
-    def order(self, *, is_newest_first: bool) -> tuple[Any, Any]:
-        """As the index has it, forwards or backwards."""
-        ordered = (self.model.captured_at, Meal.id if self.model is Meal else EffectiveRecord.meal_id)
-        return (ordered[0].desc(), ordered[1].desc()) if is_newest_first else ordered
-
-
-@dataclass(frozen=True, slots=True)
-class MealSearch:
-    """A filter whose names are ids: the index to read along, and what each meal of it must fulfil besides."""
-
-    stream: Stream
-    conditions: Conditions
-    is_on_sqlite: bool
-
-    def page(self, after: Key | None, limit: int, *, is_newest_first: bool = True) -> sa.CTE:
-        """At most `limit` meals behind `after` in this order: captured_at and id, each meal once; in no order."""
-        conditions = self.conditions
-        if after is not None:
-            conditions = (*conditions, self._behind(after, is_newest_first=is_newest_first))
-        order = _named_order(is_newest_first=is_newest_first)
-        if self.is_on_sqlite:
-            arms = list(self._arms(conditions))
-            is_of_meals = self.stream.model is Meal
-            merged = (sa.union_all if is_of_meals else sa.union)(*arms) if len(arms) > 1 else arms[0].distinct()
-            if self.stream.is_small:
-                merged = sa.select(merged.cte("found").prefix_with("MATERIALIZED"))
-            return merged.order_by(*order).limit(limit).cte("page")
-        every = self._limited(conditions, limit, is_newest_first=is_newest_first)
-        return sa.select(every.c.captured_at, every.c.id).distinct().order_by(*order).limit(limit).cte("page")
-
-    def count(self, most: int) -> sa.Select[int]:
-        """How many entries the index has of these, counted up to `most`; a meal of two such records is two."""
-        if self.is_on_sqlite:
-            every: Any = sa.union_all(*self._arms(self.conditions)).subquery("every")
-        else:
-            every = self._limited(self.conditions, most, is_newest_first=True, is_distinct=False)
-        return sa.select(sa.func.count()).select_from(sa.select(every.c.id).limit(most).subquery("counted"))
-
-    def _arms(self, conditions: Conditions) -> Iterator[sa.Select[*tuple[Any, ...]]]:
-        """A query a branch."""
-        found = sa.select(*self.stream.columns).where(*self.stream.part, *conditions)
-        for values in self.stream.branches:
-            yield found.where(*(self._is(key, value) for key, value in zip(self.stream.keys, values, strict=True)))
-
-    def _limited(
-        self, conditions: Conditions, limit: int, *, is_newest_first: bool, is_distinct: bool = True
-    ) -> sa.FromClause:
-        """PostgreSQL: each branch read along its index and no further than `limit`.
-
-        A few branches are planned one by one; more are given as arrays, and one plan is made for all.
-        """
-        stream, order = self.stream, self.stream.order(is_newest_first=is_newest_first)
-
-        def limited(arm: sa.Select[*tuple[Any, ...]]) -> sa.Select[*tuple[Any, ...]]:
-            return (arm.distinct() if is_distinct and stream.model is not Meal else arm).order_by(*order).limit(limit)
-
-        if len(stream.branches) <= MOST_PLANNED:
-            arms = [limited(arm).subquery() for arm in self._arms(conditions)]
-            return sa.union_all(*(sa.select(arm) for arm in arms)).subquery("branch")
-        names = [f"key_{number}" for number in range(len(stream.keys))]
-        arrays = (
-            sa.literal(list(values), postgresql.ARRAY(_sent_as(key)))
-            for key, values in zip(stream.keys, zip(*stream.branches, strict=True), strict=True)
-        )
-        listed = sa.func.unnest(*arrays).table_valued(*names).render_derived("listed")
-        of_branch = [self._is(key, listed.c[name]) for key, name in zip(stream.keys, names, strict=True)]
-        found = sa.select(*stream.columns).where(*stream.part, *conditions, *of_branch)
-        branch = limited(found).lateral("branch")
-        return sa.select(branch).select_from(listed.join(branch, sa.true())).subquery("every")
-
-    def _is(self, key: Any, value: Any) -> Condition:
-        """Flags are compared as the database keeps them: whole lists, given as text."""
-        if key is not EffectiveRecord.flags:
-            return cast(Condition, key == value)
-        return conditions_of.is_list_of_flags(key, value, is_on_sqlite=self.is_on_sqlite)
-
-    def _behind(self, after: Key, *, is_newest_first: bool) -> Condition:
-        instant, meal = self.stream.model.captured_at, self.stream.columns[1]
-        key = sa.tuple_(
-            sa.bindparam(None, after[0], type_=Meal.captured_at.type), sa.bindparam(None, after[1], type_=Meal.id.type)
-        )
-        here = sa.tuple_(instant, meal.element if isinstance(meal, sa.Label) else meal)
-        return here < key if is_newest_first else here > key
-
-
-@dataclass(frozen=True, slots=True)
 class _Asked:
     """What one filter asks. stream: where its meals stand in order; None: nowhere, or in too many branches.
 
@@ -188,8 +82,13 @@ class _Asked:
     is_of_questions: bool = False
 
 
-def search_of(session: Session, chosen: MealFilter) -> MealSearch | None:
-    """The filter as it is searched for; None: it names what is not there, or what the caller may not see."""
+def search_of(
+    session: Session, chosen: MealFilter, *, after: Key | None = None, is_newest_first: bool = True
+) -> MealSearch | None:
+    """The filter as it is searched for; None: it names what is not there, or what the caller may not see.
+
+    after, is_newest_first: the page to be read; they change which index is read along, not what is found.
+    """
     studies = studies_of(session, chosen.study_code, chosen.study_ids)
     people = participants_of(session, chosen.participant_code, chosen.participant_id, studies)
     foods = food_ids(session, chosen.food_keys) if chosen.food_keys else None
@@ -201,25 +100,30 @@ def search_of(session: Session, chosen: MealFilter) -> MealSearch | None:
     asked = list(_asked(session, chosen, searched, foods, is_on_sqlite=is_on_sqlite))
     if any(one.stream is not None and not one.stream.branches for one in asked):
         return None
+    along, span = _all_of(searched), ALWAYS
     if people is not None:
         # a person has some thousand meals: what else is asked is looked up at each
         along = _Asked(Stream(Meal, (Meal.participant_id,), [(person,) for person in people]))
-    else:
-        along = _rarest(session, chosen, asked, is_on_sqlite=is_on_sqlite) or _all_of(searched)
+    elif any(one.stream is not None for one in asked):
+        search = _Searching(session, chosen, after, is_newest_first=is_newest_first, is_on_sqlite=is_on_sqlite)
+        common = search.common_span(asked)
+        if common is None:
+            return None
+        span, along = common, search.rarest(asked, common)
     stream = along.stream
     if stream is None:  # too many studies at once: their meals are sorted
         stream, of_others = Stream(Meal, (), [()], is_small=True), of_studies
     else:
         of_others = of_studies if along.is_of_questions else ()
     rest = (*of_others, *_looked_up(stream.model, [one for one in asked if one is not along]))
-    return MealSearch(stream, (*within_days(stream.model, chosen), *rest), is_on_sqlite)
+    return MealSearch(stream, (*within_days(stream.model, chosen), *_within(stream.model, span), *rest), is_on_sqlite)
 
 
 def pages_of_keys(
     session: Session, chosen: MealFilter, *, size: int = 1000, is_newest_first: bool = False
 ) -> Iterator[list[Key]]:
     """All meals of a filter, page by page, each in its order: what an export reads on, in its one transaction."""
-    search = search_of(session, chosen)
+    search = search_of(session, chosen, is_newest_first=is_newest_first)
     after: Key | None = None
     while search is not None:
         keys = keys_of(session, search, after, size, is_newest_first=is_newest_first)
@@ -324,16 +228,57 @@ def _all_of(studies: Sequence[uuid.UUID]) -> _Asked:
     return _Asked(Stream(Meal, (Meal.study_id,), [(study,) for study in studies]) if is_few else None)
 
 
-def _rarest(session: Session, chosen: MealFilter, asked: Sequence[_Asked], *, is_on_sqlite: bool) -> _Asked | None:
-    """The filter that has the fewest entries in these days; None: none has an index of its own."""
-    readable = [(one, one.stream) for one in asked if one.stream is not None]
-    if len(readable) <= 1:
-        return readable[0][0] if readable else None
-    counted = []
-    for place, (_, stream) in enumerate(readable):
-        search = MealSearch(stream, within_days(stream.model, chosen), is_on_sqlite)
-        counted.append((session.execute(search.count(COUNTED)).scalar_one(), place))
-    return readable[min(counted)[1]][0]
+@dataclass(frozen=True, slots=True)
+class _Searching:
+    """Which of several filters to read along, for one page."""
+
+    session: Session
+    chosen: MealFilter
+    after: Key | None
+    is_newest_first: bool
+    is_on_sqlite: bool
+
+    def common_span(self, asked: Sequence[_Asked]) -> Span | None:
+        """From when to when there are meals of each filter; None: of one there are none, or they never meet.
+
+        What waits for a reviewer is new, what failed may be of one bad week: outside it nothing need be looked up.
+        """
+        streams = [one.stream for one in asked if one.stream is not None]
+        if len(streams) <= 1:
+            return ALWAYS
+        first, last = ALWAYS
+        for stream in streams:
+            since, until = self.session.execute(self._of_days(stream).ends()).one()
+            if since is None or until is None:
+                return None
+            first = since if first is None else max(first, since)
+            last = until if last is None else min(last, until)
+        return (first, last) if first is None or last is None or first <= last else None
+
+    def rarest(self, asked: Sequence[_Asked], span: Span) -> _Asked:
+        """The filter with the fewest entries behind the page's place, or whose entries lie the farthest apart."""
+        readable = [(one, one.stream) for one in asked if one.stream is not None]
+        if len(readable) == 1:
+            return readable[0][0]
+        sampled = []
+        for place, (_, stream) in enumerate(readable):
+            search = self._of_days(stream, *_within(stream.model, span))
+            query = search.sample(self.after, SAMPLED, is_newest_first=self.is_newest_first)
+            count, reach = self.session.execute(query).one()
+            seconds = reach.timestamp() if reach is not None else 0.0
+            sampled.append((count, seconds if self.is_newest_first else -seconds, place))
+        return readable[min(sampled)[2]][0]
+
+    def _of_days(self, stream: Stream, *conditions: Condition) -> MealSearch:
+        return MealSearch(stream, (*within_days(stream.model, self.chosen), *conditions), self.is_on_sqlite)
+
+
+def _within(model: type[Meal | EffectiveRecord], span: Span) -> Iterator[Condition]:
+    first, last = span
+    if first is not None:
+        yield model.captured_at >= first
+    if last is not None:
+        yield model.captured_at <= last
 
 
 def _looked_up(model: type[Meal | EffectiveRecord], others: Sequence[_Asked]) -> Iterator[Condition]:
@@ -349,16 +294,6 @@ def _looked_up(model: type[Meal | EffectiveRecord], others: Sequence[_Asked]) ->
             yield conditions_of.has_record(meal_id, one.of_record)
         if one.is_of_questions:
             yield conditions_of.waits_for_answer(meal_id)
-
-
-def _named_order(*, is_newest_first: bool) -> tuple[Any, Any]:
-    instant: Any = sa.literal_column("captured_at")
-    meal: Any = sa.literal_column("id")
-    return (instant.desc(), meal.desc()) if is_newest_first else (instant, meal)
-
-
-def _sent_as(key: Any) -> Any:
-    return sa.Text() if key is EffectiveRecord.flags else key.type
 
 
 def _midnight(day: date) -> datetime:

@@ -51,7 +51,7 @@ def page_of_meals(
     session: Session, chosen: MealFilter, *, after: Key | None, limit: int, is_newest_first: bool = True
 ) -> list[MealRow]:
     """At most `limit` meals by (captured_at, id), those behind `after`."""
-    search = search_of(session, chosen)
+    search = search_of(session, chosen, after=after, is_newest_first=is_newest_first)
     if search is None:
         return []
     keys = keys_of(session, search, after, limit, is_newest_first=is_newest_first)

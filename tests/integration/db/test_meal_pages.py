@@ -12,7 +12,7 @@ import sqlalchemy as sa
 from app.db.models import Device, EffectiveRecord, Food, FoodRelease, Item, Meal, MealEvent, Participant, Study
 from app.db.models.meal import AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES
 from app.db.models.record import RECORD_STATUSES
-from app.db.queries import meal_pages
+from app.db.queries import meal_pages, meal_streams
 from app.db.queries.meal_pages import MealFilter, keys_of, pages_of_keys, search_of
 from tests.integration.db.test_record_pages import plan_of
 
@@ -178,23 +178,23 @@ LIMITS = {
     "many branches": {"MOST_PLANNED": 1},
     "few branches": {"MOST_BRANCHES": 3, "MOST_BY_ARRAYS": 3},
     "flags not looked up": {"MOST_LISTS": 1},
-    "one meal counted": {"COUNTED": 1},
+    "one meal looked at": {"SAMPLED": 1},
 }
 
 
 @pytest.mark.parametrize("limits", LIMITS.values(), ids=LIMITS)
 def test_any_filters_leave_the_meals_that_a_slow_reference_finds(database, meals, monkeypatch, limits):
     for name, value in limits.items():
-        monkeypatch.setattr(meal_pages, name, value)
+        monkeypatch.setattr(meal_streams if name == "MOST_PLANNED" else meal_pages, name, value)
     found = 0
     with database.read() as session:
-        for chosen in dict.fromkeys(some_filters(meals)):
+        for chosen in itertools.islice(dict.fromkeys(some_filters(meals)), 0, None, 4 if limits else 1):
             expected = reference(meals, chosen)
             search = search_of(session, chosen)
             keys = [] if search is None else keys_of(session, search, None, 100, is_newest_first=True)
             assert keys == expected[::-1], chosen
             found += len(keys)
-    assert found > 800  # the filters do leave something
+    assert found > 150  # the filters do leave something
 
 
 @pytest.mark.parametrize("chosen", [
