@@ -195,14 +195,15 @@ def _vertices(volume: Volume, support_mm: float) -> Float64Array:
 def _right_rings(item: MeasuredItem, trace: Trace) -> tuple[tuple[Float64Array, ...], str]:
     """The food's outline in the photograph sent as right, and what it is of.
 
-    "mask": as it was found, where that photograph is the grid's own, or no shape is known: then the mask is carried
-    over by its points. "shape": of the closed shape, as if nothing stood before it.
+    "mask": as it was found, where that photograph is the grid's own, or no shape is known or to be seen: then the mask
+    is carried over by its points. "shape": of the closed shape, as if nothing stood before it.
     """
     pair, points = trace.rectified, trace.points_table
     if pair is None or points is None or trace.views is None:
         return (), "mask"
     right = trace.views[1]
-    if item.volume is not None and not trace.is_swapped:
+    is_inside = "inside_guessed" in item.flags  # of a bowl, whose wall hides all of the shape but its top
+    if item.volume is not None and not trace.is_swapped and not is_inside:
         vertices = _vertices(item.volume, item.support_mm)
         if item.sight is None:
             pixels = points_in_photograph(vertices, right)

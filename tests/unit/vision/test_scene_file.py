@@ -2,6 +2,7 @@
 
 import base64
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -173,7 +174,7 @@ def test_no_marker_no_scene(views):
     assert estimate.artefacts == []
 
 
-def test_food_that_cannot_be_measured_has_an_outline_and_no_shape(views):
+def test_content_of_a_bowl_has_the_outline_that_is_seen_and_without_a_measure_no_shape(views):
     """The run's own trace, in which the ball is taken for the content of an opaque bowl."""
     kept = {}
 
@@ -187,6 +188,10 @@ def test_food_that_cannot_be_measured_has_an_outline_and_no_shape(views):
         estimate_meal(pair, EstimateOptions(SPEC, CAMERA), want_artefacts=True)
     trace: Trace = kept["trace"]
     (item,) = trace.items
+    trace.items = [replace(item, flags=("inside_guessed",))]
+    (told,) = json.loads(write_scene(trace, pair, kept["items"]))["items"]
+    assert told["shape"]
+    assert told["right_rings_from"] == "mask"  # a bowl's wall hides the shape below its top
     trace.items = [MeasuredItem(Region(item.region.mask), item.points_table, 0.0, None, ("not_measurable",))]
     unknown = ItemEstimate(kept["items"][0].rings, None, None, {}, flags=("not_measurable",))
     (told,) = json.loads(write_scene(trace, pair, [unknown]))["items"]
