@@ -50,14 +50,18 @@ LOADED = ("effective_record", "item", "meal", "diary_day")  # tables whose index
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """How the records are spread. largest: the share of the participants who are in the first study."""
+    """How the records are spread. largest: the share of the participants who are in the first study.
+
+    has_places: studies keep where meals were eaten.
+    """
 
     largest: float = 0.6
     days: int = DAYS
+    has_places: bool = False
 
 
 SPREAD = Shape()
-ONE_STUDY = Shape(largest=0.95, days=365)  # nearly all in one study, within a year
+ONE_STUDY = Shape(largest=0.95, days=365, has_places=True)  # nearly all in one study, within a year
 
 
 # Names to values: a NumPy or Arrow array, a list, or one value for all rows. Ids are 32 hexadecimal digits.
@@ -109,7 +113,7 @@ def lay_ground(loader: "Loader", rng: np.random.Generator, shape: Shape = SPREAD
     loader.insert(
         Study,
         {"id": study_ids, "code": [f"study-{n:02d}" for n in range(STUDIES)], "name": "A study",
-         "change_seq": 10**9, "created_at": NOW},
+         "change_seq": 10**9, "created_at": NOW, "location_policy": "keep" if shape.has_places else "drop"},
     )  # fmt: skip
     loader.insert(
         Participant,
@@ -150,13 +154,15 @@ def batches(ground: Ground, rows: int, rng: np.random.Generator, shape: Shape = 
     done, day = 0, 0
     while done < rows:
         count = min(days_a_batch, shape.days - day) if day < shape.days else days_a_batch
-        batch = some_days(ground, day, count, active, done, rng)
+        batch = some_days(ground, day, count, active, done, rng, has_places=shape.has_places)
         done += len(batch[-1][1]["item_id"])
         day += count
         yield batch
 
 
-def some_days(ground: Ground, day: int, count: int, active: int, done: int, rng: np.random.Generator) -> Batch:
+def some_days(
+    ground: Ground, day: int, count: int, active: int, done: int, rng: np.random.Generator, *, has_places: bool = False
+) -> Batch:
     """The rows of `count` days from the day of this number on; done: records before them."""
     people = np.concatenate([rng.choice(PEOPLE, active, replace=False) for _ in range(count)])
     day_of = np.repeat(np.arange(day, day + count), active)
@@ -187,7 +193,8 @@ def some_days(ground: Ground, day: int, count: int, active: int, done: int, rng:
         "id": meal_ids, "client_id": _ids(rng, meals), "study_id": meal_study, "participant_id": meal_person,
         "device_id": ground.device_ids[meal_people], "alias": _ids(rng, meals),
         "origin": "declared", "captured_at": captured, "utc_offset_minutes": 0,
-        "time_zone": "Etc/UTC", "local_date": meal_date, "details": "{}",
+        "time_zone": "Etc/UTC", "local_date": meal_date,
+        "details": places(meals, rng) if has_places else "{}",
         "status": "confirmed", "version": 1, "received_at": captured + np.timedelta64(3, "m"),
     }  # fmt: skip
     of_meal = np.repeat(np.arange(meals), rng.choice(ITEMS_A_MEAL, meals, p=ITEM_SHARES))
@@ -207,6 +214,14 @@ def some_days(ground: Ground, day: int, count: int, active: int, done: int, rng:
         "change_seq": done + np.arange(items),
     }
     return [(DiaryDay, diary), (Meal, meal), (Item, item), (EffectiveRecord, of_item | measured(items, rng))]
+
+
+def places(count: int, rng: np.random.Generator) -> list[str]:
+    """Details of meals that were eaten in and around a town."""
+    return [
+        f'{{"location": {{"latitude": {latitude:.5f}, "longitude": {longitude:.5f}}}}}'
+        for latitude, longitude in zip(rng.normal(48.2, 0.1, count), rng.normal(16.4, 0.15, count), strict=True)
+    ]
 
 
 def measured(count: int, rng: np.random.Generator) -> dict[str, Any]:

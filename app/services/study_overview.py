@@ -1,0 +1,281 @@
+"""What a study's overview tells, over a window of local days: people, days, what waits, nutrients, places.
+
+Every figure comes from one moment (one read transaction). What is not known is None, never 0; means and distributions
+are over whole days (closed, everything measured and final, or nothing eaten), and tell over how many.
+"""
+
+import math
+from array import array
+from bisect import bisect_left, bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, timedelta
+from itertools import pairwise
+from statistics import fmean, median
+
+from app.db.models import Study
+from app.db.models.meal import MEAL_STATUSES
+from app.db.queries import overview, people
+from app.db.queries.overview import DayCounts, PeopleCounts, Place, Span
+from app.db.session import Database
+from app.errors import InvalidInputError, NotFoundError
+from app.services import audit
+from app.services.access import require_study
+from app.services.caller import Caller, StaffCaller
+from app.services.diary import MAX_RANGE_DAYS
+from app.services.meal_time import latest_day
+
+USUAL_DAYS = 28
+MOST_PLACES = 2000
+SHOWN_DECIMALS = 3  # of degrees: some hundred metres, more than a map of a study shows
+USUAL_BINS = 20
+FAR = 0.01  # the share of values at either end that may lie outside the bins, so that one odd day does not flatten all
+LEAST_WIDTH = 0.01  # of a bin: finer than any amount of a day is known
+STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # bins are as wide as one of these times a power of ten
+
+
+@dataclass(frozen=True, slots=True)
+class OverviewDay:
+    """A local day of the window. expected: participants whose day it is; silent: those without meal and closed day."""
+
+    counts: DayCounts
+    expected: int
+    silent: int
+
+
+@dataclass(frozen=True, slots=True)
+class Completeness:
+    """Participant-days of the window: expected, with a meal or closed (told), closed, whole, silent; late meals.
+
+    late_meals: arrived more than 24 hours after they were eaten. median_delay_seconds: from eating to arrival.
+    """
+
+    expected: int
+    told: int
+    closed: int
+    whole: int
+    silent: int
+    meals: int
+    late_meals: int
+    median_delay_seconds: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Distribution:
+    """A headline nutrient over whole days. edges: one more than counts, in order.
+
+    below, above: values outside of the bins. sd: the sample's; None of fewer than two days; all None without a day.
+    """
+
+    column: str
+    days: int
+    mean: float | None
+    sd: float | None
+    median: float | None
+    minimum: float | None
+    maximum: float | None
+    edges: tuple[float, ...]
+    counts: tuple[int, ...]
+    below: int
+    above: int
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """Meals of the window whose place is kept: how many, and the newest of them, rounded to SHOWN_DECIMALS."""
+
+    total: int
+    shown: tuple[Place, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StudyOverview:
+    """by_status: the window's meals. waiting, failures: of the whole study, now. places None: the study keeps none."""
+
+    study: str
+    first_day: date
+    last_day: date
+    people: PeopleCounts
+    completeness: Completeness
+    days: tuple[OverviewDay, ...]
+    by_status: Mapping[str, int]
+    waiting: Mapping[str, int]
+    failures: Mapping[str, int]
+    nutrients: tuple[Distribution, ...]
+    places: Places | None
+
+
+def study_overview(
+    database: Database,
+    caller: Caller,
+    study_code: str,
+    *,
+    first_day: date | None = None,
+    last_day: date | None = None,
+    now: datetime | None = None,
+) -> StudyOverview:
+    """The overview from first_day to last_day, both included; of an end that is not given see `_window`.
+
+    Raises NotFoundError, InvalidInputError (`days_reversed`, `days_too_many`).
+    """
+    with database.read() as session:
+        study = people.find_study(session, study_code)
+        if study is None:
+            raise NotFoundError("There is no such study.")
+        require_study(caller, study.id)
+        today = latest_day(now or datetime.now(UTC))
+        latest = overview.last_day_of(session, study.id, today) if last_day is None else None
+        first, last = _window(first_day, last_day, latest or today)
+        window = overview.Window(session, study.id, first, last)
+        counted = window.days()
+        meals = sum(day.meals for day in counted)
+        days = _with_silence(counted, window.spans(), first, last, today)
+        return StudyOverview(
+            study=study.code,
+            first_day=first,
+            last_day=last,
+            people=window.people(),
+            completeness=_completeness(days, meals, window.median_delay_seconds(meals)),
+            days=days,
+            by_status={status: sum(day.by_status[status] for day in counted) for status in MEAL_STATUSES},
+            waiting=overview.waiting_of(session, study.id),
+            failures=overview.failures_of(session, study.id),
+            nutrients=tuple(distribution(name, values) for name, values in window.nutrients().items()),
+            places=_places(window, study, sum(day.located_meals for day in counted)),
+        )
+
+
+def note_overview_export(database: Database, caller: StaffCaller, study_code: str, part: str, output: str) -> None:
+    """Who took a table of an overview away, in the study's log. Raises NotFoundError."""
+    with database.write() as session:
+        study = people.find_study(session, study_code)
+        if study is None:
+            raise NotFoundError("There is no such study.")
+        audit.note(session, caller, "overview.export", study_id=study.id, output=output, part=part)
+
+
+def distribution(column: str, values: "array[float]") -> Distribution:
+    """How values lie. They are counted in some twenty bins of a round width; those far out are counted beside them."""
+    ordered = array("d", sorted(values))
+    days = len(ordered)
+    if not days:
+        return Distribution(column, 0, None, None, None, None, None, (), (), 0, 0)
+    mean = fmean(ordered)
+    sd = math.sqrt(math.fsum((value - mean) ** 2 for value in ordered) / (days - 1)) if days > 1 else None
+    edges = _edges(ordered)
+    places = [bisect_left(ordered, edge) for edge in edges[:-1]] + [bisect_right(ordered, edges[-1])]
+    return Distribution(
+        column=column,
+        days=days,
+        mean=mean,
+        sd=sd,
+        median=median(ordered),
+        minimum=ordered[0],
+        maximum=ordered[-1],
+        edges=edges,
+        counts=tuple(end - start for start, end in pairwise(places)),
+        below=places[0],
+        above=days - places[-1],
+    )
+
+
+def _edges(ordered: Sequence[float]) -> tuple[float, ...]:
+    """Round edges from zero, or below it where there are such values, to past nearly all of the values."""
+    far = int(FAR * len(ordered))
+    low, high = min(ordered[far], 0.0), max(ordered[-1 - far], 0.0)
+    width = max((high - low) / USUAL_BINS, LEAST_WIDTH)
+    power = 10.0 ** math.floor(math.log10(width))
+    step = next(each * power for each in STEPS if each * power >= width * (1.0 - 1e-9))
+    first, last = math.floor(low / step), max(math.ceil(high / step), 1)
+    return tuple(round(number * step, 12) for number in range(first, last + 1))
+
+
+def _window(first_day: date | None, last_day: date | None, latest: date) -> tuple[date, date]:
+    """The window. Without `to` it ends with the last day that anything is known of, but never before it begins.
+
+    Without `from` it has USUAL_DAYS days.
+    """
+    if last_day is None:
+        last_day = latest if first_day is None else max(first_day, latest)
+        if first_day is not None and (last_day - first_day).days >= MAX_RANGE_DAYS:
+            last_day = first_day + timedelta(days=MAX_RANGE_DAYS - 1)
+    if first_day is None:
+        first_day = date.fromordinal(max(last_day.toordinal() - USUAL_DAYS + 1, 1))
+    if first_day > last_day:
+        raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
+    if (last_day - first_day).days >= MAX_RANGE_DAYS:
+        raise InvalidInputError(
+            f"At most {MAX_RANGE_DAYS} days at once.", code="days_too_many", limit_days=MAX_RANGE_DAYS
+        )
+    return first_day, last_day
+
+
+def _with_silence(
+    counted: Sequence[DayCounts], spans: Sequence[Span], first: date, last: date, today: date
+) -> tuple[OverviewDay, ...]:
+    """Every day of the window, those of which nothing is known too, with how many people's days were expected."""
+    days = (last - first).days + 1
+    steps = [0] * (days + 1)  # how many more are expected on a day than on the one before
+    for span in spans:
+        end = min(last, today, span.withdrawn_at.astimezone(UTC).date() if span.withdrawn_at is not None else last)
+        if span.first_day <= end:
+            steps[(span.first_day - first).days] += span.participants
+            steps[(end - first).days + 1] -= span.participants
+    known = {day.local_date: day for day in counted}
+    found, expected = [], 0
+    for number in range(days):
+        local_date = first + timedelta(days=number)
+        expected += steps[number]
+        counts = known.get(local_date) or _nothing_on(local_date)
+        found.append(OverviewDay(counts, expected, max(expected - counts.told, 0)))
+    return tuple(found)
+
+
+def _nothing_on(local_date: date) -> DayCounts:
+    return DayCounts(
+        local_date=local_date,
+        told=0,
+        with_meal=0,
+        closed=0,
+        ate_nothing=0,
+        whole=0,
+        whole_energy_kcal=None,
+        open_days=0,
+        open_energy_kcal=None,
+        meals=0,
+        by_status=dict.fromkeys(MEAL_STATUSES, 0),
+        late_meals=0,
+        located_meals=0,
+        unmeasured_meals=0,
+        items=0,
+        unmeasured_items=0,
+        provisional_items=0,
+    )
+
+
+def _completeness(days: Sequence[OverviewDay], meals: int, median_delay_seconds: float | None) -> Completeness:
+    return Completeness(
+        expected=sum(day.expected for day in days),
+        told=sum(day.counts.told for day in days),
+        closed=sum(day.counts.closed for day in days),
+        whole=sum(day.counts.whole for day in days),
+        silent=sum(day.silent for day in days),
+        meals=meals,
+        late_meals=sum(day.counts.late_meals for day in days),
+        median_delay_seconds=median_delay_seconds,
+    )
+
+
+def _places(window: overview.Window, study: Study, total: int) -> Places | None:
+    if study.location_policy == "drop":  # what an earlier policy kept is not shown either
+        return None
+    shown = window.places(min(total, MOST_PLACES)) if total else []
+    return Places(
+        total,
+        tuple(
+            place._replace(
+                latitude=round(place.latitude, SHOWN_DECIMALS), longitude=round(place.longitude, SHOWN_DECIMALS)
+            )
+            for place in shown
+        ),
+    )
