@@ -115,6 +115,8 @@ CALLS: Mapping[tuple[str, str], Rule] = {
     ("POST", "/v1/meals/{meal_id}/cancel"): REVIEWER_OR_DEVICE,
     ("POST", "/v1/meals/{meal_id}/retry"): REVIEWER,
     ("GET", "/v1/records"): VIEWER_OR_DEVICE,
+    ("GET", "/v1/data-dictionary"): VIEWER_OR_DEVICE,
+    ("GET", "/v1/studies/{study}/photographs"): VIEWER,
     ("GET", "/v1/studies/{study}/changes"): VIEWER,
     # FHIR
     ("GET", "/fhir/metadata"): OPEN,

@@ -6,12 +6,13 @@ from fastapi import APIRouter, Path, Query
 
 from app.api.days import FirstDay, LastDay
 from app.api.deps import CurrentStaff, State
+from app.api.flat_list import ListRoute
 from app.api.problems import problem_responses
 from app.api.schemas.adequacy import AdequacyOut, StageAdequacyOut, VariancesOut
 from app.errors import InvalidInputError
 from app.services.adequacy import StageAdequacy, judge_study
 
-router = APIRouter(prefix="/v1/studies", tags=["days"])
+router = APIRouter(prefix="/v1/studies", tags=["days"], route_class=ListRoute)
 
 METHOD = (
     "EAR cut-point (Beaton 1994) on usual intakes from closed days, adjusted for day-to-day variation "

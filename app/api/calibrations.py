@@ -7,6 +7,7 @@ import anyio.to_thread
 from fastapi import APIRouter, Path, Request
 
 from app.api.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
+from app.api.flat_list import ListRoute
 from app.api.metadata import validated
 from app.api.problems import problem_responses
 from app.api.schemas.calibrations import (
@@ -24,7 +25,7 @@ from app.db.models import CameraCalibration
 from app.services import calibrate_device
 from app.services.calibrate_device import MAX_PHOTOGRAPHS, NewCalibration
 
-router = APIRouter(tags=["calibrations"])
+router = APIRouter(tags=["calibrations"], route_class=ListRoute)
 
 PHOTO = "photo"
 MULTIPART_BODY: dict[str, Any] = {

@@ -1,16 +1,15 @@
 """/v1/me/days, the diary; /v1/days and a study's intakes, what researchers make of it."""
 
-from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from datetime import date
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import JSONResponse
 
-from app.api.closing_stream import ClosingStream
-from app.api.csv_stream import MEDIA_TYPE, stream_csv
 from app.api.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
+from app.api.export_files import FILES, ComponentsIn, Format, LayoutIn, answer_file, file_format
+from app.api.flat_list import ListRoute
 from app.api.food_edits import IfMatch, expected_versions
 from app.api.paging import Cursor, Limit, next_page
 from app.api.problems import problem_responses
@@ -25,16 +24,15 @@ from app.api.schemas.days import (
     MeanAmountOut,
     PlausibilityOut,
 )
-from app.db.models.record import HEADLINE_COLUMNS
-from app.db.queries.days import DayFilter, DayRow
+from app.db.queries.days import DayFilter
 from app.errors import InvalidInputError
 from app.services import day_summaries, diary
-from app.services.caller import StaffCaller
 from app.services.diary import Whose, Word
-from app.services.spooled_export import SpooledExports
-from app.services.study_days import StudyDay, judge_day
+from app.services.export_days import day_values, decided_by
+from app.services.export_spec import ExportFilters, ExportSpec
+from app.services.study_days import StudyDay
 
-router = APIRouter(prefix="/v1", tags=["days"])
+router = APIRouter(prefix="/v1", tags=["days"], route_class=ListRoute)
 
 Study = Annotated[str, Path(max_length=64)]
 Participant = Annotated[str, Path(max_length=64)]
@@ -105,7 +103,7 @@ def put_day_of_participant(
     "/days",
     response_model=DaySummaryPage,
     responses={
-        200: {"content": {"text/csv": {"schema": {"type": "string"}}}, "description": "A page, or all rows as CSV."},
+        200: {"content": FILES, "description": "A page, or all rows as a file."},
         **problem_responses(401, 403, 422, 503),
     },
 )
@@ -119,29 +117,21 @@ def get_days(
     last_day: LastDay = None,
     limit: Limit = 100,
     cursor: Cursor = None,
-    output: Annotated[
-        Literal["json", "csv"] | None, Query(alias="format", description="Default: by the Accept header, else json.")
-    ] = None,
+    output: Format = None,
+    layout: LayoutIn = "wide",
+    components: ComponentsIn = "headline",
 ) -> Response:
-    """A row a participant-day, those without food too. JSON comes in pages; CSV has all rows, of one moment."""
+    """A row a participant-day, those without food too. JSON comes in pages; a file has all rows, of one moment."""
+    output = file_format(request, output, layout, components)
+    if output is not None:
+        filters = ExportFilters(study, participant, first_day, last_day)
+        return answer_file(state, caller, ExportSpec("days", layout, output, components, filters), "days")
     _check_order(first_day, last_day)
     chosen = DayFilter(study_code=study, participant_code=participant, first_day=first_day, last_day=last_day)
-    if output == "csv" or (output is None and request.headers.get("accept", "").startswith("text/csv")):
-
-        def note() -> None:
-            if isinstance(caller, StaffCaller):
-                day_summaries.note_days_export(state.database, caller, chosen)
-
-        file = SpooledExports(state.database, state.blobs, state.settings, state.export_places)(
-            caller,
-            "days",
-            lambda session: _days_csv(day_summaries.all_day_summaries(session, caller, chosen)),
-            note=note,
-        )
-        headers = {"Content-Disposition": 'attachment; filename="days.csv"', "Cache-Control": "private, no-store"}
-        return ClosingStream(file.pieces, file.close, media_type=MEDIA_TYPE, headers=headers)
     page = day_summaries.list_day_summaries(state.database, caller, chosen, cursor=cursor, limit=limit)
-    body = DaySummaryPage(items=[_summary_out(day) for day in page.rows], next=next_page(request, page.cursor))
+    body = DaySummaryPage(
+        items=[DaySummaryOut(**day_values(day)) for day in page.rows], next=next_page(request, page.cursor)
+    )
     return JSONResponse(body.model_dump(mode="json"), headers={"Cache-Control": "private, no-store"})
 
 
@@ -164,11 +154,6 @@ def get_intakes(
     return IntakePage(items=[_intake_out(intake) for intake in page.rows], next=next_page(request, page.cursor))
 
 
-def _days_csv(days: Iterable[StudyDay]) -> Iterator[bytes]:
-    rows = (_summary_out(day).model_dump(mode="json") for day in days)
-    return stream_csv(tuple(DaySummaryOut.model_fields), rows)
-
-
 def word_of(body: DayIn) -> Word:
     """The diary's word for what is asked."""
     if body.status == "open":
@@ -188,46 +173,11 @@ def _day_out(day: StudyDay) -> DayOut:
         study_day=day.number,
         status=row.status,
         ate_nothing=row.ate_nothing,
-        decided_by=_decided_by(row),
+        decided_by=decided_by(row),
         meals=row.meals,
         meals_after_closing=row.meals_after_closing,
         version=row.version,
         changed_at=row.changed_at,
-    )
-
-
-def _decided_by(row: DayRow) -> Literal["participant", "reviewer"] | None:
-    if row.version == 0:
-        return None
-    return "reviewer" if row.is_by_reviewer else "participant"
-
-
-def _summary_out(day: StudyDay) -> DaySummaryOut:
-    row, judged = day.row, judge_day(day.row)
-    amounts: dict[str, float | None] = {}
-    for name in HEADLINE_COLUMNS:
-        amount = row.amount(name)
-        amounts |= {name: amount.value, f"{name}_coverage": amount.coverage}
-    return DaySummaryOut(
-        study=row.study_code,
-        participant=row.participant_code,
-        local_date=row.local_date,
-        study_day=day.number,
-        day_status=row.status,
-        ate_nothing=row.ate_nothing,
-        decided_by=_decided_by(row),
-        meals=row.meals,
-        meals_after_closing=row.meals_after_closing,
-        median_upload_delay_seconds=row.median_upload_delay_seconds,
-        items=row.items,
-        unmeasured_meals=row.unmeasured_meals,
-        unmeasured_items=row.unmeasured_items,
-        provisional_items=row.provisional_items,
-        leftovers_unknown_items=row.leftovers_unknown_items,
-        consumed_g=0.0 if row.is_nothing else row.consumed_g,
-        energy_to_basal_rate=judged.ratio,
-        plausibility=judged.verdict,
-        **amounts,
     )
 
 

@@ -6,13 +6,14 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Request, Response
 
 from app.api.deps import CurrentStaff, State
+from app.api.flat_list import ListRoute
 from app.api.paging import Cursor, Limit, next_page
 from app.api.problems import problem_responses
 from app.api.schemas.people import DeviceList, DeviceOut, PhoneOut
 from app.api.studies import StudyCode
 from app.services import devices
 
-router = APIRouter(prefix="/v1/studies/{study}/devices", tags=["devices"])
+router = APIRouter(prefix="/v1/studies/{study}/devices", tags=["devices"], route_class=ListRoute)
 
 
 @router.get("", responses=problem_responses(401, 403, 404, 422))

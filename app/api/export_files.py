@@ -28,7 +28,9 @@ ComponentsIn = Annotated[
 ]
 
 
-def file_format(request: Request, output: str | None, layout: Layout, components: Components) -> Output | None:
+def file_format(
+    request: Request, output: str | None, layout: Layout = "wide", components: Components = "headline"
+) -> Output | None:
     """The file that is asked for, by the parameter or else by the header; None: pages of JSON.
 
     Raises InvalidInputError (`export_not_offered`) for pages in another layout.

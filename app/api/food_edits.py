@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Response
 
 from app.api.deps import CurrentStaff, State
+from app.api.flat_list import ListRoute
 from app.api.foods import FoodKey, etag_of, render_food
 from app.api.problems import problem_responses
 from app.api.schemas.food_edits import (
@@ -35,7 +36,7 @@ from app.services.recipes import NamedIngredient, NamedRecipe
 from app.services.study_densities import density_of_specimens
 from app.units import Unit
 
-router = APIRouter(prefix="/v1/foods", tags=["foods"])
+router = APIRouter(prefix="/v1/foods", tags=["foods"], route_class=ListRoute)
 
 IfMatch = Annotated[
     str | None, Header(max_length=1000, description="The ETag of the version that was read; * for whatever is there.")

@@ -3,11 +3,12 @@
 from fastapi import APIRouter
 
 from app.api.deps import CurrentCaller, State
+from app.api.flat_list import ListRoute
 from app.api.problems import problem_responses
 from app.api.schemas.foods import FoodGroupList, FoodGroupOut
 from app.services.search_foods import food_groups
 
-router = APIRouter(prefix="/v1/food-groups", tags=["foods"])
+router = APIRouter(prefix="/v1/food-groups", tags=["foods"], route_class=ListRoute)
 
 
 @router.get("", responses=problem_responses(401))

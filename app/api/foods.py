@@ -6,6 +6,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Response
 
 from app.api.deps import CurrentCaller, State
+from app.api.flat_list import ListRoute
 from app.api.problems import problem_responses
 from app.api.schemas.foods import (
     DensityChoiceOut,
@@ -27,7 +28,7 @@ from app.services.foods import FoodView, read_food
 from app.services.recipes import RecipeView
 from app.services.search_foods import search_foods
 
-router = APIRouter(prefix="/v1/foods", tags=["foods"])
+router = APIRouter(prefix="/v1/foods", tags=["foods"], route_class=ListRoute)
 
 FoodKey = Annotated[str, Path(max_length=100, description="The food's key, or its number in a published table.")]
 

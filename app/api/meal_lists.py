@@ -10,6 +10,7 @@ from fastapi.responses import JSONResponse, Response
 from pydantic import StringConstraints
 
 from app.api.deps import CurrentCaller, CurrentStaff, State
+from app.api.export_files import FILES, ComponentsIn, Format, LayoutIn, answer_file, file_format
 from app.api.paging import Cursor, Limit, next_page
 from app.api.problems import problem_responses
 from app.api.render import food_ref
@@ -25,6 +26,7 @@ from app.db.queries.meal_pages import MealFilter
 from app.db.queries.meal_rows import MealRow
 from app.errors import InvalidInputError
 from app.services.caller import Caller, DeviceCaller
+from app.services.export_spec import ExportFilters, ExportSpec
 from app.services.list_meals import MOST_WATCHED, changed_meals, count_meals, list_meals, sums_of
 from app.services.studies import read_study
 
@@ -39,7 +41,14 @@ MOST_VALUES = 10  # of one filter, any of which will do
 PRIVATE = {"Cache-Control": "private, no-store"}
 
 
-@router.get("/meals", response_model=MealPage, responses=problem_responses(401, 422))
+@router.get(
+    "/meals",
+    response_model=MealPage,
+    responses={
+        200: {"content": FILES, "description": "A page, or all rows as a file."},
+        **problem_responses(401, 422, 503),
+    },
+)
 def get_meals(
     request: Request,
     state: State,
@@ -70,8 +79,30 @@ def get_meals(
     order: Annotated[Literal["newest", "oldest"], Query(description="Which come first.")] = "newest",
     limit: Limit = 100,
     cursor: Cursor = None,
+    output: Format = None,
+    layout: LayoutIn = "wide",
+    components: ComponentsIn = "headline",
 ) -> Response:
-    """Meals by time of capture. Items that were rejected count nowhere: not in the filters, not in the figures."""
+    """Meals by time of capture. Items that were rejected count nowhere: not in the filters, not in the figures.
+
+    A file has all that the filters leave, of one moment, the oldest first.
+    """
+    output = file_format(request, output, layout, components)
+    if output is not None:
+        filters = ExportFilters(
+            study,
+            participant,
+            first_day,
+            last_day,
+            food_keys=tuple(food or ()),
+            statuses=tuple(status or ()),
+            flags=tuple(flag or ()),
+            origin=origin,
+            needs=needs,
+            failure_codes=tuple(failure or ()),
+            after_statuses=tuple(after_status or ()),
+        )
+        return answer_file(state, caller, ExportSpec("meals", layout, output, components, filters), "meals")
     if first_day and last_day and first_day > last_day:
         raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
     chosen = MealFilter(

@@ -7,6 +7,7 @@ from fastapi import APIRouter, Path, Request, Response
 from fastapi.responses import JSONResponse
 
 from app.api.deps import CurrentStaff, State
+from app.api.flat_list import ListRoute
 from app.api.paging import Cursor, Limit, next_page
 from app.api.problems import problem_responses
 from app.api.schemas.people import (
@@ -25,7 +26,7 @@ from app.services.enrol import issue_enrolment_code
 from app.services.enrolment_qr import enrolment_text, qr_png, qr_svg
 from app.services.participants import ParticipantChange
 
-router = APIRouter(prefix="/v1/studies/{study}/participants", tags=["participants"])
+router = APIRouter(prefix="/v1/studies/{study}/participants", tags=["participants"], route_class=ListRoute)
 
 ParticipantCode = Annotated[str, Path(max_length=64)]
 PICTURES = ("image/svg+xml", "image/png")

@@ -6,6 +6,7 @@ from urllib.parse import quote
 from fastapi import APIRouter, Path, Query, Request
 
 from app.api.deps import CurrentStaff, State
+from app.api.flat_list import ListRoute
 from app.api.paging import Cursor, next_page
 from app.api.problems import problem_responses
 from app.api.render import food_ref
@@ -16,7 +17,7 @@ from app.db.queries.review import QueueFilter
 from app.services.review_queue import QueuedItem, read_queue
 from app.services.studies import read_study
 
-router = APIRouter(prefix="/v1/studies", tags=["review"])
+router = APIRouter(prefix="/v1/studies", tags=["review"], route_class=ListRoute)
 
 
 @router.get("/{study}/review-queue", responses=problem_responses(401, 403, 404, 422))

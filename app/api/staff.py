@@ -6,13 +6,14 @@ from fastapi import APIRouter, Path, Request
 from pydantic import SecretStr
 
 from app.api.deps import CurrentStaff, State
+from app.api.flat_list import ListRoute
 from app.api.paging import Cursor, Limit, next_page
 from app.api.problems import problem_responses
 from app.api.schemas.staff import StaffIn, StaffList, StaffOut, StaffPatch
 from app.db.models import Staff
 from app.services import staff
 
-router = APIRouter(prefix="/v1/staff", tags=["staff"])
+router = APIRouter(prefix="/v1/staff", tags=["staff"], route_class=ListRoute)
 
 StaffPath = Annotated[str, Path(max_length=200)]
 

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Request, Response
 
 from app.api.deps import CurrentStaff, State
+from app.api.flat_list import ListRoute
 from app.api.food_edits import IfMatch, expected_versions
 from app.api.paging import Cursor, Limit, next_page
 from app.api.problems import problem_responses
@@ -12,7 +13,7 @@ from app.api.schemas.people import ProtocolIn, StudyIn, StudyList, StudyOut, Stu
 from app.db.models import Study
 from app.services import studies
 
-router = APIRouter(prefix="/v1/studies", tags=["studies"])
+router = APIRouter(prefix="/v1/studies", tags=["studies"], route_class=ListRoute)
 
 StudyCode = Annotated[str, Path(max_length=64)]
 TAGGED: dict[int | str, dict[str, Any]] = {200: {"headers": {"ETag": {"schema": {"type": "string"}}}}}

@@ -6,6 +6,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Response
 
 from app.api.deps import CurrentStaff, State
+from app.api.flat_list import ListRoute
 from app.api.food_edits import measured_density
 from app.api.problems import problem_responses
 from app.api.schemas.food_edits import SpecimenIn, StudyDensityIn, StudyDensityList, StudyDensityOut, WithdrawalIn
@@ -14,7 +15,7 @@ from app.services import study_densities
 from app.services.edit_food import Editor, author_of
 from app.services.study_densities import Measurement
 
-router = APIRouter(prefix="/v1/studies/{study}/densities", tags=["studies"])
+router = APIRouter(prefix="/v1/studies/{study}/densities", tags=["studies"], route_class=ListRoute)
 
 StudyCode = Annotated[str, Path(max_length=64)]
 

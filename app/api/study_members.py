@@ -3,6 +3,7 @@
 from fastapi import APIRouter, Request, Response
 
 from app.api.deps import CurrentStaff, State
+from app.api.flat_list import ListRoute
 from app.api.paging import Cursor, Limit, next_page
 from app.api.problems import problem_responses
 from app.api.schemas.staff import MemberIn, MemberList, MemberOut
@@ -10,7 +11,7 @@ from app.api.staff import StaffPath
 from app.api.studies import StudyCode
 from app.services import study_members
 
-router = APIRouter(prefix="/v1/studies/{study}/members", tags=["studies"])
+router = APIRouter(prefix="/v1/studies/{study}/members", tags=["studies"], route_class=ListRoute)
 
 
 @router.get("", responses=problem_responses(401, 403, 404, 422))

@@ -6,11 +6,12 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Response
 
 from app.api.deps import CurrentStaff, State
+from app.api.flat_list import ListRoute
 from app.api.problems import problem_responses
 from app.api.schemas.staff import TokenIn, TokenIssued, TokenList, TokenOut
 from app.services import access_tokens
 
-router = APIRouter(prefix="/v1/tokens", tags=["tokens"])
+router = APIRouter(prefix="/v1/tokens", tags=["tokens"], route_class=ListRoute)
 
 
 @router.get("", responses=problem_responses(401, 403))

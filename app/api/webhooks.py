@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Path, Query, Request, Response
 
 from app.api.deps import CurrentStaff, State
+from app.api.flat_list import ListRoute
 from app.api.food_edits import IfMatch, expected_versions
 from app.api.paging import Cursor, Limit, next_page
 from app.api.problems import problem_responses
@@ -21,7 +22,7 @@ from app.api.schemas.webhooks import (
 from app.db.models import Webhook
 from app.services.webhooks import IssuedSecret, Webhooks
 
-router = APIRouter(prefix="/v1/studies/{study}/webhooks", tags=["webhooks"])
+router = APIRouter(prefix="/v1/studies/{study}/webhooks", tags=["webhooks"], route_class=ListRoute)
 
 StudyCode = Annotated[str, Path(max_length=64)]
 READ = problem_responses(401, 403, 404, 422)

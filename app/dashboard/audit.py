@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query
 from starlette.responses import Response
 
-from app.api.audit import audit_csv
+from app.api.audit import audit_file
 from app.api.pages import PREFIX
 from app.dashboard.page import CurrentPage, Page
 from app.services.audit_log import read_audit
@@ -60,7 +60,7 @@ def _audit(
         "until": _midnight(last + timedelta(days=1)) if last is not None else None,
     }
     if output == "csv":
-        return audit_csv(page.state, page.caller, filters)
+        return audit_file(page.state, page.caller, filters)
     found = read_audit(page.state.database, page.caller, **filters, cursor=cursor, limit=EVENTS_A_PAGE)
     return page.render(
         "audit.html", rows=found.rows, next=found.cursor, action=action, first=first, last=last, of_study=study

@@ -10,13 +10,11 @@ from sqlalchemy.orm import Session
 from app.db.queries import days, intakes, people
 from app.db.queries.days import DayFilter
 from app.db.queries.intakes import IntakeRow
-from app.db.queries.record_pages import studies_of
 from app.db.session import Database
 from app.errors import NotFoundError
 from app.nutrition.plausible_energy import Plausibility
-from app.services import audit
 from app.services.access import require_study, visible_studies
-from app.services.caller import Caller, DeviceCaller, StaffCaller
+from app.services.caller import Caller, DeviceCaller
 from app.services.cursors import DAY, ID, TEXT, Page, decode_cursor, encode_cursor
 from app.services.study_days import StudyDay, judge_days, number_days
 
@@ -56,18 +54,6 @@ def all_day_summaries(session: Session, caller: Caller, chosen: DayFilter) -> It
         if len(rows) < STREAM_PAGE:
             return
         after = (rows[-1].local_date, rows[-1].participant_id)
-
-
-def note_days_export(database: Database, caller: StaffCaller, chosen: DayFilter) -> None:
-    """Who took days away, as export_records.py notes records: in the log of each study that they are of.
-
-    In the admins' log for all studies at once. Once, at the start: a part may be taken too.
-    """
-    filters = sorted(name for name, value in asdict(chosen).items() if value)
-    with database.write() as session:
-        studies = studies_of(session, chosen.study_code, visible_studies(caller))
-        for study_id in [None] if studies is None else studies:
-            audit.note(session, caller, "days.export", study_id=study_id, output="csv", filters=filters)
 
 
 def visible_days(caller: Caller, chosen: DayFilter) -> DayFilter:

@@ -2,7 +2,6 @@
 
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, cast
 from urllib.parse import quote
 
@@ -17,8 +16,7 @@ from app.exports.columns import Batch, Part, PartOfBatch, instant_text
 from app.exports.component_columns import KNOWN, LONG_SUM, OF_COMPONENT, wide_sums
 from app.exports.geojson_rows import POINT
 from app.exports.photograph_columns import PHOTOGRAPH_PARTS
-from app.services.access import visible_studies
-from app.services.caller import Caller, DeviceCaller
+from app.services.caller import Caller
 from app.services.export_components import (
     HEADLINE_COMPONENTS,
     Amounts,
@@ -31,19 +29,13 @@ from app.services.export_components import (
 )
 from app.services.export_spec import ExportSpec
 from app.services.export_table import Table
+from app.services.list_meals import visible_meals
 from app.services.study_days import number_of
 
 MEALS_A_BATCH = 1000
 Ids = list[uuid.UUID]
 NO_RUN = (None,) * len(of_meal.MEAL_RUN.columns)
 ORDINARY = ("left", "right")
-
-
-def visible_meals(caller: Caller, chosen: MealFilter) -> MealFilter:
-    """Of these the ones that the caller may see: a phone its participant's only, staff those of their studies."""
-    if isinstance(caller, DeviceCaller):
-        return replace(chosen, participant_id=caller.participant_id)
-    return replace(chosen, study_ids=visible_studies(caller))
 
 
 def meal_table(session: Session, caller: Caller, spec: ExportSpec) -> Table:

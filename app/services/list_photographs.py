@@ -10,7 +10,8 @@ from app.exports.columns import columns_of
 from app.exports.photograph_columns import PHOTOGRAPH_PARTS
 from app.services.caller import Caller
 from app.services.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
-from app.services.export_meals import photographs_of, visible_meals
+from app.services.export_meals import photographs_of
+from app.services.list_meals import visible_meals
 
 
 def list_photographs(

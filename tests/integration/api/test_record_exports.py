@@ -13,7 +13,6 @@ import sqlalchemy as sa
 from pyarrow import parquet
 from pydantic_core import to_json
 
-from app.api import csv_stream
 from app.api.schemas.records import RecordOut
 from app.db.models import AuditEvent, EffectiveRecord, Meal, Participant, Staff
 from app.db.queries import record_export
@@ -22,7 +21,7 @@ from app.exports.columns import columns_of
 from app.exports.csv_rows import safe_cell
 from app.exports.record_columns import PROVENANCE_PARTS, RECORD_NAMES, RECORD_PARTS
 from app.exports.spool import Spool
-from app.services import day_summaries, export_tables, spooled_export
+from app.services import day_summaries, export_days, export_tables, spooled_export
 from app.services.caller import StaffCaller
 from app.services.export_file import ExportFile
 from app.services.export_spec import ExportSpec
@@ -268,7 +267,7 @@ def test_export_is_of_one_moment_and_gives_the_database_back_before_the_reader_r
 @pytest.mark.usefixtures("eaten")
 def test_days_as_csv_are_of_one_moment(state, client, admin, monkeypatch, held_after_the_first_row):
     monkeypatch.setattr(day_summaries, "STREAM_PAGE", 1)
-    monkeypatch.setattr(csv_stream, "ROWS_A_CHUNK", 1)
+    monkeypatch.setattr(export_days, "DAYS_A_BATCH", 1)
     answers = []
     reader = threading.Thread(target=lambda: answers.append(client.get("/v1/days?format=csv", headers=admin).text))
     reader.start()

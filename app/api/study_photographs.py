@@ -1,0 +1,52 @@
+"""/v1/studies/{study}/photographs: the image manifest, JSON pages or one file."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Query, Request
+from fastapi.responses import JSONResponse, Response
+
+from app.api.days import FirstDay, LastDay
+from app.api.deps import CurrentStaff, State
+from app.api.export_files import FILES, Format, answer_file, file_format
+from app.api.paging import Cursor, Limit, next_page
+from app.api.problems import problem_responses
+from app.api.schemas.photographs import PhotographOut, PhotographPage
+from app.db.queries.meal_pages import MealFilter
+from app.errors import InvalidInputError
+from app.services.export_spec import ExportFilters, ExportSpec
+from app.services.list_photographs import list_photographs
+
+router = APIRouter(prefix="/v1/studies", tags=["meals"])
+
+
+@router.get(
+    "/{study}/photographs",
+    response_model=PhotographPage,
+    responses={
+        200: {"content": FILES, "description": "A page, or all rows as a file."},
+        **problem_responses(401, 403, 404, 422, 503),
+    },
+)
+def get_photographs(
+    request: Request,
+    study: Annotated[str, Path(max_length=64)],
+    state: State,
+    caller: CurrentStaff,
+    participant: Annotated[str | None, Query(max_length=64)] = None,
+    first_day: FirstDay = None,
+    last_day: LastDay = None,
+    limit: Limit = 100,
+    cursor: Cursor = None,
+    output: Format = None,
+) -> Response:
+    """A row a photograph with its hashes. `limit` is of meals: a page has all photographs of so many."""
+    output = file_format(request, output)
+    if output is not None:
+        filters = ExportFilters(study, participant, first_day, last_day)
+        return answer_file(state, caller, ExportSpec("photographs", output=output, filters=filters), "photographs")
+    if first_day and last_day and first_day > last_day:
+        raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
+    chosen = MealFilter(study_code=study, participant_code=participant, first_day=first_day, last_day=last_day)
+    page = list_photographs(state.database, caller, chosen, cursor=cursor, limit=limit)
+    body = PhotographPage(items=[PhotographOut(**row) for row in page.rows], next=next_page(request, page.cursor))
+    return JSONResponse(body.model_dump(mode="json"), headers={"Cache-Control": "private, no-store"})
