@@ -152,18 +152,17 @@ class Window:
         """Of those who have begun, or begin within the window."""
         begun, first = self._has_begun_before(), self._first_day
         groups = (
-            sa.select(Participant.starts_on, Participant.withdrawn_at, begun, sa.func.count())
+            sa.select(Participant.starts_on, Participant.withdrawn_at, sa.func.count(), _how_many(begun))
             .where(Participant.study_id == self._study_id)
-            .group_by(Participant.starts_on, Participant.withdrawn_at, begun)
+            .group_by(Participant.starts_on, Participant.withdrawn_at)
         )
         found, are_all_begun = [], True
-        for starts_on, withdrawn_at, has_begun, count in self._session.execute(groups):
+        for starts_on, withdrawn_at, count, count_begun in self._session.execute(groups):
             if starts_on is not None:
                 found.append(Span(max(starts_on, first), withdrawn_at, count))
-            elif has_begun:
-                found.append(Span(first, withdrawn_at, count))
-            else:
-                are_all_begun = False
+                continue
+            found.append(Span(first, withdrawn_at, int(count_begun)))
+            are_all_begun &= count == count_begun
         return found if are_all_begun else [*found, *self._beginners(begun)]
 
     def _has_begun_before(self) -> sa.ColumnElement[bool]:
@@ -180,14 +179,18 @@ class Window:
         """Those without a set start whose first meal or closed day is in the window."""
         day = self._day.c
         first_days = (
-            sa.select(Participant.withdrawn_at, sa.func.min(day.local_date).label("first_day"))
-            .join(Participant, Participant.id == day.participant_id)
-            .where(Participant.starts_on.is_(None), ~begun, sa.or_(day.meals > 0, day.status == "closed"))
-            .group_by(Participant.id, Participant.withdrawn_at)
+            sa.select(day.participant_id, sa.func.min(day.local_date).label("first_day"))
+            .where(sa.or_(day.meals > 0, day.status == "closed"))
+            .group_by(day.participant_id)
             .subquery()
         )
-        columns = (first_days.c.first_day, first_days.c.withdrawn_at)
-        query = sa.select(*columns, sa.func.count()).group_by(*columns)
+        columns = (first_days.c.first_day, Participant.withdrawn_at)
+        query = (
+            sa.select(*columns, sa.func.count())
+            .join(Participant, Participant.id == first_days.c.participant_id)
+            .where(Participant.starts_on.is_(None), ~begun)
+            .group_by(*columns)
+        )
         return [Span(*row) for row in self._session.execute(query)]
 
     def nutrients(self) -> dict[str, "array[float]"]:
