@@ -1,9 +1,10 @@
 """The page of one meal: its photographs with what was found in them, how that came about, and what people say of it."""
 
+import hashlib
 import uuid
 from dataclasses import dataclass
 from datetime import timedelta
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from fastapi import APIRouter, Form, Header, Query
 from starlette.responses import Response, StreamingResponse
@@ -28,6 +29,7 @@ from app.services.read_meal import read_meal
 router = APIRouter(include_in_schema=False)
 
 Slot = Literal["left", "right", "after_left", "after_right"]
+SLOTS = get_args(Slot)
 GONE = frozenset({REPLACED, UNDONE})  # flags of items that others stand in the place of
 
 
@@ -124,6 +126,7 @@ def context_of(page: Page, participant: str, meal_id: uuid.UUID) -> dict[str, An
     """What the page's templates show. Raises NotFoundError, ConflictError."""
     story = read_story(page.state.database, in_study(page), meal_id, participant)
     view, meal = story.view, render_meal(story.view)
+    scene_names = _scene_names(story)
     run, here = view.run, meal_address(page, view.participant_code, meal_id)
     return {
         "story": story,
@@ -133,7 +136,7 @@ def context_of(page: Page, participant: str, meal_id: uuid.UUID) -> dict[str, An
         "items": [item for item in meal.items if not GONE & set(item.flags)],
         "gone": [item for item in meal.items if GONE & set(item.flags)],
         "numbers": {item.id: number for number, item in enumerate(meal.items, start=1)},
-        "images": {image.slot: image for image in view.images},
+        "images": dict(sorted(((image.slot, image) for image in view.images), key=lambda pair: SLOTS.index(pair[0]))),
         "colour": run.colour if run is not None else None,
         "steps": {artefact.name: artefact for artefact in view.artefacts},
         "run_id": run.id if run is not None else None,
@@ -150,6 +153,8 @@ def context_of(page: Page, participant: str, meal_id: uuid.UUID) -> dict[str, An
         "flag_words": flag_words,
         "runs_of_text": as_runs,
         "scene_items": _scene_items(story),
+        "scene_names": scene_names,
+        "scene_id": hashlib.sha256("\n".join([str(run and run.id), *scene_names]).encode()).hexdigest()[:12],
         "files_of_steps": _files(story, here),
         "conflict": None,
         "said": None,
@@ -192,6 +197,14 @@ def _scene_items(story: MealStory) -> dict[int, dict[str, Any]]:
         and item.state.is_live
         and item.state.stands
     }
+
+
+def _scene_names(story: MealStory) -> list[str]:
+    """What the run's foods are taken for, in the scene's order; "" where that is not known."""
+    run = story.view.run
+    its = {item.state.item.position: item.food for item in story.view.items if run and item.state.item.run_id == run.id}
+    foods = [its.get(position) for position in range(1 + max(its, default=-1))]
+    return [food.name if food is not None else "" for food in foods]
 
 
 def _files(story: MealStory, here: str) -> list[tuple[str, str]]:
