@@ -14,7 +14,7 @@ from app.api.fhir.names import EVENT_STATUS, Names, person_of_id, person_of_toke
 from app.errors import MalformedRequestError
 from app.services.fhir_intakes import IntakeSearch, PersonName
 
-DEFAULT_COUNT, MOST_COUNT = 50, 200
+DEFAULT_COUNT, MOST_COUNT = 50, 100
 MOST_VALUES = 50  # of one parameter, comma between
 CURSOR = "_cursor"
 STATUSES = (

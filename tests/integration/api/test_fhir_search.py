@@ -254,10 +254,10 @@ def test_a_cursor_is_bound_to_its_filters(client, admin):
     assert len(ids(client.get(following.replace("_count=1", "_count=3"), headers=admin))) == 3
 
 
-def test_a_page_has_200_resources_at_most(client, admin, phone, state):
+def test_a_page_has_100_resources_at_most(client, admin, phone, state):
     for day in range(1, 6):
         add_meal(state, "P001", f"2026-11-{day:02d}", *(eaten_item() for _ in range(45)))
-    assert [len(page) for page in crawl(client, admin, "_count=1000")] == [200, 25]
+    assert [len(page) for page in crawl(client, admin, "_count=1000")] == [100, 100, 25]
     assert len(crawl(client, admin)[0]) == 50
 
 
