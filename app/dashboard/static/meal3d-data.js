@@ -78,7 +78,8 @@ export function tableOf(scene, names) {
 export function sentenceOf(scene, names) {
   const items = scene.items ?? [];
   if (!items.length) return `3D view of the table and the board ${scene.board.marker}; no food was measured.`;
-  return `3D view of ${items.map((item) => nameOf(item, names)).join(", ")} on the table beside the board ${scene.board.marker}. The table below has the sizes.`;
+  const foods = items.map((item) => nameOf(item, names)).join(", ");
+  return `3D view of ${foods} on the table beside the board ${scene.board.marker}. The table below has the sizes.`;
 }
 
 function volume(ml) {

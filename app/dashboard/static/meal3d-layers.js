@@ -12,7 +12,7 @@ const NAME_PX = 26;
 const SMALL_PX = 18;
 const UNSEEN = new Set(["mirrored", "continued"]); // slices that no photograph shows
 
-/** {root, layers by name, box of the foods and the board, dispose()}. palette: {ink, ground}, as CSS says colours. */
+/** {root, layers by name, box of the foods and the board, withCameras, dispose()}. palette: {ink, ground}, as CSS says colours. */
 export function buildLayers(scene, names, palette) {
   const root = new THREE.Group();
   const layers = {};
@@ -40,6 +40,7 @@ export function buildLayers(scene, names, palette) {
     root,
     layers,
     box: seen.expandByVector(new THREE.Vector3(8, 8, 8)),
+    withCameras: seen.clone().union(new THREE.Box3().setFromObject(layers.cameras)),
     dispose: () => root.traverse(disposeOf),
   };
 }
@@ -78,7 +79,8 @@ function cloudOf(scene) {
   const { values: places } = unpack(scene.points.positions);
   const { values: bytes } = unpack(scene.points.colours);
   const toLinear = Float32Array.from({ length: 256 }, (_, value) => linear([value, value, value]).r);
-  const half = [(scene.board.columns * scene.board.square_mm) / 2 + scene.board.margin_mm, (scene.board.rows * scene.board.square_mm) / 2 + scene.board.margin_mm];
+  const { columns, rows, square_mm: side, margin_mm: margin } = scene.board;
+  const half = [(columns * side) / 2 + margin, (rows * side) / 2 + margin];
   const ofFoods = (scene.items ?? []).reduce((sum, item) => Math.max(sum, item.points.start + item.points.count), 0);
   const groups = { foods: { at: [], paint: [] }, table: { at: [], paint: [] }, sheet: { at: [], paint: [] } };
   for (let i = 0; i < places.length; i += 3) {
@@ -129,8 +131,8 @@ function paintOf(item, cloud) {
   const mean = new THREE.Color(0, 0, 0);
   const { start, count } = item.points;
   if (!count) return mean.set(colourOf(item.index));
-  for (let i = 3 * start; i < 3 * (start + count); i += 3) mean.add({ r: paint[i] / count, g: paint[i + 1] / count, b: paint[i + 2] / count });
-  return mean.lerp(new THREE.Color("#b9b9b2"), 0.45);
+  for (let i = 3 * start; i < 3 * (start + count); i += 3) mean.add({ r: paint[i], g: paint[i + 1], b: paint[i + 2] });
+  return mean.multiplyScalar(1 / count).lerp(new THREE.Color("#b9b9b2"), 0.45);
 }
 
 function shapeOf(scene, item, cloud) {
@@ -207,7 +209,9 @@ function segments(at, options) {
 function* boardOf(board) {
   const side = board.square_mm;
   const [width, height] = [board.columns * side, board.rows * side];
-  yield quadsOf([[-width / 2 - board.margin_mm, -height / 2 - board.margin_mm, width + 2 * board.margin_mm, height + 2 * board.margin_mm, [255, 255, 255]]], 0.05);
+  const margin = board.margin_mm;
+  const sheet = [-width / 2 - margin, -height / 2 - margin, width + 2 * margin, height + 2 * margin, [255, 255, 255]];
+  yield quadsOf([sheet], 0.05);
   const squares = board.square_colours.map((colour, k) => {
     const [row, column] = [Math.floor(k / board.columns), k % board.columns];
     return [column * side - width / 2, height / 2 - (row + 1) * side, side, side, colour];
@@ -234,7 +238,8 @@ function quadsOf(quads, z) {
 function* gridOf(scene, box, palette) {
   const low = box && !box.isEmpty() ? box.min : new THREE.Vector2(-150, -150);
   const high = box && !box.isEmpty() ? box.max : new THREE.Vector2(150, 150);
-  const [x0, y0, x1, y1] = [Math.floor(low.x / 50) * 50, Math.floor(low.y / 50) * 50, Math.ceil(high.x / 50) * 50, Math.ceil(high.y / 50) * 50];
+  const [x0, y0] = [low.x, low.y].map((mm) => Math.floor(mm / 50) * 50);
+  const [x1, y1] = [high.x, high.y].map((mm) => Math.ceil(mm / 50) * 50);
   const [fine, strong] = [[], []];
   for (let x = x0; x <= x1; x += 10) (x % 50 ? fine : strong).push(x, y0, -0.6, x, y1, -0.6);
   for (let y = y0; y <= y1; y += 10) (y % 50 ? fine : strong).push(x0, y, -0.6, x1, y, -0.6);
@@ -273,7 +278,8 @@ function cameraOf(name, photo, palette) {
   const corner = (x, y) => {
     const ray = [((x - cx) / fx) * CAMERA_MM, ((y - cy) / fy) * CAMERA_MM, CAMERA_MM];
     // from the camera's axes to the table's: the transposed rotation
-    return new THREE.Vector3(...[0, 1, 2].map((k) => rotation[0][k] * ray[0] + rotation[1][k] * ray[1] + rotation[2][k] * ray[2])).add(origin);
+    const turned = [0, 1, 2].map((k) => rotation.reduce((sum, row, axis) => sum + row[k] * ray[axis], 0));
+    return new THREE.Vector3(...turned).add(origin);
   };
   const [w, h] = [photo.width - 0.5, photo.height - 0.5];
   const corners = [corner(-0.5, -0.5), corner(w, -0.5), corner(w, h), corner(-0.5, h)];
@@ -337,7 +343,8 @@ function labelOf(words, height, palette, edge) {
   context.fillText(words, pad, canvas.height / 2 + 2);
   const map = new THREE.CanvasTexture(canvas);
   map.colorSpace = THREE.SRGBColorSpace;
-  const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map, transparent: true, depthWrite: false, depthTest: false, sizeAttenuation: false }));
+  const options = { map, transparent: true, depthWrite: false, depthTest: false, sizeAttenuation: false };
+  const sprite = new THREE.Sprite(new THREE.SpriteMaterial(options));
   sprite.userData = { width: (height * canvas.width) / canvas.height, height };
   sprite.center.set(0.5, 0);
   sprite.renderOrder = 10;

@@ -25,9 +25,8 @@ export function openView(canvas, scene, names, palette) {
   stage.add(lamp, lamp.target);
   let built = buildLayers(scene, names, palette());
   stage.add(built.root);
-  const middle = built.box.getCenter(new THREE.Vector3());
-  lamp.position.copy(middle).add(new THREE.Vector3(-250, -150, 500));
-  lamp.target.position.copy(middle);
+  built.box.getCenter(lamp.target.position);
+  lamp.position.copy(lamp.target.position).add(new THREE.Vector3(-250, -150, 500));
 
   const controls = new OrbitControls(camera, canvas);
   canvas.style.touchAction = "pan-y"; // a finger that goes up or down scrolls the page
@@ -56,12 +55,14 @@ export function openView(canvas, scene, names, palette) {
     invalidate();
   };
 
+  const framed = () => (shown.cameras ? built.withCameras : built.box);
   // so far from the middle, in this direction, that all of the box is in the picture
   const away = (direction) => {
+    const { min, max } = framed();
+    const middle = framed().getCenter(new THREE.Vector3());
     const across = new THREE.Vector3(0, 0, 1).cross(direction).normalize();
     const up = direction.clone().cross(across);
     const tangent = Math.tan((FIELD_OF_VIEW / 2) * (Math.PI / 180));
-    const { min, max } = built.box;
     const needed = Array.from({ length: 8 }, (_, k) => {
       const corner = new THREE.Vector3(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z).sub(middle);
       const wide = Math.abs(corner.dot(across)) / (tangent * camera.aspect);
@@ -76,7 +77,7 @@ export function openView(canvas, scene, names, palette) {
   const directions = {
     phone: () => {
       const centre = scene.photographs.left.camera?.centre_mm;
-      return centre ? new THREE.Vector3(...centre).sub(middle).normalize() : new THREE.Vector3(0, -1, 0.9).normalize();
+      return centre ? new THREE.Vector3(...centre).sub(lamp.target.position).normalize() : new THREE.Vector3(0, -1, 0.9).normalize();
     },
     above: () => level().multiplyScalar(0.001).setZ(1).normalize(),
     side: () => level().setZ(0.12).normalize(),
@@ -90,6 +91,7 @@ export function openView(canvas, scene, names, palette) {
   const setView = (name, atOnce = false) => {
     cancelAnimationFrame(moving);
     const direction = directions[name]();
+    const middle = framed().getCenter(new THREE.Vector3());
     const goal = direction.clone().multiplyScalar(away(direction)).add(middle);
     const [from, aim] = [camera.position.clone(), controls.target.clone()];
     if (atOnce || matchMedia("(prefers-reduced-motion: reduce)").matches) return place(goal, middle);
@@ -150,6 +152,7 @@ export function openView(canvas, scene, names, palette) {
     setShown: (name, isShown) => {
       shown[name] = isShown;
       apply();
+      if (name === "cameras") setView(isShown ? "side" : "phone"); // they stand far from what was framed before
     },
     setWire: (is) => {
       isWire = is;

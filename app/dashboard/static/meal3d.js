@@ -16,7 +16,9 @@ const LAYERS = [
   ["cameras", "Cameras", false],
 ];
 const VIEWS = [["phone", "Reset view"], ["above", "From above"], ["side", "From the side"]];
-const KEYS = "Drag to turn, scroll to zoom, right button or two fingers to move. Keys: arrows turn, + and − zoom, Shift with arrows moves, 0 resets.";
+const KEYS =
+  "Drag to turn, scroll to zoom, right button or two fingers to move. " +
+  "Keys: arrows turn, + and − zoom, Shift with arrows moves, 0 resets.";
 const mounted = new Map(); // element -> handle
 let serial = 0;
 
@@ -211,4 +213,9 @@ function make(tag, className = "", text = "") {
 }
 
 mountAll();
-new MutationObserver(mountAll).observe(document.documentElement, { childList: true, subtree: true, attributes: true, attributeFilter: ["data-scene"] });
+new MutationObserver(mountAll).observe(document.documentElement, {
+  childList: true,
+  subtree: true,
+  attributes: true,
+  attributeFilter: ["data-scene"],
+});
