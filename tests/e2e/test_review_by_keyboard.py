@@ -1,0 +1,261 @@
+"""Items reviewed by keyboard alone, in a real browser: at most two keys each, undo, others' words, no network."""
+
+import json
+import math
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+
+from tests.e2e.dashboard_server import PASSWORD, dashboard_server
+from tests.estimates import found_item, identified_item, unmeasured_item
+
+CARD = ".review-card:not([hidden])"
+SETTLED_MS = 170  # a key that comes sooner after an item was shown is taken for one that was meant for the item before
+LIKELY = {"apple": 0.93, "pear": 0.04}  # the server takes it for an apple
+UNSURE = {"pear": 0.5, "apple": 0.4}  # it does not say what it is
+
+
+@pytest.fixture(scope="module")
+def world(chromium, tmp_path_factory):
+    world = dashboard_server(tmp_path_factory.mktemp("review"))
+    yield world
+    world.close()
+
+
+@pytest.fixture
+def queue_of(world, open_page):
+    """A reviewer at the queue of a study of its own, with a meal an item."""
+
+    def queue_of(study, *items, hints=None, **options):
+        world.make_study(study)
+        world.make_staff(f"ann-{study}", **{study: "reviewer"})
+        with world.enrol("P001", study) as phone:
+            meals = [world.send_meal(phone, item, hints=hints or [{"point": [300, 200]}]) for item in items]
+        watched = open_page(world.address, **options)
+        watched.sign_in(f"ann-{study}", PASSWORD, f"/dashboard/studies/{study}/review")
+        watched.page.wait_for_selector(CARD)
+        return Reviewer(watched, world), meals
+
+    return queue_of
+
+
+class Reviewer:
+    """Somebody who presses keys and sees one item."""
+
+    def __init__(self, watched, world):
+        self.watched, self.page, self.world = watched, watched.page, world
+        self.keys = 0
+
+    def shown(self):
+        card = self.page.query_selector(CARD)
+        return card.get_attribute("data-item") if card is not None else None
+
+    def text(self, selector):
+        return " ".join(self.page.inner_text(selector).split())
+
+    def press(self, *keys):
+        """Keys that do not go on to the next item."""
+        self.page.wait_for_timeout(SETTLED_MS)
+        for key in keys:
+            self.page.keyboard.press(key)
+            self.keys += 1
+
+    def decide(self, *keys):
+        """Keys after which another item is shown, or the end."""
+        before = self.shown()
+        self.press(*keys)
+        self.page.wait_for_function(
+            "([card, before]) => (document.querySelector(card)?.dataset.item ?? null) !== before", arg=[CARD, before]
+        )
+        return before
+
+    def saved(self):
+        """Wait until nothing is on its way."""
+        self.page.wait_for_function("() => !document.querySelector('[data-position]').textContent.includes('aving')")
+
+    def item(self, meal):
+        (item,) = self.world.meal(meal)["items"]
+        return item
+
+
+def round_item(probabilities, number=0, **changes):
+    """An item in the middle of the photograph (640 x 480)."""
+    ring = [[300 + 60 * math.cos(i * math.tau / 40), 200 + 50 * math.sin(i * math.tau / 40)] for i in range(40)]
+    return identified_item(probabilities, none=0.02, volume_ml=150.0 + number, polygon=ring, **changes)
+
+
+def test_ten_items_take_one_key_each_and_the_next_is_there_with_its_picture(queue_of):
+    items = [round_item(LIKELY if number % 2 else UNSURE, number) for number in range(14)]
+    ann, meals = queue_of("ten", *items)
+    reviewed = []
+    for _ in range(10):
+        assert ann.page.evaluate(f"document.activeElement === document.querySelector('{CARD}')")
+        assert ann.page.get_attribute(f"{CARD} .review-crop image", "href")
+        reviewed.append(ann.decide("Enter"))
+    assert ann.keys == 10
+    ann.saved()
+    by_item = {ann.item(meal)["id"]: ann.item(meal) for meal in meals}
+    for one in reviewed:
+        assert by_item[one]["reviewed"]
+        assert by_item[one]["food"]["key"] == by_item[one]["candidates"][0]["food"]["key"]
+        assert by_item[one]["status"] in ("confirmed", "corrected")
+    assert sum(item["reviewed"] for item in by_item.values()) == 10
+    assert "about 4 left" in ann.text("[data-position]")
+    for _ in range(4):  # those of the page behind
+        ann.decide("y")
+    assert "The end of the queue" in ann.text("[data-end]")
+    ann.saved()
+    assert all(ann.item(meal)["reviewed"] for meal in meals)
+
+
+def test_candidate_mass_rejection_and_search_are_said_as_pressed_and_undone(queue_of):
+    ann, meals = queue_of("words", *[round_item(UNSURE, number) for number in range(5)])
+    said = {}
+    said["second"] = ann.decide("2")
+    said["next"] = ann.decide("n", "Enter")
+    said["rejected"] = ann.decide("x")
+    ann.press("f")
+    ann.page.keyboard.type("banan")
+    ann.page.wait_for_selector('#review-foods [aria-selected="true"]')
+    said["found"] = ann.decide("Enter")
+    ann.press("m")
+    ann.page.keyboard.type("120,5")
+    said["weighed"] = ann.shown()
+    ann.press("Enter")
+    ann.page.wait_for_selector('[data-editor="food"]:not([hidden])')  # its food is not known yet
+    ann.page.keyboard.press("Escape")
+    assert ann.decide("Enter") == said["weighed"]
+    ann.saved()
+    by_item = {ann.item(meal)["id"]: ann.item(meal) for meal in meals}
+    foods = {name: by_item[item]["food"]["key"] for name, item in said.items() if name != "rejected"}
+    assert foods == {"second": "apple", "next": "apple", "found": "banana", "weighed": "pear"}
+    assert (by_item[said["weighed"]]["mass_g"], by_item[said["rejected"]]["status"]) == (120.5, "rejected")
+    for item in (said["weighed"], said["weighed"], said["found"], said["rejected"]):
+        ann.press("u")
+        ann.page.wait_for_selector(f'{CARD}[data-item="{item}"]')
+    ann.page.wait_for_function("() => document.querySelector('[data-status]').textContent.startsWith('Undone')")
+    ann.saved()
+    by_item = {ann.item(meal)["id"]: ann.item(meal) for meal in meals}
+    assert [name for name, item in said.items() if by_item[item]["reviewed"]] == ["second", "next"]
+
+
+def test_item_whose_meal_changed_comes_back_with_who_said_what(queue_of, world):
+    ann, meals = queue_of("conflict", *[round_item(LIKELY, number) for number in range(3)])
+    ann.watched.expect("status of 412")
+    first = ann.shown()
+    of = {ann.item(meal)["id"]: meal for meal in meals}
+    world.say(of[first], "comment", text='<b>Is this</b> "one" apple?', item=first)
+    assert ann.decide("Enter") == first
+    ann.page.wait_for_selector("[data-notices] .refused")
+    assert "Not saved: confirm" in ann.text("[data-notices]")
+    assert not ann.item(of[first])["reviewed"]
+    second = ann.decide("Enter")
+    ann.page.wait_for_selector(f'{CARD}[data-item="{first}"] [data-said]')
+    assert 'boss wrote a comment: <b>Is this</b> "one" apple?' in ann.text(f"{CARD} [data-said]")
+    third = next(item for item in of if item not in (first, second))
+    world.say(of[third], "set_food", food="pear", item=third)
+    assert ann.decide("Enter") == first
+    ann.decide("Enter")
+    ann.page.wait_for_selector("[data-notices] .notice")
+    assert "was settled by somebody else. boss set the food: pear" in ann.text("[data-notices]")
+    ann.saved()
+    assert ann.item(of[first])["status"] == "confirmed"
+    assert ann.item(of[third])["food"]["key"] == "pear"
+    assert "The end of the queue" in ann.text("[data-end]")
+
+
+def test_decision_without_a_network_comes_back_and_is_not_lost(queue_of):
+    ann, meals = queue_of("offline", *[round_item(LIKELY, number) for number in range(2)])
+    ann.watched.expect("ERR_INTERNET_DISCONNECTED")
+    ann.page.context.set_offline(True)
+    first = ann.decide("Enter")
+    ann.page.wait_for_selector("[data-notices] .refused")
+    assert "The server does not answer" in ann.text("[data-notices]")
+    ann.page.context.set_offline(False)
+    ann.decide("s")
+    assert ann.shown() == first
+    ann.decide("Enter")
+    ann.saved()
+    assert [ann.item(meal)["reviewed"] for meal in meals].count(True) == 1
+    assert "1 item was skipped" in ann.text("[data-end]")
+    ann.press("Enter")  # a new round
+    ann.page.wait_for_selector(CARD)
+    assert ann.shown() != first
+
+
+def test_outline_is_drawn_by_keys_and_sent_as_it_was_drawn(queue_of):
+    ann, (meal,) = queue_of("draw", round_item(LIKELY))
+    ann.press("d")
+    ann.page.wait_for_selector(".drawing")
+    ann.press("Shift+ArrowRight", "Tab", "+", "Delete", "Tab", "x")  # letters decide nothing meanwhile
+    drawn = json.loads(
+        ann.page.evaluate(
+            "JSON.stringify([...document.querySelectorAll('.drawing .corner')].map((one) => "
+            "[+one.getAttribute('cx'), +one.getAttribute('cy')]))"
+        )
+    )
+    ann.decide("Enter")
+    ann.saved()
+    item = ann.item(meal)
+    assert "remeasuring" in item["flags"]
+    (event,) = ann.world.admin.get(f"/v1/meals/{meal}/events").json()["items"]
+    assert (event["kind"], event["author"]) == ("redraw", "ann-draw")
+    assert event["new"]["polygon"] == [[pytest.approx(x, abs=0.06), pytest.approx(y, abs=0.06)] for x, y in drawn]
+
+
+def test_item_without_an_amount_asks_for_it_once_its_food_is_chosen(queue_of):
+    ann, (meal,) = queue_of("amount", unmeasured_item(), hints=[{"point": [300, 200], "food": "apple"}])
+    ann.press("Enter")
+    ann.page.wait_for_selector('[data-editor="mass"]:not([hidden])')
+    ann.page.keyboard.type("88")
+    ann.decide("Enter")
+    ann.saved()
+    assert (ann.item(meal)["mass_g"], ann.item(meal)["food"]["key"]) == (88.0, "apple")
+
+
+def test_letters_can_be_switched_off_and_every_key_has_a_button(queue_of):
+    ann, (meal,) = queue_of("letters", round_item(LIKELY))
+    ann.press("?")
+    assert "Undo the last decision" in ann.text("[data-help]")
+    ann.press("x", "Escape")
+    ann.page.uncheck("[data-shortcuts-on]")
+    ann.page.focus(CARD)
+    ann.press("x", "s", "1", "u", "?")
+    assert ann.page.get_attribute('[data-do="reject"]', "aria-keyshortcuts") is None
+    assert ann.page.is_hidden("[data-help]")
+    assert ann.item(meal)["status"] == "proposed"
+    ann.page.click('[data-do="reject"]')
+    ann.page.wait_for_selector("[data-end]:not([hidden])")
+    ann.saved()
+    assert ann.item(meal)["status"] == "rejected"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_no_serious_accessibility_finding_and_names_with_html_stay_text(queue_of, world, scheme):
+    name = '<script>alert(1)</script> "pie"'
+    food = {
+        "key": f"pie-{scheme}",
+        "name": name,
+        "group": "Baked Products",
+        "form": "slab",
+        "reason": "a test",
+        "nutrients": {},
+    }
+    made = world.admin.post("/v1/foods", json=food)
+    assert made.status_code == 201, made.text
+    ann, _ = queue_of(
+        f"axe-{scheme}",
+        found_item(),
+        round_item(UNSURE),
+        color_scheme=scheme,
+        hints=[{"point": [300, 200], "food": f"pie-{scheme}"}],
+    )
+    assert name in ann.page.inner_text(".review-card h2 >> nth=0") + ann.page.inner_text(".review-card h2 >> nth=1")
+    for key, opened in (("", CARD), ("f", "#review-food:visible"), ("d", ".drawing"), ("?", "dialog[open]")):
+        if key:
+            ann.page.keyboard.press("Escape")
+            ann.press(key)
+        ann.page.wait_for_selector(opened)
+        found = Axe().run(ann.page).response["violations"]
+        serious = [(one["id"], one["nodes"][0]["html"]) for one in found if one["impact"] in ("serious", "critical")]
+        assert serious == [], key
