@@ -134,6 +134,7 @@ CALLS: Mapping[tuple[str, str], Rule] = {
     ("GET", "/v1/studies/{study}/participants/{participant}/summary"): VIEWER,
     ("GET", "/v1/studies/{study}/intakes"): VIEWER,
     ("GET", "/v1/studies/{study}/adequacy"): VIEWER,
+    ("GET", "/v1/studies/{study}/overview"): VIEWER,
     # before a meal: checks and the phone's camera
     ("POST", "/v1/checks"): DEVICE,
     ("POST", "/v1/calibrations"): DEVICE,

@@ -23,6 +23,7 @@ from app.db.schema_state import current_revision, head_revision
 from app.errors import StorageFullError
 from app.services import backup, backup_check, restore
 from app.services.backup import write_backup
+from app.services.day_sums import compare_days, write_all_sums
 from app.services.delete_blobs import BlobDeleter
 from app.services.rebuild_records import rebuild_records
 from app.services.restore import CHANGE_SEQ_JUMP
@@ -237,6 +238,9 @@ def test_meals_that_come_during_a_backup_are_in_it_wholly_or_not_at_all(
     assert machine.stored().keys() == named_blobs(machine.database)
     assert rows["study"].keys() == source.rows()["study"].keys()
     assert rebuild_records(machine.database, write=False).different == 0
+    write_all_sums(machine.database)  # sums are in no backup: all days are marked, and written by the next worker
+    days = compare_days(machine.database, write=False)
+    assert (days.compared > 0, days.different) == (True, 0)
 
 
 def test_erasures_after_the_backup_are_done_again_before_anybody_is_served(

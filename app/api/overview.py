@@ -1,0 +1,161 @@
+"""/v1/studies/{study}/overview: the figures of a study's overview, and each table of it as a file."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Annotated, Any, Literal, get_args
+
+from fastapi import APIRouter, Path, Query, Response
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel
+
+from app.api.days import FirstDay, LastDay
+from app.api.deps import CurrentStaff, State
+from app.api.export_files import MEDIA_TYPES
+from app.api.problems import problem_responses
+from app.api.schemas.overview import (
+    BinOut,
+    CompletenessOut,
+    FailureCountOut,
+    NutrientOut,
+    OverviewDayOut,
+    OverviewOut,
+    OverviewPeopleOut,
+    PlaceOut,
+    StatusCountOut,
+)
+from app.errors import InvalidInputError
+from app.exports.flat_rows import encode_flat, flat_paths
+from app.services.study_overview import (
+    Distribution,
+    OverviewDay,
+    StudyOverview,
+    note_overview_export,
+    study_overview,
+)
+
+router = APIRouter(prefix="/v1/studies", tags=["days"])
+
+Part = Literal[
+    "participants",
+    "completeness",
+    "days",
+    "statuses",
+    "waiting",
+    "failures",
+    "nutrients",
+    "histograms",
+    "places",
+]
+ROWS: Mapping[Part, type[BaseModel]] = {
+    "participants": OverviewPeopleOut,
+    "completeness": CompletenessOut,
+    "days": OverviewDayOut,
+    "statuses": StatusCountOut,
+    "waiting": StatusCountOut,
+    "failures": FailureCountOut,
+    "nutrients": NutrientOut,
+    "histograms": BinOut,
+    "places": PlaceOut,
+}
+
+
+@router.get(
+    "/{study}/overview",
+    response_model=OverviewOut,
+    responses={
+        200: {
+            "content": {"text/csv": {"schema": {"type": "string"}}},
+            "description": "All of it, or a table of it as a file.",
+        },
+        **problem_responses(401, 403, 404, 422),
+    },
+)
+def get_overview(
+    study: Annotated[str, Path(max_length=64)],
+    state: State,
+    staff: CurrentStaff,
+    first_day: FirstDay = None,
+    last_day: LastDay = None,
+    output: Annotated[Literal["json", "csv", "ndjson"], Query(alias="format")] = "json",
+    part: Annotated[Part | None, Query(description="Which table, with format=csv or ndjson.")] = None,
+) -> Response:
+    """People, days, what waits, nutrients and places; without a range, the last 28 days that anything is known of."""
+    if output != "json" and part is None:
+        raise InvalidInputError(
+            f"As a file it comes a table at a time: part={', '.join(get_args(Part))}.", code="overview_part_missing"
+        )
+    found = overview_out(study_overview(state.database, staff, study, first_day=first_day, last_day=last_day))
+    private = {"Cache-Control": "private, no-store"}
+    if output == "json" or part is None:
+        return JSONResponse(found.model_dump(mode="json"), headers=private)
+    note_overview_export(state.database, staff, study, part, output)
+    named = private | {"Content-Disposition": f'attachment; filename="overview-{part}.{output}"'}
+    content = b"".join(encode_flat(output, flat_paths(ROWS[part]), rows_of(found, part)))
+    return Response(content, media_type=MEDIA_TYPES[output], headers=named)
+
+
+def rows_of(found: OverviewOut, part: Part) -> list[dict[str, Any]]:
+    """The rows of a table of the overview, as its file has them."""
+    table = getattr(found, part)
+    return [row.model_dump(mode="json") for row in (table if isinstance(table, list) else [table])]
+
+
+def overview_out(found: StudyOverview) -> OverviewOut:
+    """The overview as it goes over the wire."""
+    places = found.places
+    return OverviewOut(
+        study=found.study,
+        first_day=found.first_day,
+        last_day=found.last_day,
+        participants=OverviewPeopleOut(**found.people._asdict()),
+        completeness=CompletenessOut(**asdict(found.completeness)),
+        days=[_day_out(day) for day in found.days],
+        statuses=_statuses_out(found.by_status),
+        waiting=_statuses_out(found.waiting),
+        failures=[FailureCountOut(failure_code=code, meals=meals) for code, meals in found.failures.items()],
+        nutrients=[_nutrient_out(each) for each in found.nutrients],
+        histograms=[row for each in found.nutrients for row in _bins_out(each)],
+        located_meals=places.total if places is not None else None,
+        places=[
+            PlaceOut(
+                meal_id=place.meal_client_id,
+                participant=place.participant_code,
+                captured_at=place.captured_at,
+                local_date=place.local_date,
+                latitude=place.latitude,
+                longitude=place.longitude,
+            )
+            for place in (places.shown if places is not None else ())
+        ],
+    )
+
+
+def _day_out(day: OverviewDay) -> OverviewDayOut:
+    counts = asdict(day.counts)
+    by_status = {f"{status}_meals": meals for status, meals in counts.pop("by_status").items()}
+    return OverviewDayOut(expected=day.expected, silent=day.silent, **counts, **by_status)
+
+
+def _statuses_out(counts: Mapping[str, int]) -> list[StatusCountOut]:
+    return [StatusCountOut(status=status, meals=meals) for status, meals in counts.items()]
+
+
+def _nutrient_out(found: Distribution) -> NutrientOut:
+    return NutrientOut(
+        component=found.column,
+        days=found.days,
+        mean=found.mean,
+        sd=found.sd,
+        median=found.median,
+        minimum=found.minimum,
+        maximum=found.maximum,
+        days_below_bins=found.below,
+        days_above_bins=found.above,
+    )
+
+
+def _bins_out(found: Distribution) -> list[BinOut]:
+    return [
+        BinOut(component=found.column, from_amount=found.edges[n], to_amount=found.edges[n + 1], days=days)
+        for n, days in enumerate(found.counts)
+    ]

@@ -1,0 +1,128 @@
+"""A study's overview over the wire; each list is a table that can be had as CSV with the same rows."""
+
+import uuid
+from datetime import date, datetime
+
+from pydantic import BaseModel, Field
+
+from app.api.schemas.days import UNMEASURED_MEALS
+
+WHOLE = "Closed, and everything eaten is measured and final, or nothing was eaten; with all of its energy known."
+LATE = "Arrived more than 24 hours after they were eaten."
+
+
+class OverviewPeopleOut(BaseModel):
+    """Participants."""
+
+    everybody: int = Field(description="Those who have left included.")
+    active: int = Field(description="With a meal in the window.")
+    withdrawn: int
+
+
+class CompletenessOut(BaseModel):
+    """Participant-days of the window."""
+
+    expected: int = Field(description="From each participant's first day until they left, today at the latest.")
+    told: int = Field(description="Of those: with a meal, or closed.")
+    silent: int = Field(description="Of those: without.")
+    closed: int
+    whole: int = Field(description=WHOLE)
+    meals: int
+    late_meals: int = Field(description=LATE)
+    median_delay_seconds: float | None = Field(description="From eating to the server, of the window's meals.")
+
+
+class OverviewDayOut(BaseModel):
+    """A local day of the window; numbers of participants, but for what names meals or items."""
+
+    local_date: date
+    expected: int
+    told: int
+    silent: int
+    with_meal: int
+    closed: int
+    ate_nothing: int
+    whole: int = Field(description=WHOLE)
+    whole_energy_kcal: float | None = Field(description="Mean of the whole days; null: there is none.")
+    open_days: int = Field(description="Not closed, with some energy known.")
+    open_energy_kcal: float | None = Field(description="Mean of the open days: a lower bound, more may come.")
+    meals: int
+    receiving_meals: int
+    queued_meals: int
+    processing_meals: int
+    estimated_meals: int
+    needs_review_meals: int
+    failed_meals: int
+    confirmed_meals: int
+    late_meals: int = Field(description=LATE)
+    located_meals: int = Field(description="Whose place is kept.")
+    unmeasured_meals: int = Field(description=UNMEASURED_MEALS)
+    items: int
+    unmeasured_items: int
+    provisional_items: int
+
+
+class StatusCountOut(BaseModel):
+    """Meals of a status."""
+
+    status: str
+    meals: int
+
+
+class FailureCountOut(BaseModel):
+    """Meals that failed by a code."""
+
+    failure_code: str
+    meals: int
+
+
+class BinOut(BaseModel):
+    """Whole days whose amount lies in [from, to); in the last bin also those at its end."""
+
+    component: str = Field(description="The record's column, such as energy_kcal: its unit is in its name.")
+    from_amount: float
+    to_amount: float
+    days: int
+
+
+class NutrientOut(BaseModel):
+    """How an amount lies over whole participant-days of which all of it is known."""
+
+    component: str = Field(description="The record's column, such as energy_kcal: its unit is in its name.")
+    days: int
+    mean: float | None
+    sd: float | None = Field(description="The sample's; null of fewer than two days.")
+    median: float | None
+    minimum: float | None
+    maximum: float | None
+    days_below_bins: int
+    days_above_bins: int
+
+
+class PlaceOut(BaseModel):
+    """Where a meal was eaten, WGS84, rounded to three decimals of a degree."""
+
+    meal_id: uuid.UUID
+    participant: str
+    captured_at: datetime
+    local_date: date
+    latitude: float
+    longitude: float
+
+
+class OverviewOut(BaseModel):
+    """A study over a window of local days, both ends included."""
+
+    study: str
+    first_day: date
+    last_day: date
+    participants: OverviewPeopleOut
+    completeness: CompletenessOut
+    days: list[OverviewDayOut]
+    statuses: list[StatusCountOut] = Field(description="Of the window's meals.")
+    waiting: list[StatusCountOut] = Field(description="Of the whole study, now.")
+    failures: list[FailureCountOut] = Field(description="Of the whole study, now; the commonest first.")
+    nutrients: list[NutrientOut]
+    histograms: list[BinOut]
+    located_meals: int | None = Field(description="Null: the study keeps no places.")
+    places: list[PlaceOut] = Field(description="Of the newest 2,000 located meals of the window.")
