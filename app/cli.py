@@ -20,6 +20,7 @@ from app.cli_foods import foods_cli
 from app.cli_index import index_cli
 from app.cli_jobs import jobs_cli
 from app.cli_people import admin_cli, staff_cli
+from app.cli_releases import releases_cli
 from app.errors import Failure, InvalidInputError, TadaError
 from app.settings import Settings
 
@@ -35,6 +36,7 @@ for name, group in (
     ("foods", foods_cli),
     ("index", index_cli),
     ("records", records_cli),
+    ("releases", releases_cli),
     ("db", db_cli),
     ("jobs", jobs_cli),
     ("admin", admin_cli),

@@ -17,6 +17,7 @@ from app.db.session import open_database
 from app.jobs.process_life import die_with_parent
 from app.logs import configure_logging
 from app.services.file_runner import FileRunner
+from app.services.secret_box import open_secret_box
 from app.settings import Settings
 from app.storage.opening import open_blob_store
 
@@ -44,7 +45,8 @@ def main() -> None:
     database = open_database(settings)
     try:
         blobs = open_blob_store(settings.resolved_blob_url, settings)
-        ended = FileRunner(database, blobs, settings, arguments.claim).run_one()
+        box = open_secret_box(settings)
+        ended = FileRunner(database, blobs, settings, box, arguments.claim).run_one()
         told = {"outcome": None} if ended is None else asdict(ended)
     except AskedToEndError:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)

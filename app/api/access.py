@@ -163,6 +163,11 @@ CALLS: Mapping[tuple[str, str], Rule] = {
     ("GET", "/v1/studies/{study}/exports/{export_id}"): VIEWER,
     ("GET", "/v1/studies/{study}/exports/{export_id}/file"): VIEWER,
     ("DELETE", "/v1/studies/{study}/exports/{export_id}"): VIEWER,
+    ("GET", "/v1/studies/{study}/releases"): VIEWER,
+    ("POST", "/v1/studies/{study}/releases"): OWNER,
+    ("GET", "/v1/studies/{study}/releases/{name}"): VIEWER,
+    ("GET", "/v1/studies/{study}/releases/{name}/check"): VIEWER,
+    ("GET", "/v1/studies/{study}/releases/{name}/files/{file}"): VIEWER,
     # privacy
     ("DELETE", "/v1/meals/{meal_id}"): OWNER_OR_DEVICE,
     ("POST", "/v1/me/withdrawal"): DEVICE,

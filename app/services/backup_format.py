@@ -38,6 +38,7 @@ BLOB_COLUMNS = {
     "meal_image": ("blob_key", "erased_at"),
     "run": ("result_key", None),
     "run_artefact": ("blob_key", None),
+    "release_file": ("blob_key", None),
 }
 
 

@@ -14,13 +14,14 @@ from datetime import UTC, datetime
 
 from sqlalchemy.orm import Session
 
-from app.db.models import ErasureReceipt, Meal, MealImage
-from app.db.queries import exports, meals, privacy, records
+from app.db.models import ErasureReceipt, Meal, MealImage, Participant
+from app.db.queries import meals, privacy, records
 from app.db.queries.privacy import Ids
 from app.db.session import Database
 from app.errors import Failure, GoneError, NotFoundError
 from app.services import announce, audit
 from app.services.caller import Caller
+from app.services.erase_files import erase_meal_from_files
 from app.services.erasure_ledger import Deed, Erasure, ErasureLedger, Kind, digest_of
 from app.services.read_meal import find_meal
 from app.services.secret_box import SecretBox
@@ -71,12 +72,13 @@ class Eraser:
             meal = meals.lock_meal(session, meal_id)
             if meal is None:
                 return None
-            study_id, alias = meal.study_id, meal.alias
+            study_id, alias, client_id = meal.study_id, meal.alias, meal.client_id
+            code = session.get_one(Participant, meal.participant_id).code
             announce.meal_deleted(session, meal)
             counts = erase_meals(session, study_id, [meal], privacy.one_meal(meal_id), erasure)
             privacy.add_tombstones(session, "meal", [erasure.digest], erasure.at, study_id=study_id)
             receipt = add_receipt(session, erasure, study_id, what="meal", policy="erase", counts=counts)
-            exports.erase_from_exports(session, study_id, None)
+            erase_meal_from_files(session, self.box, study_id, code, client_id)
             audit.note(session, caller, "meal.erase", study_id=study_id, subject=alias, receipt=str(receipt.id))
         self.database.empty_log()
         return receipt

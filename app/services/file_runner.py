@@ -28,6 +28,8 @@ from app.services.export_estimate import estimate_rows
 from app.services.export_spec import spec_of_json
 from app.services.export_tables import write_export
 from app.services.made_file import ClaimLostError, WorkLife, staged_file
+from app.services.release_runner import FilesMissingError, ReleaseRunner
+from app.services.secret_box import SecretBox
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
 
@@ -37,6 +39,7 @@ MOST_ATTEMPTS = 5
 FIRST_WAIT_SECONDS, LONGEST_WAIT_SECONDS = 5.0, 300.0
 STATEMENT_SECONDS = 3600  # PostgreSQL; requests have their own, shorter limit
 DONE, AGAIN, LOST = "done", "again", "lost"
+CHANGING = "changing"  # of a release: it is tried until it is done
 INTERNAL_ERROR = "internal_error"
 
 
@@ -57,12 +60,14 @@ class FileRunner:
         database: Database,
         blobs: BlobStore,
         settings: Settings,
+        box: SecretBox,
         claim: uuid.UUID,
         *,
         lease_seconds: float = file_work.LEASE_SECONDS,
         beat_seconds: float = 1.0,
     ) -> None:
         self._database, self._blobs, self._settings, self._claim = database, blobs, settings, claim
+        self._box = box
         self._lease_seconds, self._beat_seconds = lease_seconds, beat_seconds
 
     def run_one(self) -> Ended | None:
@@ -71,19 +76,27 @@ class FileRunner:
             work = file_work.claim_next(session, self._claim, self._lease_seconds)
         if work is None:
             return None
-        died_each_time = work.attempts > MOST_ATTEMPTS
+        died_each_time = work.attempts > MOST_ATTEMPTS and work.state != CHANGING
         outcome = self._tell(work, code="export_gave_up") if died_each_time else self._try(work)
         return Ended(work.__tablename__, work.id, outcome)
 
     def _try(self, work: Work) -> str:
         try:
             with WorkLife(self._database, work, self._claim, self._beat_seconds) as life:
-                return self._make_export(work, life)
+                if isinstance(work, Export):
+                    return self._make_export(work, life)
+                runner = ReleaseRunner(
+                    self._database, self._blobs, self._settings, self._box, self._claim, self._snapshot
+                )
+                return DONE if runner.run(work, life) else AGAIN
         except ClaimLostError:
             return LOST
         except Exception as error:  # the worker's edge: the work's row tells it
             log.warning("file_not_made", file=str(work.id), attempt=work.attempts, exc_info=error)
-            return self._tell(work, _lasting_code(error, work.attempts))
+            code = _lasting_code(error, work.attempts)
+            if work.state == CHANGING and not isinstance(error, FilesMissingError):
+                code = None
+            return self._tell(work, code)
 
     def _make_export(self, export: Export, life: WorkLife) -> str:
         def count(rows: int) -> None:
@@ -97,7 +110,7 @@ class FileRunner:
                 file.write_all(write_export(session, _acting_for(session, export), spec, counted=count))
             key = f"{export.study_id}/exports/{export.id}/{self._claim.hex}/{file.sha256}"
             self._blobs.put_file(key, file.path)
-        is_ours = False
+        is_named = None  # unknown: the last transaction may be carried out, though it broke off
         try:
             with self._database.write() as session:
                 held = self._hold_unchanged(session, export, moment)
@@ -107,22 +120,25 @@ class FileRunner:
                     held.finished_at = datetime.now(UTC)
                     held.expires_at = held.finished_at + timedelta(days=self._settings.export_days)
                     held.claim = held.heartbeat_at = None
-            is_ours = held is not None
+            is_named = held is not None
+        except ClaimLostError:
+            is_named = False
+            raise
         finally:
-            if not is_ours:  # nobody will name it; if we die before, it goes as an orphan
+            if is_named is False:  # nobody will name it; if we die before, it goes as an orphan
                 self._blobs.delete(key)
-        return DONE if is_ours else AGAIN
+        return DONE if is_named else AGAIN
 
-    def _hold_unchanged(self, session: Session, work: Work, moment: Moment) -> Work | None:
-        """The work, if nothing of the study was erased since the moment; else it is begun again, and None.
+    def _hold_unchanged(self, session: Session, export: Export, moment: Moment) -> Export | None:
+        """The export, if nothing of the study was erased since the moment; else it is begun again, and None.
 
         The study is locked first, as erasures do (queries/exports.py). Raises ClaimLostError.
         """
-        exports.lock_study(session, work.study_id, shared=True)
-        held = file_work.hold(session, work, self._claim)
-        if held is None:
+        exports.lock_study(session, export.study_id, shared=True)
+        held = file_work.hold(session, export, self._claim)
+        if not isinstance(held, Export):
             raise ClaimLostError
-        if exports.moment_of(session, work.study_id).erasures == moment.erasures:
+        if exports.moment_of(session, export.study_id).erasures == moment.erasures:
             return held
         file_work.begin_again(held, counts=False)
         return None

@@ -173,13 +173,25 @@ def _mark_erased(refill: Refill, checked: CheckedBackup, keys: ScratchKeys) -> N
     tables, erased = {table.name: table for table in checked.layout}, keys.erased()
     while some := list(islice(erased, ERASED_AT_A_TIME)):
         for name, (key, erased_at) in BLOB_COLUMNS.items():
+            if name not in tables:
+                continue  # the backup is of before there was such a table
             table = tables[name].table()
             of_some = table.c[key].in_(some)
             if erased_at is not None and tables[name].place(erased_at) is not None:
                 change = sa.update(table).values({erased_at: checked.manifest.created_at})
                 refill.change(change.where(of_some, table.c[erased_at].is_(None)))
+            elif name == "release_file":
+                _mark_release(refill, table, tables["release"].table(), of_some)
             elif name == "run_artefact":
                 refill.change(sa.delete(table).where(of_some))
+
+
+def _mark_release(refill: Refill, files: sa.TableClause, release: sa.TableClause, of_some: Any) -> None:
+    """A release that was written anew while the backup was written: it has its old rows and not all their files."""
+    broken = sa.select(files.c.release_id).where(of_some)
+    lost = {"state": "failed", "failure_code": "release_files_missing", "claim": None}
+    refill.change(sa.update(release).where(release.c.id.in_(broken)).values(lost))
+    refill.change(sa.delete(files).where(of_some))
 
 
 def _put_to_work(database: Database, manifest: Manifest) -> int:

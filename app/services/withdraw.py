@@ -13,13 +13,14 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from app.db.models import ErasureReceipt, Meal, Participant, Study
-from app.db.queries import exports, jobs, people, privacy, records
+from app.db.queries import jobs, people, privacy, records
 from app.db.session import despite_deadlocks
 from app.errors import ConflictError, GoneError, NotFoundError
 from app.services import announce, audit
 from app.services.access import require_study
 from app.services.caller import Caller, DeviceCaller, StaffCaller
 from app.services.erase import PHOTOGRAPH_ERASED, Eraser, add_receipt, erase_meals, erase_pictures, public_digest
+from app.services.erase_files import erase_person_from_files
 from app.services.erasure_ledger import DEEDS, Deed, Erasure, digest_of
 from app.services.project_records import project_meal
 
@@ -91,15 +92,17 @@ def _in_one_transaction(
             return None
         privacy.end_enrolments(session, participant_id)
         study_id, alias, code = participant.study_id, participant.alias, participant.code
+        new_ids = uuid.uuid4()
         tokens = privacy.end_tokens(session, participant_id)
         ended = [eraser.box.digest("token", token_sha256) for token_sha256 in tokens]
         privacy.add_tombstones(session, "token", ended, erasure.at, study_id=study_id)
         announce.participant_withdrawn(session, participant, erasure.deed)  # under the code that its receiver knows
-        counts = {"access_token": len(ended)} | _do(session, participant, erasure)
+        counts = {"access_token": len(ended)} | _do(session, participant, erasure, new_ids)
         privacy.add_tombstones(session, "participant", [erasure.digest], erasure.at, study_id=study_id)
         receipt = add_receipt(session, erasure, study_id, what="participant", policy=erasure.deed, counts=counts)
         if erasure.deed != "keep":
-            exports.erase_from_exports(session, study_id, code)
+            renamed = (participant.code, new_ids) if erasure.deed == "anonymise" else None
+            erase_person_from_files(session, eraser.box, study_id, code, renamed)
         audit.note(
             session,
             caller,
@@ -126,13 +129,13 @@ def has_left() -> GoneError:
     return GoneError("This participant has left the study.", code="withdrawn")
 
 
-def _do(session: Session, participant: Participant, erasure: Erasure) -> dict[str, int]:
+def _do(session: Session, participant: Participant, erasure: Erasure, new_ids: uuid.UUID) -> dict[str, int]:
     if erasure.deed == "erase":
         return _erase(session, participant, erasure)
     for device in privacy.devices_of(session, participant.id):
         device.revoked_at = device.revoked_at or erasure.at
     participant.withdrawn_at = participant.withdrawn_at or erasure.at
-    return _anonymise(session, participant, erasure.at) if erasure.deed == "anonymise" else {}
+    return _anonymise(session, participant, erasure.at, new_ids) if erasure.deed == "anonymise" else {}
 
 
 def _erase(session: Session, participant: Participant, erasure: Erasure) -> dict[str, int]:
@@ -148,8 +151,11 @@ def _erase(session: Session, participant: Participant, erasure: Erasure) -> dict
     return counts
 
 
-def _anonymise(session: Session, participant: Participant, now: datetime) -> dict[str, int]:
-    """What was eaten and when stays, under a code drawn now; all that leads to the person or shows their food goes."""
+def _anonymise(session: Session, participant: Participant, now: datetime, new_ids: uuid.UUID) -> dict[str, int]:
+    """What was eaten and when stays, under a code drawn now; all that leads to the person or shows their food goes.
+
+    new_ids: by which the meals' ids are drawn, here and in releases alike; it is kept nowhere.
+    """
     stay = privacy.lock_meals_of(session, participant.id)
     of_person = privacy.meals_of(participant.id)
     for job in privacy.live_jobs_of(session, of_person):  # before the pictures go: nothing may be computed from them
@@ -160,7 +166,7 @@ def _anonymise(session: Session, participant: Participant, now: datetime) -> dic
     counts = erase_pictures(session, of_person, now)
     counts |= privacy.delete_person_marks(session, participant.id, of_person)
     for meal in stay:
-        meal.client_id, meal.alias = uuid.uuid4(), uuid.uuid4()
+        meal.client_id, meal.alias = uuid.uuid5(new_ids, str(meal.client_id)), uuid.uuid4()
         meal.details = _without_person(meal.details)
         meal.after_details = _without_person(meal.after_details) if meal.after_details is not None else None
     for event in privacy.events_of(session, of_person):

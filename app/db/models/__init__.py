@@ -33,6 +33,7 @@ from app.db.models.record import (
     Run,
     RunArtefact,
 )
+from app.db.models.release import Release, ReleaseChange, ReleaseFile
 from app.db.models.review import MealEvent
 from app.db.models.spent_key import SpentKey
 from app.db.models.webhook import Webhook, WebhookDelivery
@@ -78,6 +79,9 @@ __all__ = [
     "MealImage",
     "Participant",
     "Recompute",
+    "Release",
+    "ReleaseChange",
+    "ReleaseFile",
     "Run",
     "RunArtefact",
     "SpentKey",

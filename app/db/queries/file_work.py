@@ -12,13 +12,14 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import Export, UtcDateTime
+from app.db.models import Export, Release, UtcDateTime
 from app.db.models.export import UNDER_WAY
 
 LEASE_SECONDS = 60.0  # longer than a writer may wait for its turn on SQLite
 
-Work = Export
-KINDS: tuple[type[Work], ...] = (Export,)  # in this order where several wait
+Work = Export | Release
+KINDS: tuple[type[Work], ...] = (Release, Export)  # in this order where several wait
+ACTIVE = (*UNDER_WAY, "changing")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +48,7 @@ def claim_next(session: Session, claim: uuid.UUID, lease_seconds: float = LEASE_
             .limit(1)
             .with_for_update(skip_locked=True)
         )
-        found = session.scalars(query.execution_options(populate_existing=True)).one_or_none()
-        if found is not None:
+        for found in _works(session, query):
             _begin(session, found, claim)
             return found
     return None
@@ -81,14 +81,14 @@ def hold(session: Session, work: Work, claim: uuid.UUID) -> Work | None:
     """The work as it is now, locked; None: it is not ours any more."""
     model = type(work)
     query = sa.select(model).where(model.id == work.id, model.claim == claim).with_for_update()
-    return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
+    return next(iter(_works(session, query)), None)
 
 
 def put_back(session: Session, claim: uuid.UUID, *, counts: bool) -> int:
     """Let others begin what this claim has, at once. counts: as a try. Returns how many."""
     total = 0
     for model in KINDS:
-        for work in session.scalars(sa.select(model).where(model.claim == claim).with_for_update()):
+        for work in _works(session, sa.select(model).where(model.claim == claim).with_for_update()):
             begin_again(work, counts=counts)
             total += 1
     return total
@@ -116,6 +116,11 @@ def _begin(session: Session, work: Work, claim: uuid.UUID) -> None:
     beat(session, work, claim, Sums(0, 0))
 
 
+def _works(session: Session, query: sa.Select[Any]) -> list[Work]:
+    """As they are now, not as they were read before."""
+    return list(session.scalars(query.execution_options(populate_existing=True)))
+
+
 def _is_free(session: Session, model: type[Work], lease_seconds: float) -> sa.ColumnElement[bool]:
     """A heartbeat of a time to come is no sign of life: the database's clock went back, and who lives beats again."""
     is_left = sa.or_(
@@ -124,7 +129,7 @@ def _is_free(session: Session, model: type[Work], lease_seconds: float) -> sa.Co
         model.heartbeat_at > _clock(session, lease_seconds),
     )
     is_due = sa.or_(model.begin_after.is_(None), model.begin_after <= _clock(session))
-    return sa.and_(model.state.in_(UNDER_WAY), is_left, is_due)
+    return sa.and_(model.state.in_(ACTIVE), is_left, is_due)
 
 
 def _clock(session: Session, seconds: float = 0.0) -> sa.ColumnElement[Any]:

@@ -40,6 +40,7 @@ from app.db.models import (
     MealEvent,
     MealImage,
     Participant,
+    ReleaseFile,
     Run,
     RunArtefact,
     Study,
@@ -374,8 +375,9 @@ def is_named(session: Session, key: str) -> bool:
     images = sa.exists().where(MealImage.blob_key == key, MealImage.erased_at.is_(None))
     artefacts = sa.exists().where(RunArtefact.blob_key == key)
     results = sa.exists().where(Run.result_key == key)
-    files = sa.exists().where(Export.blob_key == key)
-    return bool(session.scalar(sa.select(sa.or_(images, artefacts, results, files))))
+    exported = sa.exists().where(Export.blob_key == key)
+    released = sa.exists().where(ReleaseFile.blob_key == key)
+    return bool(session.scalar(sa.select(sa.or_(images, artefacts, results, exported, released))))
 
 
 def of_known_studies(session: Session, keys: Collection[str]) -> set[str]:
@@ -399,6 +401,7 @@ def needed_keys(session: Session, keys: Collection[str]) -> set[str]:
         sa.select(RunArtefact.blob_key).join(Run, Run.id == RunArtefact.run_id).where(Run.meal_id.in_(meals)),
         sa.select(Run.result_key).where(Run.meal_id.in_(meals)),
         sa.select(Export.blob_key).where(Export.blob_key.in_(keys)),
+        sa.select(ReleaseFile.blob_key).where(ReleaseFile.blob_key.in_(keys)),
     )
     # first: a job that ends in between has its run by the time of the second query
     at_work = set(session.scalars(sa.select(Job.meal_id).where(Job.meal_id.in_(meals), Job.state.in_(LIVE_STATES))))

@@ -71,6 +71,7 @@ def test_every_changing_call_is_noted(client, state, admin, enrol):
     call_of_foods(walk, admin)
     export = walk(admin, "POST", "/v1/studies/{study}/exports", {"rows": "days"}, **STUDY).json()
     walk(admin, "DELETE", "/v1/studies/{study}/exports/{export_id}", export_id=export["id"], **STUDY)
+    walk(admin, "POST", "/v1/studies/{study}/releases", {"name": "baseline"}, **STUDY)
     walk(admin, "POST", PARTICIPANTS + "/{participant}/withdrawal", participant="P002", **STUDY)
     walk(phone, "POST", "/v1/me/withdrawal")
     # pages change by the services that the calls of the API have: those note it

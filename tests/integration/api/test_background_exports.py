@@ -40,7 +40,7 @@ def viewer(client, admin, eaten):
 @pytest.fixture
 def run(state):
     def run(**times):
-        return FileRunner(state.database, state.blobs, state.settings, uuid.uuid4(), **times).run_one()
+        return FileRunner(state.database, state.blobs, state.settings, state.secrets, uuid.uuid4(), **times).run_one()
 
     return run
 
@@ -171,7 +171,10 @@ def test_too_many_under_way_are_refused(client, admin, viewer, state, settings):
     formats = ("csv", "ndjson", "parquet", "geojson")
     answers = [ask(viewer, format=output) for output in formats]
     assert [answer.status_code for answer in answers] == [202, 202, 202, 429]
-    assert (answers[3].json()["code"], answers[3].json()["limit"]) == ("too_many_exports", settings.max_exports_of_person)
+    assert (answers[3].json()["code"], answers[3].json()["limit"]) == (
+        "too_many_exports",
+        settings.max_exports_of_person,
+    )
     assert viewer.delete(answers[0].headers["location"]).status_code == 204
     assert ask(viewer, format="geojson").status_code == 202
 
@@ -336,7 +339,7 @@ def test_runner_that_died_is_taken_over_and_writes_nothing_when_it_comes_back(vi
     def take_over():
         assert run().outcome == "done"  # by another, since the lease of no time at all has run out
 
-    sleeping = FileRunner(state.database, state.blobs, state.settings, uuid.uuid4(), beat_seconds=3600.0)
+    sleeping = FileRunner(state.database, state.blobs, state.settings, state.secrets, uuid.uuid4(), beat_seconds=3600.0)
     during(lambda: run_over_dead_lease(state, take_over))
     assert sleeping.run_one().outcome == "lost"
     export = viewer.get(path).json()

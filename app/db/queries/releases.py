@@ -1,0 +1,203 @@
+"""SQL of releases: names and files, the foods that frozen items are of, and what erasures want out of them."""
+
+import uuid
+from collections.abc import Collection, Iterable, Iterator
+from datetime import UTC, datetime
+from itertools import islice
+from typing import Any, Literal, NamedTuple
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.db.models import (
+    Component,
+    Food,
+    FoodDensity,
+    FoodNutrient,
+    FoodRelease,
+    Release,
+    ReleaseChange,
+    ReleaseFile,
+    Staff,
+    StudyDensity,
+)
+from app.db.queries.exports import lock_study
+from app.db.queries.file_work import begin_again
+
+KEYS_A_STATEMENT = 500
+ReleaseKey = tuple[datetime, uuid.UUID]
+UsedFood = tuple[str, int | None, str]  # key, version, table
+Deed = Literal["meal", "erase", "anonymise"]
+
+
+class NamedRelease(NamedTuple):
+    """A release, who made it, and its files by name."""
+
+    release: Release
+    made_by: str
+    files: list[ReleaseFile]
+
+
+def page_of_releases(
+    session: Session, study_id: uuid.UUID, *, after: ReleaseKey | None, limit: int
+) -> list[NamedRelease]:
+    """At most `limit` releases of a study, the newest first, those behind `after`."""
+    query = (
+        sa.select(Release, Staff.name)
+        .join(Staff, Staff.id == Release.staff_id)
+        .where(Release.study_id == study_id)
+        .order_by(Release.requested_at.desc(), Release.id.desc())
+        .limit(limit)
+    )
+    if after is not None:
+        key = sa.tuple_(
+            sa.bindparam(None, after[0], type_=Release.requested_at.type),
+            sa.bindparam(None, after[1], type_=Release.id.type),
+        )
+        query = query.where(sa.tuple_(Release.requested_at, Release.id) < key)
+    return [NamedRelease(release, name, files_of(session, release.id)) for release, name in session.execute(query)]
+
+
+def find_release(session: Session, study_id: uuid.UUID, name: str, *, lock: bool = False) -> NamedRelease | None:
+    """A release of this study by name."""
+    query = (
+        sa.select(Release, Staff.name)
+        .join(Staff, Staff.id == Release.staff_id)
+        .where(Release.study_id == study_id, Release.name == name)
+    )
+    if lock:
+        query = query.with_for_update(of=Release).execution_options(populate_existing=True)
+    row = session.execute(query).one_or_none()
+    return NamedRelease(row[0], row[1], files_of(session, row[0].id)) if row is not None else None
+
+
+def files_of(session: Session, release_id: uuid.UUID) -> list[ReleaseFile]:
+    """A release's files by name."""
+    query = sa.select(ReleaseFile).where(ReleaseFile.release_id == release_id).order_by(ReleaseFile.name)
+    return list(session.scalars(query))
+
+
+def replace_files(session: Session, release_id: uuid.UUID, files: Iterable[ReleaseFile]) -> list[str]:
+    """The release has these files now; the keys of the blobs of those that it had."""
+    old = list(
+        session.scalars(
+            sa.delete(ReleaseFile).where(ReleaseFile.release_id == release_id).returning(ReleaseFile.blob_key)
+        )
+    )
+    session.add_all(files)
+    session.flush()
+    return old
+
+
+def changes_of(session: Session, release_id: uuid.UUID) -> list[ReleaseChange]:
+    """What is to be taken out of a release, in the order in which it was erased."""
+    query = sa.select(ReleaseChange).where(ReleaseChange.release_id == release_id)
+    return list(session.scalars(query.order_by(ReleaseChange.requested_at, ReleaseChange.id)))
+
+
+def forget_changes(session: Session, ids: Collection[uuid.UUID]) -> None:
+    """These are done."""
+    session.execute(sa.delete(ReleaseChange).where(ReleaseChange.id.in_(ids)))
+
+
+def erase_from_releases(
+    session: Session, study_id: uuid.UUID, deed: Deed, digest: str, renamed: tuple[str, uuid.UUID] | None = None
+) -> int:
+    """In an erasure's transaction, at its end: no release of the study is served until it is without what is erased.
+
+    renamed: the code of who stays without their name, and by what the ids of their meals are drawn. A release in the
+    making begins again. Returns how many are to change. As with exports the study is locked first.
+    """
+    lock_study(session, study_id)
+    query = sa.select(Release).where(Release.study_id == study_id).order_by(Release.id).with_for_update()
+    now, changing = datetime.now(UTC), 0
+    for release in session.scalars(query.execution_options(populate_existing=True)).all():
+        if release.state == "failed":
+            continue
+        begin_again(release, counts=False)
+        if release.state == "queued":
+            continue
+        release.state = "changing"
+        changing += 1
+        new_code, new_ids = renamed if renamed is not None else (None, None)
+        session.add(
+            ReleaseChange(
+                id=uuid.uuid4(),
+                release_id=release.id,
+                deed=deed,
+                digest=digest,
+                new_code=new_code,
+                new_ids=new_ids,
+                requested_at=now,
+            )
+        )
+    session.flush()
+    return changing
+
+
+def foods_used(session: Session, used: Collection[UsedFood]) -> dict[int, UsedFood]:
+    """The ids of these foods, in the order of (key, table, version)."""
+    found: dict[int, UsedFood] = {}
+    for keys in _some({key for key, _, _ in used}):
+        table = FoodRelease.name + " " + FoodRelease.version
+        query = (
+            sa.select(Food.id, Food.key, Food.version, table)
+            .join(FoodRelease, FoodRelease.id == Food.release_id)
+            .where(Food.key.in_(keys))
+        )
+        found |= {
+            food_id: (key, version, name)
+            for food_id, key, version, name in session.execute(query)
+            if (key, version, name) in used
+        }
+    return dict(sorted(found.items(), key=lambda one: (one[1][0], one[1][2], one[1][1] or 0)))
+
+
+def foods_by_id(session: Session, ids: Collection[int]) -> dict[int, Food]:
+    """Foods."""
+    return {food.id: food for some in _some(ids) for food in session.scalars(sa.select(Food).where(Food.id.in_(some)))}
+
+
+def nutrients_by_food(session: Session, ids: Collection[int]) -> Iterator[tuple[int, list[tuple[Any, ...]]]]:
+    """(food, [(number, tagname, name, unit, per 100 g) in the components' order]), a few foods at a time."""
+    for some in _some(ids):
+        found: dict[int, list[tuple[Any, ...]]] = {food_id: [] for food_id in some}
+        query = (
+            sa.select(
+                FoodNutrient.food_id,
+                Component.number,
+                Component.tagname,
+                Component.name,
+                Component.unit,
+                FoodNutrient.per_100_g,
+            )
+            .join(Component, Component.id == FoodNutrient.component_id)
+            .where(FoodNutrient.food_id.in_(some))
+            .order_by(Component.number)
+        )
+        for food_id, *values in session.execute(query):
+            found[food_id].append(tuple(values))
+        yield from found.items()
+
+
+def densities_by_food(session: Session, ids: Collection[int]) -> dict[int, list[FoodDensity]]:
+    """The tables' densities of these foods, in the tables' order."""
+    found: dict[int, list[FoodDensity]] = {food_id: [] for food_id in ids}
+    for some in _some(ids):
+        query = sa.select(FoodDensity).where(FoodDensity.food_id.in_(some))
+        for density in session.scalars(query.order_by(FoodDensity.food_id, FoodDensity.position)):
+            found[density.food_id].append(density)
+    return found
+
+
+def study_densities(session: Session, study_id: uuid.UUID, keys: Collection[str]) -> list[StudyDensity]:
+    """The study's own measurements of these foods that hold."""
+    query = sa.select(StudyDensity).where(StudyDensity.study_id == study_id, StudyDensity.withdrawn_at.is_(None))
+    found = session.scalars(query.order_by(StudyDensity.food_key, StudyDensity.measured_at, StudyDensity.id))
+    return [one for one in found if one.food_key in keys]
+
+
+def _some(values: Collection[Any]) -> Iterator[list[Any]]:
+    left = iter(values if isinstance(values, dict | list) else sorted(values))
+    while some := list(islice(left, KEYS_A_STATEMENT)):
+        yield some

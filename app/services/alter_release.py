@@ -1,0 +1,175 @@
+"""A release without what was erased: its files are written anew from the old ones, and from nothing else.
+
+Rows of an erased meal or person go; the day that a meal was on is worked out anew from what is left of it
+(release_days.py); foods that nothing is of any more go too. A person whose data stay without them (anonymise) stands
+under the code and ids drawn for it, without places, photographs and their hashes. What is to go is known by keyed
+digests, so that nobody's code or id waits in the database.
+"""
+
+import uuid
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from app.db.models import ReleaseChange
+from app.exports.columns import Column
+from app.services.freeze_release import OF_FOODS
+from app.services.release_days import day_without
+from app.services.release_files import Contents, ReleaseFiles, Row, columns_told
+from app.services.secret_box import SecretBox
+
+OF_PERSON = frozenset(  # columns that are emptied where a person's data stay without them
+    {
+        "longitude",
+        "latitude",
+        *(f"{side}_{kind}_sha256" for side in ("left", "right") for kind in ("received", "stored")),
+    }
+)
+GONE = None
+Key = tuple[str, str | None]  # participant, meal
+Fetched = Callable[[str], Path]  # a file of the release by name, as a local file
+
+
+def meal_digest(box: SecretBox, participant_code: str, meal_id: uuid.UUID | str) -> str:
+    """By which a meal is found in a release: by what its rows say."""
+    return box.digest("release.meal", f"{participant_code}\n{meal_id}")
+
+
+def participant_digest(box: SecretBox, participant_code: str) -> str:
+    """By which a participant is found in a release."""
+    return box.digest("release.participant", participant_code)
+
+
+@dataclass(slots=True)
+class Verdicts:
+    """What becomes of rows, by participant and meal: the names that they keep or get, or GONE. Each found out once."""
+
+    box: SecretBox
+    changes: Sequence[ReleaseChange]
+    known: dict[Key, Key | None] = field(default_factory=dict)
+
+    def __call__(self, participant: str, meal_id: str | None = None) -> Key | None:
+        """GONE, or the row's participant and meal from now on."""
+        key = (participant, meal_id)
+        if key not in self.known:
+            self.known[key] = self._judge(participant, meal_id)
+        return self.known[key]
+
+    def _judge(self, participant: str, meal_id: str | None) -> Key | None:
+        """The changes one after the other: who was made nameless may be erased later, by the new name."""
+        for change in self.changes:
+            of_person = change.digest == participant_digest(self.box, participant)
+            if change.deed == "anonymise":
+                if of_person and change.new_code is not None and change.new_ids is not None:
+                    participant = change.new_code
+                    meal_id = str(uuid.uuid5(change.new_ids, meal_id)) if meal_id is not None else None
+            elif of_person if change.deed == "erase" else self._is_meal(change, participant, meal_id):
+                return GONE
+        return participant, meal_id
+
+    def _is_meal(self, change: ReleaseChange, participant: str, meal_id: str | None) -> bool:
+        return meal_id is not None and change.digest == meal_digest(self.box, participant, meal_id)
+
+
+@dataclass(slots=True)
+class _Touched:
+    """A day that a meal was taken from: rows of its meals, and of the items of those that are left."""
+
+    left: list[Mapping[str, Any]] = field(default_factory=list)
+    gone: list[Mapping[str, Any]] = field(default_factory=list)
+    items: list[Mapping[str, Any]] = field(default_factory=list)
+
+
+class ReleaseAlteration:
+    """One release's changes. manifest: its release.json; fetched: its files."""
+
+    def __init__(self, manifest: Mapping[str, Any], fetched: Fetched, verdicts: Verdicts) -> None:
+        self._manifest, self._fetched, self._judge = manifest, fetched, verdicts
+        self._days: dict[Key, _Touched] = {}
+
+    def is_met(self) -> bool:
+        """Whether the release has anything of what is to go. Notes which days are touched."""
+        met = False
+        for row in self._rows("meals"):
+            verdict = self._judge(row["participant"], row["meal_id"])
+            met = met or verdict != (row["participant"], row["meal_id"])
+            if verdict is GONE and self._judge(row["participant"]) is not GONE:
+                self._days.setdefault((row["participant"], row["local_date"]), _Touched()).gone.append(row)
+        if "days" in self._manifest["tables"]:
+            met = met or any(
+                self._judge(row["participant"]) != (row["participant"], None) for row in self._rows("days")
+            )
+        return met
+
+    def write(self, files: ReleaseFiles) -> Contents:
+        """All tables and the dictionary without what is to go. Call `is_met` first."""
+        for row in self._rows("meals"):
+            self._note(row, "left")
+        for row in self._rows("items"):
+            self._note(row, "items")
+        contents = Contents()
+        for name in ("items", "meals", "days", "photographs"):
+            if name in self._manifest["tables"]:
+                columns = columns_told(self._manifest, name)
+                rows = self._changed(name, columns)
+                files.add_table(name, columns, contents.tally(columns, rows) if name == "items" else rows)
+        for name in OF_FOODS:
+            columns = columns_told(self._manifest, name)
+            files.add_table(name, columns, self._of_foods(columns, name, contents))
+        files.add_dictionary()
+        return contents
+
+    def _changed(self, name: str, columns: Sequence[Column]) -> Iterator[Row]:
+        has_meal = name != "days"
+        names = [column.name for column in columns]
+        for row in self._rows(name):
+            verdict = self._judge(row["participant"], row["meal_id"] if has_meal else None)
+            if verdict is GONE:
+                continue
+            is_renamed = verdict[0] != row["participant"]
+            if is_renamed and name == "photographs":
+                continue
+            kept: Mapping[str, Any] | None = row
+            if not has_meal and (touched := self._days.get((row["participant"], row["local_date"]))) is not None:
+                kept = day_without(
+                    row,
+                    touched.left,
+                    touched.gone,
+                    touched.items,
+                    expects_after_pair=self._manifest["protocol"]["expects_after_pair"],
+                )
+            if kept is None:
+                continue
+            if is_renamed:
+                kept = _renamed(kept, *verdict)
+            yield tuple(kept[column] for column in names)
+
+    def _of_foods(self, columns: Sequence[Column], name: str, contents: Contents) -> Iterator[Row]:
+        """Rows of foods that items are still of; a study's own densities are of a food in any version."""
+        keys = {key for key, _, _ in contents.foods}
+        for row in self._rows(name):
+            food = (row["food_key"], row["food_version"], row["food_table"])
+            if food in contents.foods or (row["food_table"] is None and row["food_key"] in keys):
+                yield tuple(row[column.name] for column in columns)
+
+    def _note(self, row: Mapping[str, Any], what: str) -> None:
+        touched = self._days.get((row["participant"], row["local_date"]))
+        if touched is not None and self._judge(row["participant"], row["meal_id"]) is not GONE:
+            (touched.left if what == "left" else touched.items).append(row)
+
+    def _rows(self, name: str) -> Iterator[Mapping[str, Any]]:
+        from app.exports.table_files import read_rows  # noqa: PLC0415  # pyarrow
+
+        columns = columns_told(self._manifest, name)
+        names = [column.name for column in columns]
+        for row in read_rows(columns, self._fetched(f"{name}.parquet")):
+            yield dict(zip(names, row, strict=True))
+
+
+def _renamed(row: Mapping[str, Any], participant: str, meal_id: str | None) -> Mapping[str, Any]:
+    changed = {name: None if name in OF_PERSON else value for name, value in row.items()}
+    changed["participant"] = participant
+    if meal_id is not None:
+        changed["meal_id"] = meal_id
+    return changed

@@ -1,0 +1,474 @@
+"""Releases: a study's data frozen under a name; what is frozen stays, but for what is erased."""
+
+import csv
+import hashlib
+import io
+import json
+import uuid
+from datetime import UTC, date, datetime, timedelta
+
+import pytest
+import sqlalchemy as sa
+from pyarrow import parquet
+
+from app.db.models import DiaryDay, EffectiveRecord, Meal, MealImage, Participant, ReleaseChange
+from app.db.models.record import HEADLINE_COLUMNS
+from app.db.queries import file_work
+from app.services import release_runner
+from app.services.compare_release import compare_release
+from app.services.delete_blobs import BlobDeleter
+from app.services.file_runner import FileRunner
+from app.services.release_days import NOT_DERIVABLE, day_without
+from tests.integration.api.people import make_staff
+from tests.integration.eaten_days import add_meal, eaten_item
+from tests.stores import make_old, store_bytes, stored_names
+
+PATH = "/v1/studies/pilot/releases"
+TABLES = ("items", "meals", "days", "photographs", "foods", "food_nutrients", "food_densities")
+MARKED = "P-marked-7Kq"
+
+
+@pytest.fixture
+def eaten(enrol, state):
+    """Three people, days of all kinds: two meals, one, none left to see, closed, with a word and without."""
+    phones = {code: enrol(code) for code in (MARKED, "P002", "P003")}
+    apple = {"energy_kcal": 52.0, "protein_g": 0.3, "volume_ml": 120.0, "volume_low_ml": 100.0, "volume_high_ml": 140.0}
+    meals = {
+        "two a": add_meal(state, MARKED, "2026-11-01", eaten_item(100.0, "apple", **apple), hour=8),
+        "two b": add_meal(
+            state,
+            MARKED,
+            "2026-11-01",
+            eaten_item(0.1, "banana", energy_kcal=0.1),
+            eaten_item(0.2, "apple", energy_kcal=0.2, status="rejected"),
+            eaten_item(0.2, "apple", energy_kcal=None, provisional=True),
+            hour=13,
+            delay=timedelta(hours=3),
+        ),
+        "alone": add_meal(state, MARKED, "2026-11-02", eaten_item(None)),
+        "closed": add_meal(state, MARKED, "2026-11-03", eaten_item(50.0, "banana", energy_kcal=44.0)),
+        "late": add_meal(
+            state, MARKED, "2026-11-03", eaten_item(-3.0, "apple", energy_kcal=-1.5), hour=20, delay=timedelta(days=3)
+        ),
+        "of another": add_meal(state, "P002", "2026-11-01", eaten_item(80.0, "apple", energy_kcal=41.6)),
+        "confirmed empty": add_meal(state, "P003", "2026-11-04", status="confirmed"),
+        "failed": add_meal(state, "P003", "2026-11-05", status="failed"),
+        "seen": add_meal(state, "P003", "2026-11-05", eaten_item(9.0, "apple", origin="added"), hour=9),
+    }  # fmt: skip
+    with state.database.write() as session:
+        for code, day in ((MARKED, 3), ("P003", 4)):
+            person = session.scalars(sa.select(Participant).where(Participant.code == code)).one()
+            session.add(
+                DiaryDay(
+                    participant_id=person.id,
+                    local_date=date(2026, 11, day),
+                    study_id=person.study_id,
+                    status="closed",
+                    ate_nothing=False,
+                    changed_at=datetime(2026, 11, day, 22, tzinfo=UTC),
+                    change_seq=1,
+                )
+            )
+        for meal in session.scalars(sa.select(Meal)):
+            session.add(
+                MealImage(
+                    id=uuid.uuid4(),
+                    meal_id=meal.id,
+                    slot="left",
+                    media_type="image/jpeg",
+                    width_px=4,
+                    height_px=3,
+                    bytes=5,
+                    received_sha256=hashlib.sha256(meal.id.bytes).hexdigest(),
+                    stored_sha256=hashlib.sha256(meal.id.bytes).hexdigest(),
+                    blob_key=f"{meal.study_id}/{meal.id}/left/{hashlib.sha256(meal.id.bytes).hexdigest()}",
+                    received_at=meal.received_at,
+                )
+            )
+    return {"phones": phones, "meals": meals}
+
+
+@pytest.fixture
+def owner(client, admin, eaten):
+    return make_staff(client, admin, "olga", pilot="owner")
+
+
+@pytest.fixture
+def run(state):
+    def run():
+        runner = FileRunner(state.database, state.blobs, state.settings, state.secrets, uuid.uuid4())
+        return runner.run_one()
+
+    return run
+
+
+def frozen(owner, run, name, **body):
+    answer = owner.post(PATH, json={"name": name} | body)
+    assert answer.status_code == 202, answer.text
+    ended = run()
+    assert ended.outcome == "done", ended
+    release = owner.get(answer.headers["location"]).json()
+    assert release["state"] == "ready"
+    return release
+
+
+def fetch(owner, release, name):
+    answer = owner.get(f"{PATH}/{release['name']}/files/{name}")
+    assert answer.status_code == 200, answer.text
+    return answer.content
+
+
+def rows(owner, release, table):
+    return list(csv.DictReader(io.StringIO(fetch(owner, release, f"{table}.csv").decode(), newline="")))
+
+
+def typed(owner, release, table):
+    return parquet.read_table(io.BytesIO(fetch(owner, release, f"{table}.parquet"))).to_pylist()
+
+
+def erase(eaten, meal):
+    phone = eaten["phones"][MARKED]
+    answer = phone.client.delete(f"/v1/meals/{eaten['meals'][meal]}", headers=phone.headers)
+    assert answer.status_code == 200, answer.text
+
+
+def test_release_holds_every_table_with_checksums_that_anybody_can_check(owner, run):
+    release = frozen(owner, run, "baseline", note="for the paper")
+    names = {f"{table}.{end}" for table in TABLES for end in ("csv", "parquet")}
+    assert {file["name"] for file in release["files"]} == names | {"data-dictionary.csv", "release.json"}
+    lines = []
+    for file in release["files"]:
+        content = fetch(owner, release, file["name"])
+        assert (hashlib.sha256(content).hexdigest(), len(content)) == (file["sha256"], file["bytes"])
+        if file["name"] != "release.json":
+            lines.append(f"{file['sha256']}  {file['name']}\n")
+    assert release["checksum"] == hashlib.sha256("".join(sorted(lines)).encode()).hexdigest()
+    told = json.loads(fetch(owner, release, "release.json"))
+    assert told["checksum"] == release["checksum"]
+    assert (told["study"], told["note"], told["frozen_by"]) == ("pilot", "for the paper", "olga")
+    assert told["protocol"]["marker"] == "plain:9x7:11"
+    assert told["change_seq"] == release["change_seq"]
+    assert sum(told["contents"]["food_tables"].values()) == 8
+    assert len(told["tables"]) == len(TABLES)
+
+
+@pytest.mark.parametrize("table", ["items", "meals", "days", "photographs"])
+def test_frozen_tables_are_the_exports_of_the_same_moment(owner, run, state, table):
+    release = frozen(owner, run, "baseline")
+    components = "all" if table == "items" else "headline"
+    path = owner.post(
+        "/v1/studies/pilot/exports", json={"rows": table, "format": "csv", "components": components}
+    ).headers["location"]
+    assert run().outcome == "done"
+    exported = list(csv.DictReader(io.StringIO(owner.get(path + "/file").text, newline="")))
+    kept = rows(owner, release, table)
+    assert kept
+    left_out = {"items": {"change_seq"}, "meals": {"version"}, "days": set(NOT_DERIVABLE)}.get(table, set())
+    assert set(exported[0]) - set(kept[0]) == left_out
+    assert kept == [{name: value for name, value in row.items() if name not in left_out} for row in exported]
+    typed_rows = typed(owner, release, table)
+    assert [str(row["participant"]) for row in typed_rows] == [row["participant"] for row in kept]
+    dictionary = list(csv.DictReader(io.StringIO(fetch(owner, release, "data-dictionary.csv").decode())))
+    assert [row["name"] for row in dictionary if row["table"] == table] == list(kept[0])
+    assert all(row["meaning"] for row in dictionary)
+
+
+def test_foods_of_a_release_are_those_of_its_items(owner, run):
+    release = frozen(owner, run, "baseline")
+    foods = rows(owner, release, "foods")
+    assert [food["food_key"] for food in foods] == ["apple", "banana"]
+    nutrients = rows(owner, release, "food_nutrients")
+    energy = [row for row in nutrients if row["food_key"] == "apple" and row["tagname"] == "ENERC_KCAL"]
+    [apple] = [one for one in owner.get("/v1/foods/apple").json()["nutrients"] if one["number"] == energy[0]["number"]]
+    assert float(energy[0]["per_100_g"]) == apple["per_100_g"]
+    assert {row["food_key"] for row in rows(owner, release, "food_densities")} == {"apple", "banana"}
+
+
+def test_the_same_data_frozen_twice_have_one_checksum_and_other_data_another(owner, run, state):
+    first, second = frozen(owner, run, "first"), frozen(owner, run, "second")
+    assert first["checksum"] == second["checksum"]
+    with state.database.write() as session:
+        session.execute(sa.update(EffectiveRecord).values(change_seq=EffectiveRecord.change_seq + 1000))
+    assert frozen(owner, run, "third")["checksum"] == first["checksum"]
+    with state.database.write() as session:
+        one = session.scalars(sa.select(EffectiveRecord).where(EffectiveRecord.consumed_g == 80.0)).one()
+        one.consumed_g = 80.00000000000001
+    assert frozen(owner, run, "fourth")["checksum"] != first["checksum"]
+
+
+def test_what_is_edited_and_added_later_does_not_change_a_release(owner, run, state):
+    release = frozen(owner, run, "baseline")
+    before = fetch(owner, release, "items.csv")
+    with state.database.write() as session:
+        session.execute(sa.update(EffectiveRecord).values(energy_kcal=77.0, status="corrected"))
+    add_meal(state, "P002", "2026-11-09", eaten_item(5.0))
+    assert fetch(owner, release, "items.csv") == before
+    assert owner.get(f"{PATH}/baseline/check").json()["is_whole"] is True
+    assert owner.get(f"{PATH}/baseline").json() == release
+
+
+def test_filters_choose_days_and_statuses_and_days_need_all_statuses(owner, run):
+    release = frozen(owner, run, "early", **{"from": "2026-11-01", "to": "2026-11-02"})
+    for table in ("items", "meals", "days", "photographs"):
+        assert {row["local_date"] for row in rows(owner, release, table)} == {"2026-11-01", "2026-11-02"}
+    some = frozen(owner, run, "rejected", statuses=["rejected"])
+    assert {row["status"] for row in rows(owner, some, "items")} == {"rejected"}
+    assert not [file for file in some["files"] if file["name"].startswith("days")]
+
+
+def test_name_is_never_given_twice(owner, run):
+    frozen(owner, run, "baseline")
+    for _ in range(2):
+        answer = owner.post(PATH, json={"name": "baseline"})
+        assert (answer.status_code, answer.json()["code"]) == (409, "release_exists")
+    for name in ("Base", "a b", "../x", "", "x" * 65, "-x"):
+        assert owner.post(PATH, json={"name": name}).json()["code"] == "invalid_input", name
+    answer = owner.post(PATH, json={"name": "other", "from": "2026-11-03", "to": "2026-11-02"})
+    assert answer.json()["code"] == "days_reversed"
+
+
+def test_viewer_fetches_and_cannot_freeze_and_a_stranger_sees_nothing(client, admin, owner, run):
+    release = frozen(owner, run, "baseline")
+    viewer = make_staff(client, admin, "vera", pilot="viewer")
+    assert viewer.post(PATH, json={"name": "mine"}).json()["code"] == "role_too_low"
+    part = viewer.get(f"{PATH}/baseline/files/items.csv", headers={"Range": "bytes=2-5"})
+    assert (part.status_code, part.content) == (206, fetch(owner, release, "items.csv")[2:6])
+    assert [one["name"] for one in viewer.get(PATH).json()["items"]] == ["baseline"]
+    stranger = make_staff(client, admin, "sven")
+    for path in ("", "/baseline", "/baseline/check", "/baseline/files/items.csv"):
+        assert stranger.get(PATH + path).status_code == 404
+    assert owner.get(f"{PATH}/baseline/files/nothing.csv").status_code == 404
+    assert owner.get(f"{PATH}/other").status_code == 404
+
+
+def test_check_finds_a_file_that_was_altered_or_is_gone(owner, run, state):
+    frozen(owner, run, "baseline")
+    [key] = [name for name in stored_names(state.blobs) if "/items.csv/" in name]
+    state.blobs.delete(key)
+    checked = owner.get(f"{PATH}/baseline/check").json()
+    assert (checked["is_whole"], checked["checksum"]) == (False, None)
+    assert [one["name"] for one in checked["files"] if one["found"] == "missing"] == ["items.csv"]
+    state.blobs.put_bytes(key, b"other bytes")
+    checked = owner.get(f"{PATH}/baseline/check").json()
+    assert [one["name"] for one in checked["files"] if one["found"] == "damaged"] == ["items.csv"]
+
+
+def test_files_of_a_release_are_no_orphans(owner, run, state):
+    release = frozen(owner, run, "baseline")
+    make_old(state.blobs)
+    BlobDeleter(state.database, state.blobs).delete_orphans()
+    assert owner.get(f"{PATH}/baseline/check").json()["is_whole"] is True
+    assert release["files"]
+
+
+def expected_without(owner, release, gone, live):
+    """The tables that a release must have once these meals are out of it; days: as /v1/days has them now."""
+    return {
+        table: [row for row in rows(owner, release, table) if row["meal_id"] not in gone]
+        for table in ("items", "meals", "photographs")
+    } | {"days": live}
+
+
+def live_days(owner):
+    text = owner.get("/v1/days?study=pilot&format=csv").text
+    return [
+        {name: value for name, value in row.items() if name not in NOT_DERIVABLE}
+        for row in csv.DictReader(io.StringIO(text, newline=""))
+    ]
+
+
+def assert_same_days(found, expected):
+    assert len(found) == len(expected)
+    for one, other in zip(found, expected, strict=True):
+        assert one.keys() == other.keys()
+        for name in one:
+            if name in (*HEADLINE_COLUMNS, "consumed_g") or name.endswith("_coverage"):
+                assert (one[name] == "") == (other[name] == ""), (name, one, other)
+                assert one[name] == "" or float(one[name]) == pytest.approx(float(other[name]), rel=1e-12, abs=1e-15)
+            elif name == "median_upload_delay_seconds":
+                assert one[name] == other[name] == "" or float(one[name]) == pytest.approx(float(other[name]), abs=2e-3)
+            elif name != "study_day":  # stays as it was frozen
+                assert one[name] == other[name], (name, one, other)
+
+
+@pytest.mark.parametrize("meal", ["two a", "two b", "alone", "closed", "late"])
+def test_erased_meal_is_taken_out_and_its_day_is_what_the_study_has_now(owner, run, state, eaten, meal):
+    release = frozen(owner, run, "baseline")
+    expected = expected_without(owner, release, {str(eaten["meals"][meal])}, None)
+    erase(eaten, meal)
+    answer = owner.get(f"{PATH}/baseline/files/items.csv")
+    assert (answer.status_code, answer.json()["code"]) == (503, "release_changing")
+    assert owner.get(f"{PATH}/baseline").json()["state"] == "changing"
+    assert run().outcome == "done"
+    after = owner.get(f"{PATH}/baseline").json()
+    assert (after["state"], after["checksum"] != release["checksum"]) == ("ready", True)
+    assert [one["checksum"] for one in after["former_checksums"]] == [release["checksum"]]
+    assert after["altered_at"] is not None
+    for table in ("items", "meals", "photographs"):
+        assert rows(owner, after, table) == expected[table], table
+    assert_same_days(rows(owner, after, "days"), live_days(owner))
+    assert owner.get(f"{PATH}/baseline/check").json()["is_whole"] is True
+    told = json.loads(fetch(owner, after, "release.json"))
+    assert [one["checksum"] for one in told["altered"]] == [release["checksum"]]
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    needles = (str(eaten["meals"][meal]).encode(), eaten["meals"][meal].hex.encode())
+    assert not any(needle in store_bytes(state.blobs) for needle in needles)
+    assert len([name for name in stored_names(state.blobs) if "/releases/" in name]) == len(after["files"])
+    with state.database.read() as session:
+        assert session.scalar(sa.select(sa.func.count()).select_from(ReleaseChange)) == 0
+
+
+def test_release_without_what_was_erased_is_the_one_that_would_be_frozen_now(owner, run, eaten):
+    frozen(owner, run, "before")
+    erase(eaten, "alone")
+    assert run().outcome == "done"
+    altered, anew = owner.get(f"{PATH}/before").json(), frozen(owner, run, "anew")
+    for file, other in zip(altered["files"], anew["files"], strict=True):
+        if file["name"] != "release.json":
+            assert file["sha256"] == other["sha256"], file["name"]
+    assert altered["checksum"] == anew["checksum"]
+
+
+@pytest.mark.parametrize("policy", ["erase", "anonymise"])
+def test_person_who_leaves_is_in_no_release_by_any_name_of_theirs(client, admin, owner, run, state, eaten, policy):
+    release = frozen(owner, run, "baseline")
+    others = {table: [row for row in rows(owner, release, table) if row["participant"] != MARKED] for table in
+              ("items", "meals", "days", "photographs")}  # fmt: skip
+    count = {table: len(rows(owner, release, table)) for table in others}
+    tag = client.get("/v1/studies/pilot", headers=admin).headers["etag"]
+    client.patch(
+        "/v1/studies/pilot", headers=admin | {"If-Match": tag}, json={"withdrawal_policy": policy}
+    ).raise_for_status()
+    assert client.post("/v1/me/withdrawal", headers=eaten["phones"][MARKED].headers).status_code == 200
+    assert run().outcome == "done"
+    after = owner.get(f"{PATH}/baseline").json()
+    for table, expected in others.items():
+        found = rows(owner, after, table)
+        assert [row for row in found if not row["participant"].startswith("withdrawn-")] == expected
+        is_kept = policy == "anonymise" and table != "photographs"
+        assert len(found) == (count[table] if is_kept else len(expected)), table
+    if policy == "anonymise":
+        for table in ("items", "meals"):
+            key = "id" if table == "items" else "captured_at"
+            live = owner.get("/v1/records?study=pilot").json()["items"] if table == "items" else None
+            for row in rows(owner, after, table):
+                assert row.get("left_received_sha256", "") == "" or not row["participant"].startswith("withdrawn-")
+                if live is not None:  # the ids of meals are drawn alike in the study and in its releases
+                    [same] = [one for one in live if one[key] == row[key]]
+                    assert (same["meal_id"], same["participant"]) == (row["meal_id"], row["participant"])
+    else:
+        assert {row["food_key"] for row in rows(owner, after, "foods")} == {"apple"}
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    held = store_bytes(state.blobs)
+    assert MARKED.lower().encode() not in held
+    for name, meal in eaten["meals"].items():
+        if name not in ("of another", "confirmed empty", "failed", "seen"):
+            assert str(meal).encode() not in held, name
+
+
+def test_release_that_holds_nothing_of_what_was_erased_stays_as_it_is(owner, run, eaten):
+    release = frozen(owner, run, "late", **{"from": "2026-11-03"})
+    erase(eaten, "two a")
+    assert run().outcome == "done"
+    assert owner.get(f"{PATH}/late").json() == release
+
+
+def test_second_erasure_while_the_release_changes_is_not_forgotten(owner, run, state, eaten, monkeypatch):
+    frozen(owner, run, "baseline")
+    erase(eaten, "two a")
+    hold, done = file_work.hold, []
+
+    def hold_after_another(session, work, claim):
+        if not done:
+            done.append(True)
+            session.add(
+                ReleaseChange(
+                    id=uuid.uuid4(), release_id=work.id, deed="meal", digest="0" * 64, requested_at=datetime.now(UTC)
+                )
+            )
+            session.flush()
+        return hold(session, work, claim)
+
+    monkeypatch.setattr(file_work, "hold", hold_after_another)
+    assert run().outcome == "again"
+    assert owner.get(f"{PATH}/baseline").json()["state"] == "changing"
+    assert run().outcome == "done"
+    assert owner.get(f"{PATH}/baseline").json()["state"] == "ready"
+    assert str(eaten["meals"]["two a"]) not in fetch(owner, {"name": "baseline"}, "meals.csv").decode()
+
+
+def test_erasure_while_a_release_is_frozen_begins_it_again(owner, run, state, eaten, monkeypatch):
+    owner.post(PATH, json={"name": "baseline"})
+    done = []
+    add = release_runner.ReleaseFiles.add_manifest
+
+    def add_after_erasure(files, told):
+        if not done:
+            done.append(True)
+            erase(eaten, "two a")
+        return add(files, told)
+
+    monkeypatch.setattr(release_runner.ReleaseFiles, "add_manifest", add_after_erasure)
+    assert run().outcome in ("again", "lost")
+    assert not [name for name in stored_names(state.blobs) if "/releases/" in name]
+    assert run().outcome == "done"
+    assert str(eaten["meals"]["two a"]) not in fetch(owner, {"name": "baseline"}, "meals.csv").decode()
+
+
+def test_change_that_fails_is_tried_again_and_never_given_up(owner, run, state, eaten, monkeypatch):
+    frozen(owner, run, "baseline")
+    erase(eaten, "two a")
+    with monkeypatch.context() as patch:
+        patch.setattr("app.services.made_file.shutil.disk_usage", lambda _: type("Usage", (), {"free": -1}))
+        for _ in range(7):
+            with state.database.write() as session:
+                session.execute(sa.text("UPDATE release SET begin_after = NULL"))
+            assert run().outcome == "again"
+    assert owner.get(f"{PATH}/baseline").json()["state"] == "changing"
+    with state.database.write() as session:
+        session.execute(sa.text("UPDATE release SET begin_after = NULL"))
+    assert run().outcome == "done"
+
+
+def test_release_whose_files_are_lost_says_so_when_it_must_change(owner, run, state, eaten):
+    frozen(owner, run, "baseline")
+    for name in stored_names(state.blobs):
+        if "/meals.parquet/" in name:
+            state.blobs.delete(name)
+    erase(eaten, "two a")
+    assert run().outcome == "release_files_missing"
+    release = owner.get(f"{PATH}/baseline").json()
+    assert (release["state"], release["failure"]) == ("failed", "release_files_missing")
+    assert owner.get(f"{PATH}/baseline/files/items.csv").json()["code"] == "release_failed"
+    assert owner.post(PATH, json={"name": "baseline"}).json()["code"] == "release_exists"
+
+
+def test_day_worked_out_anew_with_nothing_gone_is_the_frozen_day(owner, run):
+    release = frozen(owner, run, "baseline")
+    items, meals, days = (typed(owner, release, table) for table in ("items", "meals", "days"))
+    assert len(days) == 6
+    for day in days:
+        key = (day["participant"], day["local_date"])
+        of_day = [[row for row in table if (row["participant"], row["local_date"]) == key] for table in (meals, items)]
+        again = day_without(day, of_day[0], [], of_day[1], expects_after_pair=False)
+        for name, value in day.items():
+            assert again[name] == (pytest.approx(value, rel=1e-12) if isinstance(value, float) else value), (name, key)
+
+
+def test_check_tells_whether_the_data_would_be_frozen_alike_now_and_which_rows_differ(owner, run, state, eaten):
+    frozen(owner, run, "baseline")
+    found = compare_release(state.database, state.blobs, "pilot", "baseline")
+    assert (found.checked.is_whole, found.is_reproduced) == (True, True)
+    assert all(table.is_same and not table.columns for table in found.tables)
+    with state.database.write() as session:
+        one = session.scalars(sa.select(EffectiveRecord).where(EffectiveRecord.consumed_g == 80.0)).one()
+        one.consumed_g, one.flags = 81.0, ["checked"]
+    add_meal(state, "P002", "2026-11-09", eaten_item(5.0))
+    erase(eaten, "closed")
+    assert run().outcome == "done"
+    found = compare_release(state.database, state.blobs, "pilot", "baseline")
+    assert (found.checked.is_whole, found.is_reproduced) == (True, False)
+    items = next(table for table in found.tables if table.table == "items")
+    assert (items.same, items.other, items.only_frozen, items.only_now) == (6, 1, 0, 1)
+    assert items.columns == {"consumed_g": 1, "flags": 1}
+    assert next(table for table in found.tables if table.table == "meals").only_now == 1
