@@ -8,7 +8,7 @@ from fastapi.responses import JSONResponse, Response
 from app.api.deps import CurrentCaller, State
 from app.api.export_files import MEDIA_TYPES, ComponentsIn, LayoutIn
 from app.api.problems import problem_responses
-from app.api.schemas.data_dictionary import DataDictionary, DictionaryColumn
+from app.api.schemas.data_dictionary import DataDictionary, DictionaryColumn, TableSchema
 from app.exports.columns import PartOfBatch
 from app.exports.csv_rows import encode_csv
 from app.exports.dictionary import DICTIONARY_PARTS, entries, table_schema
@@ -20,7 +20,7 @@ router = APIRouter(prefix="/v1", tags=["exports"])
 
 @router.get(
     "/data-dictionary",
-    response_model=DataDictionary,
+    response_model=DataDictionary | TableSchema,
     responses={
         200: {"content": {"text/csv": {"schema": {"type": "string"}}}, "description": "As JSON or CSV."},
         **problem_responses(401, 422),

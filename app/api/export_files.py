@@ -1,6 +1,6 @@
 """What every table that is a file too takes (`format`, `layout`, `components`), and the file as an answer."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import Query, Request
 
@@ -17,7 +17,12 @@ MEDIA_TYPES: dict[Output, str] = {
     "parquet": "application/vnd.apache.parquet",
     "geojson": "application/geo+json",
 }
-FILES = {media_type.split(";")[0]: {"schema": {"type": "string"}} for media_type in MEDIA_TYPES.values()}
+FILES: dict[str, dict[str, Any]] = {
+    media_type.split(";")[0]: {"schema": {"type": "string"}}
+    for output, media_type in MEDIA_TYPES.items()
+    if output != "geojson"
+}
+FILES_WITH_PLACES = FILES | {MEDIA_TYPES["geojson"]: {"schema": {"type": "object"}}}
 Format = Annotated[
     Literal["json", "csv", "ndjson", "parquet", "geojson"] | None,
     Query(alias="format", description="Default: by the Accept header, else json."),
@@ -26,6 +31,8 @@ LayoutIn = Annotated[Layout, Query(description="Of files. long: a row a componen
 ComponentsIn = Annotated[
     Components, Query(description="Of files. all: every component of the foods in use, beside the ten headline ones.")
 ]
+
+ProvenanceIn = Annotated[bool, Query(description="Of files: with columns that tell where the figures come from.")]
 
 
 def file_format(

@@ -10,7 +10,15 @@ from fastapi.responses import JSONResponse, Response
 from pydantic import StringConstraints
 
 from app.api.deps import CurrentCaller, CurrentStaff, State
-from app.api.export_files import FILES, ComponentsIn, Format, LayoutIn, answer_file, file_format
+from app.api.export_files import (
+    FILES_WITH_PLACES,
+    ComponentsIn,
+    Format,
+    LayoutIn,
+    ProvenanceIn,
+    answer_file,
+    file_format,
+)
 from app.api.paging import Cursor, Limit, next_page
 from app.api.problems import problem_responses
 from app.api.render import food_ref
@@ -45,7 +53,7 @@ PRIVATE = {"Cache-Control": "private, no-store"}
     "/meals",
     response_model=MealPage,
     responses={
-        200: {"content": FILES, "description": "A page, or all rows as a file."},
+        200: {"content": FILES_WITH_PLACES, "description": "A page, or all rows as a file."},
         **problem_responses(401, 422, 503),
     },
 )
@@ -82,6 +90,7 @@ def get_meals(
     output: Format = None,
     layout: LayoutIn = "wide",
     components: ComponentsIn = "headline",
+    provenance: ProvenanceIn = True,
 ) -> Response:
     """Meals by time of capture. Items that were rejected count nowhere: not in the filters, not in the figures.
 
@@ -102,7 +111,8 @@ def get_meals(
             failure_codes=tuple(failure or ()),
             after_statuses=tuple(after_status or ()),
         )
-        return answer_file(state, caller, ExportSpec("meals", layout, output, components, filters), "meals")
+        spec = ExportSpec("meals", layout, output, components, filters, provenance)
+        return answer_file(state, caller, spec, "meals")
     if first_day and last_day and first_day > last_day:
         raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
     chosen = MealFilter(

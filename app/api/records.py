@@ -8,7 +8,15 @@ from fastapi.responses import JSONResponse, Response
 from pydantic import StringConstraints
 
 from app.api.deps import CurrentCaller, State
-from app.api.export_files import FILES, ComponentsIn, Format, LayoutIn, answer_file, file_format
+from app.api.export_files import (
+    FILES_WITH_PLACES,
+    ComponentsIn,
+    Format,
+    LayoutIn,
+    ProvenanceIn,
+    answer_file,
+    file_format,
+)
 from app.api.paging import Cursor, next_page
 from app.api.problems import problem_responses
 from app.api.render import render_record
@@ -29,7 +37,7 @@ MOST_FOODS = 10  # in one filter: each is found in an index by itself
     "",
     response_model=RecordPage,
     responses={
-        200: {"content": FILES, "description": "A page, or all rows as a file."},
+        200: {"content": FILES_WITH_PLACES, "description": "A page, or all rows as a file."},
         **problem_responses(401, 422, 503),
     },
 )
@@ -50,6 +58,7 @@ def get_records(
     output: Format = None,
     layout: LayoutIn = "wide",
     components: ComponentsIn = "headline",
+    provenance: ProvenanceIn = True,
 ) -> Response:
     """Records in the order of capture. JSON comes in pages; a file has all that the filters leave, of one moment."""
     output = file_format(request, output, layout, components)
@@ -57,7 +66,8 @@ def get_records(
         filters = ExportFilters(
             study, participant, first_day, last_day, food_keys=tuple(food or ()), statuses=tuple(status or ())
         )
-        return answer_file(state, caller, ExportSpec("items", layout, output, components, filters), "records")
+        spec = ExportSpec("items", layout, output, components, filters, provenance)
+        return answer_file(state, caller, spec, "records")
     if first_day and last_day and first_day > last_day:
         raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
     chosen = RecordFilter(

@@ -8,15 +8,18 @@ from sqlalchemy.orm import Session
 from app.db.models import ItemFood
 from app.db.models.review import LAYERS
 from app.db.queries.meal_parts import parts_of
-from app.db.queries.provenance import FoodSaid, meals_to_fold, origins_of, runs_by_id
+from app.db.queries.provenance import foods_said, meals_to_fold, runs_by_id, runs_of_items, runs_of_meals
 from app.db.queries.record_export import Keys, Lookup, hyphenated, spellings
 from app.exports.columns import Part
 from app.exports.record_columns import OF_RUN, OF_WEIGHING
 from app.services.item_state import fold_meal
 
-NOT_SAID = FoodSaid(None, None, None, None, None, None)
 NO_RUN = (None, None, None)
+NOT_SAID = (None, None, None, None)
 RANKS = {layer: rank for rank, layer in enumerate(LAYERS)}
+SEEN = "pipeline"  # the origin of items that a run found in the meal's pair
+
+Told = tuple[Any, ...]  # the values of OF_RUN, or of OF_WEIGHING
 
 
 class Provenance:
@@ -25,52 +28,67 @@ class Provenance:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._spelling = 1 if session.get_bind().dialect.name == "sqlite" else 0  # as the database tells ids
-        self._runs = Lookup(lambda ids: runs_by_id(session, ids))
+        self._runs = Lookup(lambda ids: {key: (hyphenated(key), *of) for key, of in runs_by_id(session, ids).items()})
 
-    def __call__(self, keys: Keys) -> Mapping[Part, Sequence[Any]]:
-        """Of these records, in their order."""
-        found = self._of_items(keys)
-        of_items = [found[item_id] for item_id in keys.item_ids]
-        run_ids = [run_id for run_id, _ in of_items if run_id is not None]
-        runs = dict(zip(run_ids, self._runs(run_ids), strict=True))
+    def __call__(self, keys: Keys) -> Mapping[Part, Sequence[Told]]:
+        """Of these records, in their order. Most follow from their own rows; the rest from folding their meals."""
+        weighed = self._weighings(keys.item_ids)
+        ran, others = self._runs_of_items(keys)
+        for item_id, run, weighing in self._folded(keys.meal_ids):
+            others[item_id] = run
+            weighed[item_id] = weighing
+        of_run: list[Told] = [
+            ran.get(meal_id, NO_RUN) if origin == SEEN else NO_RUN
+            for meal_id, origin in zip(keys.meal_ids, keys.origins, strict=True)
+        ]
+        if others:
+            of_run = [others.get(item_id, run) for item_id, run in zip(keys.item_ids, of_run, strict=True)]
+        of_items = [weighed.get(item_id, NOT_SAID) for item_id in keys.item_ids]
         return {
-            OF_RUN: [(hyphenated(run_id), *runs[run_id]) if run_id is not None else NO_RUN for run_id, _ in of_items],
+            OF_RUN: of_run,
             OF_WEIGHING: [
-                (
-                    said.layer,
-                    said.density_basis if density is not None else None,
-                    said.density_sd_g_per_ml if density is not None else None,
-                    said.edible_share,
-                )
-                for (_, said), density in zip(of_items, keys.densities_g_per_ml, strict=True)
+                told if density is not None else (told[0], None, None, told[3])
+                for told, density in zip(of_items, keys.densities_g_per_ml, strict=True)
             ],
         }
 
-    def _of_items(self, keys: Keys) -> dict[str, tuple[str | None, FoodSaid]]:
-        """Item -> its run and the row that holds: the newest of the highest layer, unless the meal must be folded."""
-        found: dict[str, tuple[str | None, FoodSaid]] = {}
-        for origin in origins_of(self._session, keys.item_ids):
-            known = found.get(origin.item_id)
-            if known is None or _rank(origin.said) > _rank(known[1]):
-                found[origin.item_id] = (origin.run_id, origin.said)
-        return found | self._folded(keys.meal_ids)
+    def _weighings(self, item_ids: Sequence[str]) -> dict[str, Told]:
+        """Item -> what its newest row of the highest layer tells."""
+        newest: dict[str, Told] = {}
+        for row in foods_said(self._session, item_ids):
+            known = newest.setdefault(row[0], row)
+            if known is not row and (RANKS[row[2]], row[1]) > (RANKS[known[2]], known[1]):
+                newest[row[0]] = row
+        return {item_id: row[2:] for item_id, row in newest.items()}
 
-    def _folded(self, meal_ids: Sequence[str]) -> dict[str, tuple[str | None, FoodSaid]]:
-        """The same of items of meals of which more was said than what they are and how much."""
+    def _runs_of_items(self, keys: Keys) -> tuple[dict[str, Told], dict[str, Told]]:
+        """Meal -> its run; item -> the run that found it, of meals that have several."""
+        ran: dict[str, Told] = {}
+        several: set[str] = set()
+        for meal_id, run_id, method, version in runs_of_meals(self._session, set(keys.meal_ids)):
+            if meal_id in ran:
+                several.add(meal_id)
+            ran[meal_id] = (hyphenated(run_id), method, version)
+        if not several:
+            return ran, {}
+        of_several = [item for item, meal in zip(keys.item_ids, keys.meal_ids, strict=True) if meal in several]
+        found = runs_of_items(self._session, of_several)
+        return ran, {item_id: self._run(run_id) for item_id, run_id in found.items()}
+
+    def _folded(self, meal_ids: Sequence[str]) -> list[tuple[str, Told, Told]]:
+        """(item, its run, its weighing) of meals of which more was said than what items are and how much."""
         meals = meals_to_fold(self._session, set(meal_ids))
-        folded: dict[str, tuple[str | None, FoodSaid]] = {}
+        folded: list[tuple[str, Told, Told]] = []
         for parts in parts_of(self._session, meals) if meals else ():
             for state in fold_meal(parts).items:
                 run_id = spellings(state.run_id)[self._spelling] if state.run_id is not None else None
-                folded[spellings(state.item.id)[self._spelling]] = (run_id, _said(state.taken_for))
+                item_id = spellings(state.item.id)[self._spelling]
+                folded.append((item_id, self._run(run_id), _weighing(state.taken_for)))
         return folded
 
-
-def _said(row: ItemFood | None) -> FoodSaid:
-    if row is None:
-        return NOT_SAID
-    return FoodSaid(row.layer, row.version, row.food_id, row.density_basis, row.density_sd_g_per_ml, row.edible_share)
+    def _run(self, run_id: str | None) -> Told:
+        return self._runs([run_id])[0] if run_id is not None else NO_RUN
 
 
-def _rank(said: FoodSaid) -> tuple[int, int]:
-    return (RANKS[said.layer], said.version or 0) if said.layer is not None else (-1, 0)
+def _weighing(row: ItemFood | None) -> Told:
+    return (row.layer, row.density_basis, row.density_sd_g_per_ml, row.edible_share) if row is not None else NOT_SAID

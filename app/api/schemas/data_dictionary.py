@@ -1,5 +1,7 @@
 """The data dictionary over the wire."""
 
+from typing import Any
+
 from pydantic import BaseModel, Field
 
 
@@ -23,3 +25,11 @@ class DataDictionary(BaseModel):
     components: str
     key: list[str]
     columns: list[DictionaryColumn]
+
+
+class TableSchema(BaseModel):
+    """Frictionless Data's Table Schema of the CSV file."""
+
+    fields: list[dict[str, Any]]
+    missingValues: list[str]  # noqa: N815  # named by the standard
+    primaryKey: list[str]  # noqa: N815  # named by the standard

@@ -6,7 +6,7 @@ where somebody has undone something or changed the items themselves: such meals 
 
 import uuid
 from collections.abc import Collection, Iterable
-from typing import Any, NamedTuple
+from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -18,43 +18,33 @@ from app.db.queries.record_export import one_of, rows_of_ids, stored_id
 FOLDED_KINDS = ("undo", "redraw", "add", "split", "merge")
 
 
-class FoodSaid(NamedTuple):
-    """A row of item_food: what an item is taken for; all None where nobody has said it."""
-
-    layer: str | None
-    version: int | None
-    food_id: int | None
-    density_basis: str | None
-    density_sd_g_per_ml: float | None
-    edible_share: float | None
+Row = tuple[Any, ...]
 
 
-class ItemOrigin(NamedTuple):
-    """An item's run, as text, and one of the rows of what it is taken for. Items without such a row come once."""
-
-    item_id: str
-    run_id: str | None
-    said: FoodSaid
-
-
-def origins_of(session: Session, item_ids: Collection[str]) -> Iterable[ItemOrigin]:
-    """Of each item all rows. Ids are text, as the database has it."""
+def foods_said(session: Session, item_ids: Collection[str]) -> Iterable[Row]:
+    """(item, version, layer, density's basis, its sd, edible share): what items are taken for, all rows of each."""
     said = ItemFood
-    query = (
-        sa.select(
-            stored_id(Item.id),
-            stored_id(Item.run_id),
-            said.layer,
-            said.version,
-            said.food_id,
-            said.density_basis,
-            said.density_sd_g_per_ml,
-            said.edible_share,
-        )
-        .select_from(Item)
-        .outerjoin(said, said.item_id == Item.id)
+    query = sa.select(
+        stored_id(said.item_id),
+        said.version,
+        said.layer,
+        said.density_basis,
+        said.density_sd_g_per_ml,
+        said.edible_share,
     )
-    return (ItemOrigin(row[0], row[1], FoodSaid(*row[2:])) for row in _rows(session, query, Item.id, item_ids))
+    return _rows(session, query, said.item_id, item_ids)
+
+
+def runs_of_meals(session: Session, meal_ids: Collection[str]) -> Iterable[Row]:
+    """(meal, run, method, pipeline's version): all runs of the meals' own pairs."""
+    query = sa.select(stored_id(Run.meal_id), stored_id(Run.id), Run.method, Run.pipeline_version)
+    return _rows(session, query.where(Run.purpose == "meal"), Run.meal_id, meal_ids)
+
+
+def runs_of_items(session: Session, item_ids: Collection[str]) -> dict[str, str | None]:
+    """Item -> the run that found it."""
+    query = sa.select(stored_id(Item.id), stored_id(Item.run_id))
+    return {row[0]: row[1] for row in _rows(session, query, Item.id, item_ids)}
 
 
 def meals_to_fold(session: Session, meal_ids: Collection[str]) -> list[Meal]:

@@ -95,6 +95,7 @@ class Keys(NamedTuple):
     item_ids: Sequence[str]
     meal_ids: Sequence[str]
     food_ids: Sequence[int | None]
+    origins: Sequence[str]
     densities_g_per_ml: Sequence[float | None]
     consumed_g: Sequence[float | None]
 
@@ -152,8 +153,8 @@ def export_batches(
             OF_DAY: [meal.of_day for meal in of_meals],
             POINT: [meal.point for meal in of_meals],
         }
-        densities, consumed = list(map(DENSITY, own[VOLUME])), list(map(CONSUMED, own[AMOUNTS]))
-        values |= more(Keys(item_ids, meal_ids, food_ids, densities, consumed))
+        origins, densities = list(map(ORIGIN, own[STATE])), list(map(DENSITY, own[VOLUME]))
+        values |= more(Keys(item_ids, meal_ids, food_ids, origins, densities, list(map(CONSUMED, own[AMOUNTS]))))
         yield [PartOfBatch(part, values[part]) for part in parts]
 
 
@@ -170,6 +171,7 @@ def _places() -> dict[Part, slice | int]:
 
 PLACES = _places()
 CONSUMED = itemgetter(AMOUNTS.columns.index(CONSUMED_G))
+ORIGIN = itemgetter([column.name for column in STATE.columns].index("origin"))
 DENSITY = itemgetter([column.name for column in VOLUME.columns].index("density_g_per_ml"))
 COLUMNS = tuple(
     getattr(EffectiveRecord, name) for name in (*KEYS[2:], *(column.name for part in OWN for column in part.columns))
