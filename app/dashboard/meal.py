@@ -50,10 +50,12 @@ def get_meal(
 
 @router.get(MEAL + "/state")
 def get_state(page: CurrentPage, participant: str, meal_id: uuid.UUID) -> Response:
-    """Where the meal stands, asked again and again while something of it is under way; then the page is read anew."""
+    """Where the meal stands, asked again and again while something of it is under way; then all of it, once."""
     view = read_meal(page.state.database, in_study(page), meal_id, participant)
     if not will_change(view):
-        return Response(status_code=204, headers={"HX-Refresh": "true"})
+        answer = page.render("meal_body.html", **context_of(page, participant, meal_id))
+        answer.headers.update({"HX-Retarget": "#meal", "HX-Reswap": "outerMorph"})  # what is being typed stays
+        return answer
     return page.render("meal_state.html", row=view.meal, is_moving=True, here=meal_address(page, participant, meal_id))
 
 

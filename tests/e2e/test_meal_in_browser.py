@@ -3,8 +3,9 @@
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 
+from tests import estimates
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server
-from tests.estimates import identified_item
+from tests.estimates import found_item, identified_item
 
 SQUARE = [[200.0, 150.0], [300.0, 150.0], [300.0, 250.0], [200.0, 250.0]]
 
@@ -18,14 +19,18 @@ def served(tmp_path_factory):
     server.close()
 
 
+@pytest.fixture(scope="module")
+def phone(served):
+    with served.enrol() as phone:
+        yield phone
+
+
 @pytest.fixture
-def meal(served):
+def meal(served, phone):
     """A meal with a food that the server knows, and one that it does not."""
-    if not hasattr(served, "phone"):
-        served.phone = served.enrol()
     known = identified_item({"apple": 0.9, "pear": 0.06}, none=0.04)
     unknown = identified_item({"peach": 0.4, "orange": 0.3}, none=0.3, polygon=SQUARE)
-    return served.send_meal(served.phone, known, unknown)
+    return served.send_meal(phone, known, unknown)
 
 
 @pytest.fixture
@@ -65,6 +70,7 @@ def test_food_is_chosen_from_what_the_server_finds_by_keyboard_alone(served, mea
     page.keyboard.press("Enter")
     page.wait_for_selector(f"#item-{item} .status-corrected")
     assert "Food: noted." in page.inner_text("#said")
+    assert page.evaluate("document.activeElement.id") == f"item-{item}"
     assert "Banana" in page.inner_text(f"#name-{item}")
     assert second(served, meal)["food"]["name"].startswith("Banana")
 
@@ -115,6 +121,18 @@ def test_what_was_said_is_taken_back(served, meal, opened):
     page.click(".timeline button:text('Take back') >> nth=0")
     page.wait_for_selector(f"#item-{item} .status-proposed")
     assert served.meal(meal)["items"][0]["status"] == "proposed"
+
+
+def test_page_follows_a_meal_and_keeps_what_is_being_typed(served, phone, open_page):
+    waiting = served.send_meal(phone)
+    tab = open_page(served.address)
+    tab.sign_in("ann", PASSWORD, f"/dashboard/studies/pilot/meals/P001/{waiting}")
+    assert "queued" in tab.page.inner_text("#meal-state")
+    tab.page.fill("#talk-text", "half a sentence")
+    estimates.save(served, waiting, found_item(hint=None))
+    tab.page.wait_for_selector("#meal-state .status-needs_review")
+    assert tab.page.locator("article.item").count() == 1
+    assert tab.page.input_value("#talk-text") == "half a sentence"
 
 
 def test_refused_value_is_told_and_kept(served, meal, opened):

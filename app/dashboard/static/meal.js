@@ -20,10 +20,22 @@ document.addEventListener("htmx:before:morph:attr", (event) => {
   if (event.detail?.attrName === "open" && event.target.matches?.("details[data-keep]")) event.preventDefault();
 });
 
-// a refusal is told at the head of the page: bring it into view
+let spokenOf = null; // id of the item that the last form was about; "" of the meal; null: no form was sent
+
+document.addEventListener("submit", (event) => {
+  if (event.target.closest(".meal")) spokenOf = event.target.elements.namedItem("item")?.value ?? "";
+});
+
+// a refusal is told at the head of the page: bring it into view; else the focus stays by what was spoken of
 document.addEventListener("htmx:after:swap", () => {
-  document.querySelector("#problem .refused, #conflict")?.scrollIntoView({ block: "nearest" });
   afterSwap();
+  const refusal = document.querySelector("#problem .refused, #conflict");
+  refusal?.scrollIntoView({ block: "nearest" });
+  if (spokenOf === null) return;
+  const isLost = !document.activeElement?.checkVisibility() || document.activeElement === document.body;
+  const next = refusal ? document.getElementById("conflict") : (document.getElementById(`item-${spokenOf}`) ?? document.getElementById("said"));
+  if (isLost) next?.focus({ preventScroll: !refusal });
+  spokenOf = null;
 });
 
 // --- foods, as options of a combobox

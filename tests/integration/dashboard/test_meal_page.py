@@ -194,7 +194,9 @@ def test_page_follows_a_meal_until_it_is_estimated_and_keeps_no_session_alive_by
     assert ("GET", f"{MEAL}/state") in POLLED
     estimates.save(state, seen.id, found_item())
     polled = seen.browser.get(f"{seen.path}/state", headers=HTMX)
-    assert (polled.status_code, polled.headers["hx-refresh"]) == (204, "true")
+    assert (polled.status_code, polled.headers["hx-retarget"]) == (200, "#meal")
+    assert "status-estimated" in polled.text
+    assert "/state" not in polled.text
     assert "/state" not in seen.html()
 
 
