@@ -43,7 +43,9 @@ NAMES = {  # a filter as it is kept -> over the wire
 )
 def post_export(study: Study, body: ExportIn, state: State, caller: CurrentStaff, response: Response) -> ExportOut:
     """Ask for a file of any size; a worker makes it, of one moment. Look at `Location` until its state is done."""
-    spec = ExportSpec(body.rows, body.layout, body.format, body.components, _filters(body.filters))
+    spec = ExportSpec(
+        body.rows, body.layout, body.format, body.components, _filters(body.filters), provenance=body.provenance
+    )
     asked, is_new = background_exports.request_export(state.database, state.settings, caller, study, spec)
     response.headers["Location"] = f"/v1/studies/{study}/exports/{asked.export.id}"
     if not is_new:
@@ -113,6 +115,7 @@ def _out(study: str, asked: AskedExport) -> ExportOut:
         layout=spec.layout,
         format=spec.output,
         components=spec.components,
+        provenance=spec.provenance,
         filters={NAMES[name]: value for name, value in export.spec["filters"].items() if name in NAMES},
         asked_by=asked.asked_by,
         change_seq=export.at_change_seq,

@@ -157,3 +157,4 @@ def tell_build(part: Literal["api", "worker"]) -> None:
         BLOBS_DELETED.labels(why)
     for outcome in ("done", "again", "lost", "died", "storage_full", "internal_error"):
         FILES_MADE.labels("export", outcome)
+        FILES_MADE.labels("release", outcome)

@@ -1,8 +1,8 @@
 """The files of a release in the making: tables as Parquet and CSV, what they are made of counted on the way.
 
 Where the files go is the caller's business (Sink): into the store for a release, a folder for a comparison. The
-checksum of a release is the SHA-256 over the sorted lines `sha256  name` of its files, as sha256sum writes them, without
-release.json, which tells who froze it when: the same data frozen twice have one checksum.
+checksum of a release is the SHA-256 over the sorted lines `sha256  name` of its files, as sha256sum writes them,
+without release.json, which tells who froze it when: the same data frozen twice have one checksum.
 """
 
 import hashlib

@@ -51,6 +51,7 @@ class ExportIn(BaseModel):
     layout: Layout = "wide"
     format: Output = "csv"
     components: Components = "headline"
+    provenance: bool = Field(default=True, description="Of items and meals: columns of where figures come from.")
     filters: ExportFiltersIn = ExportFiltersIn()
 
 
@@ -63,6 +64,7 @@ class ExportOut(BaseModel):
     layout: Layout
     format: Output
     components: Components
+    provenance: bool
     filters: dict[str, Any] = Field(description="Those that were set.")
     asked_by: str
     requested_at: datetime
