@@ -41,8 +41,9 @@ def item_table(session: Session, caller: Caller, spec: ExportSpec) -> Table:
     if spec.components == "all":
         components = components_for(session, caller, spec)
         part, contents = wide_part(components), FoodContents(session, components)
-        parts = (*parts, part) if components else parts
-        gives.append(lambda keys: {part: rows_of(part, contents.amounts(keys.food_ids, keys.consumed_g))})
+        if components:  # else no food in use is known to have any
+            parts = (*parts, part)
+            gives.append(lambda keys: {part: rows_of(part, contents.amounts(keys.food_ids, keys.consumed_g))})
     wanted = (*parts, POINT) if spec.output == "geojson" else parts
 
     def more(keys: Keys) -> Mapping[Part, Sequence[Any]]:

@@ -112,6 +112,16 @@ def test_export_that_cannot_be_is_refused_at_once(viewer, body, code):
     assert viewer.get(PATH).json()["items"] == []
 
 
+def test_all_components_of_foods_that_nobody_has_named_are_none(client, admin, enrol, state, run):
+    enrol("P009", study="unnamed")
+    add_meal(state, "P009", "2026-11-01", eaten_item(100.0), study="unnamed")
+    viewer = make_staff(client, admin, "vera", unnamed="viewer")
+    asked = viewer.post("/v1/studies/unnamed/exports", json={"rows": "items", "components": "all"})
+    assert run().outcome == "done"
+    rows = list(csv.DictReader(io.StringIO(viewer.get(asked.headers["location"] + "/file").text)))
+    assert [row["consumed_g"] for row in rows] == ["100.0"]
+
+
 def test_broken_download_goes_on_where_it_ended(viewer, run):
     export = made(viewer, run)
     whole = viewer.get(export["file"])
