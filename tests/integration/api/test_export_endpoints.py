@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from datetime import date
 
 import pytest
 import sqlalchemy as sa
@@ -167,7 +168,7 @@ def test_geojson_has_a_point_where_the_study_keeps_locations_and_null_elsewhere(
 
 def test_geojson_of_items_has_their_meals_place(study, client, admin, state):
     with state.database.write() as session:
-        meal = session.scalars(sa.select(Meal).where(Meal.local_date == "2026-11-02")).one()
+        meal = session.scalars(sa.select(Meal).where(Meal.local_date == date(2026, 11, 2))).one()
         meal.details = meal.details | {"location": {"latitude": -33.5, "longitude": -70.25}}
     told = client.get("/v1/records", headers=admin, params={"format": "geojson"}).json()
     assert [feature["geometry"]["coordinates"] for feature in told["features"]] == [[-70.25, -33.5]] * 2
@@ -257,8 +258,6 @@ def test_each_table_that_staff_take_is_noted_once(study, client, admin, state):
 
 
 def test_spec_comes_back_from_json_as_it_was():
-    from datetime import date
-
     filters = ExportFilters("pilot", first_day=date(2026, 11, 1), statuses=("failed", "queued"), needs="review")
     spec = ExportSpec("meals", "long", "parquet", "all", filters, provenance=False)
     told = json.loads(json.dumps(spec_as_json(spec)))

@@ -6,9 +6,11 @@ import json
 import uuid
 
 import pytest
+import sqlalchemy as sa
 
 from app.api import flat_list
 from app.api.flat_list import ListRoute
+from app.db.models import Participant
 from app.exports.flat_rows import flat_paths
 from tests.integration.eaten_days import add_meal, eaten_item
 
@@ -88,13 +90,16 @@ def test_accept_header_chooses_the_file(client, admin, enrol):
     assert client.get("/v1/staff", headers=admin).json()["items"]
 
 
-def test_text_that_a_spreadsheet_would_compute_is_neutralised(client, admin, enrol):
-    enrol()
-    formulas = {"=1+2", "+x", "-x", "@x"}
-    for name in formulas:
-        assert client.post("/v1/staff", headers=admin, json={"name": name}).status_code == 201
-    assert {row["name"] for row in table(client, admin, "/v1/staff")} == {"admin", *(f"'{name}" for name in formulas)}
-    assert {row["name"] for row in table(client, admin, "/v1/staff", "ndjson")} == {"admin", *formulas}
+def test_text_that_a_spreadsheet_would_compute_is_neutralised(client, admin, enrol, state):
+    formulas = {"P1": "=1+2", "P2": "+x", "P3": "-x", "P4": "@x", "P5": "\tx"}
+    for code in formulas:
+        enrol(code)
+    with state.database.write() as session:
+        for participant in session.scalars(sa.select(Participant)):
+            participant.code = formulas[participant.code]
+    path = "/v1/studies/pilot/participants"
+    assert {row["code"] for row in table(client, admin, path)} == {f"'{code}" for code in formulas.values()}
+    assert {row["code"] for row in table(client, admin, path, "ndjson")} == set(formulas.values())
 
 
 def test_stranger_and_phone_are_refused_as_by_the_pages(client, admin, enrol, phone):
