@@ -21,6 +21,7 @@ from app.services.file_runner import FileRunner
 from app.services.release_days import NOT_DERIVABLE, day_without
 from tests.integration.api.people import make_staff
 from tests.integration.eaten_days import add_meal, eaten_item
+from tests.integration.persons import database_bytes
 from tests.stores import make_old, store_bytes, stored_names
 
 PATH = "/v1/studies/pilot/releases"
@@ -332,6 +333,7 @@ def test_release_without_what_was_erased_is_the_one_that_would_be_frozen_now(own
 @pytest.mark.parametrize("policy", ["erase", "anonymise"])
 def test_person_who_leaves_is_in_no_release_by_any_name_of_theirs(client, admin, owner, run, state, eaten, policy):
     release = frozen(owner, run, "baseline")
+    owner.post("/v1/studies/pilot/exports", json={"rows": "items", "filters": {"participant": MARKED}})
     others = {table: [row for row in rows(owner, release, table) if row["participant"] != MARKED] for table in
               ("items", "meals", "days", "photographs")}  # fmt: skip
     count = {table: len(rows(owner, release, table)) for table in others}
@@ -361,9 +363,14 @@ def test_person_who_leaves_is_in_no_release_by_any_name_of_theirs(client, admin,
     BlobDeleter(state.database, state.blobs).delete_wanted()
     held = store_bytes(state.blobs)
     assert MARKED.lower().encode() not in held
+    state.last_use.settle()
+    assert state.database.empty_log()
+    in_database = database_bytes(state.database)
+    assert MARKED.lower().encode() not in in_database  # nor in what exports were asked for, nor in what is to go
     for name, meal in eaten["meals"].items():
         if name not in ("of another", "confirmed empty", "failed", "seen"):
-            assert str(meal).encode() not in held, name
+            assert str(meal).encode() not in held + in_database, name
+            assert meal.hex.encode() not in in_database, name
 
 
 def test_release_that_holds_nothing_of_what_was_erased_stays_as_it_is(owner, run, eaten):
