@@ -45,4 +45,6 @@ def test_only_what_the_rules_open_needs_no_token(document):
     assert opened == {"/v1/enrolments", "/v1/sessions", "/v1/receipts/{receipt}", "/healthz", "/readyz"} | {
         "/fhir/metadata",
         "/fhir/StructureDefinition/{name}",
+        "/",
+        "/dashboard/sign-in",
     }
