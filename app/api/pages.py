@@ -98,6 +98,9 @@ PAGES: Mapping[Call, Call] = {
         "POST",
         f"{WEBHOOKS}/{{webhook}}/deliveries/{{delivery}}/replay",
     ),
+    # foods
+    ("GET", f"{PREFIX}/foods"): STAFF,
+    ("GET", f"{PREFIX}/foods/{{key}}"): ("GET", "/v1/foods/{key}/changes"),
     # audit log, marker
     ("GET", f"{STUDY_PAGES}/audit"): ("GET", "/v1/studies/{study}/audit"),
     ("GET", f"{PREFIX}/audit"): ("GET", "/v1/audit"),

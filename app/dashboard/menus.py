@@ -26,7 +26,7 @@ STUDY: tuple[Entry, ...] = (
     Entry(("audit",), "Audit log", "owner"),
     Entry(("settings",), "Settings"),
 )
-SERVER: tuple[Entry, ...] = (Entry(("marker",), "Marker"), Entry(("account",), "Account"))
+SERVER: tuple[Entry, ...] = (Entry(("foods",), "Foods"), Entry(("marker",), "Marker"), Entry(("account",), "Account"))
 ADMIN: tuple[Entry, ...] = (Entry(("staff",), "Staff"), Entry(("audit",), "Audit log"))
 
 

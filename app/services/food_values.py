@@ -1,7 +1,8 @@
 """A food's rows as the value that nutrition/ works with; its density pooled from all that is known of the same food."""
 
 import uuid
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 from sqlalchemy.orm import Session
 
@@ -22,23 +23,44 @@ _JUDGES = frozenset({"local", "starter"})
 
 
 def food_value(session: Session, row: Food) -> FoodValue:
-    """A food's row as a value. Its densities: its own, and behind them those of the same food in other tables.
+    """A food's row as a value. Its densities: its own, and behind them those of the same food in other tables."""
+    return _value(session, row, pooled_densities(session, [row])[row.id])
+
+
+def pooled_densities(session: Session, rows: Sequence[Food]) -> dict[int, tuple[Density, ...]]:
+    """Food -> its densities: its own, and behind them those of the same food in other tables.
 
     The same food is one that shares a source's code; of a table of densities only, one of the same name (the order of
     its words and plurals aside) and the same state, which both tell: raw and cooked are never interchangeable.
     What a correction of this key replaces is no other food. Where the starter table has a density of a kind, it stands
     for what the tables that it is made from say of that kind: a food weighs the same by whichever key.
     """
-    others = [other for other in foods.same_foods(session, row) if other.key != row.key]
-    if row.state is not None:
-        labels = {label_key(label)[:300] for label in (row.name, *row.aliases)}
-        others += foods.density_rows(session, labels, row.state)
-    same = [row, *others]
-    sources = foods.sources_of(session, {food.release_id for food in same})
+    by_code = foods.same_foods(session, [row.id for row in rows])
+    labels = {row.id: _labels(row) for row in rows if row.state is not None}
+    by_label = foods.density_rows(session, set().union(*labels.values())) if labels else []
+    others: dict[int, list[Food]] = {}
+    for row in rows:
+        of_name: dict[str, Food] = {}
+        for label, food in by_label:
+            if label in labels.get(row.id, ()) and food.state == row.state:
+                of_name.setdefault(food.key, food)
+        others[row.id] = [food for food in by_code[row.id] if food.key != row.key] + list(of_name.values())
+    same = {food.id: food for row in rows for food in (row, *others[row.id])}
+    sources = foods.sources_of(session, {food.release_id for food in same.values()})
     found = {
-        food_id: tuple(map(density_value, its))
-        for food_id, its in foods.densities_of(session, [f.id for f in same]).items()
+        food_id: tuple(map(density_value, its)) for food_id, its in foods.densities_of(session, same.keys()).items()
     }
+    return {row.id: _pool(row, others[row.id], sources, found) for row in rows}
+
+
+def _labels(row: Food) -> set[str]:
+    return {label_key(label)[:300] for label in (row.name, *row.aliases)}
+
+
+def _pool(
+    row: Food, others: Sequence[Food], sources: Mapping[int, str], found: Mapping[int, tuple[Density, ...]]
+) -> tuple[Density, ...]:
+    same = (row, *others)
     judge = next((food for food in same if sources[food.release_id] in _JUDGES), None)
     judged = {density.kind for density in found.get(judge.id, ()) if density.basis != "group"} if judge else set()
     pooled: list[Density] = []
@@ -52,7 +74,7 @@ def food_value(session: Session, row: Food) -> FoodValue:
             and (food in (row, judge) or density.basis in _BASES_OF_OTHERS)
             and (food is row or density.basis != "group")
         ]
-    return _value(session, row, tuple(pooled))
+    return tuple(pooled)
 
 
 def own_value(session: Session, row: Food) -> FoodValue:
@@ -65,7 +87,8 @@ def own_densities(session: Session, row: Food) -> tuple[Density, ...]:
     return tuple(map(density_value, foods.densities_of(session, [row.id]).get(row.id, [])))
 
 
-def _value(session: Session, row: Food, densities: tuple[Density, ...]) -> FoodValue:
+def bare_value(row: Food) -> FoodValue:
+    """A food's row as a value, without what other tables hold: densities, figures and portions."""
     return FoodValue(
         key=row.key,
         name=row.name,
@@ -74,16 +97,24 @@ def _value(session: Session, row: Food, densities: tuple[Density, ...]) -> FoodV
         form=row.form,  # type: ignore[arg-type]  # FoodValue checks it, as it does the next two
         slice_form=row.slice_form,  # type: ignore[arg-type]
         refuse=tuple(RefusePart(**part) for part in row.refuse),
-        densities=densities,
-        per_100_g={found.component.number: found.per_100_g for found in foods.nutrients_of(session, row.id)},
+        densities=(),
+        per_100_g={},
         source_ids=row.source_ids,
         state=row.state,  # type: ignore[arg-type]
         is_mixed_dish=row.is_mixed_dish,
+        probes=tuple(row.probes),
+    )
+
+
+def _value(session: Session, row: Food, densities: tuple[Density, ...]) -> FoodValue:
+    return replace(
+        bare_value(row),
+        densities=densities,
+        per_100_g={found.component.number: found.per_100_g for found in foods.nutrients_of(session, row.id)},
         portions=tuple(
             Portion(portion.sequence, portion.amount, portion.measure, portion.mass_g)
             for portion in foods.portions_of(session, row.id)
         ),
-        probes=tuple(row.probes),
     )
 
 

@@ -7,9 +7,10 @@ FoodData Central, SR28, and last the tables that give densities only.
 import uuid
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import TypeVar
 
 import sqlalchemy as sa
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, aliased
 
 from app.db.models import (
     Component,
@@ -22,6 +23,8 @@ from app.db.models import (
     FoodRelease,
     StudyDensity,
 )
+
+T = TypeVar("T")
 
 LOCAL = "local"
 DENSITIES_ONLY = "fao-density"
@@ -76,15 +79,30 @@ def foods_by_id(session: Session, ids: Collection[int]) -> list[Food]:
 
 def foods_by_code(session: Session, code: str) -> list[Food]:
     """The foods in force that a published table knows by this number, best first."""
-    return _in_force(session, FoodCode.code == code, FoodCode.system != "label")
-
-
-def same_foods(session: Session, food: Food) -> list[Food]:
-    """Other foods in force that share a code with this one, of the systems whose codes are each of one food."""
-    shared = sa.select(FoodCode.system, FoodCode.code).where(
-        FoodCode.food_id == food.id, FoodCode.system.in_(SAME_FOOD_SYSTEMS)
+    query = (
+        sa.select(FoodCode.code, Food)
+        .join(Food, Food.id == FoodCode.food_id)
+        .where(FoodCode.code == code, FoodCode.system != "label")
     )
-    return _in_force(session, sa.tuple_(FoodCode.system, FoodCode.code).in_(shared), FoodCode.food_id != food.id)
+    found: dict[str, Food] = {}
+    for _, food in _only_in_force(session, query):
+        found.setdefault(food.key, food)  # a correction stands for what it corrects
+    return list(found.values())
+
+
+def same_foods(session: Session, food_ids: Collection[int]) -> dict[int, list[Food]]:
+    """Food -> others in force that share a code with it, of the systems whose codes are each of one food."""
+    asked, other = aliased(FoodCode), aliased(FoodCode)
+    query = (
+        sa.select(asked.food_id, Food)
+        .join(other, sa.and_(other.system == asked.system, other.code == asked.code))
+        .join(Food, Food.id == other.food_id)
+        .where(asked.food_id.in_(food_ids), asked.system.in_(SAME_FOOD_SYSTEMS), other.food_id != asked.food_id)
+    )
+    found: dict[int, dict[str, Food]] = {food_id: {} for food_id in food_ids}
+    for food_id, food in _only_in_force(session, query):
+        found[food_id].setdefault(food.key, food)
+    return {food_id: list(others.values()) for food_id, others in found.items()}
 
 
 def sources_of(session: Session, release_ids: Collection[int]) -> dict[int, str]:
@@ -93,9 +111,14 @@ def sources_of(session: Session, release_ids: Collection[int]) -> dict[int, str]
     return {row.id: row.source for row in session.execute(query)}
 
 
-def density_rows(session: Session, labels: Collection[str], state: str) -> list[Food]:
-    """Rows in force of tables that give densities only, of food in this state, by their folded names."""
-    return _in_force(session, FoodCode.system == "label", FoodCode.code.in_(labels), Food.state == state)
+def density_rows(session: Session, labels: Collection[str]) -> list[tuple[str, Food]]:
+    """Rows in force of tables that give densities only, each with the folded name of these that it goes by."""
+    query = (
+        sa.select(FoodCode.code, Food)
+        .join(Food, Food.id == FoodCode.food_id)
+        .where(FoodCode.system == "label", FoodCode.code.in_(labels))
+    )
+    return list(_only_in_force(session, query))
 
 
 def densities_of(session: Session, food_ids: Collection[int]) -> dict[int, list[FoodDensity]]:
@@ -148,6 +171,19 @@ def nutrients_of_each(session: Session, food_ids: Collection[int]) -> dict[int, 
     return found
 
 
+def contents_of(session: Session, food_ids: Collection[int], numbers: Collection[str]) -> dict[int, dict[str, float]]:
+    """Food -> component number -> content of 100 g edible portion, of these components as far as they are known."""
+    query = (
+        sa.select(FoodNutrient.food_id, Component.number, FoodNutrient.per_100_g)
+        .join(Component, Component.id == FoodNutrient.component_id)
+        .where(FoodNutrient.food_id.in_(food_ids), Component.number.in_(numbers))
+    )
+    found: dict[int, dict[str, float]] = {food_id: {} for food_id in food_ids}
+    for food_id, number, per_100_g in session.execute(query):
+        found[food_id][number] = per_100_g
+    return found
+
+
 def portions_of(session: Session, food_id: int) -> list[FoodPortion]:
     """A food's household measures in the source's order."""
     query = sa.select(FoodPortion).where(FoodPortion.food_id == food_id).order_by(FoodPortion.position)
@@ -159,18 +195,12 @@ def components_by_number(session: Session) -> dict[str, Component]:
     return {component.number: component for component in session.scalars(sa.select(Component))}
 
 
-def _in_force(session: Session, *conditions: sa.ColumnElement[bool]) -> list[Food]:
+def _only_in_force(session: Session, query: sa.Select[T, Food]) -> list[tuple[T, Food]]:
+    """The rows whose food is in force, that of the release that goes first at the head."""
     order = {release.id: position for position, release in enumerate(releases_in_force(session))}
-    query = (
-        sa.select(Food)
-        .join(FoodCode, FoodCode.food_id == Food.id)
-        .where(*conditions, Food.release_id.in_(order), Food.superseded_by_id.is_(None))
-        .distinct()
-    )
-    found: dict[str, Food] = {}
-    for food in sorted(session.scalars(query), key=lambda food: (order[food.release_id], food.id)):
-        found.setdefault(food.key, food)  # a correction stands for what it corrects
-    return list(found.values())
+    chosen = query.where(Food.release_id.in_(order), Food.superseded_by_id.is_(None))
+    rows = [(what, food) for what, food in session.execute(chosen)]
+    return sorted(rows, key=lambda row: (order[row[1].release_id], row[1].id))
 
 
 def _precedence(release: FoodRelease) -> tuple[int, int]:

@@ -1,0 +1,86 @@
+"""What changed in a food, as lines that a person reads: the field, what it was, what it is."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from app.api.schemas.food_edits import ChangeOut
+from app.nutrition.components import COMPONENT_BY_NUMBER
+
+NOT_KNOWN = "not known"
+NONE = "none"
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One field of a food that changed. unit: of figures, else empty."""
+
+    label: str
+    old: str
+    new: str
+    unit: str = ""
+
+
+def differences_of(change: ChangeOut, names: Mapping[str, tuple[str, str]]) -> list[Difference]:
+    """Of a change that was made. names: component -> (name, unit), of those that no file of ours names."""
+    return told_differences(change.differences, names)
+
+
+def told_differences(
+    differences: Mapping[str, tuple[Any, Any]], names: Mapping[str, tuple[str, str]]
+) -> list[Difference]:
+    """Field -> (old, new) as lines, figures behind the fields."""
+    fields = [name for name in differences if not name.startswith("nutrients.")]
+    figures = [name for name in differences if name.startswith("nutrients.")]
+    found = []
+    for name in (*fields, *figures):
+        old, new = differences[name]
+        if name.startswith("nutrients."):
+            label, unit = _component(name.removeprefix("nutrients."), names)
+            found.append(Difference(label, _figure(old), _figure(new), unit))
+        else:
+            found.append(Difference(name.replace("_", " ").capitalize(), _told(name, old), _told(name, new)))
+    return found
+
+
+def _component(number: str, names: Mapping[str, tuple[str, str]]) -> tuple[str, str]:
+    if number in COMPONENT_BY_NUMBER:
+        component = COMPONENT_BY_NUMBER[number]
+        return component.name, component.unit.value
+    return names.get(number, (number, ""))
+
+
+def _figure(value: Any) -> str:
+    return NOT_KNOWN if value is None else repr(value)
+
+
+def _told(field: str, value: Any) -> str:
+    """A field's value in words."""
+    if value is None or value in ("", [], {}):
+        return NONE
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list):
+        return "; ".join(_part(field, part) for part in value)
+    if field == "recipe":
+        parts = "; ".join(_part("ingredients", part) for part in value["ingredients"])
+        return f"yield {value['yield']}: {parts}"
+    if isinstance(value, dict):
+        return "; ".join(f"{name} {one}" for name, one in value.items())
+    return str(value)
+
+
+def _part(field: str, part: Any) -> str:
+    if field == "densities":
+        return (
+            f"{part['g_per_ml']} ± {part['sd_g_per_ml']} g/ml, {part['kind']}, {part['state']} "
+            f"({part['basis']}: {part['source']})"
+        )
+    if field == "refuse":
+        return f"{part['part']} {part['percent']} %{'' if part['is_served'] else ', off before it is served'}"
+    if field == "portions":
+        return f"{part['amount']} {part['measure']} = {part['mass_g']} g"
+    if field == "ingredients":
+        kept = ", ".join(f"{number} {share}" for number, share in part["retention"].items())
+        return f"{part['mass_g']} g {part['food_key']}" + (f" (keeps {kept})" if kept else "")
+    return str(part)
