@@ -21,7 +21,7 @@ class SideProcess:
     """At most one process at a time. Used by one thread, which lives as long as the processes shall.
 
     command: `--parent PID --claim TEXT` are added to it. has_work: whether to start one. new_claim: what it shall call
-    itself. on_end: called with its claim and its line (None: it died without one).
+    itself. on_end: called with its claim, its line (None: it died without one), and whether it was asked to end.
     """
 
     def __init__(
@@ -31,7 +31,7 @@ class SideProcess:
         *,
         has_work: Callable[[], bool],
         new_claim: Callable[[], str],
-        on_end: Callable[[str, Mapping[str, Any] | None], None],
+        on_end: Callable[[str, Mapping[str, Any] | None, bool], None],
     ) -> None:
         self._command, self._environment = command, environment
         self._has_work, self._new_claim, self._on_end = has_work, new_claim, on_end
@@ -48,7 +48,7 @@ class SideProcess:
         if self._process is not None:
             if self._process.poll() is None:
                 return
-            self._see_off(self._process)
+            self._see_off(self._process, is_asked=False)
         if not self._has_work():
             return
         self._claim = self._new_claim()
@@ -69,9 +69,9 @@ class SideProcess:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._see_off(self._process)
+        self._see_off(self._process, is_asked=True)
 
-    def _see_off(self, process: subprocess.Popen[bytes]) -> None:
+    def _see_off(self, process: subprocess.Popen[bytes], *, is_asked: bool) -> None:
         said = process.stdout.read() if process.stdout is not None else b""
         if process.stdout is not None:
             process.stdout.close()
@@ -79,7 +79,7 @@ class SideProcess:
         ended = _last_line(said)
         if ended is None:
             log.warning("side_process_died", status=process.returncode)
-        self._on_end(self._claim, ended)
+        self._on_end(self._claim, ended, is_asked)
 
 
 def _last_line(said: bytes) -> Mapping[str, Any] | None:

@@ -32,12 +32,15 @@ def file_process(
         with database.read() as session:
             return file_work.has_work(session, lease_seconds)
 
-    def on_end(claim: str, ended: Mapping[str, Any] | None) -> None:
-        """Count it; what a process that died had goes back at once, not with its lease."""
+    def on_end(claim: str, ended: Mapping[str, Any] | None, is_asked: bool) -> None:
+        """Count it; what a process that died had goes back at once, not with its lease.
+
+        One that was asked to end and was too slow in it is no try that failed.
+        """
         if ended is None:
             with database.write() as session:
-                file_work.put_back(session, uuid.UUID(claim), counts=True)
-            instruments.FILES_MADE.labels("export", "died").inc()
+                file_work.put_back(session, uuid.UUID(claim), counts=not is_asked)
+            instruments.FILES_MADE.labels("export", "again" if is_asked else "died").inc()
         elif ended.get("outcome") is not None:
             kind, outcome = str(ended["kind"]), str(ended["outcome"])
             instruments.FILES_MADE.labels(kind, instruments.outcome_label(outcome)).inc()

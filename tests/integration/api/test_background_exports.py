@@ -297,7 +297,7 @@ def test_erasure_that_commits_before_the_claim_is_seen_is_met_by_the_last_transa
     """Of an export that was still queued when the erasure looked, and whose snapshot is of before its commit."""
     path = ask(viewer).headers["location"]
     phone = eaten["phones"]["P001"]
-    monkeypatch.setattr("app.services.erase.exports.erase_from_exports", lambda *_: 0)
+    monkeypatch.setattr(exports, "erase_from_exports", lambda *_: 0)
     during(lambda: phone.client.delete(f"/v1/meals/{eaten['P001']}", headers=phone.headers))
     assert run().outcome == "again"
     assert viewer.get(path).json()["state"] == "queued"
