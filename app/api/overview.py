@@ -133,7 +133,15 @@ def overview_out(found: StudyOverview) -> OverviewOut:
 def _day_out(day: OverviewDay) -> OverviewDayOut:
     counts = asdict(day.counts)
     by_status = {f"{status}_meals": meals for status, meals in counts.pop("by_status").items()}
-    return OverviewDayOut(expected=day.expected, silent=day.silent, **counts, **by_status)
+    return OverviewDayOut(
+        expected=day.expected,
+        silent=day.silent,
+        told_open=day.counts.told_open,
+        late_share=day.counts.late_share,
+        median_delay_seconds=day.median_delay_seconds,
+        **counts,
+        **by_status,
+    )
 
 
 def _statuses_out(counts: Mapping[str, int]) -> list[StatusCountOut]:

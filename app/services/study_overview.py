@@ -10,7 +10,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
-from itertools import pairwise
+from itertools import chain, pairwise
 from statistics import fmean, median
 
 from app.db.models import Study
@@ -36,11 +36,15 @@ STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # bins are as wide as one of these times a p
 
 @dataclass(frozen=True, slots=True)
 class OverviewDay:
-    """A local day of the window. expected: participants whose day it is; silent: those without meal and closed day."""
+    """A local day of the window. expected: participants whose day it is; silent: those without meal and closed day.
+
+    median_delay_seconds: from eating to arrival, of the day's meals.
+    """
 
     counts: DayCounts
     expected: int
     silent: int
+    median_delay_seconds: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +94,10 @@ class Places:
 
 @dataclass(frozen=True, slots=True)
 class StudyOverview:
-    """by_status: the window's meals. waiting, failures: of the whole study, now. places None: the study keeps none."""
+    """by_status: the window's meals. waiting, failures: of the whole study, now. places None: the study keeps none.
+
+    waiting also has meals whose after-meal pair is waited for, or has failed, whatever their status.
+    """
 
     study: str
     first_day: date
@@ -112,9 +119,12 @@ def study_overview(
     *,
     first_day: date | None = None,
     last_day: date | None = None,
+    days: int | None = USUAL_DAYS,
     now: datetime | None = None,
 ) -> StudyOverview:
     """The overview from first_day to last_day, both included; of an end that is not given see `_window`.
+
+    days: how long the window is where first_day is not given; None: from the first day that anything is known of.
 
     Raises NotFoundError, InvalidInputError (`days_reversed`, `days_too_many`).
     """
@@ -125,24 +135,35 @@ def study_overview(
         require_study(caller, study.id)
         today = latest_day(now or datetime.now(UTC))
         latest = overview.last_day_of(session, study.id, today) if last_day is None else None
-        first, last = _window(first_day, last_day, latest or today)
+        first, last = _window(first_day, last_day, latest or today, days)
+        if days is None and first_day is None:
+            first = min(max(first, overview.first_day_of(session, study.id) or first), last)
         window = overview.Window(session, study.id, first, last)
-        counted = window.days()
-        meals = sum(day.meals for day in counted)
-        days = _with_silence(counted, window.spans(), first, last, today)
+        counted, delays = window.days(), window.delays()
+        shown = _with_silence(counted, delays, window.spans(), first, last, today)
         return StudyOverview(
             study=study.code,
             first_day=first,
             last_day=last,
             people=window.people(),
-            completeness=_completeness(days, meals, window.median_delay_seconds(meals)),
-            days=days,
+            completeness=_completeness(shown, delays),
+            days=shown,
             by_status={status: sum(day.by_status[status] for day in counted) for status in MEAL_STATUSES},
             waiting=overview.waiting_of(session, study.id),
             failures=overview.failures_of(session, study.id),
             nutrients=tuple(distribution(name, values) for name, values in window.nutrients().items()),
             places=_places(window, study, sum(day.located_meals for day in counted)),
         )
+
+
+def study_waiting(database: Database, caller: Caller, study_code: str) -> tuple[dict[str, int], dict[str, int]]:
+    """(waiting, failures) of an overview at this moment. Raises NotFoundError."""
+    with database.read() as session:
+        study = people.find_study(session, study_code)
+        if study is None:
+            raise NotFoundError("There is no such study.")
+        require_study(caller, study.id)
+        return overview.waiting_of(session, study.id), overview.failures_of(session, study.id)
 
 
 def note_overview_export(database: Database, caller: StaffCaller, study_code: str, part: str, output: str) -> None:
@@ -190,17 +211,19 @@ def _edges(ordered: Sequence[float]) -> tuple[float, ...]:
     return tuple(round(number * step, 12) for number in range(first, last + 1))
 
 
-def _window(first_day: date | None, last_day: date | None, latest: date) -> tuple[date, date]:
+def _window(
+    first_day: date | None, last_day: date | None, latest: date, days: int | None = USUAL_DAYS
+) -> tuple[date, date]:
     """The window. Without `to` it ends with the last day that anything is known of, but never before it begins.
 
-    Without `from` it has USUAL_DAYS days.
+    Without `from` it has so many days; None: as many as it may have.
     """
     if last_day is None:
         last_day = latest if first_day is None else max(first_day, latest)
         if first_day is not None and (last_day - first_day).days >= MAX_RANGE_DAYS:
             last_day = first_day + timedelta(days=MAX_RANGE_DAYS - 1)
     if first_day is None:
-        first_day = date.fromordinal(max(last_day.toordinal() - USUAL_DAYS + 1, 1))
+        first_day = date.fromordinal(max(last_day.toordinal() - (days or MAX_RANGE_DAYS) + 1, 1))
     if first_day > last_day:
         raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
     if (last_day - first_day).days >= MAX_RANGE_DAYS:
@@ -211,7 +234,12 @@ def _window(first_day: date | None, last_day: date | None, latest: date) -> tupl
 
 
 def _with_silence(
-    counted: Sequence[DayCounts], spans: Sequence[Span], first: date, last: date, today: date
+    counted: Sequence[DayCounts],
+    delays: Mapping[date, Sequence[float]],
+    spans: Sequence[Span],
+    first: date,
+    last: date,
+    today: date,
 ) -> tuple[OverviewDay, ...]:
     """Every day of the window, those of which nothing is known too, with how many people's days were expected."""
     days = (last - first).days + 1
@@ -227,7 +255,8 @@ def _with_silence(
         local_date = first + timedelta(days=number)
         expected += steps[number]
         counts = known.get(local_date) or _nothing_on(local_date)
-        found.append(OverviewDay(counts, expected, max(expected - counts.told, 0)))
+        seconds = median(delays[local_date]) if local_date in delays else None
+        found.append(OverviewDay(counts, expected, max(expected - counts.told, 0), seconds))
     return tuple(found)
 
 
@@ -235,6 +264,7 @@ def _nothing_on(local_date: date) -> DayCounts:
     return DayCounts(
         local_date=local_date,
         told=0,
+        told_closed=0,
         with_meal=0,
         closed=0,
         ate_nothing=0,
@@ -253,16 +283,16 @@ def _nothing_on(local_date: date) -> DayCounts:
     )
 
 
-def _completeness(days: Sequence[OverviewDay], meals: int, median_delay_seconds: float | None) -> Completeness:
+def _completeness(days: Sequence[OverviewDay], delays: Mapping[date, Sequence[float]]) -> Completeness:
     return Completeness(
         expected=sum(day.expected for day in days),
         told=sum(day.counts.told for day in days),
         closed=sum(day.counts.closed for day in days),
         whole=sum(day.counts.whole for day in days),
         silent=sum(day.silent for day in days),
-        meals=meals,
+        meals=sum(day.counts.meals for day in days),
         late_meals=sum(day.counts.late_meals for day in days),
-        median_delay_seconds=median_delay_seconds,
+        median_delay_seconds=median(chain.from_iterable(delays.values())) if delays else None,
     )
 
 

@@ -38,6 +38,8 @@ class OverviewDayOut(BaseModel):
     local_date: date
     expected: int
     told: int
+    told_closed: int = Field(description="Of those who were expected.")
+    told_open: int = Field(description="Of those who were expected: with a meal, and not closed.")
     silent: int
     with_meal: int
     closed: int
@@ -55,6 +57,8 @@ class OverviewDayOut(BaseModel):
     failed_meals: int
     confirmed_meals: int
     late_meals: int = Field(description=LATE)
+    late_share: float | None = Field(description="Of the meals; null where there is none.")
+    median_delay_seconds: float | None = Field(description="From eating to the server, of the day's meals.")
     located_meals: int = Field(description="Whose place is kept.")
     unmeasured_meals: int = Field(description=UNMEASURED_MEALS)
     items: int
@@ -63,7 +67,7 @@ class OverviewDayOut(BaseModel):
 
 
 class StatusCountOut(BaseModel):
-    """Meals of a status."""
+    """Meals of a status, or whose after-meal pair is waited for (after_awaited) or has failed (after_failed)."""
 
     status: str
     meals: int

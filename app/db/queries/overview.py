@@ -22,6 +22,9 @@ from app.db.queries.intakes import is_day_of_nothing, is_measured_whole, within
 from app.db.queries.record_pages import CALENDAR, EASTERNMOST, LATEST_END
 
 WAITING = ("receiving", "queued", "processing", "needs_review", "failed")  # somebody or something must act
+AFTER_PAIRS = ("after_awaited", "after_failed")  # of meals that stand in any status
+AFTER_WAITED_FOR = ("receiving", "queued", "processing")
+LONG_AGO = datetime(1970, 1, 1, tzinfo=UTC)
 ROWS_AT_A_TIME = 2000
 
 
@@ -48,13 +51,15 @@ class Span(NamedTuple):
 class DayCounts:
     """A local day over all participants, who each have a row, a meal or a closed day, or are silent.
 
-    told: with a meal or a closed day, of those who were expected. closed: by word; ate_nothing of them. whole: closed,
-    everything measured and final, or nothing eaten, and all of its energy known; whole_energy_kcal: their mean.
+    told: with a meal or a closed day, of those who were expected; told_closed of them. closed: by word, also of days
+    on which nothing was expected; ate_nothing of them. whole: closed, everything measured and final, or nothing eaten,
+    and all of its energy known; whole_energy_kcal: their mean.
     open_days: not closed, with some energy known; open_energy_kcal: their mean, a lower bound. by_status: meals.
     """
 
     local_date: date
     told: int
+    told_closed: int
     with_meal: int
     closed: int
     ate_nothing: int
@@ -70,6 +75,16 @@ class DayCounts:
     items: int
     unmeasured_items: int
     provisional_items: int
+
+    @property
+    def told_open(self) -> int:
+        """Of those who were expected: with a meal, and not closed."""
+        return self.told - self.told_closed
+
+    @property
+    def late_share(self) -> float | None:
+        """Of the meals; None where there is none."""
+        return self.late_meals / self.meals if self.meals else None
 
 
 class Place(NamedTuple):
@@ -92,6 +107,15 @@ def last_day_of(session: Session, study_id: uuid.UUID, until: date) -> date | No
         for table in (Meal, DiaryDay)
     ]
     return max((day for day in found if day is not None), default=None)
+
+
+def first_day_of(session: Session, study_id: uuid.UUID) -> date | None:
+    """The first local day that has a meal or a word."""
+    found = [
+        session.scalar(sa.select(sa.func.min(table.local_date)).where(table.study_id == study_id))
+        for table in (Meal, DiaryDay)
+    ]
+    return min((day for day in found if day is not None), default=None)
 
 
 class Window:
@@ -133,6 +157,7 @@ class Window:
             sa.select(
                 day.local_date,
                 _how_many(sa.and_(is_told, is_expected)).label("told"),
+                _how_many(sa.and_(is_closed, is_expected)).label("told_closed"),
                 _how_many(day.meals > 0).label("with_meal"),
                 _how_many(is_closed).label("closed"),
                 _how_many(sa.and_(is_closed, day.said_nothing, day.meals == 0)).label("ate_nothing"),
@@ -208,16 +233,14 @@ class Window:
                 found[name].extend(value for value in values if value is not None)
         return found
 
-    def median_delay_seconds(self, meals: int) -> float | None:
-        """The median, over the window's meals, of the time from eating to arrival. meals: how many there are."""
-        if not meals:
-            return None
-        delay = seconds_between(Meal.captured_at, Meal.received_at)
-        middle = (
-            sa.select(delay).where(*self._which(Meal)).order_by(delay).offset((meals - 1) // 2).limit(2 - meals % 2)
-        )
-        values = list(self._session.scalars(middle))
-        return sum(values) / len(values)
+    def delays(self) -> dict[date, "array[float]"]:
+        """Day -> seconds from eating to arrival of each of its meals, in no order.
+
+        A day comes as one text: a row a meal would cost several times as much.
+        """
+        seconds = sa.func.aggregate_strings(sa.cast(seconds_between(Meal.captured_at, Meal.received_at), sa.Text), " ")
+        query = sa.select(Meal.local_date, seconds).where(*self._which(Meal)).group_by(Meal.local_date)
+        return {row[0]: array("d", map(float, row[1].split())) for row in self._session.execute(query)}
 
     def places(self, limit: int) -> list[Place]:
         """The newest places, by (captured_at, id)."""
@@ -236,14 +259,19 @@ class Window:
 
 
 def waiting_of(session: Session, study_id: uuid.UUID) -> dict[str, int]:
-    """Status -> how many meals of a study wait in it at this moment, whenever they were eaten."""
+    """WAITING, then AFTER_PAIRS -> how many meals of a study wait so at this moment, whenever they were eaten."""
     query = (
         sa.select(Meal.status, sa.func.count())
         .where(Meal.study_id == study_id, Meal.status.in_(WAITING))
         .group_by(Meal.status)
     )
     found = {row[0]: row[1] for row in session.execute(query)}
-    return {status: found.get(status, 0) for status in WAITING}
+    is_not_there = sa.or_(Meal.after_status.is_(None), Meal.after_status.in_(AFTER_WAITED_FOR))
+    awaited = sa.and_(Meal.after_due_at > LONG_AGO, is_not_there)  # IS NOT NULL would not be looked up by SQLite
+    for name, condition in zip(AFTER_PAIRS, (awaited, Meal.after_status == "failed"), strict=True):
+        counted = sa.select(sa.func.count()).select_from(Meal).where(Meal.study_id == study_id, condition)
+        found[name] = session.execute(counted).scalar_one()
+    return {name: found.get(name, 0) for name in (*WAITING, *AFTER_PAIRS)}
 
 
 def failures_of(session: Session, study_id: uuid.UUID) -> dict[str, int]:
@@ -261,6 +289,7 @@ def _day_counts(row: sa.RowMapping) -> DayCounts:
     return DayCounts(
         local_date=row["local_date"],
         told=int(row["told"]),
+        told_closed=int(row["told_closed"]),
         with_meal=int(row["with_meal"]),
         closed=int(row["closed"]),
         ate_nothing=int(row["ate_nothing"]),

@@ -78,6 +78,12 @@ def test_every_day_of_the_window_is_told_with_those_who_are_silent(client, admin
         [2, 0, 2, 0, 0, 0, 0, 0],
         [2, 1, 1, 1, 0, 0, 1, 1],
     ]
+    assert [(day["told_closed"], day["told_open"]) for day in found["days"][-5:]] == [
+        (1, 0), (1, 0), (1, 1), (0, 0), (1, 0)
+    ]  # fmt: skip
+    assert [day["late_share"] for day in found["days"][-5:]] == [0.0, None, 0.5, None, 1.0]
+    delays = [day["median_delay_seconds"] for day in found["days"][-5:]]
+    assert delays == [pytest.approx(300), None, pytest.approx((300 + 25 * 3600) / 2), None, pytest.approx(30 * 3600)]
     assert [days[f"2026-11-0{n}"]["whole_energy_kcal"] for n in range(1, 6)] == [2200.0, 0.0, 3000.0, None, None]
     assert (days["2026-11-03"]["open_days"], days["2026-11-03"]["open_energy_kcal"]) == (1, 900.0)
     assert days["2026-10-31"] | {"local_date": None} == days["2026-10-09"] | {"local_date": None}
@@ -96,8 +102,29 @@ def test_statuses_are_of_the_window_and_what_waits_is_of_the_study(client, admin
     assert meals == {"receiving": 0, "queued": 0, "processing": 0, "estimated": 3, "needs_review": 0, "failed": 0,
                      "confirmed": 1}  # fmt: skip
     waiting = {row["status"]: row["meals"] for row in found["waiting"]}
-    assert waiting == {"receiving": 0, "queued": 0, "processing": 0, "needs_review": 0, "failed": 1}
+    assert waiting == {"receiving": 0, "queued": 0, "processing": 0, "needs_review": 0, "failed": 1,
+                       "after_awaited": 0, "after_failed": 0}  # fmt: skip
     assert found["failures"] == [{"failure_code": "marker_not_found", "meals": 1}]
+
+
+def test_after_meal_pairs_that_are_waited_for_or_failed_are_told_whatever_the_meal_s_status(
+    enrol, state, client, admin
+):
+    enrol("P001")
+    due = datetime(2026, 11, 1, 16, tzinfo=UTC)
+    for after_status, after_due_at in (
+        (None, due),
+        ("queued", due),
+        (None, None),
+        ("failed", due),
+        ("estimated", None),
+    ):
+        meal_id = add_meal(state, "P001", "2026-11-01", status="confirmed")
+        with state.database.write() as session:
+            meal = session.scalars(sa.select(Meal).where(Meal.client_id == meal_id)).one()
+            meal.after_status, meal.after_due_at = after_status, after_due_at
+    waiting = {row["status"]: row["meals"] for row in overview(client, admin)["waiting"]}
+    assert (waiting["after_awaited"], waiting["after_failed"]) == (2, 1)
 
 
 @pytest.mark.usefixtures("eaten")
