@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 IN_TWO := -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: venv demo test test-slow check format serve clean
+.PHONY: venv demo browse test test-slow check format serve clean
 
 venv: $(VENV)/.installed  ## the virtual environment .venv, nothing else
 
@@ -17,6 +17,9 @@ $(VENV)/.installed: pyproject.toml
 
 demo: venv  ## one meal, from upload to record, on throwaway data
 	$(BIN)/tada demo
+
+browse: venv  ## a sample study to look at in a browser, on throwaway data, until Ctrl-C
+	$(BIN)/tada demo --browse
 
 test: venv  ## all tests but the slow ones
 	$(BIN)/pytest $(IN_TWO) -m "not slow"

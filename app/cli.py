@@ -103,8 +103,17 @@ def worker() -> None:
 @cli.command()
 def demo(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the pictures.")] = Path("demo-output"),
+    browse: Annotated[
+        bool, typer.Option("--browse", help="Fill a sample study instead, and serve it to a browser until Ctrl-C.")
+    ] = False,
+    seed: Annotated[int, typer.Option(help="Draws the sample study.")] = 1,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Of the sample study's server; 0: any free one.")] = 0,
 ) -> None:
     """A whole run on throwaway data: server, upload, estimate, record printed, pictures written."""
+    if browse:
+        from app.demo_browse import browse_demo
+
+        raise SystemExit(browse_demo(seed, port))
     from app.demo import run_demo
 
     raise SystemExit(run_demo(output))

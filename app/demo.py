@@ -39,7 +39,7 @@ def run_demo(output: Path) -> int:
     """Run it; pictures go to `output`. Returns the exit status."""
     started = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="tada-demo-") as folder:
-        settings = Settings(data_dir=Path(folder), database_url=None, blob_url=None, port=0, log_level="WARNING")
+        settings = throwaway_settings(Path(folder))
         say("A throwaway server: SQLite and files in a temporary folder.")
         database = Database(settings.resolved_database_url)
         try:
@@ -61,6 +61,19 @@ def run_demo(output: Path) -> int:
             save_artefacts(client, token, meal, output)
     say(f"Done in {time.perf_counter() - started:.0f} s. Pictures of each step are in {output.resolve()}")
     return 0
+
+
+def throwaway_settings(folder: Path, port: int = 0) -> Settings:
+    """A server of its own in this folder, whatever the environment says of another."""
+    return Settings(
+        data_dir=folder,
+        database_url=None,
+        blob_url=None,
+        erasure_url=None,
+        public_url=None,
+        port=port,
+        log_level="WARNING",
+    )
 
 
 def say(text: str) -> None:

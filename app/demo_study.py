@@ -1,0 +1,266 @@
+"""A sample study to look at, made over HTTP as phones and staff do: people, two weeks of meals, words about them.
+
+`make_study` makes its people, `photograph_meals` uploads what is to be measured, `tell_days` fills the days with what
+is told; `settle` follows the photographs to their estimates and says what participants and reviewers say of them.
+Everything is drawn from a seed but ids and passwords.
+"""
+
+import importlib.resources
+import io
+import json
+import random
+import secrets
+import time
+import uuid
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import date, datetime, timedelta
+from typing import Any
+from zoneinfo import ZoneInfo
+
+import httpx2
+from PIL import Image
+
+from app.demo import MARKER, answer
+from app.demo_menus import APPLE, DOUGHNUT, OCCASIONS, ORANGE, PEOPLE, RICE, SALAD, Person, Plate
+
+STUDY = "sample"
+ZONE = "Europe/Vienna"
+HOME = (48.2082, 16.3738)  # degrees; the study keeps two decimals
+SPREAD_DEGREES = 0.06
+ROLES = {"olga": "owner", "rene": "reviewer", "vera": "viewer"}
+DAYS = 14
+AMOUNT_UNKNOWN = 0.02  # of foods told: no amount, so a reviewer looks
+AFTER_MINUTES = 40
+PLATE_HOUR = 12.25  # of the photographed meals of today, and one hour more each
+WAIT_SECONDS = 25
+SETTLE_SECONDS = 900
+
+
+@dataclass(frozen=True, slots=True)
+class Account:
+    """Somebody who may sign in."""
+
+    name: str
+    role: str
+    password: str
+
+
+@dataclass(frozen=True, slots=True)
+class Photographed:
+    """A meal that is photographed. names: the phone says what each food is. then: what its participant says of it."""
+
+    plate: Plate
+    names: bool = False
+    then: str | None = None  # confirm | ask
+    is_cropped: bool = False  # the marker is cut off
+    is_half: bool = False  # the right photograph never arrives
+    days_ago: int = 0
+
+
+PHOTOGRAPHED: tuple[Photographed, ...] = (
+    Photographed(RICE, names=True, then="confirm"),
+    Photographed(ORANGE, names=True, then="confirm", days_ago=1),
+    Photographed(APPLE),
+    Photographed(SALAD),
+    Photographed(DOUGHNUT, then="ask"),
+    Photographed(APPLE, is_cropped=True),
+    Photographed(SALAD, names=True, then="confirm", days_ago=1),
+    Photographed(RICE, days_ago=2),
+    Photographed(DOUGHNUT, names=True, days_ago=3),
+    Photographed(APPLE, is_half=True),
+)
+
+
+@dataclass(slots=True)
+class SampleStudy:
+    """What was made. measured: meals that a worker has to estimate, with the phone that sent each."""
+
+    accounts: list[Account]
+    people: list[Person]
+    phones: dict[str, httpx2.Client]
+    measured: list[tuple[Photographed, str, httpx2.Client]] = field(default_factory=list)
+
+    def close(self) -> None:
+        """Close the phones' connections."""
+        for phone in self.phones.values():
+            phone.close()
+
+
+def make_study(admin: httpx2.Client, people: Sequence[Person] = PEOPLE) -> SampleStudy:
+    """A study with its staff and phones; `admin` sends an admin's token.
+
+    Raises SystemExit with the server's words if it refuses, as all here do.
+    """
+    answer(
+        admin.post(
+            "/v1/studies",
+            json={
+                "code": STUDY,
+                "name": "Sample study",
+                "marker": MARKER,
+                "location_policy": "round",
+                "location_decimals": 2,
+                "gives_feedback": True,
+                "withdrawal_policy": "keep",
+            },
+        )
+    )
+    accounts = [make_account(admin, name, role) for name, role in ROLES.items()]
+    return SampleStudy(accounts, list(people), {person.code: enrol(admin, person) for person in people})
+
+
+def photograph_meals(study: SampleStudy, seed: int, meals: Sequence[Photographed] = PHOTOGRAPHED) -> None:
+    """Upload these meals, a participant after the other; they go into `study.measured`."""
+    chance = random.Random(seed)  # noqa: S311  where meals are, nothing secret
+    today = datetime.now(ZoneInfo(ZONE)).date()
+    for number, meal in enumerate(meals):
+        phone = study.phones[study.people[number % len(study.people)].code]
+        sent = send_photographs(phone, meal, today, number, chance)
+        if not meal.is_half:
+            study.measured.append((meal, sent, phone))
+
+
+def tell_days(study: SampleStudy, seed: int, days: int = DAYS) -> None:
+    """What each participant tells of the last days, the newest last."""
+    chance = random.Random(seed)  # noqa: S311  which meals, nothing secret
+    today = datetime.now(ZoneInfo(ZONE)).date()
+    for ago in range(days - 1, -1, -1):
+        for person in study.people:
+            tell_day(study.phones[person.code], person, today - timedelta(days=ago), chance, is_over=ago > 0)
+
+
+def make_account(admin: httpx2.Client, name: str, role: str) -> Account:
+    """Somebody with this role in the study and a password at random."""
+    password = secrets.token_urlsafe(12)
+    answer(admin.post("/v1/staff", json={"name": name, "password": password}))
+    answer(admin.put(f"/v1/studies/{STUDY}/members/{name}", json={"role": role}))
+    return Account(name, role, password)
+
+
+def enrol(admin: httpx2.Client, person: Person) -> httpx2.Client:
+    """A participant's phone, enrolled."""
+    people = f"/v1/studies/{STUDY}/participants"
+    answer(admin.post(people, json={"code": person.code, "profile": person.profile}))
+    code = answer(admin.post(f"{people}/{person.code}/enrolment-codes"))["code"]
+    device = {"code": code, "device_name": f"phone of {person.code}", "model": "Sample phone"}
+    token = answer(admin.post("/v1/enrolments", json=device))["token"]
+    return httpx2.Client(base_url=admin.base_url, headers={"Authorization": f"Bearer {token}"}, timeout=60)
+
+
+def tell_day(phone: httpx2.Client, person: Person, day: date, chance: random.Random, *, is_over: bool) -> None:
+    """What a participant tells of a day without photographs, and whether they close it."""
+    told = 0
+    for hour, dishes in OCCASIONS:
+        dish, is_told = chance.choice(dishes), chance.random() < person.keeps
+        at = instant(day, hour + chance.uniform(-0.6, 0.6))
+        if not is_told or at > datetime.now(ZoneInfo(ZONE)):
+            continue
+        items = []
+        for food, grams in dish:
+            amount = {"mass_g": round(grams * person.appetite * chance.uniform(0.75, 1.25))}
+            is_known = chance.random() >= AMOUNT_UNKNOWN
+            items.append({"food": food} | ({"amount": amount} if is_known else {}))
+        answer(phone.post("/v1/declared-meals", json=occasion(at, chance) | {"items": items}))
+        told += 1
+    if is_over and told and chance.random() < person.keeps:
+        answer(phone.put(f"/v1/me/days/{day}", headers={"If-Match": '"0"'}, json={"status": "closed"}))
+
+
+def occasion(at: datetime, chance: random.Random) -> dict[str, Any]:
+    """Id, time and place of a meal."""
+    places = [round(degrees + chance.gauss(0, SPREAD_DEGREES), 5) for degrees in HOME]
+    return {
+        "id": str(uuid.uuid4()),
+        "captured_at": at.isoformat(timespec="seconds"),
+        "time_zone": ZONE,
+        "location": {"latitude": places[0], "longitude": places[1]},
+    }
+
+
+def instant(day: date, hour: float) -> datetime:
+    """This hour of a day, by the study's clocks."""
+    return datetime(day.year, day.month, day.day, tzinfo=ZoneInfo(ZONE)) + timedelta(hours=hour)
+
+
+def send_photographs(phone: httpx2.Client, meal: Photographed, today: date, number: int, chance: random.Random) -> str:
+    """Upload a meal's photographs, those after it too: its id."""
+    at = min(
+        instant(today - timedelta(days=meal.days_ago), PLATE_HOUR + number % 3),
+        datetime.now(ZoneInfo(ZONE)) - timedelta(minutes=number + 1),
+    )
+    hints = [] if meal.is_cropped else hints_at(meal.plate.points, names=meal.names)
+    metadata = occasion(at, chance) | {"hints": hints}
+    path = f"/v1/meals/{metadata['id']}"
+    if meal.is_half:
+        answer(phone.put(path, json={key: metadata[key] for key in metadata if key != "id"}))
+        send_part(phone, path, "left", photograph(meal, "left"))
+        return str(metadata["id"])
+    files = {"metadata": ("metadata.json", json.dumps(metadata).encode(), "application/json")}
+    files |= {side: (f"{side}.jpg", photograph(meal, side), "image/jpeg") for side in ("left", "right")}
+    answer(phone.post("/v1/meals", files=files))
+    if meal.plate.left_over:
+        after = at + timedelta(minutes=AFTER_MINUTES)
+        told = {"captured_at": after.isoformat(timespec="seconds"), "hints": hints_at(meal.plate.left_over, names=True)}
+        answer(phone.put(f"{path}/after", json=told))
+        for slot in ("after_left", "after_right"):
+            send_part(phone, path, slot, photograph(meal, slot))
+    return str(metadata["id"])
+
+
+def hints_at(points: Sequence[tuple[tuple[int, int], str]], *, names: bool) -> list[dict[str, Any]]:
+    """Where foods are, and what they are if they are named."""
+    return [{"point": list(point)} | ({"food": food} if names else {}) for point, food in points]
+
+
+def send_part(phone: httpx2.Client, path: str, slot: str, content: bytes) -> None:
+    """One photograph by itself."""
+    answer(phone.put(f"{path}/images/{slot}", content=content, headers={"Content-Type": "image/jpeg"}))
+
+
+def photograph(meal: Photographed, slot: str) -> bytes:
+    """A bundled photograph; `is_cropped`: its right half, where there is no marker."""
+    folder = importlib.resources.files("app") / "demo_data"
+    content = (folder / meal.plate.folder / f"{slot}.jpg").read_bytes()
+    if not meal.is_cropped:
+        return content
+    buffer = io.BytesIO()
+    with Image.open(io.BytesIO(content)) as image:
+        image.crop((image.width // 2, 0, image.width, image.height)).save(buffer, "JPEG", quality=90)
+    return buffer.getvalue()
+
+
+def settle(study: SampleStudy, reviewer: httpx2.Client) -> dict[str, int]:
+    """Wait for the estimates and say what people say of them: how many meals ended in which status.
+
+    Raises SystemExit where a meal is not estimated in time.
+    """
+    deadline, ended = time.monotonic() + SETTLE_SECONDS, dict[str, int]()
+    for meal, meal_id, phone in study.measured:
+        seen = wait_for(phone, meal_id, deadline, is_after=bool(meal.plate.left_over))
+        if meal.then == "confirm":
+            for item in seen["items"]:
+                say(phone, meal_id, kind="confirm", item=item["id"])
+        elif meal.then == "ask":
+            say(reviewer, meal_id, kind="question", text="Was there anything on the doughnut?")
+            say(phone, meal_id, kind="comment", text="Only the glaze that is on it.")
+        status = answer(phone.get(f"/v1/meals/{meal_id}"))["status"]
+        ended[status] = ended.get(status, 0) + 1
+    return ended
+
+
+def wait_for(phone: httpx2.Client, meal_id: str, deadline: float, *, is_after: bool) -> dict[str, Any]:
+    """The meal once it moves no more."""
+    while time.monotonic() < deadline:
+        meal = answer(phone.get(f"/v1/meals/{meal_id}", params={"wait": WAIT_SECONDS}))
+        moving = {meal["status"], meal["after"]["status"] if is_after and meal["after"] else "estimated"}
+        if not moving & {"queued", "processing", "receiving"}:
+            return meal
+    raise SystemExit(f"tada: meal {meal_id} was not estimated in {SETTLE_SECONDS} s")
+
+
+def say(speaker: httpx2.Client, meal_id: str, **event: object) -> None:
+    """One event about the meal as it stands."""
+    path = f"/v1/meals/{meal_id}"
+    tag = speaker.get(path).raise_for_status().headers["ETag"]
+    answer(speaker.post(f"{path}/events", headers={"If-Match": tag}, json={"id": str(uuid.uuid4())} | event))
