@@ -20,7 +20,7 @@ KEYED_BY_TEXT = {  # any text is a place in such a list
     "/v1/studies/{study}/participants",
     "/v1/studies/{study}/intakes",
 }
-NO_FILTERS = {"limit", "cursor", "format"}
+NO_FILTERS = {"limit", "cursor", "format", "layout", "components", "provenance"}  # the last three are of files
 ID = uuid.UUID(int=7)
 NO_CURSORS = ("", "x", "%%%", "é", "\0", "=", "/" * 500, "e30", "W10")
 NO_PAIRS = (None, True, 1, 1e400, float("nan"), "x", [], {}, ["key"], ["key", "right", "more"], [[["key"]], "right"])
