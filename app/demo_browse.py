@@ -14,10 +14,13 @@ from app.demo_study import STUDY, SampleStudy, make_study, photograph_meals, set
 from app.services.prepare import prepare
 from app.services.staff import create_admin
 
+ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
 
 def browse_demo(seed: int, port: int) -> int:
     """Run it; port 0: any free one. Returns the exit status."""
-    signal.signal(signal.SIGTERM, _interrupt)
+    for number in ENDINGS:
+        signal.signal(number, _interrupt)  # SIGINT too: whom a shell starts in the background ignores it
     try:
         with tempfile.TemporaryDirectory(prefix="tada-demo-") as folder:
             settings = throwaway_settings(Path(folder), port=port)
@@ -68,5 +71,7 @@ def tell_accounts(address: str, study: SampleStudy) -> None:
 
 
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    """SIGTERM ends it as Ctrl-C does."""
+    """Whatever ends it ends it as Ctrl-C does, once: the second must not break off the removal of the folder."""
+    for number in ENDINGS:
+        signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
