@@ -74,6 +74,9 @@ def post_sign_out(request: Request, state: State, caller: CurrentStaff) -> Respo
 
 def safe_path(path: str) -> str:
     """A path of the dashboard, or its first page: never another site, whatever a link says."""
-    parts = urlsplit(path)
+    try:
+        parts = urlsplit(path)
+    except ValueError:  # "//[": a host that is none
+        return PREFIX
     is_ours = not parts.scheme and not parts.netloc and path.isprintable() and "\\" not in path
     return path if is_ours and (path == PREFIX or path.startswith((f"{PREFIX}/", f"{PREFIX}?"))) else PREFIX

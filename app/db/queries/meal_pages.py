@@ -92,10 +92,10 @@ def search_of(
     studies = studies_of(session, chosen.study_code, chosen.study_ids)
     people = participants_of(session, chosen.participant_code, chosen.participant_id, studies)
     foods = food_ids(session, chosen.food_keys) if chosen.food_keys else None
-    if any(found is not None and not found for found in (studies, people, foods)):
+    searched = studies if studies is not None else all_studies(session, MOST_BY_ARRAYS)
+    if any(found is not None and not found for found in (searched, people, foods)):
         return None
     is_on_sqlite = session.get_bind().dialect.name == "sqlite"
-    searched = studies if studies is not None else all_studies(session)
     of_studies = () if studies is None else (conditions_of.one_of_ids(Meal.study_id, studies),)
     asked = list(_asked(session, chosen, searched, foods, is_on_sqlite=is_on_sqlite))
     if any(one.stream is not None and not one.stream.branches for one in asked):

@@ -170,9 +170,9 @@ def studies_of(
     return [study for study in found if study_ids is None or study in study_ids]
 
 
-def all_studies(session: Session) -> list[uuid.UUID]:
-    """The ids of all studies, or of one more than a statement may have branches."""
-    return list(session.scalars(sa.select(Study.id).order_by(Study.id).limit(MOST_BRANCHES + 1)))
+def all_studies(session: Session, most: int = MOST_BRANCHES) -> list[uuid.UUID]:
+    """The ids of all studies, or of one more than `most`, the most branches that the caller's statement may have."""
+    return list(session.scalars(sa.select(Study.id).order_by(Study.id).limit(most + 1)))
 
 
 def participants_of(

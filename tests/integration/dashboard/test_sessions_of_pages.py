@@ -151,6 +151,7 @@ def test_ended_session_leads_htmx_to_the_form(client):
         "/dashboardx",
         "javascript:alert(1)",
         "/v1/me",
+        "//[",
         "",
     ],
 )

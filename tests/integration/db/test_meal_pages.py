@@ -14,6 +14,7 @@ from app.db.models.meal import AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES
 from app.db.models.record import RECORD_STATUSES
 from app.db.queries import meal_pages, meal_streams
 from app.db.queries.meal_pages import MealFilter, keys_of, pages_of_keys, search_of
+from app.db.queries.record_pages import MOST_BRANCHES
 from tests.integration.db.test_record_pages import plan_of
 
 NOW = datetime(2026, 11, 1, tzinfo=UTC)
@@ -195,6 +196,39 @@ def test_any_filters_leave_the_meals_that_a_slow_reference_finds(database, meals
             assert keys == expected[::-1], chosen
             found += len(keys)
     assert found > 150  # the filters do leave something
+
+
+@pytest.mark.parametrize("chosen", [
+    MealFilter(),
+    MealFilter(origin="declared"),
+    MealFilter(failure_codes=("marker_not_found",)),
+    MealFilter(needs="review"),
+], ids=["all", "origin", "failure", "review"])  # fmt: skip
+def test_meals_of_more_studies_than_a_statement_has_branches_are_all_there(database, meals, chosen):
+    """An admin sees all studies; those with meals are the last of them here."""
+    with database.write() as session:
+        session.execute(
+            sa.insert(Study),
+            [
+                {"id": uuid.UUID(int=n), "code": str(n), "name": "empty", "created_at": NOW}
+                for n in range(MOST_BRANCHES)
+            ],
+        )
+    with database.read() as session:
+        pages = list(pages_of_keys(session, chosen))
+    expected = reference(meals, chosen)
+    assert [key for page in pages for key in page] == expected
+    assert expected
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [MealFilter(), MealFilter(statuses=("failed",)), MealFilter(needs="answer")],
+    ids=["all", "status", "answer"],
+)
+def test_where_there_is_no_study_there_is_no_meal(database, chosen):
+    with database.read() as session:
+        assert list(pages_of_keys(session, chosen)) == []
 
 
 @pytest.mark.parametrize("chosen", [
