@@ -36,6 +36,9 @@ MEAL: Final = f"{PREFIX}/studies/{{study}}/meals/{{participant}}/{{meal_id}}"
 PAGES: Mapping[Call, Call] = {
     ("GET", PREFIX): STAFF,
     ("POST", f"{PREFIX}/sign-out"): ("DELETE", "/v1/sessions/current"),
+    # meals
+    ("GET", f"{STUDY_PAGES}/meals"): ("GET", "/v1/meals"),
+    ("GET", f"{STUDY_PAGES}/changed-meals"): ("GET", "/v1/studies/{study}/changed-meals"),
     # one meal
     ("GET", MEAL): ("GET", "/v1/meals/{meal_id}"),
     ("GET", f"{MEAL}/state"): ("GET", "/v1/meals/{meal_id}"),
@@ -108,7 +111,7 @@ PAGES: Mapping[Call, Call] = {
     ("GET", f"{PREFIX}/marker.pdf"): STAFF,
 }
 # asked by the page itself, again and again: no use of the session
-POLLED: frozenset[Call] = frozenset({("GET", f"{MEAL}/state")})
+POLLED: frozenset[Call] = frozenset({("GET", f"{MEAL}/state"), ("GET", f"{STUDY_PAGES}/changed-meals")})
 
 
 def session_cookie(request: Request, settings: Settings) -> str:

@@ -16,6 +16,7 @@ class Entry:
 
 
 STUDY: tuple[Entry, ...] = (
+    Entry(("meals",), "Meals"),
     Entry(("review",), "Review", "reviewer"),
     Entry(("participants",), "Participants"),
     Entry(("intakes",), "Intakes"),

@@ -1,0 +1,240 @@
+"""The page of a study's meals: the rows and figures of the API, by the same filters; what is under way is followed."""
+
+import csv
+import html
+import io
+import json
+import re
+import uuid
+from datetime import UTC, datetime
+from urllib.parse import parse_qs
+
+import pytest
+import sqlalchemy as sa
+
+from app.api.pages import POLLED
+from app.db.models import MealImage
+from tests import estimates
+from tests.estimates import found_item, unmeasured_item
+from tests.integration.conftest import meal_metadata
+from tests.integration.dashboard.conftest import figures_of, text_of
+from tests.integration.reviewing import Speaker
+from tests.photographs import pair
+
+PAGE = "/dashboard/studies/pilot/meals"
+CHANGED = "/dashboard/studies/pilot/changed-meals"
+LINE = re.compile(r'<tr id="meal-[^"]*">.*?</tr>', re.DOTALL)
+CARD = re.compile(r'<li class="meal-card".*?</li>', re.DOTALL)
+HTMX = {"HX-Request": "true"}
+FAILURE = {"code": "marker_not_found", "message": "No board.", "advice": "Lay it."}
+
+
+@pytest.fixture
+def meal_of(state, enrol):
+    """A meal of P001 (or another), estimated if items or a failure are given; the first item is an apple."""
+    phones = {}
+
+    def meal_of(*items, participant="P001", captured_at="2026-11-20T12:30:00+08:00", **changes):
+        phone = phones.get(participant) or phones.setdefault(participant, enrol(participant))
+        body = meal_metadata(hints=[{"point": [30, 20], "food": "apple"}], captured_at=captured_at)
+        assert phone.post(pair(len(phones)), body).status_code == 202
+        if items or changes:
+            estimates.save(state, body["id"], *items, **changes)
+        return body["id"]
+
+    return meal_of
+
+
+@pytest.fixture
+def various(client, admin, meal_of):
+    """Five meals of two people, the oldest first."""
+    meals = [
+        meal_of(found_item(150.0), found_item(80.0), found_item(60.0), captured_at="2026-11-17T12:00:00+00:00"),
+        meal_of(found_item(flags=["low_texture"]), participant="P002", captured_at="2026-11-18T12:00:00+00:00"),
+        meal_of(unmeasured_item(), participant="P002", captured_at="2026-11-19T12:00:00+00:00"),
+        meal_of(failure=FAILURE, captured_at="2026-11-20T12:00:00+00:00"),
+        meal_of(captured_at="2026-11-21T12:00:00+00:00"),
+    ]
+    speaker = Speaker(client, admin, meals[0])
+    speaker.say("reject", item=speaker.items()[1]["id"])
+    speaker.say("set_food", item=speaker.items()[2]["id"], food="banana")
+    return meals
+
+
+def ids(parts):
+    return [re.search(r'id="meal-[\w-]*?-([0-9a-f]{8}-[0-9a-f-]{27})"', part)[1] for part in parts]
+
+
+def follow(browser, address, **options):
+    """The answer at an address of a page."""
+    path, _, query = html.unescape(address).partition("?")
+    return browser.get(path, **options, **parse_qs(query))
+
+
+def told(*values):
+    return [value for value in values if value is not None]
+
+
+@pytest.mark.parametrize(
+    "params",
+    [
+        {},
+        {"status": ["queued", "needs_review"], "participant": "P002"},
+        {"status": ["failed"], "failure": ["marker_not_found", "baseline_too_small"]},
+        {"flag": ["low_texture", "inside_guessed"]},
+        {"food": ["banana"], "from": "2026-11-16", "to": "2026-11-18"},
+        {"needs": "review", "order": "oldest"},
+        {"origin": "declared"},
+        {"after_status": ["failed"]},
+    ],
+)
+def test_rows_and_figures_are_those_of_the_api_and_of_the_files(client, admin, various, sign_in_browser, params):
+    rows = client.get("/v1/meals", headers=admin, params={"study": "pilot"} | params).json()["items"]
+    browser = sign_in_browser("ann", pilot="viewer")
+    blank = {"participant": "", "from": "", "to": "", "food": "", "flag": "", "failure": "", "needs": "", "origin": ""}
+    lines = LINE.findall(browser.page(PAGE, **blank | params, view="table"))
+    cards = CARD.findall(browser.page(PAGE, **params))
+    assert ids(lines) == ids(cards) == [row["id"] for row in rows]
+    file = browser.page(PAGE, **params, rows="meals", format="csv")
+    in_file = {row["meal_id"]: row for row in csv.DictReader(io.StringIO(file.removeprefix("\ufeff")))}
+    assert set(in_file) == {row["id"] for row in rows}
+    for line, card, row in zip(lines, cards, rows, strict=True):
+        sums = told(row["consumed_g"], row["energy_kcal"], row["doubt"])
+        assert figures_of(line) == pytest.approx([row["item_count"], *sums, row["upload_delay_seconds"]], rel=1e-12)
+        assert figures_of(card) == pytest.approx(told(row["energy_kcal"], row["consumed_g"], row["doubt"]), rel=1e-12)
+        own = in_file[row["id"]]
+        of_file = [float(own[name]) for name in ("consumed_g", "energy_kcal", "doubt") if own[name]]
+        assert of_file == pytest.approx(sums, rel=1e-9)
+        assert f"status-{row['status']}" in line
+        assert f"status-{row['status']}" in card
+        for food in row["foods"]:
+            assert html.escape(food["name"]) in line
+    assert ("No meal is left by these filters" in browser.page(PAGE, **params)) is (not rows)
+
+
+def test_filters_that_were_set_stand_in_the_form_and_lead_on(various, sign_in_browser):
+    page = sign_in_browser("ann", pilot="viewer").page(
+        PAGE, status=["failed", "queued"], food=["apple", "gone"], flag="low_texture", view="table", order="oldest"
+    )
+    ticked = set(re.findall(r'name="(\w+)" value="(\w+)" checked', page))
+    wanted = {("status", "failed"), ("status", "queued"), ("food", "apple"), ("food", "gone"), ("flag", "low_texture")}
+    assert ticked == wanted
+    assert "Apple, raw, with skin" in page
+    assert '<input type="hidden" name="view" value="table">' in page
+    assert '<option value="oldest" selected>' in page
+
+
+def test_pages_follow_one_another_with_their_filters(meal_of, sign_in_browser):
+    meals = [meal_of(captured_at=f"2026-10-{1 + n:02d}T12:00:00+00:00") for n in range(26)]
+    browser = sign_in_browser("ann", pilot="viewer")
+    page = browser.page(PAGE, status=["queued"])
+    following = re.search(r'href="([^"]*)" rel="next"', page)[1]
+    assert "status=queued" in following
+    second = follow(browser, following).text
+    assert ids(CARD.findall(page)) + ids(CARD.findall(second)) == meals[::-1]
+    assert 'rel="next"' not in second
+    assert 'rel="first"' in second
+
+
+def test_counts_by_status_are_the_apis_and_each_leads_to_its_meals(client, admin, various, sign_in_browser):
+    counts = client.get("/v1/studies/pilot/meal-counts", headers=admin).json()["items"]
+    browser = sign_in_browser("ann", pilot="viewer")
+    nav = re.search(r'<nav aria-label="All meals.*?</nav>', browser.page(PAGE), re.DOTALL)[0]
+    assert figures_of(nav) == [each["count"] for each in counts]
+    for each in counts:
+        assert f'href="{PAGE}?status={each["status"]}"' in nav
+        assert len(CARD.findall(browser.page(PAGE, status=each["status"]))) == each["count"]
+
+
+def test_what_is_under_way_is_asked_for_together_and_put_in_its_place(state, meal_of, sign_in_browser):
+    waiting, other = meal_of(), meal_of(participant="P002")
+    done = meal_of(found_item())
+    browser = sign_in_browser("ann", pilot="viewer")
+    page = browser.page(PAGE)
+    watch = html.unescape(re.search(r'id="meals-watch" hx-get="([^"]*)"', page)[1])
+    assert {one.split(":")[1] for one in re.findall(r"meal=([^&]*)", watch)} == {waiting, other}
+    assert follow(browser, watch, headers=HTMX).status_code == 204
+    estimates.save(state, waiting, found_item(volume_ml=120.0))
+    answer = follow(browser, watch, headers=HTMX)
+    assert answer.status_code == 200
+    assert "<html" not in answer.text
+    assert ids(CARD.findall(answer.text)) == [waiting]
+    assert f'hx-target="#meal-P001-{waiting}" hx-swap="outerMorph"' in answer.text
+    assert re.search(r'hx-target="#meals-live".*Apple.*: estimated\.', answer.text)
+    watch = html.unescape(re.search(r'id="meals-watch" hx-get="([^"]*)"', answer.text)[1])
+    assert [one.split(":")[1] for one in re.findall(r"meal=([^&]*)", watch)] == [other]
+    estimates.save(state, other, failure=FAILURE)
+    last = follow(browser, watch, headers=HTMX)
+    assert "marker not found" in text_of(last.text)
+    assert 'id="meals-watch" ></div>' in last.text
+    assert done not in watch
+    assert ("GET", CHANGED.replace("pilot", "{study}")) in POLLED
+    lines = browser.get(CHANGED, headers=HTMX, view="table", meal=f"P001:{waiting}:1").text
+    assert ids(LINE.findall(lines)) == [waiting]
+
+
+def test_polling_tells_nothing_of_another_participant_or_study(enrol, meal_of, sign_in_browser):
+    meal_id = meal_of()
+    elsewhere = enrol("P001", study="second").post(pair(3)).json()["id"]
+    browser = sign_in_browser("ann", pilot="viewer", second="viewer")
+    for known in (f"P002:{meal_id}:9", f"P001:{elsewhere}:9", f"P001:{uuid.uuid4()}:1"):
+        assert browser.get(CHANGED, headers=HTMX, meal=known).status_code == 204
+    assert browser.get(CHANGED, headers=HTMX, meal=f"P001:{meal_id}:9").status_code == 200
+    assert browser.get(CHANGED, headers=HTMX, meal="P001:x:1").status_code == 422
+    assert sign_in_browser("eve", second="viewer").get(CHANGED, meal=f"P001:{meal_id}:9").status_code == 404
+
+
+def test_names_of_foods_and_what_stands_in_the_address_are_text(client, admin, meal_of, sign_in_browser):
+    odd = {"key": "odd", "name": "<script>alert(1)</script>", "group": "x", "form": "slab", "reason": "test"}
+    assert client.post("/v1/foods", headers=admin, json=odd).status_code == 201
+    speaker = Speaker(client, admin, meal_of(found_item()))
+    speaker.say("set_food", item=speaker.items()[0]["id"], food="odd")
+    browser = sign_in_browser("ann", pilot="viewer")
+    for view in ("gallery", "table"):
+        page = browser.page(PAGE, view=view, food=["odd", '"><script>alert(2)</script>'], participant='"><b>')
+        page += browser.page(PAGE, view=view)
+        assert "<script>alert" not in page
+        assert "<b>" not in page
+        assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
+
+
+def test_meal_without_a_photograph_has_a_placeholder(client, state, enrol, meal_of, sign_in_browser):
+    phone = enrol("P009")
+    meal_of(found_item())
+    with state.database.write() as session:
+        session.execute(sa.update(MealImage).values(erased_at=datetime.now(UTC)))
+    words = meal_metadata(items=[{"food": "apple"}])
+    assert client.post("/v1/declared-meals", headers=phone.headers, json=words).status_code == 201
+    half = meal_metadata()
+    assert phone.put(f"/v1/meals/{half.pop('id')}", json=half).status_code == 202
+    page = sign_in_browser("ann", pilot="viewer").page(PAGE)
+    assert "<img src=" not in page.split("<main")[1]
+    assert all(word in page for word in ("photograph erased", "told in words", "no photograph yet"))
+
+
+def test_files_have_what_the_filters_leave(various, sign_in_browser):
+    browser = sign_in_browser("ann", pilot="viewer")
+    links = re.findall(r'href="([^"]*format=[^"]*)"', browser.page(PAGE, participant="P002"))
+    assert len(links) == 11
+    for link in links:
+        answer = follow(browser, link)
+        assert (answer.status_code, "attachment" in answer.headers["content-disposition"]) == (200, True), link
+        if link.endswith("format=geojson") and "rows=meals" in link:
+            assert len(json.loads(answer.text)["features"]) == 2
+        if link.endswith("format=ndjson"):
+            rows = [json.loads(line) for line in answer.text.splitlines()]
+            assert {row["meal_id"] for row in rows} == {various[1], various[2]}
+    assert browser.get(PAGE, status="failed", rows="items", format="csv").status_code == 422
+    of_status = browser.page(PAGE, status="failed")
+    assert "rows=items" not in of_status
+    assert "Items leave by participant, days and foods" in of_status
+
+
+def test_days_the_wrong_way_round_are_refused_with_the_form_as_it_was(sign_in_browser, enrol):
+    enrol("P001")
+    browser = sign_in_browser("ann", pilot="viewer")
+    answer = browser.get(PAGE, **{"from": "2026-11-20", "to": "2026-11-01", "participant": "P001"})
+    assert answer.status_code == 422
+    assert "The first day lies after the last" in answer.text
+    assert 'value="2026-11-20"' in answer.text
+    assert browser.get(PAGE, status="eaten").status_code == 422
