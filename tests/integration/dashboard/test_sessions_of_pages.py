@@ -8,6 +8,7 @@ import sqlalchemy as sa
 from app.api.pages import PAGES
 from app.dashboard import menus
 from app.dashboard.sign_in import safe_path
+from app.dashboard.templates import static
 from app.db.models import AccessToken
 from app.services.caller import SESSION_IDLE
 from tests.integration.api.people import PASSWORD, make_staff
@@ -15,10 +16,15 @@ from tests.integration.dashboard.conftest import BROWSER
 
 
 def test_who_is_not_signed_in_is_led_to_the_form_and_then_back(client, admin):
-    answer = client.get("/dashboard/studies/pilot?from=2026-11-01", headers=BROWSER, follow_redirects=False)
-    assert answer.status_code in (303, 404)
     answer = client.get("/dashboard", headers=BROWSER, follow_redirects=False)
     assert (answer.status_code, answer.headers["location"]) == (303, "/dashboard/sign-in")
+    answer = client.get("/dashboard?cursor=x", headers=BROWSER, follow_redirects=False)
+    assert (answer.status_code, answer.headers["location"]) == (
+        303,
+        "/dashboard/sign-in?next=%2Fdashboard%3Fcursor%3Dx",
+    )
+    page = client.get(answer.headers["location"], headers=BROWSER).text
+    assert 'name="next" value="/dashboard?cursor=x"' in page
     make_staff(client, admin, "ann")
     form = {"name": "ann", "password": PASSWORD, "next": "/dashboard?cursor=x"}
     answer = client.post("/dashboard/sign-in", headers=BROWSER, data=form, follow_redirects=False)
@@ -119,6 +125,18 @@ def test_every_answer_has_the_headers_that_keep_a_page_to_itself(client, path):
     assert answer.headers["x-content-type-options"] == "nosniff"
     assert answer.headers["x-frame-options"] == "DENY"
     assert "cache-control" in answer.headers
+
+
+def test_file_of_another_version_than_the_page_is_not_kept_for_good(client):
+    """As when a page of a new server asks one that is not upgraded yet."""
+    own = client.get(static("vendor/htmx/htmx.min.js"))
+    assert own.headers["cache-control"] == "public, max-age=31536000, immutable"
+    for version in ("?v=0123456789ab", "?v=", ""):
+        answer = client.get(f"/dashboard/static/vendor/htmx/htmx.min.js{version}")
+        assert (answer.content, answer.headers["cache-control"]) == (own.content, "no-cache")
+    unchanged = client.get(static("app.css"), headers={"If-None-Match": client.get(static("app.css")).headers["etag"]})
+    assert (unchanged.status_code, "immutable" in unchanged.headers["cache-control"]) == (304, True)
+    assert client.get("/dashboard/static/vendor").status_code == 404
 
 
 def test_pages_are_not_kept_by_caches(sign_in_browser):
