@@ -23,6 +23,7 @@ Call = tuple[str, str]  # method, path
 
 STAFF: Call = ("GET", "/v1/sessions/current")  # whoever is signed in
 STUDY: Call = ("GET", "/v1/studies/{study}")  # viewers
+OVERVIEW: Call = ("GET", "/v1/studies/{study}/overview")
 ENROL: Call = ("POST", "/v1/studies/{study}/participants/{participant}/enrolment-codes")
 
 OPEN_PAGES: frozenset[Call] = frozenset(
@@ -36,6 +37,10 @@ MEAL: Final = f"{PREFIX}/studies/{{study}}/meals/{{participant}}/{{meal_id}}"
 PAGES: Mapping[Call, Call] = {
     ("GET", PREFIX): STAFF,
     ("POST", f"{PREFIX}/sign-out"): ("DELETE", "/v1/sessions/current"),
+    # overview
+    ("GET", STUDY_PAGES): OVERVIEW,
+    ("GET", f"{STUDY_PAGES}/overview"): OVERVIEW,
+    ("GET", f"{STUDY_PAGES}/waiting"): OVERVIEW,
     # meals
     ("GET", f"{STUDY_PAGES}/meals"): ("GET", "/v1/meals"),
     ("GET", f"{STUDY_PAGES}/changed-meals"): ("GET", "/v1/studies/{study}/changed-meals"),
@@ -111,7 +116,9 @@ PAGES: Mapping[Call, Call] = {
     ("GET", f"{PREFIX}/marker.pdf"): STAFF,
 }
 # asked by the page itself, again and again: no use of the session
-POLLED: frozenset[Call] = frozenset({("GET", f"{MEAL}/state"), ("GET", f"{STUDY_PAGES}/changed-meals")})
+POLLED: frozenset[Call] = frozenset(
+    {("GET", f"{MEAL}/state"), ("GET", f"{STUDY_PAGES}/changed-meals"), ("GET", f"{STUDY_PAGES}/waiting")}
+)
 
 
 def session_cookie(request: Request, settings: Settings) -> str:

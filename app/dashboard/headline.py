@@ -13,7 +13,11 @@ class Headline(NamedTuple):
     unit: str
 
 
+def _name(words: str) -> str:
+    return words.replace("_", " ").capitalize().replace("Vitamin c", "Vitamin C")
+
+
 HEADLINES = tuple(
-    Headline(column, column.rpartition("_")[0].replace("_", " ").capitalize(), column.rpartition("_")[2])
+    Headline(column, _name(column.rpartition("_")[0]), column.rpartition("_")[2])
     for column in HEADLINE_COLUMNS
 )

@@ -16,6 +16,7 @@ class Entry:
 
 
 STUDY: tuple[Entry, ...] = (
+    Entry((), "Overview"),
     Entry(("meals",), "Meals"),
     Entry(("review",), "Review", "reviewer"),
     Entry(("participants",), "Participants"),

@@ -12,6 +12,7 @@ from app.dashboard import (
     meal,
     meal_list,
     members,
+    overview,
     participant,
     participants,
     review,
@@ -26,6 +27,7 @@ router = APIRouter(include_in_schema=False)
 for page in (
     sign_in,
     studies,
+    overview,
     item_actions,
     review,
     meal_list,

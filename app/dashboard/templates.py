@@ -71,7 +71,7 @@ def study_url(context: Context, *parts: object) -> str:
 
 
 def amount(value: float | None, unit: str = "", digits: int | None = None) -> Markup:
-    """A number with its unit, rounded to what matters (three figures below 100, whole from there on); – if None."""
+    """A number with its unit; a float is rounded to what matters (three figures below 100, else whole); – if None."""
     if value is None:
         return NOT_KNOWN
     shown = f"{value:,.{_decimals(value) if digits is None else digits}f}".replace(",", " ").replace("-", "−")
@@ -156,7 +156,7 @@ def json_data(value: Any) -> Markup:
 
 def _decimals(value: float) -> int:
     size = abs(value)
-    return 0 if size >= 100 or size == 0 else 1 if size >= 10 else 2
+    return 0 if isinstance(value, int) or size >= 100 or size == 0 else 1 if size >= 10 else 2
 
 
 def _exact(value: float) -> str:
