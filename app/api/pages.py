@@ -109,6 +109,14 @@ PAGES: Mapping[Call, Call] = {
     # foods
     ("GET", f"{PREFIX}/foods"): STAFF,
     ("GET", f"{PREFIX}/foods/{{key}}"): ("GET", "/v1/foods/{key}/changes"),
+    # exports
+    ("GET", f"{STUDY_PAGES}/exports"): ("GET", "/v1/studies/{study}/exports"),
+    ("POST", f"{STUDY_PAGES}/exports"): ("POST", "/v1/studies/{study}/exports"),
+    ("GET", f"{STUDY_PAGES}/exports/list"): ("GET", "/v1/studies/{study}/exports"),
+    ("GET", f"{STUDY_PAGES}/exports/table"): ("GET", "/v1/studies/{study}/photographs"),
+    ("GET", f"{STUDY_PAGES}/exports/dictionary"): STUDY,
+    ("GET", f"{STUDY_PAGES}/exports/{{export_id}}/file"): ("GET", "/v1/studies/{study}/exports/{export_id}/file"),
+    ("POST", f"{STUDY_PAGES}/exports/{{export_id}}/removal"): ("DELETE", "/v1/studies/{study}/exports/{export_id}"),
     # audit log, marker
     ("GET", f"{STUDY_PAGES}/audit"): ("GET", "/v1/studies/{study}/audit"),
     ("GET", f"{PREFIX}/audit"): ("GET", "/v1/audit"),
@@ -117,7 +125,12 @@ PAGES: Mapping[Call, Call] = {
 }
 # asked by the page itself, again and again: no use of the session
 POLLED: frozenset[Call] = frozenset(
-    {("GET", f"{MEAL}/state"), ("GET", f"{STUDY_PAGES}/changed-meals"), ("GET", f"{STUDY_PAGES}/waiting")}
+    {
+        ("GET", f"{MEAL}/state"),
+        ("GET", f"{STUDY_PAGES}/changed-meals"),
+        ("GET", f"{STUDY_PAGES}/waiting"),
+        ("GET", f"{STUDY_PAGES}/exports/list"),
+    }
 )
 
 

@@ -22,6 +22,7 @@ STUDY: tuple[Entry, ...] = (
     Entry(("participants",), "Participants"),
     Entry(("intakes",), "Intakes"),
     Entry(("adequacy",), "Adequacy"),
+    Entry(("exports",), "Exports"),
     Entry(("devices",), "Devices"),
     Entry(("members",), "Members", "owner"),
     Entry(("webhooks",), "Webhooks", "owner"),

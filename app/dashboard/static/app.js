@@ -33,7 +33,9 @@ document.addEventListener("change", (event) => {
 // empty fields of a filter say nothing: keep them out of the address
 document.addEventListener("submit", (event) => {
   if (!event.target.matches("form[data-filters]")) return;
-  for (const field of event.target.elements) if (field.name && field.value === "") field.disabled = true;
+  const fields = [...event.target.elements].filter((field) => field.name && field.value === "" && !field.disabled);
+  for (const field of fields) field.disabled = true;
+  setTimeout(() => fields.forEach((field) => (field.disabled = false))); // what is sent is settled: the page may stay
 });
 addEventListener("pageshow", () => {
   for (const field of document.querySelectorAll("form[data-filters] :disabled")) field.disabled = false;

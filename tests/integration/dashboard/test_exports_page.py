@@ -1,0 +1,172 @@
+"""The exports' page: what it offers and shows is the API's, files are the API's bytes, and who may do what."""
+
+import html
+import re
+import uuid
+from urllib.parse import parse_qs, urlsplit
+
+import pytest
+
+from app.services.file_runner import FileRunner
+from tests.integration.api.people import make_staff
+from tests.integration.dashboard.conftest import figures_of, text_of
+from tests.integration.eaten_days import add_meal, eaten_item
+
+PATH = "/dashboard/studies/pilot/exports"
+API = "/v1/studies/pilot/exports"
+QUOTED = '"><script>alert(1)</script>'
+
+
+@pytest.fixture
+def eaten(enrol, state):
+    for code in ("P001", "P002"):
+        enrol(code)
+    add_meal(state, "P001", "2026-11-01", eaten_item(100.0, "apple", energy_kcal=52.0))
+    add_meal(state, "P002", "2026-11-02", eaten_item(50.0, "banana"), eaten_item(None, status="needs_review"))
+
+
+@pytest.fixture
+def viewer(eaten, sign_in_browser):
+    return sign_in_browser("vera", pilot="viewer")
+
+
+@pytest.fixture
+def run(state):
+    def run():
+        return FileRunner(state.database, state.blobs, state.settings, state.secrets, uuid.uuid4()).run_one()
+
+    return run
+
+
+def listed(page):
+    """The part of the page that lists what was made."""
+    return page[page.index('id="exports-list"') :]
+
+
+def follow(browser, address):
+    """What a link leads to."""
+    parts = urlsplit(html.unescape(address))
+    answer = browser.get(parts.path, **parse_qs(parts.query))
+    assert answer.status_code == 200, answer.text
+    return answer
+
+
+@pytest.mark.parametrize(
+    ("rows", "address", "asked"),
+    [
+        ("items", "/v1/records?study=pilot", {"status": ["confirmed"], "from": "2026-11-01"}),
+        ("items", "/v1/records?study=pilot", {"layout": "long", "components": "all", "food": "apple"}),
+        ("items", "/v1/records?study=pilot", {"format": "parquet", "provenance": "false"}),
+        ("items", "/v1/records?study=pilot", {"format": "geojson"}),
+        ("meals", "/v1/meals?study=pilot", {"format": "ndjson", "status": ["estimated", "failed"], "needs": "review"}),
+        ("days", "/v1/days?study=pilot", {"participant": "P002", "to": "2026-11-02"}),
+        ("photographs", "/v1/studies/pilot/photographs", {}),
+    ],
+)
+def test_download_is_the_file_of_the_api_with_the_same_filters(client, admin, viewer, rows, address, asked):
+    empty = {"participant": "", "origin": "", "from": ""}  # fields that a browser sends though nothing is in them
+    here = viewer.get(f"{PATH}/table", rows=rows, **(empty | asked))
+    there = client.get(address, params={"format": "csv"} | asked, headers=admin)
+    assert here.status_code == there.status_code == 200, (here.text, there.text)
+    assert here.content == there.content
+    assert len(here.content) > 0
+    for name in ("content-type", "content-disposition", "cache-control"):
+        assert here.headers[name] == there.headers[name]
+
+
+def test_page_shows_how_many_rows_and_the_dictionary_of_the_columns(client, admin, viewer):
+    page = viewer.page(PATH, rows="items", components="all")
+    told = client.get("/v1/data-dictionary?rows=items&components=all&study=pilot", headers=admin).json()
+    assert figures_of(page)[:2] == [3, len(told["columns"])]
+    table = page[page.index("What each column says") :]
+    assert re.findall(r'<th scope="row"><code>(\w+)</code>', table) == [one["name"] for one in told["columns"]]
+    (address,) = re.findall(r'href="([^"]+/dictionary\?[^"]+)" download>Data dictionary', page)
+    file = follow(viewer, address)
+    api = client.get("/v1/data-dictionary?rows=items&components=all&study=pilot&format=csv", headers=admin)
+    assert file.content == api.content
+    (address,) = re.findall(r'href="([^"]+/dictionary\?[^"]+)" download>Table Schema', page)
+    assert follow(viewer, address).json()["primaryKey"] == ["id"]
+
+
+def test_figures_of_the_list_are_those_of_the_api(client, admin, viewer, run):
+    answer = viewer.post(PATH, rows="items", format="parquet", status="confirmed", **{"from": "2026-11-01"})
+    assert answer.status_code == 303
+    waiting = viewer.page(PATH)
+    assert 'hx-get="/dashboard/studies/pilot/exports/list"' in listed(waiting)
+    assert "queued" in text_of(listed(waiting))
+    assert run().outcome == "done"
+    page = viewer.page(PATH)
+    assert "hx-get" not in listed(page)
+    (export,) = client.get(API, headers=admin).json()["items"]
+    assert figures_of(listed(page)) == [export["rows_written"], export["bytes"], export["change_seq"]]
+    assert export["sha256"] in page
+    assert export["asked_by"] == "vera"
+    assert "from: 2026-11-01 status: confirmed" in text_of(listed(page))
+    file = viewer.get(f"{PATH}/{export['id']}/file")
+    assert file.content == client.get(export["file"], headers=admin).content
+    rest = viewer.get(f"{PATH}/{export['id']}/file", headers={"Range": "bytes=100-"})
+    assert (rest.status_code, rest.content) == (206, file.content[100:])
+
+
+def test_export_is_called_off_or_removed_by_who_asked_and_by_owners(client, admin, viewer, sign_in_browser, run):
+    assert viewer.post(PATH, rows="items").status_code == 303
+    assert viewer.post(PATH, rows="meals").status_code == 303
+    meals, items = client.get(API, headers=admin).json()["items"]
+    other, owner = sign_in_browser("otto", pilot="viewer"), sign_in_browser("olga", pilot="owner")
+    assert "/removal" not in listed(other.page(PATH))
+    assert other.post(f"{PATH}/{items['id']}/removal").status_code == 403
+    assert viewer.post(f"{PATH}/{items['id']}/removal").status_code == 303
+    assert "called off" in viewer.page(PATH)
+    assert run().outcome == "done"
+    assert f"{PATH}/{meals['id']}/removal" in listed(owner.page(PATH))
+    assert owner.post(f"{PATH}/{meals['id']}/removal").status_code == 303
+    left = client.get(API, headers=admin).json()["items"]
+    assert [(each["id"], each["state"]) for each in left] == [(items["id"], "cancelled")]
+
+
+def test_what_cannot_be_made_is_told_and_what_was_typed_is_kept(client, admin, viewer):
+    for asked, sentence in (
+        ({"rows": "items", "layout": "long", "format": "geojson"}, "GeoJSON has a feature"),
+        ({"rows": "items", "from": "2026-11-03", "to": "2026-11-02"}, "lies after to"),
+        ({"rows": "items", "from": "yesterday", "participant": QUOTED}, "valid date"),
+        ({"rows": "items", "status": "estimated"}, "There is no"),
+        ({"rows": "photographs", "components": "all"}, "Photographs have no components"),
+    ):
+        answer = viewer.post(PATH, **asked)
+        assert answer.status_code == 422, asked
+        assert sentence in html.unescape(text_of(answer.text)), asked
+        assert "<script>alert" not in answer.text
+        for name in ("from", "to"):
+            assert f'name="{name}" type="date" value="{asked.get(name, "")}"' in answer.text
+        assert viewer.get(f"{PATH}/table", **asked).status_code == 422
+    assert client.get(API, headers=admin).json()["items"] == []
+
+
+def test_another_table_keeps_what_it_has_of_the_choice(viewer):
+    page = viewer.page(PATH, rows="meals", status=["failed"], flag="low_texture", **{"from": "2026-11-02"})
+    assert 'value="low_texture" checked' in page
+    (address,) = re.findall(r'href="([^"]+rows=days[^"]*)"', page)
+    days = follow(viewer, address).text
+    assert 'type="date" value="2026-11-02"' in days
+    assert "flag" not in days[days.index('<form method="get"') : days.index("Download now")]
+
+
+def test_too_many_exports_are_told_on_the_page(viewer, state):
+    tables = ["items", "meals", "days", "photographs"]
+    answers = [viewer.post(PATH, rows=rows) for rows in tables]
+    assert [answer.status_code for answer in answers] == [303] * state.settings.max_exports_of_person + [429]
+    assert "the limit" in text_of(answers[-1].text)
+
+
+def test_stranger_sees_nothing_and_another_study_s_export_is_not_there(client, admin, viewer, enrol, sign_in_browser):
+    assert viewer.post(PATH, rows="items").status_code == 303
+    (export,) = client.get(API, headers=admin).json()["items"]
+    enrol("X1", study="other")
+    stranger = sign_in_browser("sue", other="owner")
+    for path in (PATH, f"{PATH}/list", f"{PATH}/table", f"{PATH}/dictionary", f"{PATH}/{export['id']}/file"):
+        assert stranger.get(path).status_code == 404, path
+    elsewhere = PATH.replace("pilot", "other")
+    assert stranger.get(f"{elsewhere}/{export['id']}/file").status_code == 404
+    assert stranger.post(f"{elsewhere}/{export['id']}/removal").status_code == 404
+    make_staff(client, admin, "ina", pilot="viewer")
+    assert viewer.post(PATH, headers={"Sec-Fetch-Site": "cross-site"}, rows="meals").status_code == 403
