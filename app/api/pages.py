@@ -109,6 +109,13 @@ PAGES: Mapping[Call, Call] = {
     # foods
     ("GET", f"{PREFIX}/foods"): STAFF,
     ("GET", f"{PREFIX}/foods/{{key}}"): ("GET", "/v1/foods/{key}/changes"),
+    ("GET", f"{PREFIX}/foods/{{key}}/edit"): ("PATCH", "/v1/foods/{key}"),
+    ("POST", f"{PREFIX}/foods/{{key}}/edit"): ("PATCH", "/v1/foods/{key}"),
+    ("GET", f"{PREFIX}/foods/{{key}}/densities"): ("POST", "/v1/foods/{key}/densities"),
+    ("POST", f"{PREFIX}/foods/{{key}}/densities"): ("POST", "/v1/foods/{key}/densities"),
+    ("POST", f"{PREFIX}/foods/{{key}}/restore"): ("POST", "/v1/foods/{key}/restore"),
+    ("GET", f"{PREFIX}/new-food"): ("POST", "/v1/foods"),
+    ("POST", f"{PREFIX}/new-food"): ("POST", "/v1/foods"),
     # exports
     ("GET", f"{STUDY_PAGES}/exports"): ("GET", "/v1/studies/{study}/exports"),
     ("POST", f"{STUDY_PAGES}/exports"): ("POST", "/v1/studies/{study}/exports"),

@@ -16,6 +16,7 @@ from sqlalchemy.orm import Session
 from app.db.models import Food, FoodActivation, FoodChange, FoodRelease
 from app.db.queries import food_changes, foods
 from app.db.queries.food_changes import Change
+from app.db.queries.foods import NutrientRow
 from app.db.session import Database
 from app.errors import ConflictError, InvalidInputError, NotFoundError, PreconditionFailedError
 from app.nutrition.foods import Density
@@ -80,6 +81,20 @@ class FoodEdit:
 
 
 @dataclass(frozen=True, slots=True)
+class FoodVersion:
+    """A version of a food as a correction of it starts: its own densities alone.
+
+    recipe: of a dish that has one. states: of its ingredients, by Food.id. nutrients: value.per_100_g, told in full.
+    """
+
+    food: Food
+    value: FoodValue
+    recipe: PinnedRecipe | None
+    states: Mapping[int, str | None]
+    nutrients: Sequence[NutrientRow]
+
+
+@dataclass(frozen=True, slots=True)
 class _Draft:
     value: FoodValue
     recipe: PinnedRecipe | None
@@ -120,6 +135,36 @@ def edit_food(
     component is unknown, a unit or a figure cannot be, or the recipe cannot.
     """
     return _new_version(database, key, lambda session, _, draft: _edited(session, draft, edit), editor, expected)
+
+
+def preview_edit(
+    database: Database, key: str, edit: FoodEdit, *, expected: Collection[int] | None = None
+) -> dict[str, Any]:
+    """What edit_food would change: field -> [old, new], as the history has it. Writes nothing; raises the same."""
+    with database.read() as session:
+        current = require_food(session, key)
+        _require_expected(current, expected)
+        _refuse_densities_only(session, current)
+        before = _Draft(own_value(session, current), pinned_recipe(session, current))
+        return _differences(before, _edited(session, before, edit))
+
+
+def read_version(database: Database, key: str, food_id: int | None = None) -> FoodVersion:
+    """A version of the food of this key, in force or not; None: the one in force. Raises NotFoundError."""
+    with database.read() as session:
+        current = require_food(session, key)
+        food = current if food_id is None else session.get(Food, food_id)
+        if food is None or food.key != current.key:
+            raise NotFoundError(f"{current.key!r} has no such version.", code="food_version_not_found")
+        recipe = pinned_recipe(session, food)
+        parts = foods.foods_by_id(session, [part.food_id for part in recipe.ingredients] if recipe else [])
+        return FoodVersion(
+            food=food,
+            value=own_value(session, food),
+            recipe=recipe,
+            states={part.id: part.state for part in parts},
+            nutrients=foods.nutrients_of(session, food.id),
+        )
 
 
 def add_density(
@@ -171,12 +216,7 @@ def _new_version(
             with database.write() as session:
                 release = _local_in_force(session)
                 current = require_food(session, key)
-                if expected is not None and current.id not in expected:
-                    raise PreconditionFailedError(
-                        f"{current.key!r} has been changed since: version {current.version} is in force. Read it anew.",
-                        code="food_changed_since",
-                        version=current.version,
-                    )
+                _require_expected(current, expected)
                 _refuse_densities_only(session, current)
                 before = _Draft(own_value(session, current), pinned_recipe(session, current))
                 after = change(session, current, before)
@@ -188,6 +228,15 @@ def _new_version(
         except IntegrityError:
             continue  # another version came first: the next turn sees it
     raise ConflictError(f"{key!r} is being changed by others all the time: try again.", code="food_busy")
+
+
+def _require_expected(current: Food, expected: Collection[int] | None) -> None:
+    if expected is not None and current.id not in expected:
+        raise PreconditionFailedError(
+            f"{current.key!r} has been changed since: version {current.version} is in force. Read it anew.",
+            code="food_changed_since",
+            version=current.version,
+        )
 
 
 def _edited(session: Session, draft: _Draft, edit: FoodEdit) -> _Draft:
