@@ -76,9 +76,8 @@ def cursor_behind(visible: MealFilter, order: Order, captured_at: datetime, meal
 
 def visible_meals(caller: Caller, chosen: MealFilter) -> MealFilter:
     """Of these the ones that the caller may see: a phone its participant's only, staff those of their studies."""
-    if isinstance(caller, DeviceCaller):
-        return replace(chosen, participant_id=caller.participant_id)
-    return replace(chosen, study_ids=visible_studies(caller))
+    visible = replace(chosen, study_ids=visible_studies(caller))
+    return replace(visible, participant_id=caller.participant_id) if isinstance(caller, DeviceCaller) else visible
 
 
 def sums_of(row: MealRow) -> MealSums:
