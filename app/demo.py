@@ -82,12 +82,12 @@ def say(text: str) -> None:
 
 
 @contextmanager
-def running_server(settings: Settings) -> Iterator[str]:
-    """`tada serve` as a process of its own; yields its address, ends it at the end."""
+def running_server(settings: Settings, *arguments: str) -> Iterator[str]:
+    """`tada serve` with these arguments as a process of its own; yields its address, ends it at the end."""
     environment = {key: value for key, value in os.environ.items() if not key.startswith("TADA_")}
     environment |= settings_environment(settings)
     process = subprocess.Popen(
-        [sys.executable, "-m", "app.cli", "serve"], env=environment, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-m", "app.cli", "serve", *arguments], env=environment, stderr=subprocess.PIPE, text=True
     )
     address: list[str] = []
     found = threading.Event()

@@ -1,11 +1,13 @@
-"""How long what the dashboard's pages ask takes, over a million records of which one study has nearly all.
+"""How long the dashboard's pages take, over a million records of which one study has nearly all.
 
-    python -m benchmarks.pages [--rows N] [--only sqlite|postgresql] [--folder FOLDER --keep] [--samples 40] [--seed 1]
+    python -m benchmarks.pages [--part services|http] [--rows N] [--only sqlite|postgresql] [--folder FOLDER --keep]
+                               [--samples 40] [--seed 1]
 
 A database made by benchmarks/query_data.py (ONE_STUDY: 95 % of 10,000 participants in one study, a year), in FOLDER
-(default: a temporary one), removed at the end unless --keep. Each call is a service's, in this process, as a page makes
-it: BAR_MS is of the whole page. "processor" is this process's share of it, which on a busy machine tells more than the
-time; PostgreSQL's own work is not in it.
+(default: a temporary one), removed at the end unless --keep. First services are called in this process, as pages call
+them; then whole pages are asked of a server of its own by a client that is signed in (pages_http.py). BAR_MS is of a
+whole page. "processor" is this process's share of it, which on a busy machine tells more than the time; PostgreSQL's
+own work is not in it.
 """
 
 import argparse
@@ -24,12 +26,14 @@ from app.db.session import Database
 from app.services.caller import StaffCaller
 from app.services.day_summaries import list_day_summaries, list_intakes
 from app.services.study_overview import study_overview
+from benchmarks import pages_http
 from benchmarks.query import PAGE, filled_database, quantile
 from benchmarks.query_data import FIRST_DAY, ONE_STUDY, PEOPLE
 
 BAR_MS = 300.0
 STUDY = "study-00"
 WINDOW = 28  # days
+PAGE_COLUMNS = "| database | page | n | p50 ms | p95 ms | max ms | kB |\n|---|---|---|---|---|---|---|"
 COLUMNS = "| database | call | n | p50 ms | p95 ms | max ms | processor, p50 ms |\n|---|---|---|---|---|---|---|"
 
 
@@ -76,6 +80,7 @@ def calls(database: Database, chance: random.Random) -> Sequence[Call]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--part", choices=("services", "http"), help="One of the two; default: both.")
     parser.add_argument("--rows", type=int, default=1_000_000)
     parser.add_argument("--only", choices=("sqlite", "postgresql"))
     parser.add_argument("--folder", type=Path, help="Where the databases are made.")
@@ -87,13 +92,16 @@ def main() -> int:
     for kind in ("sqlite", "postgresql") if arguments.only is None else (arguments.only,):
         with filled_database(
             kind, arguments.rows, arguments.seed, arguments.folder, keep=arguments.keep, shape=ONE_STUDY
-        ) as (url, _):
-            database = Database(url)
-            print(f"\n{COLUMNS}", flush=True)
-            for call in calls(database, random.Random(arguments.seed)):
-                p95_ms = measure(kind, call, arguments.samples)
-                slowest = max(slowest, p95_ms) if call.is_page else slowest
-            database.dispose()
+        ) as (url, folder):
+            if arguments.part != "http":
+                database = Database(url)
+                print(f"\n{COLUMNS}", flush=True)
+                for call in calls(database, random.Random(arguments.seed)):
+                    p95_ms = measure(kind, call, arguments.samples)
+                    slowest = max(slowest, p95_ms) if call.is_page else slowest
+                database.dispose()
+            if arguments.part != "services":
+                slowest = max(slowest, measure_pages(kind, url, folder, arguments.samples, arguments.seed))
     print(f"\nload average of the machine: {os.getloadavg()[1]:.1f} on {os.cpu_count()} processors")
     print(f"slowest p95 of what a page asks {slowest:.0f} ms, bar {BAR_MS:.0f} ms")
     return 0 if slowest < BAR_MS else 1
@@ -112,6 +120,35 @@ def measure(kind: str, call: Call, samples: int) -> float:
     figures = f"{p50:.0f} | {p95:.0f} | {most:.0f} | {quantile(worked, 0.5):.0f}"
     print(f"| {kind} | {call.name} | {samples} | {figures} |", flush=True)
     return p95
+
+
+def measure_pages(kind: str, url: str, folder: Path, samples: int, seed: int) -> float:
+    """Print a row a page, and what was not measured; the slowest p95, ms."""
+    chance = random.Random(seed)
+    slowest, missed, left_out = 0.0, list[str](), list[str]()
+    print(f"\n{PAGE_COLUMNS}", flush=True)
+    with pages_http.signed_in(url, folder) as client:
+        database = Database(url)  # after the server has brought it up to date
+        asked, unknown = pages_http.page_calls(database, STUDY, ONE_STUDY, chance)
+        database.dispose()
+        left_out.extend(unknown)
+        for call in asked:
+            reason = pages_http.why_not(client, call.address())  # and fills caches
+            if reason is not None:
+                left_out.append(f"{call.name} ({reason})")
+                continue
+            answers = [pages_http.ask(client, call.address()) for _ in range(samples)]
+            taken = [milliseconds for milliseconds, _ in answers]
+            p50, p95, most = (quantile(taken, share) for share in (0.5, 0.95, 1.0))
+            kilobytes = max(size for _, size in answers) / 1000
+            figures = f"{p50:.0f} | {p95:.0f} | {most:.0f} | {kilobytes:.0f}"
+            print(f"| {kind} | {call.name} | {samples} | {figures} |", flush=True)
+            slowest = max(slowest, p95)
+            if p95 >= BAR_MS:
+                missed.append(f"{call.name} ({p95:.0f} ms)")
+    print(f"\nnot measured (files, and what needs other data): {', '.join(left_out) or 'nothing'}")
+    print(f"over {BAR_MS:.0f} ms on {kind}: {', '.join(missed) or 'none'}")
+    return slowest
 
 
 if __name__ == "__main__":
