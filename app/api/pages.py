@@ -114,6 +114,12 @@ PAGES: Mapping[Call, Call] = {
     ("GET", f"{PREFIX}/foods/{{key}}/densities"): ("POST", "/v1/foods/{key}/densities"),
     ("POST", f"{PREFIX}/foods/{{key}}/densities"): ("POST", "/v1/foods/{key}/densities"),
     ("POST", f"{PREFIX}/foods/{{key}}/restore"): ("POST", "/v1/foods/{key}/restore"),
+    ("GET", f"{STUDY_PAGES}/densities"): ("GET", "/v1/studies/{study}/densities"),
+    ("POST", f"{STUDY_PAGES}/densities"): ("POST", "/v1/studies/{study}/densities"),
+    ("POST", f"{STUDY_PAGES}/densities/{{density}}/withdrawal"): (
+        "POST",
+        "/v1/studies/{study}/densities/{density}/withdrawal",
+    ),
     ("GET", f"{PREFIX}/new-food"): ("POST", "/v1/foods"),
     ("POST", f"{PREFIX}/new-food"): ("POST", "/v1/foods"),
     # exports

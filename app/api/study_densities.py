@@ -33,7 +33,7 @@ def post_study_density(
         Editor(author_of(admin), body.reason, admin),
     )
     response.headers["Location"] = f"/v1/studies/{study}/densities"
-    return _density_out(row)
+    return render_study_density(row)
 
 
 @router.get("", responses=problem_responses(401, 403, 404, 422))
@@ -45,7 +45,7 @@ def get_study_densities(
 ) -> StudyDensityList:
     """The study's measurements, withdrawn ones too, the newest entry first."""
     found = study_densities.list_study_densities(state.database, study, food)
-    return StudyDensityList(items=[_density_out(row) for row in found])
+    return StudyDensityList(items=[render_study_density(row) for row in found])
 
 
 @router.post("/{density}/withdrawal", responses=problem_responses(401, 403, 404, 409, 422))
@@ -54,10 +54,11 @@ def post_withdrawal(
 ) -> StudyDensityOut:
     """Take a measurement out of use. It stays to be seen, with who withdrew it and why."""
     editor = Editor(author_of(admin), body.reason, admin)
-    return _density_out(study_densities.withdraw_study_density(state.database, study, density, editor))
+    return render_study_density(study_densities.withdraw_study_density(state.database, study, density, editor))
 
 
-def _density_out(row: StudyDensity) -> StudyDensityOut:
+def render_study_density(row: StudyDensity) -> StudyDensityOut:
+    """A measurement as the API shows it."""
     return StudyDensityOut(
         id=row.id,
         food=row.food_key,

@@ -23,6 +23,7 @@ STUDY: tuple[Entry, ...] = (
     Entry(("intakes",), "Intakes"),
     Entry(("adequacy",), "Adequacy"),
     Entry(("exports",), "Exports"),
+    Entry(("densities",), "Densities"),
     Entry(("devices",), "Devices"),
     Entry(("members",), "Members", "owner"),
     Entry(("webhooks",), "Webhooks", "owner"),

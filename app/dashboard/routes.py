@@ -22,6 +22,7 @@ from app.dashboard import (
     sign_in,
     staff,
     studies,
+    study_densities,
     webhooks,
 )
 
@@ -44,6 +45,7 @@ for page in (
     staff,
     foods,
     food_forms,
+    study_densities,
     account,
     audit,
     marker,
