@@ -3,6 +3,7 @@
 import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, overload
 
@@ -13,10 +14,11 @@ from app.errors import Failure
 from app.services.camera_json import camera_to_json
 from app.services.describe_task import describe_task
 from app.services.estimate_json import colour_from_json, estimate_to_json, failure_to_json, options_from_json
+from app.services.thumbnails import SIDES, THUMBNAIL_PX, thumbnail_name
 from app.vision import precheck
 from app.vision.calibration import calibrate
 from app.vision.color import apply_colour
-from app.vision.model import EstimateOptions, MealEstimate, Photo, PhotoPair
+from app.vision.model import Artefact, ColourCorrection, EstimateOptions, ImageArray, MealEstimate, Photo, PhotoPair
 from app.vision.photo import read_photo, read_reduced_photo
 from app.vision.pipeline import PIPELINE_VERSION, estimate_meal
 
@@ -81,7 +83,18 @@ def run_estimate(
     answer = estimate_to_json(estimate, options)
     answer["stages"] = {"read": round(read_seconds, 4), **answer["stages"]}
     answer["seconds"] = round(time.perf_counter() - started, 4)
+    if want_artefacts:
+        estimate = replace(estimate, artefacts=[*estimate.artefacts, *_thumbnails(photos, estimate)])
     return answer, estimate
+
+
+def _thumbnails(photos: Sequence[Photo], estimate: MealEstimate) -> list[Artefact]:
+    """Both photographs small, also of a pair that could not be measured."""
+    colours = estimate.colours or (None, None)
+    return [
+        Artefact(thumbnail_name(side), "image/jpeg", _jpeg(photo.pixels_bgr, THUMBNAIL_PX, colour)[0])
+        for side, photo, colour in zip(SIDES, photos, colours, strict=True)
+    ]
 
 
 def _unread(failure: Failure, options: EstimateOptions, seconds: float) -> dict[str, Any]:
@@ -185,16 +198,22 @@ def picture_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]
     )
     if isinstance(read, Failure):
         return {"failure": failure_to_json(read)}
-    pixels_bgr = read.photo.pixels_bgr
+    colour = colour_from_json(request["colour"]) if request["colour"] is not None else None
+    content, height, width = _jpeg(read.photo.pixels_bgr, width_px, colour)
+    Path(request["output"]).write_bytes(content)
+    return {"failure": None, "width": width, "height": height}
+
+
+def _jpeg(pixels_bgr: ImageArray, width_px: int, colour: ColourCorrection | None) -> tuple[bytes, int, int]:
+    """At most so wide, never enlarged, corrected; with its height and width, px."""
     height, width = pixels_bgr.shape[:2]
     if width > width_px:
         size = (width_px, max(1, round(height * width_px / width)))
         pixels_bgr = np.asarray(cv2.resize(pixels_bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
-    if request["colour"] is not None:
-        pixels_bgr = apply_colour(pixels_bgr, colour_from_json(request["colour"]))
+    if colour is not None:
+        pixels_bgr = apply_colour(pixels_bgr, colour)
     encoded = cv2.imencode(".jpg", pixels_bgr, [cv2.IMWRITE_JPEG_QUALITY, PICTURE_QUALITY])[1]
-    Path(request["output"]).write_bytes(encoded.tobytes())
-    return {"failure": None, "width": int(pixels_bgr.shape[1]), "height": int(pixels_bgr.shape[0])}
+    return encoded.tobytes(), int(pixels_bgr.shape[0]), int(pixels_bgr.shape[1])
 
 
 TASKS: Mapping[str, Callable[[Mapping[str, Any], StageListener], dict[str, Any]]] = {

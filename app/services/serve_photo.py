@@ -2,6 +2,9 @@
 
 The correction is that of the newest run of the photograph's pair; without one (not measured yet, marker not found,
 measured before there were corrections) the picture is as it was taken.
+
+At the width of thumbnails.py it is the one that this run has left, which costs no child a moment; without one, or where
+it is not to be read, it is made like all others.
 """
 
 import hashlib
@@ -16,7 +19,7 @@ from typing import Any
 import structlog
 from sqlalchemy.orm import Session
 
-from app.db.models import Meal, MealImage
+from app.db.models import Meal, MealImage, Run, RunArtefact
 from app.db.models.meal import AFTER_SLOTS
 from app.db.queries import meals, records
 from app.db.session import Database
@@ -26,8 +29,9 @@ from app.services.api_children import ApiChildren, PhotographError
 from app.services.caller import Caller
 from app.services.read_meal import find_meal
 from app.services.receive_photo import sha256_of_file
+from app.services.thumbnails import THUMBNAIL_PX, thumbnail_name
 from app.settings import Settings
-from app.storage.blob_store import BlobStore
+from app.storage.blob_store import BlobMissingError, BlobStore
 
 log = structlog.get_logger()
 
@@ -44,12 +48,17 @@ class PhotoDamagedError(TadaError):
 
 @dataclass(frozen=True, slots=True)
 class FoundPhoto:
-    """A photograph that the caller may see. colour: its correction (estimate_json), None: to be shown as taken."""
+    """A photograph that the caller may see.
+
+    colour: its correction (estimate_json), None: to be shown as taken. thumbnail: the small picture that is kept of it,
+    in these colours.
+    """
 
     image: MealImage
     study_id: uuid.UUID
     meal_alias: uuid.UUID
     colour: Mapping[str, Any] | None
+    thumbnail: RunArtefact | None = None
 
     @property
     def colour_kind(self) -> str:
@@ -58,6 +67,8 @@ class FoundPhoto:
 
     def etag(self, width_px: int) -> str:
         """Of the picture at this width, in these colours."""
+        if self.thumbnail is not None and width_px == THUMBNAIL_PX:
+            return f'"{self.thumbnail.sha256[:32]}"'
         name = f"{VERSION} {self.image.stored_sha256} {width_px} {json.dumps(self.colour, sort_keys=True)}"
         return f'"{hashlib.sha256(name.encode()).hexdigest()[:32]}"'
 
@@ -78,12 +89,14 @@ def find_photo(
     with database.read() as session:
         meal, _, _ = find_meal(session, caller, client_id, participant_code)
         image = next((one for one in meals.images_of(session, meal.id) if one.slot == slot), None)
-        colour = None if as_taken else _colour_of(session, meal, slot)
+        run = None if as_taken else _run_on(session, meal, slot)
+        kept = records.artefacts_of(session, run.id) if run is not None else []
     if image is None:
         raise NotFoundError(f"This meal has no photograph {slot!r}.")
     if image.erased_at is not None:
         raise _erased()
-    return FoundPhoto(image, meal.study_id, meal.alias, colour)
+    thumbnail = next((one for one in kept if one.name == thumbnail_name(slot)), None)
+    return FoundPhoto(image, meal.study_id, meal.alias, _colour_of(run, slot), thumbnail)
 
 
 def render_photo(
@@ -99,6 +112,43 @@ def render_photo(
 
     Raises BlobMissingError, PhotoDamagedError, UnavailableError, PhotographError.
     """
+    image = found.image
+    content = _kept(blobs, found.thumbnail) if width_px == THUMBNAIL_PX else None
+    if content is None:
+        content = _made(blobs, children, settings, found, width_px)
+    with database.write() as session:
+        still = session.get(MealImage, image.id)
+        if still is None or still.erased_at is not None:  # meanwhile
+            raise _erased()
+        audit.note(
+            session,
+            caller,
+            "photograph.read",
+            study_id=found.study_id,
+            subject=found.meal_alias,
+            slot=image.slot,
+            width_px=width_px,
+        )
+    return content
+
+
+def _kept(blobs: BlobStore, thumbnail: RunArtefact | None) -> bytes | None:
+    """The small picture as it was sealed; None: there is none that could be shown."""
+    if thumbnail is None:
+        return None
+    try:
+        content = blobs.read(thumbnail.blob_key)
+    except BlobMissingError:
+        log.exception("thumbnail_missing", blob_key=thumbnail.blob_key)
+        return None
+    if hashlib.sha256(content).hexdigest() != thumbnail.sha256:
+        log.error("thumbnail_damaged", blob_key=thumbnail.blob_key)
+        return None
+    return content
+
+
+def _made(blobs: BlobStore, children: ApiChildren, settings: Settings, found: FoundPhoto, width_px: int) -> bytes:
+    """The picture, made of the photograph by a child."""
     image = found.image
     with tempfile.TemporaryDirectory(prefix="tada-", dir=blobs.staging_folder()) as name:
         source, target = Path(name) / "photo", Path(name) / "picture.jpg"
@@ -119,28 +169,18 @@ def render_photo(
         )
         if answer["failure"] is not None:
             raise PhotographError(answer["failure"]["message"], code=answer["failure"]["code"])
-        content = target.read_bytes()
-    with database.write() as session:
-        still = session.get(MealImage, image.id)
-        if still is None or still.erased_at is not None:  # meanwhile
-            raise _erased()
-        audit.note(
-            session,
-            caller,
-            "photograph.read",
-            study_id=found.study_id,
-            subject=found.meal_alias,
-            slot=image.slot,
-            width_px=width_px,
-        )
-    return content
+        return target.read_bytes()
 
 
-def _colour_of(session: Session, meal: Meal, slot: str) -> Mapping[str, Any] | None:
+def _run_on(session: Session, meal: Meal, slot: str) -> Run | None:
+    """The newest run on the photograph's pair."""
     is_after = slot in AFTER_SLOTS
     if is_after and meal.after_status in meals.UNESTIMATED:  # a failed pair's run is not of the one sent in its place
         return None
-    run = records.last_run(session, meal.id, "after" if is_after else "meal")
+    return records.last_run(session, meal.id, "after" if is_after else "meal")
+
+
+def _colour_of(run: Run | None, slot: str) -> Mapping[str, Any] | None:
     if run is None or run.colour is None:
         return None
     found: Mapping[str, Any] = run.colour[slot.removeprefix("after_")]
