@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.db.queries import day_sums
@@ -40,11 +39,8 @@ def write_sums(database: Database, seconds: float = ROUND_SECONDS, marks_a_turn:
         if not day_sums.has_marks(session):
             return 0
     while True:
-        try:
-            with database.write() as session:
-                count = _one_turn(session, marks_a_turn)
-        except IntegrityError:  # a participant or a study went between two statements; the marks stay
-            return done
+        with database.write() as session:
+            count = _one_turn(session, marks_a_turn)
         done += count
         if count == 0 or time.monotonic() > until:
             return done
