@@ -18,6 +18,7 @@ PREFIX: Final = "/dashboard"
 
 STUDY_PAGES: Final = f"{PREFIX}/studies/{{study}}"
 WEBHOOKS: Final = "/v1/studies/{study}/webhooks"
+RELEASES: Final = "/v1/studies/{study}/releases"
 
 Call = tuple[str, str]  # method, path
 
@@ -130,6 +131,14 @@ PAGES: Mapping[Call, Call] = {
     ("GET", f"{STUDY_PAGES}/exports/dictionary"): STUDY,
     ("GET", f"{STUDY_PAGES}/exports/{{export_id}}/file"): ("GET", "/v1/studies/{study}/exports/{export_id}/file"),
     ("POST", f"{STUDY_PAGES}/exports/{{export_id}}/removal"): ("DELETE", "/v1/studies/{study}/exports/{export_id}"),
+    # releases
+    ("GET", f"{STUDY_PAGES}/releases"): ("GET", RELEASES),
+    ("POST", f"{STUDY_PAGES}/releases"): ("POST", RELEASES),
+    ("GET", f"{STUDY_PAGES}/releases-list"): ("GET", RELEASES),
+    ("GET", f"{STUDY_PAGES}/releases/{{name}}"): ("GET", f"{RELEASES}/{{name}}"),
+    ("GET", f"{STUDY_PAGES}/releases/{{name}}/state"): ("GET", f"{RELEASES}/{{name}}"),
+    ("GET", f"{STUDY_PAGES}/releases/{{name}}/check"): ("GET", f"{RELEASES}/{{name}}/check"),
+    ("GET", f"{STUDY_PAGES}/releases/{{name}}/files/{{file}}"): ("GET", f"{RELEASES}/{{name}}/files/{{file}}"),
     # audit log, marker
     ("GET", f"{STUDY_PAGES}/audit"): ("GET", "/v1/studies/{study}/audit"),
     ("GET", f"{PREFIX}/audit"): ("GET", "/v1/audit"),
@@ -143,6 +152,8 @@ POLLED: frozenset[Call] = frozenset(
         ("GET", f"{STUDY_PAGES}/changed-meals"),
         ("GET", f"{STUDY_PAGES}/waiting"),
         ("GET", f"{STUDY_PAGES}/exports/list"),
+        ("GET", f"{STUDY_PAGES}/releases-list"),
+        ("GET", f"{STUDY_PAGES}/releases/{{name}}/state"),
     }
 )
 

@@ -24,6 +24,7 @@ STUDY: tuple[Entry, ...] = (
     Entry(("adequacy",), "Adequacy"),
     Entry(("exports",), "Exports"),
     Entry(("densities",), "Densities"),
+    Entry(("releases",), "Releases"),
     Entry(("devices",), "Devices"),
     Entry(("members",), "Members", "owner"),
     Entry(("webhooks",), "Webhooks", "owner"),

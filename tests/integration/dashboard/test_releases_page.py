@@ -1,0 +1,139 @@
+"""The releases' pages: figures, files and checksums are the API's, pinned versions the file's own; owners freeze."""
+
+import re
+import uuid
+
+import pytest
+import sqlalchemy as sa
+
+from app.db.models import ReleaseFile
+from app.services.file_runner import FileRunner
+from tests.integration.dashboard.conftest import figures_of, text_of
+from tests.integration.eaten_days import add_meal, eaten_item
+
+PATH = "/dashboard/studies/pilot/releases"
+API = "/v1/studies/pilot/releases"
+NOTE = 'For "the paper" <script>alert(1)</script>'
+
+
+@pytest.fixture
+def phones(enrol):
+    return {code: enrol(code) for code in ("P001", "P002")}
+
+
+@pytest.fixture
+def meals(phones, state):
+    """Two meals: the id of the first."""
+    first = add_meal(state, "P001", "2026-11-01", eaten_item(100.0, "apple", energy_kcal=52.0))
+    add_meal(state, "P002", "2026-11-02", eaten_item(50.0, "banana"), eaten_item(None))
+    return first
+
+
+@pytest.fixture
+def owner(meals, sign_in_browser):
+    return sign_in_browser("olga", pilot="owner")
+
+
+@pytest.fixture
+def run(state):
+    def run():
+        return FileRunner(state.database, state.blobs, state.settings, state.secrets, uuid.uuid4()).run_one()
+
+    return run
+
+
+@pytest.fixture
+def ready(owner, run):
+    """A release that is there."""
+    answer = owner.post(PATH, name="2026-baseline", note=NOTE, to="2026-11-02", **{"from": ""})
+    assert (answer.status_code, answer.headers["location"]) == (303, f"{PATH}/2026-baseline")
+    assert run().outcome == "done"
+    return f"{PATH}/2026-baseline"
+
+
+def test_every_figure_of_a_release_is_the_api_s_and_its_own_file_s(client, admin, owner, ready):
+    page = owner.page(ready)
+    told = client.get(f"{API}/2026-baseline", headers=admin).json()
+    manifest = client.get(f"{API}/2026-baseline/files/release.json", headers=admin).json()
+    files = [value for file in told["files"] for value in (file["rows"], file["bytes"]) if value is not None]
+    contents = manifest["contents"]
+    made_of = [count for name in ("pipeline_versions", "methods", "food_tables") for count in contents[name].values()]
+    expected = [told["rows"], told["bytes"], *files, *made_of, contents["foods"], told["change_seq"]]
+    assert figures_of(page) == expected
+    assert contents["food_tables"], "the two foods have a table"
+    for shown in (told["checksum"], *(file["sha256"] for file in told["files"]), *contents["food_tables"]):
+        assert shown in page
+    assert "<script>alert" not in page
+    listed = owner.page(PATH)
+    assert figures_of(listed) == [told["rows"], told["bytes"]]
+    assert told["checksum"] in listed
+    for file in told["files"]:
+        assert owner.get(f"{ready}/files/{file['name']}").content == client.get(file["path"], headers=admin).content
+
+
+def test_page_follows_a_release_until_it_is_ready(owner, run):
+    assert owner.post(PATH, name="one").status_code == 303
+    waiting = owner.page(f"{PATH}/one")
+    assert f'hx-get="{PATH}/one/state"' in waiting
+    assert f'hx-get="{PATH}-list"' in owner.page(PATH)
+    fragment = {"HX-Request": "true"}
+    assert "queued" in owner.get(f"{PATH}/one/state", headers=fragment).text
+    assert run().outcome == "done"
+    assert owner.get(f"{PATH}/one/state", headers=fragment).headers["hx-redirect"] == f"{PATH}/one"
+    assert "hx-get" not in owner.page(f"{PATH}/one")
+
+
+def test_check_tells_which_file_is_not_what_was_frozen(state, owner, ready):
+    assert "each is what was frozen" in owner.page(f"{ready}/check")
+    with state.database.read() as session:
+        keys = {file.name: file.blob_key for file in session.scalars(sa.select(ReleaseFile))}
+    state.blobs.delete(keys["items.csv"])
+    page = owner.page(f"{ready}/check")
+    assert "not those that were frozen" in page
+    states = dict(re.findall(r'download>([\w.-]+)</a>.*?status-(?:done|failed)">(\w+)<', page, re.DOTALL))
+    assert states.pop("items.csv") == "missing"
+    assert set(states.values()) == {"whole"}
+
+
+def test_erasure_is_told_with_the_checksum_of_before(client, admin, meals, owner, ready, run, phones):
+    before = client.get(f"{API}/2026-baseline", headers=admin).json()["checksum"]
+    assert client.delete(f"/v1/meals/{meals}", headers=phones["P001"].headers).status_code == 200
+    changing = owner.page(ready)
+    assert "Something in it was erased" in changing
+    assert "items.parquet" not in changing
+    assert run().outcome == "done"
+    page = owner.page(ready)
+    after = client.get(f"{API}/2026-baseline", headers=admin).json()["checksum"]
+    assert after != before
+    assert "Altered." in page
+    assert before in page
+    assert re.search(rf'id="checksum">{after}<', page)
+    assert "altered" in text_of(owner.page(PATH))
+
+
+def test_form_that_is_refused_keeps_what_was_typed_and_a_name_is_given_once(client, admin, owner, ready):
+    for fields, sentence in (
+        ({"name": "Has Blanks"}, "should match pattern"),
+        ({"name": "2026-baseline"}, "has a release"),
+        ({"name": "two", "from": "2026-11-03", "to": "2026-11-02"}, "lies after to"),
+        ({"name": "three", "statuses": "eaten"}, "Input should be"),
+    ):
+        answer = owner.post(PATH, note=NOTE, **fields)
+        assert answer.status_code in (409, 422)
+        assert sentence in text_of(answer.text)
+        assert f'value="{fields["name"]}"' in answer.text
+        assert "<script>alert" not in answer.text
+    assert [one["name"] for one in client.get(API, headers=admin).json()["items"]] == ["2026-baseline"]
+
+
+def test_viewer_reads_and_does_not_freeze_and_a_stranger_sees_nothing(client, admin, enrol, sign_in_browser, ready):
+    viewer = sign_in_browser("vera", pilot="viewer")
+    assert "Freeze the data" not in viewer.page(PATH)
+    assert "items.parquet" in viewer.page(ready)
+    assert viewer.post(PATH, name="mine").status_code == 403
+    enrol("X1", study="other")
+    stranger = sign_in_browser("sue", other="owner")
+    for path in (PATH, f"{PATH}-list", ready, f"{ready}/state", f"{ready}/check", f"{ready}/files/items.csv"):
+        assert stranger.get(path).status_code == 404, path
+        assert stranger.get(path.replace("/pilot/", "/other/")).status_code in (200, 404)
+    assert stranger.get(f"{ready}/files/items.csv".replace("/pilot/", "/other/")).status_code == 404
