@@ -17,8 +17,8 @@ import sqlalchemy as sa
 import structlog
 from sqlalchemy.orm import Session
 
-from app.db.models import Export, Staff
-from app.db.queries import exports, file_work
+from app.db.models import Export, Release, Staff
+from app.db.queries import exports, file_work, releases
 from app.db.queries.exports import Moment
 from app.db.queries.file_work import Work
 from app.db.session import Database
@@ -160,6 +160,8 @@ class FileRunner:
                 return AGAIN
             held.state, held.failure_code, held.finished_at = "failed", code, datetime.now(UTC)
             held.claim = held.heartbeat_at = None
+            if isinstance(held, Release):
+                releases.drop_files(session, held, held.finished_at)
             return code
 
     @contextmanager

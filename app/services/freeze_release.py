@@ -8,19 +8,23 @@ import uuid
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
+from itertools import islice
 from typing import Any
 
 from sqlalchemy.orm import Session
 
+from app.db.models.record import HEADLINE_COLUMNS
 from app.db.queries import releases
 from app.db.queries.releases import UsedFood
 from app.exports.columns import Column, columns_of
 from app.services.caller import StaffCaller
 from app.services.export_spec import ExportFilters, ExportSpec, Rows
 from app.services.export_tables import table_of
-from app.services.release_days import NOT_DERIVABLE
+from app.services.release_days import NOT_DERIVABLE, exact_sums, median_delay
 from app.services.release_files import Contents, ReleaseFiles, Row
 
+DAYS_AT_A_TIME = 500
+EATEN = ("consumed_g", *HEADLINE_COLUMNS)  # of a record, as eaten_on_days has them
 TABLES: tuple[Rows, ...] = ("items", "meals", "days", "photographs")
 LEFT_OUT: Mapping[Rows, Collection[str]] = {
     "items": ("change_seq",),
@@ -147,7 +151,38 @@ def _table(
     columns = columns_of(table.parts)
     kept = [place for place, column in enumerate(columns) if column.name not in LEFT_OUT[name]]
     rows = (tuple(row[place] for place in kept) for row in rows_of_batches(table.batches))
-    return [columns[place] for place in kept], rows
+    told = [columns[place] for place in kept]
+    return told, exact_days(session, study_id, told, rows) if name == "days" else rows
+
+
+def exact_days(session: Session, study_id: uuid.UUID, columns: Sequence[Column], rows: Iterator[Row]) -> Iterator[Row]:
+    """Rows of days, by day, with figures that do not depend on the order in which a database adds."""
+    names = [column.name for column in columns]
+    while some := [dict(zip(names, row, strict=True)) for row in islice(rows, DAYS_AT_A_TIME)]:
+        codes = {day["participant"] for day in some}
+        first, last = (date.fromisoformat(some[place]["local_date"]) for place in (0, -1))
+        eaten: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+        for code, local_date, *amounts in releases.eaten_on_days(session, study_id, codes, first, last):
+            record = dict(zip(EATEN, amounts, strict=True))
+            eaten.setdefault((code, local_date.isoformat()), []).append(record)
+        delays: dict[tuple[str, str], list[float]] = {}
+        for code, local_date, captured_at, received_at in releases.arrivals_on_days(
+            session, study_id, codes, first, last
+        ):
+            seconds = (received_at - captured_at).total_seconds()
+            delays.setdefault((code, local_date.isoformat()), []).append(seconds)
+        for day in some:
+            key = (day["participant"], day["local_date"])
+            exact = exact_sums(
+                eaten.get(key, []), is_nothing=_is_nothing(day), is_partial=day["unmeasured_meals"] > 0
+            ) | {"median_upload_delay_seconds": median_delay(delays.get(key, []))}
+            yield tuple(exact.get(name, day[name]) for name in names)
+
+
+def _is_nothing(day: Mapping[str, Any]) -> bool:
+    """As of DayRow: by that word, or since each meal was confirmed to be without food."""
+    is_empty = day["meals"] > 0 and day["items"] == 0 and day["unmeasured_meals"] == 0
+    return bool(day["ate_nothing"] or (day["day_status"] == "closed" and is_empty))
 
 
 def _densities(session: Session, study_id: uuid.UUID, ids: Mapping[int, UsedFood]) -> Iterator[Row]:

@@ -1,4 +1,8 @@
-"""A frozen day without a meal that was erased: worked out anew from the frozen meals and items that are left.
+"""The figures of frozen days: exact sums, and of a day without a meal that was erased, from the meals and items left.
+
+A database adds in an order of its own, and every order rounds otherwise: PostgreSQL gives other last digits after rows
+have moved, and SQLite other ones than PostgreSQL. So a release has each sum rounded once (math.fsum), and the median of
+the delays that its meals have: the same data are the same bytes, wherever and whenever they are frozen.
 
 A day of a release has nothing but what follows from its own row and from these, so that this is exact: no table of now
 is asked. The number of the day in the study stays as it was. Where the only meal of a day is gone, nobody knows what
@@ -8,6 +12,7 @@ was eaten: the sums are unknown, never 0; a day of which nobody has said a word 
 import math
 import statistics
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from typing import Any
 
 from app.db.models.record import HEADLINE_COLUMNS
@@ -33,9 +38,7 @@ def day_without(
     known = {
         "meals": len(left),
         "meals_after_closing": _late(day, left, gone),
-        "median_upload_delay_seconds": (
-            statistics.median(meal["upload_delay_seconds"] for meal in left) if left else None
-        ),
+        "median_upload_delay_seconds": median_delay([meal["upload_delay_seconds"] for meal in left]),
         "items": len(holding),
         "unmeasured_meals": len(unmeasured),
         "unmeasured_items": sum(item["consumed_g"] is None for item in holding),
@@ -45,17 +48,31 @@ def day_without(
         ),
     }
     is_nothing = bool(left) and day["day_status"] == "closed" and not holding and not unmeasured
+    return {**day, **known, **exact_sums(holding, is_nothing=is_nothing, is_partial=bool(unmeasured))}
+
+
+def exact_sums(holding: Sequence[Row], *, is_nothing: bool, is_partial: bool) -> dict[str, float | None]:
+    """consumed_g, and each headline component's sum and coverage, over a day's records that hold.
+
+    is_nothing: it is known that nothing was eaten. is_partial: something was eaten of which there is no record.
+    """
     sums = {"consumed_g": 0.0 if is_nothing else _sum(item["consumed_g"] for item in holding)}
     for name in HEADLINE_COLUMNS:
         sums[name] = 0.0 if is_nothing else _sum(item[name] for item in holding)
-        coverage = None if unmeasured else _coverage(holding, name)
+        coverage = None if is_partial else _coverage(holding, name)
         sums[f"{name}_coverage"] = 1.0 if is_nothing else coverage
-    return {**day, **known, **sums}
+    return sums
+
+
+def median_delay(seconds: Sequence[float]) -> float | None:
+    """Of the meals of a day; None: there are none."""
+    return statistics.median(seconds) if seconds else None
 
 
 def _late(day: Row, left: Sequence[Row], gone: Sequence[Row]) -> int:
     """Meals that came in after the day was closed: those that came last of all, as many as there were."""
-    latest_first = sorted([*left, *gone], key=lambda meal: meal["received_at"], reverse=True)
+    both = [*left, *gone]
+    latest_first = sorted(both, key=lambda meal: datetime.fromisoformat(meal["received_at"]), reverse=True)
     late = {meal["meal_id"] for meal in latest_first[: day["meals_after_closing"]]}
     return sum(meal["meal_id"] in late for meal in left)
 

@@ -5,7 +5,7 @@ off, the same restore can be done again: the blobs that are there already are th
 after the backup are done again (services/prepare.py) and meals that waited are queued again.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -181,17 +181,22 @@ def _mark_erased(refill: Refill, checked: CheckedBackup, keys: ScratchKeys) -> N
                 change = sa.update(table).values({erased_at: checked.manifest.created_at})
                 refill.change(change.where(of_some, table.c[erased_at].is_(None)))
             elif name == "release_file":
-                _mark_release(refill, table, tables["release"].table(), of_some)
+                _mark_release(refill, table, tables, of_some)
             elif name == "run_artefact":
                 refill.change(sa.delete(table).where(of_some))
 
 
-def _mark_release(refill: Refill, files: sa.TableClause, release: sa.TableClause, of_some: Any) -> None:
-    """A release that was written anew while the backup was written: it has its old rows and not all their files."""
+def _mark_release(refill: Refill, files: sa.TableClause, tables: Mapping[str, Any], of_some: Any) -> None:
+    """A release that was written anew while the backup was written: it has its old rows and not all their files.
+
+    Those that it has may hold what was erased: no row names them, so they go as orphans.
+    """
+    release, changes = tables["release"].table(), tables["release_change"].table()
     broken = sa.select(files.c.release_id).where(of_some)
     lost = {"state": "failed", "failure_code": "release_files_missing", "claim": None}
     refill.change(sa.update(release).where(release.c.id.in_(broken)).values(lost))
-    refill.change(sa.delete(files).where(of_some))
+    refill.change(sa.delete(changes).where(changes.c.release_id.in_(broken)))
+    refill.change(sa.delete(files).where(files.c.release_id.in_(broken)))
 
 
 def _put_to_work(database: Database, manifest: Manifest) -> int:

@@ -2,7 +2,7 @@
 
 import uuid
 from collections.abc import Collection, Iterable, Iterator
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from itertools import islice
 from typing import Any, Literal, NamedTuple
 
@@ -11,16 +11,21 @@ from sqlalchemy.orm import Session
 
 from app.db.models import (
     Component,
+    EffectiveRecord,
     Food,
     FoodDensity,
     FoodNutrient,
     FoodRelease,
+    Meal,
+    Participant,
     Release,
     ReleaseChange,
     ReleaseFile,
     Staff,
     StudyDensity,
 )
+from app.db.models.record import HEADLINE_COLUMNS
+from app.db.queries import privacy
 from app.db.queries.exports import lock_study
 from app.db.queries.file_work import begin_again
 
@@ -133,6 +138,44 @@ def erase_from_releases(
         )
     session.flush()
     return changing
+
+
+def eaten_on_days(
+    session: Session, study_id: uuid.UUID, participant_codes: Collection[str], first_day: date, last_day: date
+) -> sa.Result[*tuple[Any, ...]]:
+    """(code, local_date, consumed_g, HEADLINE_COLUMNS) of these participants' records that hold."""
+    record = EffectiveRecord
+    amounts = (record.consumed_g, *(getattr(record, name) for name in HEADLINE_COLUMNS))
+    query = sa.select(Participant.code, record.local_date, *amounts)
+    return session.execute(
+        query.join(Participant, Participant.id == record.participant_id).where(
+            Participant.study_id == study_id,
+            Participant.code.in_(participant_codes),
+            record.local_date.between(first_day, last_day),
+            record.status != "rejected",
+        )
+    )
+
+
+def arrivals_on_days(
+    session: Session, study_id: uuid.UUID, participant_codes: Collection[str], first_day: date, last_day: date
+) -> sa.Result[*tuple[Any, ...]]:
+    """(code, local_date, captured_at, received_at) of these participants' meals."""
+    query = sa.select(Participant.code, Meal.local_date, Meal.captured_at, Meal.received_at)
+    return session.execute(
+        query.join(Participant, Participant.id == Meal.participant_id).where(
+            Participant.study_id == study_id,
+            Participant.code.in_(participant_codes),
+            Meal.local_date.between(first_day, last_day),
+        )
+    )
+
+
+def drop_files(session: Session, release: Release, now: datetime) -> None:
+    """A release that can never be served again keeps nothing: what was erased may stand in any file of it."""
+    privacy.want_deleted(session, replace_files(session, release.id, []), None, now)
+    forget_changes(session, [change.id for change in changes_of(session, release.id)])
+    release.bytes = release.rows_written = 0
 
 
 def foods_used(session: Session, used: Collection[UsedFood]) -> dict[int, UsedFood]:
