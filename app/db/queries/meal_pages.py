@@ -100,7 +100,7 @@ def search_of(
     asked = list(_asked(session, chosen, searched, foods, is_on_sqlite=is_on_sqlite))
     if any(one.stream is not None and not one.stream.branches for one in asked):
         return None
-    along, span = _all_of(searched), ALWAYS
+    along, span = _all_of(searched, is_on_sqlite=is_on_sqlite), ALWAYS
     if people is not None:
         # a person has some thousand meals: what else is asked is looked up at each
         along = _Asked(Stream(Meal, (Meal.participant_id,), [(person,) for person in people]))
@@ -222,10 +222,9 @@ def _stream(
     return Stream(model, keys, branches, part) if len(branches) <= most else None
 
 
-def _all_of(studies: Sequence[uuid.UUID]) -> _Asked:
+def _all_of(studies: Sequence[uuid.UUID], *, is_on_sqlite: bool) -> _Asked:
     """Nothing but studies is asked."""
-    is_few = len(studies) <= MOST_BRANCHES
-    return _Asked(Stream(Meal, (Meal.study_id,), [(study,) for study in studies]) if is_few else None)
+    return _Asked(_stream(Meal, (Meal.study_id,), [(study,) for study in studies], (), is_on_sqlite=is_on_sqlite))
 
 
 @dataclass(frozen=True, slots=True)
