@@ -1,0 +1,102 @@
+"""The list of meals in a browser: followed in place, a food chosen by keyboard, files, no serious finding of axe."""
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+
+from tests import estimates
+from tests.e2e.dashboard_server import PASSWORD, dashboard_server
+from tests.estimates import found_item, unmeasured_item
+
+MEALS = "/dashboard/studies/pilot/meals"
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    server = dashboard_server(tmp_path_factory.mktemp("meals-page"))
+    server.make_study()
+    server.make_staff("ann", pilot="viewer")
+    yield server
+    server.close()
+
+
+@pytest.fixture(scope="module")
+def phone(served):
+    with served.enrol() as phone:
+        hints = [{"point": [30, 20], "food": "apple"}]
+        served.send_meal(phone, found_item(), unmeasured_item(hint=None), hints=hints)
+        served.send_meal(
+            phone, found_item(90.0, hint=None, flags=["low_texture"]), captured_at="2026-11-19T12:30:00+08:00"
+        )
+        yield phone
+
+
+@pytest.mark.parametrize("view", ["gallery", "table"])
+def test_meal_is_followed_in_its_place_and_the_focus_stays(served, phone, open_page, view):
+    waiting = served.send_meal(phone, captured_at="2026-11-21T12:30:00+08:00")
+    tab = open_page(served.address)
+    tab.sign_in("ann", PASSWORD, f"{MEALS}?view={view}&status=queued")
+    place, link = f"#meal-P001-{waiting}", f"#meal-P001-{waiting} :is(h3, th) a"
+    tab.page.focus(link)
+    tab.page.evaluate("document.activeElement.mark = 'same'")
+    estimates.save(served, waiting, found_item(hint=None))
+    tab.page.wait_for_selector(f"{place} .status-needs_review")
+    assert tab.page.evaluate("document.activeElement.mark") == "same"
+    assert tab.page.locator(place).count() == 1
+    assert "needs review" in tab.page.text_content("#meals-live")
+    assert tab.page.get_attribute("#meals-watch", "hx-get") is None
+    tab.page.keyboard.press("Enter")
+    tab.page.wait_for_url(f"**{MEALS}/P001/{waiting}")
+
+
+def test_tab_that_nobody_sees_does_not_ask(served, phone, open_page):
+    served.send_meal(phone, captured_at="2026-11-10T12:30:00+08:00")
+    tab = open_page(served.address)
+    tab.sign_in("ann", PASSWORD, MEALS)
+    asked = []
+    tab.page.on("request", lambda request: asked.append(request.url) if "changed-meals" in request.url else None)
+    ask = "document.getElementById('meals-watch').dispatchEvent(new CustomEvent('every'))"
+    hide = "Object.defineProperty(document, 'hidden', {configurable: true, get: () => %s})"
+    tab.page.evaluate(hide % "true")
+    tab.page.evaluate(ask)
+    tab.page.wait_for_timeout(5000)  # longer than between two questions
+    assert asked == []
+    tab.page.evaluate(hide % "false")
+    with tab.page.expect_response("**/changed-meals*") as answer:
+        tab.page.evaluate(ask)
+    assert answer.value.status == 204
+
+
+def test_food_is_chosen_by_keyboard_and_stands_in_the_address_with_the_other_filters(served, phone, open_page):
+    tab = open_page(served.address)
+    tab.sign_in("ann", PASSWORD, f"{MEALS}?view=table")
+    page = tab.page
+    page.fill("#participant", "P001")
+    page.focus("#meals-food")
+    page.keyboard.type("apple raw")
+    page.wait_for_selector("#meals-foods [role=option]")
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("Enter")
+    chosen = page.input_value("input[name=food]")
+    assert chosen
+    page.keyboard.press("Enter")
+    page.wait_for_url("**food=*")
+    assert page.url.split("?")[1].split("&") == ["view=table", "participant=P001", f"food={chosen}"]
+    assert page.is_checked(f"input[name=food][value='{chosen}']")
+    page.click("text=Clear all")
+    page.wait_for_url(f"**{MEALS}?view=table")
+    with page.expect_download() as download:
+        page.click(".meals-files a:has-text('CSV') >> nth=0")
+    assert download.value.suggested_filename == "meals.csv"
+
+
+@pytest.mark.parametrize("view", ["gallery", "table"])
+@pytest.mark.parametrize("looks", ["light", "dark", "phone"])
+def test_page_is_accessible(served, phone, open_page, looks, view):
+    options = {"color_scheme": "dark"} if looks == "dark" else {}
+    options |= {"viewport": {"width": 390, "height": 800}} if looks == "phone" else {}
+    tab = open_page(served.address, **options)
+    tab.sign_in("ann", PASSWORD, f"{MEALS}?view={view}&participant=P001&flag=low_texture&flag=not_measurable")
+    assert tab.page.locator("[id^=meal-P001]").count() == 2
+    found = Axe().run(tab.page).response["violations"]
+    assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
+    assert tab.page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
