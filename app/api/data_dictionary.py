@@ -6,7 +6,7 @@ from fastapi import APIRouter, Query
 from fastapi.responses import JSONResponse, Response
 
 from app.api.deps import CurrentCaller, State
-from app.api.export_files import MEDIA_TYPES, ComponentsIn, LayoutIn
+from app.api.export_files import MEDIA_TYPES, ComponentsIn, LayoutIn, ProvenanceIn
 from app.api.problems import problem_responses
 from app.api.schemas.data_dictionary import DataDictionary, DictionaryColumn, TableSchema
 from app.exports.columns import PartOfBatch
@@ -37,9 +37,10 @@ def get_data_dictionary(
         Literal["json", "csv", "table-schema"],
         Query(alias="format", description="table-schema: Frictionless Data's, to check a CSV file with."),
     ] = "json",
+    provenance: ProvenanceIn = True,
 ) -> Response:
     """Every column's name, type, unit, meaning, values, and what an empty cell says."""
-    spec = ExportSpec(rows, layout, components=components, filters=ExportFilters(study))
+    spec = ExportSpec(rows, layout, components=components, filters=ExportFilters(study), provenance=provenance)
     columns = columns_for(state.database, caller, spec)
     headers = {"Cache-Control": "private, no-store"}
     if output == "table-schema":

@@ -75,7 +75,8 @@ def get_dictionary(
 ) -> Response:
     """What every column of the file says, as a file."""
     spec = _spec(page, study)
-    return get_data_dictionary(page.state, in_study(page), spec.rows, spec.layout, spec.components, study, output)
+    chosen = (spec.rows, spec.layout, spec.components, study, output, spec.provenance)
+    return get_data_dictionary(page.state, in_study(page), *chosen)
 
 
 @router.get(f"{PATH}/{{export_id}}/file")

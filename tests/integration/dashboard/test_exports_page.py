@@ -88,6 +88,14 @@ def test_page_shows_how_many_rows_and_the_dictionary_of_the_columns(client, admi
     assert follow(viewer, address).json()["primaryKey"] == ["id"]
 
 
+def test_dictionary_is_of_the_columns_that_are_chosen(viewer):
+    page = viewer.page(PATH, rows="items", provenance="false")
+    (address,) = re.findall(r'href="([^"]+/dictionary\?[^"]+)" download>Table Schema', page)
+    header = viewer.get(f"{PATH}/table", rows="items", provenance="false").text.splitlines()[0]
+    assert [field["name"] for field in follow(viewer, address).json()["fields"]] == header.split(",")
+    assert "pipeline_version" not in header
+
+
 def test_figures_of_the_list_are_those_of_the_api(client, admin, viewer, run):
     answer = viewer.post(PATH, rows="items", format="parquet", status="confirmed", **{"from": "2026-11-01"})
     assert answer.status_code == 303
