@@ -14,6 +14,7 @@ from app.db.models import (
     DayEvent,
     DiaryDay,
     Enrolment,
+    Export,
     Food,
     IndexEntry,
     Item,
@@ -26,8 +27,10 @@ from app.db.models import (
     Meal,
     MealEvent,
     Participant,
+    Release,
     Run,
     RunArtefact,
+    Staff,
     Study,
     Webhook,
     WebhookDelivery,
@@ -36,6 +39,9 @@ from app.db.queries import day_sums
 from app.db.queries.jobs import DBOS_SCHEMA
 from app.db.queries.privacy import WORKFLOW_TABLES
 from app.services.caller import sha256_hex
+from app.services.export_spec import ExportFilters, ExportSpec, spec_as_json
+from app.services.file_runner import FileRunner
+from app.services.freeze_release import ReleaseFilters
 from app.services.rebuild_records import rebuild_records
 from app.vision.vcm import LENGTH, VCM_VERSION
 from tests import estimates
@@ -45,14 +51,16 @@ from tests.photographs import pair
 
 OWNERS = {"participant", "device", "meal", "item", "run", "job", "meal_event"}
 OWNED_BY = {f"{owner}_id" for owner in OWNERS} | {"event_id", "after_item_id", "parent_id"}
+FILE_TABLES = {"export", "release", "release_file"}  # no column of theirs leads to a person, but their files do
 OF_EVERYBODY = {"study", "staff", "food", "webhook", "recompute"}
+NOT_OF_THEM = {"audit_event", "webhook", *FILE_TABLES}  # whose ids and hashes may stay
 SHA256_LENGTH = 64
 
 
 class Person:
-    """mark: stands in every free text of theirs, and in their code."""
+    """mark: stands in every free text of theirs, and in their code. with_files: an export of theirs and a release."""
 
-    def __init__(self, state, enrol, mark, seed):
+    def __init__(self, state, enrol, mark, seed, *, with_files=False):
         self.state, self.mark = state, mark
         numbers = np.random.default_rng(seed).uniform(-1.0, 1.0, LENGTH)
         self.vector = numbers.astype("<f2").tobytes()  # what their food looked like
@@ -73,6 +81,9 @@ class Person:
             marks = day_sums.newest_marks(session, 1000)
             day_sums.write_sums(session, [mark for mark in marks if mark.participant_id == self.participant_id])
             session.get_one(Meal, self.meal_id).status = "needs_review"
+        if with_files:
+            self._ask_for_files(state)
+            assert make_files(state) == ["done", "done"]
         self.rows = {table: sorted(keys - before[table]) for table, keys in all_keys(state.database).items()}
 
     @property
@@ -282,6 +293,24 @@ class Person:
             )
             self._fill_workflow(session, job.id)
 
+    def _ask_for_files(self, state):
+        """An export that names them, and a release of the whole study."""
+        spec = ExportSpec("meals", output="csv", filters=ExportFilters(study_code="pilot", participant_code=self.mark))
+        with state.database.write() as session:
+            asked = {
+                "id": uuid.uuid4(),
+                "study_id": session.scalars(sa.select(Study.id).where(Study.code == "pilot")).one(),
+                "staff_id": session.scalars(sa.select(Staff.id)).first(),
+                "state": "queued",
+                "requested_at": datetime.now(UTC),
+            }
+            told = spec_as_json(spec)
+            session.add(Export(**asked, spec=told, spec_sha256=hashlib.sha256(repr(told).encode()).hexdigest()))
+            filters = ReleaseFilters().told()
+            session.add(
+                Release(**asked, name=f"of-{self.mark.lower()[:4]}", note="", filters=filters, former_checksums=[])
+            )
+
     def _fill_workflow(self, session, job_id):
         """What DBOS keeps of a job that was worked on: a row in each of its tables."""
         prefix = "" if self.state.database.is_sqlite else f"{DBOS_SCHEMA}."
@@ -315,7 +344,7 @@ class Person:
                 for key in self.rows.get(table.name, ()):
                     row = session.execute(sa.select(table).where(key_condition(table, key))).one()
                     for column, value in zip(table.columns, row, strict=True):
-                        if column.name == "alias" or str(value) in shared or table.name in ("audit_event", "webhook"):
+                        if column.name == "alias" or str(value) in shared or table.name in NOT_OF_THEM:
                             continue
                         if isinstance(value, uuid.UUID):
                             found.add(str(value))
@@ -328,6 +357,14 @@ class Person:
         needles += [content[len(content) // 2 :][:64].lower() for content in self.photos.values()]
         needles += [self.vector[:64].lower() if self.state.database.is_sqlite else self.vector[:64].hex().encode()]
         return needles
+
+
+def make_files(state):
+    """Everything that waits for a worker's side process is made: what became of each."""
+    found = []
+    while ended := FileRunner(state.database, state.blobs, state.settings, state.secrets, uuid.uuid4()).run_one():
+        found.append(ended.outcome)
+    return found
 
 
 def all_keys(database):

@@ -512,5 +512,6 @@ def test_check_tells_whether_the_data_would_be_frozen_alike_now_and_which_rows_d
     assert (found.checked.is_whole, found.is_reproduced) == (True, False)
     items = next(table for table in found.tables if table.table == "items")
     assert (items.same, items.other, items.only_frozen, items.only_now) == (7, 1, 0, 1)
-    assert items.columns == {"consumed_g": 1, "flags": 1}
+    assert items.columns["consumed_g"] == items.columns["flags"] == items.columns["CA_mg"] == 1  # of grams and content
+    assert not {"energy_kcal", "edible_g", "id"} & set(items.columns)  # what the record itself tells is as it was
     assert next(table for table in found.tables if table.table == "meals").only_now == 1

@@ -20,10 +20,12 @@ from app.settings import Settings
 from app.storage.opening import open_blob_store
 from tests.conftest import postgres_database
 from tests.integration.persons import (
+    FILE_TABLES,
     OWNERS,
     Person,
     all_keys,
     database_bytes,
+    make_files,
     personal_tables,
     tables_with_alias,
 )
@@ -44,30 +46,35 @@ STAYS_WITHOUT_MEAL = {
 
 @pytest.fixture
 def bystander(state, enrol):
-    return Person(state, enrol, "somebody-else-7Kq", seed=5)
+    return Person(state, enrol, "somebody-else-7Kq", seed=5, with_files=True)
 
 
 @pytest.fixture
 def subject(state, enrol, bystander):
-    return Person(state, enrol, "nobodys-words-4Xz", seed=1)
+    return Person(state, enrol, "nobodys-words-4Xz", seed=1, with_files=True)
 
 
 def finish(state):
     state.last_use.settle()
+    assert make_files(state) == ["done", "done"]  # both releases without what was erased
     BlobDeleter(state.database, state.blobs).delete_wanted()
     assert state.database.empty_log()
 
 
 def assert_nothing_is_left(state, needles):
-    for where, held in (("database", database_bytes(state.database)), ("store", store_bytes(state.blobs))):
-        for needle in needles:
-            at = held.find(needle)
-            assert at < 0, f"{needle!r} is left in the {where}: ...{held[max(0, at - 200) : at + 100]!r}..."
+    assert_nothing_is_in("database", database_bytes(state.database), needles)
+    assert_nothing_is_in("store", store_bytes(state.blobs), needles)
+
+
+def assert_nothing_is_in(where, held, needles):
+    for needle in needles:
+        at = held.find(needle)
+        assert at < 0, f"{needle!r} is left in the {where}: ...{held[max(0, at - 200) : at + 100]!r}..."
 
 
 def test_a_person_fills_every_table_that_can_hold_something_of_one(subject):
     """A table that a later version adds must be filled in tests/integration/persons.py, and then be erased."""
-    empty = {table for table in personal_tables() if not subject.rows[table]}
+    empty = {table for table in personal_tables() | FILE_TABLES if not subject.rows[table]}
     assert empty == set()
 
 
@@ -100,8 +107,14 @@ def test_withdrawal_with_erasure_leaves_nothing_of_the_person(state, subject, by
     needles = subject.needles()
     assert sum(needle in database_bytes(state.database) for needle in needles) > 20
     assert sum(needle in store_bytes(state.blobs) for needle in needles) > 5
+    for folder in ("/exports/", "/releases/"):
+        assert subject.mark.lower().encode() in files_below(state, folder)
     answer = client.post("/v1/me/withdrawal", headers=subject.phone.headers)
     assert answer.status_code == 200, answer.text
+    state.last_use.settle()
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    assert state.database.empty_log()
+    assert_nothing_is_in("database", database_bytes(state.database), needles)  # while the releases still have them
     finish(state)
     assert_nothing_is_left(state, needles)
     assert tables_with_alias(state.database, subject.aliases) <= {"audit_event"}
@@ -146,7 +159,7 @@ def test_restored_backup_is_erased_again_before_anything_is_served(
         with TestClient(create_app(restored)) as again:
             state = again.app.state.api
             assert state.database.url != client.app.state.api.database.url
-            assert state.database.empty_log()
+            finish(state)
             assert_nothing_is_left(state, needles)
             assert again.get(f"/v1/receipts/{answer.json()['id']}").json() == answer.json()
             call = again.get(subject.path, headers=subject.phone.headers)
@@ -215,6 +228,11 @@ def assert_bystander_is_untouched(state, bystander):
     assert answer.status_code == 200
     assert all(state.blobs.has(key) for key in blob_keys(state))
     assert rebuild_records(state.database, write=False) == Rebuilt(compared=2, different=0)
+
+
+def files_below(state, folder):
+    keys = [blob.key for blob in state.blobs.keys() if folder in blob.key]  # noqa: SIM118  # a store is no mapping
+    return b"".join(b"".join(state.blobs.stream(key)) for key in keys).lower()
 
 
 def blob_keys(state):
