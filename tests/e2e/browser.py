@@ -66,7 +66,8 @@ class WatchedPage:
     def require_quiet(self) -> None:
         """Nothing was logged, thrown or asked of others but what was expected."""
         logged = [line for line in self.console if not any(re.search(one, line) for one in self._expected)]
-        assert (logged, self.thrown, self.outside) == ([], [], [])
+        heard = {"console": logged, "thrown": self.thrown, "outside": self.outside}
+        assert not any(heard.values()), heard
 
     def _note_console(self, message: Any) -> None:
         if message.type in ("error", "warning"):
