@@ -27,7 +27,7 @@ from app.services.caller import StaffCaller
 from app.services.export_estimate import estimate_rows
 from app.services.export_spec import spec_of_json
 from app.services.export_tables import write_export
-from app.services.made_file import ClaimLostError, WorkLife, staged_file
+from app.services.made_file import ClaimLostError, WorkLife, file_key, staged_file
 from app.services.release_runner import FilesMissingError, ReleaseRunner
 from app.services.secret_box import SecretBox
 from app.settings import Settings
@@ -108,7 +108,7 @@ class FileRunner:
                 moment = exports.moment_of(session, export.study_id)
                 self._estimate(export, estimate_rows(session, export.study_id, spec))
                 file.write_all(write_export(session, _acting_for(session, export), spec, counted=count))
-            key = f"{export.study_id}/exports/{export.id}/{self._claim.hex}/{file.sha256}"
+            key = file_key("exports", export.study_id, export.id, self._claim, file.sha256)
             self._blobs.put_file(key, file.path)
         is_named = None  # unknown: the last transaction may be carried out, though it broke off
         try:

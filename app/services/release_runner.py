@@ -26,7 +26,7 @@ from app.errors import NotFoundError
 from app.services import audit
 from app.services.alter_release import ReleaseAlteration, Verdicts
 from app.services.freeze_release import filters_of_json, freeze
-from app.services.made_file import ClaimLostError, StagedFile, WorkLife, staged_file
+from app.services.made_file import ClaimLostError, StagedFile, WorkLife, file_key, staged_file
 from app.services.release_files import MANIFEST, MadeFile, ReleaseFiles, Sink, Writable
 from app.services.secret_box import SecretBox
 from app.settings import Settings
@@ -161,7 +161,7 @@ class ReleaseRunner:
         folder = self.blobs.staging_folder()
 
         def keep(name: str, file: Writable) -> str:
-            key = f"{release.study_id}/releases/{release.id}/{self.claim.hex}/{name}/{file.sha256}"
+            key = file_key("releases", release.study_id, release.id, self.claim, name, file.sha256)
             self.blobs.put_file(key, file.path)
             placed.keys.append(key)
             return key

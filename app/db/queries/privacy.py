@@ -50,6 +50,7 @@ from app.db.models import (
 from app.db.queries.jobs import DBOS_SCHEMA, LIVE_STATES
 
 IN_A_STATEMENT = 500  # values in one IN (...); SQLite takes 32,766
+MADE_FILES = "made"  # before the study in keys of files of a whole study (services/made_file.py)
 UUID_CHARACTERS = 36
 
 # Where DBOS 3.4 keeps what belongs to a workflow: table -> its column with the workflow's id. A contract test looks for
@@ -381,8 +382,8 @@ def is_named(session: Session, key: str) -> bool:
 
 
 def of_known_studies(session: Session, keys: Collection[str]) -> set[str]:
-    """Those of the keys (`study/...`) whose study is there."""
-    of_keys = {key: _uuid_or_none(key.split("/")[0]) for key in keys}
+    """Those of the keys (`study/...`, and `made/exports/study/...` of files) whose study is there."""
+    of_keys = {key: _study_of(key) for key in keys}
     wanted = {study_id for study_id in of_keys.values() if study_id is not None}
     there = set(session.scalars(sa.select(Study.id).where(Study.id.in_(wanted))))
     return {key for key, study_id in of_keys.items() if study_id in there}
@@ -546,6 +547,12 @@ def _names_job(session: Session, column: sa.ColumnElement[str]) -> sa.ColumnElem
     if session.get_bind().dialect.name == "sqlite":
         return sa.type_coerce(Job.id, sa.String()) == sa.func.replace(column, "-", "")
     return sa.cast(Job.id, sa.Text()) == column
+
+
+def _study_of(key: str) -> uuid.UUID | None:
+    parts = key.split("/")
+    place = 2 if parts[0] == MADE_FILES else 0
+    return _uuid_or_none(parts[place]) if len(parts) > place else None
 
 
 def _meal_of(key: str) -> uuid.UUID | None:

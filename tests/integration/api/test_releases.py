@@ -12,7 +12,7 @@ import pytest
 import sqlalchemy as sa
 from pyarrow import parquet
 
-from app.db.models import DiaryDay, EffectiveRecord, Meal, MealImage, Participant, ReleaseChange, ReleaseFile
+from app.db.models import DiaryDay, EffectiveRecord, Meal, MealImage, Participant, ReleaseChange, ReleaseFile, Study
 from app.db.models.record import HEADLINE_COLUMNS
 from app.db.queries import file_work
 from app.services import release_runner
@@ -281,6 +281,25 @@ def test_files_of_a_release_are_no_orphans(owner, run, state):
     BlobDeleter(state.database, state.blobs).delete_orphans()
     assert owner.get(f"{PATH}/baseline/check").json()["is_whole"] is True
     assert release["files"]
+
+
+def test_workers_of_0_2_take_no_file_of_a_release_or_an_export_for_an_orphan_and_ours_take_those_that_are(
+    owner, run, state
+):
+    frozen(owner, run, "baseline")
+    path = owner.post("/v1/studies/pilot/exports", json={"rows": "meals"}).headers["location"]
+    assert run().outcome == "done"
+    made = [name for name in stored_names(state.blobs) if "/releases/" in name or "/exports/" in name]
+    assert len(made) == 2 * len(TABLES) + 3
+    with state.database.read() as session:
+        studies = set(map(str, session.scalars(sa.select(Study.id))))
+    assert not {name.split("/")[0] for name in made} & studies  # below a study 0.2 deletes what it has no row of
+    with state.database.write() as session:
+        session.execute(sa.delete(ReleaseFile).where(ReleaseFile.name == "items.csv"))
+    make_old(state.blobs)
+    assert BlobDeleter(state.database, state.blobs).delete_orphans() == 1
+    assert {*made} - {*stored_names(state.blobs)} == {name for name in made if "/items.csv/" in name}
+    assert owner.get(path + "/file").status_code == 200
 
 
 def expected_without(owner, release, gone, live):
