@@ -20,6 +20,7 @@ from app.api.schemas.overview import (
     OverviewDayOut,
     OverviewOut,
     OverviewPeopleOut,
+    PersonDayOut,
     PlaceOut,
     StatusCountOut,
 )
@@ -44,6 +45,7 @@ Part = Literal[
     "failures",
     "nutrients",
     "histograms",
+    "person_days",
     "places",
 ]
 ROWS: Mapping[Part, type[BaseModel]] = {
@@ -55,6 +57,7 @@ ROWS: Mapping[Part, type[BaseModel]] = {
     "failures": FailureCountOut,
     "nutrients": NutrientOut,
     "histograms": BinOut,
+    "person_days": PersonDayOut,
     "places": PlaceOut,
 }
 
@@ -115,6 +118,16 @@ def overview_out(found: StudyOverview) -> OverviewOut:
         failures=[FailureCountOut(failure_code=code, meals=meals) for code, meals in found.failures.items()],
         nutrients=[_nutrient_out(each) for each in found.nutrients],
         histograms=[row for each in found.nutrients for row in _bins_out(each)],
+        person_days=[
+            PersonDayOut(
+                participant=each.participant_code,
+                local_date=each.local_date,
+                expected=each.is_expected,
+                closed=each.is_closed,
+                meals=each.meals,
+            )
+            for each in (found.person_days or ())
+        ],
         located_meals=places.total if places is not None else None,
         places=[
             PlaceOut(

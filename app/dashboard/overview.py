@@ -17,7 +17,7 @@ from app.dashboard.addresses import study_address
 from app.dashboard.headline import HEADLINES
 from app.dashboard.page import CurrentPage
 from app.errors import InvalidInputError
-from app.services.study_overview import Places, StudyOverview, study_overview, study_waiting
+from app.services.study_overview import DayOfPerson, Places, StudyOverview, study_overview, study_waiting
 
 router = APIRouter(include_in_schema=False)
 
@@ -83,6 +83,7 @@ def get_overview_page(
         nutrient=nutrient,
         listed=PLACES_LISTED,
         points=_points(found.places),
+        persons=_persons(found),
         file=file,
     )
 
@@ -111,6 +112,14 @@ def _found(page: CurrentPage, study: str, first: date | None, last: date | None,
     if first is None and last is None:
         return study_overview(page.state.database, page.caller, study, days=DAYS[days or USUAL])
     return study_overview(page.state.database, page.caller, study, first_day=first, last_day=last)
+
+
+def _persons(found: StudyOverview) -> dict[str, dict[date, DayOfPerson]]:
+    """Participant -> day -> what is known of it; those of whom nothing is known or expected are not there."""
+    persons: dict[str, dict[date, DayOfPerson]] = {}
+    for each in found.person_days or ():
+        persons.setdefault(each.participant_code, {})[each.local_date] = each
+    return persons
 
 
 def _is_moving(waiting: Mapping[str, int]) -> bool:

@@ -7,7 +7,7 @@ are over whole days (closed, everything measured and final, or nothing eaten), a
 import math
 from array import array
 from bisect import bisect_left, bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from itertools import chain, pairwise
@@ -27,6 +27,8 @@ from app.services.meal_time import latest_day
 
 USUAL_DAYS = 28
 MOST_PLACES = 2000
+MOST_PERSONS = 60  # whose days are told one by one
+MOST_DAYS_OF_PERSONS = 35
 SHOWN_DECIMALS = 3  # of degrees: some hundred metres, more than a map of a study shows
 USUAL_BINS = 20
 FAR = 0.01  # the share of values at either end that may lie outside the bins, so that one odd day does not flatten all
@@ -93,10 +95,22 @@ class Places:
 
 
 @dataclass(frozen=True, slots=True)
+class DayOfPerson:
+    """A participant's day of the window that was expected or is known. Silent: expected, without meal, not closed."""
+
+    participant_code: str
+    local_date: date
+    is_expected: bool
+    is_closed: bool
+    meals: int
+
+
+@dataclass(frozen=True, slots=True)
 class StudyOverview:
     """by_status: the window's meals. waiting, failures: of the whole study, now. places None: the study keeps none.
 
-    waiting also has meals whose after-meal pair is waited for, or has failed, whatever their status.
+    waiting also has meals whose after-meal pair is waited for, or has failed, whatever their status. person_days: by
+    participant and day; None: they would be more than MOST_PERSONS, or more than MOST_DAYS_OF_PERSONS.
     """
 
     study: str
@@ -109,6 +123,7 @@ class StudyOverview:
     waiting: Mapping[str, int]
     failures: Mapping[str, int]
     nutrients: tuple[Distribution, ...]
+    person_days: tuple[DayOfPerson, ...] | None
     places: Places | None
 
 
@@ -140,18 +155,21 @@ def study_overview(
             first = min(max(first, overview.first_day_of(session, study.id) or first), last)
         window = overview.Window(session, study.id, first, last)
         counted, delays = window.days(), window.delays()
+        everybody = window.people()
+        is_small = everybody.everybody <= MOST_PERSONS and (last - first).days < MOST_DAYS_OF_PERSONS
         shown = _with_silence(counted, delays, window.spans(), first, last, today)
         return StudyOverview(
             study=study.code,
             first_day=first,
             last_day=last,
-            people=window.people(),
+            people=everybody,
             completeness=_completeness(shown, delays),
             days=shown,
             by_status={status: sum(day.by_status[status] for day in counted) for status in MEAL_STATUSES},
             waiting=overview.waiting_of(session, study.id),
             failures=overview.failures_of(session, study.id),
             nutrients=tuple(distribution(name, values) for name, values in window.nutrients().items()),
+            person_days=tuple(_days_of_persons(window, first, last, today)) if is_small else None,
             places=_places(window, study, sum(day.located_meals for day in counted)),
         )
 
@@ -258,6 +276,21 @@ def _with_silence(
         seconds = median(delays[local_date]) if local_date in delays else None
         found.append(OverviewDay(counts, expected, max(expected - counts.told, 0), seconds))
     return tuple(found)
+
+
+def _days_of_persons(window: overview.Window, first: date, last: date, today: date) -> Iterator[DayOfPerson]:
+    """Each participant's days, expected as `_with_silence` counts them."""
+    known = {(day.code, day.local_date): day for day in window.person_days()}
+    for person in window.persons():
+        left = person.withdrawn_at.astimezone(UTC).date() if person.withdrawn_at is not None else last
+        end = min(last, today, left)
+        for number in range((last - first).days + 1):
+            on = first + timedelta(days=number)
+            is_expected = person.first_day is not None and person.first_day <= on <= end
+            day = known.get((person.code, on))
+            if is_expected or day is not None:
+                is_closed, meals = (day.is_closed, day.meals) if day is not None else (False, 0)
+                yield DayOfPerson(person.code, on, is_expected, is_closed, meals)
 
 
 def _nothing_on(local_date: date) -> DayCounts:

@@ -103,6 +103,16 @@ class NutrientOut(BaseModel):
     days_above_bins: int
 
 
+class PersonDayOut(BaseModel):
+    """A participant's day, on which something was expected or is known."""
+
+    participant: str
+    local_date: date
+    expected: bool
+    closed: bool
+    meals: int
+
+
 class PlaceOut(BaseModel):
     """Where a meal was eaten, WGS84, rounded to three decimals of a degree."""
 
@@ -128,5 +138,8 @@ class OverviewOut(BaseModel):
     failures: list[FailureCountOut] = Field(description="Of the whole study, now; the commonest first.")
     nutrients: list[NutrientOut]
     histograms: list[BinOut]
+    person_days: list[PersonDayOut] = Field(
+        description="By participant and day; empty in a study of more than 60, or a window of more than 35 days."
+    )
     located_meals: int | None = Field(description="Null: the study keeps no places.")
     places: list[PlaceOut] = Field(description="Of the newest 2,000 located meals of the window.")

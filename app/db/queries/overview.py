@@ -98,6 +98,23 @@ class Place(NamedTuple):
     longitude: float
 
 
+class Person(NamedTuple):
+    """A participant, and from when their days are expected, if they have begun: their start, else the first told."""
+
+    code: str
+    first_day: date | None
+    withdrawn_at: datetime | None
+
+
+class PersonDay(NamedTuple):
+    """What is known of a participant's day."""
+
+    code: str
+    local_date: date
+    meals: int
+    is_closed: bool
+
+
 def last_day_of(session: Session, study_id: uuid.UUID, until: date) -> date | None:
     """The last local day, not behind `until`, that has a meal or a word."""
     found = [
@@ -138,6 +155,36 @@ class Window:
         ).one()
         active = sa.select(sa.func.count(self._day.c.participant_id.distinct())).where(self._day.c.meals > 0)
         return PeopleCounts(everybody, self._session.execute(active).scalar_one(), withdrawn)
+
+    def persons(self) -> list[Person]:
+        """All of the study, by code."""
+        first_meal = (
+            sa.select(sa.func.min(Meal.local_date)).where(Meal.participant_id == Participant.id).scalar_subquery()
+        )
+        first_closed = (
+            sa.select(sa.func.min(DiaryDay.local_date))
+            .where(DiaryDay.participant_id == Participant.id, DiaryDay.status == "closed")
+            .scalar_subquery()
+        )
+        query = (
+            sa.select(Participant.code, Participant.starts_on, first_meal, first_closed, Participant.withdrawn_at)
+            .where(Participant.study_id == self._study_id)
+            .order_by(Participant.code)
+        )
+        return [
+            Person(code, starts_on or min((day for day in told if day is not None), default=None), withdrawn_at)
+            for code, starts_on, *told, withdrawn_at in self._session.execute(query)
+        ]
+
+    def person_days(self) -> list[PersonDay]:
+        """The days that anything is known of, of each participant."""
+        day = self._day.c
+        query = sa.select(Participant.code, day.local_date, day.meals, day.status == "closed").join(
+            Participant, Participant.id == day.participant_id
+        )
+        return [
+            PersonDay(code, on, int(meals), bool(closed)) for code, on, meals, closed in self._session.execute(query)
+        ]
 
     def days(self) -> list[DayCounts]:
         """The days that anything is known of, in their order."""
@@ -266,10 +313,16 @@ def waiting_of(session: Session, study_id: uuid.UUID) -> dict[str, int]:
         .group_by(Meal.status)
     )
     found = {row[0]: row[1] for row in session.execute(query)}
+    # few meals have a term, of all studies together: coalesce keeps SQLite from looking through all of this study's,
+    # and IS NOT NULL would not be looked up in an index
+    is_of_study = sa.func.coalesce(Meal.study_id, study_id) == study_id
     is_not_there = sa.or_(Meal.after_status.is_(None), Meal.after_status.in_(AFTER_WAITED_FOR))
-    awaited = sa.and_(Meal.after_due_at > LONG_AGO, is_not_there)  # IS NOT NULL would not be looked up by SQLite
-    for name, condition in zip(AFTER_PAIRS, (awaited, Meal.after_status == "failed"), strict=True):
-        counted = sa.select(sa.func.count()).select_from(Meal).where(Meal.study_id == study_id, condition)
+    conditions = (
+        (is_of_study, Meal.after_due_at > LONG_AGO, is_not_there),
+        (Meal.study_id == study_id, Meal.after_status == "failed"),
+    )
+    for name, condition in zip(AFTER_PAIRS, conditions, strict=True):
+        counted = sa.select(sa.func.count()).select_from(Meal).where(*condition)
         found[name] = session.execute(counted).scalar_one()
     return {name: found.get(name, 0) for name in (*WAITING, *AFTER_PAIRS)}
 

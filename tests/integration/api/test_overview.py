@@ -95,6 +95,22 @@ def test_every_day_of_the_window_is_told_with_those_who_are_silent(client, admin
 
 
 @pytest.mark.usefixtures("eaten")
+def test_days_of_participants_add_up_to_the_days_of_the_study(client, admin, told_from):
+    told_from()
+    found = overview(client, admin)
+    for day in found["days"]:
+        rows = [row for row in found["person_days"] if row["local_date"] == day["local_date"]]
+        assert sum(row["meals"] for row in rows) == day["meals"]
+        expected = [row for row in rows if row["expected"]]
+        assert len(expected) == day["expected"]
+        assert sum(row["closed"] for row in expected) == day["told_closed"]
+        assert sum(bool(row["meals"]) and not row["closed"] for row in expected) == day["told_open"]
+        assert sum(not row["meals"] and not row["closed"] for row in expected) == day["silent"]
+    assert {row["participant"] for row in found["person_days"]} == {"P001", "P002"}
+    assert overview(client, admin, **{"from": "2026-10-01", "to": "2026-11-05"})["person_days"] == [], "36 days"
+
+
+@pytest.mark.usefixtures("eaten")
 def test_statuses_are_of_the_window_and_what_waits_is_of_the_study(client, admin, told_from):
     told_from()
     found = overview(client, admin, **{"from": "2026-11-01", "to": "2026-11-03"})
@@ -154,6 +170,9 @@ def test_participant_is_expected_from_their_start_until_they_left(enrol, state, 
         (0, 0, 0), (0, 0, 0), (1, 0, 1), (1, 1, 0), (1, 0, 1), (0, 0, 0), (0, 0, 0)
     ]  # fmt: skip
     assert found["participants"] == {"everybody": 1, "active": 1, "withdrawn": 1}
+    assert [(row["local_date"][-2:], row["expected"], row["meals"]) for row in found["person_days"]] == [
+        ("02", False, 1), ("03", True, 0), ("04", True, 1), ("05", True, 0)
+    ]  # fmt: skip
 
 
 def test_places_are_told_only_where_the_study_keeps_them(enrol, state, client, admin, told_from):

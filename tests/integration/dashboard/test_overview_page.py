@@ -107,6 +107,9 @@ def test_every_figure_of_the_page_is_the_api_s(told, html):
     assert table_of(html, "late") == values_of(days, "meals", "late_meals", "late_share", "median_delay_seconds")
     nutrients = ("days", "mean", "sd", "median", "minimum", "maximum")
     assert table_of(html, "nutrients") == values_of(told["nutrients"], *nutrients)
+    persons = [row["meals"] for row in told["person_days"] if row["meals"] or row["closed"]]
+    assert table_of(html, "persons") == persons
+    assert html.count('class="is-silent"') == sum(day["silent"] for day in days)
     bins = [row for row in told["histograms"] if row["component"] == "fat_g"]
     assert table_of(html, "histogram") == values_of(bins, "from_amount", "to_amount", "days")
     assert table_of(html, "places") == values_of(told["places"], "latitude", "longitude")
@@ -141,7 +144,7 @@ def test_files_of_the_page_have_the_rows_of_the_api_and_are_noted(client, admin,
     browser = sign_in_browser("rita", pilot="reviewer")
     links = {link.replace("&amp;", "&") for link in re.findall(r'href="([^"]+format=csv[^"]*)"', html)}
     parts = {re.search(r"part=(\w+)", link)[1]: link for link in links}
-    assert set(parts) == {"days", "histograms", "nutrients", "places"}
+    assert set(parts) == {"days", "histograms", "nutrients", "person_days", "places"}
     for part, link in parts.items():
         rows = list(csv.DictReader(io.StringIO(followed(browser, link))))
         assert rows == [
