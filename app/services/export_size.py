@@ -21,7 +21,7 @@ class RowsAbout:
 
 
 def rows_about(database: Database, study_id: uuid.UUID, spec: ExportSpec) -> RowsAbout | None:
-    """Rows by the filters that are cheap to count by; None: nobody knows. Of days nobody does."""
+    """Rows by the filters that are cheap to count by; None: of days and photographs, and else, nobody knows."""
     filters = spec.filters
     chosen = RecordFilter(
         study_ids=frozenset({study_id}),
@@ -35,10 +35,8 @@ def rows_about(database: Database, study_id: uuid.UUID, spec: ExportSpec) -> Row
         if spec.rows == "items":
             search = search_of(session, chosen)
             count = export_size.count_records(session, search, MOST_COUNTED + 1) if search is not None else 0
-        elif spec.rows == "days" or set(filters.set_names) - CHEAP:
-            return None
+        elif spec.rows == "meals" and not set(filters.set_names) - CHEAP:
+            count = export_size.count_meals(session, study_id, chosen, MOST_COUNTED + 1)
         else:
-            count = export_size.count_meals(
-                session, study_id, chosen, MOST_COUNTED + 1, photographs=spec.rows == "photographs"
-            )
+            return None
     return RowsAbout(min(count, MOST_COUNTED), count > MOST_COUNTED)

@@ -5,7 +5,7 @@ import uuid
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import Meal, MealImage, Participant
+from app.db.models import Meal, Participant
 from app.db.queries.record_pages import RecordFilter, RecordSearch
 
 
@@ -15,11 +15,9 @@ def count_records(session: Session, search: RecordSearch, most: int) -> int:
     return session.scalar(sa.select(sa.func.count()).select_from(page)) or 0
 
 
-def count_meals(session: Session, study_id: uuid.UUID, chosen: RecordFilter, most: int, *, photographs: bool) -> int:
-    """Meals, or their photographs, of a participant (None: of all) within local days, `most` at most."""
+def count_meals(session: Session, study_id: uuid.UUID, chosen: RecordFilter, most: int) -> int:
+    """Meals of a participant (None: of all) within local days, `most` at most."""
     query = sa.select(Meal.id).where(Meal.study_id == study_id)
-    if photographs:
-        query = query.join(MealImage, MealImage.meal_id == Meal.id)
     if chosen.participant_code is not None:
         query = query.join(Participant, Participant.id == Meal.participant_id)
         query = query.where(Participant.code == chosen.participant_code)
