@@ -17,6 +17,8 @@ from app.vision.model import EstimateOptions, PhotoPair
 from app.vision.pipeline import estimate_meal
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
 
+pytestmark = pytest.mark.slow
+
 STATIC = pathlib.Path(app.dashboard.__file__).parent / "static"
 BALL = Ball((115.0, 15.0), 33.0)
 PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>A meal</title>

@@ -7,6 +7,8 @@ from tests import estimates
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server
 from tests.estimates import found_item, identified_item
 
+pytestmark = pytest.mark.slow
+
 SQUARE = [[200.0, 150.0], [300.0, 150.0], [300.0, 250.0], [200.0, 250.0]]
 
 

@@ -7,6 +7,8 @@ from tests import estimates
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server
 from tests.estimates import found_item, unmeasured_item
 
+pytestmark = pytest.mark.slow
+
 MEALS = "/dashboard/studies/pilot/meals"
 
 

@@ -14,6 +14,8 @@ from app.db.models import Meal
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server
 from tests.integration.eaten_days import add_meal, eaten_item
 
+pytestmark = pytest.mark.slow
+
 ORIGIN = "http://127.0.0.1:9"  # nobody listens there: the test answers itself
 FIRST = date(2026, 11, 1)
 PATH = f"/dashboard/studies/pilot?from={FIRST}&to={FIRST + timedelta(days=5)}"

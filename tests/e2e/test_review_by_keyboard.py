@@ -9,6 +9,8 @@ from axe_playwright_python.sync_playwright import Axe
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server
 from tests.estimates import found_item, identified_item, unmeasured_item
 
+pytestmark = pytest.mark.slow
+
 CARD = ".review-card:not([hidden])"
 SETTLED_MS = 170  # a key that comes sooner after an item was shown is taken for one that was meant for the item before
 LIKELY = {"apple": 0.93, "pear": 0.04}  # the server takes it for an apple

@@ -8,6 +8,8 @@ import pytest
 
 from app.dashboard.templates import STATIC
 
+pytestmark = pytest.mark.slow
+
 ORIGIN = "http://127.0.0.1:9"  # nobody listens there: the test answers itself
 HARNESS = """
 const { ReviewQueue, newId } = await import("/review_queue.js");

@@ -16,6 +16,8 @@ from tests.e2e.dashboard_server import PASSWORD, dashboard_server, require
 from tests.e2e.processes import REPOSITORY
 from tests.estimates import found_item, unmeasured_item
 
+pytestmark = pytest.mark.slow
+
 PAGE = (REPOSITORY / "docs" / "scripts.md").read_text()
 HEADING_OR_BLOCK = re.compile(r"^#+ ([^\n]+)$|^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 COMMANDS = {"bash": ["bash", "-euo", "pipefail", "-c"], "python": [sys.executable, "-c"], "r": ["Rscript", "-e"]}
