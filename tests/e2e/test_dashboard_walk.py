@@ -40,6 +40,16 @@ SETTLED_MS = 170  # of review.js: a key that comes sooner is taken for one that 
 GPU = "GPU stall due to ReadPixels"  # what drawing by software costs
 OF_STUDY = "/dashboard/studies/{study}"
 MEAL = f"{OF_STUDY}/meals/{{participant}}/{{meal_id}}"
+# what sticks out of the window, where anything does: not what stands in a region that scrolls
+WIDER = """() => {
+  const width = document.documentElement.clientWidth;
+  if (document.documentElement.scrollWidth <= width) return null;
+  const cuts = (one) => getComputedStyle(one).overflowX !== "visible";
+  const scrolls = (one) => one !== null && (cuts(one) || scrolls(one.parentElement));
+  const out = [...document.body.querySelectorAll("*")].filter((one) =>
+    one.getBoundingClientRect().right > width + 1 && !scrolls(one.parentElement));
+  return out.slice(0, 3).map((one) => one.outerHTML.slice(0, 150));
+}"""
 # parts of pages that scripts ask for, forms' targets, and where one is led: no link leads there
 PARTS = {
     "/",
@@ -278,8 +288,8 @@ def test_every_page_is_linked_and_accessible_in_light_dark_and_on_a_phone(world,
                 for one in result["violations"]
                 if one["impact"] in ("serious", "critical")
             )
-            if page.evaluate("document.documentElement.scrollWidth > document.documentElement.clientWidth"):
-                found.append((route, scheme, width, "wider than the window"))
+            if wide := page.evaluate(WIDER):
+                found.append((route, scheme, width, "wider than the window", wide))
         page.set_viewport_size({"width": 1280, "height": 900})
 
     visited, linked = crawl(tab, "/dashboard", look)
