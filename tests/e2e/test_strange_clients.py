@@ -346,7 +346,7 @@ def test_pipelined_requests_are_answered_in_order(connect):
         (b"GET / HTTP/1.1\r\n\r\n", 400, "malformed_request"),
         (b"GET / HTTP/1.1\r\nHost: x\r\nHost: y\r\n\r\n", 400, "malformed_request"),
         (b"GET / HTTP/1.1\r\nHost: x\r\nX : y\r\n\r\n", 400, "malformed_request"),
-        (b"GET / HTTP/1.1\r\nHost: x\r\nA: b\r\n c: folded\r\n\r\n", 404, "not_found"),
+        (b"GET /nowhere HTTP/1.1\r\nHost: x\r\nA: b\r\n c: folded\r\n\r\n", 404, "not_found"),
         (b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n", 400, "malformed_request"),
         (b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n", 400, "malformed_request"),
         (
