@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from app.services.study_overview import USUAL_BINS, distribution
 
-AMOUNTS = st.integers(min_value=-10**7, max_value=10**8).map(lambda number: number / 1000)
+AMOUNTS = st.integers(min_value=-(10**7), max_value=10**8).map(lambda number: number / 1000)
 
 
 def of(values):
