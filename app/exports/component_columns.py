@@ -63,6 +63,17 @@ def wide_sums(components: Sequence[ComponentColumn]) -> Part:
     return Part("numbers", tuple(columns))
 
 
+def headline_sums(empty: str) -> Part:
+    """The same of the ten components that a record holds itself, over records that hold. empty: why a sum may be."""
+    columns: list[Column] = []
+    for one in HEADLINES:
+        columns += [
+            Column(one.name, "number", one.unit, f"Sum of {one.name} over records that hold.", empty=empty),
+            coverage_column(f"{one.name}_coverage", one.name),
+        ]
+    return Part("numbers", tuple(columns))
+
+
 def coverage_column(name: str, of: str) -> Column:
     """The column beside a sum."""
     return Column(name, "number", "1", COVERAGE.format(name=of), empty=NO_COVERAGE)

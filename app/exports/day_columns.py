@@ -1,8 +1,8 @@
 """The columns of exported days: a row a participant-day, as GET /v1/days has it."""
 
 from app.exports.columns import Column, Part
-from app.exports.component_columns import coverage_column
-from app.exports.record_columns import DAY_STATUSES, HEADLINES, LAYERS, LOCAL_DATE, PARTICIPANT, STUDY, STUDY_DAY
+from app.exports.component_columns import headline_sums
+from app.exports.record_columns import DAY_STATUSES, LAYERS, LOCAL_DATE, PARTICIPANT, STUDY, STUDY_DAY
 
 VERDICTS = ("low", "plausible", "high", "unknown")
 NO_SUM = "It is known of nothing that was eaten on the day. Never 0, but on a day when nothing was eaten."
@@ -63,19 +63,7 @@ COUNTS = Part(
         Column("consumed_g", "number", "g", "Edible grams eaten, summed over records that hold.", empty=NO_SUM),
     ),
 )
-SUMS = Part(
-    "numbers",
-    tuple(
-        column
-        for headline in HEADLINES
-        for column in (
-            Column(
-                headline.name, "number", headline.unit, f"Sum of {headline.name} over records that hold.", empty=NO_SUM
-            ),
-            coverage_column(f"{headline.name}_coverage", headline.name),
-        )
-    ),
-)
+SUMS = headline_sums(NO_SUM)
 PLAUSIBLE = Part(
     "shared",
     (

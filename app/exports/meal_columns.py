@@ -1,11 +1,10 @@
 """The columns of exported meals: a row a meal, with what its records that hold come to."""
 
 from app.exports.columns import Column, Part
-from app.exports.component_columns import coverage_column
+from app.exports.component_columns import headline_sums
 from app.exports.record_columns import (
     CAPTURED_AT,
     DAY_STATUS,
-    HEADLINES,
     LOCAL_DATE,
     MEAL_ID,
     PARTICIPANT,
@@ -84,19 +83,7 @@ COUNTS = Part(
         Column("consumed_g", "number", "g", "Edible grams eaten, summed over records that hold.", empty=NO_SUM),
     ),
 )
-SUMS = Part(
-    "numbers",
-    tuple(
-        column
-        for headline in HEADLINES
-        for column in (
-            Column(
-                headline.name, "number", headline.unit, f"Sum of {headline.name} over records that hold.", empty=NO_SUM
-            ),
-            coverage_column(f"{headline.name}_coverage", headline.name),
-        )
-    ),
-)
+SUMS = headline_sums(NO_SUM)
 MEAL_RUN = Part(
     "shared",
     (
