@@ -9,8 +9,8 @@ from app.api.deps import CurrentStaff, State
 from app.api.flat_list import ListRoute
 from app.api.problems import problem_responses
 from app.api.schemas.adequacy import AdequacyOut, StageAdequacyOut, VariancesOut
-from app.errors import InvalidInputError
 from app.services.adequacy import StageAdequacy, judge_study
+from app.services.day_order import require_order
 
 router = APIRouter(prefix="/v1/studies", tags=["days"], route_class=ListRoute)
 
@@ -30,8 +30,7 @@ def get_adequacy(
     last_day: LastDay = None,
 ) -> AdequacyOut:
     """Each life stage's persons, days, variances, and the share below the EAR, or why it cannot be told."""
-    if first_day and last_day and first_day > last_day:
-        raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
+    require_order(first_day, last_day)
     judged = judge_study(state.database, staff, study, component, first_day=first_day, last_day=last_day)
     return AdequacyOut(
         number=judged.component.number,

@@ -25,8 +25,8 @@ from app.api.schemas.days import (
     PlausibilityOut,
 )
 from app.db.queries.days import DayFilter
-from app.errors import InvalidInputError
 from app.services import day_summaries, diary
+from app.services.day_order import require_order
 from app.services.diary import Whose, Word
 from app.services.export_days import day_values, decided_by
 from app.services.export_spec import ExportFilters, ExportSpec
@@ -126,7 +126,7 @@ def get_days(
     if output is not None:
         filters = ExportFilters(study, participant, first_day, last_day)
         return answer_file(state, caller, ExportSpec("days", layout, output, components, filters), "days")
-    _check_order(first_day, last_day)
+    require_order(first_day, last_day)
     chosen = DayFilter(study_code=study, participant_code=participant, first_day=first_day, last_day=last_day)
     page = day_summaries.list_day_summaries(state.database, caller, chosen, cursor=cursor, limit=limit)
     body = DaySummaryPage(
@@ -147,7 +147,7 @@ def get_intakes(
     cursor: Cursor = None,
 ) -> IntakePage:
     """Each participant's mean daily intake over closed days; open days are left out and counted."""
-    _check_order(first_day, last_day)
+    require_order(first_day, last_day)
     page = day_summaries.list_intakes(
         state.database, staff, study, first_day=first_day, last_day=last_day, cursor=cursor, limit=limit
     )
@@ -200,8 +200,3 @@ def _intake_out(intake: day_summaries.Intake) -> IntakeOut:
         },
         plausibility=PlausibilityOut(**asdict(intake.plausibility)),
     )
-
-
-def _check_order(first_day: date | None, last_day: date | None) -> None:
-    if first_day and last_day and first_day > last_day:
-        raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")

@@ -34,6 +34,7 @@ from app.db.queries.meal_pages import MealFilter
 from app.db.queries.meal_rows import MealRow
 from app.errors import InvalidInputError
 from app.services.caller import Caller, DeviceCaller
+from app.services.day_order import require_order
 from app.services.export_spec import ExportFilters, ExportSpec
 from app.services.list_meals import MOST_WATCHED, changed_meals, count_meals, list_meals, sums_of
 from app.services.studies import read_study
@@ -113,8 +114,7 @@ def get_meals(
         )
         spec = ExportSpec("meals", layout, output, components, filters, provenance)
         return answer_file(state, caller, spec, "meals")
-    if first_day and last_day and first_day > last_day:
-        raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
+    require_order(first_day, last_day)
     chosen = MealFilter(
         study_code=study,
         participant_code=participant,

@@ -22,7 +22,7 @@ from app.api.problems import problem_responses
 from app.api.render import render_record
 from app.api.schemas.records import RecordPage
 from app.db.queries.record_pages import RecordFilter
-from app.errors import InvalidInputError
+from app.services.day_order import require_order
 from app.services.export_spec import ExportFilters, ExportSpec
 from app.services.list_records import list_records
 
@@ -68,8 +68,7 @@ def get_records(
         )
         spec = ExportSpec("items", layout, output, components, filters, provenance)
         return answer_file(state, caller, spec, "records")
-    if first_day and last_day and first_day > last_day:
-        raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
+    require_order(first_day, last_day)
     chosen = RecordFilter(
         study_code=study,
         participant_code=participant,

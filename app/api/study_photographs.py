@@ -12,7 +12,7 @@ from app.api.paging import Cursor, Limit, next_page
 from app.api.problems import problem_responses
 from app.api.schemas.photographs import PhotographOut, PhotographPage
 from app.db.queries.meal_pages import MealFilter
-from app.errors import InvalidInputError
+from app.services.day_order import require_order
 from app.services.export_spec import ExportFilters, ExportSpec
 from app.services.list_photographs import list_photographs
 
@@ -44,8 +44,7 @@ def get_photographs(
     if output is not None:
         filters = ExportFilters(study, participant, first_day, last_day)
         return answer_file(state, caller, ExportSpec("photographs", output=output, filters=filters), "photographs")
-    if first_day and last_day and first_day > last_day:
-        raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
+    require_order(first_day, last_day)
     chosen = MealFilter(study_code=study, participant_code=participant, first_day=first_day, last_day=last_day)
     page = list_photographs(state.database, caller, chosen, cursor=cursor, limit=limit)
     body = PhotographPage(items=[PhotographOut(**row) for row in page.rows], next=next_page(request, page.cursor))

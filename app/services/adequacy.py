@@ -12,17 +12,17 @@ from dataclasses import dataclass, field
 from datetime import date
 from typing import TYPE_CHECKING, Literal
 
-from app.db.queries import intakes, people
+from app.db.queries import intakes
 from app.db.queries.days import Amount, DayFilter
 from app.db.queries.intakes import ClosedDay
 from app.db.session import Database
-from app.errors import InvalidInputError, NotFoundError
+from app.errors import InvalidInputError
 from app.nutrition.components import COMPONENT_BY_NUMBER, ENERGY_NUMBERS, NUMBER_BY_TAGNAME, Component
 from app.nutrition.life_stage import LifeStage, life_stage
 from app.nutrition.reference_intakes import ReferenceIntake, reference_intakes
-from app.services.access import require_study
 from app.services.caller import Caller
 from app.services.food_amounts import RECORD_COLUMNS
+from app.services.studies import enter_study
 from app.services.study_days import person_on
 
 if TYPE_CHECKING:
@@ -96,10 +96,7 @@ def judge_study(
     """Judge a component by number, tagname or record's column. Raises NotFoundError, InvalidInputError."""
     found = _component(component)
     with database.read() as session:
-        study = people.find_study(session, study_code)
-        if study is None:
-            raise NotFoundError("There is no such study.")
-        require_study(caller, study.id)
+        study = enter_study(session, caller, study_code)
         chosen = DayFilter(study_ids=frozenset({study.id}), first_day=first_day, last_day=last_day)
         closed = intakes.closed_days(session, study.id, first_day, last_day)
         amounts = intakes.component_by_day(session, chosen, found.number, LESS.get(found.number))

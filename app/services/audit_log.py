@@ -6,13 +6,13 @@ from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 
 from app.db.models import AuditEvent
-from app.db.queries import people, privacy
+from app.db.queries import privacy
 from app.db.queries.privacy import AuditFilter
 from app.db.session import Database
-from app.errors import InvalidInputError, NotFoundError
-from app.services.access import require_study
 from app.services.caller import StaffCaller
 from app.services.cursors import WHOLE_NUMBER, Page, decode_cursor, encode_cursor
+from app.services.day_order import require_order
+from app.services.studies import enter_study
 
 STREAM_PAGE = 1000
 
@@ -40,15 +40,11 @@ def read_audit(
 
     Raises NotFoundError, NotAllowedError, InvalidInputError for a cursor of other filters.
     """
-    if since is not None and until is not None and since > until:
-        raise InvalidInputError(f"from ({since}) lies after to ({until}).", code="days_reversed")
+    require_order(since, until)
     chosen = AuditFilter(action=action, since=since, until=until)
     with database.read() as session:
         if study_code is not None:
-            study = people.find_study(session, study_code)
-            if study is None:
-                raise NotFoundError("There is no such study.")
-            require_study(caller, study.id)
+            study = enter_study(session, caller, study_code)
             chosen = replace(chosen, study_id=study.id)
         listed = "audit " + json.dumps(asdict(chosen), default=str, sort_keys=True)
         after = decode_cursor(listed, cursor, WHOLE_NUMBER)

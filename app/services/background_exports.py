@@ -14,18 +14,19 @@ from datetime import UTC, datetime
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from app.db.models import Export, Study
+from app.db.models import Export
 from app.db.models.export import UNDER_WAY
-from app.db.queries import exports, people, privacy
+from app.db.queries import exports, privacy
 from app.db.queries.exports import AskedExport
 from app.db.session import Database
 from app.errors import ConflictError, GoneError, NotAllowedError, NotFoundError, RateLimitedError
 from app.services import audit
-from app.services.access import require_study, role_in
+from app.services.access import role_in
 from app.services.caller import StaffCaller
 from app.services.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
 from app.services.export_spec import ExportSpec, check_spec, spec_as_json, spec_of_json
 from app.services.stored_file import StoredFile
+from app.services.studies import enter_study
 from app.settings import Settings
 
 RETRY_AFTER_SECONDS = 60
@@ -45,7 +46,7 @@ def request_export(
     spec_sha256 = hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
     try:
         with database.write() as session:
-            study = _study(session, caller, study_code)
+            study = enter_study(session, caller, study_code)
             there = exports.same_under_way(session, study.id, caller.staff_id, spec_sha256)
             if there is not None:
                 return AskedExport(there, caller.name), False
@@ -79,7 +80,7 @@ def request_export(
             )
     except IntegrityError:  # the same at the same moment: the index lets one in
         with database.read() as session:
-            study = _study(session, caller, study_code)
+            study = enter_study(session, caller, study_code)
             there = exports.same_under_way(session, study.id, caller.staff_id, spec_sha256)
         if there is None:
             raise
@@ -94,7 +95,7 @@ def list_exports(
     listed = f"exports of {study_code}"
     after = decode_cursor(listed, cursor, INSTANT, ID)
     with database.read() as session:
-        study = _study(session, caller, study_code)
+        study = enter_study(session, caller, study_code)
         found = exports.page_of_exports(session, study.id, after=after, limit=limit + 1)
     if len(found) <= limit:
         return Page(found, None)
@@ -145,18 +146,10 @@ def remove_export(database: Database, caller: StaffCaller, study_code: str, expo
         audit.note(session, caller, "export.remove", study_id=export.study_id, subject=str(export.id), was=was)
 
 
-def _study(session: Session, caller: StaffCaller, code: str) -> Study:
-    study = people.find_study(session, code)
-    if study is None:
-        raise NotFoundError("There is no such study.")
-    require_study(caller, study.id)
-    return study
-
-
 def _find(
     session: Session, caller: StaffCaller, study_code: str, export_id: uuid.UUID, *, lock: bool = False
 ) -> AskedExport:
-    study = _study(session, caller, study_code)
+    study = enter_study(session, caller, study_code)
     found = exports.find_export(session, study.id, export_id, lock=lock)
     if found is None:
         raise NotFoundError("There is no such export in this study.")

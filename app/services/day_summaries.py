@@ -7,15 +7,15 @@ from datetime import date
 
 from sqlalchemy.orm import Session
 
-from app.db.queries import days, intakes, people
+from app.db.queries import days, intakes
 from app.db.queries.days import DayFilter
 from app.db.queries.intakes import IntakeRow
 from app.db.session import Database
-from app.errors import NotFoundError
 from app.nutrition.plausible_energy import Plausibility
-from app.services.access import require_study, visible_studies
+from app.services.access import visible_studies
 from app.services.caller import Caller, DeviceCaller
 from app.services.cursors import DAY, ID, TEXT, Page, decode_cursor, encode_cursor
+from app.services.studies import enter_study
 from app.services.study_days import StudyDay, judge_days, number_days
 
 STREAM_PAGE = 1000  # rows a query while streaming
@@ -77,10 +77,7 @@ def list_intakes(
     listed = f"intakes of {study_code} from {first_day} to {last_day}"
     after = decode_cursor(listed, cursor, TEXT)
     with database.read() as session:
-        study = people.find_study(session, study_code)
-        if study is None:
-            raise NotFoundError("There is no such study.")
-        require_study(caller, study.id)
+        study = enter_study(session, caller, study_code)
         rows = intakes.page_of_intakes(
             session, study.id, first_day=first_day, last_day=last_day, after=after, limit=limit + 1
         )

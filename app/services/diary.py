@@ -23,6 +23,7 @@ from app.services.access import require_study
 from app.services.announce import announce_day
 from app.services.audit import note
 from app.services.caller import Caller, DeviceCaller
+from app.services.day_order import require_order
 from app.services.meal_time import EARLIEST, latest_day
 from app.services.study_days import StudyDay, number_days
 from app.services.withdraw import has_left
@@ -122,8 +123,7 @@ def day_range(first_day: date | None, last_day: date | None, now: datetime) -> t
         last_day = today if first_day is None else max(first_day, min(today, _plus(first_day, MAX_RANGE_DAYS - 1)))
     if first_day is None:
         first_day = _plus(last_day, 1 - USUAL_RANGE_DAYS)
-    if first_day > last_day:
-        raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
+    require_order(first_day, last_day)
     if (last_day - first_day).days >= MAX_RANGE_DAYS:
         raise InvalidInputError(
             f"At most {MAX_RANGE_DAYS} days at once.", code="days_too_many", limit_days=MAX_RANGE_DAYS

@@ -9,6 +9,7 @@ from datetime import date
 from typing import Any, Literal, get_args
 
 from app.errors import InvalidInputError
+from app.services.day_order import require_order
 
 Rows = Literal["items", "meals", "days", "photographs"]
 Layout = Literal["wide", "long"]
@@ -92,8 +93,7 @@ def check_spec(spec: ExportSpec) -> None:
     if others:
         raise _not_offered(f"No filter of {spec.rows}: {', '.join(others)}.")
     first_day, last_day = spec.filters.first_day, spec.filters.last_day
-    if first_day is not None and last_day is not None and first_day > last_day:
-        raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
+    require_order(first_day, last_day)
 
 
 def spec_as_json(spec: ExportSpec) -> dict[str, Any]:

@@ -12,18 +12,19 @@ from typing import Literal
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from app.db.models import Release, Study
-from app.db.queries import people, releases
+from app.db.models import Release
+from app.db.queries import releases
 from app.db.queries.releases import NamedRelease
 from app.db.session import Database
-from app.errors import ConflictError, InvalidInputError, NotFoundError, UnavailableError
+from app.errors import ConflictError, NotFoundError, UnavailableError
 from app.services import audit
-from app.services.access import require_study
 from app.services.caller import StaffCaller
 from app.services.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
+from app.services.day_order import require_order
 from app.services.freeze_release import ReleaseFilters
 from app.services.release_files import checksum_of
 from app.services.stored_file import StoredFile
+from app.services.studies import enter_study
 from app.storage.blob_store import BlobDamagedError, BlobMissingError, BlobStore
 
 CHANGING_RETRY_SECONDS = 10
@@ -61,13 +62,12 @@ def request_release(
     failed was never anybody's: it may be asked for again.
     """
     first_day, last_day = filters.first_day, filters.last_day
-    if first_day is not None and last_day is not None and first_day > last_day:
-        raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
+    require_order(first_day, last_day)
     taken = ConflictError(f"The study has a release {name!r}, or is making it.", code="release_exists")
     now = datetime.now(UTC)
     try:
         with database.write() as session:
-            study = _study(session, caller, study_code)
+            study = enter_study(session, caller, study_code)
             there = releases.find_release(session, study.id, name, lock=True)
             if there is not None and (there.release.state != "failed" or there.release.checksum is not None):
                 raise taken
@@ -103,7 +103,7 @@ def list_releases(
     listed = f"releases of {study_code}"
     after = decode_cursor(listed, cursor, INSTANT, ID)
     with database.read() as session:
-        study = _study(session, caller, study_code)
+        study = enter_study(session, caller, study_code)
         found = releases.page_of_releases(session, study.id, after=after, limit=limit + 1)
     if len(found) <= limit:
         return Page(found, None)
@@ -167,16 +167,8 @@ def _sha256_of(blobs: BlobStore, key: str) -> str | None:
     return digest.hexdigest()
 
 
-def _study(session: Session, caller: StaffCaller, code: str) -> Study:
-    study = people.find_study(session, code)
-    if study is None:
-        raise NotFoundError("There is no such study.")
-    require_study(caller, study.id)
-    return study
-
-
 def _find(session: Session, caller: StaffCaller, study_code: str, name: str) -> NamedRelease:
-    study = _study(session, caller, study_code)
+    study = enter_study(session, caller, study_code)
     found = releases.find_release(session, study.id, name)
     if found is None:
         raise NotFoundError("There is no such release in this study.")

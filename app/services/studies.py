@@ -7,12 +7,13 @@ from datetime import UTC, datetime
 from typing import Any
 
 from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
 
 from app.db.models import Study
 from app.db.queries import people
 from app.db.session import Database
 from app.errors import ConflictError, InvalidInputError, NotFoundError, PreconditionFailedError
-from app.services.access import known_studies
+from app.services.access import known_studies, require_study
 from app.services.audit import note
 from app.services.caller import Caller, StaffCaller
 from app.services.cursors import TEXT, Page, decode_cursor, encode_cursor
@@ -107,6 +108,13 @@ def change_study(
                 version=study.version,
             )
         return study
+
+
+def enter_study(session: Session, caller: Caller, code: str) -> Study:
+    """The study of this code, which the caller may enter. Raises NotFoundError, NotAllowedError (a role too low)."""
+    study = known_study(people.find_study(session, code))
+    require_study(caller, study.id)
+    return study
 
 
 def known_study(study: Study | None) -> Study:

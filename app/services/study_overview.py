@@ -20,10 +20,11 @@ from app.db.queries.overview import DayCounts, PeopleCounts, Place, Span
 from app.db.session import Database
 from app.errors import InvalidInputError, NotFoundError
 from app.services import audit
-from app.services.access import require_study
 from app.services.caller import Caller, StaffCaller
+from app.services.day_order import require_order
 from app.services.diary import MAX_RANGE_DAYS
 from app.services.meal_time import latest_day
+from app.services.studies import enter_study
 
 USUAL_DAYS = 28
 MOST_PLACES = 2000
@@ -144,10 +145,7 @@ def study_overview(
     Raises NotFoundError, InvalidInputError (`days_reversed`, `days_too_many`).
     """
     with database.read() as session:
-        study = people.find_study(session, study_code)
-        if study is None:
-            raise NotFoundError("There is no such study.")
-        require_study(caller, study.id)
+        study = enter_study(session, caller, study_code)
         today = latest_day(now or datetime.now(UTC))
         latest = overview.last_day_of(session, study.id, today) if last_day is None else None
         first, last = _window(first_day, last_day, latest or today, days)
@@ -177,10 +175,7 @@ def study_overview(
 def study_waiting(database: Database, caller: Caller, study_code: str) -> tuple[dict[str, int], dict[str, int]]:
     """(waiting, failures) of an overview at this moment. Raises NotFoundError."""
     with database.read() as session:
-        study = people.find_study(session, study_code)
-        if study is None:
-            raise NotFoundError("There is no such study.")
-        require_study(caller, study.id)
+        study = enter_study(session, caller, study_code)
         return overview.waiting_of(session, study.id), overview.failures_of(session, study.id)
 
 
@@ -242,8 +237,7 @@ def _window(
             last_day = first_day + timedelta(days=MAX_RANGE_DAYS - 1)
     if first_day is None:
         first_day = date.fromordinal(max(last_day.toordinal() - (days or MAX_RANGE_DAYS) + 1, 1))
-    if first_day > last_day:
-        raise InvalidInputError(f"from ({first_day}) lies after to ({last_day}).", code="days_reversed")
+    require_order(first_day, last_day)
     if (last_day - first_day).days >= MAX_RANGE_DAYS:
         raise InvalidInputError(
             f"At most {MAX_RANGE_DAYS} days at once.", code="days_too_many", limit_days=MAX_RANGE_DAYS

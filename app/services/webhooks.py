@@ -10,16 +10,15 @@ from sqlalchemy.orm import Session
 from app.db import outbox
 from app.db.models import Study, Webhook, WebhookDelivery
 from app.db.models.webhook import PING
-from app.db.queries import people
 from app.db.queries import webhooks as sql
 from app.db.session import Database
 from app.errors import ConflictError, NotFoundError, PreconditionFailedError
 from app.services import audit
-from app.services.access import require_study
 from app.services.caller import StaffCaller
 from app.services.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
 from app.services.safe_address import parse_target, resolve_safely
 from app.services.secret_box import SecretBox, SecretKeyError
+from app.services.studies import enter_study
 from app.services.webhook_signature import SigningSecrets, new_secret, open_secrets, seal_secrets
 from app.settings import Settings
 
@@ -49,7 +48,7 @@ class Webhooks:
         self._check_url(url)
         secret, now = new_secret(), datetime.now(UTC)
         with self._database.write() as session:
-            study = _study(session, caller, study_code)
+            study = enter_study(session, caller, study_code)
             _require_room(session, study)
             hook = Webhook(
                 id=uuid.uuid4(),
@@ -67,7 +66,7 @@ class Webhooks:
     def list(self, caller: StaffCaller, study_code: str) -> list[Webhook]:
         """The study's webhooks, the newest first."""
         with self._database.read() as session:
-            return sql.list_webhooks(session, _study(session, caller, study_code).id, LISTED)
+            return sql.list_webhooks(session, enter_study(session, caller, study_code).id, LISTED)
 
     def read(self, caller: StaffCaller, study_code: str, webhook_id: uuid.UUID) -> Webhook:
         """One webhook."""
@@ -204,18 +203,10 @@ class Webhooks:
             return SigningSecrets(new_secret())
 
 
-def _study(session: Session, caller: StaffCaller, code: str) -> Study:
-    study = people.find_study(session, code)
-    if study is None:
-        raise NotFoundError("There is no such study.")
-    require_study(caller, study.id)
-    return study
-
-
 def _webhook(
     session: Session, caller: StaffCaller, study_code: str, webhook_id: uuid.UUID, *, lock: bool = False
 ) -> Webhook:
-    study = _study(session, caller, study_code)
+    study = enter_study(session, caller, study_code)
     hook = sql.find_webhook(session, study.id, webhook_id, lock=lock)
     if hook is None:
         raise NotFoundError("The study has no such webhook.")

@@ -17,12 +17,12 @@ from app.db.queries import jobs, people, privacy, records
 from app.db.session import despite_deadlocks
 from app.errors import ConflictError, GoneError, NotFoundError
 from app.services import announce, audit
-from app.services.access import require_study
 from app.services.caller import Caller, DeviceCaller, StaffCaller
 from app.services.erase import PHOTOGRAPH_ERASED, Eraser, add_receipt, erase_meals, erase_pictures, public_digest
 from app.services.erase_files import erase_person_from_files
 from app.services.erasure_ledger import DEEDS, Deed, Erasure, digest_of
 from app.services.project_records import project_meal
+from app.services.studies import enter_study
 
 WITHDRAWN = "withdrawn"  # stands where a name stood
 KEPT_DETAILS = ("captured_at", "time_zone", "marker", "camera")
@@ -52,10 +52,7 @@ def withdraw_participant(eraser: Eraser, caller: StaffCaller, study_code: str, p
     """
     done = ConflictError("This participant left the study before, by the same policy.", code="participant_withdrawn")
     with eraser.database.read() as session:
-        study = people.find_study(session, study_code)
-        if study is None:
-            raise NotFoundError("There is no such study.")
-        require_study(caller, study.id)
+        study = enter_study(session, caller, study_code)
         participant = people.find_participant(session, study.id, participant_code)
         if participant is None:
             raise NotFoundError("There is no such participant in this study.")
