@@ -78,7 +78,7 @@ class ListRoute(APIRoute):
         """Of the endpoint's `limit`; None: the list comes whole."""
         for field in self.dependant.query_params:
             if field.alias == "limit":
-                return next(one.le for one in field.field_info.metadata if hasattr(one, "le"))  # type: ignore[no-any-return]
+                return int(next(one.le for one in field.field_info.metadata if hasattr(one, "le")))
         return None
 
 

@@ -289,7 +289,7 @@ def coordinates() -> tuple[Any, Any]:
     """Longitude and latitude of a meal whose study keeps locations; for a query of meals with their Study."""
     keeps = Study.location_policy != "drop"  # a study that keeps them no longer does not show those that it has
     place = Meal.details["location"]
-    return tuple(sa.case((keeps, place[name].as_float())) for name in ("longitude", "latitude"))  # type: ignore[return-value]
+    return tuple(sa.case((keeps, place[name].as_float())) for name in ("longitude", "latitude"))  # type: ignore[return-value]  # two of them
 
 
 def point_of(longitude: float | None, latitude: float | None) -> tuple[float | None, float | None]:
