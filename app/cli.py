@@ -252,15 +252,20 @@ def records_rebuild(
     check: Annotated[bool, typer.Option("--check", help="Only compare; change nothing.")] = False,
 ) -> None:
     """Build the effective records again from runs and items, and the days' sums; or check that they are as built."""
-    from app.services.day_sums import compare_days
+    from app.services.day_sums import compare_days, compare_study_days
     from app.services.rebuild_records import rebuild_records
 
     with opened_database() as database:
         found = rebuild_records(database, write=not check)
         days = compare_days(database, write=not check)
+        study_days = compare_study_days(database, write=not check)
     print(f"{found.compared} records compared, {found.different} differ" + ("" if check else ", rebuilt"))
     print(f"{days.compared} days compared, {days.different} differ" + ("" if check else ", rebuilt"))
-    raise SystemExit(1 if check and (found.different or days.different) else 0)
+    print(
+        f"{study_days.compared} days of studies compared, {study_days.different} differ"
+        + ("" if check else ", rebuilt")
+    )
+    raise SystemExit(1 if check and (found.different or days.different or study_days.different) else 0)
 
 
 @records_cli.command("recompute")

@@ -26,8 +26,8 @@ from app.api.schemas.overview import (
 )
 from app.errors import InvalidInputError
 from app.exports.flat_rows import encode_flat, flat_paths
+from app.services.distribution import Distribution
 from app.services.study_overview import (
-    Distribution,
     OverviewDay,
     StudyOverview,
     note_overview_export,

@@ -17,7 +17,14 @@ from app.dashboard.addresses import study_address
 from app.dashboard.headline import HEADLINES
 from app.dashboard.page import CurrentPage
 from app.errors import InvalidInputError
-from app.services.study_overview import DayOfPerson, Places, StudyOverview, study_overview, study_waiting
+from app.services.study_overview import (
+    USUAL_DAYS,
+    DayOfPerson,
+    Places,
+    StudyOverview,
+    study_overview,
+    study_waiting,
+)
 
 router = APIRouter(include_in_schema=False)
 
@@ -47,12 +54,13 @@ def get_overview_page(
     """The page, of the days from `from` to `to`; else of so many up to the last that anything is known of."""
     chosen = "" if first or last else days or USUAL
     wrong = ""
-    try:
-        found = _found(page, study, first, last, days)
-    except InvalidInputError as error:
-        found, wrong = _found(page, study, None, None, USUAL), error.message
     at = next((n for n, each in enumerate(HEADLINES) if each.column == component), 0)
-    nutrient = next(each for each in found.nutrients if each.column == HEADLINES[at].column)
+    column = HEADLINES[at].column
+    try:
+        found = _found(page, study, first, last, days, column)
+    except InvalidInputError as error:
+        found, wrong = _found(page, study, None, None, USUAL, column), error.message
+    nutrient = next(each for each in found.nutrients if each.column == column)
     window = {"from": found.first_day.isoformat(), "to": found.last_day.isoformat()}
 
     def file(part: Part, output: str = "csv") -> str:
@@ -108,10 +116,13 @@ def get_waiting(page: CurrentPage, study: str) -> Response:
     return page.render("overview_waiting.html", waiting=waiting, failures=failures, is_moving=_is_moving(waiting))
 
 
-def _found(page: CurrentPage, study: str, first: date | None, last: date | None, days: str | None) -> StudyOverview:
-    if first is None and last is None:
-        return study_overview(page.state.database, page.caller, study, days=DAYS[days or USUAL])
-    return study_overview(page.state.database, page.caller, study, first_day=first, last_day=last)
+def _found(
+    page: CurrentPage, study: str, first: date | None, last: date | None, days: str | None, column: str
+) -> StudyOverview:
+    length = DAYS[days or USUAL] if first is None and last is None else USUAL_DAYS
+    return study_overview(
+        page.state.database, page.caller, study, first_day=first, last_day=last, days=length, binned=column
+    )
 
 
 def _persons(found: StudyOverview) -> dict[str, dict[date, DayOfPerson]]:

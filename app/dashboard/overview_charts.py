@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from app.dashboard.headline import Headline
-from app.services.study_overview import Distribution, OverviewDay
+from app.services.distribution import Distribution
+from app.services.study_overview import OverviewDay
 
 Chart = dict[str, Any]
 

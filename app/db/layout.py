@@ -19,7 +19,9 @@ from app.db.session import Database
 
 ColumnType = Literal["uuid", "instant", "date", "json", "bytes", "float", "integer", "boolean", "text"]
 # the schema's own; claims to be alive now; what is counted anew from the rest; files that are made again for the asking
-OF_NO_WORTH_LATER = frozenset({"alembic_version", "worker_lease", "day_sum", "day_mark", "export"})
+OF_NO_WORTH_LATER = frozenset(
+    {"alembic_version", "worker_lease", "day_sum", "day_mark", "study_day_sum", "study_day_mark", "export"}
+)
 
 
 class RawJson(sa.types.UserDefinedType[str]):

@@ -26,6 +26,9 @@ BUSY_TIMEOUT_SECONDS = 30.0  # a writer waits this long for another writer on SQ
 CONNECT_SECONDS = 10  # PostgreSQL: to a host that does not answer
 # PostgreSQL: a host that vanished (no FIN, no RST) is noticed within a minute, also in the middle of a statement
 TCP_LIVENESS = {"keepalives_idle": 30, "keepalives_interval": 10, "keepalives_count": 3, "tcp_user_timeout": 60_000}
+# PostgreSQL: plans made for the values of each question (one for any day or filter reads a whole study where a day was
+# asked for), and no compiling of statements, which takes longer than they do
+PG_SESSION = "-c timezone=UTC -c plan_cache_mode=force_custom_plan -c jit=off"
 PG_DATA_EXCEPTION = "22"  # class of SQLSTATEs: a value that cannot be
 PG_DEADLOCK = "40P01"
 DEADLOCK_TRIES = 5
@@ -84,7 +87,7 @@ class Database:
                 pool_pre_ping=True,
                 hide_parameters=True,
                 connect_args={
-                    "options": f"-c statement_timeout={int(limits.statement_seconds * 1000)} -c timezone=UTC",
+                    "options": f"{PG_SESSION} -c statement_timeout={int(limits.statement_seconds * 1000)}",
                     "connect_timeout": CONNECT_SECONDS,
                     **TCP_LIVENESS,
                 },

@@ -10,7 +10,7 @@ from app.metrics import instruments
 from app.services import orphan_rounds
 from app.services.after_windows import AfterWindows
 from app.services.clock_jumps import ClockJumps
-from app.services.day_sums import write_sums
+from app.services.day_sums import write_study_sums, write_sums
 from app.services.delete_blobs import BlobDeleter
 from app.services.deliver_webhooks import DeliverWebhooks
 from app.services.erase import Eraser
@@ -69,5 +69,6 @@ def worker_chores(
         Chore("make_files", 1.0, files.look, at_end=files.stop),
         Chore("expire_exports", 60.0, lambda: expire_exports(database)),
         Chore("write_day_sums", 1.0, lambda: write_sums(database)),
+        Chore("write_study_day_sums", 20.0, lambda: write_study_sums(database)),
         Chore("prune_jobs", 60.0, lambda: prune_jobs(database, settings.job_history_days)),
     ]

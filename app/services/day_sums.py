@@ -1,18 +1,20 @@
-"""The kept sums of participant-days (DaySum): written in the background where a day has changed, and checked.
+"""The kept sums of days (DaySum of participants, StudyDaySum of studies): written where a day has changed, and checked.
 
-A change of a meal, a record or a word leaves a mark in its own transaction (triggers). Whoever reads counts marked days
-itself, so that what is told is right at any moment; here the marks are worked off, so that there are few to count.
+A change of a meal, a record or a word leaves a mark in its own transaction (triggers), and the writing of a
+participant's day one of the study's. Whoever reads counts marked days itself, so that what is told is right at any
+moment; here the marks are worked off in the background, so that there are few to count.
 """
 
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from sqlalchemy.orm import Session
 
-from app.db.queries import day_sums
+from app.db.queries import day_sums, study_day_sums
+from app.db.queries.study_day_sums import CountedDay
 from app.db.session import Database
 
 ROUND_SECONDS = 2.0  # then the worker's other chores have their turn
@@ -46,9 +48,27 @@ def write_sums(database: Database, seconds: float = ROUND_SECONDS, marks_a_turn:
             return done
 
 
+def write_study_sums(database: Database, seconds: float = ROUND_SECONDS) -> int:
+    """Write the sums of marked days of studies, a day in one transaction, for so long at most. Returns how many."""
+    done, until = 0, time.monotonic() + seconds
+    while True:
+        with database.read() as session:
+            if study_day_sums.next_marked(session) is None:
+                return done
+        with database.write() as session:
+            marked = study_day_sums.next_marked(session) if day_sums.take_turn(session) else None
+            if marked is not None:
+                study_day_sums.write_day(session, marked)
+        done += marked is not None
+        if marked is None or time.monotonic() > until:
+            return done
+
+
 def write_all_sums(database: Database, marks_a_turn: int = day_sums.OF_ONE_TURN) -> int:
-    """Work off all marks, as long as there are any that this process may write."""
-    return write_sums(database, math.inf, marks_a_turn)
+    """Work off all marks, as long as there are any that this process may write. Returns how many of participants."""
+    done = write_sums(database, math.inf, marks_a_turn)
+    write_study_sums(database, math.inf)
+    return done
 
 
 def compare_days(database: Database, *, write: bool) -> ComparedDays:
@@ -74,6 +94,47 @@ def compare_days(database: Database, *, write: bool) -> ComparedDays:
     if write and different:
         write_all_sums(database)
     return ComparedDays(compared, different)
+
+
+def compare_study_days(database: Database, *, write: bool) -> ComparedDays:
+    """Compare the kept sums of every study's day that is not marked with what it comes to; with `write`, put right all.
+
+    What participants' days come to is taken as it is kept: see `compare_days`.
+    """
+    if write:
+        write_study_sums(database, math.inf)
+    compared = different = 0
+    after = None
+    while True:
+        with database.read() as session:
+            days = study_day_sums.days_after(session, after, COMPARED_AT_A_TIME)
+        if not days:
+            break
+        wrong = []
+        for day in days:
+            with database.read() as session:
+                both = study_day_sums.kept_and_counted(session, day)
+            if both is not None:
+                compared += 1
+                wrong += [] if _is_same_of_study(*both) else [day]
+        different += len(wrong)
+        after = days[-1]
+        if write and wrong:
+            with database.write() as session:
+                study_day_sums.mark_days(session, wrong)
+    if write and different:
+        write_study_sums(database, math.inf)
+    return ComparedDays(compared, different)
+
+
+def _is_same_of_study(kept: CountedDay | None, counted: CountedDay | None) -> bool:
+    if kept is None or counted is None:
+        return kept is counted
+    counts, others = asdict(kept.counts), asdict(counted.counts)
+    runs = [(kept.delays, counted.delays), *((kept.amounts[name], counted.amounts[name]) for name in counted.amounts)]
+    return all(_is_near(counts[name], others[name]) for name in counts) and all(
+        len(one) == len(other) and all(map(_is_near, one.values, other.values)) for one, other in runs
+    )
 
 
 def _one_turn(session: Session, limit: int) -> int:

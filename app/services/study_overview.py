@@ -4,25 +4,24 @@ Every figure comes from one moment (one read transaction). What is not known is 
 are over whole days (closed, everything measured and final, or nothing eaten), and tell over how many.
 """
 
-import math
-from array import array
-from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, timedelta
-from itertools import chain, pairwise
-from statistics import fmean, median
 
 from app.db.models import Study
 from app.db.models.meal import MEAL_STATUSES
+from app.db.models.record import HEADLINE_COLUMNS
 from app.db.queries import overview, people
-from app.db.queries.overview import DayCounts, PeopleCounts, Place, Span
+from app.db.queries.overview import PeopleCounts, Place, Span
+from app.db.queries.study_day_sums import CountedDay, DayCounts
 from app.db.session import Database
+from app.db.sorted_values import Runs
 from app.errors import InvalidInputError, NotFoundError
 from app.services import audit
 from app.services.caller import Caller, StaffCaller
 from app.services.day_order import require_order
 from app.services.diary import MAX_RANGE_DAYS
+from app.services.distribution import Distribution, distribution
 from app.services.meal_time import latest_day
 from app.services.studies import enter_study
 
@@ -31,10 +30,6 @@ MOST_PLACES = 2000
 MOST_PERSONS = 60  # whose days are told one by one
 MOST_DAYS_OF_PERSONS = 35
 SHOWN_DECIMALS = 3  # of degrees: some hundred metres, more than a map of a study shows
-USUAL_BINS = 20
-FAR = 0.01  # the share of values at either end that may lie outside the bins, so that one odd day does not flatten all
-LEAST_WIDTH = 0.01  # of a bin: finer than any amount of a day is known
-STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # bins are as wide as one of these times a power of ten
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,26 +60,6 @@ class Completeness:
     meals: int
     late_meals: int
     median_delay_seconds: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class Distribution:
-    """A headline nutrient over whole days. edges: one more than counts, in order.
-
-    below, above: values outside of the bins. sd: the sample's; None of fewer than two days; all None without a day.
-    """
-
-    column: str
-    days: int
-    mean: float | None
-    sd: float | None
-    median: float | None
-    minimum: float | None
-    maximum: float | None
-    edges: tuple[float, ...]
-    counts: tuple[int, ...]
-    below: int
-    above: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,11 +111,13 @@ def study_overview(
     first_day: date | None = None,
     last_day: date | None = None,
     days: int | None = USUAL_DAYS,
+    binned: str | None = None,
     now: datetime | None = None,
 ) -> StudyOverview:
     """The overview from first_day to last_day, both included; of an end that is not given see `_window`.
 
     days: how long the window is where first_day is not given; None: from the first day that anything is known of.
+    binned: the only headline column whose bins are counted; None: all.
 
     Raises NotFoundError, InvalidInputError (`days_reversed`, `days_too_many`).
     """
@@ -152,23 +129,26 @@ def study_overview(
         if days is None and first_day is None:
             first = min(max(first, overview.first_day_of(session, study.id) or first), last)
         window = overview.Window(session, study.id, first, last)
-        counted, delays = window.days(), window.delays()
+        counted = window.days()
         everybody = window.people()
         is_small = everybody.everybody <= MOST_PERSONS and (last - first).days < MOST_DAYS_OF_PERSONS
-        shown = _with_silence(counted, delays, window.spans(), first, last, today)
+        shown = _with_silence(counted, window.spans(), first, last, today)
         return StudyOverview(
             study=study.code,
             first_day=first,
             last_day=last,
             people=everybody,
-            completeness=_completeness(shown, delays),
+            completeness=_completeness(shown, Runs.of(day.delays for day in counted)),
             days=shown,
-            by_status={status: sum(day.by_status[status] for day in counted) for status in MEAL_STATUSES},
+            by_status={status: sum(day.counts.by_status[status] for day in counted) for status in MEAL_STATUSES},
             waiting=overview.waiting_of(session, study.id),
             failures=overview.failures_of(session, study.id),
-            nutrients=tuple(distribution(name, values) for name, values in window.nutrients().items()),
+            nutrients=tuple(
+                distribution(name, (day.amounts[name] for day in counted), binned=binned in (None, name))
+                for name in HEADLINE_COLUMNS
+            ),
             person_days=tuple(_days_of_persons(window, first, last, today)) if is_small else None,
-            places=_places(window, study, sum(day.located_meals for day in counted)),
+            places=_places(window, study, sum(day.counts.located_meals for day in counted)),
         )
 
 
@@ -186,42 +166,6 @@ def note_overview_export(database: Database, caller: StaffCaller, study_code: st
         if study is None:
             raise NotFoundError("There is no such study.")
         audit.note(session, caller, "overview.export", study_id=study.id, output=output, part=part)
-
-
-def distribution(column: str, values: "array[float]") -> Distribution:
-    """How values lie. They are counted in some twenty bins of a round width; those far out are counted beside them."""
-    ordered = array("d", sorted(values))
-    days = len(ordered)
-    if not days:
-        return Distribution(column, 0, None, None, None, None, None, (), (), 0, 0)
-    mean = fmean(ordered)
-    sd = math.sqrt(math.fsum((value - mean) ** 2 for value in ordered) / (days - 1)) if days > 1 else None
-    edges = _edges(ordered)
-    places = [bisect_left(ordered, edge) for edge in edges[:-1]] + [bisect_right(ordered, edges[-1])]
-    return Distribution(
-        column=column,
-        days=days,
-        mean=mean,
-        sd=sd,
-        median=median(ordered),
-        minimum=ordered[0],
-        maximum=ordered[-1],
-        edges=edges,
-        counts=tuple(end - start for start, end in pairwise(places)),
-        below=places[0],
-        above=days - places[-1],
-    )
-
-
-def _edges(ordered: Sequence[float]) -> tuple[float, ...]:
-    """Round edges from zero, or below it where there are such values, to past nearly all of the values."""
-    far = int(FAR * len(ordered))
-    low, high = min(ordered[far], 0.0), max(ordered[-1 - far], 0.0)
-    width = max((high - low) / USUAL_BINS, LEAST_WIDTH)
-    power = 10.0 ** math.floor(math.log10(width))
-    step = next(each * power for each in STEPS if each * power >= width * (1.0 - 1e-9))
-    first, last = math.floor(low / step), max(math.ceil(high / step), 1)
-    return tuple(round(number * step, 12) for number in range(first, last + 1))
 
 
 def _window(
@@ -246,8 +190,7 @@ def _window(
 
 
 def _with_silence(
-    counted: Sequence[DayCounts],
-    delays: Mapping[date, Sequence[float]],
+    counted: Sequence[CountedDay],
     spans: Sequence[Span],
     first: date,
     last: date,
@@ -261,13 +204,16 @@ def _with_silence(
         if span.first_day <= end:
             steps[(span.first_day - first).days] += span.participants
             steps[(end - first).days + 1] -= span.participants
-    known = {day.local_date: day for day in counted}
+    known = {day.counts.local_date: day for day in counted}
     found, expected = [], 0
     for number in range(days):
         local_date = first + timedelta(days=number)
         expected += steps[number]
-        counts = known.get(local_date) or _nothing_on(local_date)
-        seconds = median(delays[local_date]) if local_date in delays else None
+        day = known.get(local_date)
+        counts = day.counts if day is not None else _nothing_on(local_date)
+        if local_date > today:  # a phone's clock that is ahead: nobody is expected yet
+            counts = replace(counts, told=0, told_closed=0)
+        seconds = day.delays.median if day is not None and len(day.delays) else None
         found.append(OverviewDay(counts, expected, max(expected - counts.told, 0), seconds))
     return tuple(found)
 
@@ -310,7 +256,7 @@ def _nothing_on(local_date: date) -> DayCounts:
     )
 
 
-def _completeness(days: Sequence[OverviewDay], delays: Mapping[date, Sequence[float]]) -> Completeness:
+def _completeness(days: Sequence[OverviewDay], delays: Runs) -> Completeness:
     return Completeness(
         expected=sum(day.expected for day in days),
         told=sum(day.counts.told for day in days),
@@ -319,7 +265,7 @@ def _completeness(days: Sequence[OverviewDay], delays: Mapping[date, Sequence[fl
         silent=sum(day.silent for day in days),
         meals=sum(day.counts.meals for day in days),
         late_meals=sum(day.counts.late_meals for day in days),
-        median_delay_seconds=median(chain.from_iterable(delays.values())) if delays else None,
+        median_delay_seconds=delays.median if len(delays) else None,
     )
 
 

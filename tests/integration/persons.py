@@ -80,7 +80,8 @@ class Person:
         with state.database.write() as session:  # their day's sums, and a change that is not in them yet
             marks = day_sums.newest_marks(session, 1000)
             day_sums.write_sums(session, [mark for mark in marks if mark.participant_id == self.participant_id])
-            session.get_one(Meal, self.meal_id).status = "needs_review"
+            meal = session.get_one(Meal, self.meal_id)
+            meal.status, self.local_date = "needs_review", meal.local_date
         if with_files:
             self._ask_for_files(state)
             assert make_files(state) == ["done", "done"]

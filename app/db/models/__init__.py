@@ -2,7 +2,7 @@
 
 from app.db.models.base import Base, UtcDateTime
 from app.db.models.calibration import CameraCalibration
-from app.db.models.diary import DayEvent, DayMark, DaySum, DiaryDay
+from app.db.models.diary import DayEvent, DayMark, DaySum, DiaryDay, StudyDayMark, StudyDaySum
 from app.db.models.export import Export
 from app.db.models.food import (
     Component,
@@ -87,6 +87,8 @@ __all__ = [
     "SpentKey",
     "Staff",
     "Study",
+    "StudyDayMark",
+    "StudyDaySum",
     "StudyDensity",
     "StudyMember",
     "Tombstone",

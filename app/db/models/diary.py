@@ -146,3 +146,66 @@ class DayMark(Base):
         sa.Index(None, "participant_id", "local_date"),
         sa.Index(None, "study_id", "local_date", "participant_id"),
     )
+
+
+class StudyDaySum(Base):
+    """What a study's local day comes to over its participants: a projection of DaySum, so that a year is told at once.
+
+    What holds is counted in one place (db/queries/study_day_sums.py) and written down from there. While a DayMark or a
+    StudyDayMark of the day is there the row may be of before, or not there: whoever reads counts that day itself.
+    Columns as DayCounts has them; delays: seconds from eating to arrival of each meal; of each component the amounts on
+    the days of which all that was eaten is known: both as SortedValues has them.
+    """
+
+    __tablename__ = "study_day_sum"
+
+    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"), primary_key=True)
+    local_date: Mapped[date] = mapped_column(primary_key=True)
+    told: Mapped[int]
+    told_closed: Mapped[int]
+    with_meal: Mapped[int]
+    closed: Mapped[int]
+    ate_nothing: Mapped[int]
+    open_days: Mapped[int]
+    open_energy_kcal: Mapped[float | None]
+    meals: Mapped[int]
+    receiving_meals: Mapped[int]
+    queued_meals: Mapped[int]
+    processing_meals: Mapped[int]
+    estimated_meals: Mapped[int]
+    needs_review_meals: Mapped[int]
+    failed_meals: Mapped[int]
+    confirmed_meals: Mapped[int]
+    late_meals: Mapped[int]
+    located_meals: Mapped[int]
+    unmeasured_meals: Mapped[int]
+    items: Mapped[int]
+    unmeasured_items: Mapped[int]
+    provisional_items: Mapped[int]
+    delays: Mapped[bytes]
+    energy_kcal: Mapped[bytes]
+    protein_g: Mapped[bytes]
+    fat_g: Mapped[bytes]
+    carbohydrate_g: Mapped[bytes]
+    fibre_g: Mapped[bytes]
+    sugar_g: Mapped[bytes]
+    saturated_fat_g: Mapped[bytes]
+    sodium_mg: Mapped[bytes]
+    potassium_mg: Mapped[bytes]
+    vitamin_c_mg: Mapped[bytes]
+
+
+class StudyDayMark(Base):
+    """A study's local day of which something has changed since its StudyDaySum was written; one for each change.
+
+    Made where a DaySum is written or removed, and by a trigger where a participant's days begin or end elsewhere
+    (migrations, 20261122_study_day_sums). As with DayMark nothing is updated and nothing waits.
+    """
+
+    __tablename__ = "study_day_mark"
+
+    id: Mapped[int] = mapped_column(BigId, primary_key=True, autoincrement=True)
+    study_id: Mapped[uuid.UUID]
+    local_date: Mapped[date]
+
+    __table_args__ = (sa.Index(None, "study_id", "local_date"),)

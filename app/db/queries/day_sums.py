@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import DayMark, DaySum, DiaryDay, Meal, Participant
+from app.db.models import DayMark, DaySum, DiaryDay, Meal, Participant, StudyDayMark
 from app.db.queries.day_definition import COLUMNS, counted_days
 
 WRITER_LOCK = 4_738_112  # of who writes sums, on PostgreSQL: any number, ours alone
@@ -74,7 +74,9 @@ def delete_sums(session: Session, of_marks: sa.ColumnElement[bool]) -> None:
 
 
 def forget_marks(session: Session, ids: Collection[int]) -> None:
-    """What they say is in the sums."""
+    """What they say is in the sums: their studies' days are marked in turn."""
+    days = sa.select(DayMark.study_id, DayMark.local_date).where(DayMark.id.in_(ids)).distinct()
+    session.execute(sa.insert(StudyDayMark).from_select(["study_id", "local_date"], days))
     session.execute(sa.delete(DayMark).where(DayMark.id.in_(ids)).execution_options(synchronize_session=False))
 
 

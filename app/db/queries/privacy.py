@@ -47,6 +47,7 @@ from app.db.models import (
     Tombstone,
     WebhookDelivery,
 )
+from app.db.queries import study_day_sums
 from app.db.queries.jobs import DBOS_SCHEMA, LIVE_STATES
 
 IN_A_STATEMENT = 500  # values in one IN (...); SQLite takes 32,766
@@ -154,6 +155,8 @@ def delete_participant(session: Session, participant_id: uuid.UUID) -> dict[str,
         (Enrolment, Enrolment.participant_id == participant_id),
     )
     of_person = (DaySum.participant_id == participant_id, DayMark.participant_id == participant_id)
+    _forget_study_days(session, DaySum, of_person[0])
+    _forget_study_days(session, DayMark, of_person[1])
     _delete_in_order(session, *zip((DaySum, DayMark), of_person, strict=True))  # those before have left marks
     return counts | _delete_in_order(session, (Participant, Participant.id == participant_id))
 
@@ -163,8 +166,15 @@ def _delete_day_sums(session: Session, meals: Ids) -> None:
 
     No receipt tells of it: the sums of a day are there or not as it happens.
     """
+    _forget_study_days(session, Meal, Meal.id.in_(meals))
     days = sa.select(Meal.participant_id, Meal.local_date).where(Meal.id.in_(meals))
     _delete_in_order(session, (DaySum, sa.tuple_(DaySum.participant_id, DaySum.local_date).in_(days)))
+
+
+def _forget_study_days(session: Session, table: type[DaySum | DayMark | Meal], which: sa.ColumnElement[bool]) -> None:
+    """Remove what the study's days of such rows come to over all people, and mark them: others count in them too."""
+    days = session.execute(sa.select(table.study_id, table.local_date).where(which).distinct())
+    study_day_sums.forget_days(session, [(row[0], row[1]) for row in days])
 
 
 def end_enrolments(session: Session, participant_id: uuid.UUID) -> None:

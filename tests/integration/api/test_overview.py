@@ -2,6 +2,7 @@
 
 import csv
 import io
+import uuid
 from datetime import UTC, date, datetime, timedelta
 
 import pytest
@@ -9,7 +10,9 @@ import sqlalchemy as sa
 
 from app.api.overview import ROWS
 from app.db.models import AuditEvent, Meal, Participant, Study
+from app.services.caller import StaffCaller
 from app.services.day_sums import write_all_sums
+from app.services.study_overview import study_overview
 from tests.integration.eaten_days import add_meal, eaten_item, set_profile
 
 DAY_PATH = "/v1/studies/pilot/overview"
@@ -173,6 +176,18 @@ def test_participant_is_expected_from_their_start_until_they_left(enrol, state, 
     assert [(row["local_date"][-2:], row["expected"], row["meals"]) for row in found["person_days"]] == [
         ("02", False, 1), ("03", True, 0), ("04", True, 1), ("05", True, 0)
     ]  # fmt: skip
+
+
+@pytest.mark.usefixtures("eaten")
+def test_nobody_is_expected_or_told_on_a_day_that_has_not_come(state, told_from):
+    """A phone whose clock is ahead: its meals are there, and no day has more who told than were expected."""
+    told_from()
+    caller, day = StaffCaller(uuid.uuid4(), "admin", True, uuid.uuid4()), date(2026, 11, 5)
+    before = datetime(2026, 11, 2, tzinfo=UTC)
+    found = study_overview(state.database, caller, "pilot", first_day=day - timedelta(days=4), last_day=day, now=before)
+    told = [(each.expected, each.counts.told, each.counts.told_closed, each.counts.meals) for each in found.days]
+    assert told == [(1, 1, 1, 2), (1, 1, 1, 0), (0, 0, 0, 2), (0, 0, 0, 0), (0, 0, 0, 1)]
+    assert (found.completeness.expected, found.completeness.told, found.completeness.meals) == (2, 2, 5)
 
 
 def test_places_are_told_only_where_the_study_keeps_them(enrol, state, client, admin, told_from):

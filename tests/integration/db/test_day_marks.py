@@ -18,15 +18,25 @@ from app.db.models import (
     Meal,
     Participant,
     Study,
+    StudyDayMark,
+    StudyDaySum,
 )
 from app.db.models.meal import MEAL_STATUSES
 from app.db.models.record import HEADLINE_COLUMNS, RECORD_STATUSES
-from app.db.queries import day_sums, days, intakes
+from app.db.queries import day_sums, days, intakes, study_day_sums
 from app.db.queries.days import DayFilter
-from app.services.day_sums import ComparedDays, compare_days, write_all_sums
+from app.services.day_sums import (
+    ComparedDays,
+    compare_days,
+    compare_study_days,
+    write_all_sums,
+    write_study_sums,
+    write_sums,
+)
 
 NOW = datetime(2026, 11, 1, tzinfo=UTC)
 FIRST_DAY = date(2026, 10, 1)
+ONE_DAY = timedelta(days=1)
 HEAD_START_SECONDS = 0.5  # of a writer: they wait for it where one writes at a time, and are through elsewhere
 STUDY = uuid.UUID(int=1)
 
@@ -73,14 +83,20 @@ def marked(database):
 
 
 def told(database):
-    """All that is told of days, page by page, and of intakes."""
+    """All that is told of days, page by page, of intakes, and of the study's days."""
     with database.read() as session:
         rows, after = [], None
         while page := days.page_of_days(session, DayFilter(), after=after, limit=5):
             rows += page
             after = (page[-1].local_date, page[-1].participant_id)
         means = intakes.page_of_intakes(session, STUDY, first_day=None, last_day=None, after=None, limit=10)
-        return rows, means, intakes.closed_days(session, STUDY, None, None)
+        of_study = study_day_sums.days_of_study(session, STUDY, FIRST_DAY - ONE_DAY, FIRST_DAY + 9 * ONE_DAY)
+        return rows, means, intakes.closed_days(session, STUDY, None, None), of_study
+
+
+def marked_of_study(database):
+    with database.read() as session:
+        return set(session.scalars(sa.select(StudyDayMark.local_date)))
 
 
 class History:
@@ -94,7 +110,7 @@ class History:
             with self.database.write() as session:
                 self.chance.choice(
                     (self.arrive, self.arrive, self.measure, self.measure, self.move_on, self.say, self.correct,
-                     self.lose_record, self.lose_meal)
+                     self.lose_record, self.lose_meal, self.begin_or_leave)
                 )(session)  # fmt: skip
 
     def arrive(self, session):
@@ -130,6 +146,14 @@ class History:
             session.add(day)
         day.status, day.ate_nothing = self.chance.choice((("open", False), ("closed", False), ("closed", True)))
         day.changed_at = datetime(2026, 10, 1, 18, tzinfo=UTC) + timedelta(hours=self.chance.randrange(96))
+
+    def begin_or_leave(self, session):
+        person = session.get(Participant, self.chance.choice(self.people))
+        day = FIRST_DAY + timedelta(days=self.chance.randrange(5))
+        if self.chance.random() < 0.5:
+            person.starts_on = self.chance.choice((None, day))
+        else:
+            person.withdrawn_at = self.chance.choice((None, datetime(2026, 10, day.day, 23, 30, tzinfo=UTC)))
 
     def lose_record(self, session):
         if record := self.one(session, EffectiveRecord):
@@ -172,6 +196,9 @@ def test_sums_are_what_days_come_to_after_any_history(database, people, seed):
     for _ in range(5):
         history.go_on(12)
         counted = told(database)  # some days kept, some counted
+        write_sums(database)
+        for before, after in zip(counted, told(database), strict=True):  # the study's are counted from those kept
+            assert near(before) == near(after)
         with database.read() as session:
             every = day_sums.days_after(session, None, 1000)
             truth = day_sums.counted_sums(session, every) if every else {}
@@ -184,7 +211,9 @@ def test_sums_are_what_days_come_to_after_any_history(database, people, seed):
             assert near([[getattr(kept[day], name) for name in sums]]) == near([list(sums.values())]), day
         for before, after in zip(counted, told(database), strict=True):
             assert near(before) == near(after)
+        assert marked_of_study(database) == set()
     assert compare_days(database, write=False) == ComparedDays(len(truth), 0)
+    assert compare_study_days(database, write=False) == ComparedDays(len({on for _, on in truth}), 0)
 
 
 def test_every_kind_of_change_marks_its_day(database, people):
@@ -214,7 +243,7 @@ def test_every_kind_of_change_marks_its_day(database, people):
         assert marked(database) == (set() if name in silent else {(person, day)}), name
         write_all_sums(database)
         assert marked(database) == set()
-    assert told(database) == ([], [], [])
+    assert told(database) == ([], [], [], [])
 
 
 def test_change_that_no_sum_depends_on_marks_nothing(database, people):
@@ -308,6 +337,71 @@ def test_participant_who_is_erased_by_an_older_server_leaves_neither_sums_nor_ma
     assert marked(database) == {(person, FIRST_DAY)}
     write_all_sums(database)
     assert marked(database) == set()
+    with database.read() as session:
+        assert session.scalars(sa.select(StudyDaySum)).all() == []
+    assert marked_of_study(database) == set()
+
+
+def test_change_of_who_is_expected_marks_the_study_s_days_that_it_bears_on(database, people):
+    with database.write() as session:
+        session.add_all(new_meal(person, FIRST_DAY + n * ONE_DAY) for person in people for n in range(5))
+    write_all_sums(database)
+    before = [day.counts.told for day in told(database)[3]]
+    with database.write() as session:
+        session.get(Participant, people[0]).starts_on = FIRST_DAY + ONE_DAY
+        session.get(Participant, people[1]).withdrawn_at = datetime(2026, 10, 3, 23, 59, tzinfo=UTC)
+    assert marked_of_study(database) == {FIRST_DAY + n * ONE_DAY for n in (0, 3, 4)}
+    after = [day.counts.told for day in told(database)[3]]
+    write_all_sums(database)
+    assert (before, after) == ([2, 2, 2, 2, 2], [1, 2, 2, 1, 1])
+    assert [day.counts.told for day in told(database)[3]] == after
+    with database.write() as session:
+        session.get(Participant, people[0]).code = "other"
+    assert marked_of_study(database) == set()
+
+
+def test_study_s_day_that_changes_while_it_is_written_stays_marked(database, people, monkeypatch):
+    with database.write() as session:
+        session.add(new_meal(people[0], FIRST_DAY))
+    write_sums(database)
+    write, writers = study_day_sums.write_day, []
+
+    def arrive():
+        with database.write() as session:
+            session.add(new_meal(people[1], FIRST_DAY))
+
+    def meanwhile(session, day):
+        write(session, day)
+        if not writers:
+            writers.append(threading.Thread(target=arrive))
+            writers[0].start()
+            writers[0].join(HEAD_START_SECONDS)
+
+    monkeypatch.setattr(study_day_sums, "write_day", meanwhile)
+    write_study_sums(database)
+    writers[0].join()
+    assert [day.counts.meals for day in told(database)[3]] == [2]
+    write_all_sums(database)
+    assert [day.counts.meals for day in told(database)[3]] == [2]
+    assert compare_study_days(database, write=False) == ComparedDays(1, 0)
+
+
+def test_study_s_sums_that_are_wrong_or_missing_are_found_and_put_right(database, people):
+    with database.write() as session:
+        session.add_all(new_meal(people[0], FIRST_DAY + n * ONE_DAY) for n in range(3))
+    write_all_sums(database)
+    truth = told(database)
+    with database.write() as session:
+        session.execute(sa.update(StudyDaySum).where(StudyDaySum.local_date == FIRST_DAY).values(meals=5))
+        delays = session.get(StudyDaySum, (STUDY, FIRST_DAY)).delays
+        session.execute(
+            sa.update(StudyDaySum).where(StudyDaySum.local_date == FIRST_DAY + ONE_DAY).values(delays=delays * 2)
+        )
+        session.execute(sa.delete(StudyDaySum).where(StudyDaySum.local_date == FIRST_DAY + 2 * ONE_DAY))
+    assert compare_study_days(database, write=False) == ComparedDays(3, 3)
+    assert compare_study_days(database, write=True) == ComparedDays(3, 3)
+    assert compare_study_days(database, write=False) == ComparedDays(3, 0)
+    assert told(database) == truth
 
 
 def test_sums_that_are_wrong_missing_or_of_no_day_are_found_and_put_right(database, people):

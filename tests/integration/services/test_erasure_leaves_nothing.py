@@ -8,10 +8,11 @@ import sqlalchemy as sa
 from fastapi.testclient import TestClient
 from pydantic import SecretStr
 
-from app.db.models import Base
+from app.db.models import Base, StudyDayMark, StudyDaySum
 from app.db.queries.jobs import DBOS_SCHEMA
 from app.db.queries.privacy import WORKFLOW_TABLES
 from app.main import create_app
+from app.services.day_sums import write_all_sums
 from app.services.delete_blobs import BlobDeleter
 from app.services.reapply_erasures import reapply_erasures
 from app.services.rebuild_records import Rebuilt, rebuild_records
@@ -70,6 +71,23 @@ def assert_nothing_is_in(where, held, needles):
     for needle in needles:
         at = held.find(needle)
         assert at < 0, f"{needle!r} is left in the {where}: ...{held[max(0, at - 200) : at + 100]!r}..."
+
+
+def test_what_a_study_s_days_come_to_goes_with_a_person_s_meals_and_is_counted_anew(state, subject, client):
+    write_all_sums(state.database)
+    assert study_days(state, StudyDaySum) == {subject.local_date}
+    assert study_days(state, StudyDayMark) == set()
+    assert client.post("/v1/me/withdrawal", headers=subject.phone.headers).status_code == 200
+    assert study_days(state, StudyDaySum) == set()
+    assert study_days(state, StudyDayMark) == {subject.local_date}
+    write_all_sums(state.database)
+    with state.database.read() as session:
+        assert session.scalars(sa.select(StudyDaySum.meals)).all() == [1], "the bystander's"
+
+
+def study_days(state, table):
+    with state.database.read() as session:
+        return set(session.scalars(sa.select(table.local_date)))
 
 
 def test_a_person_fills_every_table_that_can_hold_something_of_one(subject):

@@ -1,0 +1,67 @@
+"""How amounts lie: figures and bins of values that come in runs, a run a day."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+
+from app.db.sorted_values import Runs, SortedValues
+
+USUAL_BINS = 20
+FAR = 0.01  # the share of values at either end that may lie outside the bins, so that one odd day does not flatten all
+LEAST_WIDTH = 0.01  # of a bin: finer than any amount of a day is known
+STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # bins are as wide as one of these times a power of ten
+
+
+@dataclass(frozen=True, slots=True)
+class Distribution:
+    """A headline nutrient over whole days. edges: one more than counts, in order; both empty where nobody asked.
+
+    below, above: values outside of the bins. sd: the sample's; None of fewer than two days; all None without a day.
+    """
+
+    column: str
+    days: int
+    mean: float | None
+    sd: float | None
+    median: float | None
+    minimum: float | None
+    maximum: float | None
+    edges: tuple[float, ...]
+    counts: tuple[int, ...]
+    below: int
+    above: int
+
+
+def distribution(column: str, found: Iterable[SortedValues], *, binned: bool = True) -> Distribution:
+    """How values lie. They are counted in some twenty bins of a round width; those far out are counted beside them."""
+    runs = Runs.of(found)
+    days = len(runs)
+    if not days:
+        return Distribution(column, 0, None, None, None, None, None, (), (), 0, 0)
+    edges = _edges(runs, days) if binned else ()
+    places = [runs.below(edge) for edge in edges[:-1]] + [runs.up_to(edges[-1])] if binned else [0, days]
+    return Distribution(
+        column=column,
+        days=days,
+        mean=runs.mean,
+        sd=math.sqrt(runs.squares / (days - 1)) if days > 1 else None,
+        median=runs.median,
+        minimum=runs.least,
+        maximum=runs.greatest,
+        edges=edges,
+        counts=tuple(end - start for start, end in pairwise(places)),
+        below=places[0],
+        above=days - places[-1],
+    )
+
+
+def _edges(runs: Runs, days: int) -> tuple[float, ...]:
+    """Round edges from zero, or below it where there are such values, to past nearly all of the values."""
+    far = int(FAR * days)
+    low, high = min(runs.at(far), 0.0), max(runs.at(days - 1 - far), 0.0)
+    width = max((high - low) / USUAL_BINS, LEAST_WIDTH)
+    power = 10.0 ** math.floor(math.log10(width))
+    step = next(each * power for each in STEPS if each * power >= width * (1.0 - 1e-9))
+    first, last = math.floor(low / step), max(math.ceil(high / step), 1)
+    return tuple(round(number * step, 12) for number in range(first, last + 1))
