@@ -23,6 +23,7 @@ from app.db.models import (
     DiaryDay,
     EffectiveRecord,
     Food,
+    FoodActivation,
     FoodRelease,
     Item,
     Meal,
@@ -123,10 +124,14 @@ def lay_ground(loader: "Loader", rng: np.random.Generator, shape: Shape = SPREAD
     loader.insert(Device, {"id": device_ids, "participant_id": person_ids, "name": "phone", "enrolled_at": NOW})
     loader.insert(
         FoodRelease,
-        {"id": [1001, 1002], "source": "benchmark", "name": "made up", "version": ["1", "2"],
+        {"id": [1001, 1002], "source": "csv", "name": "made up", "version": ["1", "2"],
          "released_on": [date(2024, 1, 1), date(2025, 1, 1)], "checksum": ["1" * 64, "2" * 64],
          "imported_at": NOW, "completed_at": NOW},
     )  # fmt: skip
+    loader.insert(
+        FoodActivation,
+        {"id": [1001], "name": "made up", "release_id": [1001], "author": "benchmark", "activated_at": NOW},
+    )
     ranks = np.array([*range(FOODS), *range(0, 2 * FOODS_TWICE, 2)])
     is_twice = np.arange(len(ranks)) >= FOODS
     loader.insert(
