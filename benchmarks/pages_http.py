@@ -35,6 +35,7 @@ NO_LIMITS = {
     "address_calls_per_minute": 0,
     "exports_per_minute": 0,
 }
+NOTHING_NEW = 204  # of a fragment that a page asks for again and again
 MEALS_DRAWN = 200
 WINDOW = 28  # days
 SLOWEST_S = 120.0
@@ -154,6 +155,8 @@ def signed_in(url: str, folder: Path) -> Iterator[httpx2.Client]:
 def why_not(client: httpx2.Client, address: str) -> str | None:
     """Why this is not a page to measure; of a file no more than the head is read."""
     with client.stream("GET", address) as answer:
+        if answer.status_code == NOTHING_NEW:
+            return None
         if answer.status_code != 200:
             return f"answers {answer.status_code}"
         kind = answer.headers.get("content-type", "")
@@ -165,6 +168,6 @@ def ask(client: httpx2.Client, address: str) -> tuple[float, int]:
     started = time.perf_counter()
     answer = client.get(address)
     taken_ms = (time.perf_counter() - started) * 1000
-    if answer.status_code != 200:
+    if answer.status_code not in (200, NOTHING_NEW):
         raise SystemExit(f"{address} answered {answer.status_code}")
     return taken_ms, len(answer.content)
