@@ -11,6 +11,8 @@ from tests.e2e.processes import Server, enrolled_client
 from tests.integration.conftest import meal_metadata
 from tests.photographs import pair
 
+pytestmark = pytest.mark.slow
+
 HEADER_SECONDS, STALL_SECONDS = 1.0, 2.0
 MAX_CONNECTIONS, PER_ADDRESS = 30, 20
 PATIENCE_SECONDS = 20

@@ -5,11 +5,14 @@ import re
 import uuid
 from datetime import UTC, date, datetime
 
+import pytest
 import sqlalchemy as sa
 
 from app.db.migrate import downgrade, upgrade
 from app.db.models import Base
 from app.db.schema_state import is_current, revisions
+
+pytestmark = pytest.mark.slow
 
 # Rows and values that a downgrade gives up because the older schema has no place for them, as its migration says
 LOST_BY_DOWNGRADE = {

@@ -19,6 +19,8 @@ SLOW = """
 import sys, time
 from app.services import made_file
 from app import file_worker
+
+pytestmark = pytest.mark.slow
 write = made_file.StagedFile.write
 def slow(file, piece):
     write(file, piece)

@@ -21,6 +21,8 @@ from tests.integration.conftest import meal_metadata
 from tests.integration.reviewing import Speaker
 from tests.photographs import pair
 
+pytestmark = pytest.mark.slow
+
 NEW_FOOD = "litchi"
 NOON, EVENING = "2026-11-20T12:00:00+08:00", "2026-11-20T19:00:00+08:00"
 

@@ -17,6 +17,8 @@ from app.services.prepare import prepare_patiently
 from app.services.prepare_apart import prepare_apart
 from app.settings import Settings
 
+pytestmark = pytest.mark.slow
+
 
 def test_an_empty_database_is_made_ready_by_another_process(database_url, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "prepare", None)  # not by this one

@@ -27,6 +27,8 @@ from tests.integration.conftest import meal_metadata
 from tests.integration.reviewing import Speaker
 from tests.photographs import pair
 
+pytestmark = pytest.mark.slow
+
 RING = [[100.0, 80.0], [300.0, 90.0], [280.0, 300.0], [110.0, 280.0]]
 OLD = vcm(0.5, 1.0, version="old")
 REDDER = ColourCorrection(np.diag([1.2, 1.0, 0.9]), "white")
