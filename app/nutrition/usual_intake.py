@@ -13,15 +13,17 @@ a usual intake is the mean of days, not the day of the mean: the person's days a
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from statistics import NormalDist
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
+Counts = npt.NDArray[np.intp]
 Scale = Literal["as_is", "square_root", "cube_root", "fourth_root", "logarithm"]
 Reason = Literal["too_few_persons", "no_repeated_days", "no_difference_between_persons"]
 
@@ -29,6 +31,11 @@ MIN_PERSONS = 10  # of fewer, one person is more than a tenth of the group
 LEVEL = 0.90  # of the intervals, as everywhere here
 BOOTSTRAPS = 500  # an interval's ends then move by about a hundredth between draws
 QUADRATURE_POINTS = 15  # exact for polynomials to degree 29, far beyond a fourth power
+MOST_STEPS = 100  # of Newton's method; from far off each step leaves three quarters of the way or less
+ROUNDING = 1e-13  # of a threshold: steps below it change nothing
+DRAWN_AT_ONCE = 100_000  # persons, of as many draws as that takes: what a processor has at hand
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(QUADRATURE_POINTS)
+_WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 _NORMAL = NormalDist()
 _POWERS: Mapping[Scale, float] = {"as_is": 1.0, "square_root": 2.0, "cube_root": 3.0, "fourth_root": 4.0}
 
@@ -86,23 +93,23 @@ def judge_group(
     within the error) count as zero. rng: draws the persons for the interval.
     Raises ValueError for an amount that is not finite, a person without a day, or an EAR that is not positive.
     """
-    groups = [np.asarray(person, dtype=np.float64) for person in days_by_person]
     if not (math.isfinite(ear) and ear > 0.0):
         raise ValueError(f"an EAR is positive, not {ear}")
-    if any(person.size == 0 or not np.isfinite(person).all() for person in groups):
+    amounts, counts = _flat(days_by_person)
+    if (counts == 0).any() or not np.isfinite(amounts).all():
         raise ValueError("every person needs a day, and every day a finite amount")
-    groups = [np.maximum(person, 0.0) for person in groups]
-    persons, days = len(groups), sum(person.size for person in groups)
+    amounts = np.maximum(amounts, 0.0)
+    persons, days = counts.size, amounts.size
     if persons < MIN_PERSONS:
         return NotJudged("too_few_persons", persons, days)
     if days == persons:
         return NotJudged("no_repeated_days", persons, days)
-    scale = choose_scale(np.array([person[0] for person in groups]))
-    sums = _Sums.of([_onto(scale, person) for person in groups])
+    scale = choose_scale(amounts[_starts(counts)])
+    sums = PersonSums.of(_onto(scale, amounts), counts)
     variances = sums.variances()
     if variances.between <= 0.0:
         return NotJudged("no_difference_between_persons", persons, days)
-    usual = _usual(scale, sums, variances)
+    usual = usual_amounts(scale, sums, variances)
     share = float(np.mean(usual < ear))
     low, high = _interval(scale, sums, ear, share, rng)
     return UsualIntakes(
@@ -115,7 +122,7 @@ def judge_group(
         share_below=share,
         share_low=low,
         share_high=high,
-        unadjusted_share=float(np.mean([person.mean() < ear for person in groups])),
+        unadjusted_share=float(np.mean(np.add.reduceat(amounts, _starts(counts)) / counts < ear)),
     )
 
 
@@ -137,11 +144,11 @@ def variance_components(days_by_person: Sequence[Floats]) -> Variances:
     """
     if len(days_by_person) < 2 or all(person.size < 2 for person in days_by_person):
         raise ValueError("variances need two persons, one of them with two days")
-    return _Sums.of(days_by_person).variances()
+    return PersonSums.of(*_flat(days_by_person)).variances()
 
 
 @dataclass(frozen=True, slots=True)
-class _Sums:
+class PersonSums:
     """What the analysis needs of each person: number of days, their mean, sum of squares about it; (n,) each."""
 
     counts: Floats
@@ -149,15 +156,16 @@ class _Sums:
     squares: Floats
 
     @classmethod
-    def of(cls, days_by_person: Sequence[Floats]) -> "_Sums":
-        return cls(
-            np.array([float(person.size) for person in days_by_person]),
-            np.array([person.mean() for person in days_by_person]),
-            np.array([np.sum((person - person.mean()) ** 2) for person in days_by_person]),
-        )
+    def of(cls, amounts: Floats, counts: Counts) -> Self:
+        """amounts: all days, (N,), person after person. counts: (n,), how many of them are whose, at least one each."""
+        starts = _starts(counts)
+        means = np.add.reduceat(amounts, starts) / counts
+        squares = np.add.reduceat((amounts - np.repeat(means, counts)) ** 2, starts)
+        return cls(counts.astype(np.float64), means, squares)
 
-    def drawn(self, which: npt.NDArray[np.intp]) -> "_Sums":
-        return _Sums(self.counts[which], self.means[which], self.squares[which])
+    def drawn(self, which: Counts) -> Self:
+        """These persons, some of them perhaps several times."""
+        return type(self)(self.counts[which], self.means[which], self.squares[which])
 
     def variances(self) -> Variances:
         """Searle 1971: E(MSB) = w + n0 b, with n0 = (N - sum k^2 / N) / (n - 1)."""
@@ -173,31 +181,123 @@ class _Sums:
         return Variances(float(np.sum(weights * self.means) / weights.sum()), within, between)
 
 
-def _usual(scale: Scale, sums: _Sums, variances: Variances) -> Floats:
+def usual_amounts(scale: Scale, sums: PersonSums, variances: Variances) -> Floats:
     """Each person's usual amount, (n,)."""
     if variances.between <= 0.0:
         shrunk = np.full_like(sums.means, variances.mean)
     else:
         shrink = np.sqrt(variances.between / (variances.between + variances.within / sums.counts))
         shrunk = variances.mean + (sums.means - variances.mean) * shrink
-    nodes, weights = np.polynomial.hermite_e.hermegauss(QUADRATURE_POINTS)
-    days = shrunk[:, None] + math.sqrt(variances.within) * nodes[None, :]
-    averaged: Floats = _back(scale, days) @ (weights / weights.sum())
+    averaged: Floats = _back(scale, shrunk[:, None] + math.sqrt(variances.within) * _NODES) @ _WEIGHTS
     return averaged
 
 
-def _interval(scale: Scale, sums: _Sums, ear: float, share: float, rng: np.random.Generator) -> tuple[float, float]:
+def drawn_shares(scale: Scale, sums: PersonSums, ear: float, rng: np.random.Generator) -> Floats:
+    """The share below `ear` of each of BOOTSTRAPS groups of as many persons, drawn anew, (BOOTSTRAPS,).
+
+    As `np.mean(usual_amounts(scale, drawn, drawn.variances()) < ear)` of each, but without the amounts: they grow with
+    the person's mean, so in each draw, and for each number of days, there is a mean below which they lie below the EAR.
+    """
+    persons = sums.counts.size
+    order = np.lexsort((sums.means, sums.counts))  # by number of days; then by mean
+    ordered = sums.drawn(order)
+    shares = []
+    for draws in _blocks(BOOTSTRAPS, max(1, DRAWN_AT_ONCE // persons)):
+        which = rng.integers(0, persons, (draws, persons))
+        times = np.array([np.bincount(each, minlength=persons)[order] for each in which], dtype=np.float64)
+        shares.append(_shares_below(scale, ordered, times, ear))
+    return np.concatenate(shares)
+
+
+def _shares_below(scale: Scale, sums: PersonSums, times: Floats, ear: float) -> Floats:
+    """The share below `ear` of each draw, (d,). sums: (n,), ordered by number of days, then by mean.
+
+    times: (d, n), how many times each person was drawn.
+    """
+    k, firsts = np.unique(sums.counts, return_index=True)
+    parts = [slice(first, end) for first, end in zip(firsts, [*firsts[1:], sums.counts.size], strict=True)]
+    mean, within, between = _variances_of_draws(sums, times, k, parts)
+    limit = _mean_of(scale, ear, within)  # of the adjusted means
+    spread = between[:, None] + within[:, None] / k
+    shrink = np.sqrt(between[:, None] / np.where(spread > 0.0, spread, 1.0))
+    limits = mean[:, None] + (limit - mean)[:, None] / np.where(shrink > 0.0, shrink, 1.0)  # of the bare ones
+    below = np.zeros(len(times))
+    for place, part in enumerate(parts):
+        ends = np.searchsorted(sums.means[part], limits[:, place])
+        up_to = np.cumsum(times[:, part], axis=1)
+        below += np.where(ends > 0, up_to[np.arange(len(times)), ends - 1], 0.0)
+    return np.where(between > 0.0, below / sums.counts.size, mean < limit)
+
+
+def _variances_of_draws(
+    sums: PersonSums, times: Floats, k: Floats, parts: Sequence[slice]
+) -> tuple[Floats, Floats, Floats]:
+    """(mean, within, between) of each draw, (d,) each, as PersonSums.variances has them.
+
+    k: (K,), the numbers of days that there are. parts: (K,), the persons of each.
+    """
+    middle = sums.means.mean()  # squares are summed about it: about 0 they would lose digits
+    means = sums.means - middle
+    terms = np.column_stack([np.ones_like(means), means, means**2, sums.squares])
+    of_parts = np.stack([times[:, part] @ terms[part] for part in parts], axis=1)  # (d, K, 4)
+    n, first_moment, second_moment, squares = of_parts.transpose(2, 0, 1)
+    persons, days = sums.counts.size, n @ k
+    is_repeated = days > persons
+    within = np.where(is_repeated, squares.sum(axis=1) / np.where(is_repeated, days - persons, 1.0), 0.0)
+    weighted = ((first_moment @ k) / days)[:, None]
+    about = second_moment - 2.0 * weighted * first_moment + weighted**2 * n
+    n0 = (days - (n @ k**2) / days) / (persons - 1)
+    between = np.where(is_repeated, np.maximum((about @ k / (persons - 1) - within) / n0, 0.0), 0.0)
+    spread = between[:, None] + within[:, None] / k
+    weights = 1.0 / np.where(spread > 0.0, spread, 1.0)
+    mean = middle + np.sum(weights * first_moment, axis=1) / np.sum(weights * n, axis=1)
+    return mean, within, between
+
+
+def _mean_of(scale: Scale, usual: float, within: Floats) -> Floats:
+    """The adjusted mean at which the usual amount is this one, for each within-person variance, (d,)."""
+    found = np.full_like(within, _onto(scale, np.array(usual)))
+    if scale == "logarithm":
+        return found - np.log(np.exp(np.sqrt(within)[:, None] * _NODES) @ _WEIGHTS)
+    # Newton's method from above: the usual amount is convex in the mean and no less than the mean's own amount
+    power = _POWERS[scale]
+    for _ in range(MOST_STEPS):
+        days = np.maximum(found[:, None] + np.sqrt(within)[:, None] * _NODES, 0.0)
+        slope = power * np.where(days > 0.0, days ** (power - 1.0), 0.0) @ _WEIGHTS
+        step = (days**power @ _WEIGHTS - usual) / slope
+        found = found - step
+        if np.all(np.abs(step) <= ROUNDING * (np.abs(found) + np.sqrt(within))):
+            break
+    return found
+
+
+def _interval(
+    scale: Scale, sums: PersonSums, ear: float, share: float, rng: np.random.Generator
+) -> tuple[float, float]:
     """90 % interval of the share: the wider of persons drawn anew (variances and all) and of a bare count (Wilson)."""
     persons = sums.counts.size
-    shares = []
-    for _ in range(BOOTSTRAPS):
-        drawn = sums.drawn(rng.integers(0, persons, persons))
-        shares.append(float(np.mean(_usual(scale, drawn, drawn.variances()) < ear)))
-    low, high = np.quantile(shares, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
+    low, high = np.quantile(drawn_shares(scale, sums, ear, rng), [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
     z = _NORMAL.inv_cdf((1.0 + LEVEL) / 2.0)
     centre = (share + z**2 / (2 * persons)) / (1 + z**2 / persons)
     half = z / (1 + z**2 / persons) * math.sqrt(share * (1 - share) / persons + z**2 / (4 * persons**2))
     return max(min(float(low), centre - half, share), 0.0), min(max(float(high), centre + half, share), 1.0)
+
+
+def _flat(days_by_person: Sequence[Sequence[float] | Floats]) -> tuple[Floats, Counts]:
+    """All days, (N,), person after person; and how many are whose, (n,)."""
+    counts = np.array([len(person) for person in days_by_person], dtype=np.intp)
+    return np.fromiter(chain.from_iterable(days_by_person), np.float64, int(counts.sum())), counts
+
+
+def _starts(counts: Counts) -> Counts:
+    """Where each person's days begin, (n,)."""
+    return np.cumsum(counts) - counts
+
+
+def _blocks(count: int, most: int) -> Iterator[int]:
+    """So many in portions of at most `most`."""
+    for done in range(0, count, most):
+        yield min(most, count - done)
 
 
 def _onto(scale: Scale, amounts: Floats) -> Floats:

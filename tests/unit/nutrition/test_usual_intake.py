@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from app.nutrition.usual_intake import NotJudged, UsualIntakes, choose_scale, judge_group, variance_components
+from app.nutrition.usual_intake import (
+    BOOTSTRAPS,
+    NotJudged,
+    PersonSums,
+    UsualIntakes,
+    choose_scale,
+    drawn_shares,
+    judge_group,
+    usual_amounts,
+    variance_components,
+)
 
 
 def lognormal_group(rng, persons=400, days=3, median=10.0, between=0.25, within=0.45):
@@ -126,6 +136,53 @@ def test_days_that_never_differ_within_a_person_are_counted_as_they_are():
     found = judged(days, 10.5)
     assert found.share_below == found.unadjusted_share == pytest.approx(0.25)
     assert found.share_low < 0.25 < found.share_high
+
+
+def sums_of(days):
+    return PersonSums.of(np.concatenate(days), np.array([len(person) for person in days]))
+
+
+def one_by_one(scale, sums, ear, rng):
+    """As drawn_shares has it, from the amounts of everybody who was drawn."""
+    persons, shares = sums.counts.size, []
+    for _ in range(BOOTSTRAPS):
+        drawn = sums.drawn(rng.integers(0, persons, persons))
+        shares.append(float(np.mean(usual_amounts(scale, drawn, drawn.variances()) < ear)))
+    return shares
+
+
+@pytest.mark.parametrize("persons", [11, 400])
+@pytest.mark.parametrize(
+    ("scale", "power"),
+    [("as_is", 1), ("square_root", 2), ("cube_root", 3), ("fourth_root", 4), ("logarithm", None)],
+)
+@pytest.mark.parametrize("within", [0.0, 0.2, 2.0])
+def test_draws_have_the_shares_of_their_persons_amounts(scale, power, within, persons):
+    """On each scale; with days that scatter not at all, less than persons, and so much that some draws tell nothing."""
+    rng = np.random.default_rng(persons)
+    own = rng.normal(2.0, 0.5, persons)
+    days = [one + within * rng.normal(size=int(rng.integers(1, 7))) for one in own]
+    days[0] = np.full(2, own[0])
+    sums = sums_of(days if power is None else [np.maximum(person, 0.0) for person in days])
+    middle = float(np.median(usual_amounts(scale, sums, sums.variances())))
+    for ear in (0.5 * middle, 1.001 * middle, 2.0 * middle):
+        fast = drawn_shares(scale, sums, ear, np.random.default_rng(5))
+        assert fast.tolist() == pytest.approx(one_by_one(scale, sums, ear, np.random.default_rng(5)), abs=1e-12)
+
+
+def test_draws_without_repeated_days_are_told_by_their_mean_alone():
+    rng = np.random.default_rng(12)
+    sums = sums_of([rng.normal(10.0, 3.0, 2 if place == 0 else 1) for place in range(12)])
+    shares = drawn_shares("as_is", sums, 10.0, np.random.default_rng(5))
+    assert shares.tolist() == one_by_one("as_is", sums, 10.0, np.random.default_rng(5))
+    assert {0.0, 1.0} < set(shares.tolist())
+
+
+def test_sums_of_persons_are_those_of_their_days():
+    days = [np.random.default_rng(place).normal(1e3, 1.0, 1 + place % 5) for place in range(30)]
+    sums = sums_of(days)
+    assert sums.means == pytest.approx(np.array([person.mean() for person in days]), rel=1e-14)
+    assert sums.squares == pytest.approx(np.array([person.size * person.var() for person in days]), rel=1e-9)
 
 
 def test_share_of_none_still_has_an_interval():
