@@ -39,7 +39,7 @@ def releases_check(study: StudyArgument, name: NameArgument, as_json: JsonOption
             "checksum_now": found.checksum_now,
             "altered_at": checked.release.altered_at,
             "files": [asdict(file) for file in checked.files],
-            "tables": [asdict(table) for table in found.tables],
+            "tables": None if found.tables is None else [asdict(table) for table in found.tables],
         }
         print(json.dumps(told, default=str))
     else:
@@ -67,7 +67,7 @@ def _print_words(found: "Comparison") -> None:
     checked = found.checked
     for file in checked.files:
         if file.found != "whole":
-            print(f"{file.name}: {file.found}")
+            print(f"{file.name}: {file.found}, {file.blob_key}")
     print(f"files: {'whole' if checked.is_whole else 'NOT what was frozen'}, checksum {checked.release.checksum}")
     if checked.release.altered_at is not None:
         print(f"altered since something was erased, last on {checked.release.altered_at.isoformat(timespec='seconds')}")
@@ -75,6 +75,9 @@ def _print_words(found: "Comparison") -> None:
         print("frozen now, it would be the same")
         return
     print(f"frozen now, it would be another: checksum {found.checksum_now}")
+    if found.tables is None:
+        print("  which rows differ is not told without its files")
+        return
     for table in found.tables:
         if table.is_same and not table.columns:
             continue

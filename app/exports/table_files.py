@@ -46,6 +46,12 @@ def read_rows(columns: Sequence[Column], path: Path) -> Iterator[Row]:
             yield from zip(*values, strict=True)
 
 
+def count_rows(path: Path) -> int:
+    """How many rows a Parquet file has, as its footer tells."""
+    with parquet.ParquetFile(path) as file:
+        return int(file.metadata.num_rows)
+
+
 def _parts(columns: Sequence[Column]) -> tuple[Part, ...]:
     """Numbers that stand side by side are written together; each other column keeps what it has written."""
     parts: list[Part] = []

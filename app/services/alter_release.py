@@ -43,11 +43,22 @@ def participant_digest(box: SecretBox, participant_code: str) -> str:
 
 @dataclass(slots=True)
 class Verdicts:
-    """What becomes of rows, by participant and meal: the names that they keep or get, or GONE. Each found out once."""
+    """What becomes of rows, by participant and meal: the names that they keep or get, or GONE. Each found out once.
+
+    However many changes there are, a name is digested once: changes are found by what they are of. Only who gets
+    another name is looked for again, by that name, among the changes after it.
+    """
 
     box: SecretBox
     changes: Sequence[ReleaseChange]
     known: dict[Key, Key | None] = field(default_factory=dict)
+    of_digest: dict[str, list[int]] = field(init=False)  # places in changes, in their order
+
+    def __post_init__(self) -> None:
+        """By digest."""
+        self.of_digest = {}
+        for place, change in enumerate(self.changes):
+            self.of_digest.setdefault(change.digest, []).append(place)
 
     def __call__(self, participant: str, meal_id: str | None = None) -> Key | None:
         """GONE, or the row's participant and meal from now on."""
@@ -58,18 +69,22 @@ class Verdicts:
 
     def _judge(self, participant: str, meal_id: str | None) -> Key | None:
         """The changes one after the other: who was made nameless may be erased later, by the new name."""
-        for change in self.changes:
-            of_person = change.digest == participant_digest(self.box, participant)
-            if change.deed == "anonymise":
-                if of_person and change.new_code is not None and change.new_ids is not None:
-                    participant = change.new_code
-                    meal_id = str(uuid.uuid5(change.new_ids, meal_id)) if meal_id is not None else None
-            elif of_person if change.deed == "erase" else self._is_meal(change, participant, meal_id):
+        after = -1
+        while (place := self._first(participant, meal_id, after)) is not None:
+            change, after = self.changes[place], place
+            if change.new_code is None or change.new_ids is None:
                 return GONE
+            participant = change.new_code
+            meal_id = str(uuid.uuid5(change.new_ids, meal_id)) if meal_id is not None else None
         return participant, meal_id
 
-    def _is_meal(self, change: ReleaseChange, participant: str, meal_id: str | None) -> bool:
-        return meal_id is not None and change.digest == meal_digest(self.box, participant, meal_id)
+    def _first(self, participant: str, meal_id: str | None, after: int) -> int | None:
+        """The place of the first change behind that place which is of this person or meal."""
+        digests = [participant_digest(self.box, participant)]
+        if meal_id is not None:
+            digests.append(meal_digest(self.box, participant, meal_id))
+        places = (place for digest in digests for place in self.of_digest.get(digest, ()) if place > after)
+        return min(places, default=None)
 
 
 @dataclass(slots=True)

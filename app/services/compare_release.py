@@ -1,12 +1,14 @@
 """Would freezing the same filters now give the same release? Row by row, where not: for `tada releases check`.
 
 The data of now are written as a release would be, into a folder that goes, and compared: by checksum, and table by
-table by the rows' own keys. Nothing is changed.
+table by the rows' own keys. Nothing is changed. Of a large table some rows at a time are held, as their keys' hashes
+choose them: the files' order does not serve, since of whom a name was taken the ids changed and the places did not.
 """
 
 import hashlib
 import json
 import tempfile
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,7 +25,7 @@ from app.db.session import Database
 from app.errors import ConflictError, NotFoundError
 from app.exports.columns import Column
 from app.services.freeze_release import filters_of_json, freeze
-from app.services.release_files import MANIFEST, ReleaseFiles, Sink, Writable, columns_told
+from app.services.release_files import MANIFEST, ReleaseFiles, Row, Sink, Writable, columns_told
 from app.services.releases import CheckedRelease, check_files
 from app.storage.blob_store import BlobStore
 
@@ -36,6 +38,7 @@ KEYS: Mapping[str, tuple[str, ...]] = {
     "food_nutrients": ("food_key", "food_version", "food_table", "number"),
 }
 STATEMENT_SECONDS = 3600
+ROWS_AT_A_TIME = 200_000  # in memory; the files are read as often as it takes
 MOST_LISTED = 10_000
 
 
@@ -61,11 +64,14 @@ class TableDifference:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """checked: whether the release's own files are whole. checksum_now: that of the data of now."""
+    """checked: whether the release's own files are whole. checksum_now: that of the data of now.
+
+    tables: None where files are lost: what is left of them is not compared.
+    """
 
     checked: CheckedRelease
     checksum_now: str
-    tables: list[TableDifference]
+    tables: list[TableDifference] | None
 
     @property
     def is_reproduced(self) -> bool:
@@ -76,13 +82,15 @@ class Comparison:
 def compare_release(database: Database, blobs: BlobStore, study_code: str, name: str) -> Comparison:
     """Check a release, and compare it with the data of now.
 
-    Raises NotFoundError, ConflictError (`release_not_ready`), BlobMissingError, OSError.
+    Raises NotFoundError, ConflictError (`release_not_ready`), OSError.
     """
     with database.read() as session:
         found = _find(session, study_code, name)
     checked = check_files(blobs, found)
     with tempfile.TemporaryDirectory(prefix="made-", dir=blobs.staging_folder()) as folder:
         now = _freeze_now(database, found, Path(folder) / "now")
+        if not checked.is_whole:
+            return Comparison(checked, now.checksum, None)
         frozen = _fetch(blobs, found, Path(folder) / "frozen")
         manifest = json.loads((frozen / MANIFEST).read_bytes())
         tables = [
@@ -108,7 +116,7 @@ def _find(session: Session, study_code: str, name: str) -> NamedRelease:
     found = releases.find_release(session, study.id, name) if study is not None else None
     if found is None:
         raise NotFoundError(f"Study {study_code!r} has no release {name!r}.")
-    if found.release.state != "ready":
+    if found.release.state not in ("ready", "changing"):  # one that changes may wait for a file that is lost
         raise ConflictError(f"The release is {found.release.state}, not ready.", code="release_not_ready")
     return found
 
@@ -168,27 +176,57 @@ def _difference(
     table: str, columns: Sequence[Column], frozen: Path, columns_now: Sequence[Column], now: Path
 ) -> TableDifference:
     """Of rows that have the same key, in the columns that both have; a table without keys by whole rows."""
-    from app.exports.table_files import read_rows  # noqa: PLC0415  # pyarrow
-
     of_now = {column.name: column for column in columns_now}
     both = [column for column in columns if column.name in of_now]
     names = [column.name for column in both]
-    key = [names.index(name) for name in KEYS.get(table, names)]
-    before = {tuple(row[one] for one in key): row for row in read_rows(both, frozen / f"{table}.parquet")}
-    by_column = {column.name: len(before) for column in columns if column.name not in of_now}
-    same = other = only_now = 0
-    rows_now = read_rows([of_now[name] for name in names], now / f"{table}.parquet") if columns_now else iter(())
-    for row in rows_now:
-        old = before.pop(tuple(row[one] for one in key), None)
-        if old is None:
-            only_now += 1
-        elif old == row:
-            same += 1
-        else:
-            other += 1
-            for name, was, value in zip(names, old, row, strict=True):
-                if was != value:
-                    by_column[name] = by_column.get(name, 0) + 1
+    before = _Table(frozen / f"{table}.parquet", both, KEYS.get(table))
+    after = _Table(now / f"{table}.parquet", [of_now[name] for name in names], KEYS.get(table)) if columns_now else None
+    parts = 1 + max(one.count() for one in (before, after) if one is not None) // ROWS_AT_A_TIME
+    sums, by_column = Counter[str](), Counter[str]()
+    for part in range(parts):
+        old = dict(before.rows(part, parts))
+        for key, row in after.rows(part, parts) if after is not None else ():
+            was = old.pop(key, None)
+            sums["only_now" if was is None else "same" if was == row else "other"] += 1
+            if was is not None and was != row:
+                by_column.update(name for name, one, other in zip(names, was, row, strict=True) if one != other)
+        sums["only_frozen"] += len(old)
+    of_frozen, of_both = sums["same"] + sums["other"] + sums["only_frozen"], sums["same"] + sums["other"]
     known = {column.name for column in columns}
-    by_column |= {name: same + other + only_now for name in of_now if name not in known}
-    return TableDifference(table, same, other, len(before), only_now, by_column)
+    differing = (
+        dict(by_column)
+        | {column.name: of_frozen for column in columns if column.name not in of_now}
+        | {name: of_both + sums["only_now"] for name in of_now if name not in known}
+    )
+    return TableDifference(table, sums["same"], sums["other"], sums["only_frozen"], sums["only_now"], differing)
+
+
+@dataclass(frozen=True, slots=True)
+class _Table:
+    """A Parquet file of these columns. keys: by which its rows are known; None: by all they say, and how often."""
+
+    path: Path
+    columns: Sequence[Column]
+    keys: tuple[str, ...] | None
+
+    def count(self) -> int:
+        """How many rows it has."""
+        from app.exports.table_files import count_rows  # noqa: PLC0415  # pyarrow
+
+        return count_rows(self.path)
+
+    def rows(self, part: int, parts: int) -> Iterator[tuple[Row, Row]]:
+        """(key, row) of one of so many parts: the same keys are in the same part of each table."""
+        from app.exports.table_files import read_rows  # noqa: PLC0415  # pyarrow
+
+        names = [column.name for column in self.columns]
+        places = [names.index(name) for name in (names if self.keys is None else self.keys)]
+        alike = Counter[Row]()
+        for row in read_rows(self.columns, self.path):
+            key = tuple(row[place] for place in places)
+            if hash(key) % parts != part:
+                continue
+            if self.keys is None:
+                alike[key] += 1
+                key = (*key, alike[key])
+            yield key, row

@@ -28,7 +28,7 @@ from app.services.export_estimate import estimate_rows
 from app.services.export_spec import spec_of_json
 from app.services.export_tables import write_export
 from app.services.made_file import ClaimLostError, WorkLife, file_key, staged_file
-from app.services.release_runner import FilesMissingError, ReleaseRunner
+from app.services.release_runner import FilesLostError, ReleaseRunner
 from app.services.secret_box import SecretBox
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
@@ -40,6 +40,7 @@ FIRST_WAIT_SECONDS, LONGEST_WAIT_SECONDS = 5.0, 300.0
 STATEMENT_SECONDS = 3600  # PostgreSQL; requests have their own, shorter limit
 DONE, AGAIN, LOST = "done", "again", "lost"
 CHANGING = "changing"  # of a release: it is tried until it is done
+MOST_TRIES_WITHOUT_FILES = 870  # of such a one whose files are lost: three days, in which they can be put back
 INTERNAL_ERROR = "internal_error"
 
 
@@ -93,10 +94,10 @@ class FileRunner:
             return LOST
         except Exception as error:  # the worker's edge: the work's row tells it
             log.warning("file_not_made", file=str(work.id), attempt=work.attempts, exc_info=error)
-            code = _lasting_code(error, work.attempts)
-            if work.state == CHANGING and not isinstance(error, FilesMissingError):
-                code = None
-            return self._tell(work, code)
+            is_over = work.state != CHANGING or (
+                isinstance(error, FilesLostError) and work.attempts >= MOST_TRIES_WITHOUT_FILES
+            )
+            return self._tell(work, _lasting_code(error, work.attempts), is_over=is_over)
 
     def _make_export(self, export: Export, life: WorkLife) -> str:
         def count(rows: int) -> None:
@@ -148,15 +149,15 @@ class FileRunner:
             with self._database.write() as session:
                 file_work.estimate(session, work, self._claim, rows)
 
-    def _tell(self, work: Work, code: str | None) -> str:
-        """Note a failure for good, or (None) that it is to be begun again after a while."""
+    def _tell(self, work: Work, code: str | None, *, is_over: bool = True) -> str:
+        """Note a failure for good; or that it is to be begun again after a while, and why it failed, if that lasts."""
         with self._database.write() as session:
             held = file_work.hold(session, work, self._claim)
             if held is None:
                 return LOST
-            if code is None:
-                wait = min(FIRST_WAIT_SECONDS * 2 ** (held.attempts - 1), LONGEST_WAIT_SECONDS)
-                file_work.begin_again(held, counts=True, after_seconds=wait)
+            if code is None or not is_over:
+                file_work.begin_again(held, counts=True, after_seconds=_wait_seconds(held.attempts))
+                held.failure_code = code or held.failure_code
                 return AGAIN
             held.state, held.failure_code, held.finished_at = "failed", code, datetime.now(UTC)
             held.claim = held.heartbeat_at = None
@@ -184,6 +185,11 @@ def _acting_for(session: Session, export: Export) -> StaffCaller:
         can_write=False,
         only_study_id=export.study_id,
     )
+
+
+def _wait_seconds(attempts: int) -> float:
+    """Twice as long after each try. There is no end to tries: the power has one, or it is too large for a float."""
+    return min(FIRST_WAIT_SECONDS * 2.0 ** min(attempts - 1, 10), LONGEST_WAIT_SECONDS)
 
 
 def _lasting_code(error: Exception, attempts: int) -> str | None:

@@ -2,9 +2,11 @@
 
 As with exports it counts only by the last transaction (file_runner.py): there the claim must still be ours, and of a
 release that is frozen nothing may have been erased since the moment; of one that is changed nothing more may wait to be
-taken out. A change is tried until it is done, however often it fails: until then the release is not served.
+taken out. A change is tried until it is done, however often it fails: until then the release is not served. Only files
+that are what was frozen are changed: a damaged one would give other figures under a checksum of their own.
 """
 
+import hashlib
 import json
 import uuid
 from collections.abc import Callable, Iterator, Mapping
@@ -22,7 +24,7 @@ import app
 from app.db.models import Release, ReleaseFile, Staff, Study
 from app.db.queries import exports, file_work, privacy, releases
 from app.db.session import Database
-from app.errors import NotFoundError
+from app.errors import TadaError
 from app.services import audit
 from app.services.alter_release import ReleaseAlteration, Verdicts
 from app.services.freeze_release import filters_of_json, freeze
@@ -30,7 +32,7 @@ from app.services.made_file import ClaimLostError, StagedFile, WorkLife, file_ke
 from app.services.release_files import MANIFEST, MadeFile, ReleaseFiles, Sink, Writable
 from app.services.secret_box import SecretBox
 from app.settings import Settings
-from app.storage.blob_store import BlobMissingError, BlobStore
+from app.storage.blob_store import BlobDamagedError, BlobMissingError, BlobStore
 
 PROTOCOL = (  # what a study's protocol tells of how the data came about
     *("code", "name", "marker", "expects_after_pair", "after_window_minutes", "location_policy", "location_decimals"),
@@ -38,8 +40,8 @@ PROTOCOL = (  # what a study's protocol tells of how the data came about
 )
 
 
-class FilesMissingError(NotFoundError):
-    """A file of a release is not in the store: it cannot be changed, nor served, any more."""
+class FilesLostError(TadaError):
+    """A file of a release is not in the store, or not what was frozen: unless it is put back, nobody can change it."""
 
     code = "release_files_missing"
 
@@ -99,10 +101,10 @@ class ReleaseRunner:
     def _change(self, release: Release, files: ReleaseFiles, placed: "_Placed") -> bool:
         with self.database.read() as session:
             changes = releases.changes_of(session, release.id)
-            keys = {file.name: file.blob_key for file in releases.files_of(session, release.id)}
+            frozen = {file.name: file for file in releases.files_of(session, release.id)}
         done = {change.id for change in changes}
         with TemporaryDirectory(prefix="made-", dir=self.blobs.staging_folder()) as folder:
-            fetched = _Fetched(self.blobs, keys, Path(folder))
+            fetched = _Fetched(self.blobs, frozen, Path(folder))
             manifest = json.loads(fetched(MANIFEST).read_bytes())
             alteration = ReleaseAlteration(manifest, fetched, Verdicts(self.box, changes))
             is_met, now = alteration.is_met(), datetime.now(UTC)
@@ -206,21 +208,32 @@ class _Placed:
 
 
 class _Fetched:
-    """Files of a release as local files, each fetched once."""
+    """Files of a release as local files, each fetched once and compared with what was frozen."""
 
-    def __init__(self, blobs: BlobStore, keys: Mapping[str, str], folder: Path) -> None:
-        self._blobs, self._keys, self._folder = blobs, keys, folder
+    def __init__(self, blobs: BlobStore, files: Mapping[str, ReleaseFile], folder: Path) -> None:
+        self._blobs, self._files, self._folder = blobs, files, folder
+        self._there: dict[str, Path] = {}
 
     def __call__(self, name: str) -> Path:
-        path = self._folder / name
-        if not path.exists():
-            if name not in self._keys:
-                raise FilesMissingError(f"The release has no file {name}.")
-            try:
-                self._blobs.fetch(self._keys[name], path)
-            except BlobMissingError:
-                path.unlink(missing_ok=True)
-                raise FilesMissingError(f"The release's file {name} is not in the store.") from None
+        """Raises FilesLostError."""
+        if name not in self._there:
+            self._there[name] = self._fetch(name)
+        return self._there[name]
+
+    def _fetch(self, name: str) -> Path:
+        if name not in self._files:
+            raise FilesLostError(f"The release has no file {name}.")
+        frozen, path = self._files[name], self._folder / name
+        damaged = FilesLostError(f"{frozen.blob_key} is not what was frozen.", code="release_files_damaged")
+        try:
+            self._blobs.fetch(frozen.blob_key, path)
+        except BlobMissingError:
+            raise FilesLostError(f"{frozen.blob_key} is not in the store.") from None
+        except BlobDamagedError:
+            raise damaged from None
+        with path.open("rb") as file:
+            if hashlib.file_digest(file, "sha256").hexdigest() != frozen.sha256:
+                raise damaged
         return path
 
 

@@ -35,6 +35,7 @@ class CheckedFile:
     """A file of a release as the store has it."""
 
     name: str
+    blob_key: str
     sha256: str
     found: Literal["whole", "damaged", "missing"]
 
@@ -147,10 +148,11 @@ def check_files(blobs: BlobStore, found: NamedRelease) -> CheckedRelease:
     for file in found.files:
         sha256 = _sha256_of(blobs, file.blob_key)
         if sha256 is None:
-            checked.append(CheckedFile(file.name, file.sha256, "missing"))
+            checked.append(CheckedFile(file.name, file.blob_key, file.sha256, "missing"))
             continue
         sha256s[file.name] = sha256
-        checked.append(CheckedFile(file.name, file.sha256, "whole" if sha256 == file.sha256 else "damaged"))
+        is_whole = sha256 == file.sha256
+        checked.append(CheckedFile(file.name, file.blob_key, file.sha256, "whole" if is_whole else "damaged"))
     is_all = bool(found.files) and len(sha256s) == len(found.files)
     return CheckedRelease(found.release, checked, checksum_of(sha256s) if is_all else None)
 

@@ -18,7 +18,8 @@ class Release(FileWork, Base):
     """A study's data of one moment. Its name is never given again: a release is not deleted.
 
     filters: what was asked for (services/releases.py). checksum: over the files' SHA-256, by which the release is
-    cited. state "changing": something in it was erased, and its files are not served until they are without it.
+    cited. state "changing": something in it was erased, and its files are not served until they are without it; with a
+    failure_code: the last try that said why failed by it, and it is tried again.
     altered_at: an erasure took rows out of it then, for the last time; former_checksums: [checksum, until] of before.
     frozen_at: the moment; at_change_seq is as the database counted then (a restored one counts otherwise).
     """

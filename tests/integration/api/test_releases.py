@@ -12,13 +12,25 @@ import pytest
 import sqlalchemy as sa
 from pyarrow import parquet
 
-from app.db.models import DiaryDay, EffectiveRecord, Meal, MealImage, Participant, ReleaseChange, ReleaseFile, Study
+from app.db.models import (
+    DiaryDay,
+    EffectiveRecord,
+    Meal,
+    MealImage,
+    Participant,
+    Release,
+    ReleaseChange,
+    ReleaseFile,
+    Study,
+    StudyDensity,
+)
 from app.db.models.record import HEADLINE_COLUMNS
 from app.db.queries import file_work
+from app.services import compare_release as compare
 from app.services import release_runner
 from app.services.compare_release import compare_release
 from app.services.delete_blobs import BlobDeleter
-from app.services.file_runner import FileRunner
+from app.services.file_runner import MOST_TRIES_WITHOUT_FILES, FileRunner
 from app.services.release_days import NOT_DERIVABLE, day_without
 from tests.integration.api.people import make_staff
 from tests.integration.eaten_days import add_meal, eaten_item
@@ -469,24 +481,73 @@ def test_change_that_fails_is_tried_again_and_never_given_up(owner, run, state, 
     with monkeypatch.context() as patch:
         patch.setattr("app.services.made_file.shutil.disk_usage", lambda _: type("Usage", (), {"free": -1}))
         for _ in range(7):
-            with state.database.write() as session:
-                session.execute(sa.text("UPDATE release SET begin_after = NULL"))
+            begin_now(state)
             assert run().outcome == "again"
-    assert owner.get(f"{PATH}/baseline").json()["state"] == "changing"
-    with state.database.write() as session:
-        session.execute(sa.text("UPDATE release SET begin_after = NULL"))
-    assert run().outcome == "done"
-
-
-def test_release_whose_files_are_lost_says_so_when_it_must_change(owner, run, state, eaten):
-    frozen(owner, run, "baseline")
-    for name in stored_names(state.blobs):
-        if "/meals.parquet/" in name:
-            state.blobs.delete(name)
-    erase(eaten, "two a")
-    assert run().outcome == "release_files_missing"
+        begin_now(state, attempts=5000)  # for weeks
+        assert run().outcome == "again"
+        begin_now(state)
+        assert run().outcome == "again"
     release = owner.get(f"{PATH}/baseline").json()
-    assert (release["state"], release["failure"]) == ("failed", "release_files_missing")
+    assert (release["state"], release["failure"]) == ("changing", "storage_full")
+    begin_now(state)
+    assert run().outcome == "done"
+    assert owner.get(f"{PATH}/baseline").json()["failure"] is None
+
+
+LOST = {"missing": "release_files_missing", "damaged": "release_files_damaged"}
+
+
+def lose(state, how):
+    """meals.parquet is gone from the store, or another byte stands in its middle. Returns its key and content."""
+    [key] = [name for name in stored_names(state.blobs) if "/meals.parquet/" in name]
+    content = state.blobs.read(key)
+    state.blobs.delete(key)
+    if how == "damaged":
+        middle = len(content) // 2
+        state.blobs.put_bytes(key, content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :])
+    return key, content
+
+
+def begin_now(state, **values):
+    with state.database.write() as session:
+        session.execute(sa.update(Release).values(begin_after=None, **values))
+
+
+@pytest.mark.parametrize("how", LOST)
+def test_release_that_must_change_and_whose_file_is_lost_says_so_until_the_file_is_put_back(
+    owner, run, state, eaten, how
+):
+    before = frozen(owner, run, "baseline")
+    key, content = lose(state, how)
+    erase(eaten, "two a")
+    assert run().outcome == "again"
+    release = owner.get(f"{PATH}/baseline").json()
+    assert (release["state"], release["failure"], release["files"]) == ("changing", LOST[how], [])
+    assert owner.get(f"{PATH}/baseline/files/items.csv").json()["code"] == "release_changing"
+    found = compare_release(state.database, state.blobs, "pilot", "baseline")
+    assert [(file.name, file.blob_key) for file in found.checked.files if file.found == how] == [("meals.parquet", key)]
+    assert found.tables is None
+    state.blobs.put_bytes(key, content)
+    begin_now(state)
+    assert run().outcome == "done"
+    after = owner.get(f"{PATH}/baseline").json()
+    assert (after["state"], after["failure"]) == ("ready", None)
+    assert str(eaten["meals"]["two a"]) not in fetch(owner, after, "meals.csv").decode()
+    assert [one["checksum"] for one in after["former_checksums"]] == [before["checksum"]]
+
+
+@pytest.mark.parametrize("how", LOST)
+def test_release_whose_file_is_not_put_back_for_three_days_fails_and_keeps_nothing(owner, run, state, eaten, how):
+    frozen(owner, run, "baseline")
+    lose(state, how)
+    erase(eaten, "two a")
+    assert run().outcome == "again"
+    begin_now(state, attempts=MOST_TRIES_WITHOUT_FILES - 2)
+    assert run().outcome == "again"
+    begin_now(state)
+    assert run().outcome == LOST[how]
+    release = owner.get(f"{PATH}/baseline").json()
+    assert (release["state"], release["failure"]) == ("failed", LOST[how])
     assert owner.get(f"{PATH}/baseline/files/items.csv").json()["code"] == "release_failed"
     assert owner.post(PATH, json={"name": "baseline"}).json()["code"] == "release_exists"
     BlobDeleter(state.database, state.blobs).delete_wanted()  # what is left of it still holds what was erased
@@ -516,7 +577,9 @@ def test_day_worked_out_anew_with_nothing_gone_is_the_frozen_day(owner, run):
         assert day_without(day, of_day[0], [], of_day[1], expects_after_pair=False) == day
 
 
-def test_check_tells_whether_the_data_would_be_frozen_alike_now_and_which_rows_differ(owner, run, state, eaten):
+def test_check_tells_whether_the_data_would_be_frozen_alike_now_and_which_rows_differ(
+    owner, run, state, eaten, monkeypatch
+):
     frozen(owner, run, "baseline")
     found = compare_release(state.database, state.blobs, "pilot", "baseline")
     assert (found.checked.is_whole, found.is_reproduced) == (True, True)
@@ -534,3 +597,41 @@ def test_check_tells_whether_the_data_would_be_frozen_alike_now_and_which_rows_d
     assert items.columns["consumed_g"] == items.columns["flags"] == items.columns["CA_mg"] == 1  # of grams and content
     assert not {"energy_kcal", "edible_g", "id"} & set(items.columns)  # what the record itself tells is as it was
     assert next(table for table in found.tables if table.table == "meals").only_now == 1
+    for rows_at_a_time in (1, 3):
+        monkeypatch.setattr(compare, "ROWS_AT_A_TIME", rows_at_a_time)
+        assert compare_release(state.database, state.blobs, "pilot", "baseline").tables == found.tables
+
+
+def test_rows_that_are_alike_are_compared_by_how_many_there_are(owner, run, state, eaten):
+    """A study may have measured the same twice: the table of densities has no key."""
+
+    def measure():
+        now = datetime.now(UTC)
+        values = {"g_per_ml": 0.8, "sd_g_per_ml": 0.1, "state": "raw", "kind": "solid", "weighs": "edible"}
+        words = {"source": "a scale", "author": "olga", "reason": "measured"}
+        with state.database.write() as session:
+            study = session.scalars(sa.select(Study.id).where(Study.code == "pilot")).one()
+            session.add(
+                StudyDensity(
+                    id=uuid.uuid4(),
+                    study_id=study,
+                    food_key="apple",
+                    specimens=None,
+                    measured_at=now,
+                    created_at=now,
+                    **values,
+                    **words,
+                )
+            )
+
+    measure()
+    measure()
+    frozen(owner, run, "baseline")
+
+    def densities():
+        tables = compare_release(state.database, state.blobs, "pilot", "baseline").tables
+        return next(table for table in tables if table.table == "food_densities")
+
+    assert densities().is_same
+    measure()
+    assert (densities().only_frozen, densities().only_now) == (0, 1)
