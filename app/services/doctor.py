@@ -1,7 +1,7 @@
 """`tada doctor`: what is wrong with a deployment, in sentences; with `requeue`, meals that nothing moves are queued.
 
 Each part is looked at by itself, so that one that is out of order hides no other: doctor_settings.py,
-doctor_database.py, doctor_store.py, doctor_work.py.
+doctor_database.py, doctor_store.py, doctor_work.py, doctor_files.py.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -13,7 +13,7 @@ import structlog
 
 from app.db.session import Database
 from app.errors import TadaError
-from app.services import doctor_database, doctor_store, doctor_work
+from app.services import doctor_database, doctor_files, doctor_store, doctor_work
 from app.services.doctor_settings import look_at_settings
 from app.services.finding import Finding
 from app.services.secret_box import KEY_FILE, SecretBox, open_secret_box
@@ -45,8 +45,10 @@ def _examine(database: Database, settings: Settings, *, requeue: bool) -> Iterat
     alive = workers.total()
     yield from _asked("database", lambda: doctor_database.look_at_database(database, workers_alive=alive))
     yield from _asked("work", lambda: doctor_work.look_at_work(database, workers, requeue=requeue))
+    yield from _asked("exports and releases", lambda: doctor_files.look_at_files(database))
     if blobs is not None:
         yield from _asked("photographs", lambda: doctor_store.look_at_photographs(database, blobs))
+        yield from _asked("files of releases", lambda: doctor_files.look_at_release_files(database, blobs))
     yield from _asked("ledger of erasures", lambda: doctor_store.look_at_ledger(database, settings))
     yield from _asked("webhooks", lambda: doctor_work.look_at_webhooks(database, _box(settings)))
     yield from _asked("backup", lambda: [doctor_work.look_at_backup(database)])

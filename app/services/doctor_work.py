@@ -1,4 +1,7 @@
-"""What `tada doctor` says of the work: workers, the queue, meals that nobody will move, what failed and why."""
+"""What `tada doctor` says of the work: workers, the queue, meals that nobody will move, what failed and why.
+
+Exports, releases and sums of days are told by doctor_files.py.
+"""
 
 from collections import Counter
 from collections.abc import Iterator

@@ -127,7 +127,30 @@ def _of_database(found: Deployment) -> Iterator[GaugeMetricFamily]:
     yield _gauge("tada_blob_deletions_waiting", "Blobs that an erasure wants gone.", found.figures.deletions_waiting)
     oldest = found.figures.oldest_deletion_at
     yield _age("tada_blob_deletions_oldest_seconds", "How long the oldest of them waits.", oldest, now)
+    yield from _of_files(found.figures)
     yield from _of_backup(found, now)
+
+
+def _of_files(found: Figures) -> Iterator[GaugeMetricFamily]:
+    waiting = GaugeMetricFamily(
+        "tada_files_waiting", "Exports and releases that are not made yet, by state.", labels=["kind", "state"]
+    )
+    words = "How long the oldest of them waits; a release that changes, since the erasure."
+    oldest = GaugeMetricFamily("tada_files_oldest_seconds", words, labels=["kind"])
+    for kind, files in found.files.items():
+        for state, count in files.states.items():
+            waiting.add_metric([kind, state], count)
+        oldest.add_metric([kind], _seconds_since(files.oldest_at, found.now))
+    yield waiting
+    yield oldest
+    words = "Releases that an erasure wants changed, and that could not be: they are not served."
+    yield _gauge("tada_releases_stuck", words, found.releases_stuck)
+    marks = GaugeMetricFamily(
+        "tada_day_marks", "Changes of days that the kept sums do not have yet, by whose day it is.", labels=["whose"]
+    )
+    for whose, count in found.marked_days.items():
+        marks.add_metric([whose], count)
+    yield marks
 
 
 def _of_backup(found: Deployment, now: datetime) -> Iterator[GaugeMetricFamily]:
@@ -161,4 +184,8 @@ def _gauge(name: str, words: str, value: float) -> GaugeMetricFamily:
 
 def _age(name: str, words: str, since: datetime | None, now: datetime) -> GaugeMetricFamily:
     """Seconds since then; 0 where nothing waits."""
-    return _gauge(name, words, max((now - since).total_seconds(), 0.0) if since is not None else 0.0)
+    return _gauge(name, words, _seconds_since(since, now))
+
+
+def _seconds_since(since: datetime | None, now: datetime) -> float:
+    return max((now - since).total_seconds(), 0.0) if since is not None else 0.0

@@ -11,11 +11,32 @@ from datetime import UTC, datetime
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import AuditEvent, BlobDeletion, Job, Meal, Webhook, WebhookDelivery
+from app.db.models import (
+    AuditEvent,
+    BlobDeletion,
+    DayMark,
+    Export,
+    Job,
+    Meal,
+    Release,
+    ReleaseChange,
+    StudyDayMark,
+    Webhook,
+    WebhookDelivery,
+)
+from app.db.models.export import UNDER_WAY
 from app.db.models.privacy import IS_BACKUP
 
 OPEN_STATUSES = ("receiving", "queued", "processing", "needs_review")  # of meals that somebody is still to move on
 COUNTED_AT_MOST = 100_000  # rows of one kind: who has more needs no closer figure
+
+
+@dataclass(frozen=True, slots=True)
+class FilesWaiting:
+    """Exports, or releases, that are not made yet. oldest_at: since when the first of them is wanted."""
+
+    states: Mapping[str, int]
+    oldest_at: datetime | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +53,9 @@ class Figures:
     webhooks_disabled: int
     deletions_waiting: int
     oldest_deletion_at: datetime | None
+    files: Mapping[str, FilesWaiting]  # export, release
+    releases_stuck: int  # that an erasure wants changed, and that could not be; each is tried again
+    marked_days: Mapping[str, int]  # participant, study: days whose kept sums are of before; marks have no time
 
 
 def figures(session: Session) -> Figures:
@@ -53,6 +77,12 @@ def figures(session: Session) -> Figures:
         webhooks_disabled=_count(session, Webhook.disabled_at.is_not(None)),
         deletions_waiting=_count(session, BlobDeletion.requested_at.is_not(None)),
         oldest_deletion_at=_oldest(session, sa.select(BlobDeletion.requested_at)),
+        files={"export": _exports_waiting(session), "release": _releases_waiting(session)},
+        releases_stuck=_count(session, Release.state == "changing", Release.failure_code.is_not(None)),
+        marked_days={
+            "participant": _count(session, DayMark.id.is_not(None)),
+            "study": _count(session, StudyDayMark.id.is_not(None)),
+        },
     )
 
 
@@ -64,8 +94,22 @@ def database_now(session: Session) -> datetime:
     return now
 
 
-def _count(session: Session, condition: sa.ColumnElement[bool]) -> int:
-    rows = sa.select(sa.literal(1)).where(condition).limit(COUNTED_AT_MOST).subquery()
+def _exports_waiting(session: Session) -> FilesWaiting:
+    states = {state: _count(session, Export.state == state) for state in UNDER_WAY}
+    return FilesWaiting(states, _oldest(session, sa.select(Export.requested_at).where(Export.state.in_(UNDER_WAY))))
+
+
+def _releases_waiting(session: Session) -> FilesWaiting:
+    """One that changes is wanted since the first erasure that it is without, not since it was frozen."""
+    states = {state: _count(session, Release.state == state) for state in (*UNDER_WAY, "changing")}
+    wanted = sa.union_all(
+        sa.select(Release.requested_at).where(Release.state.in_(UNDER_WAY)), sa.select(ReleaseChange.requested_at)
+    ).subquery()
+    return FilesWaiting(states, _oldest(session, sa.select(wanted.c.requested_at)))
+
+
+def _count(session: Session, *conditions: sa.ColumnElement[bool]) -> int:
+    rows = sa.select(sa.literal(1)).where(*conditions).limit(COUNTED_AT_MOST).subquery()
     return session.scalar(sa.select(sa.func.count()).select_from(rows)) or 0
 
 

@@ -22,6 +22,7 @@ from app.db.models import (
     ReleaseChange,
     ReleaseFile,
     Staff,
+    Study,
     StudyDensity,
 )
 from app.db.models.record import HEADLINE_COLUMNS
@@ -41,6 +42,26 @@ class NamedRelease(NamedTuple):
     release: Release
     made_by: str
     files: list[ReleaseFile]
+
+
+class StuckRelease(NamedTuple):
+    """A release that could not be written without what was erased, and why."""
+
+    study_code: str
+    name: str
+    failure_code: str | None
+
+
+def stuck_releases(session: Session, limit: int) -> list[StuckRelease]:
+    """The first of them; each is tried again."""
+    query = (
+        sa.select(Study.code, Release.name, Release.failure_code)
+        .join(Study, Study.id == Release.study_id)
+        .where(Release.state == "changing", Release.failure_code.is_not(None))
+        .order_by(Study.code, Release.name)
+        .limit(limit)
+    )
+    return [StuckRelease(*row) for row in session.execute(query)]
 
 
 def page_of_releases(
@@ -80,6 +101,11 @@ def files_of(session: Session, release_id: uuid.UUID) -> list[ReleaseFile]:
     """A release's files by name."""
     query = sa.select(ReleaseFile).where(ReleaseFile.release_id == release_id).order_by(ReleaseFile.name)
     return list(session.scalars(query))
+
+
+def blob_keys(session: Session) -> list[str]:
+    """The keys of all files of releases: some fifteen a release."""
+    return list(session.scalars(sa.select(ReleaseFile.blob_key).order_by(ReleaseFile.blob_key)))
 
 
 def replace_files(session: Session, release_id: uuid.UUID, files: Iterable[ReleaseFile]) -> list[str]:

@@ -2,15 +2,19 @@
 
 import threading
 import uuid
+from datetime import UTC, datetime, timedelta
 
 import pytest
+import sqlalchemy as sa
 import sqlalchemy.exc
 from fastapi.testclient import TestClient
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as parse_openmetrics
 from prometheus_client.parser import text_string_to_metric_families
 from pydantic import SecretStr
 
+from app.db.models import Export, Release, ReleaseChange
 from app.services import figures
+from tests.integration.eaten_days import add_meal, eaten_item
 from tests.photographs import pair
 
 TOKEN = "a token for tests of metrics"
@@ -102,6 +106,39 @@ def test_accepted_meal_is_counted_and_waits_in_the_queue(local, phone):
     assert value(after, "tada_workers_alive") == 0
     assert value(after, "tada_database_up") == 1
     assert value(after, "tada_disk_free_bytes") > 0
+
+
+def test_exports_and_releases_that_are_not_made_and_days_that_are_not_summed_are_told(
+    local, client, admin, state, enrol
+):
+    enrol("P001")
+    before = scrape(local)
+    assert value(before, "tada_files_waiting", kind="export", state="queued") == 0
+    assert value(before, "tada_files_oldest_seconds", kind="release") == 0
+    assert (value(before, "tada_releases_stuck"), value(before, "tada_day_marks", whose="participant")) == (0, 0)
+    client.post("/v1/studies/pilot/exports", headers=admin, json={"rows": "meals"}).raise_for_status()
+    client.post("/v1/studies/pilot/releases", headers=admin, json={"name": "waits"}).raise_for_status()
+    client.post("/v1/studies/pilot/releases", headers=admin, json={"name": "changes"}).raise_for_status()
+    now = datetime.now(UTC)
+    with state.database.write() as session:
+        session.execute(sa.update(Export).values(requested_at=now - timedelta(minutes=2)))
+        release = session.scalars(sa.select(Release).where(Release.name == "changes")).one()
+        release.state, release.failure_code = "changing", "release_files_missing"
+        release.requested_at = now - timedelta(days=90)  # frozen long ago, to be changed since an hour
+        wanted = now - timedelta(hours=1)
+        session.add(
+            ReleaseChange(id=uuid.uuid4(), release_id=release.id, deed="meal", digest="0" * 64, requested_at=wanted)
+        )
+    add_meal(state, "P001", "2026-11-01", eaten_item(100.0))
+    forget(local)
+    after = scrape(local)
+    waiting = {(kind, state): value(after, "tada_files_waiting", kind=kind, state=state) for kind, state in (
+        ("export", "queued"), ("export", "running"), ("release", "queued"), ("release", "changing"))}  # fmt: skip
+    assert list(waiting.values()) == [1, 0, 1, 1]
+    assert value(after, "tada_files_oldest_seconds", kind="export") == pytest.approx(120, abs=60)
+    assert value(after, "tada_files_oldest_seconds", kind="release") == pytest.approx(3600, abs=60)
+    assert value(after, "tada_releases_stuck") == 1
+    assert value(after, "tada_day_marks", whose="participant") > 0
 
 
 def test_refused_upload_is_counted_by_its_code(local, phone):

@@ -11,10 +11,23 @@ import pytest
 import sqlalchemy as sa
 
 from app.db.migrate import downgrade
-from app.db.models import AuditEvent, BlobDeletion, Meal, MealImage, Study, Tombstone, Webhook, WebhookDelivery
+from app.db.models import (
+    AuditEvent,
+    BlobDeletion,
+    DayMark,
+    Meal,
+    MealImage,
+    Release,
+    ReleaseFile,
+    Staff,
+    Study,
+    Tombstone,
+    Webhook,
+    WebhookDelivery,
+)
 from app.db.schema_state import revisions
 from app.db.session import Database, PoolLimits
-from app.services import doctor_database, doctor_store
+from app.services import doctor_database, doctor_files, doctor_store
 from app.services.doctor import examine
 from app.services.erasure_ledger import Erasure, ErasureLedger
 from app.services.last_backup import note_backup
@@ -222,6 +235,59 @@ def test_meal_that_nothing_moves_and_an_old_queue_are_told_and_requeued(deployme
     assert "3600 s" in bad["queue"] or "3601 s" in bad["queue"]
     assert "1 moved" in deployment.findings(requeue=True)["meals"].message
     assert "meals" not in deployment.bad()
+
+
+def new_release(name, requested_at, state, **values):
+    """A release of a study of its own, with who asked for it."""
+    study = Study(id=uuid.uuid4(), code=f"study-{name}", name="s", created_at=requested_at)
+    staff = Staff(id=uuid.uuid4(), name=f"olga of {name}", is_admin=False, created_at=requested_at)
+    release = Release(
+        id=uuid.uuid4(),
+        study_id=study.id,
+        staff_id=staff.id,
+        name=name,
+        note="",
+        filters={},
+        state=state,
+        requested_at=requested_at,
+        former_checksums=[],
+        **values,
+    )
+    return study, staff, release
+
+
+def test_release_that_waits_too_long_and_one_that_cannot_be_changed_are_told(deployment):
+    now = datetime.now(UTC)
+    assert deployment.findings()["exports and releases"].message == "none waits"
+    deployment.add(*new_release("young", now - timedelta(minutes=1), "queued"))
+    found = deployment.findings()["exports and releases"]
+    assert (found.level, found.message.startswith("1 releases queued; the oldest has waited 6")) == ("ok", True)
+    deployment.add(*new_release("old", now - timedelta(hours=2), "running"))
+    assert deployment.bad()["exports and releases"].startswith("1 releases queued, 1 releases running; the oldest")
+    assert "releases that must change" not in deployment.findings()
+    deployment.add(*new_release("lost", now, "changing", failure_code="release_files_missing"))
+    said = "1 cannot be written without what was erased, and are not served: study-lost lost (release_files_missing)."
+    assert deployment.bad()["releases that must change"] == said
+
+
+def test_file_of_a_release_that_is_missing_is_named_before_anything_must_change_it(deployment):
+    study, staff, release = new_release("baseline", datetime.now(UTC), "ready")
+    key = f"made_/releases/{study.id}/{release.id}/{uuid.uuid4().hex}/items.csv/{sha256(b'rows')}"
+    file = ReleaseFile(release_id=release.id, name="items.csv", rows=1, bytes=4, sha256=sha256(b"rows"), blob_key=key)
+    deployment.blobs.put_bytes(key, b"rows")
+    deployment.add(study, staff, release, file)
+    assert deployment.findings()["files of releases"].message == "all 1 are in the store"
+    deployment.blobs.delete(key)
+    assert key in deployment.bad()["files of releases"]
+
+
+def test_many_days_that_are_not_summed_are_a_note(deployment, monkeypatch):
+    assert deployment.findings()["sums of days"].message == "0 changes are not summed yet"
+    with deployment.database.write() as session:
+        meal = new_meal(session)
+        session.add(DayMark(participant_id=meal.participant_id, local_date=meal.local_date, study_id=meal.study_id))
+    monkeypatch.setattr(doctor_files, "MANY_MARKS", 1)
+    assert deployment.findings()["sums of days"].level == "note"
 
 
 def test_event_of_the_future_tells_that_the_clock_went_back(deployment):

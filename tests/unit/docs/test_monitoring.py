@@ -12,7 +12,7 @@ import pytest
 import yaml
 from prometheus_client.metrics import MetricWrapperBase
 
-from app.db.queries.figures import Figures, LastBackup
+from app.db.queries.figures import Figures, FilesWaiting, LastBackup
 from app.db.session import Database
 from app.metrics import instruments
 from app.services import doctor_work
@@ -47,7 +47,21 @@ def families(tmp_path_factory):
     asked = DeploymentFigures(database, LocalBlobStore(folder / "blobs"), Settings(data_dir=folder))
     now = datetime.now(UTC)
     asked._ask = lambda: Deployment(
-        Figures(now, {"queued": 1}, {"queued": 1}, now, 1, 1, now, 1, 1, now),
+        Figures(
+            now,
+            {"queued": 1},
+            {"queued": 1},
+            now,
+            1,
+            1,
+            now,
+            1,
+            1,
+            now,
+            {"export": FilesWaiting({"queued": 1}, now)},
+            1,
+            {"participant": 1},
+        ),
         Counter({"1": 1}),
         LastBackup(now, damaged=1),
         now,
