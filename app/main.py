@@ -66,6 +66,7 @@ from app.api.schemas.checks import CheckMetadataIn
 from app.api.schemas.meals import MealMetadataIn, NewMealMetadataIn
 from app.api.state import ApiState
 from app.api.waiting import MealWaiter
+from app.dashboard import api_reference
 from app.dashboard import routes as dashboard
 from app.dashboard.answers import DashboardAnswers
 from app.dashboard.static_files import DashboardFiles
@@ -165,6 +166,8 @@ def create_app(settings: Settings) -> FastAPI:
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         lifespan=lifespan,
         dependencies=[Depends(authorise)],
+        docs_url=None,  # FastAPI's load their scripts from another host
+        redoc_url=None,
     )
     app.state.settings = settings
     install_problem_handlers(app)
@@ -174,6 +177,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(RequestLog)
     app.add_middleware(DashboardAnswers)
     app.mount("/dashboard/static", DashboardFiles())
+    app.add_route(api_reference.PATH, api_reference.api_reference, include_in_schema=False)
     for resource in (
         meal_lists,
         meals,

@@ -22,7 +22,7 @@ from app.settings import Settings
 from tests.integration.api.people import bearer
 
 # what the server can do is no secret, nor are scripts and styles of the pages
-OUT_OF_THE_API = {"/openapi.json", "/docs", "/docs/oauth2-redirect", "/redoc", "/dashboard/static"}
+OUT_OF_THE_API = {"/openapi.json", "/docs", "/dashboard/static"}
 RANKS = {"any": 0, "viewer": 1, "reviewer": 2, "owner": 3, "admin": 4}
 NO_STUDY = "There is no such study."
 numbers = itertools.count()
