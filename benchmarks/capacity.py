@@ -19,6 +19,7 @@ class Measured:
     api: benchmarks/api.py, PostgreSQL and S3, pairs of 2 x 4 MB, 8 at once: 0.68 cores at 9.3 meals a second.
     poll: the same, GET /v1/meals/{id}. estimate: a pair of 12 megapixels, and what is not the pipeline (4.4 %).
     stores: PostgreSQL and the S3 server together, at most: what server and load left of the two cores in that run.
+    run_mb: what an estimate leaves beside the photographs, points and scene in 3D for the most part: a meal of the demo.
     record_bytes: benchmarks/query.py, ten million records with their meals, indexes and write-ahead log: 20 GB.
     """
 
@@ -26,6 +27,7 @@ class Measured:
     poll: float = 0.010
     estimate: float = 3.7
     stores: float = 0.137
+    run_mb: float = 4.1
     record_bytes: int = 2_000
 
 
@@ -68,7 +70,7 @@ def need(participants: float, measured: Measured, assumed: Assumed) -> Need:
     api = minute * (measured.api + assumed.polls_a_meal * measured.poll) / assumed.use
     workers = hour * measured.estimate / assumed.use
     stores = minute * measured.stores / assumed.use
-    blobs_gb = meals_a_day * assumed.meal_mb * assumed.kept_days / 1000
+    blobs_gb = meals_a_day * (assumed.meal_mb + measured.run_mb) * assumed.kept_days / 1000
     records = meals_a_day * assumed.items_a_meal * 365
     cores = sum(max(1, math.ceil(each)) for each in (api, workers, stores))
     return Need(
@@ -101,7 +103,7 @@ def main() -> None:
         ("cores for API processes", "api_cores"),
         ("cores for workers, busiest hour", "worker_cores"),
         ("cores for PostgreSQL and S3, at most", "store_cores"),
-        ("photographs kept, TB", "blobs_tb"),
+        ("photographs and what is made of them kept, TB", "blobs_tb"),
         ("records a year", "records_a_year"),
         ("database, GB a year", "database_gb_a_year"),
         ("a month, dollars", "dollars_a_month"),
