@@ -12,7 +12,7 @@ from app.api.pages import PREFIX
 from app.api.paging import Cursor
 from app.dashboard.one_study import in_study
 from app.dashboard.page import CurrentPage
-from app.dashboard.review_views import Choice, Outline, choices_of, outline_of, reasons_of, said_of
+from app.dashboard.review_views import Choice, Outline, choices_of, outline_of, reasons_of, said_of, unmarked_of
 from app.db.queries.review import QUEUED_STATUSES, QueueFilter
 from app.errors import NotFoundError
 from app.services.review_items import ReviewItem, count_waiting, read_review_item, read_review_page
@@ -25,12 +25,9 @@ COUNTED = 500  # beyond it: "more than"
 
 DOUBTS = (("", "any"), *((str(least), f"{100 * least:.0f} % and more") for least in (0.1, 0.25, 0.5, 0.75, 0.9)))
 KEYS = (
-    (
-        ("Enter", "y"),
-        "Confirm: the food that is marked, the first candidate to begin with; then the next item is there",
-    ),
+    (("Enter", "y"), "Confirm: the food that is marked, none where none is likely; then the next item is there"),
     (("1", "…", "9"), "It is this candidate"),
-    (("n",), "Mark the next candidate; Enter takes it"),
+    (("↓", "↑", "n"), "Mark the next candidate, or the one before; Enter takes it"),
     (("f", "/"), "Search for another food"),
     (("m",), "Set the mass in grams"),
     (("v",), "Set the volume in millilitres"),
@@ -56,6 +53,7 @@ class Card:
     item: ReviewItem
     outline: Outline | None
     choices: list[Choice]
+    unmarked: str  # why none of the choices is marked beforehand; "" where one is
     reasons: list[str]
     new_ids: tuple[uuid.UUID, uuid.UUID]  # of the words that its two forms say where no script runs
 
@@ -120,4 +118,6 @@ def get_item(
 
 def card_of(item: ReviewItem) -> Card:
     """An item as the template shows it."""
-    return Card(item, outline_of(item), choices_of(item), reasons_of(item), (uuid.uuid4(), uuid.uuid4()))
+    choices = choices_of(item)
+    unmarked, ids = unmarked_of(item, choices), (uuid.uuid4(), uuid.uuid4())
+    return Card(item, outline_of(item), choices, unmarked, reasons_of(item), ids)

@@ -1,7 +1,7 @@
 """What a reviewer is shown of an item beside its figures: where it is in the picture, why it waits, what was said."""
 
 import uuid
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,13 +57,17 @@ class Outline:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A food that the item may be. key: on the keyboard, 1 to 9, or None. is_current: the item is taken for it."""
+    """A food that the item may be. key: on the keyboard, 1 to 9, or None. is_current: the item is taken for it.
+
+    is_marked: one key takes it, for the reviewer need not choose it first.
+    """
 
     food: Food
     probability: float | None
     source: str
     key: int | None
     is_current: bool
+    is_marked: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,16 +137,27 @@ def choices_of(item: ReviewItem) -> list[Choice]:
         known = foods.get(food.key)
         if known is None or (known[1] is None and one.probability is not None):  # the hint's, and then the index's
             foods[food.key] = (food, one.probability, one.source if known is None else known[2])
+    marked = _marked(item, foods)
     return [
         Choice(
             food,
             probability,
             source,
             number if number <= NUMBERED else None,
-            current is not None and key == current.key,
+            is_current=current is not None and key == current.key,
+            is_marked=key == marked,
         )
         for number, (key, (food, probability, source)) in enumerate(foods.items(), 1)
     ]
+
+
+def unmarked_of(item: ReviewItem, choices: Sequence[Choice]) -> str:
+    """Why no choice is marked beforehand, in words; "" where one is, or where there is none to mark."""
+    if not choices or any(one.is_marked for one in choices):
+        return ""
+    if item.row.food is not None:
+        return "The phone and the server disagree"
+    return "Probably none of these" if choices[0].probability is not None else "None of these was said to be it"
 
 
 def reasons_of(item: ReviewItem) -> list[str]:
@@ -184,6 +199,20 @@ def _detail(new: dict[str, Any]) -> str:
         if isinstance(new.get(name), int | float):
             return f"{new[name]:g}{unit}"
     return str(new.get("food") or new.get("text") or "")
+
+
+def _marked(item: ReviewItem, foods: Mapping[str, tuple[Food, float | None, str]]) -> str | None:
+    """Key of the food that is likelier right than wrong, as far as anybody has told; None: the reviewer chooses.
+
+    A reflex takes what is marked, and it goes into a study. The index knows few foods, so that its "none of these" says
+    nothing against a food that a person or the phone has named; its being sure of another one does.
+    """
+    if item.row.food is not None:
+        return None if FOOD_DOUBTFUL in item.row.record.flags else item.row.food.key
+    first, probability, _ = next(iter(foods.values()), (None, None, ""))
+    if first is None or probability is None or probability <= (item.none_probability or 0.0):
+        return None
+    return first.key
 
 
 def _path(ring: Sequence[tuple[float, float]]) -> str:

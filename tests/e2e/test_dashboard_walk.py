@@ -216,8 +216,8 @@ def review_by_keyboard(world, page):
             page.keyboard.press("m")
             page.keyboard.type("150")
             page.keyboard.press("Enter")
-        else:
-            page.keyboard.press("Enter")
+        else:  # where nothing is marked, for none of the candidates is likely, the first of them is chosen
+            page.keyboard.press("Enter" if shown.query_selector(".choice.marked") else "1")
         page.wait_for_function(
             "([card, item]) => (document.querySelector(card)?.dataset.item ?? null) !== item", arg=[CARD, item]
         )

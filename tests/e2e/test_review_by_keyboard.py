@@ -15,6 +15,7 @@ CARD = ".review-card:not([hidden])"
 SETTLED_MS = 170  # a key that comes sooner after an item was shown is taken for one that was meant for the item before
 LIKELY = {"apple": 0.93, "pear": 0.04}  # the server takes it for an apple
 UNSURE = {"pear": 0.5, "apple": 0.4}  # it does not say what it is
+UNLIKELY = {"pear": 0.25, "apple": 0.2}, 0.55  # none of them is likelier
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +37,7 @@ def queue_of(world, open_page):
         watched = open_page(world.address, **options)
         watched.sign_in(f"ann-{study}", PASSWORD, f"/dashboard/studies/{study}/review")
         watched.page.wait_for_selector(CARD)
-        return Reviewer(watched, world), meals
+        return Reviewer(watched, world, meals), meals
 
     return queue_of
 
@@ -44,8 +45,8 @@ def queue_of(world, open_page):
 class Reviewer:
     """Somebody who presses keys and sees one item."""
 
-    def __init__(self, watched, world):
-        self.watched, self.page, self.world = watched, watched.page, world
+    def __init__(self, watched, world, meals):
+        self.watched, self.page, self.world, self.meals = watched, watched.page, world, meals
         self.keys = 0
 
     def shown(self):
@@ -80,10 +81,10 @@ class Reviewer:
         return item
 
 
-def round_item(probabilities, number=0, **changes):
+def round_item(probabilities, number=0, none=0.02, **changes):
     """An item in the middle of the photograph (640 x 480)."""
     ring = [[300 + 60 * math.cos(i * math.tau / 40), 200 + 50 * math.sin(i * math.tau / 40)] for i in range(40)]
-    return identified_item(probabilities, none=0.02, volume_ml=150.0 + number, polygon=ring, **changes)
+    return identified_item(probabilities, none=none, volume_ml=150.0 + number, polygon=ring, **changes)
 
 
 def test_ten_items_take_one_key_each_and_the_next_is_there_with_its_picture(queue_of):
@@ -108,6 +109,94 @@ def test_ten_items_take_one_key_each_and_the_next_is_there_with_its_picture(queu
     assert "The end of the queue" in ann.text("[data-end]")
     ann.saved()
     assert all(ann.item(meal)["reviewed"] for meal in meals)
+
+
+def test_reflex_takes_no_candidate_where_none_is_likely_and_two_keys_take_the_first(queue_of):
+    probabilities, none = UNLIKELY
+    ann, meals = queue_of("unlikely", *[round_item(probabilities, number, none=none) for number in range(4)])
+    first = ann.shown()
+    assert ann.page.query_selector(f"{CARD} .choice.marked") is None
+    assert "Probably none of these: 55.0" in ann.text(CARD)
+    ann.press("Enter", "y", "Enter")
+    assert ann.text("[data-status]") == "Probably none of these: choose by number, or search (/)."
+    assert ann.shown() == first
+    assert not ann.item(meals[0])["reviewed"]
+    by_keys = {}
+    for keys in (("1",), ("ArrowDown", "Enter"), ("ArrowUp", "Enter")):
+        ann.keys = 0
+        by_keys[keys] = ann.decide(*keys)
+        assert ann.keys <= 2
+    ann.page.uncheck("[data-shortcuts-on]")
+    ann.page.focus(CARD)
+    ann.press("Enter")
+    assert ann.text("[data-status]") == "Probably none of these: choose by arrow keys, or search."
+    by_keys["no letters"] = ann.decide("ArrowDown", "ArrowDown", "Enter")
+    ann.saved()
+    foods = {ann.item(meal)["id"]: ann.item(meal)["food"]["key"] for meal in meals}
+    assert [foods[item] for item in by_keys.values()] == ["pear", "pear", "apple", "apple"]
+
+
+def test_reflex_does_not_confirm_a_hint_that_the_server_is_sure_is_wrong(queue_of):
+    hints = [{"point": [300, 200], "food": "pear"}]
+    ann, (meal, _) = queue_of("disagree", *[round_item({"apple": 0.97}, n, hint=0) for n in range(2)], hints=hints)
+    first = ann.shown()
+    ann.press("Enter")
+    assert ann.text("[data-status]") == "The phone and the server disagree: choose by number, or search (/)."
+    assert not ann.item(meal)["reviewed"]
+    assert ann.decide("1") == first
+    second = ann.decide("2")
+    ann.saved()
+    items = {ann.item(one)["id"]: ann.item(one) for one in ann.meals}
+    assert (items[first]["status"], items[first]["food"]["key"]) == ("confirmed", "pear")
+    assert (items[second]["status"], items[second]["food"]["key"]) == ("corrected", "apple")
+
+
+def hold(page, pattern):
+    """Requests to these addresses wait from now on, until what this returns is called."""
+    held = []
+    is_open = False
+
+    def take(route):
+        if is_open:
+            route.continue_()
+        else:
+            held.append(route)
+
+    def let_go():
+        nonlocal is_open
+        is_open = True
+        for route in held:
+            route.continue_()
+
+    page.route(pattern, take)
+    return let_go
+
+
+def test_food_is_said_and_not_confirmed_while_the_card_is_not_as_it_was_shown(queue_of):
+    ann, meals = queue_of("undone", round_item(LIKELY), round_item(LIKELY, 1))
+    pear = ann.decide("2")
+    let_go = hold(ann.page, "**/review/P001/**")
+    ann.press("u")
+    assert ann.shown() == pear
+    ann.decide("2")  # the server has it as an apple again, and the card has not been read anew
+    let_go()
+    ann.saved()
+    items = {ann.item(meal)["id"]: ann.item(meal) for meal in meals}
+    assert items[pear]["food"]["key"] == "pear"
+
+
+def test_candidate_that_was_marked_stays_marked_when_the_card_is_read_anew(queue_of):
+    ann, meals = queue_of("kept", round_item(UNSURE), round_item(UNSURE, 1))
+    apple = ann.decide("x")
+    let_go = hold(ann.page, "**/review/P001/**")
+    ann.press("u", "ArrowDown")
+    let_go()
+    ann.page.wait_for_selector(f"{CARD}:not([data-decided])")
+    assert ann.page.get_attribute(f"{CARD} .choice.marked", "value") == "apple"
+    assert ann.decide("Enter") == apple
+    ann.saved()
+    items = {ann.item(meal)["id"]: ann.item(meal) for meal in meals}
+    assert items[apple]["food"]["key"] == "apple"
 
 
 def test_candidate_mass_rejection_and_search_are_said_as_pressed_and_undone(queue_of):

@@ -38,7 +38,7 @@ export function foodSearch(input, list, address, taken) {
       return;
     }
     try {
-      const query = new URLSearchParams({ q: words, id: list.id });
+      const query = new URLSearchParams({ q: words, list: list.id });
       const answer = await fetch(`${address}?${query}`, {
         headers: { Accept: "text/html", "HX-Request": "true" },
         signal: mine.signal,

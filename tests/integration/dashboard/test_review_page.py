@@ -67,6 +67,26 @@ def test_cards_are_the_queue_of_the_api_figure_by_figure(client, admin, meal_of,
         assert set(chances) <= set(figures_of(card))
 
 
+@pytest.mark.parametrize(
+    ("hint", "probabilities", "none", "marked", "why"),
+    [
+        (None, {"pear": 0.3, "apple": 0.2}, 0.29, "pear", None),
+        (None, {"pear": 0.3, "apple": 0.2}, 0.3, None, "Probably none of these"),
+        (None, {}, 1.0, None, None),
+        ("apple", {"pear": 0.2}, 0.7, "apple", None),  # of a food that it does not know the index says nothing
+        ("apple", {"pear": 0.97}, 0.01, None, "The phone and the server disagree"),
+    ],
+)
+def test_food_is_marked_beforehand_where_it_is_likelier_than_none_of_these(
+    meal_of, sign_in_browser, hint, probabilities, none, marked, why
+):
+    meal_of(identified_item(probabilities, none=none, hint=0 if hint else None), hint=hint)
+    (card,) = cards_of(sign_in_browser("ann", pilot="reviewer").page(PAGE))
+    assert re.findall(r'<button name="food" value="(\w+)"[^>]*\sdata-marked', card) == ([marked] if marked else [])
+    assert re.findall(r'\sdata-unmarked="([^"]*)"', card) == ([why] if why else [])
+    assert ("Probably none of these" in text_of(card)) is (why == "Probably none of these")
+
+
 def test_filters_and_pages_are_those_of_the_api(client, admin, meal_of, sign_in_browser):
     for number in range(14):
         meal_of(found_item(100.0 + number), participant=f"P00{number % 2 + 1}")
