@@ -6,19 +6,19 @@ the same each time.
 """
 
 import uuid
-from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import date
+from functools import cache
 from typing import TYPE_CHECKING, Literal
 
-from app.db.queries import intakes
-from app.db.queries.days import Amount, DayFilter
-from app.db.queries.intakes import ClosedDay
+from sqlalchemy.orm import Session
+
+from app.db.queries.closed_amounts import ClosedAmounts, amounts_by_column, amounts_by_record
 from app.db.session import Database
 from app.errors import InvalidInputError
 from app.nutrition.components import COMPONENT_BY_NUMBER, ENERGY_NUMBERS, NUMBER_BY_TAGNAME, Component
-from app.nutrition.life_stage import LifeStage, life_stage
+from app.nutrition.life_stage import LifeStage, Sex, life_stage
 from app.nutrition.reference_intakes import ReferenceIntake, reference_intakes
 from app.services.caller import Caller
 from app.services.food_amounts import RECORD_COLUMNS
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from app.nutrition.usual_intake import UsualIntakes
 
 MIN_COVERAGE = 0.9  # of a day's grams; a day of which less is known is left out, since it would count as little eaten
+COLUMNS: Mapping[str, str] = {numbers[0]: column for column, numbers in RECORD_COLUMNS.items()}
 LESS: Mapping[str, str] = {"205": "291"}  # the requirement is of available carbohydrate: fibre is taken off
 IRON = "303"
 NIACIN = "406"  # preformed; the need is of equivalents, to which tryptophan adds much (IOM 1998, chapter 6)
@@ -97,26 +98,19 @@ def judge_study(
     found = _component(component)
     with database.read() as session:
         study = enter_study(session, caller, study_code)
-        chosen = DayFilter(study_ids=frozenset({study.id}), first_day=first_day, last_day=last_day)
-        closed = intakes.closed_days(session, study.id, first_day, last_day)
-        amounts = intakes.component_by_day(session, chosen, found.number, LESS.get(found.number))
-        profiles = intakes.profiles_of(session, study.id)
-    by_person: dict[uuid.UUID, list[ClosedDay]] = defaultdict(list)
-    for day in closed:
-        by_person[day.participant_id].append(day)
+        people = _people(session, study.id, found.number, first_day, last_day)
     groups: dict[LifeStage, _Group] = {}
     without = 0
-    for participant_id, days in by_person.items():
-        placed = _placed(profiles.get(participant_id), days[-1].local_date, found.number)
+    for person in people:
+        placed = _placed(person.profile, person.last_day, found.number)
         if placed is None:
             without += 1
             continue
         stage, reference, divisor = placed
         group = groups.setdefault(stage, _Group(reference))
-        known = [value / divisor for day in days if (value := _amount(day, amounts)) is not None]
-        group.left_out += len(days) - len(known)
-        if known:
-            group.days.append(known)
+        group.left_out += person.days - len(person.amounts)
+        if person.amounts:
+            group.days.append([amount / divisor for amount in person.amounts])
     judged = tuple(_judge(stage, groups[stage], found.number) for stage in LifeStage if stage in groups)
     return Adequacy(found, judged, without)
 
@@ -128,6 +122,30 @@ def _component(name: str) -> Component:
     return COMPONENT_BY_NUMBER[number]
 
 
+def _people(
+    session: Session, study_id: uuid.UUID, number: str, first_day: date | None, last_day: date | None
+) -> list[ClosedAmounts]:
+    less = LESS.get(number)
+    if less is None and number in COLUMNS:
+        return amounts_by_column(
+            session,
+            study_id,
+            COLUMNS[number],
+            least_coverage=MIN_COVERAGE,
+            first_day=first_day,
+            last_day=last_day,
+        )
+    return amounts_by_record(
+        session,
+        study_id,
+        number,
+        less,
+        least_coverage=MIN_COVERAGE,
+        first_day=first_day,
+        last_day=last_day,
+    )
+
+
 def _placed(
     profile: Mapping[str, object] | None, day: date, number: str
 ) -> tuple[LifeStage, ReferenceIntake | None, float] | None:
@@ -135,29 +153,28 @@ def _placed(
     person = person_on(profile, day)
     if person is None:
         return None
-    try:
-        stage = life_stage(
-            person.age_years, person.known_sex, is_pregnant=person.is_pregnant, is_lactating=person.is_lactating
-        )
-    except ValueError:  # no column without the sex
+    stage = _stage(person.age_years, person.known_sex, person.is_pregnant, person.is_lactating)
+    if stage is None:
         return None
-    with_ear = [each for each in reference_intakes(stage) if each.number == number and each.ear is not None]
-    if not with_ear:
-        return stage, None, 1.0
-    reference = min(with_ear, key=lambda each: each.per != "day")  # a day's figure before one a kilogram
-    if reference.per == "day":
+    reference = _reference(stage, number)
+    if reference is None or reference.per == "day":
         return stage, reference, 1.0
     return None if person.weight_kg is None else (stage, reference, person.weight_kg)
 
 
-def _amount(day: ClosedDay, amounts: Mapping[tuple[uuid.UUID, date], Amount]) -> float | None:
-    """What was eaten on a day; None where too little is known of it."""
-    if day.is_nothing:
-        return 0.0
-    amount = amounts.get((day.participant_id, day.local_date))
-    if not day.is_whole or amount is None or amount.value is None or (amount.coverage or 0.0) < MIN_COVERAGE:
+@cache  # a study's persons are of few ages
+def _stage(age_years: float, sex: Sex | None, is_pregnant: bool, is_lactating: bool) -> LifeStage | None:  # noqa: FBT001
+    try:
+        return life_stage(age_years, sex, is_pregnant=is_pregnant, is_lactating=is_lactating)
+    except ValueError:  # no column without the sex
         return None
-    return amount.value
+
+
+@cache
+def _reference(stage: LifeStage, number: str) -> ReferenceIntake | None:
+    """What a group of this stage is compared with; None where there is no EAR."""
+    with_ear = [each for each in reference_intakes(stage) if each.number == number and each.ear is not None]
+    return min(with_ear, key=lambda each: each.per != "day", default=None)  # a day's figure before one a kilogram
 
 
 def _judge(stage: LifeStage, group: _Group, number: str) -> StageAdequacy:

@@ -1,4 +1,4 @@
-"""SQL of intakes: means over participants' closed days, and a component of the food table by day."""
+"""SQL of intakes: means over participants' closed days, and which days those are."""
 
 import uuid
 from collections.abc import Mapping
@@ -9,20 +9,10 @@ from typing import Any, NamedTuple
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import (
-    Component,
-    DayMark,
-    DaySum,
-    DiaryDay,
-    EffectiveRecord,
-    FoodNutrient,
-    Meal,
-    Participant,
-    Study,
-)
+from app.db.models import DayMark, DaySum, DiaryDay, Meal, Participant, Study
 from app.db.models.record import HEADLINE_COLUMNS
-from app.db.queries.day_definition import FULL, coverage_of
-from app.db.queries.days import Amount, DayFilter, filtered, sums_of_days
+from app.db.queries.day_definition import FULL
+from app.db.queries.days import sums_of_days
 
 
 class MeanAmount(NamedTuple):
@@ -165,45 +155,6 @@ def closed_days(
         .order_by(day.c.participant_id, day.c.local_date)
     )
     return [ClosedDay(row[0], row[1], bool(row[2]), bool(row[3])) for row in session.execute(query)]
-
-
-def profiles_of(session: Session, study_id: uuid.UUID) -> dict[uuid.UUID, dict[str, Any] | None]:
-    """Participant -> profile, of a whole study."""
-    query = sa.select(Participant.id, Participant.profile).where(Participant.study_id == study_id)
-    return {row[0]: row[1] for row in session.execute(query)}
-
-
-def component_by_day(
-    session: Session, chosen: DayFilter, number: str, less: str | None
-) -> dict[tuple[uuid.UUID, date], Amount]:
-    """(participant, day) -> sum of a component of the food table over the day's records, and its coverage.
-
-    number: the component; less: another that is taken off it (fibre from carbohydrate), unknown where that is unknown.
-    Days without records are absent.
-    """
-    record, content = EffectiveRecord, _contents(number)
-    per_100_g: sa.ColumnElement[Any] = content.c.per_100_g
-    query = sa.select(record.participant_id, record.local_date).outerjoin(content, content.c.food_id == record.food_id)
-    if less is not None:
-        other = _contents(less)
-        per_100_g = per_100_g - other.c.per_100_g
-        query = query.outerjoin(other, other.c.food_id == record.food_id)
-    query = query.add_columns(
-        sa.func.sum(record.consumed_g * per_100_g / 100.0), coverage_of(per_100_g, record.consumed_g)
-    )
-    query = filtered(query, record.study_id, record.participant_id, record.local_date, chosen)
-    query = query.where(record.status != "rejected").group_by(record.participant_id, record.local_date)
-    rows: sa.Result[*tuple[Any, ...]] = session.execute(query)
-    return {(row[0], row[1]): Amount(row[-2], row[-1]) for row in rows}
-
-
-def _contents(number: str) -> sa.Subquery:
-    return (
-        sa.select(FoodNutrient.food_id, FoodNutrient.per_100_g)
-        .join(Component, Component.id == FoodNutrient.component_id)
-        .where(Component.number == number)
-        .subquery()
-    )
 
 
 def _page_of_people(

@@ -8,6 +8,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.db.models import Component, DiaryDay, Food, FoodNutrient, Participant, Study
+from app.services.food_amounts import RECORD_COLUMNS
 from tests.integration.eaten_days import add_meal, eaten_item
 
 PATH = "/v1/studies/pilot/adequacy"
@@ -25,6 +26,13 @@ def content_of(state, food, number):
             .where(Food.key == food, Component.number == number)
         )
         return session.scalars(query).first()
+
+
+def eaten(state, grams, food="apple", **columns):
+    """A record of so many grams with what they hold by the food table, as the server writes it."""
+    per_100_g = {column: content_of(state, food, numbers[0]) for column, numbers in RECORD_COLUMNS.items()}
+    amounts = {column: None if each is None else grams * each / 100.0 for column, each in per_100_g.items()}
+    return eaten_item(grams, food, **amounts, **columns)
 
 
 def phone_owner(state):
@@ -57,9 +65,9 @@ def add_people(state, grams_by_person, profile, prefix="M", food="apple"):
                         change_seq=1,
                     )
                 )
-        for number, eaten in enumerate(grams):
+        for number, amount in enumerate(grams):
             day = FIRST + timedelta(days=number)
-            add_meal(state, code, day, eaten_item(float(eaten), food=food), device_of=owner)
+            add_meal(state, code, day, eaten(state, float(amount), food), device_of=owner)
 
 
 @pytest.fixture
@@ -132,7 +140,7 @@ def test_days_of_which_too_little_is_known_are_left_out(state, client, admin):
     add_meal(state, "M001", FIRST, eaten_item(5000.0), device_of=phone_owner(state))
     add_meal(state, "M002", FIRST, device_of=phone_owner(state), status="failed")
     add_meal(state, "M003", FIRST, device_of=phone_owner(state), status="confirmed")
-    add_meal(state, "M004", FIRST, eaten_item(100.0, "apple", provisional=True), device_of=phone_owner(state))
+    add_meal(state, "M004", FIRST, eaten(state, 100.0, provisional=True), device_of=phone_owner(state))
     (men,) = asked(client, admin, "VITC")["groups"]
     assert (men["days"], men["days_left_out"]) == (32, 4)
 
