@@ -95,17 +95,24 @@ def mark_days(session: Session, days: Collection[DayOf]) -> None:
 
 def days_after(session: Session, after: DayOf | None, limit: int) -> list[DayOf]:
     """The first days behind a day, by (participant, day), that have a meal, a word or a sum."""
+    return keys_after(session, (Meal, DiaryDay, DaySum), "participant_id", after, limit)
+
+
+def keys_after(
+    session: Session, tables: Sequence[Any], owner: str, after: tuple[uuid.UUID, date] | None, limit: int
+) -> list[tuple[uuid.UUID, date]]:
+    """The first (owner, local day) behind one that some of these tables have. owner: the column of whose day it is."""
     parts = []
-    for table in (Meal, DiaryDay, DaySum):
-        query = sa.select(table.participant_id, table.local_date).distinct()
+    for table in tables:
+        columns = (getattr(table, owner), table.local_date)
+        query = sa.select(*columns).distinct()
         if after is not None:
             key = sa.tuple_(sa.literal(after[0], sa.Uuid()), sa.literal(after[1], sa.Date()))
-            query = query.where(sa.tuple_(table.participant_id, table.local_date) > key)
-        each = query.order_by(table.participant_id, table.local_date).limit(limit).subquery()
-        parts.append(sa.select(each.c.participant_id, each.c.local_date))
+            query = query.where(sa.tuple_(*columns) > key)
+        each = query.order_by(*columns).limit(limit).subquery()
+        parts.append(sa.select(*each.c))
     every = sa.union(*parts).subquery()
-    query = sa.select(every.c.participant_id, every.c.local_date)
-    rows = session.execute(query.order_by(every.c.participant_id, every.c.local_date).limit(limit))
+    rows = session.execute(sa.select(*every.c).order_by(*every.c).limit(limit))
     return [(row[0], row[1]) for row in rows]
 
 

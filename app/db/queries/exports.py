@@ -179,19 +179,42 @@ def forget_ended(session: Session, before: datetime) -> int:
 def erase_from_exports(session: Session, study_id: uuid.UUID, participant_code: str | None) -> int:
     """In an erasure's transaction, at its end: no file of the study that may hold what is erased stays.
 
-    What is done expires; what is being made begins again. participant_code: of a person whose code goes too; exports
-    that name it go wholly. The study is locked first: whoever is just finishing a file is done by then, and is seen
-    here, or sees the erasure (services/file_runner.py). Returns how many exports lost their file.
+    participant_code: of a person whose code goes too; exports that name it go wholly. Returns how many exports lost
+    their file.
+    """
+    every = _locked_exports(session, study_id)
+    lost = _take_back(session, every)
+    for export in every:
+        if participant_code is not None and export.spec["filters"].get("participant_code") == participant_code:
+            session.delete(export)
+    session.flush()
+    return lost
+
+
+def take_back_places(session: Session, study_id: uuid.UUID) -> int:
+    """In the transaction in which a study begins to drop places: no file that may hold any stays. Returns how many."""
+    every = _locked_exports(session, study_id)
+    return _take_back(session, [one for one in every if one.spec["rows"] == "meals" or one.spec["output"] == "geojson"])
+
+
+def _locked_exports(session: Session, study_id: uuid.UUID) -> list[Export]:
+    """All of a study.
+
+    The study is locked first: whoever is just finishing a file is done by then, and is seen here, or sees what has
+    changed (services/file_runner.py).
     """
     lock_study(session, study_id)
     query = sa.select(Export).where(Export.study_id == study_id).order_by(Export.id).with_for_update()
+    return list(session.scalars(query.execution_options(populate_existing=True)))
+
+
+def _take_back(session: Session, exports: Iterable[Export]) -> int:
+    """What is done expires; what is being made begins again. Returns how many files there were."""
     now, lost = datetime.now(UTC), 0
-    for export in session.scalars(query.execution_options(populate_existing=True)).all():
+    for export in exports:
         if export.state == "done":
             lost += expire(session, [export], now)
         elif export.state in UNDER_WAY:
             begin_again(export, counts=False)
-        if participant_code is not None and export.spec["filters"].get("participant_code") == participant_code:
-            session.delete(export)
     session.flush()
     return lost

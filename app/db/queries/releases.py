@@ -166,6 +166,15 @@ def erase_from_releases(
     return changing
 
 
+def take_back_places(session: Session, study_id: uuid.UUID) -> None:
+    """In the transaction in which a study begins to drop places: releases in the making begin again, without them."""
+    lock_study(session, study_id)
+    query = sa.select(Release).where(Release.study_id == study_id, Release.state == "running").order_by(Release.id)
+    for release in session.scalars(query.with_for_update().execution_options(populate_existing=True)).all():
+        begin_again(release, counts=False)
+    session.flush()
+
+
 def eaten_on_days(
     session: Session, study_id: uuid.UUID, participant_codes: Collection[str], first_day: date, last_day: date
 ) -> sa.Result[*tuple[Any, ...]]:

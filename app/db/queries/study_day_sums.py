@@ -18,6 +18,7 @@ from app.db.models import DayMark, DaySum, Meal, Participant, StudyDayMark, Stud
 from app.db.models.meal import MEAL_STATUSES
 from app.db.models.record import HEADLINE_COLUMNS
 from app.db.queries.day_definition import FULL, STATUS_COLUMNS, seconds_between
+from app.db.queries.day_sums import keys_after
 from app.db.queries.days import sums_of_days
 from app.db.queries.intakes import is_day_of_nothing, is_measured_whole, within
 from app.db.sorted_values import SortedValues
@@ -188,18 +189,7 @@ def forget_days(session: Session, days: Sequence[StudyDayKey]) -> None:
 
 def days_after(session: Session, after: StudyDayKey | None, limit: int) -> list[StudyDayKey]:
     """The first studies' days behind one, by (study, day), that have a participant's sum, or one of their own."""
-    parts = []
-    for table in (DaySum, StudyDaySum):
-        query = sa.select(table.study_id, table.local_date).distinct()
-        if after is not None:
-            key = sa.tuple_(sa.literal(after[0], sa.Uuid()), sa.literal(after[1], sa.Date()))
-            query = query.where(sa.tuple_(table.study_id, table.local_date) > key)
-        each = query.order_by(table.study_id, table.local_date).limit(limit).subquery()
-        parts.append(sa.select(each.c.study_id, each.c.local_date))
-    every = sa.union(*parts).subquery()
-    query = sa.select(every.c.study_id, every.c.local_date)
-    rows = session.execute(query.order_by(every.c.study_id, every.c.local_date).limit(limit))
-    return [(row[0], row[1]) for row in rows]
+    return keys_after(session, (DaySum, StudyDaySum), "study_id", after, limit)
 
 
 def kept_and_counted(session: Session, key: StudyDayKey) -> tuple[CountedDay | None, CountedDay | None] | None:
