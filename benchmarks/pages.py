@@ -39,11 +39,10 @@ COLUMNS = "| database | call | n | p50 ms | p95 ms | max ms | processor, p50 ms 
 
 @dataclass(frozen=True)
 class Call:
-    """Something that a page asks. ask: once, with values at random. is_page: the bar holds for it."""
+    """Something that a page asks. ask: once, with values at random."""
 
     name: str
     ask: Callable[[], object]
-    is_page: bool = True
 
 
 def calls(database: Database, chance: random.Random) -> Sequence[Call]:
@@ -67,7 +66,7 @@ def calls(database: Database, chance: random.Random) -> Sequence[Call]:
     return (
         Call("overview, as it opens", lambda: study_overview(database, admin, STUDY)),
         Call("overview, 28 days anywhere", lambda: overview(WINDOW)),
-        Call("overview, a year", lambda: overview(ONE_STUDY.days), is_page=False),
+        Call("overview, a year", lambda: overview(ONE_STUDY.days)),
         Call("days of the study", lambda: days(DayFilter(study_code=STUDY, first_day=window(1)[0]))),
         Call(
             "days of a participant",
@@ -97,8 +96,7 @@ def main() -> int:
                 database = Database(url)
                 print(f"\n{COLUMNS}", flush=True)
                 for call in calls(database, random.Random(arguments.seed)):
-                    p95_ms = measure(kind, call, arguments.samples)
-                    slowest = max(slowest, p95_ms) if call.is_page else slowest
+                    slowest = max(slowest, measure(kind, call, arguments.samples))
                 database.dispose()
             if arguments.part != "services":
                 slowest = max(slowest, measure_pages(kind, url, folder, arguments.samples, arguments.seed))

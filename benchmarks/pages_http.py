@@ -88,6 +88,8 @@ def views(shape: Shape, chance: random.Random) -> Iterator[tuple[str, Callable[[
 
     for name, query in (
         ("overview, 28 days anywhere", base + "?{window}"),
+        ("overview, 90 days", base + "?days=90"),
+        ("overview, all", base + "?days=all"),
         ("meals, table", base + "/meals?view=table"),
         ("meals of 28 days", base + "/meals?{window}"),
         ("meals of a participant", base + "/meals?participant={participant}"),
