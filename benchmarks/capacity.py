@@ -19,7 +19,7 @@ class Measured:
     api: benchmarks/api.py, PostgreSQL and S3, pairs of 2 x 4 MB, 8 at once: 0.68 cores at 9.3 meals a second.
     poll: the same, GET /v1/meals/{id}. estimate: a pair of 12 megapixels, and what is not the pipeline (4.4 %).
     stores: PostgreSQL and the S3 server together, at most: what server and load left of the two cores in that run.
-    run_mb: what an estimate leaves beside the photographs, points and scene in 3D for the most part: a meal of the demo.
+    run_mb: what an estimate leaves beside the photographs, most of it points and scene in 3D: a meal of the demo.
     record_bytes: benchmarks/query.py, ten million records with their meals, indexes and write-ahead log: 20 GB.
     """
 
