@@ -163,7 +163,7 @@ def _placed(
 
 
 @cache  # a study's persons are of few ages
-def _stage(age_years: float, sex: Sex | None, is_pregnant: bool, is_lactating: bool) -> LifeStage | None:  # noqa: FBT001
+def _stage(age_years: float, sex: Sex | None, is_pregnant: bool, is_lactating: bool) -> LifeStage | None:
     try:
         return life_stage(age_years, sex, is_pregnant=is_pregnant, is_lactating=is_lactating)
     except ValueError:  # no column without the sex

@@ -54,7 +54,7 @@ def amounts_by_column(
 
     day = sums_of_days(session, of_study)
     is_known = sa.and_(is_measured_whole(day), day.c[f"{column}_coverage"] >= least_coverage)
-    amount = sa.cast(sa.case((is_known, day.c[column])), sa.Text)
+    amount = sa.cast(sa.case((is_day_of_nothing(day), 0.0), (is_known, day.c[column])), sa.Text)
     word = stored_id(day.c.participant_id) + " " + sa.func.coalesce(amount, UNKNOWN)
     query = (
         sa.select(day.c.local_date, sa.func.aggregate_strings(word, " "))
