@@ -128,7 +128,7 @@ class ReleaseAlteration:
             if name in self._manifest["tables"]:
                 columns = columns_told(self._manifest, name)
                 rows = self._changed(name, columns)
-                files.add_table(name, columns, contents.tally(columns, rows) if name == "items" else rows)
+                files.add_table(name, columns, contents.of_table(name, columns, rows))
         for name in OF_FOODS:
             columns = columns_told(self._manifest, name)
             files.add_table(name, columns, self._of_foods(columns, name, contents))

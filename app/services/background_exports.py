@@ -181,6 +181,7 @@ def _require_done(export: Export) -> None:
             raise ConflictError("The export was called off.", code="export_cancelled")
         case "expired":
             raise GoneError(
-                "The file is gone: its time was over, or something in it was erased. Ask for another export.",
+                "The file is gone: its time was over, something in it was erased, or the study has stopped keeping "
+                "places. Ask for another export.",
                 code="export_expired",
             )

@@ -101,7 +101,7 @@ def freeze(
         if name == "days" and filters.statuses:
             continue
         columns, rows = _table(session, study_id, study_code, filters, name)
-        files.add_table(name, columns, contents.tally(columns, rows) if name == "items" else rows)
+        files.add_table(name, columns, contents.of_table(name, columns, rows))
     add_foods(session, study_id, contents.foods, files)
     files.add_dictionary()
     return contents

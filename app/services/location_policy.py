@@ -7,7 +7,10 @@ photographs' own tags; the tags are cut all the same. "keep": as told, and the t
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from sqlalchemy.orm import Session
+
 from app.db.models import Study
+from app.db.queries import exports, releases
 from app.photos.gps import Location
 
 
@@ -50,3 +53,13 @@ class LocationPolicy:
 def policy_of(study: Study) -> LocationPolicy:
     """The study's policy as it is now."""
     return LocationPolicy(study.location_policy, study.location_decimals)
+
+
+def stop_telling_places(session: Session, study: Study) -> None:
+    """In the transaction in which a study begins to drop them: files with places are not given out any more.
+
+    Queries leave places out from now on; finished exports expire, what is being made begins again. A release that is
+    frozen keeps what it has: that is what it is for, and its release.json tells of how many meals.
+    """
+    exports.take_back_places(session, study.id)
+    releases.take_back_places(session, study.id)

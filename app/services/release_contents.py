@@ -14,7 +14,8 @@ from app.storage.blob_store import BlobDamagedError, BlobMissingError, BlobStore
 class ReleaseContents:
     """program: the version that froze it. The others: how many items each has made, each table is the source of.
 
-    protocol: the study's, at that moment.
+    protocol: the study's, at that moment. placed_meals: whose place it holds; None: it was frozen by a version that
+    did not count them.
     """
 
     program: str
@@ -22,6 +23,7 @@ class ReleaseContents:
     methods: Mapping[str, int]
     food_tables: Mapping[str, int]
     foods: int
+    placed_meals: int | None
     protocol: Mapping[str, Any]
 
 
@@ -44,5 +46,6 @@ def read_contents(blobs: BlobStore, found: NamedRelease) -> ReleaseContents | No
         contents["methods"],
         contents["food_tables"],
         contents["foods"],
+        contents.get("placed_meals"),
         told["protocol"],
     )

@@ -58,15 +58,31 @@ class Sink:
 
 @dataclass(slots=True)
 class Contents:
-    """What the items of a release are made of. foods: (key, version, table)."""
+    """What the items of a release are made of. foods: (key, version, table). placed_meals: whose place it holds."""
 
     pipeline_versions: Counter[str] = field(default_factory=Counter)
     methods: Counter[str] = field(default_factory=Counter)
     food_tables: Counter[str] = field(default_factory=Counter)
     foods: set[tuple[str, int | None, str]] = field(default_factory=set)
+    placed_meals: int = 0
 
-    def tally(self, columns: Sequence[Column], rows: Iterable[Row]) -> Iterator[Row]:
-        """Count the items on their way."""
+    def of_table(self, name: str, columns: Sequence[Column], rows: Iterable[Row]) -> Iterable[Row]:
+        """The rows of a table, those that count counted on their way."""
+        match name:
+            case "items":
+                return self._tally_items(columns, rows)
+            case "meals":
+                return self._tally_meals(columns, rows)
+            case _:
+                return rows
+
+    def _tally_meals(self, columns: Sequence[Column], rows: Iterable[Row]) -> Iterator[Row]:
+        latitude = [column.name for column in columns].index("latitude")
+        for row in rows:
+            self.placed_meals += row[latitude] is not None
+            yield row
+
+    def _tally_items(self, columns: Sequence[Column], rows: Iterable[Row]) -> Iterator[Row]:
         place = {column.name: number for number, column in enumerate(columns)}
         run, method = place["pipeline_version"], place["method"]
         key, version, table = place["food_key"], place["food_version"], place["food_table"]
@@ -86,6 +102,7 @@ class Contents:
             "methods": dict(sorted(self.methods.items())),
             "food_tables": dict(sorted(self.food_tables.items())),
             "foods": len(self.foods),
+            "placed_meals": self.placed_meals,
         }
 
 

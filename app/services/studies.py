@@ -17,6 +17,7 @@ from app.services.access import known_studies, require_study
 from app.services.audit import note
 from app.services.caller import Caller, StaffCaller
 from app.services.cursors import TEXT, Page, decode_cursor, encode_cursor
+from app.services.location_policy import stop_telling_places
 from app.vision.marker_spec import parse_marker
 
 PROTOCOL = frozenset(
@@ -96,6 +97,8 @@ def change_study(
                 "The day's start is fixed: meals of this study have been given their local day already.",
                 code="day_start_fixed",
             )
+        if "location_policy" in changed and study.location_policy == "drop":
+            stop_telling_places(session, study)
         if changed:
             study.version += 1
             note(

@@ -36,6 +36,7 @@ def add_meal(
     delay=timedelta(minutes=5),
     device_of=None,
     status="estimated",
+    place=None,
 ):
     """A meal on a local day (UTC) with these items; its id."""
     day = date.fromisoformat(day) if isinstance(day, str) else day
@@ -55,7 +56,7 @@ def add_meal(
             utc_offset_minutes=0,
             time_zone="UTC",
             local_date=day,
-            details={"hints": []},
+            details={"hints": []} | ({"location": place} if place is not None else {}),
             status=status,
             received_at=captured_at + delay,
         )

@@ -37,7 +37,9 @@ class ProtocolIn(BaseModel):
     expects_after_pair: bool = Field(default=False, description="Whether a second pair is taken after the meal.")
     after_window_minutes: int = Field(default=240, ge=5, le=2880, description="How long it is waited for.")
     location_policy: Literal["drop", "round", "keep"] = Field(
-        default="drop", description="What is kept of where a meal was."
+        default="drop",
+        description="What is kept of where a meal was. With `drop` places of before are told no more, and exports with "
+        "them expire; a release that was frozen with them keeps them.",
     )
     location_decimals: int | None = Field(
         default=None, ge=0, le=4, description="Of a degree, with `round` only: 2 are about a kilometre."

@@ -390,10 +390,7 @@ def test_person_who_leaves_is_in_no_release_by_any_name_of_theirs(client, admin,
     others = {table: [row for row in rows(owner, release, table) if row["participant"] != MARKED] for table in
               ("items", "meals", "days", "photographs")}  # fmt: skip
     count = {table: len(rows(owner, release, table)) for table in others}
-    tag = client.get("/v1/studies/pilot", headers=admin).headers["etag"]
-    client.patch(
-        "/v1/studies/pilot", headers=admin | {"If-Match": tag}, json={"withdrawal_policy": policy}
-    ).raise_for_status()
+    set_policy(client, admin, withdrawal_policy=policy)
     assert client.post("/v1/me/withdrawal", headers=eaten["phones"][MARKED].headers).status_code == 200
     assert run().outcome == "done"
     after = owner.get(f"{PATH}/baseline").json()
@@ -555,6 +552,65 @@ def test_release_whose_file_is_not_put_back_for_three_days_fails_and_keeps_nothi
     with state.database.read() as session:
         for table in (ReleaseFile, ReleaseChange):
             assert session.scalar(sa.select(sa.func.count()).select_from(table)) == 0
+
+
+def set_policy(client, admin, **policy):
+    tag = client.get("/v1/studies/pilot", headers=admin).headers["etag"]
+    client.patch("/v1/studies/pilot", headers=admin | {"If-Match": tag}, json=policy).raise_for_status()
+
+
+def test_places_that_a_study_stops_keeping_stay_in_releases_of_before_which_say_so_and_go_from_all_else(
+    client, admin, owner, run, state, eaten
+):
+    set_policy(client, admin, location_policy="keep")
+    add_meal(state, MARKED, "2026-11-07", place={"latitude": 48.1374, "longitude": 11.5755})
+    before = frozen(owner, run, "before")
+    assert json.loads(fetch(owner, before, "release.json"))["contents"]["placed_meals"] == 1
+    assert "48.1374" in fetch(owner, before, "meals.csv").decode()
+    paths = {}
+    for rows, output in (("meals", "csv"), ("items", "geojson"), ("items", "csv")):
+        body = {"rows": rows, "format": output}
+        paths[rows, output] = owner.post("/v1/studies/pilot/exports", json=body).headers["location"]
+        assert run().outcome == "done"
+    set_policy(client, admin, location_policy="drop")
+    states = {asked: owner.get(path).json()["state"] for asked, path in paths.items()}
+    assert states == {("meals", "csv"): "expired", ("items", "geojson"): "expired", ("items", "csv"): "done"}
+    assert owner.get(paths["meals", "csv"] + "/file").json()["code"] == "export_expired"
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    assert len([name for name in stored_names(state.blobs) if "/exports/" in name]) == 1
+    assert "48.1374" in fetch(owner, before, "meals.csv").decode()
+    after = frozen(owner, run, "after")
+    assert json.loads(fetch(owner, after, "release.json"))["contents"]["placed_meals"] == 0
+    assert "48.1374" not in fetch(owner, after, "meals.csv").decode()
+    set_policy(client, admin, withdrawal_policy="anonymise")
+    assert client.post("/v1/me/withdrawal", headers=eaten["phones"][MARKED].headers).status_code == 200
+    assert [run().outcome, run().outcome] == ["done", "done"]
+    assert json.loads(fetch(owner, before, "release.json"))["contents"]["placed_meals"] == 0
+    assert "48.1374" not in fetch(owner, before, "meals.csv").decode()
+
+
+@pytest.mark.parametrize("what", ["releases", "exports"])
+def test_file_in_the_making_while_places_are_dropped_is_made_again_without_them(
+    client, admin, owner, run, state, what, monkeypatch
+):
+    set_policy(client, admin, location_policy="keep")
+    add_meal(state, "P002", "2026-11-07", place={"latitude": 48.1374, "longitude": 11.5755})
+    body = {"name": "baseline"} if what == "releases" else {"rows": "meals", "format": "csv"}
+    path = owner.post(f"/v1/studies/pilot/{what}", json=body).headers["location"]
+    put, done = state.blobs.put_file, []
+
+    def put_after_change(key, source):
+        if not done:
+            done.append(True)
+            set_policy(client, admin, location_policy="drop")
+        put(key, source)
+
+    monkeypatch.setattr(state.blobs, "put_file", put_after_change)
+    assert run().outcome == "lost"
+    assert owner.get(path).json()["state"] == "queued"
+    assert run().outcome == "done"
+    made = owner.get(path + ("/files/meals.csv" if what == "releases" else "/file"))
+    assert (made.status_code, "48.1374" in made.text) == (200, False)
 
 
 def test_meal_that_came_last_is_told_by_instants_with_and_without_fractions():

@@ -6,7 +6,7 @@ import uuid
 import pytest
 import sqlalchemy as sa
 
-from app.db.models import ReleaseFile
+from app.db.models import ReleaseFile, Study
 from app.services.file_runner import FileRunner
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.eaten_days import add_meal, eaten_item
@@ -109,6 +109,33 @@ def test_erasure_is_told_with_the_checksum_of_before(client, admin, meals, owner
     assert before in page
     assert re.search(rf'id="checksum">{after}<', page)
     assert "altered" in text_of(owner.page(PATH))
+
+
+def test_lost_file_is_told_on_the_page_of_a_release_that_must_change(client, state, meals, owner, ready, run, phones):
+    with state.database.read() as session:
+        keys = {file.name: file.blob_key for file in session.scalars(sa.select(ReleaseFile))}
+    state.blobs.delete(keys["meals.parquet"])
+    assert client.delete(f"/v1/meals/{meals}", headers=phones["P001"].headers).status_code == 200
+    assert run().outcome == "again"
+    page = text_of(owner.page(ready))
+    assert re.search(r"could not be written without it yet:\s+release files missing", page)
+    assert "put lost files back from a backup" in page
+    assert "items.parquet" not in page
+    assert owner.get(f"{ready}/files/items.csv").status_code == 503
+
+
+def test_places_in_a_release_are_told(owner, state, run):
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(location_policy="keep"))
+    add_meal(state, "P001", "2026-11-03", place={"latitude": 48.1, "longitude": 11.5})
+    owner.post(PATH, name="placed")
+    assert run().outcome == "done"
+    assert "Meals whose place it holds: 1 ." in text_of(owner.page(f"{PATH}/placed"))
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(location_policy="drop"))
+    owner.post(PATH, name="unplaced")
+    assert run().outcome == "done"
+    assert "place it holds" not in text_of(owner.page(f"{PATH}/unplaced"))
 
 
 def test_form_that_is_refused_keeps_what_was_typed_and_a_name_is_given_once(client, admin, owner, ready):
