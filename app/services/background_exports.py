@@ -97,10 +97,8 @@ def list_exports(
     with database.read() as session:
         study = enter_study(session, caller, study_code)
         found = exports.page_of_exports(session, study.id, after=after, limit=limit + 1)
-    if len(found) <= limit:
-        return Page(found, None)
-    last = found[limit - 1].export
-    return Page(found[:limit], encode_cursor(listed, last.requested_at, last.id))
+    last = found[limit - 1].export if len(found) > limit else None
+    return Page(found[:limit], encode_cursor(listed, last.requested_at, last.id) if last is not None else None)
 
 
 def read_export(database: Database, caller: StaffCaller, study_code: str, export_id: uuid.UUID) -> AskedExport:

@@ -106,10 +106,8 @@ def list_releases(
     with database.read() as session:
         study = enter_study(session, caller, study_code)
         found = releases.page_of_releases(session, study.id, after=after, limit=limit + 1)
-    if len(found) <= limit:
-        return Page(found, None)
-    last = found[limit - 1].release
-    return Page(found[:limit], encode_cursor(listed, last.requested_at, last.id))
+    last = found[limit - 1].release if len(found) > limit else None
+    return Page(found[:limit], encode_cursor(listed, last.requested_at, last.id) if last is not None else None)
 
 
 def read_release(database: Database, caller: StaffCaller, study_code: str, name: str) -> NamedRelease:

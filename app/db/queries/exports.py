@@ -8,15 +8,13 @@ from typing import Literal, NamedTuple
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import ErasureReceipt, Export, Meal, MealImage, Participant, Staff, Study
+from app.db.models import ErasureReceipt, Export, Meal, MealImage, Participant, Study
 from app.db.models.export import UNDER_WAY
 from app.db.queries import privacy
-from app.db.queries.file_work import begin_again
+from app.db.queries.file_work import WorkKey, begin_again, find_work, page_of_works
 from app.db.queries.record_pages import RecordSearch
 
 ENDED = ("failed", "cancelled", "expired")
-
-ExportKey = tuple[datetime, uuid.UUID]
 
 
 class AskedExport(NamedTuple):
@@ -33,37 +31,17 @@ class Moment(NamedTuple):
     erasures: int
 
 
-def page_of_exports(session: Session, study_id: uuid.UUID, *, after: ExportKey | None, limit: int) -> list[AskedExport]:
+def page_of_exports(session: Session, study_id: uuid.UUID, *, after: WorkKey | None, limit: int) -> list[AskedExport]:
     """At most `limit` exports of a study, the newest first, those behind `after`."""
-    query = (
-        sa.select(Export, Staff.name)
-        .join(Staff, Staff.id == Export.staff_id)
-        .where(Export.study_id == study_id)
-        .order_by(Export.requested_at.desc(), Export.id.desc())
-        .limit(limit)
-    )
-    if after is not None:
-        key = sa.tuple_(
-            sa.bindparam(None, after[0], type_=Export.requested_at.type),
-            sa.bindparam(None, after[1], type_=Export.id.type),
-        )
-        query = query.where(sa.tuple_(Export.requested_at, Export.id) < key)
-    return [AskedExport(*row) for row in session.execute(query)]
+    return [AskedExport(*row) for row in page_of_works(session, Export, study_id, after=after, limit=limit)]
 
 
 def find_export(
     session: Session, study_id: uuid.UUID, export_id: uuid.UUID, *, lock: bool = False
 ) -> AskedExport | None:
     """An export of this study."""
-    query = (
-        sa.select(Export, Staff.name)
-        .join(Staff, Staff.id == Export.staff_id)
-        .where(Export.id == export_id, Export.study_id == study_id)
-    )
-    if lock:
-        query = query.with_for_update(of=Export).execution_options(populate_existing=True)
-    row = session.execute(query).one_or_none()
-    return AskedExport(*row) if row is not None else None
+    found = find_work(session, Export, study_id, Export.id == export_id, lock=lock)
+    return AskedExport(*found) if found is not None else None
 
 
 def same_under_way(session: Session, study_id: uuid.UUID, staff_id: uuid.UUID, spec_sha256: str) -> Export | None:

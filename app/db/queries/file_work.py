@@ -1,4 +1,4 @@
-"""SQL of files in the making: whose turn it is, who works on which, and whether they still live.
+"""SQL of files in the making: a study's, whose turn it is, who works on which, and whether they still live.
 
 A claim lives by its heartbeats, on the database's clock (SQLite: one machine, so this machine's). Whoever comes back
 after a takeover finds another claim in the row, or none, and writes nothing: each write here asks for the claim.
@@ -7,17 +7,19 @@ after a takeover finds another claim in the row, or none, and writes nothing: ea
 import uuid
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Any
+from typing import Any, TypeVar
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.db.models import Export, Release, UtcDateTime
+from app.db.models import Export, Release, Staff, UtcDateTime
 from app.db.models.export import UNDER_WAY
 
 LEASE_SECONDS = 60.0  # longer than a writer may wait for its turn on SQLite
 
 Work = Export | Release
+OneWork = TypeVar("OneWork", Export, Release)
+WorkKey = tuple[datetime, uuid.UUID]  # requested_at, id
 KINDS: tuple[type[Work], ...] = (Release, Export)  # in this order where several wait
 ACTIVE = (*UNDER_WAY, "changing")
 
@@ -28,6 +30,28 @@ class Sums:
 
     rows: int
     bytes: int
+
+
+def page_of_works(
+    session: Session, model: type[OneWork], study_id: uuid.UUID, *, after: WorkKey | None, limit: int
+) -> list[tuple[OneWork, str]]:
+    """At most `limit` of a study, the newest first, those behind `after`; with the name of who asked for each."""
+    query = _asked_for(model, study_id).order_by(model.requested_at.desc(), model.id.desc()).limit(limit)
+    if after is not None:
+        key = (sa.literal(one, column.type) for one, column in zip(after, (model.requested_at, model.id), strict=True))
+        query = query.where(sa.tuple_(model.requested_at, model.id) < sa.tuple_(*key))
+    return [(work, name) for work, name in session.execute(query)]
+
+
+def find_work(
+    session: Session, model: type[OneWork], study_id: uuid.UUID, which: sa.ColumnElement[bool], *, lock: bool
+) -> tuple[OneWork, str] | None:
+    """One of a study, with the name of who asked for it; lock: as it is now, and nobody else changes it."""
+    query = _asked_for(model, study_id).where(which)
+    if lock:
+        query = query.with_for_update(of=model).execution_options(populate_existing=True)
+    row = session.execute(query).one_or_none()
+    return (row[0], row[1]) if row is not None else None
 
 
 def has_work(session: Session, lease_seconds: float = LEASE_SECONDS) -> bool:
@@ -103,6 +127,10 @@ def begin_again(work: Work, *, counts: bool, after_seconds: float = 0.0) -> None
     work.begin_after = datetime.now(UTC) + timedelta(seconds=after_seconds) if after_seconds else None
     if not counts and work.attempts:
         work.attempts -= 1
+
+
+def _asked_for(model: type[OneWork], study_id: uuid.UUID) -> sa.Select[OneWork, str]:
+    return sa.select(model, Staff.name).join(Staff, Staff.id == model.staff_id).where(model.study_id == study_id)
 
 
 def _begin(session: Session, work: Work, claim: uuid.UUID) -> None:

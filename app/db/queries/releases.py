@@ -21,17 +21,15 @@ from app.db.models import (
     Release,
     ReleaseChange,
     ReleaseFile,
-    Staff,
     Study,
     StudyDensity,
 )
 from app.db.models.record import HEADLINE_COLUMNS
 from app.db.queries import privacy
 from app.db.queries.exports import lock_study
-from app.db.queries.file_work import begin_again
+from app.db.queries.file_work import WorkKey, begin_again, find_work, page_of_works
 
 KEYS_A_STATEMENT = 500
-ReleaseKey = tuple[datetime, uuid.UUID]
 UsedFood = tuple[str, int | None, str]  # key, version, table
 Deed = Literal["meal", "erase", "anonymise"]
 
@@ -64,43 +62,32 @@ def stuck_releases(session: Session, limit: int) -> list[StuckRelease]:
     return [StuckRelease(*row) for row in session.execute(query)]
 
 
-def page_of_releases(
-    session: Session, study_id: uuid.UUID, *, after: ReleaseKey | None, limit: int
-) -> list[NamedRelease]:
+def page_of_releases(session: Session, study_id: uuid.UUID, *, after: WorkKey | None, limit: int) -> list[NamedRelease]:
     """At most `limit` releases of a study, the newest first, those behind `after`."""
-    query = (
-        sa.select(Release, Staff.name)
-        .join(Staff, Staff.id == Release.staff_id)
-        .where(Release.study_id == study_id)
-        .order_by(Release.requested_at.desc(), Release.id.desc())
-        .limit(limit)
-    )
-    if after is not None:
-        key = sa.tuple_(
-            sa.bindparam(None, after[0], type_=Release.requested_at.type),
-            sa.bindparam(None, after[1], type_=Release.id.type),
-        )
-        query = query.where(sa.tuple_(Release.requested_at, Release.id) < key)
-    return [NamedRelease(release, name, files_of(session, release.id)) for release, name in session.execute(query)]
+    page = page_of_works(session, Release, study_id, after=after, limit=limit)
+    files = _files_by_release(session, [release.id for release, _ in page])
+    return [NamedRelease(release, made_by, files.get(release.id, [])) for release, made_by in page]
 
 
 def find_release(session: Session, study_id: uuid.UUID, name: str, *, lock: bool = False) -> NamedRelease | None:
     """A release of this study by name."""
-    query = (
-        sa.select(Release, Staff.name)
-        .join(Staff, Staff.id == Release.staff_id)
-        .where(Release.study_id == study_id, Release.name == name)
-    )
-    if lock:
-        query = query.with_for_update(of=Release).execution_options(populate_existing=True)
-    row = session.execute(query).one_or_none()
-    return NamedRelease(row[0], row[1], files_of(session, row[0].id)) if row is not None else None
+    found = find_work(session, Release, study_id, Release.name == name, lock=lock)
+    return NamedRelease(*found, files_of(session, found[0].id)) if found is not None else None
 
 
 def files_of(session: Session, release_id: uuid.UUID) -> list[ReleaseFile]:
     """A release's files by name."""
-    query = sa.select(ReleaseFile).where(ReleaseFile.release_id == release_id).order_by(ReleaseFile.name)
-    return list(session.scalars(query))
+    return _files_by_release(session, [release_id]).get(release_id, [])
+
+
+def _files_by_release(session: Session, ids: Collection[uuid.UUID]) -> dict[uuid.UUID, list[ReleaseFile]]:
+    """Their files by name; without those that have none."""
+    files: dict[uuid.UUID, list[ReleaseFile]] = {}
+    query = sa.select(ReleaseFile).order_by(ReleaseFile.release_id, ReleaseFile.name)
+    for some in _some(ids):
+        for file in session.scalars(query.where(ReleaseFile.release_id.in_(some))):
+            files.setdefault(file.release_id, []).append(file)
+    return files
 
 
 def blob_keys(session: Session) -> list[str]:
