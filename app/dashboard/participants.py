@@ -14,16 +14,19 @@ from app.dashboard.headline import HEADLINES
 from app.dashboard.page import CurrentPage, Page
 from app.errors import ConflictError, InvalidInputError
 from app.services import day_summaries, participants
-from app.services.adequacy import judge_study
+from app.services.adequacy import Adequacy, find_component, judge_study
+from app.services.day_order import require_order
 
 router = APIRouter(include_in_schema=False)
 
 PARTICIPANTS_A_PAGE = 100
 MOST_AT_ONCE = 500
+USUAL_COMPONENT = "vitamin_c_mg"
 
 CursorIn = Annotated[str | None, Query(max_length=500)]
 FirstDay = Annotated[date | None, Query(alias="from")]
 LastDay = Annotated[date | None, Query(alias="to")]
+ComponentIn = Annotated[str, Query(max_length=64)]
 
 
 @router.get(f"{STUDY_PAGES}/participants")
@@ -76,15 +79,42 @@ def get_intakes(
 @router.get(f"{STUDY_PAGES}/adequacy")
 def get_adequacy(
     page: CurrentPage,
-    study: str,
-    component: Annotated[str, Query(max_length=64)] = "vitamin_c_mg",
+    component: ComponentIn = USUAL_COMPONENT,
     first: FirstDay = None,
     last: LastDay = None,
 ) -> Response:
-    """The share of each group whose usual intake of a component lies below the EAR."""
+    """What can be asked; the page then asks for the figures, which take a moment in a large study."""
+    return _adequacy(page, None, component, first, last)
+
+
+@router.get(f"{STUDY_PAGES}/adequacy/figures")
+def get_adequacy_figures(
+    page: CurrentPage,
+    study: str,
+    component: ComponentIn = USUAL_COMPONENT,
+    first: FirstDay = None,
+    last: LastDay = None,
+) -> Response:
+    """The share of each group whose usual intake of a component lies below the EAR; by itself a whole page."""
+    require_order(first, last)
     judged = judge_study(page.state.database, page.caller, study, component, first_day=first, last_day=last)
+    if page.is_fragment:
+        return page.render("adequacy_figures.html", judged=judged)
+    return _adequacy(page, judged, component, first, last)
+
+
+def _adequacy(page: Page, judged: Adequacy | None, component: str, first: date | None, last: date | None) -> Response:
+    require_order(first, last)
     choices = [(each.column, each.name) for each in HEADLINES]
-    return page.render("adequacy.html", judged=judged, component=component, choices=choices, first=first, last=last)
+    return page.render(
+        "adequacy.html",
+        judged=judged,
+        asked=find_component(component),
+        component=component,
+        choices=choices,
+        first=first,
+        last=last,
+    )
 
 
 def _participants(

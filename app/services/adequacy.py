@@ -85,6 +85,14 @@ class _Group:
     left_out: int = 0
 
 
+def find_component(name: str) -> Component:
+    """By number, tagname or record's column. Raises InvalidInputError (`component_unknown`)."""
+    number = RECORD_COLUMNS[name][0] if name in RECORD_COLUMNS else NUMBER_BY_TAGNAME.get(name, name)
+    if number not in COMPONENT_BY_NUMBER:
+        raise InvalidInputError(f"No component {name!r}.", code="component_unknown", component=name)
+    return COMPONENT_BY_NUMBER[number]
+
+
 def judge_study(
     database: Database,
     caller: Caller,
@@ -95,7 +103,7 @@ def judge_study(
     last_day: date | None,
 ) -> Adequacy:
     """Judge a component by number, tagname or record's column. Raises NotFoundError, InvalidInputError."""
-    found = _component(component)
+    found = find_component(component)
     with database.read() as session:
         study = enter_study(session, caller, study_code)
         people = _people(session, study.id, found.number, first_day, last_day)
@@ -113,13 +121,6 @@ def judge_study(
             group.days.append([amount / divisor for amount in person.amounts])
     judged = tuple(_judge(stage, groups[stage], found.number) for stage in LifeStage if stage in groups)
     return Adequacy(found, judged, without)
-
-
-def _component(name: str) -> Component:
-    number = RECORD_COLUMNS[name][0] if name in RECORD_COLUMNS else NUMBER_BY_TAGNAME.get(name, name)
-    if number not in COMPONENT_BY_NUMBER:
-        raise InvalidInputError(f"No component {name!r}.", code="component_unknown", component=name)
-    return COMPONENT_BY_NUMBER[number]
 
 
 def _people(

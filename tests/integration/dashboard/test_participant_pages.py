@@ -1,5 +1,6 @@
 """Participants' pages: the list, a diary whose figures are the API's, a day's word, profile, leaving; group tables."""
 
+import html
 import re
 
 import pytest
@@ -59,10 +60,38 @@ def test_intakes_of_the_page_are_those_of_the_api(client, admin, eaten, sign_in_
     assert shown[3:] == [told["components"][column]["mean"] for column in HEADLINE_COLUMNS]
 
 
-def test_adequacy_page_tells_why_it_cannot_say(eaten, sign_in_browser):
-    page = sign_in_browser("vera", pilot="viewer").page("/dashboard/studies/pilot/adequacy", component="VITC")
+def test_adequacy_figures_are_those_of_the_api_and_come_behind_the_page(client, admin, eaten, sign_in_browser):
+    viewer = sign_in_browser("vera", pilot="viewer")
+    path, asked = "/dashboard/studies/pilot/adequacy", {"component": "VITC", "from": "2026-01-01"}
+    page = viewer.page(path, **asked)
     assert "Vitamin C" in page
-    assert re.search(r'title="too_few[^"]*"|title="no_[^"]*"|title="few[^"]*"', page) or "data class" in page
+    assert "<table" not in page
+    address = html.unescape(re.search(r'hx-get="([^"]+)" hx-trigger="load"', page)[1])
+    assert f'<noscript><p><a href="{html.escape(address)}">' in page
+    (told,) = client.get("/v1/studies/pilot/adequacy", headers=admin, params=asked).json()["groups"]
+    part = viewer.get(address, headers={"HX-Request": "true"}).text
+    whole = viewer.page(address)
+    assert "<title" in whole
+    assert "<title" not in part
+    for shown in (part, whole):
+        assert figures_of(shown) == [told["persons"], told["days"], told["days_left_out"], told["ear"]]
+        assert "hx-get" not in shown
+        assert f'title="{told["reason"]}"' in shown
+
+
+@pytest.mark.parametrize(
+    ("asked", "code"),
+    [
+        ({"component": "GOLD"}, "component_unknown"),
+        ({"from": "2026-11-02", "to": "2026-11-01"}, "days_reversed"),
+    ],
+)
+@pytest.mark.parametrize("path", ["adequacy", "adequacy/figures"])
+def test_adequacy_of_what_cannot_be_is_refused_by_the_page_itself(eaten, sign_in_browser, path, asked, code):
+    answer = sign_in_browser("vera", pilot="viewer").get(f"/dashboard/studies/pilot/{path}", **asked)
+    assert answer.status_code == 422
+    assert code in answer.text
+    assert "hx-get" not in answer.text
 
 
 def test_reviewer_closes_a_day_unless_somebody_spoke_meanwhile(client, admin, eaten, sign_in_browser):
