@@ -18,13 +18,13 @@ from app.api.paging import Cursor
 from app.dashboard.addresses import study_address
 from app.dashboard.flag_words import FLAGS
 from app.dashboard.meal_filters import Filters, MealFilters, View
-from app.dashboard.meal_list_views import FAILURES, ListedMeal, listed
+from app.dashboard.meal_list_views import FAILURES, ListedMeal, element_of, listed
 from app.dashboard.one_study import in_study
 from app.dashboard.page import CurrentPage, Page
 from app.errors import InvalidInputError
 from app.services.export_spec import ExportSpec, Output, Rows
 from app.services.food_names import food_names
-from app.services.list_meals import MOST_WATCHED, changed_meals, count_meals, list_meals
+from app.services.list_meals import MOST_WATCHED, changed_meals, count_meals, list_meals, missing_meals
 
 router = APIRouter(include_in_schema=False)
 
@@ -72,25 +72,30 @@ def get_changed(
     meal: Annotated[list[Watched] | None, Query(max_length=MOST_WATCHED)] = None,
     view: View = "gallery",
 ) -> Response:
-    """Of the meals that a page shows and that are under way those that have changed, each to be put in its place."""
+    """Of the meals that a page shows and that are under way those that have changed, each to be put in its place.
+
+    Those that are not there any more are to be taken away. One that never was, or that the caller may not see, is told
+    in the same way.
+    """
     caller = in_study(page)
+    database, study_id = page.state.database, caller.only_study_id or uuid.UUID(int=0)
     known = {(participant, uuid.UUID(client_id)): int(version) for participant, client_id, version in _parts(meal)}
-    rows = changed_meals(
-        page.state.database, caller.only_study_id or uuid.UUID(int=0), [(key[1], each) for key, each in known.items()]
-    )
+    rows = changed_meals(database, study_id, [(key[1], each) for key, each in known.items()])
     changed = {each.key: each for each in map(listed, rows) if each.key in known}
-    if not changed:
+    gone = missing_meals(database, study_id, [key for key in known if key not in changed])
+    if not changed and not gone:
         return Response(status_code=204)
     watched = [
         f"{participant}:{client_id}:{version}"
         for (participant, client_id), version in known.items()
-        if (participant, client_id) not in changed
+        if (participant, client_id) not in changed and (participant, client_id) not in gone
     ]
     watched += [each.watched for each in changed.values() if each.is_moving]
     return page.render(
         "meals_changed.html",
         changed=list(changed.values()),
         ended=[each for each in changed.values() if not each.is_moving],
+        gone=[(participant, element_of(participant, client_id)) for participant, client_id in gone],
         watch=watch_address(study, view, watched),
         view=view,
     )

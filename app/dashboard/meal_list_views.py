@@ -37,7 +37,7 @@ class ListedMeal:
     @property
     def element(self) -> str:
         """Its place on the page."""
-        return f"meal-{self.row.participant_code}-{self.row.meal.client_id}"
+        return element_of(*self.key)
 
     @property
     def watched(self) -> str:
@@ -85,6 +85,11 @@ class ListedMeal:
         except (ZoneInfoNotFoundError, ValueError):
             return f"{meal.captured_at.astimezone(UTC):%Y-%m-%d %H:%M}"
         return f"{meal.captured_at.astimezone(zone):%Y-%m-%d %H:%M}"
+
+
+def element_of(participant: str, client_id: uuid.UUID) -> str:
+    """The id of a meal's place on the page."""
+    return f"meal-{participant}-{client_id}"
 
 
 def listed(row: MealRow) -> ListedMeal:

@@ -1,6 +1,7 @@
 """Meals for a page: the caller's filters, keyset pages either way round, an opaque cursor that binds its filters.
 
-And what a gallery asks beside them: how many there are of each status, which of those that it shows have changed.
+And what a gallery asks beside them: how many there are of each status, which of those that it shows have changed, or
+are gone.
 """
 
 import json
@@ -116,6 +117,17 @@ def changed_meals(database: Database, study_id: uuid.UUID, known: Sequence[tuple
     """
     with database.read() as session:
         return meal_rows.rows_of(session, meal_rows.changed_meals(session, study_id, known))
+
+
+def missing_meals(
+    database: Database, study_id: uuid.UUID, known: Sequence[tuple[str, uuid.UUID]]
+) -> list[tuple[str, uuid.UUID]]:
+    """Of these (participant's code, client's id) those that are no meals of the study: erased, or never there."""
+    if not known:
+        return []
+    with database.read() as session:
+        there = meal_rows.meals_there(session, study_id, [client_id for _, client_id in known])
+    return [key for key in known if key not in there]
 
 
 def _listed(visible: MealFilter, order: Order) -> str:

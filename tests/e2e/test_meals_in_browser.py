@@ -50,6 +50,46 @@ def test_meal_is_followed_in_its_place_and_the_focus_stays(served, phone, open_p
     tab.page.wait_for_url(f"**{MEALS}/P001/{waiting}")
 
 
+def test_meal_that_is_erased_leaves_the_page(served, phone, open_page):
+    erased = served.send_meal(phone, captured_at="2026-11-09T12:30:00+08:00")
+    tab = open_page(served.address)
+    tab.sign_in("ann", PASSWORD, MEALS)
+    assert tab.page.is_visible(f"#meal-P001-{erased}")
+    others = tab.page.locator(".meal-card").count() - 1
+    assert phone.delete(f"/v1/meals/{erased}").status_code == 200
+    tab.page.wait_for_selector(f"#meal-P001-{erased}", state="detached")
+    assert tab.page.locator(".meal-card").count() == others
+    assert tab.page.text_content("#meals-live") == "A meal of P001 is not there any more."
+
+
+def test_page_asks_less_and_less_often_until_something_changes(served, phone, open_page):
+    waiting = [served.send_meal(phone, captured_at=f"2026-11-08T1{hour}:30:00+08:00") for hour in (1, 2)]
+    tab = open_page(served.address)
+    tab.page.clock.install(time=0)
+    tab.page.clock.pause_at(1000)  # it goes on when it is told to
+    tab.sign_in("ann", PASSWORD, f"{MEALS}?status=queued&to=2026-11-08")
+    asked, answered = [], []
+    tab.page.on("request", lambda request: asked.append(request.url) if "changed-meals" in request.url else None)
+    tab.page.on("requestfinished", lambda request: answered.append(request.url) if request.url in asked else None)
+
+    def times_of_questions(ticks):
+        """At which of so many ticks, four seconds each, the page asks."""
+        times = []
+        for tick in range(1, ticks + 1):
+            before = len(asked)
+            tab.page.clock.run_for(4000)
+            tab.page.wait_for_timeout(50)  # the page's clock stands, its server's does not
+            while len(answered) < len(asked):
+                tab.page.wait_for_timeout(20)
+            times += [4 * tick] if len(asked) > before else []
+        return times
+
+    assert times_of_questions(28) == [4, 8, 12, 16, 20, 24, 28, 32, 40, 56, 84, 112]
+    estimates.save(served, waiting[0], found_item(hint=None))
+    first, *others = times_of_questions(14)
+    assert (first, others) == (28, list(range(32, 57, 4)))
+
+
 def test_tab_that_nobody_sees_does_not_ask(served, phone, open_page):
     served.send_meal(phone, captured_at="2026-11-10T12:30:00+08:00")
     tab = open_page(served.address)

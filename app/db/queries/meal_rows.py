@@ -1,6 +1,7 @@
 """What a list of meals shows of each: the meal, the records that hold, its left photograph; a handful of statements.
 
-Also how many meals of a study have each status, counted up to a bound, and which of some meals have changed.
+Also how many meals of a study have each status, counted up to a bound, and which of some meals have changed, or are
+there at all.
 """
 
 import uuid
@@ -100,6 +101,16 @@ def changed_meals(session: Session, study_id: uuid.UUID, known: Collection[tuple
     )
     told = set(known)
     return sorted(meal_id for meal_id, client_id, version in session.execute(query) if (client_id, version) not in told)
+
+
+def meals_there(session: Session, study_id: uuid.UUID, client_ids: Collection[uuid.UUID]) -> set[tuple[str, uuid.UUID]]:
+    """The study's meals of these client ids: participant's code, client id."""
+    query = (
+        sa.select(Participant.code, Meal.client_id)
+        .join(Participant, Participant.id == Meal.participant_id)
+        .where(Meal.client_id.in_(set(client_ids)), Meal.study_id == study_id)
+    )
+    return {(code, client_id) for code, client_id in session.execute(query)}
 
 
 def _held_records(session: Session, meal_ids: Sequence[uuid.UUID]) -> dict[uuid.UUID, list[HeldRecord]]:

@@ -173,12 +173,26 @@ def test_what_is_under_way_is_asked_for_together_and_put_in_its_place(state, mea
     assert ids(LINE.findall(lines)) == [waiting]
 
 
+def test_meal_that_was_erased_is_taken_away_and_asked_for_no_more(client, admin, meal_of, sign_in_browser):
+    erased, waiting = meal_of(), meal_of(participant="P002")
+    browser = sign_in_browser("ann", pilot="viewer")
+    watch = html.unescape(re.search(r'id="meals-watch" hx-get="([^"]*)"', browser.page(PAGE))[1])
+    assert client.delete(f"/v1/meals/{erased}", headers=admin).status_code == 200
+    answer = follow(browser, watch, headers=HTMX)
+    assert f'<hx-partial hx-target="#meal-P001-{erased}" hx-swap="delete">' in answer.text
+    assert "A meal of P001 is not there any more" in text_of(answer.text)
+    watch = html.unescape(re.search(r'id="meals-watch" hx-get="([^"]*)"', answer.text)[1])
+    assert [one.split(":")[1] for one in re.findall(r"meal=([^&]*)", watch)] == [waiting]
+    assert follow(browser, watch, headers=HTMX).status_code == 204
+
+
 def test_polling_tells_nothing_of_another_participant_or_study(enrol, meal_of, sign_in_browser):
     meal_id = meal_of()
     elsewhere = enrol("P001", study="second").post(pair(3)).json()["id"]
     browser = sign_in_browser("ann", pilot="viewer", second="viewer")
     for known in (f"P002:{meal_id}:9", f"P001:{elsewhere}:9", f"P001:{uuid.uuid4()}:1"):
-        assert browser.get(CHANGED, headers=HTMX, meal=known).status_code == 204
+        told = text_of(browser.get(CHANGED, headers=HTMX, meal=known).text)
+        assert told.split() == f"A meal of {known[:4]} is not there any more.".split()
     assert browser.get(CHANGED, headers=HTMX, meal=f"P001:{meal_id}:9").status_code == 200
     assert browser.get(CHANGED, headers=HTMX, meal="P001:x:1").status_code == 422
     assert sign_in_browser("eve", second="viewer").get(CHANGED, meal=f"P001:{meal_id}:9").status_code == 404
