@@ -53,16 +53,17 @@ LOADED = ("effective_record", "item", "meal", "diary_day")  # tables whose index
 class Shape:
     """How the records are spread. largest: the share of the participants who are in the first study.
 
-    has_places: studies keep where meals were eaten.
+    has_places: studies keep where meals were eaten. has_profiles: it is known who most participants are.
     """
 
     largest: float = 0.6
     days: int = DAYS
     has_places: bool = False
+    has_profiles: bool = False
 
 
 SPREAD = Shape()
-ONE_STUDY = Shape(largest=0.95, days=365, has_places=True)  # nearly all in one study, within a year
+ONE_STUDY = Shape(largest=0.95, days=365, has_places=True, has_profiles=True)  # nearly all in one study, within a year
 
 
 # Names to values: a NumPy or Arrow array, a list, or one value for all rows. Ids are 32 hexadecimal digits.
@@ -119,7 +120,8 @@ def lay_ground(loader: "Loader", rng: np.random.Generator, shape: Shape = SPREAD
     loader.insert(
         Participant,
         {"id": person_ids, "study_id": study_ids[study_of], "code": [f"P{n:05d}" for n in range(PEOPLE)],
-         "alias": _ids(rng, PEOPLE), "created_at": NOW},
+         "alias": _ids(rng, PEOPLE), "created_at": NOW}
+        | ({"profile": profiles(PEOPLE, rng.spawn(1)[0])} if shape.has_profiles else {}),
     )  # fmt: skip
     loader.insert(Device, {"id": device_ids, "participant_id": person_ids, "name": "phone", "enrolled_at": NOW})
     loader.insert(
@@ -226,6 +228,18 @@ def places(count: int, rng: np.random.Generator) -> list[str]:
     return [
         f'{{"location": {{"latitude": {latitude:.5f}, "longitude": {longitude:.5f}}}}}'
         for latitude, longitude in zip(rng.normal(48.2, 0.1, count), rng.normal(16.4, 0.15, count), strict=True)
+    ]
+
+
+def profiles(count: int, rng: np.random.Generator) -> list[str | None]:
+    """Who participants are, from 9 to 85 years old; of one in twenty nobody knows."""
+    age = rng.integers(9, 86, count)
+    weight_kg = np.minimum(10.0 + 3.4 * age, 75.0) * rng.lognormal(0.0, 0.15, count)
+    return [
+        f'{{"sex": "{sex}", "birth_year": {FIRST_DAY.year - years}, "weight_kg": {kg:.1f}}}' if is_known else None
+        for sex, years, kg, is_known in zip(
+            rng.choice(["female", "male"], count), age, weight_kg, rng.random(count) >= 0.05, strict=True
+        )
     ]
 
 
