@@ -11,6 +11,7 @@ from datetime import UTC, date, datetime, timedelta
 import pytest
 import sqlalchemy as sa
 from pyarrow import parquet
+from pydantic import SecretStr
 
 from app.db.models import (
     DiaryDay,
@@ -32,6 +33,7 @@ from app.services.compare_release import compare_release
 from app.services.delete_blobs import BlobDeleter
 from app.services.file_runner import MOST_TRIES_WITHOUT_FILES, FileRunner
 from app.services.release_days import NOT_DERIVABLE, day_without
+from tests.commands import run_tada
 from tests.integration.api.people import make_staff
 from tests.integration.eaten_days import add_meal, eaten_item
 from tests.integration.persons import database_bytes
@@ -656,6 +658,28 @@ def test_check_tells_whether_the_data_would_be_frozen_alike_now_and_which_rows_d
     for rows_at_a_time in (1, 3):
         monkeypatch.setattr(compare, "ROWS_AT_A_TIME", rows_at_a_time)
         assert compare_release(state.database, state.blobs, "pilot", "baseline").tables == found.tables
+
+
+def test_command_tells_that_a_release_is_whole_and_names_a_lost_file_by_its_key(owner, run, state):
+    def command(*options):
+        given = {name: getattr(state.settings, name) for name in state.settings.model_fields_set}
+        told = {name: one.get_secret_value() if isinstance(one, SecretStr) else one for name, one in given.items()}
+        variables = {f"TADA_{name.upper()}": one for name, one in told.items()}
+        return run_tada("releases", "check", "pilot", "baseline", *options, **variables)
+
+    release = frozen(owner, run, "baseline")
+    whole = command()
+    assert (whole.returncode, whole.stdout.splitlines()) == (
+        0,
+        [f"files: whole, checksum {release['checksum']}", "frozen now, it would be the same"],
+    )
+    key, _ = lose(state, "damaged")
+    lost = command()
+    assert (lost.returncode, lost.stdout.splitlines()[0]) == (1, f"meals.parquet: damaged, {key}")
+    add_meal(state, "P002", "2026-11-09", eaten_item(5.0))
+    told = json.loads(command("--json").stdout)
+    assert (told["is_whole"], told["is_reproduced"], told["tables"]) == (False, False, None)
+    assert "which rows differ is not told without its files" in command().stdout
 
 
 def test_rows_that_are_alike_are_compared_by_how_many_there_are(owner, run, state, eaten):
