@@ -54,6 +54,7 @@ WIDER = """() => {
 PARTS = {
     "/",
     "/dashboard/sign-in",
+    f"{OF_STUDY}/adequacy/figures",
     f"{OF_STUDY}/changed-meals",
     f"{OF_STUDY}/exports/list",
     f"{OF_STUDY}/exports/table",
