@@ -7,7 +7,7 @@ digests, so that nobody's code or id waits in the database.
 """
 
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -52,6 +52,7 @@ class Verdicts:
     box: SecretBox
     changes: Sequence[ReleaseChange]
     known: dict[Key, Key | None] = field(default_factory=dict)
+    persons: dict[str, str] = field(default_factory=dict)  # code -> digest
     of_digest: dict[str, list[int]] = field(init=False)  # places in changes, in their order
 
     def __post_init__(self) -> None:
@@ -80,7 +81,9 @@ class Verdicts:
 
     def _first(self, participant: str, meal_id: str | None, after: int) -> int | None:
         """The place of the first change behind that place which is of this person or meal."""
-        digests = [participant_digest(self.box, participant)]
+        if participant not in self.persons:
+            self.persons[participant] = participant_digest(self.box, participant)
+        digests = [self.persons[participant]]
         if meal_id is not None:
             digests.append(meal_digest(self.box, participant, meal_id))
         places = (place for digest in digests for place in self.of_digest.get(digest, ()) if place > after)
@@ -104,25 +107,26 @@ class ReleaseAlteration:
         self._days: dict[Key, _Touched] = {}
 
     def is_met(self) -> bool:
-        """Whether the release has anything of what is to go. Notes which days are touched."""
-        met = False
+        """Whether the release has anything of what is to go. Notes which days are touched.
+
+        Names alone are read first: a release without it is not served for as long as that takes.
+        """
+        tables = [name for name in ("meals", "days") if name in self._manifest["tables"]]
+        if not any(self._judge(*names) != names for table in tables for names in self._names(table)):
+            return False
         for row in self._rows("meals"):
-            verdict = self._judge(row["participant"], row["meal_id"])
-            met = met or verdict != (row["participant"], row["meal_id"])
-            if verdict is GONE and self._judge(row["participant"]) is not GONE:
+            is_gone = self._judge(row["participant"], row["meal_id"]) is GONE
+            if is_gone and self._judge(row["participant"]) is not GONE:
                 self._days.setdefault((row["participant"], row["local_date"]), _Touched()).gone.append(row)
-        if "days" in self._manifest["tables"]:
-            met = met or any(
-                self._judge(row["participant"]) != (row["participant"], None) for row in self._rows("days")
-            )
-        return met
+        return True
 
     def write(self, files: ReleaseFiles) -> Contents:
         """All tables and the dictionary without what is to go. Call `is_met` first."""
-        for row in self._rows("meals"):
-            self._note(row, "left")
-        for row in self._rows("items"):
-            self._note(row, "items")
+        if self._days:
+            for row in self._rows("meals"):
+                self._note(row, "left")
+            for row in self._rows("items"):
+                self._note(row, "items")
         contents = Contents()
         for name in ("items", "meals", "days", "photographs"):
             if name in self._manifest["tables"]:
@@ -173,10 +177,17 @@ class ReleaseAlteration:
         if touched is not None and self._judge(row["participant"], row["meal_id"]) is not GONE:
             (touched.left if what == "left" else touched.items).append(row)
 
-    def _rows(self, name: str) -> Iterator[Mapping[str, Any]]:
+    def _names(self, table: str) -> Iterator[Key]:
+        """Participant and meal of each row; of a table of days the participant."""
+        for row in self._rows(table, only=("participant", "meal_id")):
+            yield row["participant"], row.get("meal_id")
+
+    def _rows(self, name: str, only: Collection[str] | None = None) -> Iterator[Mapping[str, Any]]:
+        """A table's rows. only: columns that are wanted; None: all."""
         from app.exports.table_files import read_rows  # noqa: PLC0415  # pyarrow
 
-        columns = columns_told(self._manifest, name)
+        every = columns_told(self._manifest, name)
+        columns = [column for column in every if only is None or column.name in only]  # in the file's order
         names = [column.name for column in columns]
         for row in read_rows(columns, self._fetched(f"{name}.parquet")):
             yield dict(zip(names, row, strict=True))

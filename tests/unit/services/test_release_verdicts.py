@@ -59,4 +59,4 @@ def test_a_row_costs_as_much_with_a_thousand_changes_as_with_one():
     BOX.asked = 0
     assert judge("P002", "999") is None
     assert judge("P002", "1000") == ("P002", "1000")
-    assert BOX.asked == 4  # the person's and the meal's, each
+    assert BOX.asked == 3  # the person and two meals
