@@ -6,6 +6,7 @@ mean of two.
 """
 
 import math
+import re
 from enum import StrEnum
 from typing import Literal, get_args
 
@@ -42,6 +43,13 @@ class LifeStage(StrEnum):
     LACTATING_14_18 = "lactating_14_18"
     LACTATING_19_30 = "lactating_19_30"
     LACTATING_31_50 = "lactating_31_50"
+
+    @property
+    def in_words(self) -> str:
+        """As a person says it: "female, 19 to 30", "male, over 70", "infant, 7 to 12 months"."""
+        whom, ages = self.value.split("_", 1)
+        spans = re.sub(r"([0-9]+)_([0-9]+)", r"\1 to \2", ages)
+        return f"{whom}, {spans.replace('_', ' ')}"
 
 
 # First completed year of each age group from 9 years on.
