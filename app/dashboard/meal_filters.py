@@ -12,6 +12,7 @@ from pydantic import BeforeValidator
 
 from app.api.meal_lists import MOST_VALUES, AfterStatus, FoodKey, MealStatus, Word
 from app.db.queries.meal_pages import MealFilter
+from app.services.day_order import told_reversed
 from app.services.export_spec import FILTERS, ExportFilters, Rows
 
 Origin = Literal["photographed", "declared"]
@@ -67,10 +68,9 @@ class MealFilters:
         return len([name for name in self.filters.set_names if name in MORE])
 
     @property
-    def is_reversed(self) -> bool:
-        """Whether the first day lies after the last."""
-        first, last = self.filters.first_day, self.filters.last_day
-        return first is not None and last is not None and first > last
+    def told_reversed(self) -> str | None:
+        """What to say where the first day lies after the last."""
+        return told_reversed(self.filters.first_day, self.filters.last_day)
 
     def reaches(self, rows: Rows) -> bool:
         """Whether a file of these rows can have all filters that are set. An item has a status of its own."""

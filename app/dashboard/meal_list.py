@@ -57,7 +57,7 @@ def get_meals(
             raise InvalidInputError(f"A file of {rows} has not all of these filters.", code="export_not_offered")
         return answer_file(page.state, caller, ExportSpec(rows, output=output, filters=chosen.filters), rows)
     database = page.state.database
-    if chosen.is_reversed:
+    if chosen.told_reversed is not None:
         return _render(page, chosen, [], next_cursor=None, status=422)
     found = list_meals(
         database, caller, chosen.of_list, order=chosen.order, cursor=cursor, limit=MEALS_A_PAGE[chosen.view]
@@ -132,7 +132,7 @@ def _render(
         files=[
             (rows, [(NAMES[output], page.address(**FILE_PARAMETERS, rows=rows, format=output)) for output in outputs])
             for rows, outputs in FILES.items()
-            if chosen.reaches(rows) and not chosen.is_reversed
+            if chosen.reaches(rows) and chosen.told_reversed is None
         ],
     )
 

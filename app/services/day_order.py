@@ -1,6 +1,6 @@
 """A range of days, or of instants, that is asked for runs forwards."""
 
-from datetime import date
+from datetime import date, datetime
 from typing import TypeVar
 
 from app.errors import InvalidInputError
@@ -10,5 +10,14 @@ T = TypeVar("T", bound=date)  # an instant is a date too
 
 def require_order(first: T | None, last: T | None) -> None:
     """Raises InvalidInputError (`days_reversed`) where both ends are named and the first lies after the last."""
-    if first is not None and last is not None and first > last:
-        raise InvalidInputError(f"from ({first}) lies after to ({last}).", code="days_reversed")
+    wrong = told_reversed(first, last)
+    if wrong is not None:
+        raise InvalidInputError(wrong, code="days_reversed")
+
+
+def told_reversed(first: T | None, last: T | None) -> str | None:
+    """The sentence for a range that runs backwards, the same wherever one is asked for; None: it does not."""
+    if first is None or last is None or first <= last:
+        return None
+    what = "moment" if isinstance(first, datetime) else "day"
+    return f"The first {what} lies after the last: {first}, {last}."

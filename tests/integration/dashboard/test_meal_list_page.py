@@ -249,6 +249,6 @@ def test_days_the_wrong_way_round_are_refused_with_the_form_as_it_was(sign_in_br
     browser = sign_in_browser("ann", pilot="viewer")
     answer = browser.get(PAGE, **{"from": "2026-11-20", "to": "2026-11-01", "participant": "P001"})
     assert answer.status_code == 422
-    assert "The first day lies after the last" in answer.text
+    assert "The first day lies after the last: 2026-11-20, 2026-11-01." in answer.text
     assert 'value="2026-11-20"' in answer.text
     assert browser.get(PAGE, status="eaten").status_code == 422

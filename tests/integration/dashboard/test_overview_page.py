@@ -182,7 +182,7 @@ def test_window_is_chosen_by_a_number_of_days_or_by_its_ends(eaten, sign_in_brow
     assert window(**{"from": "2026-11-02", "to": ""}) == [("2026-11-02", "2026-11-06")]
     refused = viewer.get(PATH, **{"from": "2026-11-05", "to": "2026-11-04"})
     assert (refused.status_code, 'value="2026-11-05"' in refused.text) == (422, True)
-    assert "from (2026-11-05) lies after to (2026-11-04)" in refused.text
+    assert "The first day lies after the last: 2026-11-05, 2026-11-04." in refused.text
 
 
 def test_study_that_drops_places_shows_no_map(eaten, state, sign_in_browser):

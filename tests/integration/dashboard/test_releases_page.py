@@ -142,7 +142,7 @@ def test_form_that_is_refused_keeps_what_was_typed_and_a_name_is_given_once(clie
     for fields, sentence in (
         ({"name": "Has Blanks"}, "should match pattern"),
         ({"name": "2026-baseline"}, "has a release"),
-        ({"name": "two", "from": "2026-11-03", "to": "2026-11-02"}, "lies after to"),
+        ({"name": "two", "from": "2026-11-03", "to": "2026-11-02"}, "The first day lies after the last: 2026-11-03, 2026-11-02."),
         ({"name": "three", "statuses": "eaten"}, "Input should be"),
     ):
         answer = owner.post(PATH, note=NOTE, **fields)
