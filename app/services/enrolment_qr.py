@@ -18,9 +18,9 @@ def enrolment_text(server: str, code: str) -> str:
 
 
 def qr_svg(text: str) -> str:
-    """The QR code as SVG, to stand in a page."""
+    """The QR code as SVG, to stand in a page: as large as its place there, with its quiet zone."""
     drawn = io.BytesIO()
-    _qr(text).save(drawn, kind="svg", scale=SCALE, xmldecl=False, light="#fff")
+    _qr(text).save(drawn, kind="svg", omitsize=True, xmldecl=False, light="#fff")
     return drawn.getvalue().decode()
 
 

@@ -155,7 +155,7 @@ def _add(session: Session, caller: Caller | None, name: str, *, is_admin: bool, 
 
 
 def _taken(name: str) -> ConflictError:
-    return ConflictError(f"There is already a staff member named {name!r}.", code="staff_exists")
+    return ConflictError(f"There is already a staff member named {name!r}: give another name.", code="staff_exists")
 
 
 @contextmanager

@@ -6,6 +6,7 @@ must be quiet: no error in the console, no request of another host (browser.py).
 
 import csv
 import io
+import json
 import math
 import re
 import time
@@ -257,6 +258,9 @@ def enrol_by_card(page, world):
     page.get_by_role("button", name="Make the cards").click()
     assert page.locator("[role=img] svg path, [role=img] svg rect").count() > 0
     code = page.inner_text(".enrol-card .secret").strip()
+    seen = cv2.imdecode(np.frombuffer(page.locator(".enrol-card").screenshot(), np.uint8), cv2.IMREAD_COLOR)
+    told, *_ = cv2.QRCodeDetector().detectAndDecode(seen)  # as a phone does it, from the screen
+    assert json.loads(told) == {"tada": 1, "server": world.address, "code": code}
     body = {"code": code, "device_name": "a phone of the walk"}
     assert httpx2.post(f"{world.address}/v1/enrolments", json=body).status_code == 201
     assert httpx2.post(f"{world.address}/v1/enrolments", json=body).status_code >= 400

@@ -15,17 +15,6 @@ def walk_through():
     return BLOCK.findall(text[start : text.index("<!-- end of the walk-through -->")])
 
 
-def by_hand(folder):
-    """What the README asks a reader to do by hand: ask again until the meal is estimated."""
-    again = 'for _ in $(seq 40); do {} > m; grep -q \'"status":"estimated"\' m && break; done; cat m'
-
-    def change(script):
-        script = script.replace("-o records.csv", f"-o {folder}/records.csv")
-        return re.sub(r'(curl [^\n]*wait=25"[^\n#]*)[^\n]*', lambda found: again.format(found[1]), script)
-
-    return change
-
-
 @pytest.mark.slow
 def test_every_line_of_the_walk_through_works_as_printed(tmp_path):
     server = Server(tmp_path)
@@ -34,7 +23,9 @@ def test_every_line_of_the_walk_through_works_as_printed(tmp_path):
         server.wait_until_ready()
         blocks = walk_through()
         assert len(blocks) >= 4
-        done = run_blocks(server, tmp_path, blocks, by_hand(tmp_path))
+        done = run_blocks(
+            server, tmp_path, blocks, lambda text: text.replace("-o records.csv", f"-o {tmp_path}/records.csv")
+        )
         assert done.returncode == 0, done.stderr + done.stdout + server.log
         assert '"status":"estimated"' in done.stdout
         assert '"status":"confirmed"' in done.stdout
