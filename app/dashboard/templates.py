@@ -51,6 +51,7 @@ def environment() -> Environment:
         "day": day,
         "seconds": seconds,
         "words": words,
+        "listed": listed,
         "json_data": json_data,
         "bytes": byte_count,
     }
@@ -146,6 +147,21 @@ def words(code: str | None) -> Markup:
     if code is None:
         return NOT_KNOWN
     return Markup('<span title="{}">{}</span>').format(code, code.replace("_", " "))
+
+
+def listed(value: Any) -> str:
+    """A value of JSON as a line of text: a list with commas, an object by its names, yes and no; – if None."""
+    match value:
+        case None:
+            return "–"
+        case bool():
+            return "yes" if value else "no"
+        case list() | tuple():
+            return ", ".join(listed(one) for one in value) or "none"
+        case dict():
+            return ", ".join(f"{name} {listed(one)}" for name, one in value.items()) or "none"
+        case _:
+            return str(value)
 
 
 def json_data(value: Any) -> Markup:
