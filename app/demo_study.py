@@ -28,7 +28,8 @@ STUDY = "sample"
 ZONE = "Europe/Vienna"
 HOME = (48.2082, 16.3738)  # degrees; the study keeps two decimals
 SPREAD_DEGREES = 0.06
-ROLES = {"olga": "owner", "rene": "reviewer", "vera": "viewer"}
+ADMIN = "admin"  # of the server, not of a study: corrects foods
+ROLES = {"olga": "owner", "rene": "reviewer", "vera": "viewer", "ada": ADMIN}
 DAYS = 14
 AMOUNT_UNKNOWN = 0.01  # of foods told: no amount, so a reviewer looks
 AFTER_MINUTES = 40
@@ -131,10 +132,11 @@ def tell_days(study: SampleStudy, seed: int, days: int = DAYS) -> None:
 
 
 def make_account(admin: httpx2.Client, name: str, role: str) -> Account:
-    """Somebody with this role in the study and a password at random."""
+    """Somebody with this role in the study, or an admin, and a password at random."""
     password = secrets.token_urlsafe(12)
-    answer(admin.post("/v1/staff", json={"name": name, "password": password}))
-    answer(admin.put(f"/v1/studies/{STUDY}/members/{name}", json={"role": role}))
+    answer(admin.post("/v1/staff", json={"name": name, "password": password, "is_admin": role == ADMIN}))
+    if role != ADMIN:
+        answer(admin.put(f"/v1/studies/{STUDY}/members/{name}", json={"role": role}))
     return Account(name, role, password)
 
 

@@ -35,8 +35,8 @@ def test_sample_study_is_served_until_interrupted_and_its_folder_goes(tmp_path, 
                 break
         address = re.search(r"(http://\S+?)/dashboard/studies/sample", told)
         assert address, told
-        accounts = dict(re.findall(r"(?:owner|reviewer|viewer) +(\w+) +password (\S+)", told))
-        assert set(accounts) == {"olga", "rene", "vera"}, told
+        accounts = dict(re.findall(r"(?:owner|reviewer|viewer|admin) +(\w+) +password (\S+)", told))
+        assert set(accounts) == {"olga", "rene", "vera", "ada"}, told
         for name, password in accounts.items():
             answer = httpx2.post(f"{address[1]}/v1/sessions", json={"name": name, "password": password})
             assert answer.status_code == 201
