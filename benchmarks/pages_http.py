@@ -100,7 +100,7 @@ def views(shape: Shape, chance: random.Random) -> Iterator[tuple[str, Callable[[
         ("review of a food", base + "/review?food={food}"),
         ("participant, 28 days", base + "/participants/{participant}?{window}"),
         ("intakes, 28 days", base + "/intakes?{window}"),
-        ("adequacy, 28 days", base + "/adequacy?{window}"),
+        ("adequacy, figures of 28 days", base + "/adequacy/figures?{window}"),
         ("foods, a search", "/dashboard/foods?q=boiled+without+salt"),
     ):
         yield name, lambda values, query=query: query.format_map(values | {"window": window()})  # type: ignore[misc]
