@@ -55,9 +55,8 @@ def _browse(address: str, admin: httpx2.Client, seed: int) -> None:
             reviewer.headers["Authorization"] = f"Bearer {session['token']}"
             ended = settle(study, reviewer)
         told = ", ".join(f"{count} {status}" for status, count in sorted(ended.items()))
-        say(
-            f"Photographed meals are measured: {told}; one waits for its other photograph. Ctrl-C ends the server and removes its data."
-        )
+        say(f"Photographed meals are measured: {told}; one waits for its other photograph.")
+        say("Ctrl-C ends the server and removes its data.")
         while True:
             time.sleep(3600)
     finally:
