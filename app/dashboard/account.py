@@ -11,6 +11,7 @@ from app.dashboard.forms import Fields, checked, typed
 from app.dashboard.page import CurrentPage, Page
 from app.errors import ConflictError, InvalidInputError, NotFoundError, UnauthenticatedError
 from app.services import access_tokens, sign_in
+from app.services.studies import known_codes
 
 router = APIRouter(include_in_schema=False)
 
@@ -82,6 +83,7 @@ def _account(
         "account.html",
         status=status,
         session=sign_in.read_session(page.state.database, page.caller),
+        studies=known_codes(page.state.database, page.caller),
         tokens=access_tokens.list_tokens(page.state.database, page.caller),
         values=values or {},
         wrong=wrong or {},

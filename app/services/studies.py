@@ -65,6 +65,12 @@ def list_studies(database: Database, caller: StaffCaller, *, cursor: str | None,
     return Page(rows[:limit], encode_cursor("studies", rows[limit - 1].code) if len(rows) > limit else None)
 
 
+def known_codes(database: Database, caller: StaffCaller) -> list[str]:
+    """The codes of all studies that `list_studies` lists, in its order."""
+    with database.read() as session:
+        return people.known_study_codes(session, known_studies(caller))
+
+
 def read_study(database: Database, code: str) -> Study:
     """A study. Raises NotFoundError."""
     with database.read() as session:

@@ -80,6 +80,12 @@ def page_of_studies(
     return list(session.scalars(query))
 
 
+def known_study_codes(session: Session, known: frozenset[uuid.UUID] | None) -> list[str]:
+    """The codes of studies, sorted. known: only of these; None: of all."""
+    query = sa.select(Study.code).order_by(Study.code)
+    return list(session.scalars(query if known is None else query.where(Study.id.in_(known))))
+
+
 def codes_of_studies(session: Session, study_ids: Collection[uuid.UUID]) -> dict[uuid.UUID, str]:
     """Study -> code."""
     rows = session.execute(sa.select(Study.id, Study.code).where(Study.id.in_(study_ids)))
