@@ -15,12 +15,12 @@ from tests.integration.api.people import make_staff
 from tests.integration.eaten_days import add_meal, eaten_item
 from tests.stores import stored_names
 
+pytestmark = pytest.mark.slow
 SLOW = """
 import sys, time
 from app.services import made_file
 from app import file_worker
 
-pytestmark = pytest.mark.slow
 write = made_file.StagedFile.write
 def slow(file, piece):
     write(file, piece)
