@@ -1,5 +1,7 @@
 """A study's participants, by code; what each ate on average; and a new one, or many."""
 
+import re
+from collections.abc import Sequence
 from datetime import date
 from typing import Annotated
 
@@ -12,7 +14,7 @@ from app.dashboard.addresses import study_address
 from app.dashboard.forms import Fields, checked, typed
 from app.dashboard.headline import HEADLINES
 from app.dashboard.page import CurrentPage, Page
-from app.errors import ConflictError, InvalidInputError
+from app.errors import ConflictError
 from app.services import day_summaries, participants
 from app.services.adequacy import Adequacy, find_component, judge_study
 from app.services.day_order import require_order
@@ -22,6 +24,9 @@ router = APIRouter(include_in_schema=False)
 PARTICIPANTS_A_PAGE = 100
 MOST_AT_ONCE = 500
 USUAL_COMPONENT = "vitamin_c_mg"
+LONGEST_CODE = 64
+SHOWN = 80  # letters of what is no code
+_BETWEEN_CODES = re.compile(r"[\r\n\t,;]+")  # no blanks: "Anna Müller" would become two participants
 
 CursorIn = Annotated[str | None, Query(max_length=500)]
 FirstDay = Annotated[date | None, Query(alias="from")]
@@ -37,25 +42,25 @@ def get_participants(page: CurrentPage, study: str, cursor: CursorIn = None) -> 
 
 @router.post(f"{STUDY_PAGES}/participants")
 def post_participants(page: CurrentPage, study: str, fields: Fields) -> Response:
-    """Add participants by their codes, one or many; each that cannot be added is told, the others stay added."""
+    """Add participants by their codes, one or many. If one is no code, none is added; those there already are told."""
     asked = typed(fields).get("codes", "")
-    codes = list(dict.fromkeys(asked.replace(",", " ").replace(";", " ").split()))
+    codes = list(dict.fromkeys(code for code in map(str.strip, _BETWEEN_CODES.split(asked)) if code))
     if not codes or len(codes) > MOST_AT_ONCE:
-        raise InvalidInputError(f"Name one to {MOST_AT_ONCE} participants.")
-    refused: list[tuple[str, str]] = []
+        wrong = [f"Name one to {MOST_AT_ONCE} participants; these are {len(codes)}."]
+        return _participants(page, study, None, asked=asked, wrong=wrong, status=422)
+    wrong = [_refusal(code) for code in codes if checked(ParticipantIn, {"code": code})[0] is None]
+    if wrong:
+        return _participants(page, study, None, asked=asked, wrong=wrong, status=422)
+    there: list[str] = []
     for code in codes:
-        body, wrong = checked(ParticipantIn, {"code": code})
-        if body is None:
-            refused.append((code, "; ".join(wrong.values())))
-            continue
         try:
-            participants.create_participant(page.state.database, study_code=study, code=body.code, caller=page.caller)
-        except ConflictError as error:
-            refused.append((code, error.message))
-    added = len(codes) - len(refused)
+            participants.create_participant(page.state.database, study_code=study, code=code, caller=page.caller)
+        except ConflictError:
+            there.append(code)
+    added = len(codes) - len(there)
     told = f"{added} participant{'s were' if added != 1 else ' was'} added."
-    if refused:
-        return _participants(page, study, None, refused=refused, added=told, status=409)
+    if there:
+        return _participants(page, study, None, there=there, added=told, status=409)
     return page.go(study_address(study, "participants"), told)
 
 
@@ -117,16 +122,34 @@ def _adequacy(page: Page, judged: Adequacy | None, component: str, first: date |
     )
 
 
+def _refusal(code: str) -> str:
+    """What is wrong with a code, in a sentence for who typed it."""
+    if len(code) > LONGEST_CODE:
+        return f"{code[:SHOWN]}{'…' if len(code) > SHOWN else ''}: {LONGEST_CODE} characters at most"
+    blank = "; no blanks: one code a line, or commas between" if re.search(r"\s", code) else ""
+    return f"{code}: letters A-Z, digits, - and _ only, beginning with a letter or digit{blank}"
+
+
 def _participants(
     page: Page,
     study: str,
     cursor: str | None,
     *,
-    refused: list[tuple[str, str]] | None = None,
+    asked: str = "",
+    wrong: Sequence[str] = (),
+    there: Sequence[str] = (),
     added: str = "",
     status: int = 200,
 ) -> Response:
+    """The page. asked: what stays in the field; wrong: why nobody was added; there: codes that were there before."""
     found = participants.list_participants(page.state.database, study, cursor=cursor, limit=PARTICIPANTS_A_PAGE)
     return page.render(
-        "participants.html", status=status, rows=found.rows, next=found.cursor, refused=refused or [], added=added
+        "participants.html",
+        status=status,
+        rows=found.rows,
+        next=found.cursor,
+        asked=asked,
+        wrong=wrong,
+        there=there,
+        added=added,
     )

@@ -10,7 +10,8 @@ from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.eaten_days import add_meal, eaten_item, set_profile
 
 DAYS = ("2026-11-01", "2026-11-02", "2026-11-03", "2026-11-04")
-PATH = "/dashboard/studies/pilot/participants/P001"
+PARTICIPANTS = "/dashboard/studies/pilot/participants"
+PATH = f"{PARTICIPANTS}/P001"
 
 
 @pytest.fixture
@@ -24,6 +25,10 @@ def eaten(phone, state):
         assert answer.status_code == 200
     set_profile(state, sex="female", birth_year=1990, weight_kg=60.0)
     return phone
+
+
+def codes_of(client, admin):
+    return [row["code"] for row in client.get("/v1/studies/pilot/participants", headers=admin).json()["items"]]
 
 
 def article(page, day):
@@ -77,6 +82,7 @@ def test_adequacy_figures_are_those_of_the_api_and_come_behind_the_page(client, 
         assert figures_of(shown) == [told["persons"], told["days"], told["days_left_out"], told["ear"]]
         assert "hx-get" not in shown
         assert f'title="{told["reason"]}"' in shown
+        assert "female, 31 to 50" in shown
 
 
 @pytest.mark.parametrize(
@@ -111,14 +117,47 @@ def test_reviewer_closes_a_day_unless_somebody_spoke_meanwhile(client, admin, ea
     assert viewer.post(address, **form).status_code == 403
 
 
-def test_owner_adds_many_and_hears_of_those_that_cannot_be(client, admin, enrol, sign_in_browser):
+def test_owner_adds_many_and_hears_of_those_that_are_there(client, admin, enrol, sign_in_browser):
     enrol()
     owner = sign_in_browser("olga", pilot="owner")
-    page = owner.post("/dashboard/studies/pilot/participants", codes="P001, P002\nP003 <b>x</b>").text
-    assert "2 participants were added." in page
-    assert "<b>x" not in page
-    codes = [row["code"] for row in client.get("/v1/studies/pilot/participants", headers=admin).json()["items"]]
-    assert codes == ["P001", "P002", "P003"]
+    answer = owner.post(PARTICIPANTS, codes="P001, P002;P003\r\nP004\tP002,")
+    assert answer.status_code == 409
+    page = text_of(answer.text)
+    assert "3 participants were added." in page
+    assert "the study has them already: P001." in page
+    assert codes_of(client, admin) == ["P001", "P002", "P003", "P004"]
+    assert owner.post(PARTICIPANTS, codes="P005").status_code == 303
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        (
+            "P001, Anna Müller",
+            "Anna Müller: letters A-Z, digits, - and _ only, beginning with a letter or digit; no bl",
+        ),
+        (
+            "P002\nP003 P004",
+            "P003 P004: letters A-Z, digits, - and _ only, beginning with a letter or digit; no blanks",
+        ),
+        (
+            "P002, Müller, _P3",
+            "Müller: letters A-Z, digits, - and _ only, beginning with a letter or digit _P3: letters",
+        ),
+        ("P002\n<b>x</b>", "&lt;b&gt;x&lt;/b&gt;: letters A-Z, digits"),
+        ("P002, " + "P" * 65, "P" * 65 + ": 64 characters at most"),
+        (" ,; ", "Name one to 500 participants; these are 0."),
+        (",".join(f"Q{number}" for number in range(501)), "Name one to 500 participants; these are 501."),
+    ],
+    ids=["name", "blank", "letters", "markup", "long", "none", "many"],
+)
+def test_nobody_is_added_where_one_is_no_code_and_the_text_stays(client, admin, enrol, sign_in_browser, asked, said):
+    enrol()
+    answer = sign_in_browser("olga", pilot="owner").post(PARTICIPANTS, codes=asked)
+    assert answer.status_code == 422
+    assert said in text_of(answer.text)
+    assert f">\n{html.escape(asked.strip())}</textarea>" in answer.text
+    assert codes_of(client, admin) == ["P001"]
 
 
 def test_profile_keeps_what_is_told_and_loses_what_is_emptied(client, admin, eaten, sign_in_browser):
