@@ -77,6 +77,22 @@ def test_food_is_chosen_from_what_the_server_finds_by_keyboard_alone(served, mea
     assert second(served, meal)["food"]["name"].startswith("Banana")
 
 
+def test_food_that_was_not_chosen_is_not_said_and_its_exact_name_is(served, meal, opened):
+    page, item = opened.page, second(served, meal)["id"]
+    before = second(served, meal)["food"]
+    name = served.admin.get("/v1/foods/banana").json()["name"]
+    page.click(f"#change-{item} summary")
+    page.fill(f"#food-{item}", "bana")
+    page.click(f"#change-{item} button:has-text('Set food')")
+    page.wait_for_selector(f"#food-{item}[aria-invalid=true]")
+    assert page.is_visible(f"#food-{item}-list [role=option]")
+    assert second(served, meal)["food"] == before
+    page.fill(f"#food-{item}", name)
+    page.click(f"#change-{item} button:has-text('Set food')")
+    page.wait_for_selector(f"#item-{item} .status-corrected")
+    assert second(served, meal)["food"]["key"] == "banana"
+
+
 def test_outline_is_drawn_by_keys_and_by_mouse(served, meal, opened):
     page, item = opened.page, second(served, meal)["id"]
     page.click(f"#change-{item} summary")

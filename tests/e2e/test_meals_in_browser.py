@@ -1,5 +1,7 @@
 """The list of meals in a browser: followed in place, a food chosen by keyboard, files, no serious finding of axe."""
 
+import re
+
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 
@@ -129,6 +131,48 @@ def test_food_is_chosen_by_keyboard_and_stands_in_the_address_with_the_other_fil
     with page.expect_download() as download:
         page.click(".meals-files a:has-text('CSV') >> nth=0")
     assert download.value.suggested_filename == "meals.csv"
+
+
+def test_words_of_which_no_food_was_chosen_are_not_dropped(served, phone, open_page):
+    tab = open_page(served.address)
+    tab.sign_in("ann", PASSWORD, MEALS)
+    page = tab.page
+    sent = []
+    page.on("request", lambda request: sent.append(request.url) if request.is_navigation_request() else None)
+    for words, sentence in (
+        ("apple r", "Choose a food from the list."),
+        ("qqqqq", "No food of the tables matches this."),
+    ):
+        page.fill("#meals-food", words)
+        for press in (lambda: page.press("#meals-food", "Enter"), lambda: page.click("text=Show")):
+            press()
+            page.wait_for_selector("#meals-food[aria-invalid=true]")
+            assert page.evaluate("document.querySelector('#meals-food').validationMessage") == sentence
+            assert page.evaluate("document.activeElement.id") == "meals-food"
+    assert sent == []
+    page.fill("#meals-food", "")
+    with page.expect_navigation(url=re.compile(r".*/meals\??$")):
+        page.click("text=Show")
+    page.route("**/foods?list=*", lambda route: route.abort())
+    tab.expect("ERR_FAILED")
+    page.fill("#meals-food", "apple")
+    page.press("#meals-food", "Enter")
+    page.wait_for_selector("#meals-food[aria-invalid=true]")
+    assert "try again" in page.evaluate("document.querySelector('#meals-food').validationMessage")
+    page.unroute("**/foods?list=*")
+    page.press("#meals-food", "Enter")
+    page.wait_for_url("**food=apple")
+
+
+@pytest.mark.parametrize("typed", ["name", "key"])
+def test_exact_name_or_key_is_taken_without_a_choice(served, phone, open_page, typed):
+    name = served.admin.get("/v1/foods/banana").json()["name"]
+    tab = open_page(served.address)
+    tab.sign_in("ann", PASSWORD, MEALS)
+    tab.page.fill("#meals-food", name.upper() if typed == "name" else "banana")
+    tab.page.press("#meals-food", "Enter")
+    tab.page.wait_for_url(f"**{MEALS}?food=banana")
+    assert tab.page.is_checked("input[name=food][value=banana]")
 
 
 @pytest.mark.parametrize("view", ["gallery", "table"])

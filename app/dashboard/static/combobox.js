@@ -1,25 +1,32 @@
 // Foods as options of a combobox (<div class="combobox" data-foods="...">): searched as one types, chosen by key or mouse.
+// A form is not sent with words of which no food was chosen: what is exactly one food's key or name is that food.
 
 let search; // the running one
 
+// Shows what the server finds; whether it answered. A search that a later one broke off did not.
 async function offer(box, input, list) {
   search?.abort();
   search = new AbortController();
   const words = input.value.trim();
-  if (!words) return close(input, list);
   try {
-    const answer = await fetch(`${box.dataset.foods}&q=${encodeURIComponent(words.slice(0, 100))}`, {
-      headers: { Accept: "text/html", "HX-Request": "true" },
-      signal: search.signal,
-    });
-    if (!answer.ok) return close(input, list);
-    const page = new DOMParser().parseFromString(await answer.text(), "text/html");
-    list.replaceChildren(...page.body.childNodes);
-    list.hidden = false;
-    input.setAttribute("aria-expanded", "true");
+    if (words) {
+      const answer = await fetch(`${box.dataset.foods}&q=${encodeURIComponent(words.slice(0, 100))}`, {
+        headers: { Accept: "text/html", "HX-Request": "true" },
+        signal: search.signal,
+      });
+      if (answer.ok) {
+        const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+        list.replaceChildren(...page.body.childNodes);
+        list.hidden = false;
+        input.setAttribute("aria-expanded", "true");
+        return true;
+      }
+    }
+    close(input, list);
   } catch (error) {
     if (error.name !== "AbortError") close(input, list);
   }
+  return false;
 }
 
 function close(input, list) {
@@ -39,8 +46,90 @@ function choose(box, option) {
   const input = box.querySelector("[role=combobox]");
   input.value = option.dataset.name;
   box.querySelector("input[name=food]").value = option.dataset.key;
+  say(input, "");
   close(input, box.querySelector("[role=listbox]"));
 }
+
+// What is wrong with the words; "": nothing.
+function say(input, sentence) {
+  input.setCustomValidity(sentence);
+  if (sentence) input.setAttribute("aria-invalid", "true");
+  else input.removeAttribute("aria-invalid");
+}
+
+// The one food that the words are the key or the name of; undefined: none, or several.
+function named(words, list) {
+  const wanted = words.toLowerCase();
+  const same = [...list.querySelectorAll("[role=option]")].filter((option) =>
+    [option.dataset.key, option.dataset.name].some((text) => text.toLowerCase() === wanted),
+  );
+  return same.length === 1 ? same[0] : undefined;
+}
+
+// The boxes of a form that have words and no food yet.
+function undecided(form) {
+  return [...form.querySelectorAll(".combobox[data-foods]")].filter(
+    (box) => box.querySelector("[role=combobox]").value.trim() && !box.querySelector("input[name=food]").value,
+  );
+}
+
+// Takes the food that the words name, or says that none was chosen; whether one was taken.
+async function settle(box) {
+  const input = box.querySelector("[role=combobox]");
+  const list = box.querySelector("[role=listbox]");
+  const words = input.value.trim();
+  const answered = await offer(box, input, list);
+  if (input.value.trim() !== words) return false; // typed on: the form is sent again by whoever types
+  const food = answered ? named(words, list) : undefined;
+  if (food) {
+    choose(box, food);
+    return true;
+  }
+  const offered = list.querySelector("[role=option]");
+  say(
+    input,
+    !answered
+      ? "The foods could not be searched: try again in a moment."
+      : offered
+        ? "Choose a food from the list."
+        : "No food of the tables matches this.",
+  );
+  input.reportValidity();
+  return false;
+}
+
+const settling = new WeakSet(); // forms that wait for an answer: sent once, however often the key is pressed
+document.addEventListener(
+  "submit",
+  async (event) => {
+    const form = event.target;
+    const boxes = undecided(form);
+    if (!boxes.length) return;
+    event.preventDefault();
+    event.stopImmediatePropagation(); // neither htmx nor a question "are you sure" has it yet
+    if (settling.has(form)) return;
+    settling.add(form);
+    clearTimeout(typing);
+    const { submitter } = event;
+    try {
+      for (const box of boxes) if (!(await settle(box))) return;
+    } finally {
+      settling.delete(form);
+    }
+    form.requestSubmit(submitter);
+  },
+  true,
+);
+
+// What was wrong is judged anew at each try: a browser sends no form that has something wrong in it, nor tells a script
+document.addEventListener(
+  "click",
+  (event) => {
+    const form = event.target.closest("button")?.form; // also pressed by Enter in a field
+    for (const input of form?.querySelectorAll(".combobox[data-foods] [role=combobox]") ?? []) say(input, "");
+  },
+  true,
+);
 
 let typing;
 document.addEventListener("input", (event) => {
@@ -48,6 +137,7 @@ document.addEventListener("input", (event) => {
   const box = input.closest(".combobox");
   if (!box || !input.matches("[role=combobox]")) return;
   box.querySelector("input[name=food]").value = ""; // what is typed now is not what was chosen
+  say(input, "");
   clearTimeout(typing);
   typing = setTimeout(() => offer(box, input, box.querySelector("[role=listbox]")), 180);
 });
