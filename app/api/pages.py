@@ -17,6 +17,7 @@ from app.settings import Settings
 PREFIX: Final = "/dashboard"
 
 STUDY_PAGES: Final = f"{PREFIX}/studies/{{study}}"
+ELSEWHERE: Final = f"{STUDY_PAGES}/{{rest:path}}"  # what no page has
 WEBHOOKS: Final = "/v1/studies/{study}/webhooks"
 RELEASES: Final = "/v1/studies/{study}/releases"
 
@@ -145,6 +146,7 @@ PAGES: Mapping[Call, Call] = {
     ("GET", f"{PREFIX}/audit"): ("GET", "/v1/audit"),
     ("GET", f"{PREFIX}/marker"): STAFF,
     ("GET", f"{PREFIX}/marker.pdf"): STAFF,
+    ("GET", ELSEWHERE): STUDY,
 }
 # asked by the page itself, again and again: no use of the session
 POLLED: frozenset[Call] = frozenset(

@@ -4,6 +4,7 @@ An ASGI layer, so that no answer goes out without them, whoever made it: a page,
 A problem document becomes a page where a browser asks for one; who is not signed in is led to the sign-in page.
 """
 
+import http
 import json
 from collections.abc import Mapping
 from typing import Any
@@ -15,6 +16,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.pages import PREFIX
 from app.api.problems import PROBLEM_JSON
+from app.dashboard.addresses import study_address
+from app.dashboard.refusals import sentence_of_request
 from app.dashboard.templates import render
 
 CONTENT_SECURITY_POLICY = (
@@ -31,6 +34,11 @@ HEADERS: Mapping[str, str] = {
     "Permissions-Policy": "camera=(), geolocation=(), microphone=(), payment=(), usb=()",
 }
 NO_STORE = "private, no-store"
+NOT_ACCEPTED = "This cannot be accepted"
+BARE: Mapping[str, str] = {
+    "not_found": "There is no such page.",
+    "method_not_allowed": "This address belongs to a form: open the page that the form is on.",
+}
 SIGN_IN_CODES = frozenset({"unauthenticated"})
 
 
@@ -92,10 +100,28 @@ def _page_of(scope: Scope, request_headers: Headers, start: Message, problem: di
         if is_fragment:
             return Response(status_code=204, headers=kept | {"HX-Redirect": target})
         return RedirectResponse(target, status_code=303, headers=kept)
+    problem = _in_words(problem)
     template = "problem_part.html" if is_fragment else "problem.html"
     if is_fragment:
         kept |= {"HX-Retarget": "#problem", "HX-Reswap": "innerHTML", "HX-Push-Url": "false"}
-    return HTMLResponse(render(template, problem=problem), status_code=start["status"], headers=kept)
+    return HTMLResponse(render(template, problem=problem, back=_back(scope)), status_code=start["status"], headers=kept)
+
+
+def _back(scope: Scope) -> tuple[str, str] | None:
+    """(address, name) of the study that was looked at, if the caller was let into it."""
+    study = scope.get("state", {}).get("entered")
+    return (study_address(study.code), study.name) if study is not None else None
+
+
+def _in_words(problem: dict[str, Any]) -> dict[str, Any]:
+    """As a person reads it: without places of a schema, and with a sentence where the framework has a title only."""
+    if problem.get("code") == "invalid_input" and (told := sentence_of_request(problem.get("errors", ()))) is not None:
+        return problem | {"title": NOT_ACCEPTED, "detail": told}
+    if problem["status"] == http.HTTPStatus.UNPROCESSABLE_ENTITY:
+        return problem | {"title": NOT_ACCEPTED}
+    if problem["detail"] == problem["title"]:
+        return problem | {"detail": BARE.get(problem["code"], problem["detail"])}
+    return problem
 
 
 def _sign_in_address(scope: Scope, headers: Headers) -> str:

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from app.api.schemas.review import AnyEventIn, EventIn
+from app.dashboard.refusals import sentence
 from app.errors import InvalidInputError
 
 EVENTS: TypeAdapter[AnyEventIn] = TypeAdapter(EventIn)
@@ -112,5 +113,5 @@ def _refused(error: ValidationError) -> InvalidInputError:
     first = error.errors(include_url=False, include_input=False)[0]
     names = [str(part) for part in first["loc"]]
     label = next((LABELS[name] for name in names if name in LABELS), None)
-    message = str(first["msg"]).removeprefix("Value error, ")
-    return InvalidInputError(f"{label}: {message}." if label else f"This cannot be said of a meal: {message}.")
+    told = sentence(first["type"], first["msg"])
+    return InvalidInputError(f"{label}: {told}" if label else f"This cannot be said of a meal: {told}")

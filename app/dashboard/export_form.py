@@ -13,6 +13,7 @@ from app.api.meal_lists import AfterStatus, MealStatus
 from app.api.records import RecordStatus
 from app.api.schemas.exports import ExportIn
 from app.dashboard.flag_words import FLAGS
+from app.dashboard.refusals import sentence
 from app.errors import InvalidInputError
 from app.services.export_spec import FILTERS, ExportFilters, ExportSpec, Rows, check_spec
 
@@ -85,7 +86,7 @@ def choice_of(fields: ImmutableMultiDict[str, Any], study: str, *, drop_others: 
     try:
         body = ExportIn.model_validate(_body(told))
     except ValidationError as error:
-        wrong = {_field(one["loc"]): one["msg"] for one in error.errors()} | wrong
+        wrong = {_field(one["loc"]): sentence(one["type"], one["msg"]) for one in error.errors()} | wrong
     if body is None or wrong:
         told = {**told, "rows": _rows(str(told["rows"]))}
         return Choice(told, None, wrong)

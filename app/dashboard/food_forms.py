@@ -25,6 +25,7 @@ from app.dashboard.food_texts import (
 from app.dashboard.foods import FOODS, component_table, food_address, food_page
 from app.dashboard.forms import Fields, checked, typed
 from app.dashboard.page import CurrentPage, Page
+from app.dashboard.refusals import sentence
 from app.errors import ConflictError, InvalidInputError, PreconditionFailedError
 from app.nutrition.components import COMPONENT_BY_NUMBER, COMPONENTS, HEADLINE_NUMBERS
 from app.nutrition.foods import FOOD_FORMS, FOOD_STATES, SLICE_FORMS
@@ -235,7 +236,7 @@ def _validated(model: type[Body], values: Mapping[str, Any], wrong: dict[str, st
     except ValidationError as error:
         for one in error.errors():
             field = _field_of(one["loc"])
-            wrong.setdefault(field, _place_in(one["loc"]) + one["msg"])
+            wrong.setdefault(field, _place_in(one["loc"]) + sentence(one["type"], one["msg"]))
         return None
     return None if wrong else body
 

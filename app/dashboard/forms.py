@@ -7,6 +7,7 @@ from fastapi import Depends, Request
 from pydantic import BaseModel, ValidationError
 from starlette.datastructures import FormData
 
+from app.dashboard.refusals import sentences
 from app.errors import MalformedRequestError
 
 FORM = "application/x-www-form-urlencoded"  # no page of ours sends files
@@ -40,4 +41,4 @@ def checked(model: type[Model], values: Mapping[str, Any]) -> tuple[Model | None
     try:
         return model.model_validate(told), {}
     except ValidationError as error:
-        return None, {str(one["loc"][0]) if one["loc"] else "": one["msg"] for one in error.errors()}
+        return None, sentences(error.errors())

@@ -85,6 +85,7 @@ def current_page(request: Request, state: State, caller: CurrentStaff) -> Page:
     """The page that is asked for; `authorise` has let the caller in. Raises NotFoundError."""
     code = request.path_params.get("study")
     study = read_study(state.database, code) if code is not None else None
+    request.state.entered = study  # a refusal leads back to it (answers.py)
     return Page(request, state, caller, study, role_in(caller, study.id) if study is not None else None)
 
 

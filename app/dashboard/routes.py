@@ -14,6 +14,7 @@ from app.dashboard import (
     meal,
     meal_list,
     members,
+    no_such_page,
     overview,
     participant,
     participants,
@@ -51,5 +52,6 @@ for page in (
     account,
     audit,
     marker,
+    no_such_page,  # the last: it has every address that is left
 ):
     router.include_router(page.router)

@@ -65,6 +65,7 @@ PARTS = {
     f"{OF_STUDY}/releases/{{name}}/state",
     f"{OF_STUDY}/review/{{participant}}/{{meal_id}}",
     f"{MEAL}/state",
+    f"{OF_STUDY}/{{rest:path}}",
 }
 
 

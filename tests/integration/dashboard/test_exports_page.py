@@ -135,8 +135,11 @@ def test_export_is_called_off_or_removed_by_who_asked_and_by_owners(client, admi
 def test_what_cannot_be_made_is_told_and_what_was_typed_is_kept(client, admin, viewer):
     for asked, sentence in (
         ({"rows": "items", "layout": "long", "format": "geojson"}, "GeoJSON has a feature"),
-        ({"rows": "items", "from": "2026-11-03", "to": "2026-11-02"}, "The first day lies after the last: 2026-11-03, 2026-11-02."),
-        ({"rows": "items", "from": "yesterday", "participant": QUOTED}, "valid date"),
+        (
+            {"rows": "items", "from": "2026-11-03", "to": "2026-11-02"},
+            "The first day lies after the last: 2026-11-03, 2026-11-02.",
+        ),
+        ({"rows": "items", "from": "yesterday", "participant": QUOTED}, "Write a day as 2026-11-30."),
         ({"rows": "items", "status": "estimated"}, "There is no"),
         ({"rows": "photographs", "components": "all"}, "Photographs have no components"),
     ):

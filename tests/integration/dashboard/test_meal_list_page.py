@@ -251,4 +251,11 @@ def test_days_the_wrong_way_round_are_refused_with_the_form_as_it_was(sign_in_br
     assert answer.status_code == 422
     assert "The first day lies after the last: 2026-11-20, 2026-11-01." in answer.text
     assert 'value="2026-11-20"' in answer.text
-    assert browser.get(PAGE, status="eaten").status_code == 422
+    for asked, told in (
+        ({"status": "eaten"}, "Status: There is no such choice; there is: receiving"),
+        ({"from": "yesterday"}, "From: Write a day as 2026-11-30."),
+    ):
+        answer = browser.get(PAGE, **asked)
+        assert answer.status_code == 422
+        assert told in text_of(answer.text)
+        assert "query" not in answer.text

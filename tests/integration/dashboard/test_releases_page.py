@@ -140,10 +140,13 @@ def test_places_in_a_release_are_told(owner, state, run):
 
 def test_form_that_is_refused_keeps_what_was_typed_and_a_name_is_given_once(client, admin, owner, ready):
     for fields, sentence in (
-        ({"name": "Has Blanks"}, "should match pattern"),
+        ({"name": "Has Blanks"}, "Small letters a-z, digits, dot"),
         ({"name": "2026-baseline"}, "has a release"),
-        ({"name": "two", "from": "2026-11-03", "to": "2026-11-02"}, "The first day lies after the last: 2026-11-03, 2026-11-02."),
-        ({"name": "three", "statuses": "eaten"}, "Input should be"),
+        (
+            {"name": "two", "from": "2026-11-03", "to": "2026-11-02"},
+            "The first day lies after the last",
+        ),
+        ({"name": "three", "statuses": "eaten"}, "There is no such choice; there is: proposed, needs review"),
     ):
         answer = owner.post(PATH, note=NOTE, **fields)
         assert answer.status_code in (409, 422)
