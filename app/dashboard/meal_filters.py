@@ -90,7 +90,7 @@ def meal_filters(
     food: Annotated[list[FoodKey] | None, Query(max_length=MOST_VALUES), Blanks] = None,
     flag: Annotated[list[Word] | None, Query(max_length=MOST_VALUES), Blanks] = None,
     needs: Annotated[Needs | None, Query(), Blank] = None,
-    order: Order = "newest",
+    order: Annotated[Order | None, Query(), Blank] = None,
     view: View = "gallery",
 ) -> MealFilters:
     """The address's parameters; FastAPI refuses what is none."""
@@ -107,7 +107,7 @@ def meal_filters(
         failure_codes=_each_once(failure),
         after_statuses=_each_once(after_status),
     )
-    return MealFilters(study, filters, order, view)
+    return MealFilters(study, filters, order or "newest", view)
 
 
 Filters = Annotated[MealFilters, Depends(meal_filters)]

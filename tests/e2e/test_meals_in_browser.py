@@ -175,6 +175,16 @@ def test_exact_name_or_key_is_taken_without_a_choice(served, phone, open_page, t
     assert tab.page.is_checked("input[name=food][value=banana]")
 
 
+def test_without_scripts_a_key_is_typed_and_no_field_drops_words(served, phone, open_page):
+    tab = open_page(served.address, java_script_enabled=False)
+    tab.sign_in("ann", PASSWORD, MEALS)
+    assert not tab.page.is_visible("#meals-food")
+    tab.page.fill("#food", "apples")
+    tab.page.press("#food", "Enter")
+    tab.page.wait_for_url("**food=apples*")
+    assert "No food of the tables has the key “apples”" in tab.page.inner_text("main")
+
+
 @pytest.mark.parametrize("view", ["gallery", "table"])
 @pytest.mark.parametrize("looks", ["light", "dark", "phone"])
 def test_page_is_accessible(served, phone, open_page, looks, view):

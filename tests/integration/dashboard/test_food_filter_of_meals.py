@@ -1,0 +1,16 @@
+"""The filter of meals by food without scripts: a key is typed, and one that no food has is told."""
+
+from tests.integration.dashboard.conftest import text_of
+
+MEALS = "/dashboard/studies/pilot/meals"
+
+
+def test_key_that_no_food_has_is_told_beside_one_that_there_is(enrol, sign_in_browser):
+    enrol()
+    browser = sign_in_browser("ann", pilot="viewer")
+    for food, is_told in (("apple", False), ("Apple pie <b>", True), ("", False)):
+        page = browser.page(MEALS, food=["banana", food])
+        assert ("No food of the tables has the key" in page) == is_told
+        assert "“banana”" not in page
+    page = browser.page(MEALS, food="apples")
+    assert "No food of the tables has the key “apples”" in text_of(page)
