@@ -71,6 +71,23 @@ def test_refused_value_stays_in_the_form_with_what_is_wrong_beside_it(owner):
     assert html.escape('A "quoted" <b>name</b>', quote=True).replace("&quot;", "&#34;") in answer.text
 
 
+@pytest.mark.parametrize(
+    ("policy", "decimals", "told"),
+    [("round", "", "say to how many decimals, 0 to 4."), ("drop", "2", "Leave this empty: places are not rounded.")],
+)
+def test_settings_are_told_in_words_of_the_form(client, admin, owner, policy, decimals, told):
+    page = text_of(owner.page("/dashboard/studies/pilot/settings"))
+    assert "empty: they stay" in page
+    assert "null" not in page
+    assert "`" not in page
+    before = client.get("/v1/studies/pilot", headers=admin).json()
+    form = protocol(version=before["version"], location_policy=policy, location_decimals=decimals)
+    answer = owner.post("/dashboard/studies/pilot/settings", **form)
+    assert answer.status_code == 422
+    assert told in text_of(answer.text)
+    assert client.get("/v1/studies/pilot", headers=admin).json() == before
+
+
 @pytest.mark.parametrize("place", CHANGES)
 def test_viewer_finds_no_control_and_a_forged_form_changes_nothing(enrol, sign_in_browser, place):
     enrol()
@@ -200,6 +217,11 @@ def test_audit_log_of_the_page_is_that_of_the_export(client, admin, owner):
     page = owner.page("/dashboard/studies/pilot/audit", action="enrolment.issue")
     told = client.get("/v1/studies/pilot/audit", headers=admin, params={"action": "enrolment.issue"}).json()["items"]
     assert page.count("<code>enrolment.issue</code>") == len(told)
+    version = version_of(owner.page("/dashboard/studies/pilot/settings"))
+    owner.post("/dashboard/studies/pilot/settings", **protocol(version=version, gives_feedback="true"))
+    changed = text_of(owner.page("/dashboard/studies/pilot/audit", action="study.change"))
+    assert re.search(r"fields: [a-z ]+, gives feedback", changed)
+    assert "[" not in changed
     file = owner.get("/dashboard/studies/pilot/audit", format="csv")
     assert file.headers["content-type"].startswith("text/csv")
     whole = client.get("/v1/studies/pilot/audit", headers=admin, params={"format": "csv"})
