@@ -78,6 +78,8 @@ PAGES: Mapping[Call, Call] = {
     ("GET", f"{STUDY_PAGES}/intakes"): ("GET", "/v1/studies/{study}/intakes"),
     ("GET", f"{STUDY_PAGES}/adequacy"): ("GET", "/v1/studies/{study}/adequacy"),
     ("GET", f"{STUDY_PAGES}/adequacy/figures"): ("GET", "/v1/studies/{study}/adequacy"),
+    ("GET", f"{STUDY_PAGES}/files/intakes"): ("GET", "/v1/studies/{study}/intakes"),
+    ("GET", f"{STUDY_PAGES}/files/adequacy"): ("GET", "/v1/studies/{study}/adequacy"),
     # protocol
     ("GET", f"{STUDY_PAGES}/settings"): STUDY,
     ("POST", f"{STUDY_PAGES}/settings"): ("PATCH", "/v1/studies/{study}"),

@@ -6,10 +6,12 @@ a page says can be compared with them.
 
 import hashlib
 import json
+from collections.abc import Mapping
 from datetime import UTC, date, datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlencode
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
@@ -52,6 +54,7 @@ def environment() -> Environment:
         "seconds": seconds,
         "words": words,
         "listed": listed,
+        "asked": asked,
         "json_data": json_data,
         "bytes": byte_count,
     }
@@ -162,6 +165,11 @@ def listed(value: Any) -> str:
             return ", ".join(f"{name} {listed(one)}" for name, one in value.items()) or "none"
         case _:
             return str(value)
+
+
+def asked(parameters: Mapping[str, Any]) -> str:
+    """Parameters as an address's query; those that say nothing are left out."""
+    return urlencode({name: value for name, value in parameters.items() if value not in (None, "")})
 
 
 def json_data(value: Any) -> Markup:
