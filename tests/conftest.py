@@ -38,14 +38,25 @@ def pytest_runtest_makereport(item, call):
 
 
 def pytest_collection_modifyitems(items):
-    """Files that take long first, so that xdist's workers, which take a file at a time, end together."""
+    """Files that take long first, so that xdist's workers, which take a file at a time, end together.
+
+    Calls and pages are tested on SQLite among the others, on PostgreSQL among the slow ones: their SQL is that of
+    tests/integration/db and services, which run on both. It halves what `make test` spends on them.
+    """
     slow = {item.path for item in items if item.get_closest_marker("slow")}
+    for item in items:
+        if item.path.parent.name in ("api", "dashboard") and _kind_of(item) == "postgres":
+            item.add_marker(pytest.mark.slow)
 
     def place(item):
         parts = item.path.parts
         return "e2e" not in parts, item.path not in slow, "vision" not in parts
 
     items.sort(key=place)  # stable: else as they were
+
+
+def _kind_of(item):
+    return item.callspec.params.get("kind") if hasattr(item, "callspec") else None
 
 
 @pytest.fixture(scope="session", autouse=True)
