@@ -70,7 +70,7 @@ def page_calls(database: Database, study: str, shape: Shape, chance: random.Rand
     for method, route in PAGES:
         if method != "GET":
             continue
-        if set(re.findall(r"{(\w+)}", route)) - values().keys():
+        if set(re.findall(r"{(\w+)(?::\w+)?}", route)) - values().keys():
             left_out.append(route)
         else:
             calls.append(PageCall(route, lambda route=route: route.format_map(values())))  # type: ignore[misc]

@@ -40,12 +40,12 @@ def pytest_runtest_makereport(item, call):
 def pytest_collection_modifyitems(items):
     """Files that take long first, so that xdist's workers, which take a file at a time, end together.
 
-    Calls and pages are tested on SQLite among the others, on PostgreSQL among the slow ones: their SQL is that of
-    tests/integration/db and services, which run on both. It halves what `make test` spends on them.
+    Calls, pages and services are tested on SQLite among the others, on PostgreSQL among the slow ones: it halves what
+    `make test` spends on them. Database, jobs and storage are tested on both.
     """
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     for item in items:
-        if item.path.parent.name in ("api", "dashboard") and _kind_of(item) == "postgres":
+        if item.path.parent.name in ("api", "dashboard", "services") and _kind_of(item) == "postgres":
             item.add_marker(pytest.mark.slow)
 
     def place(item):
