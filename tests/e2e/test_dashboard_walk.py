@@ -268,11 +268,11 @@ def enrol_by_card(page, world):
 
 
 def test_every_page_is_linked_and_accessible_in_light_dark_and_on_a_phone(world, open_page):
-    require(world.admin.post("/v1/staff", json={"name": "ada", "password": "correct horse battery", "is_admin": True}))
+    require(world.admin.post("/v1/staff", json={"name": "alma", "password": "correct horse battery", "is_admin": True}))
     fill_lists(world.admin)
     tab = open_page(world.address, reduced_motion="reduce")
     tab.expect(GPU)
-    tab.sign_in("ada", "correct horse battery")
+    tab.sign_in("alma", "correct horse battery")
     page, found = tab.page, []
 
     def look(route):
