@@ -51,16 +51,17 @@ def write_sums(database: Database, seconds: float = ROUND_SECONDS, marks_a_turn:
 def write_study_sums(database: Database, seconds: float = ROUND_SECONDS) -> int:
     """Write the sums of marked days of studies, a day in one transaction, for so long at most. Returns how many."""
     done, until = 0, time.monotonic() + seconds
+    with database.read() as session:  # most often there is nothing, and nobody waits for it
+        if study_day_sums.next_marked(session) is None:
+            return 0
     while True:
-        with database.read() as session:
-            if study_day_sums.next_marked(session) is None:
-                return done
         with database.write() as session:
             marked = study_day_sums.next_marked(session) if day_sums.take_turn(session) else None
-            if marked is not None:
-                study_day_sums.write_day(session, marked)
-        done += marked is not None
-        if marked is None or time.monotonic() > until:
+            if marked is None:
+                return done
+            study_day_sums.write_day(session, marked)
+        done += 1
+        if time.monotonic() > until:
             return done
 
 

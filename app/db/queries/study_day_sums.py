@@ -273,7 +273,6 @@ def _kept_day(row: sa.RowMapping) -> CountedDay:
 
 
 def _day_counts(row: sa.RowMapping, whole_kcal: SortedValues) -> DayCounts:
-    open_kcal = row["open_energy_kcal"]
     return DayCounts(
         local_date=row["local_date"],
         told=int(row["told"]),
@@ -284,7 +283,7 @@ def _day_counts(row: sa.RowMapping, whole_kcal: SortedValues) -> DayCounts:
         whole=len(whole_kcal),
         whole_energy_kcal=whole_kcal.mean if len(whole_kcal) else None,
         open_days=int(row["open_days"]),
-        open_energy_kcal=open_kcal,
+        open_energy_kcal=row["open_energy_kcal"],
         meals=int(row["meals"]),
         by_status={status: int(row[f"{status}_meals"]) for status in MEAL_STATUSES},
         late_meals=int(row["late_meals"]),
