@@ -8,7 +8,7 @@ from typing import Any, get_args
 from app.errors import InvalidInputError
 from app.nutrition.foods import FOOD_FORMS, load_starter_table
 from app.services.child_tasks import run_estimate
-from app.services.estimate_json import hint_from_json, options_from_json, with_forms
+from app.services.estimate_json import FormsOfFood, hint_from_json, options_from_json, with_forms
 from app.services.food_amounts import amounts_of
 from app.services.identify_photo import identify_items
 from app.vision.model import EstimateOptions, Method
@@ -43,7 +43,7 @@ def estimate_files(
     unknown = sorted({hint.food for hint in options.hints if hint.food and hint.food not in table})
     if unknown:
         raise InvalidInputError(f"The food table has no {', '.join(unknown)}: see `tada foods search`.")
-    options = with_forms(options, {key: food.slice_form for key, food in table.items()})
+    options = with_forms(options, {key: FormsOfFood(food.form, food.slice_form) for key, food in table.items()})
     try:
         answer, estimate = run_estimate(
             left,

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,8 +12,16 @@ from app.services.vcm_json import vcm_to_json
 from app.vision.intrinsics import camera_from_mapping
 from app.vision.marker_spec import parse_marker
 from app.vision.model import ColourCorrection, EstimateOptions, Hint, ItemEstimate, ItemTraits, MealEstimate
+from app.vision.vessel_library import vessel_to_json, vessels_from_json
 
 MATRIX_DECIMALS = 5
+
+
+class FormsOfFood(NamedTuple):
+    """What the food table says of a food's form; see Hint."""
+
+    usual_form: Any
+    slice_form: Any
 
 
 def options_to_json(options: EstimateOptions) -> dict[str, Any]:
@@ -23,6 +31,7 @@ def options_to_json(options: EstimateOptions) -> dict[str, Any]:
         "camera": camera_to_json(options.camera) if options.camera is not None else None,
         "method": options.method,
         "hints": [hint_to_json(hint) for hint in options.hints],
+        "vessels": [vessel_to_json(vessel) for vessel in options.vessels],
         "seed": options.seed,
     }
 
@@ -34,6 +43,7 @@ def options_from_json(value: Mapping[str, Any]) -> EstimateOptions:
         camera=camera_from_mapping(value["camera"]) if value.get("camera") is not None else None,
         method=value.get("method", "shape"),
         hints=tuple(hint_from_json(hint) for hint in value.get("hints", ())),
+        vessels=vessels_from_json(value.get("vessels", [])),
         seed=int(value.get("seed", 0)),
     )
 
@@ -47,6 +57,9 @@ def hint_to_json(hint: Hint) -> dict[str, Any]:
         "food": hint.food,
         "lies_as": hint.lies_as,
         "form": hint.form,
+        "usual_form": hint.usual_form,
+        "vessel": hint.vessel,
+        "slice_form": hint.slice_form,
     }
     return {name: value for name, value in fields.items() if value is not None}
 
@@ -61,6 +74,9 @@ def hint_from_json(value: Mapping[str, Any]) -> Hint:
         food=value.get("food"),
         lies_as=value.get("lies_as"),
         form=value.get("form"),
+        usual_form=value.get("usual_form"),
+        vessel=value.get("vessel"),
+        slice_form=value.get("slice_form"),
     )
 
 
@@ -109,9 +125,13 @@ def failure_to_json(failure: Failure) -> dict[str, str]:
     return {"code": failure.code, "message": failure.message, "advice": failure.advice}
 
 
-def with_forms(options: EstimateOptions, forms: Mapping[str, Any]) -> EstimateOptions:
-    """Options whose hints know their food's slice form; forms: food's key to form."""
-    hints = tuple(replace(hint, form=forms.get(hint.food)) if hint.food else hint for hint in options.hints)
+def with_forms(options: EstimateOptions, forms: Mapping[str, FormsOfFood]) -> EstimateOptions:
+    """Options whose hints know how their food usually lies and how its slices are fitted. forms: by the food's key."""
+    known = [(hint, forms.get(hint.food) if hint.food else None) for hint in options.hints]
+    hints = tuple(
+        hint if of_food is None else replace(hint, usual_form=of_food.usual_form, slice_form=of_food.slice_form)
+        for hint, of_food in known
+    )
     return replace(options, hints=hints)
 
 

@@ -30,6 +30,7 @@ from app.metrics import instruments
 from app.services.camera_choice import choose_camera
 from app.services.erase import PHOTOGRAPH_ERASED
 from app.services.estimate_json import (
+    FormsOfFood,
     estimate_to_json,
     options_from_json,
     options_to_json,
@@ -158,7 +159,7 @@ class EstimateMeal:
         options = options_from_json({"marker": details["marker"] or study.marker, "hints": hints})
         keys = {hint.food for hint in options.hints if hint.food}
         known: Mapping[str, Food] = foods.foods_by_key(session, keys) if keys else {}
-        return with_forms(options, {key: food.slice_form for key, food in known.items()})
+        return with_forms(options, {key: FormsOfFood(food.form, food.slice_form) for key, food in known.items()})
 
     def _fetch(self, image: MealImage, folder: Path) -> Path:
         if image.erased_at is not None:

@@ -107,7 +107,7 @@ def _measure(
     depth_px = cv2.distanceTransform(region.mask.astype(np.uint8), cv2.DIST_L2, 5)
     points = points_table[is_measured & (depth_px > reach)].astype(np.float64)
     support = support_height_mm(points_table, region.mask, others)
-    form = hints[region.hint].form if region.hint is not None else None
+    form = hints[region.hint].slice_form if region.hint is not None else None
     volume = estimate_volume(
         points,
         support or 0.0,

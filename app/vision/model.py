@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from app.errors import Failure
 from app.vision.intrinsics import Camera
 from app.vision.marker_spec import MarkerSpec
+from app.vision.vessel_library import VesselModel
 
 Float64Array = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
@@ -22,6 +23,7 @@ MaskArray = NDArray[np.bool_]
 
 Method = Literal["shape", "paper"]
 SliceForm = Literal["circle", "ellipse"]
+FoodForm = Literal["whole", "lying", "slab", "heap", "liquid", "in_vessel"]
 ColourKind = Literal["colour", "white", "none"]
 
 
@@ -95,9 +97,10 @@ class View:
 class Hint:
     """Where a food is in the left photograph, px upright, and what it is.
 
-    point (x, y), box (x, y, width, height) or polygon. form: how its slices are fitted (paper, section V), known from
-    the food; None: decided from the slices themselves. food, lies_as: the food table's words, carried along for the
-    services that weigh the item.
+    point (x, y), box (x, y, width, height) or polygon. form: how the food lies there, as a person says; usual_form: as
+    the food table says of this food. vessel: the name of the library's vessel that holds it. slice_form: how the
+    paper's method fits its slices (section V); None: decided from the slices. food, lies_as: the food table's terms,
+    carried along for the services that weigh the item.
     """
 
     point: tuple[float, float] | None = None
@@ -105,20 +108,24 @@ class Hint:
     polygon: tuple[tuple[float, float], ...] | None = None
     food: str | None = None
     lies_as: str | None = None
-    form: SliceForm | None = None
+    form: FoodForm | None = None
+    usual_form: FoodForm | None = None
+    vessel: str | None = None
+    slice_form: SliceForm | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class EstimateOptions:
     """What the pipeline is told beside the photographs.
 
-    camera: for upright pixels; None: from EXIF. seed: for its draws.
+    camera: for upright pixels; None: from EXIF. vessels: the study's library. seed: for its draws.
     """
 
     marker: MarkerSpec
     camera: Camera | None = None
     method: Method = "shape"
     hints: tuple[Hint, ...] = ()
+    vessels: tuple[VesselModel, ...] = ()
     seed: int = 0
 
 

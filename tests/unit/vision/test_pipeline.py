@@ -109,7 +109,7 @@ def test_phone_on_its_side_gives_the_same_volume():
 
 def test_hint_is_answered_and_its_form_used(pair):
     rows, columns = np.nonzero(ball_mask(pair))
-    hint = Hint(point=(float(columns.mean()), float(rows.mean())), food="orange", form="circle")
+    hint = Hint(point=(float(columns.mean()), float(rows.mean())), food="orange", slice_form="circle")
     estimate = estimate_meal(pair, replace(OPTIONS, hints=(hint,)))
     assert [item.hint for item in estimate.items] == [0]
 
