@@ -1,6 +1,6 @@
-"""The dish under the food, found from above: a plate, a bowl or a board, whose rim stands out from the table.
+"""The dishes under the food, found from above: plates, bowls and boards, whose rims stand out from the table.
 
-Top view -> the dish's outline, the height of its rim, and, where the outline is a circle, its centre and radius.
+Top view -> each dish's outline, the height of its rim, and, where the outline is a circle, its centre and radius.
 Nothing is assumed of its size or profile: a rim is a closed line of one height that is higher than what lies outside
 it and no lower than most of what lies just inside.
 """
@@ -30,6 +30,8 @@ MIN_COVER = 0.55  # of the sectors in which the rim is seen
 MIN_WALL_CELLS = 4  # of some 30 that a sector has outside: fewer are noise
 MIN_EDGE_COVER = 0.4  # of the sectors in which it is seen and nothing as high lies outside
 MIN_HOLLOW = 0.6  # of the sectors in which the inside does not rise
+ROUND_EDGE_COVER = 0.75  # of a filled bowl's rim; a circle in a square touches its sides and leaves the corners
+LEVEL_SHARE = 0.5  # of what is measured within the circle and as high as its edge: a flat top
 HOLLOW_WEIGHT = 2.0
 SLOPE_WEIGHT = 5.0
 REFINEMENTS = 3
@@ -45,6 +47,9 @@ BEYOND_CIRCLE = 1.15  # times a circle's area: a slab so much larger is not that
 TOP_BAND_MM = (6.0, 35.0)  # inward from the outline, where a board is as high as at its edge
 MIN_TOP_SHARE = 0.2  # of that band's cells
 MAX_LOW_SHARE = 0.15  # of a board's measured cells that no food stands on: a plate's floor lies lower than its rim
+MAX_SEARCHES = 8  # for dishes of one table
+MAX_SHARED = 0.25  # of the smaller of two dishes, which may lie within the other's outline
+APART_MM = 4.0  # beyond a dish's outline, up to which what stands out is still its rim
 DEEP_SHARE = 0.3  # of the radius: a dish whose rim is higher over the table is a bowl
 
 
@@ -111,8 +116,31 @@ def solid_cells(view: TopView, points_per_mm2: float) -> MaskArray:
     return np.asarray(np.isfinite(view.height_mm) & (view.count >= least), np.bool_)
 
 
-def find_dish(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator) -> Dish | None:
-    """The dish with the best closed rim, heights of the view being over the table; None if there is none."""
+def find_dishes(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator) -> list[Dish]:
+    """The dishes with closed rims, the best first; heights of the view are over the table.
+
+    What belongs to one dish has no part in the next one: a rim beside it counts as table there.
+    """
+    dishes: list[Dish] = []
+    remaining = is_solid
+    for _ in range(MAX_SEARCHES):
+        dish = _best_dish(view, remaining, noise_mm, rng)
+        if dish is None:
+            break
+        if not any(_overlap(dish, other) for other in dishes):
+            dishes.append(dish)
+        remaining = remaining & (dish.inward_mm < -APART_MM)
+    return dishes
+
+
+def _overlap(dish: Dish, other: Dish) -> bool:
+    """Whether two outlines cover so much of each other that they belong to one dish: its rim and a fringe of it."""
+    areas = [np.count_nonzero(each.inward_mm > 0) for each in (dish, other)]
+    shared = np.count_nonzero((dish.inward_mm > 0) & (other.inward_mm > 0))
+    return shared > MAX_SHARED * min(areas)
+
+
+def _best_dish(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator) -> Dish | None:
     round_dish, slab = _find_round(view, is_solid, noise_mm, rng), _find_slab(view, is_solid, noise_mm)
     if round_dish is None or slab is None:
         return round_dish or slab
@@ -135,7 +163,7 @@ def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.ran
         hollow = _hollow_share(view, is_solid, ring) if is_rim else 0.0
         merit = ring.cover + ring.edge_cover + HOLLOW_WEIGHT * hollow + ring.radius_mm / (2 * RADII_MM[1])
         merit -= SLOPE_WEIGHT * float(np.hypot(*ring.slope))
-        if hollow >= MIN_HOLLOW:
+        if hollow >= MIN_HOLLOW and not _is_flat_top(view, is_solid, ring):
             rims.append((merit, ring))
     if not rims:
         return None
@@ -295,6 +323,18 @@ def _hollow_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
     )
     is_mound = (measured > MIN_MEASURED * total) & (high > 0.5 * measured)
     return 1.0 - float(is_mound.mean())
+
+
+def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
+    """Whether a small circle is drawn into the flat top of a slice, a pack or a block, whose outline is no circle."""
+    if np.pi * ring.radius_mm**2 >= MIN_SLAB_MM2 or ring.edge_cover >= ROUND_EDGE_COVER:
+        return False
+    apart = view.centres_mm() - [ring.x_mm, ring.y_mm]
+    inside = is_solid & (np.hypot(apart[..., 0], apart[..., 1]) < ring.radius_mm - OUTSIDE_MM[0])
+    if not inside.any():
+        return False
+    over_rim = view.height_mm[inside] - ring.height_mm - apart[inside] @ np.array(ring.slope)
+    return float(np.mean(np.abs(over_rim) < RISE_MM)) > LEVEL_SHARE
 
 
 def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | None:

@@ -12,14 +12,15 @@ import numpy as np
 from app.vision.food_pixels import (
     FINE_REACH_PX,
     SHADES,
-    Scene,
     colour_bins,
     colour_histogram,
     contrast_features,
     shaded_lab,
 )
+from app.vision.masks import largest_part
 from app.vision.min_cut import cut_in_two
 from app.vision.model import Float32Array, MaskArray
+from app.vision.scene import Scene
 
 MARGIN_MM = 12.0  # around the mask, whose colours are the surroundings'
 GROWTH_MM = 6.0  # by which a mask may grow
@@ -95,7 +96,7 @@ def _correct(mask: MaskArray, others: MaskArray, scene: Scene, floor_mm: float) 
         if not found.any():
             return mask
     out = np.zeros(mask.shape, np.bool_)
-    out[window] = _with_true_holes(_largest(found), scene.height_mm[window], scene.pixel_mm)
+    out[window] = _with_true_holes(largest_part(found), scene.height_mm[window], scene.pixel_mm)
     return out
 
 
@@ -125,10 +126,3 @@ def _signed_depth_px(mask: MaskArray) -> Float32Array:
     inside = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 3)
     outside = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3)
     return np.asarray(inside - outside, np.float32)
-
-
-def _largest(mask: MaskArray) -> MaskArray:
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
-    if count < 2:
-        return mask
-    return np.asarray(labels == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax()), np.bool_)

@@ -4,30 +4,20 @@ The dish and the table lend their colours from where geometry is sure of them, t
 than any rim; both colour models are then learned anew from the cut. Nothing is known beforehand of any food or dish.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.vision.dish import Dish
 from app.vision.gaps import find_gaps
+from app.vision.masks import distance_px
 from app.vision.min_cut import cut_in_two
-from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
-from app.vision.topview import TopView
+from app.vision.model import Float32Array, ImageArray, MaskArray
+from app.vision.places import OVER_RIM_MM, UNMEASURED_MM, Place
+from app.vision.scene import Scene
 
-OVER_RIM_MM = 7.0  # higher than the rim: food, wherever it is
-OVER_FLOOR_MM = 8.0  # and within the dish or on the bare table, away from the rim
 FLAT_MM = 2.5  # lower is table, sheet or a dish's floor
-RIM_BAND_MM = (3.0, 14.0)  # inward from the outline, where the dish shows its colour
-RIM_SLOPE_MM = 35.0  # inward from the outline, within which a plate may rise to its rim
-WALL_MM = 6.0  # inward from a bowl's outline: its wall
-BOWL_CORE_SHARE = 0.4  # of a bowl's radius, inward from its outline: its content, not its wall
-OVERHANG_MM = 5.0  # by which food may lie beyond the dish's outline
-REACH_MM = 40.0  # around what is surely food, beyond which nothing is food: on the bare table, and in a dish
-REACH_IN_DISH_MM = 12.0
-MIN_SURE_MM2 = 150.0
 SURE_DEPTH_MM = 8.0  # this far (and two windows) within its outline, a raised part is food whatever its colour
 SIDE_PX = 360
 MARGIN_PX = 12
@@ -45,33 +35,6 @@ BIN_COUNTS = (24, 32, 32)
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
-    """What is known of each pixel of a reduced grid, (h, w) each, before food is told from the rest.
-
-    image_bgr: (h, w, 3). height_mm: over the table, NaN where unmeasured. points_table: (h, w, 3). reach_px: of the
-    window behind each height, in pixels of this grid. is_ignored: sheet, unseen. plane_xy_mm: (h, w, 2) where the
-    pixel's ray meets z = 0. camera_mm: (3,). pixel_mm: what a pixel spans on the table. texture: fine
-    contrast, grey levels.
-    """
-
-    image_bgr: ImageArray
-    height_mm: Float32Array
-    points_table: Float32Array
-    reach_px: Float32Array
-    is_ignored: MaskArray
-    plane_xy_mm: Float32Array
-    camera_mm: Float64Array
-    pixel_mm: float
-    texture: Float32Array
-
-    def xy_at(self, height_mm: float) -> Float32Array:
-        """(h, w, 2) where each pixel's ray meets the plane of this height."""
-        share = (self.camera_mm[2] - height_mm) / self.camera_mm[2]
-        foot = self.camera_mm[:2].astype(np.float32)
-        return np.asarray(foot + np.float32(share) * (self.plane_xy_mm - foot), np.float32)
-
-
-@dataclass(frozen=True, slots=True)
 class FoodPixels:
     """Masks of the scene's grid, (h, w).
 
@@ -84,51 +47,24 @@ class FoodPixels:
     is_gap: MaskArray
 
 
-def find_food_pixels(scene: Scene, dish: Dish | None, view: TopView, points: Sequence[MaskArray] = ()) -> FoodPixels:
-    """All food of the scene, not yet told apart. points: (h, w) small parts that are food for certain."""
-    height = np.where(scene.is_ignored, np.float32(np.nan), scene.height_mm)
-    tall = np.nan_to_num(height, nan=-99.0)
-    if dish is None:
-        sure = tall > OVER_FLOOR_MM
-        roi = np.zeros(sure.shape, np.bool_)
-        band = np.zeros(sure.shape, np.bool_)
-        reach_mm = REACH_MM
-    else:
-        seen_inward = dish.inward_at(view, scene.xy_at(dish.rim_mm))
-        point_inward = dish.inward_at(view, scene.points_table[..., :2])
-        point_inward = np.where(np.isfinite(scene.points_table[..., 2]), point_inward, seen_inward)
-        slope = BOWL_CORE_SHARE * dish.radius_mm if dish.is_deep and dish.radius_mm else RIM_SLOPE_MM
-        sure = (tall > dish.rim_mm + OVER_RIM_MM) & (point_inward > -OVERHANG_MM)
-        sure |= (tall > dish.floor_mm + OVER_FLOOR_MM) & (point_inward > slope)
-        roi = seen_inward > 0
-        band = (seen_inward > RIM_BAND_MM[0]) & (seen_inward < (WALL_MM if dish.is_deep else RIM_BAND_MM[1]))
-        band &= ~(tall > dish.rim_mm + OVERHANG_MM)
-        reach_mm = REACH_IN_DISH_MM
-    sure = _without_specks(_opened(sure, 5), MIN_SURE_MM2 / scene.pixel_mm**2)
-    pointed = np.zeros(sure.shape, np.bool_)
-    for point in points:
-        pointed |= point & ~scene.is_ignored
-    sure |= pointed
-    if not sure.any():
-        return FoodPixels(sure, sure, np.zeros_like(sure))
+def find_food_pixels(scene: Scene, place: Place) -> FoodPixels:
+    """All food of a place, not yet told apart."""
+    sure = place.is_sure
     core, deep = _cores(sure, scene)
-    core, deep = core | pointed, deep | pointed
-    roi |= _distance_px(sure) * scene.pixel_mm < reach_mm
-    return _cut(scene, dish, tall, (roi, band, sure, core, deep))
+    return _cut(replace(scene, is_ignored=scene.is_ignored | place.is_elsewhere), place, core, deep)
 
 
-def _cut(
-    scene: Scene,
-    dish: Dish | None,
-    tall: Float32Array,
-    masks: tuple[MaskArray, MaskArray, MaskArray, MaskArray, MaskArray],
-) -> FoodPixels:
-    rows, columns = _crop(masks[0])
+def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArray) -> FoodPixels:
+    tall = np.nan_to_num(np.where(scene.is_ignored, np.float32(np.nan), scene.height_mm), nan=UNMEASURED_MM)
+    rows, columns = _crop(place.may_be_food)
     window = (slice(*rows), slice(*columns))
     shape = (columns[1] - columns[0], rows[1] - rows[0])
     scale = min(1.0, SIDE_PX / max(shape))
     size = (max(8, round(shape[0] * scale)), max(8, round(shape[1] * scale)))
-    roi, band, sure, core, deep = (_reduced(mask[window], size) for mask in masks)
+    roi, band, sure, core, deep = (
+        _reduced(mask[window], size)
+        for mask in (place.may_be_food, place.shows_dish, place.is_sure, whole_core, whole_deep)
+    )
     is_ignored = _reduced(scene.is_ignored[window], size)
     image = np.asarray(cv2.resize(scene.image_bgr[window], size, interpolation=cv2.INTER_AREA), np.uint8)
     lab = cv2.cvtColor(image, cv2.COLOR_BGR2LAB).astype(np.float32)
@@ -137,16 +73,15 @@ def _cut(
     is_fine = cv2.resize(scene.reach_px[window], size, interpolation=cv2.INTER_NEAREST) < FINE_REACH_PX
     is_measured = height > -50.0
     is_flat = np.abs(height) < FLAT_MM
-    if dish is not None and dish.floor_mm > 0:
-        is_flat |= np.abs(height - dish.floor_mm) < FLAT_MM
-    is_flat &= is_fine & is_measured & (_distance_px(sure) > 3)
+    if place.floor_mm > 0:
+        is_flat |= np.abs(height - np.float32(place.floor_mm)) < FLAT_MM
+    is_flat &= is_fine & is_measured & (distance_px(sure) > 3)
     texture = cv2.resize(scene.texture[window], size, interpolation=cv2.INTER_AREA)
     bins = colour_bins(lab)
     texture_bins = np.clip(np.log2(texture + 0.25) * 4 + 8, 0, 31).astype(np.int64)
     features = contrast_features(lab)
 
-    base = 0.0 if dish is None else dish.rim_mm
-    over = is_measured & (height > base + OVER_RIM_MM)
+    over = is_measured & (height > place.rim_mm + OVER_RIM_MM)
     # A coarse window spreads the height of what it sees over holes and surroundings: it says little of one pixel.
     evidence = np.where(is_fine, 4.0 * over + 2.5 * core + 3.0 * sure, 0.7 * over + 0.7 * core)
     evidence -= np.where(is_flat, 4.0, 0.0) + np.where(is_measured, 0.0, 0.3)
@@ -163,7 +98,7 @@ def _cut(
         return cut_in_two((ratio + evidence).astype(np.float32), features, is_never, is_always), colour
 
     found, colour = cut(core, others, np.zeros_like(core))
-    over_floor = np.where(is_measured, height - np.float32(0.0 if dish is None else dish.floor_mm), np.float32(np.nan))
+    over_floor = np.where(is_measured, height - np.float32(place.floor_mm), np.float32(np.nan))
     gaps = find_gaps(sure, over_floor, colour, scene.pixel_mm / scale)
     for _ in range(ROUNDS - 1):
         food, others = _apart(found, is_ignored)
@@ -179,8 +114,8 @@ def _cut(
     gaps = _touching(found & ~open_found, gaps)
     out = np.zeros(scene.is_ignored.shape, np.bool_)
     out[window] = cv2.resize(found.astype(np.float32), shape, interpolation=cv2.INTER_LINEAR) > 0.5
-    whole_core, whole_gaps = np.zeros_like(out), np.zeros_like(out)
-    whole_core[window], whole_gaps[window] = (_reduced(mask, shape) for mask in (core, gaps))
+    whole_gaps = np.zeros_like(out)
+    whole_gaps[window] = _reduced(gaps, shape)
     return FoodPixels(out & ~scene.is_ignored, whole_core, whole_gaps)
 
 
@@ -258,7 +193,7 @@ def colour_histogram(versions: list[NDArray[np.int64]], where: MaskArray) -> Flo
 
 def _apart(found: MaskArray, is_ignored: MaskArray) -> tuple[MaskArray, MaskArray]:
     """What teaches the colours of food and of the rest: either side of the border, without its mixed pixels."""
-    return found & (_distance_px(~found) > 2), ~found & ~is_ignored & (_distance_px(found) > 2)
+    return found & (distance_px(~found) > 2), ~found & ~is_ignored & (distance_px(found) > 2)
 
 
 def _touching(mask: MaskArray, seeds: MaskArray) -> MaskArray:
@@ -278,24 +213,6 @@ def _texture_ratio(bins: NDArray[np.int64], food: MaskArray, others: MaskArray) 
     ]
     ratio = np.log((smooth[0] + 0.01) / (smooth[1] + 0.01))[bins]
     return np.asarray(np.clip(ratio, -TEXTURE_LIMIT_NATS, TEXTURE_LIMIT_NATS), np.float32)
-
-
-def _without_specks(mask: MaskArray, least_px: float) -> MaskArray:
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
-    kept = stats[:, cv2.CC_STAT_AREA] >= least_px
-    kept[0] = False
-    return np.asarray(kept[labels], np.bool_)
-
-
-def _opened(mask: MaskArray, size_px: int) -> MaskArray:
-    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size_px, size_px), np.uint8)) > 0
-
-
-def _distance_px(mask: MaskArray) -> Float32Array:
-    """(H, W) distance to the nearest pixel of the mask."""
-    if not mask.any():
-        return np.full(mask.shape, 1e6, np.float32)
-    return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3), np.float32)
 
 
 def _reduced(mask: MaskArray, size: tuple[int, int]) -> MaskArray:

@@ -10,11 +10,12 @@ from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from app.vision.food_pixels import Scene, colour_bins, colour_histogram, contrast_features
+from app.vision.food_pixels import colour_bins, colour_histogram, contrast_features
+from app.vision.masks import distance_px, largest_part
 from app.vision.min_cut import cut_in_two
 from app.vision.model import Float32Array, ImageArray, MaskArray
+from app.vision.scene import Scene
 
 MIN_PART_MM2 = 200.0  # seen by the camera: smaller than a cherry tomato
 MIN_PART_SHARE = 0.05  # of the mask that is cut
@@ -70,7 +71,7 @@ def divide(mask: MaskArray, seeds: Sequence[MaskArray], scene: Scene) -> list[Ma
     """The mask's share of each seed (h, w), the cuts between neighbours lying on the image's edges."""
     lab = cv2.cvtColor(scene.image_bgr, cv2.COLOR_BGR2LAB).astype(np.float32)
     piece = _Piece(lab, scene.height_mm, scene.pixel_mm)
-    nearest = np.stack([_distance_px(seed) for seed in seeds]).argmin(axis=0)
+    nearest = np.stack([distance_px(seed) for seed in seeds]).argmin(axis=0)
     shares = [mask & (nearest == place) for place in range(len(seeds))]
     for one in range(len(seeds)):
         for two in range(one + 1, len(seeds)):
@@ -102,10 +103,10 @@ class _Piece:
         height = np.asarray(cv2.resize(self._height_mm, size, interpolation=cv2.INTER_NEAREST), np.float32)
         small = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
         best: tuple[float, list[MaskArray]] | None = None
-        for hope, halves in _Piece(lab, height, self._pixel_mm / scale).scored_cuts(_largest(small))[:MAX_TRIALS]:
+        for hope, halves in _Piece(lab, height, self._pixel_mm / scale).scored_cuts(largest_part(small))[:MAX_TRIALS]:
             if hope < PROMISE:
                 break
-            sides = [_distance_px(cv2.resize(half.astype(np.uint8), mask.shape[::-1]) > 0) for half in halves]
+            sides = [distance_px(cv2.resize(half.astype(np.uint8), mask.shape[::-1]) > 0) for half in halves]
             nearer = mask & (sides[0] <= sides[1])
             parts = self.on_edges(nearer, mask & ~nearer)
             score = self._judge(*parts)
@@ -137,11 +138,11 @@ class _Piece:
         )
         first, second = (colour_histogram([self._bins], part) for part in (one, two))
         ratio = np.clip(np.log((first + 3e-5) / (second + 3e-5))[self._bins], -COLOUR_NATS, COLOUR_NATS)
-        place = (_distance_px(two) - _distance_px(one)) * self._pixel_mm / PLACE_MM
+        place = (distance_px(two) - distance_px(one)) * self._pixel_mm / PLACE_MM
         ratio += np.clip(place, -PLACE_NATS, PLACE_NATS)
         cut = cut_in_two(np.where(mask, ratio, 0.0).astype(np.float32), self._features, never, always)
-        rest = _largest(mask & ~_largest(mask & cut))
-        return _largest(mask & ~rest), rest
+        rest = largest_part(mask & ~largest_part(mask & cut))
+        return largest_part(mask & ~rest), rest
 
     def _proposals(self, mask: MaskArray, least_px: float) -> Iterator[MaskArray]:
         yield from self._by_colour(mask, least_px)
@@ -189,7 +190,7 @@ class _Piece:
             if len(kept) <= most:
                 continue
             most = len(kept)
-            nearest = np.stack([_distance_px(labels == label) for label in kept]).argmin(axis=0)
+            nearest = np.stack([distance_px(labels == label) for label in kept]).argmin(axis=0)
             for place in range(len(kept)):
                 part = mask & (nearest == place)
                 if least_px <= np.count_nonzero(part) <= np.count_nonzero(mask) - least_px:
@@ -205,7 +206,7 @@ class _Piece:
             for part in (one, two)
         ]
         length = 1.1 * np.count_nonzero(border) / min(widths)  # a slanted line has fewer pixels than its length
-        near_mm = _distance_px(border) * self._pixel_mm
+        near_mm = distance_px(border) * self._pixel_mm
         beside = (near_mm > BESIDE_MM[0]) & (near_mm < BESIDE_MM[1])
         if min(np.count_nonzero(one & beside), np.count_nonzero(two & beside)) < 10:
             return 0.0
@@ -274,13 +275,6 @@ def _inner_half(part: MaskArray) -> MaskArray:
     return np.asarray(part & (depth > 0.5 * depth.max()), np.bool_)
 
 
-def _largest(mask: MaskArray) -> MaskArray:
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
-    if count < 2:
-        return mask
-    return np.asarray(labels == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax()), np.bool_)
-
-
 def _filled(mask: MaskArray) -> MaskArray:
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     picture: ImageArray = np.zeros(mask.shape, np.uint8)
@@ -291,12 +285,6 @@ def _filled(mask: MaskArray) -> MaskArray:
 def _opened(mask: MaskArray, size_px: int) -> MaskArray:
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size_px, size_px))
     return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, kernel) > 0
-
-
-def _distance_px(mask: MaskArray) -> NDArray[np.float32]:
-    if not mask.any():
-        return np.full(mask.shape, 1e6, np.float32)
-    return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3), np.float32)
 
 
 def _framed(mask: MaskArray, window: tuple[slice, slice], shape: tuple[int, ...]) -> MaskArray:

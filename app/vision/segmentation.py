@@ -1,7 +1,7 @@
-"""Which pixels are food, and which food: dish from above, all food by heights and colour, touching foods told apart.
+"""Which pixels are food, and which food: dishes from above, food by heights and colour, touching foods told apart.
 
-The rectified first view with its points, hints -> a mask a food on the same grid. Dishes, shadows, the sheet and what
-lies beside the dish are not food.
+The rectified first view with its points, hints -> one mask per food on the same grid. Dishes, shadows, the sheet,
+cutlery and napkins are not food.
 """
 
 from collections.abc import Sequence
@@ -11,13 +11,15 @@ import cv2
 import numpy as np
 
 from app.errors import Failure
-from app.vision.dish import Dish, find_dish, solid_cells
+from app.vision.dish import Dish, find_dishes, solid_cells
 from app.vision.disparity import DisparityMap
 from app.vision.food_outline import correct_outlines
-from app.vision.food_pixels import Scene, find_food_pixels, fine_texture
+from app.vision.food_pixels import find_food_pixels, fine_texture
 from app.vision.foods_apart import divide, tell_apart
 from app.vision.model import Float32Array, MaskArray
+from app.vision.places import Place, find_places
 from app.vision.rectification import RectifiedPair
+from app.vision.scene import Scene
 from app.vision.support import Support, find_support
 from app.vision.topview import TableTrend, TopView, fit_table_trend, usable_points, view_from_above
 from app.vision.vessel import Vessel, describe_vessel
@@ -30,6 +32,7 @@ MIN_SOLIDITY = 0.5  # a mask that fills less of its convex hull is a rim or an a
 MIN_CORE_MM2 = 40.0  # of a mask that geometry alone calls food
 MIN_THICKNESS_MM = 10.0  # of a mask at its widest
 MIN_HINTED_MM = 3.0  # over the table: within a box in which nothing was found, higher is food
+HINTED_DISH_SHARE = 0.8  # of a dish's outline within a person's box or polygon: what looks like a dish is the food
 MAX_BORDER_SHARE = 0.15  # of its outline on the border of what is seen: the rest of it is unknown, or it is a wall
 
 
@@ -63,13 +66,15 @@ class Foods:
 class HintMask:
     """A hint drawn on the rectified grid. index: into the hints. is_exact: the mask is the food (polygon).
 
-    is_box: the food lies within the mask; otherwise the mask (a point) lies within the food.
+    is_box: the food lies within the mask; otherwise the mask (a point) lies within the food. is_in_vessel: it fills a
+    vessel, as a person says.
     """
 
     mask: MaskArray
     index: int
     is_exact: bool = False
     is_box: bool = False
+    is_in_vessel: bool = False
 
 
 def segment_foods(
@@ -90,42 +95,88 @@ def segment_foods(
     for region in drawn:
         taken |= region.mask
     scene, trend = _reduced_scene(pair, disparity, points_table, ignored)
-    view, dish = _seen_from_above(scene, trend)
-    if view is not None and dish is not None:
-        scene, trend, dish = _over_the_table_alone(scene, trend, view, dish)
-    if view is None:
+    layout = _lay_out(scene, trend)
+    if layout is None:
         return Foods(drawn, trend) if drawn else no_food_found()
+    layout = replace(layout, dishes=[dish for dish in layout.dishes if not _is_hinted_food(dish, layout, hints)])
     found: list[Region] = []
     if sought or not hints:
-        found = _found(replace(scene, is_ignored=_reduced(taken, scene)), dish, view, sought)
+        found = _found(replace(layout, scene=replace(layout.scene, is_ignored=_reduced(taken, scene))), sought)
     found = [replace(region, mask=_enlarged(region.mask, pair.shape) & ~taken) for region in found]
-    regions = [region for region in drawn + found if region.mask.any()]
-    vessel = describe_vessel(scene, view, dish, trend)
-    small = [_reduced(region.mask, scene) for region in regions]
-    foods = np.any(small, axis=0) if small else np.zeros(scene.is_ignored.shape, np.bool_)
-    regions = [
-        replace(region, support=find_support(scene, view, dish, trend, mask, foods), vessel=vessel)
-        for region, mask in zip(regions, small, strict=True)
+    regions = _supported([region for region in drawn + found if region.mask.any()], layout)
+    return Foods(regions, layout.trend) if regions else no_food_found()
+
+
+def _supported(regions: Sequence[Region], layout: "_Layout") -> list[Region]:
+    """The regions with what each of them rests on and lies in."""
+    masks = [_reduced(region.mask, layout.scene) for region in regions]
+    foods = np.any(masks, axis=0) if masks else np.zeros(layout.scene.is_ignored.shape, np.bool_)
+    return [
+        replace(
+            region,
+            support=find_support(layout.scene, layout.view, dish, layout.trend, mask, foods),
+            vessel=describe_vessel(layout.scene, layout.view, dish, layout.trend),
+        )
+        for region, mask in zip(regions, masks, strict=True)
         if mask.any()
+        for dish in (_dish_under(mask, layout),)
     ]
-    return Foods(regions, trend) if regions else no_food_found()
 
 
-def _found(scene: Scene, dish: Dish | None, view: TopView, hints: Sequence[HintMask]) -> list[Region]:
+def _dish_under(mask: MaskArray, layout: "_Layout") -> Dish | None:
+    """The dish over which most of what a mask shows lies; None for the table."""
+    shares = [
+        float(
+            (
+                dish.inward_at(layout.view, layout.scene.points_table[..., :2])[mask & _is_measured(layout.scene)] > 0
+            ).mean()
+        )
+        if (mask & _is_measured(layout.scene)).any()
+        else float((dish.inward_at(layout.view, layout.scene.xy_at(dish.rim_mm))[mask] > 0).mean())
+        for dish in layout.dishes
+    ]
+    if not shares or max(shares) < 0.5:
+        return None
+    return layout.dishes[int(np.argmax(shares))]
+
+
+def _is_measured(scene: Scene) -> MaskArray:
+    return np.isfinite(scene.points_table[..., 2])
+
+
+def _is_hinted_food(dish: Dish, layout: "_Layout", hints: Sequence[HintMask]) -> bool:
+    """Whether a box or polygon is drawn around all of a dish: it is the food itself, or its pack, that looks like one."""
+    silhouette = dish.inward_at(layout.view, layout.scene.xy_at(dish.rim_mm)) > 0
+    drawn = [hint.mask for hint in hints if (hint.is_exact or hint.is_box) and not hint.is_in_vessel]
+    area = np.count_nonzero(silhouette)
+    return any(np.count_nonzero(silhouette & _reduced(mask, layout.scene)) > HINTED_DISH_SHARE * area for mask in drawn)
+
+
+def _found(layout: "_Layout", hints: Sequence[HintMask]) -> list[Region]:
     """Foods on the scene's grid: those that hints point at, or all."""
-    points = [_reduced(hint.mask, scene) for hint in hints if not hint.is_box]
-    food = find_food_pixels(scene, dish, view, points)
-    masks = tell_apart(food.is_food, scene)
+    points = [_reduced(hint.mask, layout.scene) for hint in hints if not hint.is_box]
+    regions: list[Region] = []
+    taken = layout.scene.is_ignored
+    for place in find_places(layout.scene, layout.dishes, layout.view, points):
+        own = _in_place(replace(layout.scene, is_ignored=taken), place, is_hinted=bool(hints))
+        for region in own:
+            taken = taken | region.mask
+        regions += own
     if hints:
-        regions = _pointed_at(masks, hints, scene)
-    else:
-        regions = [Region(mask) for mask in masks if _is_food(mask, food.is_core, scene)]
-        regions.sort(key=lambda region: -int(np.count_nonzero(region.mask)))
+        return _pointed_at([region.mask for region in regions], hints, layout.scene)
+    return sorted(regions, key=lambda region: -int(np.count_nonzero(region.mask)))
+
+
+def _in_place(scene: Scene, place: Place, *, is_hinted: bool) -> list[Region]:
+    """The foods of one place."""
+    food = find_food_pixels(scene, place)
+    masks = tell_apart(food.is_food, scene)
+    if not is_hinted:
+        masks = [mask for mask in masks if _is_food(mask, food.is_core, scene)]
     # Gaps are opened only now, and stay open: each outline alone knows less of them than all heights did.
-    masks = [region.mask & ~food.is_gap for region in regions]
-    beside = replace(scene, is_ignored=scene.is_ignored | food.is_gap)
-    corrected = correct_outlines(masks, beside, dish.floor_mm if dish else 0.0)
-    return [replace(region, mask=mask) for region, mask in zip(regions, corrected, strict=True)]
+    masks = [mask & ~food.is_gap for mask in masks]
+    beside = replace(scene, is_ignored=scene.is_ignored | food.is_gap | place.is_elsewhere)
+    return [Region(mask) for mask in correct_outlines(masks, beside, place.floor_mm) if mask.any()]
 
 
 def no_food_found() -> Failure:
@@ -172,29 +223,39 @@ def _plane_xy(pair: RectifiedPair) -> Float32Array:
     return np.asarray(np.stack([centre[0] + reach * x, centre[1] + reach * y], axis=-1), np.float32)
 
 
-def _seen_from_above(scene: Scene, trend: TableTrend) -> tuple[TopView | None, Dish | None]:
-    usable = usable_points(scene.points_table, scene.is_ignored) & (np.nan_to_num(scene.height_mm) > LOWEST_MM)
-    view = view_from_above(scene.points_table[usable], scene.height_mm[usable])
-    if view is None:
-        return None, None
-    is_solid = solid_cells(view, 1.0 / scene.pixel_mm**2)
-    return view, find_dish(view, is_solid, trend.noise_mm, np.random.default_rng(0))
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """The scene with heights over a table that no dish has a part in, seen from above, and its dishes."""
+
+    scene: Scene
+    trend: TableTrend
+    view: TopView
+    dishes: list[Dish]
 
 
-def _over_the_table_alone(scene: Scene, trend: TableTrend, view: TopView, dish: Dish) -> tuple[Scene, TableTrend, Dish]:
-    """Heights anew over a table whose trend the dish's floor has no part in."""
+def _lay_out(scene: Scene, trend: TableTrend) -> _Layout | None:
+    """None where nothing was measured."""
     usable = usable_points(scene.points_table, scene.is_ignored)
-    inward = dish.inward_at(view, scene.points_table[..., :2])
+    raised = usable & (np.nan_to_num(scene.height_mm) > LOWEST_MM)
+    view = view_from_above(scene.points_table[raised], scene.height_mm[raised])
+    if view is None:
+        return None
+    dishes = find_dishes(view, solid_cells(view, 1.0 / scene.pixel_mm**2), trend.noise_mm, np.random.default_rng(0))
+    if not dishes:
+        return _Layout(scene, trend, view, dishes)
+    inward = np.max([dish.inward_at(view, scene.points_table[..., :2]) for dish in dishes], axis=0)
     better = fit_table_trend(scene.points_table[usable & (inward < -CLEAR_OF_DISH_MM)])
-    middle = view.centres_mm()[dish.inward_mm > 0].mean(axis=0)
-    lifted = float(trend.height_mm(middle) - better.height_mm(middle))
     height = scene.points_table[..., 2] - better.height_mm(scene.points_table[..., :2])
-    floor_mm = dish.floor_mm + lifted if dish.floor_mm > 0 else 0.0
-    return (
-        replace(scene, height_mm=height.astype(np.float32)),
-        better,
-        replace(dish, rim_mm=max(dish.rim_mm + lifted, 1.0), floor_mm=max(floor_mm, 0.0)),
-    )
+    lifted = [_lifted(dish, view, trend, better) for dish in dishes]
+    return _Layout(replace(scene, height_mm=height.astype(np.float32)), better, view, lifted)
+
+
+def _lifted(dish: Dish, view: TopView, trend: TableTrend, better: TableTrend) -> Dish:
+    """The dish with its heights over the better table."""
+    middle = view.centres_mm()[dish.inward_mm > 0].mean(axis=0)
+    step = float(trend.height_mm(middle) - better.height_mm(middle))
+    floor_mm = max(dish.floor_mm + step, 0.0) if dish.floor_mm > 0 else 0.0
+    return replace(dish, rim_mm=max(dish.rim_mm + step, 1.0), floor_mm=floor_mm)
 
 
 def _is_food(mask: MaskArray, is_core: MaskArray, scene: Scene) -> bool:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.vision.dish import Dish
-from app.vision.food_pixels import Scene
 from app.vision.model import Float64Array
+from app.vision.scene import Scene
 from app.vision.topview import TableTrend, TopView
 
 STEP_MM = 4.0  # of height

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.vision.dish import find_dish, solid_cells
+from app.vision.dish import find_dishes, solid_cells
 from app.vision.topview import view_from_above
 
 
@@ -15,7 +15,8 @@ def view_of(height_of, noise_mm=0.4, seed=0):
 
 
 def found_in(view, noise_mm=0.4):
-    return find_dish(view, solid_cells(view, 1.0), noise_mm, np.random.default_rng(0))
+    """The best dish, or None."""
+    return next(iter(find_dishes(view, solid_cells(view, 1.0), noise_mm, np.random.default_rng(0))), None)
 
 
 def plate(x, y, radius=110.0, rim=14.0, floor=3.0):

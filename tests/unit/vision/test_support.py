@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from app.vision.dish import find_dish, solid_cells
-from app.vision.food_pixels import Scene
+from app.vision.dish import find_dishes, solid_cells
+from app.vision.scene import Scene
 from app.vision.support import find_support
 from app.vision.topview import TableTrend, fit_table_trend, view_from_above
 from app.vision.vessel import describe_vessel
@@ -35,7 +35,7 @@ def measured(scene):
     points = scene.points_table[np.isfinite(scene.points_table[..., 2])]
     view = view_from_above(points, points[:, 2])
     trend = fit_table_trend(points)
-    return view, find_dish(view, solid_cells(view, 1.0), 0.3, np.random.default_rng(0)), trend
+    return view, find_dishes(view, solid_cells(view, 1.0), 0.3, np.random.default_rng(0))[0], trend
 
 
 def support_of(scene, mask):

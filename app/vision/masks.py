@@ -1,0 +1,36 @@
+"""Small operations on masks, (H, W) bool, that several steps of the segmentation need."""
+
+import cv2
+import numpy as np
+
+from app.vision.model import Float32Array, MaskArray
+
+FAR_PX = 1e6  # distance from nothing
+
+
+def without_specks(mask: MaskArray, least_px: float) -> MaskArray:
+    """The mask's connected parts of at least this area, px."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    kept = stats[:, cv2.CC_STAT_AREA] >= least_px
+    kept[0] = False
+    return np.asarray(kept[labels], np.bool_)
+
+
+def opened(mask: MaskArray, size_px: int) -> MaskArray:
+    """The mask without what is narrower than a square of this side."""
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size_px, size_px), np.uint8)) > 0
+
+
+def largest_part(mask: MaskArray) -> MaskArray:
+    """The largest connected part."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    if count < 2:
+        return mask
+    return np.asarray(labels == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax()), np.bool_)
+
+
+def distance_px(mask: MaskArray) -> Float32Array:
+    """(H, W) distance to the nearest pixel of the mask; FAR_PX everywhere if it is empty."""
+    if not mask.any():
+        return np.full(mask.shape, FAR_PX, np.float32)
+    return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3), np.float32)

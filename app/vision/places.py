@@ -1,0 +1,162 @@
+"""Where food may lie: on each dish and on the table beside them, each with its own part of the picture.
+
+Dishes seen from above, heights -> one Place per dish and one per group of things on the table: where geometry alone is
+sure of food, where food may be, where the dish shows its colour, and what belongs to another place.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from app.vision.dish import Dish
+from app.vision.masks import distance_px, opened, without_specks
+from app.vision.model import Float32Array, MaskArray
+from app.vision.scene import Scene
+from app.vision.topview import TopView
+
+OVER_RIM_MM = 7.0  # higher than the rim: food, wherever it is
+OVER_FLOOR_MM = 8.0  # and within the dish or on the bare table, away from the rim
+RIM_BAND_MM = (3.0, 14.0)  # inward from the outline, where the dish shows its colour
+RIM_SLOPE_MM = 35.0  # inward from the outline, within which a plate may rise to its rim
+WALL_MM = 6.0  # inward from a bowl's outline: its wall
+BOWL_CORE_SHARE = 0.4  # of a bowl's radius, inward from its outline: its content, not its wall
+OVERHANG_MM = 5.0  # by which food may lie beyond the dish's outline
+BESIDE_DISH_MM = 9.0  # beyond a dish's outline, from which on what stands is not its rim widened by a window
+REACH_MM = 40.0  # around what is surely food, beyond which nothing is food: on the bare table, and in a dish
+REACH_IN_DISH_MM = 12.0
+GROUP_MM = 12.0  # things on the table that are nearer to each other share a place
+MIN_SURE_MM2 = 60.0
+OPENING_PX = 3
+SILHOUETTE_STEPS = 4  # heights between table and rim at which a dish's outline is drawn
+UNMEASURED_MM = -99.0
+ON_TABLE, AT_RIM = -1, -2
+WINDOW_REACH_PX = 8  # beyond a dish's silhouette, within which a window may have seen its rim or side
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A support and its part of the scene's grid, (h, w) masks.
+
+    dish: None for the table. is_sure: stands higher than the support can. may_be_food: outside of it nothing is.
+    shows_dish: the dish's own colour. is_elsewhere: belongs to another place. rim_mm: what food rises above;
+    floor_mm: of a board, else 0.
+    """
+
+    dish: Dish | None
+    is_sure: MaskArray
+    may_be_food: MaskArray
+    shows_dish: MaskArray
+    is_elsewhere: MaskArray
+
+    @property
+    def rim_mm(self) -> float:
+        """Height over the table that food on this support rises above, wherever it lies; 0 for the table."""
+        return self.dish.rim_mm if self.dish is not None else 0.0
+
+    @property
+    def floor_mm(self) -> float:
+        """Height of the support over the table, mm; 0 where it is not known."""
+        return self.dish.floor_mm if self.dish is not None else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Territory:
+    """A dish's part of the picture, (h, w).
+
+    seen_inward: distance inward from its outline, mm, if a pixel shows the rim's plane; inward: of the point that it
+    shows. silhouette: rim and side; margin: that and what windows mix with it.
+    """
+
+    dish: Dish
+    seen_inward: Float32Array
+    inward: Float32Array
+    silhouette: MaskArray
+    margin: MaskArray
+
+
+def find_places(scene: Scene, dishes: Sequence[Dish], view: TopView, points: Sequence[MaskArray] = ()) -> list[Place]:
+    """The places that hold food, by their heights or by points: (h, w) small parts that are food for certain."""
+    tall = np.nan_to_num(np.where(scene.is_ignored, np.float32(np.nan), scene.height_mm), nan=UNMEASURED_MM)
+    pointed = np.zeros(tall.shape, np.bool_)
+    for point in points:
+        pointed |= point & ~scene.is_ignored
+    territories = [_territory(scene, dish, view) for dish in dishes]
+    owner = _owners(territories, tall.shape)
+    sure = [
+        _solid(_stands_on(territory, tall) & (owner == number), scene) | (pointed & (owner == number))
+        for number, territory in enumerate(territories)
+    ]
+    is_clear = owner == ON_TABLE
+    for territory in territories:
+        is_clear &= ~(territory.margin & (tall < territory.dish.rim_mm + OVER_RIM_MM))
+    on_table = _solid((tall > OVER_FLOOR_MM) & is_clear, scene) | (pointed & (owner == ON_TABLE))
+    groups = _groups(on_table, scene)
+    places = [
+        _on_dish(scene, number, territories, sure, on_table) for number, is_sure in enumerate(sure) if is_sure.any()
+    ]
+    return places + [_on_table(scene, group, territories, [*sure, on_table & ~group]) for group in groups]
+
+
+def _territory(scene: Scene, dish: Dish, view: TopView) -> _Territory:
+    seen_inward = dish.inward_at(view, scene.xy_at(dish.rim_mm))
+    inward = dish.inward_at(view, scene.points_table[..., :2])
+    inward = np.where(np.isfinite(scene.points_table[..., 2]), inward, seen_inward)
+    silhouette = seen_inward > 0
+    for height in np.linspace(0.0, dish.rim_mm, SILHOUETTE_STEPS)[:-1]:
+        silhouette |= dish.inward_at(view, scene.xy_at(float(height))) > 0
+    margin = distance_px(silhouette) < WINDOW_REACH_PX
+    return _Territory(dish, seen_inward, np.asarray(inward, np.float32), silhouette, margin)
+
+
+def _owners(territories: Sequence[_Territory], shape: tuple[int, ...]) -> np.ndarray:
+    """(h, w) number of the dish that each pixel's point lies on or over; else ON_TABLE, or AT_RIM just beside one."""
+    if not territories:
+        return np.full(shape, ON_TABLE)
+    inward = np.stack([territory.inward for territory in territories])
+    nearest, distance = inward.argmax(axis=0), inward.max(axis=0)
+    return np.where(distance > -OVERHANG_MM, nearest, np.where(distance < -BESIDE_DISH_MM, ON_TABLE, AT_RIM))
+
+
+def _stands_on(territory: _Territory, tall: Float32Array) -> MaskArray:
+    dish = territory.dish
+    slope = BOWL_CORE_SHARE * dish.radius_mm if dish.is_deep and dish.radius_mm else RIM_SLOPE_MM
+    sure = tall > dish.rim_mm + OVER_RIM_MM
+    return np.asarray(sure | ((tall > dish.floor_mm + OVER_FLOOR_MM) & (territory.inward > slope)), np.bool_)
+
+
+def _solid(mask: MaskArray, scene: Scene) -> MaskArray:
+    return without_specks(opened(mask, OPENING_PX), MIN_SURE_MM2 / scene.pixel_mm**2)
+
+
+def _on_dish(
+    scene: Scene, number: int, territories: Sequence[_Territory], sure: Sequence[MaskArray], on_table: MaskArray
+) -> Place:
+    own, dish = territories[number], territories[number].dish
+    is_sure = sure[number]
+    band = (own.seen_inward > RIM_BAND_MM[0]) & (own.seen_inward < (WALL_MM if dish.is_deep else RIM_BAND_MM[1]))
+    band &= ~(np.nan_to_num(scene.height_mm, nan=UNMEASURED_MM) > dish.rim_mm + OVERHANG_MM)
+    elsewhere = on_table.copy()
+    for other, territory in enumerate(territories):
+        if other != number:
+            elsewhere |= sure[other] | (territory.silhouette & (own.seen_inward <= 0))
+    may_be_food = (own.seen_inward > 0) | (distance_px(is_sure) * scene.pixel_mm < REACH_IN_DISH_MM)
+    return Place(dish, is_sure, may_be_food, band, elsewhere & ~is_sure)
+
+
+def _on_table(
+    scene: Scene, is_sure: MaskArray, territories: Sequence[_Territory], sure_elsewhere: Sequence[MaskArray]
+) -> Place:
+    elsewhere = np.any([*(territory.silhouette for territory in territories), *sure_elsewhere], axis=0)
+    may_be_food = distance_px(is_sure) * scene.pixel_mm < REACH_MM
+    return Place(None, is_sure, may_be_food, np.zeros(is_sure.shape, np.bool_), elsewhere & ~is_sure)
+
+
+def _groups(on_table: MaskArray, scene: Scene) -> list[MaskArray]:
+    """What stands on the table, divided where wide gaps part it: colours are learned near each group alone."""
+    if not on_table.any():
+        return []
+    near = distance_px(on_table) * scene.pixel_mm < GROUP_MM / 2
+    count, labels = cv2.connectedComponents(near.astype(np.uint8))
+    return [on_table & (labels == label) for label in range(1, count)]

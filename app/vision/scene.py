@@ -1,0 +1,34 @@
+"""The reduced grid on which foods are looked for: the picture, heights over the table, and how surely they are known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What is known of each pixel of a reduced grid, (h, w) each, before food is told from the rest.
+
+    image_bgr: (h, w, 3). height_mm: over the table, NaN where unmeasured. points_table: (h, w, 3). reach_px: of the
+    window behind each height, in pixels of this grid. is_ignored: sheet, unseen. plane_xy_mm: (h, w, 2) where the
+    pixel's ray meets z = 0. camera_mm: (3,). pixel_mm: what a pixel spans on the table. texture: fine
+    contrast, grey levels.
+    """
+
+    image_bgr: ImageArray
+    height_mm: Float32Array
+    points_table: Float32Array
+    reach_px: Float32Array
+    is_ignored: MaskArray
+    plane_xy_mm: Float32Array
+    camera_mm: Float64Array
+    pixel_mm: float
+    texture: Float32Array
+
+    def xy_at(self, height_mm: float) -> Float32Array:
+        """(h, w, 2) where each pixel's ray meets the plane of this height."""
+        share = (self.camera_mm[2] - height_mm) / self.camera_mm[2]
+        foot = self.camera_mm[:2].astype(np.float32)
+        return np.asarray(foot + np.float32(share) * (self.plane_xy_mm - foot), np.float32)
