@@ -137,7 +137,7 @@ def _overlap(dish: Dish, other: Dish) -> bool:
     """Whether two outlines cover so much of each other that they belong to one dish: its rim and a fringe of it."""
     areas = [np.count_nonzero(each.inward_mm > 0) for each in (dish, other)]
     shared = np.count_nonzero((dish.inward_mm > 0) & (other.inward_mm > 0))
-    return shared > MAX_SHARED * min(areas)
+    return bool(shared > MAX_SHARED * min(areas))
 
 
 def _best_dish(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator) -> Dish | None:

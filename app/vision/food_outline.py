@@ -9,18 +9,11 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from app.vision.food_pixels import (
-    FINE_REACH_PX,
-    SHADES,
-    colour_bins,
-    colour_histogram,
-    contrast_features,
-    shaded_lab,
-)
+from app.vision.colour_bins import SHADES, colour_bins, colour_histogram, contrast_features, shaded_lab
 from app.vision.masks import largest_part
 from app.vision.min_cut import cut_in_two
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene import Scene
+from app.vision.scene import FINE_REACH_PX, Scene
 
 MARGIN_MM = 12.0  # around the mask, whose colours are the surroundings'
 GROWTH_MM = 6.0  # by which a mask may grow

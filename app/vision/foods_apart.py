@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 import cv2
 import numpy as np
 
-from app.vision.food_pixels import colour_bins, colour_histogram, contrast_features
+from app.vision.colour_bins import colour_bins, colour_histogram, contrast_features
 from app.vision.masks import distance_px, largest_part
 from app.vision.min_cut import cut_in_two
 from app.vision.model import Float32Array, ImageArray, MaskArray

@@ -15,6 +15,7 @@ from app.vision.masks import distance_px, opened, without_specks
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene import Scene
 from app.vision.topview import TopView
+from app.vision.unlike_support import unlike_support
 
 OVER_RIM_MM = 7.0  # higher than the rim: food, wherever it is
 OVER_FLOOR_MM = 8.0  # and within the dish or on the bare table, away from the rim
@@ -79,19 +80,19 @@ class _Territory:
 def find_places(scene: Scene, dishes: Sequence[Dish], view: TopView, points: Sequence[MaskArray] = ()) -> list[Place]:
     """The places that hold food, by their heights or by points: (h, w) small parts that are food for certain."""
     tall = np.nan_to_num(np.where(scene.is_ignored, np.float32(np.nan), scene.height_mm), nan=UNMEASURED_MM)
-    pointed = np.zeros(tall.shape, np.bool_)
-    for point in points:
-        pointed |= point & ~scene.is_ignored
     territories = [_territory(scene, dish, view) for dish in dishes]
     owner = _owners(territories, tall.shape)
+    certain = _unlike_supports(scene, territories, owner)
+    for point in points:
+        certain |= point & ~scene.is_ignored
     sure = [
-        _solid(_stands_on(territory, tall) & (owner == number), scene) | (pointed & (owner == number))
+        _solid(_stands_on(territory, tall) & (owner == number), scene) | (certain & (owner == number))
         for number, territory in enumerate(territories)
     ]
     is_clear = owner == ON_TABLE
     for territory in territories:
         is_clear &= ~(territory.margin & (tall < territory.dish.rim_mm + OVER_RIM_MM))
-    on_table = _solid((tall > OVER_FLOOR_MM) & is_clear, scene) | (pointed & (owner == ON_TABLE))
+    on_table = _solid((tall > OVER_FLOOR_MM) & is_clear, scene) | (certain & (owner == ON_TABLE))
     groups = _groups(on_table, scene)
     places = [
         _on_dish(scene, number, territories, sure, on_table) for number, is_sure in enumerate(sure) if is_sure.any()
@@ -119,6 +120,23 @@ def _owners(territories: Sequence[_Territory], shape: tuple[int, ...]) -> np.nda
     return np.where(distance > -OVERHANG_MM, nearest, np.where(distance < -BESIDE_DISH_MM, ON_TABLE, AT_RIM))
 
 
+def _unlike_supports(scene: Scene, territories: Sequence[_Territory], owner: np.ndarray) -> MaskArray:
+    """(h, w) blobs of colours that neither table nor dishes have, see unlike_support.py."""
+    over_support = scene.height_mm.copy()
+    for number, territory in enumerate(territories):
+        over_support[owner == number] -= np.float32(territory.dish.floor_mm)
+    is_measured = np.isfinite(scene.height_mm)  # what is not may be food in front of a rim
+    return unlike_support(scene, over_support, [_own_colour(dish, scene) & is_measured for dish in territories])
+
+
+def _own_colour(territory: _Territory, scene: Scene) -> MaskArray:
+    """(h, w) the band along its rim where a dish shows its colour."""
+    dish = territory.dish
+    outermost = WALL_MM if dish.is_deep else RIM_BAND_MM[1]
+    band = (territory.seen_inward > RIM_BAND_MM[0]) & (territory.seen_inward < outermost)
+    return band & ~(np.nan_to_num(scene.height_mm, nan=UNMEASURED_MM) > dish.rim_mm + OVERHANG_MM)
+
+
 def _stands_on(territory: _Territory, tall: Float32Array) -> MaskArray:
     dish = territory.dish
     slope = BOWL_CORE_SHARE * dish.radius_mm if dish.is_deep and dish.radius_mm else RIM_SLOPE_MM
@@ -133,16 +151,14 @@ def _solid(mask: MaskArray, scene: Scene) -> MaskArray:
 def _on_dish(
     scene: Scene, number: int, territories: Sequence[_Territory], sure: Sequence[MaskArray], on_table: MaskArray
 ) -> Place:
-    own, dish = territories[number], territories[number].dish
-    is_sure = sure[number]
-    band = (own.seen_inward > RIM_BAND_MM[0]) & (own.seen_inward < (WALL_MM if dish.is_deep else RIM_BAND_MM[1]))
-    band &= ~(np.nan_to_num(scene.height_mm, nan=UNMEASURED_MM) > dish.rim_mm + OVERHANG_MM)
+    own, is_sure = territories[number], sure[number]
+    band = _own_colour(own, scene)
     elsewhere = on_table.copy()
     for other, territory in enumerate(territories):
         if other != number:
             elsewhere |= sure[other] | (territory.silhouette & (own.seen_inward <= 0))
     may_be_food = (own.seen_inward > 0) | (distance_px(is_sure) * scene.pixel_mm < REACH_IN_DISH_MM)
-    return Place(dish, is_sure, may_be_food, band, elsewhere & ~is_sure)
+    return Place(own.dish, is_sure, may_be_food, band, elsewhere & ~is_sure)
 
 
 def _on_table(

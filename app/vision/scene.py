@@ -1,10 +1,12 @@
-"""The reduced grid on which foods are looked for: the picture, heights over the table, and how surely they are known."""
+"""The reduced grid on which foods are looked for: the picture, heights over the table, and their windows."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
+
+FINE_REACH_PX = 2.5  # of the scene's grid: a window's reach up to which a height is that of its pixel
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,10 +11,11 @@ import cv2
 import numpy as np
 
 from app.errors import Failure
+from app.vision.colour_bins import fine_texture
 from app.vision.dish import Dish, find_dishes, solid_cells
 from app.vision.disparity import DisparityMap
 from app.vision.food_outline import correct_outlines
-from app.vision.food_pixels import find_food_pixels, fine_texture
+from app.vision.food_pixels import find_food_pixels
 from app.vision.foods_apart import divide, tell_apart
 from app.vision.model import Float32Array, MaskArray
 from app.vision.places import Place, find_places
@@ -145,7 +146,7 @@ def _is_measured(scene: Scene) -> MaskArray:
 
 
 def _is_hinted_food(dish: Dish, layout: "_Layout", hints: Sequence[HintMask]) -> bool:
-    """Whether a box or polygon is drawn around all of a dish: it is the food itself, or its pack, that looks like one."""
+    """Whether a box or polygon is drawn around all of a dish: then it is the food, or its pack, that looks like one."""
     silhouette = dish.inward_at(layout.view, layout.scene.xy_at(dish.rim_mm)) > 0
     drawn = [hint.mask for hint in hints if (hint.is_exact or hint.is_box) and not hint.is_in_vessel]
     area = np.count_nonzero(silhouette)

@@ -10,9 +10,8 @@ import cv2
 import numpy as np
 
 from app.vision.dish import Dish
-from app.vision.food_pixels import FINE_REACH_PX
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene import Scene
+from app.vision.scene import FINE_REACH_PX, Scene
 from app.vision.topview import TableTrend, TopView
 
 RING_PX = (18.0, 60.0)  # from the mask's outline: beyond what a food's height spreads over plain surroundings

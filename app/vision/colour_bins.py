@@ -1,0 +1,70 @@
+"""Colours of the reduced picture as histograms and contrasts: what tells food, dish, table and their shadows apart."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.vision.model import Float32Array, ImageArray, MaskArray
+
+SHADES = (0.75, 0.55, 0.4, 0.28)  # of the light that may be left in the shadow of a food
+SHADE_WEIGHT = 0.15
+BIN_COUNTS = (24, 32, 32)
+LIGHT_WEIGHT = 0.7  # of lightness in the contrast; shadows are contrasts of lightness alone
+CHROMA_GAIN = 2.0
+
+
+def contrast_features(lab: Float32Array) -> ImageArray:
+    """(H, W, 2) lightness and the direction of most chroma, as the cut sees contrast. lab: (H, W, 3), 0-255."""
+    chroma = (lab[..., 1:] - 128.0).reshape(-1, 2)
+    axis = np.linalg.eigh(np.cov(chroma.T) + np.eye(2) * 1e-6)[1][:, 1]
+    along = (chroma @ axis).reshape(lab.shape[:2])
+    channels = [LIGHT_WEIGHT * lab[..., 0], np.clip(128.0 + CHROMA_GAIN * along, 0, 255)]
+    return np.stack(channels, axis=-1).astype(np.uint8)
+
+
+def fine_texture(image_bgr: ImageArray) -> Float32Array:
+    """(H, W) mean absolute difference of grey from its surroundings, grey levels: what grain a surface has."""
+    grey = cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY).astype(np.float32)
+    return np.asarray(cv2.GaussianBlur(np.abs(grey - cv2.GaussianBlur(grey, (0, 0), 2.0)), (0, 0), 2.0), np.float32)
+
+
+def colour_bins(lab: Float32Array) -> NDArray[np.int64]:
+    """(H, W) index into a histogram that is finer for greyish colours."""
+    lightness = np.clip(lab[..., 0] / 256 * BIN_COUNTS[0], 0, BIN_COUNTS[0] - 1).astype(np.int64)
+    chroma = lab[..., 1:] - 128.0
+    step = np.where(np.abs(chroma) < 24, np.abs(chroma) / 3, 8 + (np.abs(chroma) - 24) / 10)
+    a, b = np.moveaxis(np.clip(16 + np.sign(chroma) * step, 0, 31).astype(np.int64), -1, 0)
+    return np.asarray((lightness * BIN_COUNTS[1] + a) * BIN_COUNTS[2] + b, np.int64)
+
+
+def shaded_lab(image_bgr: ImageArray, share: float) -> Float32Array:
+    """The image in Lab as it would look with this share of its light (of linear intensities, gamma 2.2)."""
+    darker = cv2.convertScaleAbs(image_bgr, alpha=share ** (1 / 2.2))
+    return cv2.cvtColor(darker, cv2.COLOR_BGR2LAB).astype(np.float32)
+
+
+def colour_histogram(versions: list[NDArray[np.int64]], where: MaskArray) -> Float32Array:
+    """Probability of each bin, smoothed. versions: the bins, and those of the same pixels in shadow, of less weight."""
+    counts = np.zeros(BIN_COUNTS, np.float32)
+    for place, bins in enumerate(versions):
+        weight = 1.0 if place == 0 else SHADE_WEIGHT
+        found = np.bincount(bins[where], minlength=counts.size).astype(np.float32)
+        counts += weight * found.reshape(BIN_COUNTS)
+    kernel = cv2.getGaussianKernel(9, 1.2, cv2.CV_32F)
+    flat = cv2.sepFilter2D(
+        counts.reshape(BIN_COUNTS[0] * BIN_COUNTS[1], BIN_COUNTS[2]),
+        -1,
+        kernel,
+        np.ones((1, 1), np.float32),
+        borderType=cv2.BORDER_CONSTANT,
+    ).reshape(BIN_COUNTS)
+    along_a = np.stack(
+        [
+            cv2.sepFilter2D(plane, -1, np.ones((1, 1), np.float32), kernel, borderType=cv2.BORDER_CONSTANT)
+            for plane in flat
+        ]
+    )
+    smooth = cv2.sepFilter2D(
+        along_a.reshape(BIN_COUNTS[0], -1), -1, np.ones((1, 1), np.float32), kernel, borderType=cv2.BORDER_CONSTANT
+    )
+    return np.asarray(smooth.ravel() / max(1.0, float(smooth.sum())), np.float32)

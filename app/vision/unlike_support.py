@@ -1,0 +1,54 @@
+"""Things whose colours no support has: smooth, glossy food of which only an edge or two could be measured.
+
+Colours of table and dishes from where heights show them -> blobs of other colours that something raised belongs to.
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from app.vision.colour_bins import SHADES, colour_bins, colour_histogram, shaded_lab
+from app.vision.masks import opened
+from app.vision.model import Float32Array, MaskArray
+from app.vision.scene import FINE_REACH_PX, Scene
+
+FLAT_MM = 3.0  # from a support's height: its surface
+RAISED_MM = 15.0  # over the support: no plate's rim, no telephone, no cutlery
+MIN_RAISED_MM2 = 20.0
+MAX_FLAT_SHARE = 0.2  # of what is measured in a blob; where more is flat, it is a picture on the support
+MIN_BLOB_MM2 = 250.0
+MAX_BLOB_MM2 = 40_000.0  # larger than any food: the background beyond the table
+MIN_SUPPORT_PX = 500
+FAMILIAR = 1e-5  # probability of a colour bin; a quarter of what it would be if all colours were alike
+BESIDE_PX = 3
+
+
+def unlike_support(scene: Scene, over_support_mm: Float32Array, shows_dish: Sequence[MaskArray]) -> MaskArray:
+    """(h, w) blobs of unfamiliar colour that stand out.
+
+    over_support_mm: (h, w) height over the table, a board or a plate's floor, NaN where unmeasured. shows_dish: parts
+    that show the dishes' own colours.
+    """
+    with np.errstate(invalid="ignore"):
+        is_flat = (np.abs(over_support_mm) < FLAT_MM) & (scene.reach_px < FINE_REACH_PX) & ~scene.is_ignored
+        is_raised = (over_support_mm > RAISED_MM) & ~scene.is_ignored
+    is_support = np.any([is_flat, *shows_dish], axis=0)
+    if np.count_nonzero(is_support) < MIN_SUPPORT_PX:
+        return np.zeros(is_support.shape, np.bool_)
+    bins = colour_bins(cv2.cvtColor(scene.image_bgr, cv2.COLOR_BGR2LAB).astype(np.float32))
+    shaded = [colour_bins(shaded_lab(scene.image_bgr, share)) for share in SHADES]
+    is_unfamiliar = colour_histogram([bins, *shaded], is_support)[bins] < FAMILIAR
+    blobs = opened(is_unfamiliar & ~is_support & ~scene.is_ignored, BESIDE_PX)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(blobs.astype(np.uint8))
+    near = cv2.dilate(labels.astype(np.uint16), np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8))
+    raised, flat, measured = (
+        np.bincount(near[mask], minlength=count)
+        for mask in (is_raised, is_flat & is_unfamiliar, np.isfinite(over_support_mm))
+    )
+    square_mm = scene.pixel_mm**2
+    area_mm2 = stats[:, cv2.CC_STAT_AREA] * square_mm
+    kept = (area_mm2 > MIN_BLOB_MM2) & (area_mm2 < MAX_BLOB_MM2) & (raised * square_mm > MIN_RAISED_MM2)
+    kept &= flat <= MAX_FLAT_SHARE * np.maximum(measured, 1)
+    kept[0] = False
+    return np.asarray(kept[labels], np.bool_)
