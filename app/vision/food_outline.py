@@ -29,6 +29,8 @@ HOLE_DEPTH = 0.6  # of the food's height around it, below which a hole is one an
 MIN_HOLE_POINTS = 8
 RAISED_MM = 5.0
 RAISED_NATS = 1.5
+FLAT_MM = 2.5  # about the support: it shows there, whatever its colour
+MAX_LOSS = 0.07  # of the mask that colours alone may take away: a shadow, a strip of the dish; more is a shaded side
 ROUNDS = 2
 
 
@@ -90,7 +92,10 @@ def _correct(mask: MaskArray, others: MaskArray, scene: Scene, floor_mm: float) 
             return mask
     out = np.zeros(mask.shape, np.bool_)
     out[window] = _with_true_holes(largest_part(found), scene.height_mm[window], scene.pixel_mm)
-    return out
+    lost = np.count_nonzero(mask & ~out) - np.count_nonzero(
+        mask & ~out & (np.abs(scene.height_mm - floor_mm) < FLAT_MM)
+    )
+    return mask if lost > MAX_LOSS * np.count_nonzero(mask) else out
 
 
 def _with_true_holes(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) -> MaskArray:

@@ -31,6 +31,8 @@ FULL_NOTCH = 0.25  # of the disc around a corner of the outline, beyond the half
 SHORT_CUT = 0.5  # of the narrower part's width: so short a cut has its notches at one place
 SMALL_PART = 0.12  # of both parts' area, below which it takes more to be a food of its own
 SMALL_PART_WEIGHT = 5.0
+CONVEX = (0.98, 0.95)  # share of its convex hull that the outline of one solid fills, and that of two
+BITTEN = (0.92, 0.86)  # the same of a part: a solid's face, and a food that another one partly hides
 CREASE_WEIGHT = 0.4
 THRESHOLD = 1.35  # of the judgement below; see its comment
 MAX_TRIAL_SCALE = 0.85  # nearly full size is tried at full size
@@ -217,8 +219,9 @@ class _Piece:
             spreads.append(1.48 * np.median(np.abs(colours - medians[-1]), axis=0))
         spread = np.sqrt(0.5 * (spreads[0] ** 2 + spreads[1] ** 2)) + COLOUR_NOISE
         contrast = float(np.linalg.norm((medians[0] - medians[1]) / spread))
-        notch = FULL_NOTCH if length < SHORT_CUT else self._notch(one | two, border)
-        valley = self._valley(one, two, border)
+        dented = max(_dented(one | two, CONVEX), *(_dented(_filled(part), BITTEN) for part in (one, two)))
+        notch = FULL_NOTCH if length < SHORT_CUT else dented * self._notch(one | two, border)
+        valley = dented * self._valley(one, two, border)
         crease = CREASE_WEIGHT * float(np.clip(self._crease(one | two, border) - 0.7, -0.5, 0.8))
         look = min(contrast / 3 + crease, 4 / 3)  # however clear a border is, looks alone make no two foods
         share = min(np.count_nonzero(part) for part in (one, two)) / np.count_nonzero(one | two)
@@ -254,6 +257,13 @@ class _Piece:
             return 0.0
         lower = min(float(np.quantile(top, 0.95)) for top in tops)
         return float(np.clip(1.0 - np.median(along) / lower, 0.0, 1.0)) if lower > 5.0 else 0.0
+
+
+def _dented(mask: MaskArray, solidities: tuple[float, float]) -> float:
+    """From 0 for an outline that fills the first share of its convex hull to 1 for one that fills the second."""
+    hull = np.asarray(cv2.convexHull(np.argwhere(mask)[:, ::-1].astype(np.int32)), np.int32)
+    solidity = np.count_nonzero(mask) / max(1.0, float(cv2.contourArea(hull)))
+    return float(np.clip((solidities[0] - solidity) / (solidities[0] - solidities[1]), 0.0, 1.0))
 
 
 def _edge_strength(lab: Float32Array) -> Float32Array:

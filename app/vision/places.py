@@ -82,9 +82,11 @@ def find_places(scene: Scene, dishes: Sequence[Dish], view: TopView, points: Seq
     tall = np.nan_to_num(np.where(scene.is_ignored, np.float32(np.nan), scene.height_mm), nan=UNMEASURED_MM)
     territories = [_territory(scene, dish, view) for dish in dishes]
     owner = _owners(territories, tall.shape)
-    certain = _unlike_supports(scene, territories, owner)
+    blobs = _unlike_supports(scene, territories, owner)
+    owner = _whole_blobs(blobs, owner, np.isfinite(scene.height_mm))
+    certain = blobs
     for point in points:
-        certain |= point & ~scene.is_ignored
+        certain = certain | (point & ~scene.is_ignored)
     sure = [
         _solid(_stands_on(territory, tall) & (owner == number), scene) | (certain & (owner == number))
         for number, territory in enumerate(territories)
@@ -127,6 +129,20 @@ def _unlike_supports(scene: Scene, territories: Sequence[_Territory], owner: np.
         over_support[owner == number] -= np.float32(territory.dish.floor_mm)
     is_measured = np.isfinite(scene.height_mm)  # what is not may be food in front of a rim
     return unlike_support(scene, over_support, [_own_colour(dish, scene) & is_measured for dish in territories])
+
+
+def _whole_blobs(blobs: MaskArray, owner: np.ndarray, is_measured: MaskArray) -> np.ndarray:
+    """The owners, each blob wholly to whom most of its measured points belong: rays beside them may pass a rim."""
+    count, labels = cv2.connectedComponents(blobs.astype(np.uint8))
+    whole = owner.copy()
+    for label in range(1, count):
+        blob = labels == label
+        owners = owner[blob & is_measured]
+        owners = owners[owners != AT_RIM]
+        if len(owners):
+            values, counts = np.unique(owners, return_counts=True)
+            whole[blob] = values[counts.argmax()]
+    return whole
 
 
 def _own_colour(territory: _Territory, scene: Scene) -> MaskArray:

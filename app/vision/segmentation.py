@@ -23,6 +23,7 @@ from app.vision.rectification import RectifiedPair
 from app.vision.scene import Scene
 from app.vision.support import Support, find_support
 from app.vision.topview import TableTrend, TopView, fit_table_trend, usable_points, view_from_above
+from app.vision.upright_sides import with_sides
 from app.vision.vessel import Vessel, describe_vessel
 
 REDUCTION = 2  # of the rectified grid, on which foods are found; outlines are carried back by a smooth field
@@ -171,12 +172,16 @@ def _found(layout: "_Layout", hints: Sequence[HintMask]) -> list[Region]:
 def _in_place(scene: Scene, place: Place, *, is_hinted: bool) -> list[Region]:
     """The foods of one place."""
     food = find_food_pixels(scene, place)
+    beside = replace(scene, is_ignored=scene.is_ignored | place.is_elsewhere)
+    is_deep = place.dish is not None and place.dish.is_deep
     masks = tell_apart(food.is_food, scene)
+    if not is_deep:
+        masks = with_sides(masks, beside, place.floor_mm)
     if not is_hinted:
         masks = [mask for mask in masks if _is_food(mask, food.is_core, scene)]
     # Gaps are opened only now, and stay open: each outline alone knows less of them than all heights did.
     masks = [mask & ~food.is_gap for mask in masks]
-    beside = replace(scene, is_ignored=scene.is_ignored | food.is_gap | place.is_elsewhere)
+    beside = replace(beside, is_ignored=beside.is_ignored | food.is_gap)
     return [Region(mask) for mask in correct_outlines(masks, beside, place.floor_mm) if mask.any()]
 
 
