@@ -92,9 +92,8 @@ def _correct(mask: MaskArray, others: MaskArray, scene: Scene, floor_mm: float) 
             return mask
     out = np.zeros(mask.shape, np.bool_)
     out[window] = _with_true_holes(largest_part(found), scene.height_mm[window], scene.pixel_mm)
-    lost = np.count_nonzero(mask & ~out) - np.count_nonzero(
-        mask & ~out & (np.abs(scene.height_mm - floor_mm) < FLAT_MM)
-    )
+    is_support = (np.abs(scene.height_mm - floor_mm) < FLAT_MM) & (scene.reach_px < FINE_REACH_PX)
+    lost = np.count_nonzero(mask & ~out & ~is_support)
     return mask if lost > MAX_LOSS * np.count_nonzero(mask) else out
 
 

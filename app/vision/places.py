@@ -5,17 +5,17 @@ sure of food, where food may be, where the dish shows its colour, and what belon
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from app.vision.dish import Dish
+from app.vision.half_measured import enclosed_by_raised, unlike_support
 from app.vision.masks import distance_px, opened, without_specks
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene import Scene
 from app.vision.topview import TopView
-from app.vision.unlike_support import unlike_support
 
 OVER_RIM_MM = 7.0  # higher than the rim: food, wherever it is
 OVER_FLOOR_MM = 8.0  # and within the dish or on the bare table, away from the rim
@@ -82,7 +82,7 @@ def find_places(scene: Scene, dishes: Sequence[Dish], view: TopView, points: Seq
     tall = np.nan_to_num(np.where(scene.is_ignored, np.float32(np.nan), scene.height_mm), nan=UNMEASURED_MM)
     territories = [_territory(scene, dish, view) for dish in dishes]
     owner = _owners(territories, tall.shape)
-    blobs = _unlike_supports(scene, territories, owner)
+    blobs = _half_measured(scene, territories, owner)
     owner = _whole_blobs(blobs, owner, np.isfinite(scene.height_mm))
     certain = blobs
     for point in points:
@@ -122,13 +122,16 @@ def _owners(territories: Sequence[_Territory], shape: tuple[int, ...]) -> np.nda
     return np.where(distance > -OVERHANG_MM, nearest, np.where(distance < -BESIDE_DISH_MM, ON_TABLE, AT_RIM))
 
 
-def _unlike_supports(scene: Scene, territories: Sequence[_Territory], owner: np.ndarray) -> MaskArray:
-    """(h, w) blobs of colours that neither table nor dishes have, see unlike_support.py."""
+def _half_measured(scene: Scene, territories: Sequence[_Territory], owner: np.ndarray) -> MaskArray:
+    """(h, w) blobs that stand out although little of them was measured, see half_measured.py."""
     over_support = scene.height_mm.copy()
     for number, territory in enumerate(territories):
         over_support[owner == number] -= np.float32(territory.dish.floor_mm)
     is_measured = np.isfinite(scene.height_mm)  # what is not may be food in front of a rim
-    return unlike_support(scene, over_support, [_own_colour(dish, scene) & is_measured for dish in territories])
+    shows_dish = [_own_colour(territory, scene) & is_measured for territory in territories]
+    on_table = owner == ON_TABLE  # a plate's floor, too, is unmeasured between its food and its rim
+    enclosed = enclosed_by_raised(replace(scene, is_ignored=scene.is_ignored | ~on_table), over_support)
+    return unlike_support(scene, over_support, shows_dish) | enclosed
 
 
 def _whole_blobs(blobs: MaskArray, owner: np.ndarray, is_measured: MaskArray) -> np.ndarray:

@@ -16,7 +16,7 @@ class Scene:
     image_bgr: (h, w, 3). height_mm: over the table, NaN where unmeasured. points_table: (h, w, 3). reach_px: of the
     window behind each height, in pixels of this grid. is_ignored: sheet, unseen. plane_xy_mm: (h, w, 2) where the
     pixel's ray meets z = 0. camera_mm: (3,). pixel_mm: what a pixel spans on the table. texture: fine
-    contrast, grey levels.
+    contrast, grey levels. table_correlation: of both views if the pixel shows the table's plane, NaN where it is plain.
     """
 
     image_bgr: ImageArray
@@ -28,6 +28,7 @@ class Scene:
     camera_mm: Float64Array
     pixel_mm: float
     texture: Float32Array
+    table_correlation: Float32Array
 
     def xy_at(self, height_mm: float) -> Float32Array:
         """(h, w, 2) where each pixel's ray meets the plane of this height."""

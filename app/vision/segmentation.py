@@ -16,7 +16,8 @@ from app.vision.dish import Dish, find_dishes, solid_cells
 from app.vision.disparity import DisparityMap
 from app.vision.food_outline import correct_outlines
 from app.vision.food_pixels import find_food_pixels
-from app.vision.foods_apart import divide, tell_apart
+from app.vision.foods_apart import tell_apart
+from app.vision.hinted import hinted_masks
 from app.vision.model import Float32Array, MaskArray
 from app.vision.places import Place, find_places
 from app.vision.rectification import RectifiedPair
@@ -33,7 +34,12 @@ MIN_AREA_MM2 = 250.0  # seen from above the camera: smaller than a cherry tomato
 MIN_SOLIDITY = 0.5  # a mask that fills less of its convex hull is a rim or an arc of it
 MIN_CORE_MM2 = 40.0  # of a mask that geometry alone calls food
 MIN_THICKNESS_MM = 10.0  # of a mask at its widest
-MIN_HINTED_MM = 3.0  # over the table: within a box in which nothing was found, higher is food
+TABLE_WINDOW_PX = 15
+TABLE_TEXTURE = 4.0  # grey levels, standard deviation in a window, from which on the views can be compared
+IS_TABLE = 0.7  # correlation at the table's plane: foods 8 mm high and more reach 0.55, the table 0.9
+MIN_TEXTURED_SHARE = 0.15  # of a mask
+CUTLERY_ASPECT = 0.3  # width over length of knives, forks and spoons
+TABLE_THING_MM = 14.0  # over the table, as which cutlery and a telephone are measured
 HINTED_DISH_SHARE = 0.8  # of a dish's outline within a person's box or polygon: what looks like a dish is the food
 MAX_BORDER_SHARE = 0.15  # of its outline on the border of what is seen: the rest of it is unknown, or it is a wall
 
@@ -156,17 +162,21 @@ def _is_hinted_food(dish: Dish, layout: "_Layout", hints: Sequence[HintMask]) ->
 
 def _found(layout: "_Layout", hints: Sequence[HintMask]) -> list[Region]:
     """Foods on the scene's grid: those that hints point at, or all."""
-    points = [_reduced(hint.mask, layout.scene) for hint in hints if not hint.is_box]
+    scene = layout.scene
+    drawn = [_reduced(hint.mask, scene) for hint in hints]
+    points = [mask for mask, hint in zip(drawn, hints, strict=True) if not hint.is_box]
+    places = find_places(scene, layout.dishes, layout.view, points)
     regions: list[Region] = []
-    taken = layout.scene.is_ignored
-    for place in find_places(layout.scene, layout.dishes, layout.view, points):
-        own = _in_place(replace(layout.scene, is_ignored=taken), place, is_hinted=bool(hints))
+    taken = scene.is_ignored
+    for place in places:
+        own = _in_place(replace(scene, is_ignored=taken), place, is_hinted=bool(hints))
         for region in own:
             taken = taken | region.mask
         regions += own
-    if hints:
-        return _pointed_at([region.mask for region in regions], hints, layout.scene)
-    return sorted(regions, key=lambda region: -int(np.count_nonzero(region.mask)))
+    if not hints:
+        return sorted(regions, key=lambda region: -int(np.count_nonzero(region.mask)))
+    masks = hinted_masks(drawn, [hint.is_box for hint in hints], [region.mask for region in regions], scene, places)
+    return [Region(mask, hint.index) for mask, hint in zip(masks, hints, strict=True) if mask.any()]
 
 
 def _in_place(scene: Scene, place: Place, *, is_hinted: bool) -> list[Region]:
@@ -213,9 +223,24 @@ def _reduced_scene(
             camera_mm=pair.first_centre_mm,
             pixel_mm=REDUCTION * pair.pixel_mm,
             texture=np.ascontiguousarray(fine_texture(pair.first_bgr)[every, every]),
+            table_correlation=np.ascontiguousarray(_table_correlation(pair)[every, every]),
         ),
         trend,
     )
+
+
+def _table_correlation(pair: RectifiedPair) -> Float32Array:
+    """(H, W) normalised cross correlation of both views at parallax zero, the marker's plane; NaN where it is plain."""
+    first, second = (
+        np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.float32) for image in (pair.first_bgr, pair.second_bgr)
+    )
+    window = (TABLE_WINDOW_PX, TABLE_WINDOW_PX)
+    mean, mean_second = cv2.boxFilter(first, -1, window), cv2.boxFilter(second, -1, window)
+    variance = cv2.boxFilter(first * first, -1, window) - mean * mean
+    variance_second = cv2.boxFilter(second * second, -1, window) - mean_second * mean_second
+    covariance = cv2.boxFilter(first * second, -1, window) - mean * mean_second
+    correlation = covariance / np.sqrt(np.maximum(variance, 1.0) * np.maximum(variance_second, 1.0))
+    return np.where(variance > TABLE_TEXTURE**2, correlation, np.float32(np.nan)).astype(np.float32)
 
 
 def _plane_xy(pair: RectifiedPair) -> Float32Array:
@@ -272,10 +297,30 @@ def _is_food(mask: MaskArray, is_core: MaskArray, scene: Scene) -> bool:
     depth = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
     if 2 * float(depth.max()) * scene.pixel_mm < MIN_THICKNESS_MM or _solidity(mask) < MIN_SOLIDITY:
         return False
+    if _is_table_thing(mask, 2 * float(depth.max()), scene):
+        return False
     outline = mask & (depth <= 1.5)
     seen = np.pad(~scene.is_ignored[1:-1, 1:-1], 1).astype(np.uint8)
     at_border = cv2.erode(seen, np.ones((5, 5), np.uint8)) == 0
     return bool(np.count_nonzero(outline & at_border) <= MAX_BORDER_SHARE * np.count_nonzero(outline))
+
+
+def _is_table_thing(mask: MaskArray, width_px: float, scene: Scene) -> bool:
+    """Whether a mask is low and either long as cutlery or no more than the table, on whose plane both views agree.
+
+    Cutlery mirrors the room and a telephone shows its edges alone, so that their heights are some millimetres wrong.
+    """
+    heights = scene.height_mm[mask]
+    heights = heights[np.isfinite(heights)]
+    if len(heights) > 0 and float(np.quantile(heights, 0.9)) > TABLE_THING_MM:
+        return False
+    _, sides, _ = cv2.minAreaRect(np.argwhere(mask)[:, ::-1].astype(np.float32))
+    if width_px < CUTLERY_ASPECT * max(sides):
+        return True
+    correlation = scene.table_correlation[mask]
+    correlation = correlation[np.isfinite(correlation)]
+    is_textured = len(correlation) > MIN_TEXTURED_SHARE * np.count_nonzero(mask)
+    return bool(is_textured and np.median(correlation) > IS_TABLE)
 
 
 def _solidity(mask: MaskArray) -> float:
@@ -283,31 +328,6 @@ def _solidity(mask: MaskArray) -> float:
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     hull = float(cv2.contourArea(cv2.convexHull(max(contours, key=len))))
     return np.count_nonzero(mask) / hull if hull > 0 else 0.0
-
-
-def _pointed_at(found: list[MaskArray], hints: Sequence[HintMask], scene: Scene) -> list[Region]:
-    """For each hint the found mask that it overlaps most, cut to the hint's box.
-
-    Several hints in one mask share it. A hint in which nothing was found gives what is raised in a box, or nothing.
-    """
-    drawn = [_reduced(hint.mask, scene) for hint in hints]
-    chosen: dict[int, list[int]] = {}
-    masks: dict[int, MaskArray] = {}
-    for place, inside in enumerate(drawn):
-        overlaps = [int(np.count_nonzero(mask & inside)) for mask in found]
-        if overlaps and max(overlaps) > 0:
-            chosen.setdefault(int(np.argmax(overlaps)), []).append(place)
-        else:
-            masks[place] = inside & (np.nan_to_num(scene.height_mm, nan=-1.0) > MIN_HINTED_MM)
-    for which, places in chosen.items():
-        shares = divide(found[which], [drawn[place] for place in places], scene) if len(places) > 1 else [found[which]]
-        masks |= dict(zip(places, shares, strict=True))
-    regions = []
-    for place, hint in enumerate(hints):
-        mask = masks[place] & drawn[place] if hint.is_box else masks[place]
-        if mask.any():
-            regions.append(Region(mask, hint.index))
-    return regions
 
 
 def _reduced(mask: MaskArray, scene: Scene) -> MaskArray:

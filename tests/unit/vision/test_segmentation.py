@@ -50,9 +50,10 @@ class Meal:
         focal = CAMERA_MM / PIXEL_MM
         rows, columns = np.indices(SHAPE)
         image = np.clip(self.image + self.rng.normal(0, 4, self.image.shape), 0, 255).astype(np.uint8)
+        beside = np.roll(image, 7, axis=1)  # what stands has a parallax, the table none
         return RectifiedPair(
             first_bgr=image,
-            second_bgr=image,
+            second_bgr=np.where(self.height[..., None] > 0, beside, image),
             is_seen=np.ones(SHAPE, bool),
             first_map_px=np.stack([columns, rows], -1).astype(np.float32),
             focal_px=focal,
@@ -72,11 +73,14 @@ class Meal:
         y = -(rows - pair.centre_px[1]) / pair.focal_px * depth
         return np.stack([x, y, heights], -1).astype(np.float32)
 
-    def segment(self, hints=(), ignored=None):
+    def segment(self, hints=(), ignored=None, unmeasured=None):
         pair = self.pair()
         disparity = DisparityMap(np.zeros(SHAPE, np.float32), np.full(SHAPE, 4.5, np.float32))
         ignored = np.zeros(SHAPE, bool) if ignored is None else ignored
-        found = segment_foods(pair, disparity, self.points(pair), ignored, hints)
+        points = self.points(pair)
+        if unmeasured is not None:
+            points[unmeasured] = np.nan
+        found = segment_foods(pair, disparity, points, ignored, hints)
         return found if isinstance(found, Failure) else found.regions
 
 
@@ -178,6 +182,34 @@ def test_empty_plate_gives_no_food_found():
     assert found.code == "no_food_found"
 
 
+def test_foods_on_two_plates_and_beside_them_are_all_found():
+    meal = Meal()
+    for column in (140, 420):
+        meal.height[disc(210, column, 130)], meal.image[disc(210, column, 130)] = 14.0, PLATE_BGR
+        meal.height[disc(210, column, 110)] = 3.0
+    meal.food(200, 140, 45, 40.0).food(215, 430, 40, 35.0, OTHER_BGR).food(385, 280, 28, 25.0)
+    truth = [disc(200, 140, 45), disc(215, 430, 40), disc(385, 280, 28)]
+    found = meal.segment()
+    assert len(found) == 3
+    assert min(max(iou(region.mask, mask) for region in found) for mask in truth) > 0.9
+
+
+def test_knife_and_napkin_beside_a_food_are_no_food():
+    meal = Meal().food(150, 150, 60, 40.0)
+    meal.height[300:320, 100:500], meal.image[300:320, 100:500] = 9.0, (180, 180, 180)
+    meal.height[50:250, 350:540], meal.image[50:250, 350:540] = 1.5, (60, 160, 60)
+    found = meal.segment()
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(150, 150, 60)) > 0.95
+
+
+def test_smooth_food_measured_at_its_edge_alone_is_found_by_its_colour():
+    meal = Meal().food(200, 260, 60, 45.0)
+    seen = meal.segment(unmeasured=disc(200, 260, 52) & (np.arange(SHAPE[1]) < 300))
+    assert len(seen) == 1
+    assert iou(seen[0].mask, disc(200, 260, 60)) > 0.9
+
+
 def test_bare_table_gives_no_food_found():
     assert Meal().segment().code == "no_food_found"
 
@@ -209,6 +241,36 @@ def test_box_limits_the_food():
     box[100:200, 100:160] = True
     found = Meal().food(150, 150, 60, 40.0).segment([HintMask(box, 0, is_box=True)])
     assert not (found[0].mask & ~box).any()
+
+
+def box_around(mask):
+    rows, columns = np.nonzero(mask)
+    box = np.zeros(SHAPE, bool)
+    box[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1] = True
+    return box
+
+
+def test_box_around_an_unmeasured_block_holds_that_block():
+    meal = Meal()
+    block = np.zeros(SHAPE, bool)
+    block[100:220, 200:360] = True
+    meal.height[block], meal.image[block] = 40.0, PLATE_BGR
+    found = meal.segment([HintMask(box_around(block), 0, is_box=True)], unmeasured=block)
+    assert iou(found[0].mask, block) > 0.95
+
+
+def test_box_around_what_looks_like_a_plate_holds_all_of_it_and_no_vessel():
+    meal = Meal().plate(flat_mm=3.0, rim_mm=60.0).food(200, 260, 50, 20.0)
+    found = meal.segment([HintMask(box_around(disc(210, 280, 190)), 0, is_box=True)])
+    assert found[0].vessel is None
+    assert iou(found[0].mask, disc(210, 280, 190)) > 0.9
+
+
+def test_point_on_an_unmeasured_food_lies_within_what_is_returned():
+    meal = Meal()
+    meal.image[disc(210, 280, 50)] = FOOD_BGR
+    found = meal.segment([HintMask(disc(215, 290, 4), 0)], unmeasured=disc(210, 280, 60))
+    assert iou(found[0].mask, disc(210, 280, 50)) > 0.9
 
 
 def test_what_is_ignored_is_no_food():

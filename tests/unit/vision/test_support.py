@@ -27,6 +27,7 @@ def scene_of(height_of, noise_mm=0.3):
         plane_xy_mm=points[..., :2],
         camera_mm=CAMERA_MM,
         pixel_mm=PIXEL_MM,
+        table_correlation=np.full(height.shape, np.nan, np.float32),
         texture=np.zeros(SHAPE, np.float32),
     ), np.hypot(x, y)
 
@@ -35,7 +36,8 @@ def measured(scene):
     points = scene.points_table[np.isfinite(scene.points_table[..., 2])]
     view = view_from_above(points, points[:, 2])
     trend = fit_table_trend(points)
-    return view, find_dishes(view, solid_cells(view, 1.0), 0.3, np.random.default_rng(0))[0], trend
+    dishes = find_dishes(view, solid_cells(view, 1.0), 0.3, np.random.default_rng(0))
+    return view, next(iter(dishes), None), trend
 
 
 def support_of(scene, mask):

@@ -1,6 +1,7 @@
-"""Things whose colours no support has: smooth, glossy food of which only an edge or two could be measured.
+"""Smooth or glossy food of which only the edges could be measured: an orange on a cloth, tofu on a newspaper.
 
-Colours of table and dishes from where heights show them -> blobs of other colours that something raised belongs to.
+Heights and colours -> blobs that stand out although their middle shows no parallax: of colours that no support has, or
+enclosed by raised edges.
 """
 
 from collections.abc import Sequence
@@ -22,6 +23,33 @@ MAX_BLOB_MM2 = 40_000.0  # larger than any food: the background beyond the table
 MIN_SUPPORT_PX = 500
 FAMILIAR = 1e-5  # probability of a colour bin; a quarter of what it would be if all colours were alike
 BESIDE_PX = 3
+MIN_WIDTH_PX = 9  # of an unmeasured blob: what the second view does not see beside a food is narrower
+AROUND_PX = 6
+SECTORS = 24
+MIN_ENCLOSED = 0.65  # of the directions from its middle; the side of a block that faces the camera ends at the table
+
+
+def enclosed_by_raised(scene: Scene, over_support_mm: Float32Array) -> MaskArray:
+    """(h, w) unmeasured blobs with something raised most of the way round. over_support_mm: see unlike_support.
+
+    What a food hides from the second view is unmeasured as well, and has the food on one side only.
+    """
+    is_measured = np.isfinite(over_support_mm) | scene.is_ignored
+    blobs = opened(~is_measured, MIN_WIDTH_PX)
+    count, labels, stats, middles = cv2.connectedComponentsWithStats(blobs.astype(np.uint8))
+    around = cv2.dilate(labels.astype(np.uint16), np.ones((2 * AROUND_PX + 1,) * 2, np.uint8))
+    with np.errstate(invalid="ignore"):
+        is_raised = (over_support_mm > RAISED_MM) & ~scene.is_ignored
+    rows, columns = np.nonzero(is_raised & (around > 0))
+    blob = around[rows, columns].astype(np.int64)
+    angle = np.arctan2(rows - middles[blob, 1], columns - middles[blob, 0])
+    sector = ((angle / (2 * np.pi) + 1.0) % 1.0 * SECTORS).astype(np.int64) % SECTORS
+    directions = np.zeros((count, SECTORS), np.bool_)
+    directions[blob, sector] = True
+    area_mm2 = stats[:, cv2.CC_STAT_AREA] * scene.pixel_mm**2
+    kept = (area_mm2 > MIN_BLOB_MM2) & (area_mm2 < MAX_BLOB_MM2) & (directions.mean(axis=1) >= MIN_ENCLOSED)
+    kept[0] = False
+    return np.asarray(kept[labels], np.bool_)
 
 
 def unlike_support(scene: Scene, over_support_mm: Float32Array, shows_dish: Sequence[MaskArray]) -> MaskArray:
