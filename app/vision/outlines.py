@@ -18,6 +18,7 @@ from app.vision.surface_match import draw_mask
 POINT_RADIUS_SHARE = 0.008  # of the long side: a fingertip
 TOLERANCE_PX = 1.5  # of an outline's corners, in the photograph
 DECIMALS = 1
+IN_VESSEL = ("in_vessel", "liquid")  # forms of a food that a vessel holds
 MIN_HOLE_SHARE = 0.01  # of the outline's area; smaller holes are noise
 SPLAT_SIDE_PX = 1000  # of the reduced photograph that a mask is carried over to
 
@@ -59,7 +60,8 @@ def draw_hints(hints: Sequence[Hint], places_px: Float32Array, size: tuple[int, 
         else:
             continue
         mask = cv2.remap(picture, columns, rows, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
-        drawn.append(HintMask(mask > 0, index, hint.polygon is not None, is_box))
+        is_in_vessel = hint.vessel is not None or (hint.form or hint.lies_as) in IN_VESSEL
+        drawn.append(HintMask(mask > 0, index, hint.polygon is not None, is_box, is_in_vessel))
     return drawn
 
 

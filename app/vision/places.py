@@ -57,6 +57,11 @@ class Place:
         return self.dish.rim_mm if self.dish is not None else 0.0
 
     @property
+    def is_measured(self) -> bool:
+        """Whether heights show the support itself: the table or a board, not a plate's plain floor."""
+        return self.dish is None or self.dish.floor_mm > 0
+
+    @property
     def floor_mm(self) -> float:
         """Height of the support over the table, mm; 0 where it is not known."""
         return self.dish.floor_mm if self.dish is not None else 0.0

@@ -183,9 +183,8 @@ def _in_place(scene: Scene, place: Place, *, is_hinted: bool) -> list[Region]:
     """The foods of one place."""
     food = find_food_pixels(scene, place)
     beside = replace(scene, is_ignored=scene.is_ignored | place.is_elsewhere)
-    is_deep = place.dish is not None and place.dish.is_deep
     masks = tell_apart(food.is_food, scene)
-    if not is_deep:
+    if place.is_measured:
         masks = with_sides(masks, beside, place.floor_mm)
     if not is_hinted:
         masks = [mask for mask in masks if _is_food(mask, food.is_core, scene)]

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from app.vision.masks import largest_part, opened
-from app.vision.model import MaskArray
+from app.vision.model import Float32Array, MaskArray
 from app.vision.scene import FINE_REACH_PX, Scene
 
 LEVEL_MM = 3.0  # about a flat top's height
@@ -24,6 +24,11 @@ MIN_TOP_MM2 = 400.0
 STEP_MM = 3.0  # of height, at which the top is carried down
 CELL_MM = 2.0  # of the top seen from above
 SIDE_SHARE = 0.7  # of a mask below another one's top: it is a side of that
+MARGIN_CELLS = 12
+FAR_MM = 100.0
+BESIDE_MM = 5.0  # from the top seen from above; a side's points lie nearer
+MAX_SLOPE_SHARE = 0.3  # of the points below the top
+MIN_SLOPE_SHARE = 0.05  # of a mask: fewer such points say nothing
 FLAT_MM = 2.5  # about the support: it shows there
 MAX_FLAT_SHARE = 0.3  # of the side that shows the support: more, and the top overhangs
 
@@ -86,7 +91,10 @@ def flat_top(mask: MaskArray, scene: Scene, floor_mm: float) -> FlatTop | None:
     top = _top(mask, scene, level)
     if top is None:
         return None
-    below = _carried_down(top, scene, level, floor_mm)
+    seen_from_above = _Footprint(top, scene, level)
+    if seen_from_above.slope_share(mask, scene, level, floor_mm) > MAX_SLOPE_SHARE:
+        return None
+    below = seen_from_above.carried_down(scene, level, floor_mm)
     side = below & ~mask
     if np.count_nonzero(mask & below) < EXPLAINED_SHARE * np.count_nonzero(mask):
         return None
@@ -127,17 +135,37 @@ def _hull(mask: MaskArray) -> MaskArray:
     return out > 0
 
 
-def _carried_down(top: MaskArray, scene: Scene, level_mm: float, floor_mm: float) -> MaskArray:
-    """(h, w) pixels whose rays pass below the top, anywhere between its level and the floor."""
-    places = scene.xy_at(level_mm)[top]
-    low = places.min(axis=0) - 2 * CELL_MM
-    columns, rows = np.ceil((places.max(axis=0) - low) / CELL_MM).astype(int) + 2
-    footprint = np.zeros((int(rows), int(columns)), np.uint8)
-    column, row = ((places - low) / CELL_MM).astype(int).T
-    footprint[row, column] = 1
-    closed = cv2.morphologyEx(footprint, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    out = np.zeros(top.shape, np.bool_)
-    for height in np.linspace(floor_mm, level_mm, max(2, int((level_mm - floor_mm) / STEP_MM) + 1)):
-        cells = ((scene.xy_at(float(height)) - low) / CELL_MM - 0.5).astype(np.float32)
-        out |= cv2.remap(closed, cells[..., 0], cells[..., 1], cv2.INTER_NEAREST, borderValue=(0.0,)) > 0
-    return out
+class _Footprint:
+    """A flat top seen from above, on a grid of CELL_MM."""
+
+    def __init__(self, top: MaskArray, scene: Scene, level_mm: float) -> None:
+        places = scene.xy_at(level_mm)[top]
+        self._low = places.min(axis=0) - MARGIN_CELLS * CELL_MM
+        columns, rows = np.ceil((places.max(axis=0) - self._low) / CELL_MM).astype(int) + MARGIN_CELLS
+        cells = np.zeros((int(rows), int(columns)), np.uint8)
+        column, row = ((places - self._low) / CELL_MM).astype(int).T
+        cells[row, column] = 1
+        closed = cv2.morphologyEx(cells, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+        outside = cv2.distanceTransform(1 - closed, cv2.DIST_L2, 5)
+        self._outside_mm = np.asarray(outside * CELL_MM, np.float32)
+
+    def outside_mm(self, xy_mm: Float32Array) -> Float32Array:
+        """(h, w) distance from the footprint, 0 within it, at (h, w, 2); FAR_MM where it is far or not known."""
+        cells = np.nan_to_num((xy_mm - self._low) / CELL_MM - 0.5, nan=-1e4).astype(np.float32)
+        found = cv2.remap(self._outside_mm, cells[..., 0], cells[..., 1], cv2.INTER_LINEAR, borderValue=(FAR_MM,))
+        return np.asarray(found, np.float32)
+
+    def carried_down(self, scene: Scene, level_mm: float, floor_mm: float) -> MaskArray:
+        """(h, w) pixels whose rays pass below the top, anywhere between its level and the floor."""
+        out = np.zeros(scene.is_ignored.shape, np.bool_)
+        for height in np.linspace(floor_mm, level_mm, max(2, int((level_mm - floor_mm) / STEP_MM) + 1)):
+            out |= self.outside_mm(scene.xy_at(float(height))) < CELL_MM / 2
+        return out
+
+    def slope_share(self, mask: MaskArray, scene: Scene, level_mm: float, floor_mm: float) -> float:
+        """Share of a mask's points between floor and top that lie well beside the top: on a slope, not on a side."""
+        with np.errstate(invalid="ignore"):
+            between = mask & (scene.height_mm > floor_mm + LEVEL_MM) & (scene.height_mm < level_mm - LEVEL_MM)
+        if np.count_nonzero(between) < MIN_SLOPE_SHARE * np.count_nonzero(mask):
+            return 0.0
+        return float(np.mean(self.outside_mm(scene.points_table[..., :2])[between] > BESIDE_MM))
