@@ -40,11 +40,11 @@ def vessels_list(study: StudyArgument, as_json: JsonOption = False) -> None:
         return
     for view in views:
         model = view.model
-        capacity = f"{model.capacity_ml:g} ml" if model.capacity_ml is not None else "profile"
+        held = f"{view.held_ml:.0f} ml by its {view.held_by}" if view.held_ml is not None else "not known"
         retired = "  retired" if view.version.is_retired else ""
         print(
             f"{model.name:<32} {model.kind:<10} rim {model.rim_diameter_mm:g} mm, height {model.height_mm:g} mm, "
-            f"{capacity}{retired}"
+            f"{held}{retired}"
         )
 
 

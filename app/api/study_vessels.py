@@ -99,16 +99,13 @@ def delete_study_vessel(study: StudyCode, vessel: uuid.UUID, state: State, owner
     return Response(status_code=204)
 
 
-@router.get("/v1/me/vessels", responses=problem_responses(401, 403, 410, 422))
-def get_own_vessels(
-    request: Request, state: State, caller: CurrentDevice, limit: Limit = 100, cursor: Cursor = None
-) -> PhoneVesselList:
+@router.get("/v1/me/vessels", responses=problem_responses(401, 403, 410))
+def get_own_vessels(state: State, caller: CurrentDevice) -> PhoneVesselList:
     """The vessels that the phone's study uses, by name: offer them, and name the chosen one in a hint's `vessel`."""
-    page = study_vessels.list_vessels_of_phone(state.database, caller.study_id, cursor=cursor, limit=limit)
-    items = [
-        PhoneVesselOut(name=view.vessel.name, version=view.version.version, **_measures(view)) for view in page.rows
-    ]
-    return PhoneVesselList(items=items, next=next_page(request, page.cursor))
+    views = study_vessels.vessels_of_phone(state.database, caller)
+    return PhoneVesselList(
+        items=[PhoneVesselOut(name=view.vessel.name, version=view.version.version, **_measures(view)) for view in views]
+    )
 
 
 def render_vessel(view: VesselView) -> VesselOut:

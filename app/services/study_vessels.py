@@ -16,10 +16,11 @@ from app.db.queries import people, vessels
 from app.db.session import Database
 from app.errors import ConflictError, InvalidInputError, NotFoundError, PreconditionFailedError
 from app.services.audit import note
-from app.services.caller import StaffCaller
+from app.services.caller import DeviceCaller, StaffCaller
 from app.services.cursors import TEXT, Page, decode_cursor, encode_cursor
 from app.services.studies import known_study
 from app.services.vessel_measures import FillLine, MeasuredVessel, known_capacity_ml, measured_vessel, name_key
+from app.vision.vessel_frustum import profile_capacity_ml
 from app.vision.vessel_library import MAX_VESSELS, VesselKind, VesselModel, vessel_to_json
 
 
@@ -46,6 +47,21 @@ class VesselView:
         if row.fill_line_mm is not None and row.fill_line_ml is not None:
             fill_line = FillLine(row.fill_line_mm, row.fill_line_ml)
         return replace(model, capacity_ml=known_capacity_ml(model, fill_line))
+
+    @property
+    def held_ml(self) -> float | None:
+        """What it holds to the brim: measured, or following from the fill line or the profile."""
+        model = self.model
+        if model.capacity_ml is None and model.inside_profile_mm:
+            return profile_capacity_ml(model.inside_profile_mm)
+        return model.capacity_ml
+
+    @property
+    def held_by(self) -> str:
+        """What held_ml follows from."""
+        if self.version.capacity_ml is not None:
+            return "capacity"
+        return "profile" if self.version.inside_profile_mm else "fill line"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,18 +91,22 @@ def list_vessels(
     database: Database, study_code: str, *, is_in_use: bool | None, cursor: str | None, limit: int
 ) -> Page[VesselView]:
     """A study's vessels by name. is_in_use: only these; None: retired ones too. Raises NotFoundError."""
+    listed = f"vessels of {study_code} {is_in_use}"
+    after = decode_cursor(listed, cursor, TEXT)
     with database.read() as session:
         study = known_study(people.find_study(session, study_code))
-    return _page(database, study, is_in_use=is_in_use, cursor=cursor, limit=limit)
+        rows = vessels.page_of_vessels(session, study.id, is_in_use=is_in_use, after=after, limit=limit + 1)
+    views = [VesselView(*row) for row in rows]
+    if len(rows) <= limit:
+        return Page(views, None)
+    return Page(views[:limit], encode_cursor(listed, rows[limit - 1][0].name_key))
 
 
-def list_vessels_of_phone(
-    database: Database, study_id: uuid.UUID, *, cursor: str | None, limit: int
-) -> Page[VesselView]:
-    """The vessels in use of a phone's study, by name."""
+def vessels_of_phone(database: Database, caller: DeviceCaller) -> list[VesselView]:
+    """All vessels in use of a phone's study, by name; at most MAX_VESSELS."""
     with database.read() as session:
-        study = session.get_one(Study, study_id)
-    return _page(database, study, is_in_use=True, cursor=cursor, limit=limit)
+        rows = vessels.page_of_vessels(session, caller.study_id, is_in_use=True, after=None, limit=MAX_VESSELS)
+    return [VesselView(*row) for row in rows]
 
 
 def read_vessel(database: Database, study_code: str, vessel_id: uuid.UUID, version: int | None = None) -> VesselView:
@@ -182,19 +202,6 @@ def export_vessels(database: Database, study_code: str) -> list[dict[str, Any]]:
     """A study's vessels in use, as import_vessels and `tada estimate --vessels` read them. Raises NotFoundError."""
     page = list_vessels(database, study_code, is_in_use=True, cursor=None, limit=MAX_VESSELS)
     return [vessel_to_json(view.model) | _fill_line_json(view.version) for view in page.rows]
-
-
-def _page(
-    database: Database, study: Study, *, is_in_use: bool | None, cursor: str | None, limit: int
-) -> Page[VesselView]:
-    listed = f"vessels of {study.code} {is_in_use}"
-    after = decode_cursor(listed, cursor, TEXT)
-    with database.read() as session:
-        rows = vessels.page_of_vessels(session, study.id, is_in_use=is_in_use, after=after, limit=limit + 1)
-    views = [VesselView(*row) for row in rows]
-    if len(rows) <= limit:
-        return Page(views, None)
-    return Page(views[:limit], encode_cursor(listed, rows[limit - 1][0].name_key))
 
 
 def _add(session: Session, study: Study, measured: MeasuredVessel, author: VesselAuthor) -> VesselView:

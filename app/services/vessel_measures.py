@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from app.errors import InvalidInputError
-from app.vision.vessel_frustum import capacity_from_fill_line
+from app.vision.vessel_frustum import capacity_from_fill_line, profile_capacity_ml
 from app.vision.vessel_library import VesselModel, vessel_from_mapping
 
 NAME_LENGTH = 100
 MIN_SHARE_OF_CYLINDER = 0.05  # a deep plate with a broad rim holds a fifth of the cylinder over its brim
 MAX_SHARE_OF_CYLINDER = 4.0  # a belly of twice the rim's width
+MAX_CAPACITY_RATIO = 1.5  # of capacity and profile: a ruler's profile is good to a tenth or two
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +129,16 @@ def _require_possible(model: VesselModel) -> None:
             raise InvalidInputError(
                 f"The inside profile ends at radius {top_radius_mm:g} mm and height {top_mm:g} mm, and the brim is at "
                 f"{rim_radius_mm:g} and {model.height_mm:g} mm: the last point must be the brim.",
+                code="vessel_impossible",
+            )
+        held_ml = profile_capacity_ml(model.inside_profile_mm)
+        if (
+            model.capacity_ml is not None
+            and not 1 / MAX_CAPACITY_RATIO < held_ml / model.capacity_ml < MAX_CAPACITY_RATIO
+        ):
+            raise InvalidInputError(
+                f"The inside profile holds {held_ml:.0f} ml, and the capacity is {model.capacity_ml:.0f} ml: measure "
+                "one of them again, or leave one out.",
                 code="vessel_impossible",
             )
 

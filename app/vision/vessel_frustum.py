@@ -1,6 +1,8 @@
-"""A vessel as a frustum: its floor from what it holds up to a level, and what it holds to the brim."""
+"""A vessel as frusta: what a profile holds, a floor from what is held up to a level, a capacity from a fill line."""
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
 
 from app.errors import InvalidInputError
 
@@ -17,6 +19,15 @@ def frustum_floor_mm(*, rim_diameter_mm: float, height_mm: float, level_mm: floa
     b = share * rim_mm * (1.0 + 2.0 * rest)
     c = (share * rim_mm) ** 2 - 3.0 * 1000.0 * volume_ml / (math.pi * level_mm)
     return (-b + math.sqrt(b * b - 4.0 * a * c)) / (2.0 * a) if c <= 0.0 else None
+
+
+def profile_capacity_ml(profile_mm: Sequence[tuple[float, float]]) -> float:
+    """What (radius, height) from the floor up to the brim hold, ml: a frustum between each two points."""
+    volumes_mm3 = (
+        math.pi / 3.0 * (upper_mm - lower_mm) * (below_mm**2 + below_mm * above_mm + above_mm**2)
+        for (below_mm, lower_mm), (above_mm, upper_mm) in pairwise(profile_mm)
+    )
+    return sum(volumes_mm3) / 1000.0
 
 
 def capacity_from_fill_line(

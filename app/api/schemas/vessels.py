@@ -89,7 +89,6 @@ class VesselList(BaseModel):
 
 
 class PhoneVesselList(BaseModel):
-    """A page of the vessels in use by name."""
+    """All vessels in use by name."""
 
     items: list[PhoneVesselOut]
-    next: str | None

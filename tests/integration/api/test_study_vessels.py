@@ -46,7 +46,7 @@ def given(state):
         class Child:
             def run(self, request, on_stage, *, name):
                 asked.append(request.arguments["options"])
-                return ChildResult("ok", answer([1]) | {"artefacts": []})
+                return ChildResult("ok", answer())
 
         with state.database.read() as session:
             job = session.scalars(sa.select(Job).order_by(Job.enqueued_at.desc())).first()
@@ -180,6 +180,7 @@ def test_phone_lists_the_vessels_in_use_without_who_measured_them(owner, phone):
         ({"inside_profile_mm": [[0, 5], [41, 95], [30, 60]]}, "vessel_invalid"),
         ({"inside_profile_mm": [[0, 5], [82, 95]]}, "vessel_impossible"),
         ({"inside_profile_mm": [[0, 0.5], [41, 9.5]]}, "vessel_impossible"),
+        ({"inside_profile_mm": [[0, 5], [12, 5], [41, 95]]}, "vessel_impossible"),
         ({"inside_profile_mm": [[0, 5, 9], [41, 95, 9]]}, "invalid_input"),
         ({"inside_profile_mm": [[0, 5]] * 201}, "invalid_input"),
         ({"fill_line_mm": 70.0}, "vessel_invalid"),

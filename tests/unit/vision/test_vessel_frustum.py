@@ -5,7 +5,7 @@ import math
 import pytest
 
 from app.errors import InvalidInputError
-from app.vision.vessel_frustum import capacity_from_fill_line, frustum_floor_mm
+from app.vision.vessel_frustum import capacity_from_fill_line, frustum_floor_mm, profile_capacity_ml
 
 
 def volume_ml(floor_mm, rim_mm, height_mm, level_mm):
@@ -48,3 +48,9 @@ def test_line_above_the_brim_or_less_than_a_cone_is_refused(level_mm, line_ml):
     with pytest.raises(InvalidInputError) as error:
         capacity_from_fill_line(rim_diameter_mm=82.0, height_mm=95.0, fill_line_mm=level_mm, fill_line_ml=line_ml)
     assert error.value.code == "vessel_impossible"
+
+
+def test_profile_of_a_half_ball_holds_two_thirds_of_its_cylinder():
+    angles = [math.pi / 2 * step / 500 for step in range(501)]
+    profile_mm = [(60.0 * math.sin(angle), 60.0 - 60.0 * math.cos(angle)) for angle in angles]
+    assert profile_capacity_ml(profile_mm) == pytest.approx(2 / 3 * math.pi * 60.0**3 / 1000.0, rel=1e-5)
