@@ -3,15 +3,12 @@
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from app.cli_database import JsonOption, author, opened_database
 from app.errors import InvalidInputError
-
-if TYPE_CHECKING:
-    from app.services.study_vessels import VesselView
 
 vessels_cli = typer.Typer(no_args_is_help=True, help="A study's mugs and bowls, measured once.")
 
@@ -22,17 +19,10 @@ MAX_FILE_BYTES = 16 * 2**20  # 500 vessels with 200 profile points each are some
 @vessels_cli.command("list")
 def vessels_list(study: StudyArgument, as_json: JsonOption = False) -> None:
     """The study's vessels by name, retired ones too."""
-    from app.services.study_vessels import list_vessels
+    from app.services.study_vessels import all_vessels
 
-    views: list[VesselView] = []
     with opened_database() as database:
-        cursor = None
-        while True:
-            page = list_vessels(database, study, is_in_use=None, cursor=cursor, limit=1000)
-            views += page.rows
-            cursor = page.cursor
-            if cursor is None:
-                break
+        views = all_vessels(database, study)
     if as_json:
         from app.api.study_vessels import render_vessel
 

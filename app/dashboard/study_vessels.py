@@ -27,7 +27,6 @@ router = APIRouter(include_in_schema=False)
 
 PATH = f"{STUDY_PAGES}/vessels"
 ROWS_A_PAGE = 100
-MOST_ROWS = 1000
 NUMBERS = ("rim_diameter_mm", "height_mm", "capacity_ml", "fill_line_mm", "fill_line_ml")
 CursorIn = Annotated[str | None, Query(max_length=600)]
 _BETWEEN = re.compile(r"\s*[,;]\s*|\s+")
@@ -42,7 +41,7 @@ def get_vessels(
 ) -> Response:
     """The library by name, retired vessels too."""
     if output == "csv":
-        rows = study_vessels.list_vessels(page.state.database, study, is_in_use=None, cursor=None, limit=MOST_ROWS).rows
+        rows = study_vessels.all_vessels(page.state.database, study)
         return csv_file(VesselOut, [render_vessel(view) for view in rows], f"vessels-of-{study}")
     return _vessels(page, study, {}, {}, cursor=cursor)
 

@@ -102,6 +102,14 @@ def list_vessels(
     return Page(views[:limit], encode_cursor(listed, rows[limit - 1][0].name_key))
 
 
+def all_vessels(database: Database, study_code: str) -> list[VesselView]:
+    """A study's vessels by name, retired ones too, however many. Raises NotFoundError."""
+    with database.read() as session:
+        study = known_study(people.find_study(session, study_code))
+        rows = vessels.page_of_vessels(session, study.id, is_in_use=None, after=None, limit=None)
+    return [VesselView(*row) for row in rows]
+
+
 def vessels_of_phone(database: Database, caller: DeviceCaller) -> list[VesselView]:
     """All vessels in use of a phone's study, by name; at most MAX_VESSELS."""
     with database.read() as session:
@@ -142,7 +150,7 @@ def change_vessel(
     """
     with database.write() as session:
         study = _locked_study(session, study_code)
-        vessel, current = _known(vessels.find_vessel(session, study.id, vessel_id, lock=True))
+        vessel, current = _known(vessels.find_vessel(session, study.id, vessel_id))
         if expected is not None and vessel.version not in expected:
             raise PreconditionFailedError(
                 "The vessel was changed after you read it: read it again, then change it.", version=vessel.version
@@ -160,7 +168,7 @@ def retire_vessel(database: Database, study_code: str, vessel_id: uuid.UUID, aut
     """Take a vessel out of use: estimates get it no more, unless a hint names it. The same again changes nothing."""
     with database.write() as session:
         study = _locked_study(session, study_code)
-        vessel, current = _known(vessels.find_vessel(session, study.id, vessel_id, lock=True))
+        vessel, current = _known(vessels.find_vessel(session, study.id, vessel_id))
         return _retire(session, VesselView(vessel, current), author)
 
 

@@ -54,6 +54,12 @@ def measured_vessel(data: Any) -> MeasuredVessel:
         return MeasuredVessel(vessel_from_mapping(data), None, None)  # refuses it
     fields = {**data, "name": vessel_name(data.get("name"))}
     fill_line = _fill_line(fields)
+    if fill_line is None and fields.get("capacity_ml") is None and not fields.get("inside_profile_mm"):
+        raise InvalidInputError(
+            "Give the vessel's capacity, a fill line or its inside profile: without any the level says nothing of the "
+            "volume.",
+            code="vessel_invalid",
+        )
     if fill_line is None:
         model = vessel_from_mapping(fields)
         _require_possible(model)

@@ -12,9 +12,12 @@ VesselRow = tuple[StudyVessel, StudyVesselVersion]
 
 
 def page_of_vessels(
-    session: Session, study_id: uuid.UUID, *, is_in_use: bool | None, after: str | None, limit: int
+    session: Session, study_id: uuid.UUID, *, is_in_use: bool | None, after: str | None, limit: int | None
 ) -> list[VesselRow]:
-    """A study's vessels by name, those behind the key `after`. is_in_use: only these; None: retired ones too."""
+    """A study's vessels by name, those behind the key `after`. is_in_use: only these; None: retired ones too.
+
+    limit: None: all.
+    """
     query = _vessels(study_id).order_by(StudyVessel.name_key).limit(limit)
     if is_in_use is not None:
         query = query.where(StudyVesselVersion.is_retired.is_(not is_in_use))
@@ -36,10 +39,9 @@ def vessel_keys(session: Session, study_id: uuid.UUID, keys: Iterable[str]) -> s
     return set(session.scalars(query.where(StudyVessel.name_key.in_(sorted(set(keys))))))
 
 
-def find_vessel(session: Session, study_id: uuid.UUID, vessel_id: uuid.UUID, *, lock: bool = False) -> VesselRow | None:
-    """A vessel of this study; lock: nobody else changes it until commit."""
-    query = _vessels(study_id).where(StudyVessel.id == vessel_id)
-    return _one(session, query.with_for_update(of=StudyVessel) if lock else query)
+def find_vessel(session: Session, study_id: uuid.UUID, vessel_id: uuid.UUID) -> VesselRow | None:
+    """A vessel of this study. Who changes it holds the study."""
+    return _one(session, _vessels(study_id).where(StudyVessel.id == vessel_id))
 
 
 def find_vessel_by_key(session: Session, study_id: uuid.UUID, name_key: str) -> VesselRow | None:
