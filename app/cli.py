@@ -21,6 +21,7 @@ from app.cli_index import index_cli
 from app.cli_jobs import jobs_cli
 from app.cli_people import admin_cli, staff_cli
 from app.cli_releases import releases_cli
+from app.cli_vessels import vessels_cli
 from app.errors import Failure, InvalidInputError, TadaError
 from app.settings import Settings
 
@@ -41,6 +42,7 @@ for name, group in (
     ("jobs", jobs_cli),
     ("admin", admin_cli),
     ("staff", staff_cli),
+    ("vessels", vessels_cli),
 ):
     cli.add_typer(group, name=name)
 cli.command()(backup)

@@ -12,7 +12,7 @@ import random
 import secrets
 import time
 import uuid
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date, datetime, timedelta
 from typing import Any
@@ -71,6 +71,24 @@ PHOTOGRAPHED: tuple[Photographed, ...] = (
     Photographed(DOUGHNUT, names=True, days_ago=3),
     Photographed(APPLE, is_half=True),
 )
+VESSELS: tuple[Mapping[str, Any], ...] = (  # a study's library; none of the photographs shows one
+    {"name": "Blue mug", "kind": "mug", "rim_diameter_mm": 82, "height_mm": 95, "capacity_ml": 380},
+    {
+        "name": "Soup bowl",
+        "kind": "soup_bowl",
+        "rim_diameter_mm": 160,
+        "height_mm": 62,
+        "inside_profile_mm": [[0, 9], [35, 10], [55, 22], [70, 42], [78, 56], [80, 62]],
+    },
+    {
+        "name": "Water glass",
+        "kind": "glass",
+        "rim_diameter_mm": 68,
+        "height_mm": 110,
+        "fill_line_mm": 85,
+        "fill_line_ml": 200,
+    },
+)
 
 
 @dataclass(slots=True)
@@ -107,6 +125,8 @@ def make_study(admin: httpx2.Client, people: Sequence[Person] = PEOPLE) -> Sampl
             },
         )
     )
+    for vessel in VESSELS:
+        answer(admin.post(f"/v1/studies/{STUDY}/vessels", json=vessel))
     accounts = [make_account(admin, name, role) for name, role in ROLES.items()]
     return SampleStudy(accounts, list(people), {person.code: enrol(admin, person) for person in people})
 

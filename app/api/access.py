@@ -141,6 +141,13 @@ CALLS: Mapping[tuple[str, str], Rule] = {
     ("GET", "/v1/calibrations"): DEVICE,
     ("POST", "/v1/calibrations/{calibration_id}/withdrawal"): OWNER_OR_DEVICE,
     ("GET", "/v1/studies/{study}/calibrations"): VIEWER,
+    # the study's vessels
+    ("GET", "/v1/me/vessels"): DEVICE,
+    ("GET", "/v1/studies/{study}/vessels"): VIEWER,
+    ("POST", "/v1/studies/{study}/vessels"): OWNER,
+    ("GET", "/v1/studies/{study}/vessels/{vessel}"): VIEWER,
+    ("PUT", "/v1/studies/{study}/vessels/{vessel}"): OWNER,
+    ("DELETE", "/v1/studies/{study}/vessels/{vessel}"): OWNER,
     # review
     ("POST", "/v1/meals/{meal_id}/events"): REVIEWER_OR_DEVICE,
     ("GET", "/v1/meals/{meal_id}/events"): VIEWER_OR_DEVICE,

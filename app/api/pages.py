@@ -20,6 +20,7 @@ STUDY_PAGES: Final = f"{PREFIX}/studies/{{study}}"
 ELSEWHERE: Final = f"{STUDY_PAGES}/{{rest:path}}"  # what no page has
 WEBHOOKS: Final = "/v1/studies/{study}/webhooks"
 RELEASES: Final = "/v1/studies/{study}/releases"
+VESSEL: Final = "/v1/studies/{study}/vessels/{vessel}"
 
 Call = tuple[str, str]  # method, path
 
@@ -125,6 +126,11 @@ PAGES: Mapping[Call, Call] = {
         "POST",
         "/v1/studies/{study}/densities/{density}/withdrawal",
     ),
+    ("GET", f"{STUDY_PAGES}/vessels"): ("GET", "/v1/studies/{study}/vessels"),
+    ("POST", f"{STUDY_PAGES}/vessels"): ("POST", "/v1/studies/{study}/vessels"),
+    ("GET", f"{STUDY_PAGES}/vessels/{{vessel}}"): ("GET", VESSEL),
+    ("POST", f"{STUDY_PAGES}/vessels/{{vessel}}"): ("PUT", VESSEL),
+    ("POST", f"{STUDY_PAGES}/vessels/{{vessel}}/retirement"): ("DELETE", VESSEL),
     ("GET", f"{PREFIX}/new-food"): ("POST", "/v1/foods"),
     ("POST", f"{PREFIX}/new-food"): ("POST", "/v1/foods"),
     # exports

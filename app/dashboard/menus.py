@@ -25,6 +25,7 @@ STUDY: tuple[Entry, ...] = (
     Entry(("exports",), "Exports"),
     Entry(("releases",), "Releases"),
     Entry(("densities",), "Densities"),
+    Entry(("vessels",), "Vessels"),
     Entry(("devices",), "Devices"),
     Entry(("members",), "Members", "owner"),
     Entry(("webhooks",), "Webhooks", "owner"),

@@ -26,6 +26,7 @@ from app.dashboard import (
     staff,
     studies,
     study_densities,
+    study_vessels,
     webhooks,
 )
 
@@ -51,6 +52,7 @@ for page in (
     foods,
     food_forms,
     study_densities,
+    study_vessels,
     account,
     audit,
     marker,

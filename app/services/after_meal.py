@@ -26,6 +26,7 @@ from app.services.erase import erase_failed_pair, is_meal_deleted, meal_deleted
 from app.services.job_queue import JobQueue
 from app.services.location_policy import policy_of
 from app.services.meal_time import MealTime
+from app.services.meal_vessels import require_known_vessels
 from app.services.project_records import project_meal
 from app.services.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
 from app.services.seal_photos import image_row, require_unspent, seal_photos, unspent_keys
@@ -211,6 +212,8 @@ class SubmitAfterPair:
         stored = {image.slot: image for image in meals.images_of(session, meal_id) if image.slot in AFTER_SLOTS}
         other = [s for s, p in photos.items() if s in stored and stored[s].received_sha256 != p.received_sha256]
         changed = sorted(k for k in details or {} if (details or {})[k] != (meal.after_details or {}).get(k))
+        if changed:
+            require_known_vessels(session, meal.study_id, (details or {}).get("hints", ()))
         attempt, _ = jobs.count_jobs(session, meal_id, "after")
         if meal.after_status == "failed":
             return _Known(stored, attempt, is_anew=bool(other or changed))

@@ -37,6 +37,7 @@ from app.services.estimate_json import (
     with_forms,
 )
 from app.services.identify import IdentifyFoods
+from app.services.meal_vessels import vessels_of_meal
 from app.services.project_records import project_meal
 from app.services.receive_photo import sha256_of_file
 from app.services.remeasure import regions_to_measure
@@ -102,7 +103,9 @@ class EstimateMeal:
                 study=study,
                 sizes=[(image.width_px, image.height_px) for image in images.values()],
             )
-            options = replace(self._options(session, meal, study, hints), camera=chosen.camera)
+            library = vessels_of_meal(session, study.id, hints)
+            options = self._options(session, meal, study, library.in_hints(hints))
+            options = replace(options, camera=chosen.camera, vessels=library.models)
         log.info("estimate_begun", meal_id=str(meal.id), purpose=job.purpose)
         prefix = f"{meal.study_id}/{meal.id}/runs/{job_id}"
         with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
@@ -110,6 +113,7 @@ class EstimateMeal:
             paths = {side: self._fetch(images[slot], folder) for side, slot in zip(SLOTS, pair, strict=True)}
             answer = self._estimate(job, paths, options, folder)
             chosen.note_in(answer)
+            library.note_in(answer)
             if regions is not None:  # whose each hint is: by the time it is saved, the meal may stand otherwise
                 answer["regions"] = [str(item_id) for item_id in regions.items]
             if job.purpose != "after":  # pieces that were left are of the foods that were served

@@ -28,6 +28,7 @@ from app.services.erase import is_meal_deleted, meal_deleted
 from app.services.job_queue import JobQueue
 from app.services.location_policy import policy_of
 from app.services.meal_time import MealTime
+from app.services.meal_vessels import require_known_vessels
 from app.services.read_meal import MealView, view_of_new_meal
 from app.services.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
 from app.services.seal_photos import image_row, require_unspent, seal_photos, storage_full, unspent_keys
@@ -118,7 +119,7 @@ class SubmitMeal:
         )
         details = _details(metadata, location) if metadata is not None else None
         with self._database.read() as session:  # before sealing, so that a refused request leaves no blob
-            stored = self._check(session, session.get(Meal, meal_id), meal_id, details, photos)
+            stored = self._check(session, study.id, session.get(Meal, meal_id), meal_id, details, photos)
             keys = unspent_keys(
                 session, {slot: f"{study.id}/{meal_id}/{slot}/{photo.stored_sha256}" for slot, photo in photos.items()}
             )
@@ -137,6 +138,7 @@ class SubmitMeal:
     def _check(
         self,
         session: Session,
+        study_id: uuid.UUID,
         meal: Meal | None,
         meal_id: uuid.UUID,
         details: Mapping[str, Any] | None,
@@ -147,6 +149,7 @@ class SubmitMeal:
                 raise meal_deleted()
             if details is None:
                 raise _unknown_meal()
+            require_known_vessels(session, study_id, details["hints"])
             return {}
         if meal.origin == "declared":
             raise ConflictError(
@@ -182,7 +185,7 @@ class SubmitMeal:
             participant = require_in_study(session, caller.participant_id)
             require_unspent(session, keys.values())
             known = meals.lock_meal(session, meal_id)
-            stored = self._check(session, known, meal_id, arriving.details, photos)
+            stored = self._check(session, arriving.study.id, known, meal_id, arriving.details, photos)
             meal = known if known is not None else _new_meal(caller, arriving, now)
             images = [
                 image_row(meal_id, slot, photo, keys[slot], now) for slot, photo in photos.items() if slot not in stored

@@ -13,6 +13,7 @@ from app.errors import InvalidInputError
 
 VesselKind = Literal["mug", "cup", "glass", "tall_glass", "bowl", "soup_bowl", "deep_plate", "other"]
 
+FLAT_KINDS = ("plate", "big_plate", "board")  # listed beside vessels by some; nothing has a level in them
 VESSEL_KINDS: tuple[VesselKind, ...] = get_args(VesselKind)
 MAX_VESSELS = 500
 MAX_PROFILE_POINTS = 200
@@ -39,10 +40,14 @@ class VesselModel:
 
 
 def vessels_from_json(value: Any) -> tuple[VesselModel, ...]:
-    """The library from a parsed JSON list. Raises InvalidInputError, code "vessel_invalid"."""
+    """The library from a parsed JSON list; FLAT_KINDS are passed over. Raises InvalidInputError, "vessel_invalid"."""
     if not isinstance(value, list) or len(value) > MAX_VESSELS:
         raise _invalid(f"it must be a list of at most {MAX_VESSELS} objects.")
-    vessels = tuple(vessel_from_mapping(entry) for entry in value)
+    vessels = tuple(
+        vessel_from_mapping(entry)
+        for entry in value
+        if not (isinstance(entry, Mapping) and entry.get("kind") in FLAT_KINDS)
+    )
     names = [vessel.name for vessel in vessels]
     if len(set(names)) < len(names):
         raise _invalid("two vessels have the same name.")

@@ -27,6 +27,12 @@ class HintIn(BaseModel):
         default=None,
         description="How it lies there, where that is not as it usually does: an apple cut into slices is a `heap`.",
     )
+    vessel: Text | None = Field(
+        default=None,
+        min_length=1,
+        max_length=100,
+        description="The name of the study's vessel that holds it (GET /v1/me/vessels).",
+    )
 
     @model_validator(mode="after")
     def _one_place(self) -> "HintIn":

@@ -36,6 +36,7 @@ from app.db.models.record import (
 from app.db.models.release import Release, ReleaseChange, ReleaseFile
 from app.db.models.review import MealEvent
 from app.db.models.spent_key import SpentKey
+from app.db.models.vessel import StudyVessel, StudyVesselVersion
 from app.db.models.webhook import Webhook, WebhookDelivery
 
 __all__ = [
@@ -91,6 +92,8 @@ __all__ = [
     "StudyDaySum",
     "StudyDensity",
     "StudyMember",
+    "StudyVessel",
+    "StudyVesselVersion",
     "Tombstone",
     "UtcDateTime",
     "Webhook",

@@ -27,6 +27,7 @@ UNNOTED = {
 STUDY = {"study": "pilot"}
 PARTICIPANTS = "/v1/studies/{study}/participants"
 HOOKS = "/v1/studies/{study}/webhooks"
+VESSELS = "/v1/studies/{study}/vessels"
 ANY_VERSION = {"If-Match": "*"}
 
 
@@ -69,6 +70,7 @@ def test_every_changing_call_is_noted(client, state, admin, enrol):
     call_of_meals(walk, state, admin, phone)
     call_of_webhooks(walk, admin)
     call_of_foods(walk, admin)
+    call_of_vessels(walk, admin)
     export = walk(admin, "POST", "/v1/studies/{study}/exports", {"rows": "days"}, **STUDY).json()
     walk(admin, "DELETE", "/v1/studies/{study}/exports/{export_id}", export_id=export["id"], **STUDY)
     walk(admin, "POST", "/v1/studies/{study}/releases", {"name": "baseline"}, **STUDY)
@@ -138,6 +140,14 @@ def call_of_webhooks(walk, admin):
     delivery = walk(admin, "POST", HOOKS + "/{webhook}/test", **one).json()["id"]
     walk(admin, "POST", HOOKS + "/{webhook}/deliveries/{delivery}/replay", delivery=delivery, **one)
     walk(admin, "DELETE", HOOKS + "/{webhook}", **one)
+
+
+def call_of_vessels(walk, admin):
+    measures = {"kind": "mug", "rim_diameter_mm": 82, "height_mm": 95, "capacity_ml": 400}
+    made = walk(admin, "POST", VESSELS, measures | {"name": "Blue mug"}, **STUDY).json()
+    one = {"vessel": made["id"]} | STUDY
+    walk(admin, "PUT", VESSELS + "/{vessel}", measures | {"capacity_ml": 410}, extra=ANY_VERSION, **one)
+    walk(admin, "DELETE", VESSELS + "/{vessel}", **one)
 
 
 def call_of_foods(walk, admin):

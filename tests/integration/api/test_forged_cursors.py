@@ -19,6 +19,7 @@ KEYED_BY_TEXT = {  # any text is a place in such a list
     "/v1/studies/{study}/members",
     "/v1/studies/{study}/participants",
     "/v1/studies/{study}/intakes",
+    "/v1/studies/{study}/vessels",
 }
 NO_FILTERS = {"limit", "cursor", "format", "layout", "components", "provenance"}  # the last three are of files
 ID = uuid.UUID(int=7)
