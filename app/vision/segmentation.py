@@ -21,7 +21,7 @@ from app.vision.hinted import hinted_masks
 from app.vision.model import Float32Array, MaskArray
 from app.vision.places import Place, find_places
 from app.vision.rectification import RectifiedPair
-from app.vision.scene import Scene
+from app.vision.scene import IS_TABLE, Scene
 from app.vision.support import Support, find_support
 from app.vision.topview import TableTrend, TopView, fit_table_trend, usable_points, view_from_above
 from app.vision.upright_sides import with_sides
@@ -36,7 +36,6 @@ MIN_CORE_MM2 = 40.0  # of a mask that geometry alone calls food
 MIN_THICKNESS_MM = 10.0  # of a mask at its widest
 TABLE_WINDOW_PX = 15
 TABLE_TEXTURE = 4.0  # grey levels, standard deviation in a window, from which on the views can be compared
-IS_TABLE = 0.7  # correlation at the table's plane: foods 8 mm high and more reach 0.55, the table 0.9
 MIN_TEXTURED_SHARE = 0.15  # of a mask
 CUTLERY_ASPECT = 0.3  # width over length of knives, forks and spoons
 TABLE_THING_MM = 14.0  # over the table, as which cutlery and a telephone are measured
