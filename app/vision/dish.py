@@ -31,6 +31,7 @@ MIN_WALL_CELLS = 4  # of some 30 that a sector has outside: fewer are noise
 MIN_EDGE_COVER = 0.4  # of the sectors in which it is seen and nothing as high lies outside
 MIN_HOLLOW = 0.6  # of the sectors in which the inside does not rise
 ROUND_EDGE_COVER = 0.75  # of a filled bowl's rim; a circle in a square touches its sides and leaves the corners
+BOWL_MM = 30.0  # least height of a bowl's rim; slices and cakes are lower
 LEVEL_SHARE = 0.5  # of what is measured within the circle and as high as its edge: a flat top
 HOLLOW_WEIGHT = 2.0
 SLOPE_WEIGHT = 5.0
@@ -326,8 +327,9 @@ def _hollow_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
 
 
 def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
-    """Whether a small circle is drawn into the flat top of a slice, a pack or a block, whose outline is no circle."""
-    if np.pi * ring.radius_mm**2 >= MIN_SLAB_MM2 or ring.edge_cover >= ROUND_EDGE_COVER:
+    """Whether a small circle is drawn into the flat top of a slice or block; a filled bowl is high and round."""
+    is_like_bowl = ring.edge_cover >= ROUND_EDGE_COVER and ring.height_mm >= BOWL_MM
+    if np.pi * ring.radius_mm**2 >= MIN_SLAB_MM2 or is_like_bowl:
         return False
     apart = view.centres_mm() - [ring.x_mm, ring.y_mm]
     inside = is_solid & (np.hypot(apart[..., 0], apart[..., 1]) < ring.radius_mm - OUTSIDE_MM[0])

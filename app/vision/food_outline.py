@@ -13,7 +13,7 @@ from app.vision.colour_bins import SHADES, colour_bins, colour_histogram, contra
 from app.vision.masks import largest_part
 from app.vision.min_cut import cut_in_two
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene import FINE_REACH_PX, IS_TABLE, Scene
+from app.vision.scene import FINE_REACH_PX, Scene
 
 MARGIN_MM = 12.0  # around the mask, whose colours are the surroundings'
 GROWTH_MM = 6.0  # by which a mask may grow
@@ -93,7 +93,6 @@ def _correct(mask: MaskArray, others: MaskArray, scene: Scene, floor_mm: float) 
     out = np.zeros(mask.shape, np.bool_)
     out[window] = _with_true_holes(largest_part(found), scene.height_mm[window], scene.pixel_mm)
     is_support = (np.abs(scene.height_mm - floor_mm) < FLAT_MM) & (scene.reach_px < FINE_REACH_PX)
-    is_support |= scene.table_correlation > IS_TABLE
     lost = np.count_nonzero(mask & ~out & ~is_support)
     return mask if lost > MAX_LOSS * np.count_nonzero(mask) else out
 

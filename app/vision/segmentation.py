@@ -38,6 +38,8 @@ TABLE_WINDOW_PX = 15
 TABLE_TEXTURE = 4.0  # grey levels, standard deviation in a window, from which on the views can be compared
 MIN_TEXTURED_SHARE = 0.15  # of a mask
 CUTLERY_ASPECT = 0.3  # width over length of knives, forks and spoons
+MIRROR_MM, GREY_CHROMA = 25.0, 5.0  # height and chroma of a spoon's bowl
+MIRROR_BLUR = 0.1  # of correlation, which a mirrored room costs
 TABLE_THING_MM = 14.0  # over the table, as which cutlery and a telephone are measured
 HINTED_DISH_SHARE = 0.8  # of a dish's outline within a person's box or polygon: what looks like a dish is the food
 MAX_BORDER_SHARE = 0.15  # of its outline on the border of what is seen: the rest of it is unknown, or it is a wall
@@ -306,19 +308,26 @@ def _is_food(mask: MaskArray, is_core: MaskArray, scene: Scene) -> bool:
 def _is_table_thing(mask: MaskArray, width_px: float, scene: Scene) -> bool:
     """Whether a mask is low and either long as cutlery or no more than the table, on whose plane both views agree.
 
-    Cutlery mirrors the room and a telephone shows its edges alone, so that their heights are some millimetres wrong.
+    Cutlery mirrors the room and a telephone shows its edges alone, so that their heights are some millimetres wrong;
+    the bowl of a spoon, which is grey, by some more.
     """
     heights = scene.height_mm[mask]
     heights = heights[np.isfinite(heights)]
-    if len(heights) > 0 and float(np.quantile(heights, 0.9)) > TABLE_THING_MM:
+    top_mm = float(np.quantile(heights, 0.9)) if len(heights) else 0.0
+    if top_mm > MIRROR_MM or (top_mm > TABLE_THING_MM and not _is_grey(mask, scene)):
         return False
     _, sides, _ = cv2.minAreaRect(np.argwhere(mask)[:, ::-1].astype(np.float32))
-    if width_px < CUTLERY_ASPECT * max(sides):
+    if top_mm <= TABLE_THING_MM and width_px < CUTLERY_ASPECT * max(sides):
         return True
     correlation = scene.table_correlation[mask]
     correlation = correlation[np.isfinite(correlation)]
     is_textured = len(correlation) > MIN_TEXTURED_SHARE * np.count_nonzero(mask)
-    return bool(is_textured and np.median(correlation) > IS_TABLE)
+    return bool(is_textured and np.median(correlation) > IS_TABLE - MIRROR_BLUR * (top_mm > TABLE_THING_MM))
+
+
+def _is_grey(mask: MaskArray, scene: Scene) -> bool:
+    lab = cv2.cvtColor(np.ascontiguousarray(scene.image_bgr[mask][None]), cv2.COLOR_BGR2LAB)[0].astype(np.float32)
+    return bool(np.median(np.hypot(lab[:, 1] - 128.0, lab[:, 2] - 128.0)) < GREY_CHROMA)
 
 
 def _solidity(mask: MaskArray) -> float:
