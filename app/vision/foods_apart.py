@@ -16,6 +16,7 @@ from app.vision.masks import distance_px, largest_part
 from app.vision.min_cut import cut_in_two
 from app.vision.model import Float32Array, ImageArray, MaskArray
 from app.vision.scene import Scene
+from app.vision.upright_sides import flat_top
 
 MIN_PART_MM2 = 200.0  # seen by the camera: smaller than a cherry tomato
 MIN_PART_SHARE = 0.05  # of the mask that is cut
@@ -33,6 +34,7 @@ SMALL_PART = 0.12  # of both parts' area, below which it takes more to be a food
 SMALL_PART_WEIGHT = 5.0
 CONVEX = (0.98, 0.95)  # share of its convex hull that the outline of one solid fills, and that of two
 BITTEN = (0.92, 0.86)  # the same of a part: a solid's face, and a food that another one partly hides
+CONVEX_SHARE = 0.94  # of its convex hull that the outline of one block fills
 CREASE_WEIGHT = 0.4
 THRESHOLD = 1.35  # of the judgement below; see its comment
 MAX_TRIAL_SCALE = 0.85  # nearly full size is tried at full size
@@ -45,8 +47,8 @@ COLOUR_NATS = 3.0
 MAX_FOODS = 12
 
 
-def tell_apart(food: MaskArray, scene: Scene) -> list[MaskArray]:
-    """(h, w) masks, one a food, of the scene's grid; they do not overlap."""
+def tell_apart(food: MaskArray, scene: Scene, floor_mm: float = 0.0) -> list[MaskArray]:
+    """(h, w) masks, one per food, of the scene's grid; they do not overlap. floor_mm: of the support over the table."""
     found: list[MaskArray] = []
     size = max(3, round(2.5 / scene.pixel_mm) | 1)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(_opened(food, size).astype(np.uint8))
@@ -60,7 +62,8 @@ def tell_apart(food: MaskArray, scene: Scene) -> list[MaskArray]:
         waiting = [np.asarray(labels[window] == label, np.bool_)]
         while waiting and len(found) + len(waiting) <= MAX_FOODS:
             mask = waiting.pop()
-            parts = piece.best_cut(mask)
+            is_block = _is_one_block(_framed(mask, window, food.shape), scene, floor_mm)
+            parts = None if is_block else piece.best_cut(mask)
             if parts is None:
                 found.append(_framed(mask, window, food.shape))
             else:
@@ -261,9 +264,20 @@ class _Piece:
 
 def _dented(mask: MaskArray, solidities: tuple[float, float]) -> float:
     """From 0 for an outline that fills the first share of its convex hull to 1 for one that fills the second."""
-    hull = np.asarray(cv2.convexHull(np.argwhere(mask)[:, ::-1].astype(np.int32)), np.int32)
-    solidity = np.count_nonzero(mask) / max(1.0, float(cv2.contourArea(hull)))
+    solidity = np.count_nonzero(mask) / max(1.0, _hull_px(mask))
     return float(np.clip((solidities[0] - solidity) / (solidities[0] - solidities[1]), 0.0, 1.0))
+
+
+def _hull_px(mask: MaskArray) -> float:
+    """Area of the convex hull, px."""
+    hull = np.asarray(cv2.convexHull(np.argwhere(mask)[:, ::-1].astype(np.int32)), np.int32)
+    return float(cv2.contourArea(hull))
+
+
+def _is_one_block(mask: MaskArray, scene: Scene, floor_mm: float) -> bool:
+    """Whether a mask is a block, slice or pack: level top, upright sides, convex outline."""
+    is_convex = np.count_nonzero(mask) > CONVEX_SHARE * _hull_px(mask)
+    return bool(is_convex) and flat_top(mask, scene, floor_mm) is not None
 
 
 def _edge_strength(lab: Float32Array) -> Float32Array:

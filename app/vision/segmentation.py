@@ -184,7 +184,7 @@ def _in_place(scene: Scene, place: Place, *, is_hinted: bool) -> list[Region]:
     """The foods of one place."""
     food = find_food_pixels(scene, place)
     beside = replace(scene, is_ignored=scene.is_ignored | place.is_elsewhere)
-    masks = tell_apart(food.is_food, scene)
+    masks = tell_apart(food.is_food, scene, place.floor_mm)
     if place.is_measured:
         masks = with_sides(masks, beside, place.floor_mm)
     if not is_hinted:
