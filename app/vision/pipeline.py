@@ -14,7 +14,7 @@ from app.vision.camera import estimate_views
 from app.vision.color import measure_colour
 from app.vision.disparity import match_dense
 from app.vision.epipolar import Epipolar, compare_fundamentals
-from app.vision.features import Matches, is_on_sheet, match_features
+from app.vision.features import Matches, match_features, shows_sheet
 from app.vision.figures import draw_artefacts
 from app.vision.marker import agree_on_corners, find_marker
 from app.vision.measure import measure_items
@@ -101,7 +101,7 @@ def _run(
         if moved is not None:
             return moved
     with stage("segment"):
-        ignored = is_on_sheet(options.marker, plane) | ~rectified.is_seen
+        ignored = shows_sheet(options.marker, plane, rectified.first_centre_mm) | ~rectified.is_seen
         places = photograph_px(rectified, points, trace.views[0], is_swapped=trace.is_swapped)
         size = (pair.left.pixels_bgr.shape[1], pair.left.pixels_bgr.shape[0])
         hints = draw_hints(options.hints, places, size)
