@@ -33,11 +33,18 @@ JOINED_SHARES = (1 / 40, 1 / 12)
 MAX_REGIONS = 2  # of either kind, with the most saddle points; a chequered cloth beside the board is one
 SAME_REGION = 0.8  # of the larger one's area
 ALL_OF_IT = 0.5  # of the photograph: a region beyond it saves nothing, and a shadow may hide the rest of the board
-CROP_SIDES_PX = (500, 1000)  # long side of a region for the detectors
-DETECTOR_FLAGS = (0, cv2.CALIB_CB_NORMALIZE_IMAGE)
+CROP_SIDE_PX = 500  # long side of a region for the detectors; twice that where it is the whole photograph
 MIN_ALTERNATING_EDGE = 0.8  # of the squares of an outermost row; beside a white margin half of them step
 MAX_GROWTH = 80  # rows and columns
 GROWN_CORNER_SQUARES = 0.3  # of a square: how far a corner may lie from where the others expect it
+
+
+@dataclass(frozen=True, slots=True)
+class _Region:
+    """box: x, y, width, height in px of the image. is_likely: no other of its kind has more saddle points."""
+
+    box: tuple[int, int, int, int]
+    is_likely: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +67,14 @@ def find_grids(contrast: ImageArray, size: tuple[int, int] | None = None) -> Ite
     3 x 3 up.
     """
     regions = _regions(contrast)
-    crops = [_crop(contrast, region, CROP_SIDES_PX[0]) for region in regions]
-    finer = [_crop(contrast, region, CROP_SIDES_PX[1]) for region in regions if max(region[2:]) > CROP_SIDES_PX[0]]
-    attempts = [(crop, None, flags) for flags in DETECTOR_FLAGS for crop in crops]
+    crops = [_crop(contrast, region.box, CROP_SIDE_PX) for region in regions]
+    wide = [
+        _crop(contrast, region.box, 2 * CROP_SIDE_PX) for region in regions if region.box[2:] == contrast.shape[::-1]
+    ]
+    attempts: list[tuple[_Crop, tuple[int, int] | None, int]] = []
+    attempts += [(crop, None, flags) for flags in (0, cv2.CALIB_CB_NORMALIZE_IMAGE) for crop in (*wide, *crops)]
     if size is not None:
-        attempts += [(crop, size, flags) for each in (crops, finer) for flags in DETECTOR_FLAGS for crop in each]
+        attempts += [(crop, size, 0) for crop, region in zip(crops, regions, strict=True) if region.is_likely]
     for crop, sought, flags in attempts:
         grid = _detect(crop.image, sought, flags)
         if grid is not None and is_checkerboard(crop.image, grid):
@@ -72,14 +82,14 @@ def find_grids(contrast: ImageArray, size: tuple[int, int] | None = None) -> Ite
             yield crop.in_whole(_with_all_squares(crop.image, whole))
 
 
-def _crop(contrast: ImageArray, region: tuple[int, int, int, int], long_side: int) -> _Crop:
-    x, y, width, height = region
+def _crop(contrast: ImageArray, box: tuple[int, int, int, int], long_side: int) -> _Crop:
+    x, y, width, height = box
     image, scale = reduced(contrast[y : y + height, x : x + width], long_side)
     return _Crop(image, (x, y), scale)
 
 
-def _regions(contrast: ImageArray) -> list[tuple[int, int, int, int]]:
-    """x, y, width, height in px of contrast of places where saddle points crowd, the most crowded first."""
+def _regions(contrast: ImageArray) -> list[_Region]:
+    """Where saddle points crowd, the most crowded first."""
     image, scale = reduced(contrast, REGION_SIDE_PX)
     step = _saddle_step(image)
     is_peak = (step == cv2.dilate(step, np.ones((5, 5), np.uint8))) & (step > MIN_SADDLE_STEP)
@@ -88,7 +98,7 @@ def _regions(contrast: ImageArray) -> list[tuple[int, int, int, int]]:
         return []
     kept = step[y, x] > MIN_SADDLE_SHARE * np.sort(step[y, x])[-MIN_SADDLES]
     y, x = y[kept], x[kept]
-    boxes: list[tuple[int, int, int, int]] = []
+    regions: list[_Region] = []
     for share in JOINED_SHARES:
         reach = max(3, round(share * max(image.shape)))
         near = np.zeros(image.shape, np.uint8)
@@ -97,11 +107,12 @@ def _regions(contrast: ImageArray) -> list[tuple[int, int, int, int]]:
         labels, label, stats, _ = cv2.connectedComponentsWithStats(joined)
         crowd = np.bincount(label[y, x], minlength=labels)
         crowd[0] = 0
-        for index in np.argsort(-crowd)[:MAX_REGIONS]:
-            box = tuple(int(value) for value in stats[index, :4])
-            if crowd[index] >= MIN_SADDLES and not any(_is_same(box, other) for other in boxes):
-                boxes.append((box[0], box[1], box[2], box[3]))
-    return [_enlarged(box, 1.0 / scale, contrast.shape) for box in boxes]
+        for place, index in enumerate(np.argsort(-crowd)[:MAX_REGIONS]):
+            left, top, width, height = (int(value) for value in stats[index, :4])
+            box = _enlarged((left, top, width, height), 1.0 / scale, contrast.shape)
+            if crowd[index] >= MIN_SADDLES and not any(_is_same(box, region.box) for region in regions):
+                regions.append(_Region(box, place == 0))
+    return regions
 
 
 def _is_same(box: tuple[int, ...], other: tuple[int, ...]) -> bool:
@@ -141,7 +152,7 @@ def _detect(image: ImageArray, size: tuple[int, int] | None, flags: int) -> Floa
 
 
 def _without_margin(contrast: ImageArray, grid: Float64Array) -> Float64Array:
-    """The grid less outermost rows and columns that do not alternate with their neighbours: margin taken for squares."""
+    """The grid less outermost rows and columns that do not alternate with their neighbours: margin."""
     for _ in range(MAX_GROWTH):
         means = square_means(contrast, grid)
         turns = [turn for turn in range(4) if _is_margin(np.rot90(means, turn))]
@@ -154,7 +165,7 @@ def _without_margin(contrast: ImageArray, grid: Float64Array) -> Float64Array:
 def _is_margin(means: Float64Array) -> bool:
     """Whether of the squares of the top row that are in the image too few differ from their neighbours below."""
     seen = np.isfinite(means[0])
-    return np.count_nonzero(seen) >= 4 and _alternating_share(means[0], means[1]) < MIN_ALTERNATING_EDGE
+    return int(np.count_nonzero(seen)) >= 4 and _alternating_share(means[0], means[1]) < MIN_ALTERNATING_EDGE
 
 
 def _with_all_squares(contrast: ImageArray, grid: Float64Array) -> Float64Array:

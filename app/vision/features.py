@@ -132,7 +132,7 @@ def shows_sheet(spec: MarkerSpec, plane_mm: Float32Array, centre_mm: Float64Arra
     z = thick_mm down to the table is a segment over the table; it crosses the sheet's rectangle (slab method).
     """
     rise = np.float32(spec.thick_mm / centre_mm[2])  # of the way from the table to the camera
-    enter, leave = np.float32(0.0), np.float32(1.0)
+    enter, leave = np.zeros(plane_mm.shape[:-1], np.float32), np.ones(plane_mm.shape[:-1], np.float32)
     with np.errstate(invalid="ignore", divide="ignore"):
         for axis, half in enumerate(sheet_half_mm(spec)):
             low_end = plane_mm[..., axis]

@@ -43,11 +43,15 @@ def find_marker(photo: Photo, spec: MarkerSpec, side: Side | None = None) -> Mar
     contrast = contrast_image(photo.pixels_bgr, spec.kind)
     corners = (spec.columns - 1, spec.rows - 1)
     refusal: Failure | None = None
+    whole_boards: list[set[int]] = []
     for grid in find_grids(contrast, corners):
-        if set(grid.shape[:2]) != set(corners):
-            if has_white_margin(contrast, grid):  # all of it is seen: no other effort would read it in another way
+        shape = set(grid.shape[:2])
+        if shape != set(corners):
+            if has_white_margin(contrast, grid):
                 refusal = _other_size(spec, grid, where)
-                break
+                if shape in whole_boards:  # read in the same way twice: no other effort would tell another size
+                    break
+                whole_boards.append(shape)
             continue
         read = _read_grid(photo.pixels_bgr, contrast, grid, spec, where)
         if isinstance(read, MarkerObservation):

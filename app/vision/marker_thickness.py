@@ -1,4 +1,4 @@
-"""How high the print lies over the table where nobody announced it: a sheet of paper, or a plaque some millimetres high.
+"""How high the print lies over the table where nobody announced it: 0 for a sheet of paper, or a plaque's thickness.
 
 Points measured in a frame whose z = 0 is the print -> the plaque's thickness in mm, 0 for a sheet; and views moved to
 the table frame of that thickness (CONVENTIONS.md, "Table frame").
@@ -80,7 +80,7 @@ def on_plaque(views: RefinedViews, thick_mm: float) -> RefinedViews:
 
 
 def _fit_plane(xy: Float64Array, heights: Float64Array, start_mm: float) -> tuple[Float64Array, MaskArray]:
-    """(3,) height at the origin and slopes, (n,) cells at that plane, from a level one at start_mm; slopes as poses err."""
+    """(3,) height at the origin and slopes, (n,) cells at that plane, starting level at start_mm."""
     design = _terms(xy)
     prior = np.diag([0.0, *(1.0 / np.square(TREND_SD_MM[1:3]))]) * CELLS_PER_FACT
     coefficients = np.array([start_mm, 0.0, 0.0])

@@ -100,15 +100,8 @@ def _run(
         trace.epipolar = epipolar
     scene = _reconstruct(first, second, stage, trace)
     if options.marker.thick_mm == 0:
-        with stage("depth"):
-            thick_mm = find_thickness(options.marker, scene.table_points())
-        if thick_mm > 0:
-            trace.refined = on_plaque(trace.refined, thick_mm)
-            first, second = trace.refined.first, trace.refined.second
-            trace.views = (second, first) if trace.is_swapped else (first, second)
-            trace.markers = trace.views[0].marker, trace.views[1].marker
-            scene = _reconstruct(first, second, stage, trace)
-    moved = judge_table(first.marker.spec, scene.plane_mm, scene.points_table)
+        scene = _on_measured_plaque(scene, stage, trace)
+    moved = judge_table(trace.views[0].marker.spec, scene.plane_mm, scene.points_table)
     if moved is not None:
         return moved
     rectified, disparity, points, ignored = scene.rectified, scene.disparity, scene.points_table, scene.is_ignored
@@ -182,6 +175,21 @@ def _reconstruct(first: View, second: View, stage: "_Stages", trace: Trace) -> _
         plane = plane_points(rectified)
         ignored = shows_sheet(first.marker.spec, plane, rectified.first_centre_mm) | ~rectified.is_seen
     return _Scene(rectified, trace.disparity, points, plane, ignored)
+
+
+def _on_measured_plaque(scene: _Scene, stage: "_Stages", trace: Trace) -> _Scene:
+    """The scene in the table frame of the plaque that carries the print, if one does; else the same scene."""
+    if trace.refined is None:
+        raise ValueError("Views are refined before the marker's thickness is measured.")
+    with stage("depth"):
+        thick_mm = find_thickness(trace.refined.first.marker.spec, scene.table_points())
+    if thick_mm == 0:
+        return scene
+    trace.refined = on_plaque(trace.refined, thick_mm)
+    first, second = trace.refined.first, trace.refined.second
+    trace.views = (second, first) if trace.is_swapped else (first, second)
+    trace.markers = trace.views[0].marker, trace.views[1].marker
+    return _reconstruct(first, second, stage, trace)
 
 
 def _find_markers(
