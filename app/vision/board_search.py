@@ -72,8 +72,9 @@ def find_grids(contrast: ImageArray, size: tuple[int, int] | None = None) -> Ite
         _crop(contrast, region.box, 2 * CROP_SIDE_PX) for region in regions if region.box[2:] == contrast.shape[::-1]
     ]
     attempts: list[tuple[_Crop, tuple[int, int] | None, int]] = []
-    attempts += [(crop, None, flags) for flags in (0, cv2.CALIB_CB_NORMALIZE_IMAGE) for crop in (*wide, *crops)]
+    attempts += [(crop, None, 0) for crop in (*wide, *crops)]
     if size is not None:
+        attempts += [(crop, None, cv2.CALIB_CB_NORMALIZE_IMAGE) for crop in crops]
         attempts += [(crop, size, 0) for crop, region in zip(crops, regions, strict=True) if region.is_likely]
     for crop, sought, flags in attempts:
         grid = _detect(crop.image, sought, flags)

@@ -221,7 +221,7 @@ def _compare(first: View, second: View, matches: Matches, rng: np.random.Generat
 
 
 class _Stages:
-    """Tells when a stage begins and keeps how long it took, seconds."""
+    """Tells when a stage begins for the first time and keeps how long it took in all, seconds."""
 
     def __init__(self, seconds: dict[str, float], on_stage: Callable[[str], None]) -> None:
         self._seconds = seconds
@@ -229,7 +229,8 @@ class _Stages:
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
-        self._on_stage(name)
+        if name not in self._seconds:  # a plaque's scene is reconstructed again
+            self._on_stage(name)
         started = time.perf_counter()
         try:
             yield
