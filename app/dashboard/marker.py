@@ -28,6 +28,6 @@ def get_marker_pdf(page: CurrentPage, marker: Marker) -> Response:
 
     del page  # whoever is signed in
     spec = parse_marker(marker)
-    name = str(spec).replace(":", "-")
+    name = str(spec).replace(":", "-").replace("=", "-")
     headers = {"Content-Disposition": f'attachment; filename="marker-{name}.pdf"'}
     return Response(render_marker_pdf(spec), media_type="application/pdf", headers=headers)

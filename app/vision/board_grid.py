@@ -4,7 +4,6 @@
 the print is left to marker.py. Detector: OpenCV's sector-based one (Duda and Frese, 2018), on a reduced image first.
 """
 
-from collections.abc import Callable, Iterator
 from typing import Any
 
 import cv2
@@ -12,7 +11,6 @@ import numpy as np
 
 from app.vision.model import Float32Array, Float64Array, ImageArray
 
-ANY_GRID_LONG_SIDES_PX = (1400, 2400)
 MAX_RESIDUAL_SQUARES = 0.12  # of a square; lens distortion and curled paper bend a true grid by far less
 MIN_ALTERNATING_SHARE = 0.9  # of neighbouring squares; a shadow's edge may upset a few
 MIN_SQUARE_STEP = 8.0  # grey levels between the means of neighbouring squares; noise of a phone's dark areas is below 4
@@ -23,44 +21,10 @@ REFINEMENT_STEPS = 10
 MAX_STRAY_SQUARES = 0.08  # of a square, from where the other corners expect one
 MIN_CORNERS_FOR_CUBIC = 5  # a side
 MAX_STRAY_SHARE = 0.35  # of the corners; above, it is the homography that is wrong
-Detector = Callable[[ImageArray, int, int], Float64Array | None]  # image, columns, rows -> (n, 2) px
-DetectionPlan = tuple[tuple[int, tuple[Detector, ...]], ...]  # long side, px; detectors to try there
 SQUARE_SAMPLES = np.stack(np.meshgrid(np.linspace(-0.22, 0.22, 5), np.linspace(-0.22, 0.22, 5)), -1).reshape(-1, 2)
 
 
-def find_grids(
-    contrast: ImageArray, columns: int, rows: int, plan: "DetectionPlan | None" = None
-) -> Iterator[Float64Array]:
-    """Candidates for a grid of columns x rows inner corners, the quick and likely ones first; unrefined, unchecked.
-
-    contrast: (H, W). plan: DETECTION_PLAN unless given. Yields (rows, columns, 2), px of contrast. Each detector now
-    and then locks on a wrong grid that its sister gets right, so that the caller checks and asks for the next.
-    """
-    asked: set[tuple[float, Detector]] = set()  # a small photograph has the same size on several levels
-    for long_side, detectors in DETECTION_PLAN if plan is None else plan:
-        reduced, scale = _reduced(contrast, long_side)
-        for detect in detectors:
-            if (scale, detect) in asked:
-                continue
-            asked.add((scale, detect))
-            corners = detect(reduced, columns, rows)
-            if corners is not None:
-                yield (corners.reshape(rows, columns, 2) + 0.5) / scale - 0.5
-
-
-def find_any_grids(
-    contrast: ImageArray, long_sides_px: tuple[int, ...] = ANY_GRID_LONG_SIDES_PX
-) -> Iterator[Float64Array]:
-    """Candidates for grids of any size from 3 x 3 inner corners up, as find_grids does, but not at full size."""
-    for long_side in long_sides_px:
-        reduced, scale = _reduced(contrast, long_side)
-        for flags in (cv2.CALIB_CB_NORMALIZE_IMAGE, 0):
-            found, corners, meta = cv2.findChessboardCornersSBWithMeta(reduced, (3, 3), flags | cv2.CALIB_CB_LARGER)
-            if found:
-                yield (np.asarray(corners, np.float64).reshape(*np.asarray(meta).shape, 2) + 0.5) / scale - 0.5
-
-
-def _reduced(contrast: ImageArray, long_side: int) -> tuple[ImageArray, float]:
+def reduced(contrast: ImageArray, long_side: int) -> tuple[ImageArray, float]:
     """The image with its long side at most this long, and its scale."""
     scale = min(1.0, long_side / max(contrast.shape))
     if scale == 1.0:
@@ -68,36 +32,6 @@ def _reduced(contrast: ImageArray, long_side: int) -> tuple[ImageArray, float]:
     fewer = reduce_by(contrast, int(1.0 / scale))
     height, width = (max(1, round(side * scale)) for side in contrast.shape[:2])
     return np.asarray(cv2.resize(fewer, (width, height), interpolation=cv2.INTER_AREA), np.uint8), scale
-
-
-def _detect_by_normalised_sectors(image: ImageArray, columns: int, rows: int) -> Float64Array | None:
-    found, corners = cv2.findChessboardCornersSB(image, (columns, rows), flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
-    return np.asarray(corners, np.float64) if found else None
-
-
-def _detect_by_sectors(image: ImageArray, columns: int, rows: int) -> Float64Array | None:
-    found, corners = cv2.findChessboardCornersSB(image, (columns, rows), flags=0)
-    return np.asarray(corners, np.float64) if found else None
-
-
-def _detect_by_quadrangles(image: ImageArray, columns: int, rows: int) -> Float64Array | None:
-    """OpenCV's older detector: it joins dark quadrangles, and bears with low resolution and slant in its own way."""
-    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
-    found, corners = cv2.findChessboardCorners(image, (columns, rows), flags=flags)
-    return np.asarray(corners, np.float64) if found else None
-
-
-# Quick and blind to fine texture first. The quadrangles take a tenth of the sectors' time, and the sectors read what
-# they miss; on the larger images the slower detectors would take half a minute and find no more. 4600: all of 12 MP.
-DETECTION_PLAN: DetectionPlan = (
-    (1000, (_detect_by_quadrangles, _detect_by_sectors)),
-    (1400, (_detect_by_quadrangles, _detect_by_sectors, _detect_by_normalised_sectors)),
-    (2400, (_detect_by_sectors, _detect_by_normalised_sectors)),
-    (4600, (_detect_by_sectors,)),
-)
-# Where an answer is due at once: the sectors alone, whose time is the same whether there is a board or not.
-QUICK_DETECTION_PLAN: DetectionPlan = ((700, (_detect_by_sectors,)), (1400, (_detect_by_sectors,)))
-QUICK_ANY_GRID_LONG_SIDES_PX = (700,)
 
 
 def reduce_by(image: ImageArray, factor: int) -> ImageArray:
@@ -116,13 +50,13 @@ def refine_grid(image: ImageArray | Float32Array, grid: Float64Array) -> Float64
     there, and may then move only so far.
     image: (H, W) uint8 or float32, full size.
     """
-    refined = _cross_edges(image, grid, None)
+    refined = cross_edges(image, grid, None)
     expected = _smooth_grid(refined)
     tolerance_px = MAX_STRAY_SQUARES * shortest_step_px(grid)
     strays = np.linalg.norm(refined - expected, axis=-1) > tolerance_px
     if not strays.any() or np.mean(strays) > MAX_STRAY_SHARE:
         return refined
-    again = _cross_edges(image, np.where(strays[..., None], expected, refined), tolerance_px / 2)
+    again = cross_edges(image, np.where(strays[..., None], expected, refined), tolerance_px / 2)
     return np.where(strays[..., None], again, refined)
 
 
@@ -150,7 +84,7 @@ def _smooth_grid(grid: Float64Array) -> Float64Array:
     return np.asarray((expected + fitted).reshape(grid.shape), np.float64)
 
 
-def _cross_edges(image: ImageArray | Float32Array, grid: Float64Array, limit_px: float | None) -> Float64Array:
+def cross_edges(image: ImageArray | Float32Array, grid: Float64Array, limit_px: float | None) -> Float64Array:
     """Corners where the edges that meet there cross, by Foerstner's operator (1987) on the expected edges only.
 
     A plain Foerstner window also takes up the edge of a shadow that runs by; here a pixel counts by how near it lies to

@@ -5,7 +5,7 @@ reprojection error, and which photographs were used. Boards are taken as flat: g
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ from app.vision.camera import camera_from_exif
 from app.vision.intrinsics import TOLERATED_RMS_PX, Camera
 from app.vision.marker import find_marker
 from app.vision.marker_spec import MarkerSpec
-from app.vision.model import Float64Array, MarkerObservation, Photo
+from app.vision.model import Float32Array, Float64Array, MarkerObservation, Photo
 from app.vision.pose import board_points, solve_pose
 
 MIN_VIEWS = 3  # two planes fix five intrinsics in theory, a third makes them bear noise
@@ -96,7 +96,7 @@ def stereo_reprojection_rms_px(
     """
     points, left, right = [], [], []
     for left_view, right_view in views:
-        points.append(board_points(left_view.spec).astype(np.float32))
+        points.append(_flat_points(left_view.spec))
         left.append(left_view.corners_px.astype(np.float32))
         right.append(right_view.corners_px.astype(np.float32))
     rms = cv2.stereoCalibrate(
@@ -113,11 +113,16 @@ def stereo_reprojection_rms_px(
     return float(rms)
 
 
+def _flat_points(spec: MarkerSpec) -> Float32Array:
+    """(n, 3) inner corners at z = 0, where OpenCV's first guess wants them; thickness has no part in intrinsics."""
+    return board_points(replace(spec, thick_mm=0.0)).astype(np.float32)
+
+
 def _fit_intrinsics(
     observations: Sequence[MarkerObservation], size: tuple[int, int]
 ) -> tuple[Camera, float, Float64Array]:
     """Camera, overall rms and each view's rms, px. size: (width, height)."""
-    points = [board_points(seen.spec).astype(np.float32) for seen in observations]
+    points = [_flat_points(seen.spec) for seen in observations]
     corners = [seen.corners_px.astype(np.float32) for seen in observations]
     # OpenCV makes its own first guess where the matrix is zero.
     rms, matrix, distortion, _, _, _, _, view_rms = cv2.calibrateCameraExtended(

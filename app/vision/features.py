@@ -3,6 +3,7 @@
 Two Views in -> matched points in each photograph, px. Which matches are good is for epipolar.py to say.
 """
 
+import itertools
 from dataclasses import dataclass
 
 import cv2
@@ -110,13 +111,37 @@ def undistort_to_pinhole(view: View, pixels: Float64Array) -> Float64Array:
     return undistort_to_rays(view, pixels) * [camera.fx, camera.fy] + [camera.cx, camera.cy]
 
 
+def sheet_half_mm(spec: MarkerSpec) -> tuple[float, float]:
+    """Half the printed sheet's width and height, margin included, mm."""
+    half_x, half_y = ((squares / 2 + SHEET_MARGIN_SQUARES) * spec.square_mm for squares in (spec.columns, spec.rows))
+    return half_x, half_y
+
+
 def is_on_sheet(spec: MarkerSpec, points_table: Float64Array | Float32Array) -> NDArray[np.bool_]:
     """(...,) whether (..., 3) points lie over the printed sheet, margin included; False for NaN."""
-    half_x = (spec.columns / 2 + SHEET_MARGIN_SQUARES) * spec.square_mm
-    half_y = (spec.rows / 2 + SHEET_MARGIN_SQUARES) * spec.square_mm
+    half_x, half_y = sheet_half_mm(spec)
     with np.errstate(invalid="ignore"):
         is_inside = (np.abs(points_table[..., 0]) <= half_x) & (np.abs(points_table[..., 1]) <= half_y)
     return np.asarray(is_inside, np.bool_)
+
+
+def shows_sheet(spec: MarkerSpec, plane_mm: Float32Array, centre_mm: Float64Array) -> NDArray[np.bool_]:
+    """(...,) whether a line of sight meets the printed sheet or, where it is raised, its sides; False for NaN.
+
+    plane_mm: (..., 3) where each line of sight meets the table, z = 0. centre_mm: (3,) the camera's. The way from
+    z = thick_mm down to the table is a segment over the table; it crosses the sheet's rectangle (slab method).
+    """
+    rise = np.float32(spec.thick_mm / centre_mm[2])  # of the way from the table to the camera
+    enter, leave = np.zeros(plane_mm.shape[:-1], np.float32), np.ones(plane_mm.shape[:-1], np.float32)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for axis, half in enumerate(sheet_half_mm(spec)):
+            low_end = plane_mm[..., axis]
+            along = (np.float32(centre_mm[axis]) - low_end) * rise
+            along = np.where(np.abs(along) < 1e-6, np.float32(1e-6), along)
+            bounds = (np.float32(-half) - low_end) / along, (np.float32(half) - low_end) / along
+            enter = np.maximum(enter, np.minimum(*bounds))
+            leave = np.minimum(leave, np.maximum(*bounds))
+        return np.asarray(enter <= leave, np.bool_)
 
 
 def _sift_matches(first: View, second: View) -> tuple[Float64Array, Float64Array]:
@@ -195,16 +220,14 @@ def _jacobians(homography: Float64Array, points: Float64Array) -> Float64Array:
 
 
 def _beside_sheet(view: View, factor: int, size: tuple[int, int]) -> ImageArray:
-    """(H, W) 255 but on the printed sheet, in the reduced view. size: (width, height)."""
+    """(H, W) 255 but on the printed sheet and its sides, in the reduced view. size: (width, height)."""
     spec, camera = view.marker.spec, view.camera
-    half_x, half_y = ((n / 2 + SHEET_MARGIN_SQUARES) * spec.square_mm for n in (spec.columns, spec.rows))
-    corners = np.array(
-        [[x, y, 0.0] for x, y in ((-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y))]
-    )
+    corners = np.array(list(itertools.product(*((-half, half) for half in sheet_half_mm(spec)), (0.0, spec.thick_mm))))
     seen = corners @ view.rotation.T + view.translation_mm
     outline = seen[:, :2] / np.maximum(seen[:, 2:], 1e-3) * [camera.fx, camera.fy] + [camera.cx, camera.cy]
     mask = np.full((size[1], size[0]), 255, np.uint8)
-    cv2.fillConvexPoly(mask, np.rint((outline + 0.5) / factor - 0.5).astype(np.int32), 0)
+    hull = cv2.convexHull(np.rint((outline + 0.5) / factor - 0.5).astype(np.int32))
+    cv2.fillConvexPoly(mask, hull, 0)
     return mask
 
 

@@ -5,6 +5,7 @@ is seen instead. A plain board that looks the same when turned is read in any of
 the two views of a pair read it in the same way.
 """
 
+from dataclasses import replace
 from typing import Literal
 
 import cv2
@@ -12,19 +13,8 @@ import numpy as np
 
 from app.errors import Failure
 from app.vision import colour_board
-from app.vision.board_grid import (
-    ANY_GRID_LONG_SIDES_PX,
-    DETECTION_PLAN,
-    QUICK_ANY_GRID_LONG_SIDES_PX,
-    QUICK_DETECTION_PLAN,
-    alternating_share,
-    find_any_grids,
-    find_grids,
-    grid_homography,
-    is_checkerboard,
-    refine_grid,
-    square_means,
-)
+from app.vision.board_grid import alternating_share, grid_homography, refine_grid, square_means
+from app.vision.board_search import find_grids
 from app.vision.camera import camera_from_exif
 from app.vision.marker_spec import MarkerKind, MarkerSpec
 from app.vision.model import Float64Array, ImageArray, MarkerObservation, Photo, PhotoPair
@@ -43,33 +33,35 @@ COLOUR_TONE = 1.5  # exponent on grey levels before corners are refined, see _re
 SEE_WHOLE = "Check that the whole printed marker, with its white margin, is visible and not in glare, and try again."
 
 
-def find_marker(
-    photo: Photo, spec: MarkerSpec, side: Side | None = None, *, is_quick: bool = False
-) -> MarkerObservation | Failure:
+def find_marker(photo: Photo, spec: MarkerSpec, side: Side | None = None) -> MarkerObservation | Failure:
     """The announced board's inner corners, or why they cannot be had.
 
     Failures: marker_not_found, marker_mismatch, marker_covered, image_too_dark, image_blurred. side names the
-    photograph in messages. is_quick: look for squares of half a hundredth of the long side and larger only, in
-    a tenth or two of a second.
+    photograph in messages.
     """
     where = f"in the {side} photograph" if side else "in the photograph"
     contrast = contrast_image(photo.pixels_bgr, spec.kind)
-    mismatch: Failure | None = None
-    plan = QUICK_DETECTION_PLAN if is_quick else DETECTION_PLAN
-    for grid in find_grids(contrast, spec.columns - 1, spec.rows - 1, plan):
-        if not is_checkerboard(contrast, grid):
+    corners = (spec.columns - 1, spec.rows - 1)
+    refusal: Failure | None = None
+    whole_boards: list[set[int]] = []
+    for grid in find_grids(contrast, corners):
+        shape = set(grid.shape[:2])
+        if shape != set(corners):
+            if has_white_margin(contrast, grid):
+                refusal = _other_size(spec, grid, where)
+                if shape in whole_boards:  # read in the same way twice: no other effort would tell another size
+                    break
+                whole_boards.append(shape)
             continue
         read = _read_grid(photo.pixels_bgr, contrast, grid, spec, where)
         if isinstance(read, MarkerObservation):
-            corners = read.corners_px.reshape(spec.rows - 1, spec.columns - 1, 2)
-            unfit = judge_marker(contrast, corners, where)
+            unfit = judge_marker(contrast, read.corners_px.reshape(spec.rows - 1, spec.columns - 1, 2), where)
             return read if unfit is None else unfit
-        mismatch = read if mismatch is None else mismatch
-    if mismatch is None:
-        sides = QUICK_ANY_GRID_LONG_SIDES_PX if is_quick else ANY_GRID_LONG_SIDES_PX
-        return _explain_absence(photo.pixels_bgr, spec, where, sides)
-    unfit = judge_photograph(contrast_image(photo.pixels_bgr, "plain"), where)  # squares misread in the dark
-    return mismatch if unfit is None else unfit
+        refusal = read if refusal is None else refusal
+    unfit = judge_photograph(contrast_image(photo.pixels_bgr, "plain"), where)  # squares are misread in the dark
+    if unfit is not None:
+        return unfit
+    return _explain_absence(photo.pixels_bgr, spec, where) if refusal is None else refusal
 
 
 def readings(observation: MarkerObservation) -> list[MarkerObservation]:
@@ -191,8 +183,6 @@ def _read_grid(
     pixels_bgr: ImageArray, contrast: ImageArray, grid: Float64Array, spec: MarkerSpec, where: str
 ) -> MarkerObservation | Failure:
     """Refined corners in the print's order, or Failure marker_mismatch: colours or size are another board's."""
-    if _continues_beyond(contrast, grid):
-        return _mismatch(spec, where, f"a board of more than {spec.columns}x{spec.rows} squares")
     first_is_dark = spec.kind == "plain"
     right = [
         turned for turned in _turns(grid, spec) if _correct_share(contrast, turned, first_is_dark) >= MIN_CORRECT_SHARE
@@ -225,12 +215,6 @@ def _correct_share(contrast: ImageArray, grid: Float64Array, first_is_dark: bool
     return share if first_is_dark else 1.0 - share
 
 
-def _continues_beyond(contrast: ImageArray, grid: Float64Array) -> bool:
-    """Whether the squares go on alternating beyond one of the grid's four sides: a larger board than the grid."""
-    means = square_means(contrast, grid, ring=1)
-    return any(_edge_is_dark(np.rot90(means, turn)) for turn in range(4))
-
-
 def has_white_margin(contrast: ImageArray, grid: Float64Array) -> bool:
     """Whether all around the grid's outermost squares the paper is as light as the light squares: a whole board."""
     means = square_means(contrast, grid, ring=1)
@@ -240,40 +224,39 @@ def has_white_margin(contrast: ImageArray, grid: Float64Array) -> bool:
     return bool(np.mean(margin > middle) >= MIN_CORRECT_SHARE)
 
 
-def _edge_is_dark(means: Float64Array) -> bool:
-    """Whether the squares of a ring's top row (row 0) alternate as a board's would, going on from row 1."""
-    ring, edge = means[0, 1:-1], means[1, 1:-1]
-    if np.isnan(ring).any():
-        return False
-    step = edge - ring
-    span = np.abs(np.diff(edge)).mean()
-    sign = np.where(np.arange(len(edge)) % 2 == 0, 1.0, -1.0)
-    share = float(np.mean(step * sign > span / 2))
-    opposite = float(np.mean(step * sign < -span / 2))
-    return max(share, opposite) >= 0.8
-
-
-def _explain_absence(pixels_bgr: ImageArray, spec: MarkerSpec, where: str, long_sides_px: tuple[int, ...]) -> Failure:
-    """Why the announced board was not found: dark, blurred, another board, a covered one, or none."""
-    grey = contrast_image(pixels_bgr, "plain")
-    unfit = judge_photograph(grey, where)
-    if unfit is not None:
-        return unfit
+def _explain_absence(pixels_bgr: ImageArray, spec: MarkerSpec, where: str) -> Failure:
+    """Why the announced board was not found: another board, a covered one, or none."""
     contrast = contrast_image(pixels_bgr, "colour")  # white alone is light here for either kind of board
-    for grid in find_any_grids(contrast, long_sides_px):
-        if not is_checkerboard(contrast, grid):
-            continue
+    covered: Failure | None = None
+    for grid in find_grids(contrast):
         rows, columns = (n + 1 for n in grid.shape[:2])
         if has_white_margin(contrast, grid):
             if {rows, columns} == {spec.rows, spec.columns}:
                 return _mismatch(spec, where, "a board of the same size with other colours")
-            return _mismatch(spec, where, f"a board of {columns}x{rows} squares")
-        return Failure(
-            "marker_covered",
-            f"Only a part of the marker, {columns}x{rows} of its squares, can be seen {where}.",
-            "Nothing may lie on the marker, and all of it must be in the photograph, with its white margin.",
-        )
+            return _other_size(spec, grid, where)
+        if covered is None:
+            covered = Failure(
+                "marker_covered",
+                f"Only a part of the marker, {columns}x{rows} of its squares, can be seen {where}.",
+                "Nothing may lie on the marker, and all of it must be in the photograph, with its white margin.",
+            )
+    if covered is not None:
+        return covered
     return Failure("marker_not_found", f"The marker {spec} was not found {where}.", SEE_WHOLE)
+
+
+def _other_size(spec: MarkerSpec, grid: Float64Array, where: str) -> Failure:
+    """Failure marker_mismatch of a whole board, (r, c, 2) inner corners, that has not the announced squares."""
+    few, many = sorted(n + 1 for n in grid.shape[:2])
+    columns, rows = (many, few) if spec.columns >= spec.rows else (few, many)
+    if (columns - 1, rows - 1) == (spec.columns, spec.rows):
+        return Failure(
+            "marker_mismatch",
+            f"A board of {columns}x{rows} squares is seen {where}, {spec.columns}x{spec.rows} were announced: "
+            "count squares, not inner corners.",
+            f"Announce {replace(spec, columns=columns, rows=rows)} if its squares are {spec.square_mm:g} mm wide.",
+        )
+    return _mismatch(spec, where, f"a board of {columns}x{rows} squares")
 
 
 def _mismatch(spec: MarkerSpec, where: str, seen: str) -> Failure:

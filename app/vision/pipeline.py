@@ -6,27 +6,39 @@ Photographs arrive decoded (photo.py); densities and nutrients are for others.
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 
 from app.errors import Failure
 from app.vision.camera import estimate_views
 from app.vision.color import measure_colour
-from app.vision.disparity import match_dense
+from app.vision.disparity import DisparityMap, match_dense
 from app.vision.epipolar import Epipolar, compare_fundamentals
-from app.vision.features import Matches, is_on_sheet, match_features
+from app.vision.features import Matches, match_features, shows_sheet
 from app.vision.figures import draw_artefacts
 from app.vision.marker import agree_on_corners, find_marker
+from app.vision.marker_thickness import find_thickness, on_plaque
 from app.vision.measure import measure_items
-from app.vision.model import EstimateOptions, ItemEstimate, MarkerObservation, MealEstimate, PhotoPair, View
+from app.vision.model import (
+    EstimateOptions,
+    Float32Array,
+    ItemEstimate,
+    MarkerObservation,
+    MaskArray,
+    MealEstimate,
+    PhotoPair,
+    View,
+)
 from app.vision.outlines import draw_hints, photograph_px, rings_of
 from app.vision.pose_doubt import volume_sd
 from app.vision.reconstruction import back_project, fit_to_marker, plane_points
-from app.vision.rectification import is_swapped, rectify_by_poses
+from app.vision.rectification import RectifiedPair, is_swapped, rectify_by_poses
 from app.vision.relative_pose import refine_views
 from app.vision.segmentation import segment_foods
 from app.vision.shape import measure_shapes
 from app.vision.stillness import judge_matches, judge_table
+from app.vision.topview import usable_points
 from app.vision.trace import Trace
 from app.vision.traits import traits_of
 from app.vision.vcm import describe_rings
@@ -86,37 +98,29 @@ def _run(
         if isinstance(epipolar, Failure):
             return epipolar
         trace.epipolar = epipolar
-    with stage("rectify"):
-        trace.rectified = rectified = rectify_by_poses(first, second)
-    with stage("disparity"):
-        trace.disparity = match_dense(
-            rectified.first_bgr, rectified.second_bgr, rectified.parallax_range_px, rectified.is_seen
-        )
-    with stage("depth"):
-        trace.depth = fit_to_marker(rectified, trace.refined)
-        disparity = rectified.disparity_from_parallax(trace.disparity.parallax_px)
-        trace.points_table = points = back_project(rectified, trace.depth.depth_mm(disparity))
-        plane = plane_points(rectified)
-        moved = judge_table(options.marker, plane, points)
-        if moved is not None:
-            return moved
+    scene = _reconstruct(first, second, stage, trace)
+    if options.marker.thick_mm == 0:
+        scene = _on_measured_plaque(scene, stage, trace)
+    moved = judge_table(trace.views[0].marker.spec, scene.plane_mm, scene.points_table)
+    if moved is not None:
+        return moved
+    rectified, disparity, points, ignored = scene.rectified, scene.disparity, scene.points_table, scene.is_ignored
     with stage("segment"):
-        ignored = is_on_sheet(options.marker, plane) | ~rectified.is_seen
         places = photograph_px(rectified, points, trace.views[0], is_swapped=trace.is_swapped)
         size = (pair.left.pixels_bgr.shape[1], pair.left.pixels_bgr.shape[0])
         hints = draw_hints(options.hints, places, size)
-        foods = segment_foods(rectified, trace.disparity, points, ignored, hints)
+        foods = segment_foods(rectified, disparity, points, ignored, hints)
         if isinstance(foods, Failure):
             return foods
     with stage("volume"):
         pose_sd = volume_sd(trace.refined, points[foods.mask])
         if options.method == "paper":
             measured = measure_items(
-                foods.regions, rectified, trace.disparity, points, ignored, options.hints, pose_sd=pose_sd
+                foods.regions, rectified, disparity, points, ignored, options.hints, pose_sd=pose_sd
             )
         else:
             trace.table = foods.table
-            measured = measure_shapes(foods, rectified, trace.disparity, points, pose_sd=pose_sd)
+            measured = measure_shapes(foods, rectified, disparity, points, pose_sd=pose_sd)
         if isinstance(measured, Failure):
             return measured
         trace.items = measured
@@ -136,6 +140,56 @@ def _run(
             )
             for item, rings in zip(measured, outlines, strict=True)
         )
+
+
+@dataclass(frozen=True, slots=True)
+class _Scene:
+    """plane_mm: (H, W, 3) where lines of sight meet z = 0. is_ignored: (H, W) the marker, and what one view misses."""
+
+    rectified: RectifiedPair
+    disparity: DisparityMap
+    points_table: Float32Array
+    plane_mm: Float32Array
+    is_ignored: MaskArray
+
+    def table_points(self) -> Float32Array:
+        """(n, 3) mm, measured beside the marker; every second pixel each way."""
+        points, ignored = self.points_table[::2, ::2], self.is_ignored[::2, ::2]
+        return np.asarray(points[usable_points(points, ignored)], np.float32)
+
+
+def _reconstruct(first: View, second: View, stage: "_Stages", trace: Trace) -> _Scene:
+    """Points in the views' table frame, from the refined views that the trace holds."""
+    if trace.refined is None:
+        raise ValueError("Views are refined before points are reconstructed.")
+    with stage("rectify"):
+        trace.rectified = rectified = rectify_by_poses(first, second)
+    with stage("disparity"):
+        trace.disparity = match_dense(
+            rectified.first_bgr, rectified.second_bgr, rectified.parallax_range_px, rectified.is_seen
+        )
+    with stage("depth"):
+        trace.depth = fit_to_marker(rectified, trace.refined)
+        disparity = rectified.disparity_from_parallax(trace.disparity.parallax_px)
+        trace.points_table = points = back_project(rectified, trace.depth.depth_mm(disparity))
+        plane = plane_points(rectified)
+        ignored = shows_sheet(first.marker.spec, plane, rectified.first_centre_mm) | ~rectified.is_seen
+    return _Scene(rectified, trace.disparity, points, plane, ignored)
+
+
+def _on_measured_plaque(scene: _Scene, stage: "_Stages", trace: Trace) -> _Scene:
+    """The scene in the table frame of the plaque that carries the print, if one does; else the same scene."""
+    if trace.refined is None:
+        raise ValueError("Views are refined before the marker's thickness is measured.")
+    with stage("depth"):
+        thick_mm = find_thickness(trace.refined.first.marker.spec, scene.table_points())
+    if thick_mm == 0:
+        return scene
+    trace.refined = on_plaque(trace.refined, thick_mm)
+    first, second = trace.refined.first, trace.refined.second
+    trace.views = (second, first) if trace.is_swapped else (first, second)
+    trace.markers = trace.views[0].marker, trace.views[1].marker
+    return _reconstruct(first, second, stage, trace)
 
 
 def _find_markers(
@@ -167,7 +221,7 @@ def _compare(first: View, second: View, matches: Matches, rng: np.random.Generat
 
 
 class _Stages:
-    """Tells when a stage begins and keeps how long it took, seconds."""
+    """Tells when a stage begins for the first time and keeps how long it took in all, seconds."""
 
     def __init__(self, seconds: dict[str, float], on_stage: Callable[[str], None]) -> None:
         self._seconds = seconds
@@ -175,9 +229,10 @@ class _Stages:
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
-        self._on_stage(name)
+        if name not in self._seconds:  # a plaque's scene is reconstructed again
+            self._on_stage(name)
         started = time.perf_counter()
         try:
             yield
         finally:
-            self._seconds[name] = time.perf_counter() - started
+            self._seconds[name] = self._seconds.get(name, 0.0) + time.perf_counter() - started

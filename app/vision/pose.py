@@ -42,7 +42,7 @@ class BoardFit:
 
 
 def board_points(spec: MarkerSpec) -> Float64Array:
-    """(n, 3) inner corners in the table frame, mm, row-major (CONVENTIONS.md, "Marker")."""
+    """(n, 3) inner corners in the table frame, mm, row-major: all at z = thick_mm (CONVENTIONS.md, "Marker")."""
     return _board_points(spec).copy()
 
 
@@ -52,17 +52,17 @@ def _board_points(spec: MarkerSpec) -> Float64Array:
     rows, columns = np.indices((spec.rows - 1, spec.columns - 1)).reshape(2, -1)
     x = (columns + 1 - spec.columns / 2) * spec.square_mm
     y = (spec.rows / 2 - rows - 1) * spec.square_mm
-    return np.stack([x, y, np.zeros_like(x)], axis=1).astype(np.float64)
+    return np.stack([x, y, np.full_like(x, spec.thick_mm)], axis=1).astype(np.float64)
 
 
 def bent_points(spec: MarkerSpec, bend_mm: Float64Array) -> Float64Array:
-    """board_points on a sheet that bends by z = a u^2 + b v^2 + c u v.
+    """board_points on a sheet that bends by z = thick_mm + a u^2 + b v^2 + c u v.
 
     u, v: x, y over half the board's longer side. bend_mm: (3,), a, b, c in mm.
     """
     points = board_points(spec)
     u, v = points[:, :2].T / (max(spec.columns, spec.rows) * spec.square_mm / 2)
-    points[:, 2] = bend_mm[0] * u**2 + bend_mm[1] * v**2 + bend_mm[2] * u * v
+    points[:, 2] += bend_mm[0] * u**2 + bend_mm[1] * v**2 + bend_mm[2] * u * v
     return points
 
 
@@ -79,8 +79,10 @@ def solve_pose(camera: Camera, observation: MarkerObservation) -> tuple[Float64A
     None if there is none.
     """
     points = board_points(observation.spec)
+    raised = np.array([0.0, 0.0, observation.spec.thick_mm])
+    # IPPE wants its plane at z = 0: it gives the print's pose, from which the table's origin lies `raised` below.
     solutions: Any = cv2.solvePnPGeneric(
-        points, observation.corners_px, camera.matrix, np.array(camera.distortion), flags=cv2.SOLVEPNP_IPPE
+        points - raised, observation.corners_px, camera.matrix, np.array(camera.distortion), flags=cv2.SOLVEPNP_IPPE
     )
 
     def residual(pose: Float64Array) -> Float64Array:
@@ -88,7 +90,7 @@ def solve_pose(camera: Camera, observation: MarkerObservation) -> tuple[Float64A
 
     best: tuple[Float64Array, Float64Array, float] | None = None
     for rvec, tvec in zip(solutions[1], solutions[2], strict=True):
-        start = np.concatenate([np.ravel(rvec), np.ravel(tvec)])
+        start = np.concatenate([np.ravel(rvec), np.ravel(tvec) - cv2.Rodrigues(rvec)[0] @ raised])
         if not np.isfinite(start).all() or start[5] <= 0:
             continue
         loss_scale = OUTLIER_SD * _corner_sd_px(camera)

@@ -13,7 +13,8 @@ from typing import Literal
 import numpy as np
 
 from app.errors import Failure
-from app.vision.board_grid import find_any_grids, is_checkerboard, shortest_step_px, square_means
+from app.vision.board_grid import shortest_step_px, square_means
+from app.vision.board_search import find_grids
 from app.vision.camera import estimate_views, view_angle_deg
 from app.vision.epipolar import GOOD_PX_AT_12MP, MIN_BESIDE_BOARD, near_epipolar_lines
 from app.vision.features import FOOD_MAX_HEIGHT_MM, match_features, triangulate
@@ -103,7 +104,7 @@ def _judge_side(side: SideName, read: ReducedPhoto | Failure, spec: MarkerSpec) 
     measures = {f"clipped_share_{side}": clipped}
     if clipped > MAX_CLIPPED_SHARE:
         problems.append(PairProblem(code="image_too_bright", severity="warn", side=side))
-    marker = find_marker(read.photo, spec, side, is_quick=True)
+    marker = find_marker(read.photo, spec, side)
     if isinstance(marker, Failure):
         code = marker.code
         if code == "marker_covered" and _leaves_photograph(pixels_bgr):
@@ -130,10 +131,8 @@ def _stopped(side: SideName, code: str, measures: Mapping[str, float], problems:
 def _leaves_photograph(pixels_bgr: ImageArray) -> bool:
     """Whether the part of a board that is seen goes on beyond the photograph's border."""
     contrast = contrast_image(pixels_bgr, "colour")
-    for grid in find_any_grids(contrast, (700,)):
-        if is_checkerboard(contrast, grid):
-            return bool(np.isnan(square_means(contrast, grid, ring=1)).any())
-    return False
+    grid = next(find_grids(contrast), None)
+    return grid is not None and bool(np.isnan(square_means(contrast, grid, ring=1)).any())
 
 
 def _has_glare(contrast: ImageArray, grid: Float64Array, spec: MarkerSpec) -> bool:

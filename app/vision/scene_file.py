@@ -109,7 +109,7 @@ def _photograph(photo: Photo, marker: MarkerObservation | None, view: View | Non
 
 
 def _board(marker: MarkerObservation) -> dict[str, Any]:
-    """The board that was announced; the table frame is its own, so its pose is the identity."""
+    """The board; the table frame is its own, so its pose is the identity but for its thickness."""
     spec = marker.spec
     squares = [(row, column) for row in range(spec.rows) for column in range(spec.columns)]
     if spec.kind == "colour":
@@ -123,7 +123,7 @@ def _board(marker: MarkerObservation) -> dict[str, Any]:
         "square_mm": spec.square_mm,
         "margin_mm": spec.square_mm,  # of the white border, one square wide
         "rotation": np.eye(3).tolist(),
-        "translation_mm": [0.0, 0.0, 0.0],
+        "translation_mm": [0.0, 0.0, round(spec.thick_mm, 3)],
         "square_colours": [list(colour) for colour in colours],  # sRGB, row by row from the top left
     }
 

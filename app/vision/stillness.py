@@ -7,7 +7,7 @@ all that is measured; pushed in any other way, it leaves few matches there. Eith
 import numpy as np
 
 from app.errors import Failure
-from app.vision.features import SHEET_MARGIN_SQUARES, Matches
+from app.vision.features import Matches, sheet_half_mm
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float32Array, MaskArray
 
@@ -42,7 +42,7 @@ def judge_table(spec: MarkerSpec, plane_mm: Float32Array, points_table: Float32A
 
     plane_mm: (H, W, 3) where each line of sight meets the marker's plane. points_table: (H, W, 3) mm, NaN.
     """
-    half = (np.array([spec.columns, spec.rows]) / 2 + SHEET_MARGIN_SQUARES) * spec.square_mm
+    half = sheet_half_mm(spec)
     x, y = (np.maximum(np.abs(plane_mm[..., axis]) - np.float32(half[axis]), 0) for axis in (0, 1))
     beyond = np.sqrt(x * x + y * y)
     height = points_table[..., 2]

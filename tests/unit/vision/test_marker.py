@@ -46,13 +46,14 @@ def refusal(photo: Photo, spec: MarkerSpec) -> Failure:
     return failure
 
 
-@pytest.mark.parametrize("text", ["plain:9x7:11", "colour:4x5:12", "plain:20x14:6.5"])
+@pytest.mark.parametrize("text", ["plain:9x7:11", "colour:4x5:12", "plain:20x14:6.5", "plain:9x7:11:thick=8.7"])
 def test_marker_text_is_read_and_written_back(text):
     assert str(parse_marker(text)) == text
 
 
 BAD_TEXTS = (
     "|plain|plain:9x7|plain:9x7:0|plain:9x7:-1|plain:3x7:11|plain:9x41:11|plain:9x7:201|dots:9x7:11|colour:9x7:11"
+    "|plain:9x7:11:thick=51|plain:9x7:11:thick=|plain:9x7:11:thick=-2|plain:9x7:11:8.7"
     "|plain:9x7:nan|plain:9x7:1e2|plain:9x7:11\n|plain:9×7:11|plain:٩x7:11"
 )
 
@@ -171,6 +172,34 @@ def test_chequered_cloth_is_not_the_announced_board():
 def test_another_board_than_announced_is_a_mismatch(printed, announced):
     photo = render_board(parse_marker(printed), PHONE, look_at(55, -70), table=noise_texture(7))
     assert refusal(photo, parse_marker(announced)).code == "marker_mismatch"
+
+
+@pytest.mark.parametrize(
+    ("printed", "announced", "seen"),
+    [("plain:9x7:11", "plain:8x6:11", "9x7"), ("plain:7x10:11", "plain:6x9:11", "7x10")],
+)
+def test_announced_inner_corners_are_told_from_squares(printed, announced, seen):
+    photo = render_board(parse_marker(printed), PHONE, look_at(55, -70), table=noise_texture(7))
+    failure = refusal(photo, parse_marker(announced))
+    assert failure.code == "marker_mismatch"
+    assert f"{seen} squares" in failure.message
+    assert "count squares, not inner corners" in failure.message
+    assert printed in failure.advice
+
+
+def test_other_size_is_told_with_what_was_announced():
+    photo = render_board(parse_marker("plain:7x5:14"), PHONE, look_at(55, -70), table=noise_texture(7))
+    message = refusal(photo, PLAIN).message
+    assert "7x5 squares" in message
+    assert "plain:9x7:11" in message
+    assert "inner corners" not in message
+
+
+def test_board_that_fills_the_photograph_is_found():
+    pose = look_at(70, -90, 110.0)
+    photo = render_board(parse_marker("plain:7x6:11"), PHONE, pose)
+    spec = parse_marker("plain:7x6:11")
+    assert rms(observe(photo, spec).corners_px, project(PHONE, pose, corner_points(spec))) < CORNER_RMS_PX["plain"]
 
 
 @pytest.mark.slow
