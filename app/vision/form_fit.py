@@ -118,7 +118,7 @@ def fit_form(form: Form, seen: Seen, cells: int, rounds: int, start: Float64Arra
     for _ in range(rounds):
         before = found
         for _ in range(TRIES):
-            step = -np.linalg.solve(before.normal + damping * np.diag(np.diag(before.normal)), before.slope)
+            step = -_solved(before.normal + damping * np.diag(np.diag(before.normal)), before.slope)
             step /= max(1.0, float(np.abs(step / form.stride).max()))
             trial = _misfit(form, form.bounded(before.unknowns + step), cells, seen)
             if trial is not None and trial.cost < before.cost:
@@ -130,7 +130,7 @@ def fit_form(form: Form, seen: Seen, cells: int, rounds: int, start: Float64Arra
             break
     by_vertex = enclosed_gradient_mm2(form.vertices(found.unknowns, cells), form.topology(cells))
     gradient = np.tensordot(form.jacobian(found.unknowns, cells), by_vertex, 2)
-    variance = float(gradient @ np.linalg.solve(found.normal, gradient))
+    variance = float(gradient @ _solved(found.normal, gradient))
     return FormFit(
         form=form,
         unknowns=found.unknowns,
@@ -140,6 +140,14 @@ def fit_form(form: Form, seen: Seen, cells: int, rounds: int, start: Float64Arra
         volume_sd_ml=ml_from_mm3(float(np.sqrt(max(variance, 0.0)))),
         log_occam=float(np.linalg.slogdet(found.normal)[1]) - form.prior_log_determinant,
     )
+
+
+def _solved(normal: Float64Array, right: Float64Array) -> Float64Array:
+    """Solve normal @ x = right, for the shortest x where the food shows too little of the form to tell some unknown."""
+    try:
+        return np.asarray(np.linalg.solve(normal, right), np.float64)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(normal, right, rcond=None)[0], np.float64)
 
 
 @dataclass(frozen=True, slots=True)

@@ -78,5 +78,6 @@ def unlike_support(scene: Scene, over_support_mm: Float32Array, shows_dish: Sequ
     area_mm2 = stats[:, cv2.CC_STAT_AREA] * square_mm
     kept = (area_mm2 > MIN_BLOB_MM2) & (area_mm2 < MAX_BLOB_MM2) & (raised * square_mm > MIN_RAISED_MM2)
     kept &= flat <= MAX_FLAT_SHARE * np.maximum(measured, 1)
+    kept[np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))] = False  # goes on unseen
     kept[0] = False
     return np.asarray(kept[labels], np.bool_)

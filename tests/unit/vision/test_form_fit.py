@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from app.vision.disparity import DisparityMap
-from app.vision.form_fit import Seen, fit_form
+from app.vision.form_fit import Seen, _solved, fit_form
 from app.vision.forms import (
     COARSE,
     E1,
@@ -189,3 +189,8 @@ def test_fitting_leaves_start_and_evidence_as_they_were():
     fit_form(form, seen, COARSE, 3, start)
     assert np.array_equal(start, before)
     assert np.array_equal(seen.outlines[0].points_px, points)
+
+
+def test_unknown_that_nothing_tells_stays_where_it_is():
+    normal = np.diag([2.0, 0.0, 4.0])
+    assert _solved(normal, np.array([2.0, 0.0, 8.0])) == pytest.approx([1.0, 0.0, 2.0])
