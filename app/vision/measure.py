@@ -23,6 +23,7 @@ FINE_REACH_SHARE = 0.5  # of half a fine window: it follows the surface, and sho
 FINEST_REACH_PX = 5.0
 OUTLINE_MARGIN_PX = 2  # by which a mask may be too small
 MIN_VOLUME_ML = 3.0  # less than half a cherry tomato, and not pointed at: clutter
+UNEXPLAINED_SD = 0.5  # relative: no form explains what was cut out, and nobody pointed at it: a part of a dish
 LOW_COVER = 0.5  # share of the mask that was measured, below which the estimate is flagged
 
 
@@ -89,7 +90,9 @@ def is_low_texture(is_measured: MaskArray, mask: MaskArray) -> bool:
 
 
 def _is_clutter(item: MeasuredItem) -> bool:
-    return item.region.hint is None and item.volume is not None and item.volume.volume_ml < MIN_VOLUME_ML
+    if item.region.hint is not None or item.volume is None:
+        return False
+    return item.volume.volume_ml < MIN_VOLUME_ML or item.volume.relative_sd.get("item", 0.0) > UNEXPLAINED_SD
 
 
 def _measure(

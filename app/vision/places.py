@@ -6,6 +6,7 @@ sure of food, where food may be, where the dish shows its colour, and what belon
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -28,8 +29,8 @@ BESIDE_DISH_MM = 9.0  # beyond a dish's outline, from which on what stands is no
 REACH_MM = 40.0  # around what is surely food, beyond which nothing is food: on the bare table, and in a dish
 REACH_IN_DISH_MM = 12.0
 GROUP_MM = 12.0  # things on the table that are nearer to each other share a place
-MIN_SURE_MM2 = 60.0
-OPENING_PX = 3
+MIN_SURE_MM2 = {"dish": 150.0, "table": 60.0}  # a plate's floor is measured worst, beside its food
+OPENING_PX = {"dish": 5, "table": 3}
 SILHOUETTE_STEPS = 4  # heights between table and rim at which a dish's outline is drawn
 UNMEASURED_MM = -99.0
 ON_TABLE, AT_RIM = -1, -2
@@ -93,13 +94,13 @@ def find_places(scene: Scene, dishes: Sequence[Dish], view: TopView, points: Seq
     for point in points:
         certain = certain | (point & ~scene.is_ignored)
     sure = [
-        _solid(_stands_on(territory, tall) & (owner == number), scene) | (certain & (owner == number))
+        _solid(_stands_on(territory, tall) & (owner == number), scene, "dish") | (certain & (owner == number))
         for number, territory in enumerate(territories)
     ]
     is_clear = owner == ON_TABLE
     for territory in territories:
         is_clear &= ~(territory.margin & (tall < territory.dish.rim_mm + OVER_RIM_MM))
-    on_table = _solid((tall > OVER_FLOOR_MM) & is_clear, scene) | (certain & (owner == ON_TABLE))
+    on_table = _solid((tall > OVER_FLOOR_MM) & is_clear, scene, "table") | (certain & (owner == ON_TABLE))
     groups = _groups(on_table, scene)
     places = [
         _on_dish(scene, number, territories, sure, on_table) for number, is_sure in enumerate(sure) if is_sure.any()
@@ -168,8 +169,8 @@ def _stands_on(territory: _Territory, tall: Float32Array) -> MaskArray:
     return np.asarray(sure | ((tall > dish.floor_mm + OVER_FLOOR_MM) & (territory.inward > slope)), np.bool_)
 
 
-def _solid(mask: MaskArray, scene: Scene) -> MaskArray:
-    return without_specks(opened(mask, OPENING_PX), MIN_SURE_MM2 / scene.pixel_mm**2)
+def _solid(mask: MaskArray, scene: Scene, where: Literal["dish", "table"]) -> MaskArray:
+    return without_specks(opened(mask, OPENING_PX[where]), MIN_SURE_MM2[where] / scene.pixel_mm**2)
 
 
 def _on_dish(

@@ -26,6 +26,7 @@ CELL_MM = 2.0  # of the top seen from above
 SIDE_SHARE = 0.7  # of a mask below another one's top: it is a side of that
 MARGIN_CELLS = 12
 FAR_MM = 100.0
+CONVEX_SHARE = 0.88  # of a mask's convex hull: a banana's bow or two foods fill less
 MAX_HIGHER_SHARE = 0.15  # of what is measured in a mask: more, and something else stands there
 BESIDE_MM = 5.0  # from the top seen from above; a side's points lie nearer
 MAX_SLOPE_SHARE = 0.3  # of the points below the top
@@ -87,6 +88,8 @@ def flat_top(mask: MaskArray, scene: Scene, floor_mm: float) -> FlatTop | None:
     if len(heights) * scene.pixel_mm**2 < MIN_TOP_MM2:
         return None
     level = _commonest(heights)
+    if np.count_nonzero(mask) < CONVEX_SHARE * np.count_nonzero(_hull(mask)):
+        return None
     is_higher = np.count_nonzero(heights > level + LEVEL_MM) > MAX_HIGHER_SHARE * len(heights)
     if level - floor_mm < MIN_HEIGHT_MM or is_higher:
         return None

@@ -10,9 +10,11 @@ from app.vision.volume import Volume
 NO_SHAPE = ClosedShape(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
 
 
-def item(volume_ml, hint=None):
+def item(volume_ml, hint=None, item_sd=0.05):
     axis = SymmetryAxis(np.zeros(2), 0.0, 1.0)
-    volume = Volume(volume_ml, (volume_ml, volume_ml), {}, "circle", axis, (), np.zeros((0, 3)), NO_SHAPE)
+    volume = Volume(
+        volume_ml, (volume_ml, volume_ml), {"item": item_sd}, "circle", axis, (), np.zeros((0, 3)), NO_SHAPE
+    )
     return MeasuredItem(Region(np.ones((4, 4), bool), hint), np.zeros((0, 3)), 0.0, volume, ())
 
 
@@ -42,3 +44,8 @@ def test_food_that_could_not_be_measured_is_not_no_food(found):
 def test_food_of_which_no_volume_is_known_stays():
     food = unknown()
     assert without_clutter([food, item(1.0)]) == [food]
+
+
+def test_piece_that_no_form_explains_is_left_out_unless_somebody_pointed_at_it():
+    apple, piece, pointed_at = item(180.0), item(300.0, item_sd=0.7), item(300.0, hint=0, item_sd=0.7)
+    assert without_clutter([piece, apple, pointed_at]) == [apple, pointed_at]
