@@ -31,7 +31,7 @@ from app.vision.trace import Trace
 from app.vision.traits import traits_of
 from app.vision.vcm import describe_rings
 
-PIPELINE_VERSION = "5"  # changes whenever the same photographs may give another answer
+PIPELINE_VERSION = "6"  # changes whenever the same photographs may give another answer
 
 
 def estimate_meal(
