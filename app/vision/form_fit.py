@@ -226,7 +226,7 @@ def _terms(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Terms
             continue
         parts.append(_outline_terms(placed, index, share, seen, view, is_folded=form.is_folded))
         if view == 0:
-            parts.append(_coverage_terms(placed, index, seen))
+            parts.append(_coverage_terms(placed, index, seen, is_flat=form.is_flat))
     kept = [part for part in parts if part is not None]
     if not kept:
         return None
@@ -259,15 +259,19 @@ def _outline_terms(
     return _Terms(index, by_point, residual, np.full(len(residual), OUTLINE_SD_PX), weight)
 
 
-def _coverage_terms(placed: _Placed, index: IntArray, seen: Seen) -> _Terms | None:
+def _coverage_terms(placed: _Placed, index: IntArray, seen: Seen, *, is_flat: bool) -> _Terms | None:
     """Points of the food's outline in the first view, px, that the form's does not come near: a banana's end, a hole.
 
-    They draw the nearest point of the form's outline towards them.
+    They draw the nearest point of the form's outline towards them. is_flat: the outline has long straight edges, along
+    which it comes near, too, and not only at its vertices.
     """
     line = seen.outlines[0]
     if line is None:
         return None
-    pixels = placed.pixels[0][index]
+    if is_flat:
+        index, pixels = _sampled_edges(placed)
+    else:
+        pixels = placed.pixels[0][index]
     squared = cdist(line.points_px, pixels, "sqeuclidean")  # the form's outline has too few points for a tree to pay
     nearest = squared.argmin(axis=1)
     distance = np.sqrt(squared[np.arange(len(squared)), nearest])
@@ -284,6 +288,18 @@ def _coverage_terms(placed: _Placed, index: IntArray, seen: Seen) -> _Terms | No
         np.full(len(apart), OUTLINE_SD_PX),
         weight,
     )
+
+
+def _sampled_edges(placed: _Placed) -> tuple[IntArray, Float64Array]:
+    """(n, 2) px, evenly along the outline's edges in the first view, and (n,) the end of its edge nearest to each."""
+    is_facing, edges = placed.is_facing[0], placed.mesh.edges
+    edges = edges[is_facing[placed.mesh.edge_faces[:, 0]] != is_facing[placed.mesh.edge_faces[:, 1]]]
+    start, end = (placed.pixels[0][edges[:, side]] for side in (0, 1))
+    steps = np.maximum(np.ceil(np.linalg.norm(end - start, axis=1) / UNEXPLAINED_PX), 1).astype(np.int64)
+    edge = np.repeat(np.arange(len(edges)), steps)
+    first = np.repeat(np.cumsum(steps) - steps, steps)
+    share = (np.arange(len(edge)) - first + 0.5) / steps[edge]
+    return edges[edge, (share > 0.5).astype(np.int64)], start[edge] + share[:, None] * (end - start)[edge]
 
 
 def _is_hidden(placed: _Placed, seen: Seen, view: int, pixels: Float64Array) -> MaskArray:

@@ -45,7 +45,8 @@ LOG_EXPONENTS = (np.log(0.1), np.log(1.5))  # a box with rounded edges to a form
 class Form(ABC):
     """A family with its start. Unknowns are a vector (k,): the free parameters, then weights of the displacement.
 
-    parameters: (14,) start, see the indices above. free: those that are fitted. support_sd_mm: spread of SUPPORT.
+    parameters: (p,) start, see the indices above or those of the family's own module; X, Y and SUPPORT are the same in
+    all. free: those that are fitted. support_sd_mm: spread of SUPPORT.
     axes: (3, 3) the form's own axes as columns, table frame. is_round: whether its section across C is, as of what
     grows round a stalk; the side that nobody sees is as deep as the one that is seen is wide.
     """
@@ -64,6 +65,11 @@ class Form(ABC):
         """Whether one part of it may hide another's outline."""
 
     @property
+    def is_flat(self) -> bool:
+        """Whether it has long straight edges, at whose ends alone its mesh has vertices."""
+        return False
+
+    @property
     @abstractmethod
     def weight_sd(self) -> Float64Array:
         """Prior spread of the displacement's weights."""
@@ -74,7 +80,7 @@ class Form(ABC):
 
     @abstractmethod
     def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
-        """(n, 3) vertices, mm, table frame, of (14,) parameters and weights, which may be none."""
+        """(n, 3) vertices, mm, table frame, of (p,) parameters and weights, which may be none."""
 
     @property
     def start(self) -> Float64Array:
@@ -108,17 +114,28 @@ class Form(ABC):
         return bound - 2 * float(np.log(ROUND_SD)) if self.is_round else bound
 
     @property
-    def _prior_sd(self) -> Float64Array:
+    def parameter_sd(self) -> Float64Array:
+        """(p,) prior spread of the parameters, infinite for what has none; SUPPORT's is support_sd_mm."""
         spread = SPREAD.copy()
-        spread[SUPPORT] = self.support_sd_mm
         if self.is_round:
             spread[E2] = ROUND_EXPONENT_SD
+        return spread
+
+    @property
+    def parameter_stride(self) -> Float64Array:
+        """(p,) the most that a parameter may change at one step."""
+        return STRIDE
+
+    @property
+    def _prior_sd(self) -> Float64Array:
+        spread = self.parameter_sd
+        spread[SUPPORT] = self.support_sd_mm
         return np.concatenate([spread[list(self.free)], self._weight_sd])
 
     @property
     def stride(self) -> Float64Array:
         """(k,) the most that an unknown may change at one step."""
-        return np.concatenate([STRIDE[list(self.free)], np.full(len(self._weight_sd), WEIGHT_STRIDE)])
+        return np.concatenate([self.parameter_stride[list(self.free)], np.full(len(self._weight_sd), WEIGHT_STRIDE)])
 
     @property
     def _weight_sd(self) -> Float64Array:
@@ -139,7 +156,7 @@ class Form(ABC):
         return float(self.parameters[SUPPORT] + np.clip(apart, -limit, limit))
 
     def split(self, unknowns: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """(14,) all parameters, and the weights."""
+        """(p,) all parameters, and the weights."""
         p = self.parameters.copy()
         p[list(self.free)] = unknowns[: len(self.free)]
         return p, unknowns[len(self.free) :]

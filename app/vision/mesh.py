@@ -1,4 +1,4 @@
-"""Closed triangle meshes of fixed topology, a sphere's and a ring's: normals, volume, the outline towards a camera.
+"""Closed triangle meshes of fixed topology, of sphere, ring and stacked loops: normals, volume, the outline.
 
 A form of forms.py moves the vertices; which of them make a triangle never changes.
 """
@@ -71,6 +71,24 @@ def ring(around: int, across: int) -> Topology:
     quads = [each.ravel() for each in (a, b, c, d)]
     faces = np.concatenate([np.column_stack([quads[i] for i in corners]) for corners in ((0, 1, 2), (0, 2, 3))])
     return _topology(2 * np.pi * np.column_stack([turn.ravel(), tube.ravel()]), faces)
+
+
+@lru_cache
+def stacked_loops(loops: int, around: int) -> Topology:
+    """Loops of `around` vertices each, one above the other, closed by a vertex below the first and one above the last.
+
+    places: (loops * around + 2, 2) number of the loop and of the vertex in it, counter-clockwise from above, loop by
+    loop; the vertices below and above come last, as loops -1 and `loops`.
+    """
+    index = np.arange(loops * around).reshape(loops, around)
+    beside = np.roll(index, -1, axis=1)
+    a, b, c, d = (each.ravel() for each in (index[:-1], beside[:-1], beside[1:], index[1:]))
+    below, above = np.full(around, loops * around), np.full(around, loops * around + 1)
+    triangles = [(a, b, c), (a, c, d), (below, beside[0], index[0]), (above, index[-1], beside[-1])]
+    faces = np.concatenate([np.column_stack(each) for each in triangles])
+    loop, vertex = np.divmod(np.arange(loops * around), around)
+    places = np.concatenate([np.column_stack([loop, vertex]), [[-1, 0], [loops, 0]]]).astype(np.float64)
+    return _topology(places, faces)
 
 
 def _grid_faces(cells: int) -> IntArray:

@@ -27,6 +27,7 @@ from app.vision.outline_snap import (
     rings_of_mask,
     snap,
 )
+from app.vision.prism_starts import begin_prisms
 from app.vision.reconstruction import plane_points
 from app.vision.rectification import RectifiedPair
 from app.vision.sections import cut_sections
@@ -39,6 +40,7 @@ from app.vision.topview import TableTrend
 from app.vision.vessel import Vessel
 from app.vision.volume import NORMAL_90, SCALE_SD, Volume
 
+TOP_QUANTILE = 0.98  # of the points' heights: strays lie above it
 MARGIN_PX = 25  # around a food's mask
 FIRST_ROUNDS, ROUNDS = 12, 10
 KEPT = 4  # families that are fitted finely
@@ -192,6 +194,9 @@ def _fit_families(food: _Food) -> list[tuple[FormFit, float]]:
     mask_mm2 = float(np.count_nonzero(food.seen.mask)) * food.sight.pair.pixel_mm**2
     camera = food.sight.cameras_mm[0]
     forms = families(food.points, mask_mm2, food.support_mm, food.support_sd_mm, camera)
+    if forms:
+        height_mm = float(np.quantile(food.points[:, 2], TOP_QUANTILE)) - food.support_mm
+        forms += begin_prisms(food.sight, food.seen.mask, height_mm, food.support_mm, food.support_sd_mm)
     coarse = []
     for form in forms:
         fit = fit_form(replace(form, has_displacement=False), food.seen, COARSE, FIRST_ROUNDS)

@@ -77,7 +77,13 @@ def lines_of(vertices, mesh, view):
 @lru_cache
 def seen_of(solid=(30.0, 30.0, 30.0), heading=0.0, *, noise_px=0.1, is_along=True, seed=0):
     """What both views show of an ellipsoid with these half-axes, mm, or of the torus."""
-    vertices, mesh = torus() if solid == "torus" else ellipsoid(solid, heading)
+    return seen_of_mesh(
+        *(torus() if solid == "torus" else ellipsoid(solid, heading)), noise_px, seed, is_along=is_along
+    )
+
+
+def seen_of_mesh(vertices, mesh, noise_px=0.1, seed=0, *, is_along=True):
+    """What both views show of a closed surface."""
     drawn, (left, top) = draw_parallax(SIGHT, vertices, mesh, SHAPE)
     parallax = np.full(SHAPE, np.nan, np.float32)
     parallax[top : top + drawn.shape[0], left : left + drawn.shape[1]] = drawn
