@@ -10,12 +10,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from app.vision.masks import largest_part, opened
+from app.vision.masks import distance_px, largest_part, opened
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene import FINE_REACH_PX, Scene
 
 LEVEL_MM = 3.0  # about a flat top's height
-MIN_LEVEL_SHARE, LEVEL_SHARE = 0.25, 0.75  # of a top, and of what is measured of it, that lies at its level
+MIN_LEVEL_SHARE, LEVEL_SHARE = 0.25, 0.65  # of a top, and of what is measured of it, that lies at its level
+BESIDE_LEVEL_PX = 8  # from what is at the level: unmeasured parts of a plain top
 EXPLAINED_SHARE = 0.8  # of a mask by the top and an upright side below it; a dome's top explains less
 WINDOW_PX = 5  # by which windows widen a top
 MIN_SIDE_SHARE = 0.15  # of a mask: a smaller side is the outline's own doubt
@@ -37,7 +38,10 @@ MAX_FLAT_SHARE = 0.3  # of the side that shows the support: more, and the top ov
 
 @dataclass(frozen=True, slots=True)
 class FlatTop:
-    """level_mm: over the table. below: (h, w) what an upright side below the top would cover, the top included."""
+    """level_mm: over the table. below: (h, w) the mask with what an upright side below its top would cover.
+
+    The mask alone where the support shows there: it has its side already, or its top overhangs.
+    """
 
     level_mm: float
     below: MaskArray
@@ -104,16 +108,16 @@ def flat_top(mask: MaskArray, scene: Scene, floor_mm: float) -> FlatTop | None:
     if np.count_nonzero(mask & below) < EXPLAINED_SHARE * np.count_nonzero(mask):
         return None
     is_flat = (np.abs(scene.height_mm - floor_mm) < FLAT_MM) & (scene.reach_px < FINE_REACH_PX)
-    if np.count_nonzero(side & is_flat) > MAX_FLAT_SHARE * np.count_nonzero(side):
-        return None
-    return FlatTop(level, largest_part(below | mask))
+    is_complete = np.count_nonzero(side & is_flat) > MAX_FLAT_SHARE * np.count_nonzero(side)
+    return FlatTop(level, mask if is_complete else largest_part(below | mask))
 
 
 def _top(mask: MaskArray, scene: Scene, level_mm: float) -> MaskArray | None:
     """(h, w) the convex part of a mask that lies at a level or was not measured; None if too little is at the level."""
     with np.errstate(invalid="ignore"):
         at_level = np.abs(scene.height_mm - level_mm) < LEVEL_MM
-    possible = opened(mask & (at_level | ~np.isfinite(scene.height_mm)), WINDOW_PX)
+    is_beside = distance_px(at_level & mask) < BESIDE_LEVEL_PX
+    possible = opened(mask & (at_level | (is_beside & ~np.isfinite(scene.height_mm))), WINDOW_PX)
     inner = cv2.erode(possible.astype(np.uint8), np.ones((WINDOW_PX, WINDOW_PX), np.uint8)) > 0
     top = _hull(inner) & mask
     area, level = np.count_nonzero(top), np.count_nonzero(top & at_level)
