@@ -27,6 +27,12 @@ class HintIn(BaseModel):
         default=None,
         description="How it lies there, where that is not as it usually does: an apple cut into slices is a `heap`.",
     )
+    form: FoodForm | None = Field(
+        default=None, description="How it lies there, for measuring alone; `lies_as` also says which density counts."
+    )
+    vessel: Text | None = Field(
+        default=None, min_length=1, max_length=100, description="Name of the study's vessel that holds it."
+    )
 
     @model_validator(mode="after")
     def _one_place(self) -> "HintIn":
