@@ -10,6 +10,8 @@ FLAGS: Mapping[str, str] = {
     "The interval is wide for that.",
     "not_measurable": "It was looked at and its volume cannot be told. Set the amount, or count it as "
     "missing, never as 0.",
+    "form_unlikely": "A person said how it lies, and the photographs clearly speak for another form. Check the "
+    "form, or the outline.",
     "support_not_measured": "What the food rests on was not seen: on a raised plate it comes out too large.",
     # of its food
     "food_identified": "The server alone says what it is, with a probability of 0.8 or more. Confirm it, or choose "

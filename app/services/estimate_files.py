@@ -13,7 +13,7 @@ from app.services.food_amounts import amounts_of
 from app.services.identify_photo import identify_items
 from app.vision.model import EstimateOptions, Method
 
-HINT_KEYS = frozenset({"point", "box", "polygon", "food", "lies_as"})
+HINT_KEYS = frozenset({"point", "box", "polygon", "food", "lies_as", "form", "vessel"})
 
 
 def read_options(*, marker: str, camera: Path | None, method: str, hints: Sequence[str]) -> EstimateOptions:
@@ -72,8 +72,9 @@ def _read_hint(text: str) -> dict[str, Any]:
     unknown = set(value) - HINT_KEYS
     if unknown:
         raise InvalidInputError(f"--hint has unknown keys {sorted(unknown)}; known are {sorted(HINT_KEYS)}.")
-    if value.get("lies_as") not in (None, *FOOD_FORMS):
-        raise InvalidInputError(f"--hint: lies_as is one of {', '.join(FOOD_FORMS)}, not {value['lies_as']!r}.")
+    for key in ("lies_as", "form"):
+        if value.get(key) not in (None, *FOOD_FORMS):
+            raise InvalidInputError(f"--hint: {key} is one of {', '.join(FOOD_FORMS)}, not {value[key]!r}.")
     try:
         hint_from_json(value)
     except (TypeError, ValueError):

@@ -120,7 +120,7 @@ def _run(
             )
         else:
             trace.table = foods.table
-            measured = measure_shapes(foods, rectified, disparity, points, pose_sd=pose_sd)
+            measured = measure_shapes(foods, rectified, disparity, points, pose_sd=pose_sd, hints=options.hints)
         if isinstance(measured, Failure):
             return measured
         trace.items = measured

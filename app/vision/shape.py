@@ -15,10 +15,11 @@ from app.vision.bowl import measure_content
 from app.vision.disparity import DisparityMap
 from app.vision.families import families
 from app.vision.form_fit import FormFit, Seen, fit_form
+from app.vision.form_prior import FormPrior, form_prior
 from app.vision.forms import COARSE, EXACT, FINE, Form
 from app.vision.measure import MeasuredItem, is_low_texture, without_clutter
 from app.vision.mesh import ClosedShape, Topology, faces_towards
-from app.vision.model import Float32Array, Float64Array, MaskArray
+from app.vision.model import Float32Array, Float64Array, Hint, MaskArray
 from app.vision.outline_snap import (
     Outline,
     colours_beside,
@@ -82,16 +83,19 @@ def measure_shapes(
     points_table: Float32Array,
     *,
     pose_sd: float,
+    hints: Sequence[Hint] = (),
 ) -> list[MeasuredItem] | Failure:
     """Volumes of the foods that can be measured, in the regions' order. Failure "food_not_measured" if there is none.
 
-    points_table: (H, W, 3) mm, NaN. pose_sd: relative, of a volume, see pose_doubt.py.
+    points_table: (H, W, 3) mm, NaN. pose_sd: relative, of a volume, see pose_doubt.py. hints: those that the regions'
+    indices are of; what they say of a food's form counts as form_prior.py tells.
     """
     scene = _scene_of(foods, pair, disparity, points_table)
     found = []
     for number, region in enumerate(foods.regions):
         food = scene.food(number)
-        found.append(None if food is None else _measured(region, food, scene, pose_sd))
+        hint = hints[region.hint] if hints and region.hint is not None else None
+        found.append(None if food is None else _measured(region, food, scene, pose_sd, form_prior(hint)))
     return without_clutter(found)
 
 
@@ -189,8 +193,11 @@ def _without(line: Outline, hidden_by: MaskArray) -> Outline:
     return replace(line, weights=np.where(hidden_by[row, column], 0.0, line.weights))
 
 
-def _fit_families(food: _Food) -> list[tuple[FormFit, float]]:
-    """Fits with their evidence as a cost (-2 log), best first: all families coarsely, the better ones finely."""
+def _fit_families(food: _Food, prior: FormPrior | None) -> list[tuple[FormFit, float]]:
+    """Fits with their evidence as a cost (-2 log), best first: all families coarsely, the better ones finely.
+
+    Of the form that is known beforehand, the best one is among these unless it fits hopelessly.
+    """
     mask_mm2 = float(np.count_nonzero(food.seen.mask)) * food.sight.pair.pixel_mm**2
     camera = food.sight.cameras_mm[0]
     forms = families(food.points, mask_mm2, food.support_mm, food.support_sd_mm, camera)
@@ -203,7 +210,9 @@ def _fit_families(food: _Food) -> list[tuple[FormFit, float]]:
         if fit is not None:
             coarse.append((fit.cost, fit, form))
     coarse.sort(key=lambda each: each[0])
-    fits = [(form, fit) for cost, fit, form in coarse[:KEPT] if cost < KEPT_RATIO * coarse[0][0]]
+    usable = [(form, fit) for cost, fit, form in coarse if cost < KEPT_RATIO * coarse[0][0]]
+    of_form = [each for each in usable[KEPT:] if prior is not None and each[0].name in prior.families]
+    fits = usable[:KEPT] + of_form[:1]
     for number in range(PASSES):
         # First each family as it is seen along itself; then all along the best one, so that their evidence compares.
         common = None if number == 0 or not fits else _seen_along(food, fits[0][1])
@@ -259,28 +268,39 @@ def _second_outline(food: _Food, covered: MaskArray) -> Outline | None:
     return replace(line, weights=SECOND_WEIGHT * line.weights)
 
 
-def _measured(region: Region, food: _Food, scene: _Scene, pose_sd: float) -> MeasuredItem | None:
+def _measured(
+    region: Region, food: _Food, scene: _Scene, pose_sd: float, prior: FormPrior | None
+) -> MeasuredItem | None:
     """One food: what fills a bowl by the bowl, everything else by its form."""
     pair_sd = float(np.hypot(3 * SCALE_SD, pose_sd))
     found = _of_bowl(region, food, scene, pair_sd) if region.vessel is not None else None
     if found is None:
-        fits = _fit_families(food)
+        fits = _fit_families(food, prior)
         if not fits:
             return None
-        found = _of_forms(fits, pair_sd)
+        found = _of_forms(fits, pair_sd, prior)
     volume, support_mm, flags = found
     if is_low_texture(np.isfinite(scene.disparity.parallax_px), region.mask):
         flags = (*flags, "low_texture")
     return MeasuredItem(region, food.points, support_mm, volume, flags, food.sight)
 
 
-def _of_forms(fits: Sequence[tuple[FormFit, float]], pair_sd: float) -> tuple[Volume, float, tuple[str, ...]]:
-    """The families' volumes averaged by their evidence; slices and hidden side are the best one's."""
-    best = fits[0][0]
+def _of_forms(
+    fits: Sequence[tuple[FormFit, float]], pair_sd: float, prior: FormPrior | None = None
+) -> tuple[Volume, float, tuple[str, ...]]:
+    """The families' volumes averaged by their evidence and what is known of the form; the likeliest one's slices."""
     costs = np.array([cost for _, cost in fits])
-    misfit = max(1.0, costs[0] / max(best.observations, 1.0))  # its own size tells what a difference is worth
-    weights = np.exp(-0.5 * (costs - costs[0]) / (TEMPER * misfit))
+    misfit = max(1.0, costs[0] / max(fits[0][0].observations, 1.0))  # its own size tells what a difference is worth
+    log_evidence = -0.5 * (costs - costs[0]) / (TEMPER * misfit)
+    weights = np.exp(log_evidence)
+    flags: tuple[str, ...] = ()
+    if prior is not None:
+        names = [fit.form.name for fit, _ in fits]
+        weights *= [prior.factor(name) for name in names]
+        best_last = zip(names[::-1], log_evidence[::-1].tolist(), strict=True)
+        flags = ("form_unlikely",) if prior.is_unlikely(dict(best_last)) else ()
     weights /= weights.sum()
+    best = fits[int(weights.argmax())][0]
     logs = np.log([fit.volume_ml for fit, _ in fits])
     spreads = np.array([fit.volume_sd_ml / fit.volume_ml for fit, _ in fits]) * np.sqrt(misfit)
     mean = float(weights @ logs)
@@ -290,7 +310,7 @@ def _of_forms(fits: Sequence[tuple[FormFit, float]], pair_sd: float) -> tuple[Vo
     slices = cut_sections(vertices, mesh.faces, support_mm)
     middle, rest = vertices[:, :2].mean(axis=0), vertices - [0.0, 0.0, support_mm]
     shape = ClosedShape(rest, mesh.faces)
-    return _volume(float(np.exp(mean)), pair_sd, item_sd, slices, middle, rest, shape), support_mm, ()
+    return _volume(float(np.exp(mean)), pair_sd, item_sd, slices, middle, rest, shape), support_mm, flags
 
 
 def _of_bowl(

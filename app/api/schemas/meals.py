@@ -27,6 +27,9 @@ class HintIn(BaseModel):
         default=None,
         description="How it lies there, where that is not as it usually does: an apple cut into slices is a `heap`.",
     )
+    form: FoodForm | None = Field(
+        default=None, description="How it lies there, for measuring alone; `lies_as` also says which density counts."
+    )
     vessel: Text | None = Field(
         default=None,
         min_length=1,

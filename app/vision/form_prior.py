@@ -1,0 +1,53 @@
+"""What is known of a food's form beforehand, as odds of the families: a person's word strongly, a food table weakly.
+
+A hint -> the factor of each family's weight, and whether the picture speaks against what a person said.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from app.vision.model import FoodForm, Hint
+
+# A food that lies is also called whole. What a liquid or a vessel's content looks like says nothing of these families.
+FAMILIES_OF_FORM: Mapping[FoodForm, frozenset[str]] = {
+    "whole": frozenset({"ball", "lying", "bent", "ring"}),
+    "lying": frozenset({"lying", "bent"}),
+    "slab": frozenset({"slab", "block", "wedge"}),
+    "heap": frozenset({"heap"}),
+}
+PERSON_ODDS = 100.0  # that a person who says how a food lies means one of that form's families
+TABLE_ODDS = 4.0  # that a food lies as its kind usually does: an apple is eaten whole more often than in slices
+
+
+@dataclass(frozen=True, slots=True)
+class FormPrior:
+    """families: those of the form; odds: by which they are likelier than others. is_said: by a person."""
+
+    families: frozenset[str]
+    odds: float
+    is_said: bool
+
+    def factor(self, family: str) -> float:
+        """Of a family's weight, 1 for those of the form."""
+        return 1.0 if family in self.families else 1.0 / self.odds
+
+    def is_unlikely(self, log_evidence: Mapping[str, float]) -> bool:
+        """Whether the picture outweighs a person's word. log_evidence: of the families that were fitted, by name."""
+        if not self.is_said or not log_evidence:
+            return False
+        of_form = [value for name, value in log_evidence.items() if name in self.families]
+        return not of_form or max(log_evidence.values()) - max(of_form) > float(np.log(self.odds))
+
+
+def form_prior(hint: Hint | None) -> FormPrior | None:
+    """The prior of a hint; None where it says nothing of the families."""
+    if hint is None:
+        return None
+    said = hint.form or cast("FoodForm | None", hint.lies_as)
+    form = said or hint.usual_form
+    if form is None or form not in FAMILIES_OF_FORM:
+        return None
+    return FormPrior(FAMILIES_OF_FORM[form], PERSON_ODDS if said else TABLE_ODDS, said is not None)
