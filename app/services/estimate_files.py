@@ -16,7 +16,9 @@ from app.vision.model import EstimateOptions, Method
 HINT_KEYS = frozenset({"point", "box", "polygon", "food", "lies_as"})
 
 
-def read_options(*, marker: str, camera: Path | None, method: str, hints: Sequence[str]) -> EstimateOptions:
+def read_options(
+    *, marker: str, camera: Path | None, method: str, hints: Sequence[str], vessels: Path | None = None
+) -> EstimateOptions:
     """Options from the command line's words. Raises InvalidInputError with a sentence."""
     if method not in get_args(Method):
         raise InvalidInputError(f"There is no method {method!r}; there is {', '.join(get_args(Method))}.")
@@ -25,6 +27,7 @@ def read_options(*, marker: str, camera: Path | None, method: str, hints: Sequen
         "camera": _read_json(camera.read_text(), str(camera)) if camera is not None else None,
         "method": method,
         "hints": [_read_hint(hint) for hint in hints],
+        "vessels": _read_json(vessels.read_text(), str(vessels)) if vessels is not None else [],
     }
     return options_from_json(value)
 
