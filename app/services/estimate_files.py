@@ -27,7 +27,7 @@ def read_options(
         "camera": _read_json(camera.read_text(), str(camera)) if camera is not None else None,
         "method": method,
         "hints": [_read_hint(hint) for hint in hints],
-        "vessels": _read_json(vessels.read_text(), str(vessels)) if vessels is not None else [],
+        "vessels": _parsed(vessels.read_text(), str(vessels)) if vessels is not None else [],
     }
     return options_from_json(value)
 
@@ -84,11 +84,15 @@ def _read_hint(text: str) -> dict[str, Any]:
     return value
 
 
-def _read_json(text: str, what: str) -> dict[str, Any]:
+def _parsed(text: str, what: str) -> Any:
     try:
-        value = json.loads(text)
+        return json.loads(text)
     except json.JSONDecodeError as error:
         raise InvalidInputError(f"{what} is not JSON: {error}.") from None
+
+
+def _read_json(text: str, what: str) -> dict[str, Any]:
+    value = _parsed(text, what)
     if not isinstance(value, dict):
         raise InvalidInputError(f"{what} must be a JSON object.")
     return value

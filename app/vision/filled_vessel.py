@@ -183,7 +183,9 @@ def measure_liquid(
         aspect = (rim.height_mm - table_mm) / rim.radius_mm
         foot, foot_sd = (float(np.interp(aspect, ASPECTS, each)) for each in (FOOT_SHARES, FOOT_SHARE_SDS))
         means = np.array([height, level.radius_mm, FLOOR_MM[0], foot, POWER[0]])
-        spreads = np.array([level.sd_mm[0], level.sd_mm[1], FLOOR_MM[1], foot_sd, POWER[1]])
+        spreads = np.array(
+            [float(np.hypot(level.sd_mm[0], level.lift_sd_mm)), level.sd_mm[1], FLOOR_MM[1], foot_sd, POWER[1]]
+        )
         inside = _usual_inside(*means.tolist())
         volume = inside.volume_ml(height)
         changes = []

@@ -27,16 +27,21 @@ CENTRE_SD_MM = 0.5  # of the surface's axis about the rim's
 LEAST_SD_MM = 0.4
 PIXEL_SD = 0.5  # of an edge's place, px; neighbouring directions err alike
 DIRECTIONS_PER_FACT = 6.0
+SHARED_SD_PX = 0.4  # of parallax, by poses and by edges that are not quite the same line in both views
 
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """height_mm over the marker's plane and radius_mm of the surface. sd_mm: of both, by the fit (height, radius)."""
+    """height_mm over the marker's plane and radius_mm of the surface. sd_mm: of both, by the fit (height, radius).
+
+    contrast: CIELAB step across its edge. lift_sd_mm: of the height, by what errs alike for rim and surface.
+    """
 
     height_mm: float
     radius_mm: float
     sd_mm: tuple[float, float]
     contrast: float
+    lift_sd_mm: float = 0.0
 
 
 def find_level(
@@ -108,7 +113,20 @@ def _refined(sight: Sight, grey: list[Float32Array], rim: Circle, start: Float64
     if height > rim.height_mm - LEAST_BELOW_MM / 2 or not 0.3 * rim.radius_mm < radius < 1.03 * rim.radius_mm:
         return None
     sd = np.sqrt(np.diag(np.linalg.inv(normal)))
-    return Level(height, radius, (float(np.hypot(sd[3], LEAST_SD_MM)), float(np.hypot(sd[2], LEAST_SD_MM))), contrast)
+    return Level(
+        height,
+        radius,
+        (float(np.hypot(sd[3], LEAST_SD_MM)), float(np.hypot(sd[2], LEAST_SD_MM))),
+        contrast,
+        _lift_sd(sight, unknowns),
+    )
+
+
+def _lift_sd(sight: Sight, unknowns: Float64Array) -> float:
+    """Sd of the height that an error of parallax common to the whole circle makes, mm."""
+    middle = np.array([[unknowns[0], unknowns[1], unknowns[3] + lift] for lift in (-1.0, 1.0)])
+    _, parallax = sight.project(middle)
+    return float(SHARED_SD_PX * 2.0 / max(abs(parallax[1] - parallax[0]), 1e-6))
 
 
 def _colours_at(lab: Float32Array, pixels: Float64Array) -> Float64Array:
