@@ -6,6 +6,7 @@ FLAGS: Mapping[str, str] = {
     # of a measurement
     "low_texture": "Less than half of the food's surface could be measured from the two views; its outline carries "
     "the form. Look at the outline.",
+    "vessel_library": "It is a liquid in a vessel of the study's library: only its level was measured.",
     "inside_guessed": "It lies in a bowl: its top is measured, what lies below is taken from the bowl's outer wall. "
     "The interval is wide for that.",
     "not_measurable": "It was looked at and its volume cannot be told. Set the amount, or count it as "

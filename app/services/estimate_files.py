@@ -16,7 +16,9 @@ from app.vision.model import EstimateOptions, Method
 HINT_KEYS = frozenset({"point", "box", "polygon", "food", "lies_as", "form", "vessel"})
 
 
-def read_options(*, marker: str, camera: Path | None, method: str, hints: Sequence[str]) -> EstimateOptions:
+def read_options(
+    *, marker: str, camera: Path | None, method: str, hints: Sequence[str], vessels: Path | None = None
+) -> EstimateOptions:
     """Options from the command line's words. Raises InvalidInputError with a sentence."""
     if method not in get_args(Method):
         raise InvalidInputError(f"There is no method {method!r}; there is {', '.join(get_args(Method))}.")
@@ -25,6 +27,7 @@ def read_options(*, marker: str, camera: Path | None, method: str, hints: Sequen
         "camera": _read_json(camera.read_text(), str(camera)) if camera is not None else None,
         "method": method,
         "hints": [_read_hint(hint) for hint in hints],
+        "vessels": _parsed(vessels.read_text(), str(vessels)) if vessels is not None else [],
     }
     return options_from_json(value)
 
@@ -82,11 +85,15 @@ def _read_hint(text: str) -> dict[str, Any]:
     return value
 
 
-def _read_json(text: str, what: str) -> dict[str, Any]:
+def _parsed(text: str, what: str) -> Any:
     try:
-        value = json.loads(text)
+        return json.loads(text)
     except json.JSONDecodeError as error:
         raise InvalidInputError(f"{what} is not JSON: {error}.") from None
+
+
+def _read_json(text: str, what: str) -> dict[str, Any]:
+    value = _parsed(text, what)
     if not isinstance(value, dict):
         raise InvalidInputError(f"{what} must be a JSON object.")
     return value

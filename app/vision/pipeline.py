@@ -17,6 +17,7 @@ from app.vision.disparity import DisparityMap, match_dense
 from app.vision.epipolar import Epipolar, compare_fundamentals
 from app.vision.features import Matches, match_features, shows_sheet
 from app.vision.figures import draw_artefacts
+from app.vision.liquids import segment_meal
 from app.vision.marker import agree_on_corners, find_marker
 from app.vision.marker_thickness import find_thickness, on_plaque
 from app.vision.measure import measure_items
@@ -35,7 +36,6 @@ from app.vision.pose_doubt import volume_sd
 from app.vision.reconstruction import back_project, fit_to_marker, plane_points
 from app.vision.rectification import RectifiedPair, is_swapped, rectify_by_poses
 from app.vision.relative_pose import refine_views
-from app.vision.segmentation import segment_foods
 from app.vision.shape import measure_shapes
 from app.vision.stillness import judge_matches, judge_table
 from app.vision.topview import usable_points
@@ -109,7 +109,7 @@ def _run(
         places = photograph_px(rectified, points, trace.views[0], is_swapped=trace.is_swapped)
         size = (pair.left.pixels_bgr.shape[1], pair.left.pixels_bgr.shape[0])
         hints = draw_hints(options.hints, places, size)
-        foods = segment_foods(rectified, disparity, points, ignored, hints)
+        foods = segment_meal(rectified, disparity, points, ignored, hints, options)
         if isinstance(foods, Failure):
             return foods
     with stage("volume"):

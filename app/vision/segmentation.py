@@ -14,6 +14,7 @@ from app.errors import Failure
 from app.vision.colour_bins import fine_texture
 from app.vision.dish import Dish, find_dishes, solid_cells
 from app.vision.disparity import DisparityMap
+from app.vision.filled_vessel import FilledVessel
 from app.vision.food_outline import correct_outlines
 from app.vision.food_pixels import find_food_pixels
 from app.vision.foods_apart import tell_apart
@@ -50,12 +51,14 @@ class Region:
     """One food's mask on the rectified grid, (H, W), the hint that it answers, what it rests on and what it lies in.
 
     support: None where nothing was measured at all. vessel: the bowl that holds it, else None.
+    liquid: the filled vessel whose liquid it is, else None.
     """
 
     mask: MaskArray
     hint: int | None = None
     support: Support | None = None
     vessel: Vessel | None = None
+    liquid: FilledVessel | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from app.errors import Failure
 from app.vision.bowl import measure_content
 from app.vision.disparity import DisparityMap
 from app.vision.families import families
+from app.vision.filled_vessel import FilledVessel
 from app.vision.form_fit import FormFit, Seen, fit_form
 from app.vision.form_prior import FormPrior, form_prior
 from app.vision.forms import COARSE, EXACT, FINE, Form
@@ -91,8 +92,11 @@ def measure_shapes(
     indices are of; what they say of a food's form counts as form_prior.py tells.
     """
     scene = _scene_of(foods, pair, disparity, points_table)
-    found = []
+    found: list[MeasuredItem | None] = []
     for number, region in enumerate(foods.regions):
+        if region.liquid is not None:
+            found.append(_of_liquid(region, region.liquid, float(np.hypot(3 * SCALE_SD, pose_sd))))
+            continue
         food = scene.food(number)
         hint = hints[region.hint] if hints and region.hint is not None else None
         found.append(None if food is None else _measured(region, food, scene, pose_sd, form_prior(hint)))
@@ -333,6 +337,17 @@ def _of_bowl(
     item_sd = content.sd_ml / content.volume_ml
     volume = _volume(content.volume_ml, pair_sd, item_sd, content.slices, vessel.centre_mm, rest, content.shape)
     return volume, food.support_mm, flags
+
+
+def _of_liquid(region: Region, vessel: FilledVessel, pair_sd: float) -> MeasuredItem:
+    """A liquid as its vessel measured it, without a volume where that would be a guess."""
+    liquid, points = vessel.liquid, vessel.surface_points()
+    volume = None
+    if liquid.is_measurable:
+        item_sd = liquid.sd_ml / liquid.volume_ml
+        middle, rest = vessel.rim.centre_mm, points - [0.0, 0.0, liquid.floor_mm]
+        volume = _volume(liquid.volume_ml, pair_sd, item_sd, liquid.slices, middle, rest, liquid.shape)
+    return MeasuredItem(region, points, liquid.floor_mm, volume, vessel.flags)
 
 
 def _is_beside(points_table: Float64Array, vessel: Vessel) -> bool:

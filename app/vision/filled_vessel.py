@@ -1,0 +1,331 @@
+"""Liquids in vessels: rim, surface and what is known of the inside below it -> millilitres and their doubt.
+
+Both views -> one FilledVessel for each vessel whose liquid's surface is seen. The surface's own circle is the inside at
+that height; below it the inside is the library's, or what vessels of that shape are like.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from scipy.optimize import brentq
+
+from app.units import ml_from_mm3
+from app.vision.liquid_level import Level, find_level, visible
+from app.vision.mesh import ClosedShape
+from app.vision.model import Float32Array, Float64Array, MaskArray
+from app.vision.outline_snap import lab_of
+from app.vision.rectification import RectifiedPair
+from app.vision.rims import Circle, circle_points, find_circles
+from app.vision.sight import Sight
+from app.vision.slices import Slice
+from app.vision.solids import turned
+from app.vision.topview import TableTrend
+from app.vision.vessel_library import VesselModel
+
+LEAST_RIM_MM = 25.0  # over the table: lower rims are plates'
+COAXIAL_MM = 12.0  # circles of one vessel, as far as their fits err
+SEEN_THROUGH_COVER = 0.7  # of a surface's circle that is seen through glass
+SEEN_THROUGH_SHARES = (0.75, 1.02)  # of the rim's radius
+SEEN_THROUGH_SD_MM = 3.0  # of its height: the wall refracts
+FLOOR_MM = (5.0, 1.5)  # of the inside over the table: foot ring and floor of ceramics, base of a glass
+# Height by radius of the rim: deep plates at the first, bowls and cups between the next two, mugs and glasses at the
+# last; and the inside's radius at the floor by that at the surface. Plates have a flat well, mugs an upright wall.
+ASPECTS = (0.4, 0.6, 1.4, 2.0)
+FOOT_SHARES = (0.78, 0.55, 0.55, 0.92)
+FOOT_SHARE_SDS = (0.12, 0.15, 0.15, 0.06)
+UPRIGHT = ASPECTS[-1]
+POWER = (0.45, 0.2)  # of the inside's curve: a cone has 1, a cylinder 0
+UPRIGHT_LEAST_SHARE = 0.8  # of the rim's radius that an upright vessel's surface has
+HEAP_MM = 4.0  # over the surface's edge: what is measured higher is heaped food, no liquid
+ROUGH_MM = 6.0  # half the height between the surface's 10 and 90 %: a salad, no soup
+BOWL_ASPECT = 1.0  # height by radius of the rim: in narrower vessels windows of the dense match reach the wall
+HEAP_SHARE = 0.3  # of the surface that must be measured to say so
+RIM_INSET_MM = (-1.5, 6.0)  # of the library's inside radius in the circle found, which may be the wall's outer edge
+RIM_HEIGHT_MM = 5.0  # within which a library vessel's rim must lie
+MODEL_SD_MM = 0.5  # of a library vessel's level: of its rim and how it was measured
+STEP_MM, SLICE_MM = 0.5, 4.0
+MAX_RELATIVE_SD = 0.25  # of the content: more, and no volume is given
+DISC_POINTS = 200
+MAX_IGNORED = 0.3  # of a surface's pixels: what stands high leaves the region that both views see of the table
+EDGE_PX = 21  # from the surface's outline, where windows of the dense match lie across the rim
+
+
+@dataclass(frozen=True, slots=True)
+class Inside:
+    """profile_mm: (n, 2) radius and height over the table, from the floor up."""
+
+    profile_mm: Float64Array
+
+    def volume_ml(self, level_mm: float) -> float:
+        """Volume between the floor and a level over the table; the uppermost radius is carried on."""
+        floor = float(self.profile_mm[0, 1])
+        depth = max(level_mm - floor, 0.0)
+        steps = max(int(np.ceil(depth / STEP_MM)), 1)
+        heights = floor + (np.arange(steps) + 0.5) * depth / steps
+        return ml_from_mm3(float(np.pi * np.square(self.radius_mm(heights)).sum() * depth / steps))
+
+    def radius_mm(self, height_mm: Float64Array | float) -> Float64Array:
+        """Radius at a height over the table."""
+        return np.asarray(np.interp(height_mm, self.profile_mm[:, 1], self.profile_mm[:, 0]), np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class LiquidVolume:
+    """volume_ml, sd_ml, and its form: slices and closed shape, z from the inside floor. library: the vessel's name."""
+
+    volume_ml: float
+    sd_ml: float
+    floor_mm: float
+    slices: tuple[Slice, ...]
+    shape: ClosedShape
+    library: str | None = None
+
+    @property
+    def is_measurable(self) -> bool:
+        """Whether the doubt leaves a volume worth telling."""
+        return self.sd_ml < MAX_RELATIVE_SD * self.volume_ml
+
+
+@dataclass(frozen=True, slots=True)
+class FilledVessel:
+    """silhouette: (H, W) the whole vessel in the first view; content: (H, W) the liquid's surface as far as it is seen.
+
+    rim and level in the table frame, heights over the marker's plane; table_mm: the table's there.
+    """
+
+    silhouette: MaskArray
+    content: MaskArray
+    rim: Circle
+    level: Level
+    table_mm: float
+    liquid: LiquidVolume
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """Stable codes of the item."""
+        if not self.liquid.is_measurable:
+            return ("not_measurable",)
+        return ("vessel_library",) if self.liquid.library is not None else ("inside_guessed",)
+
+    def measured_as(self, model: VesselModel) -> "FilledVessel":
+        """The same vessel, its liquid measured by a library vessel that a person named."""
+        liquid = measure_liquid(self.rim, self.level, self.table_mm, model=model)
+        return self if liquid is None else replace(self, liquid=liquid)
+
+    def surface_points(self) -> Float64Array:
+        """(n, 3) mm over the table, evenly on the liquid's surface."""
+        turn = np.arange(DISC_POINTS) * np.pi * (3.0 - np.sqrt(5.0))
+        reach = self.level.radius_mm * np.sqrt((np.arange(DISC_POINTS) + 0.5) / DISC_POINTS)
+        x, y = self.rim.centre_mm
+        height = np.full(DISC_POINTS, self.level.height_mm - self.table_mm)
+        return np.column_stack([x + reach * np.cos(turn), y + reach * np.sin(turn), height])
+
+
+def find_vessels(
+    pair: RectifiedPair,
+    points_table: Float32Array,
+    table: TableTrend,
+    ignored: MaskArray,
+    library: Sequence[VesselModel] = (),
+) -> list[FilledVessel]:
+    """Vessels with a liquid whose surface is seen. points_table: (H, W, 3) mm, NaN. ignored: (H, W) sheet, unseen."""
+    sight = Sight(pair)
+    circles = find_circles(pair, sight, ~ignored)
+    lab = (lab_of(pair.first_bgr), lab_of(pair.second_bgr))
+    grey = [
+        np.asarray(
+            cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32), (0, 0), 1.0), np.float32
+        )
+        for image in (pair.first_bgr, pair.second_bgr)
+    ]
+    vessels: list[FilledVessel] = []
+    for rim in circles:
+        table_mm = float(table.height_mm(rim.centre_mm))
+        if rim.height_mm - table_mm < LEAST_RIM_MM or _is_within(rim, vessels) or _is_surface(rim, circles):
+            continue
+        level = find_level(sight, lab, grey, rim, table_mm)
+        level = level if level is not None and _is_plausible(rim, level, table_mm) else _seen_through(rim, circles)
+        if level is None:
+            continue
+        silhouette, content = _masks(sight, rim, level, table_mm)
+        is_hidden = np.count_nonzero(content & ignored) > MAX_IGNORED * np.count_nonzero(content)
+        if not content.any() or is_hidden or _is_heaped(points_table, content, rim, level, table_mm):
+            continue
+        liquid = measure_liquid(rim, level, table_mm, library)
+        if liquid is not None:
+            vessels.append(FilledVessel(silhouette, content, rim, level, table_mm, liquid))
+    return vessels
+
+
+def measure_liquid(
+    rim: Circle,
+    level: Level,
+    table_mm: float,
+    library: Sequence[VesselModel] = (),
+    model: VesselModel | None = None,
+) -> LiquidVolume | None:
+    """The liquid's volume; None if the surface lies too low.
+
+    By the model, else by the library's vessel that has this rim, else by what vessels are like.
+    """
+    model = model or recognise(rim, table_mm, library)
+    if model is not None:
+        # Errors of the poses lift rim and surface alike; the depth below the rim is surer than the height.
+        height = model.height_mm - (rim.height_mm - level.height_mm)
+        inside = inside_of_model(model)
+        height_sd = float(np.hypot(level.sd_mm[0], MODEL_SD_MM))
+        volume = inside.volume_ml(height)
+        changes = [0.5 * (inside.volume_ml(height + height_sd) - inside.volume_ml(height - height_sd))]
+    else:
+        height = level.height_mm - table_mm
+        aspect = (rim.height_mm - table_mm) / rim.radius_mm
+        foot, foot_sd = (float(np.interp(aspect, ASPECTS, each)) for each in (FOOT_SHARES, FOOT_SHARE_SDS))
+        means = np.array([height, level.radius_mm, FLOOR_MM[0], foot, POWER[0]])
+        spreads = np.array(
+            [float(np.hypot(level.sd_mm[0], level.lift_sd_mm)), level.sd_mm[1], FLOOR_MM[1], foot_sd, POWER[1]]
+        )
+        inside = _usual_inside(*means.tolist())
+        volume = inside.volume_ml(height)
+        changes = []
+        for place, spread in enumerate(spreads):
+            low, high = means.copy(), means.copy()
+            low[place] -= spread
+            high[place] += spread
+            changes.append(0.5 * (_usual_volume(*high.tolist()) - _usual_volume(*low.tolist())))
+    floor_mm = float(inside.profile_mm[0, 1])
+    if volume <= 0.0 or height - floor_mm < 1.0:
+        return None
+    return LiquidVolume(
+        volume,
+        float(np.sqrt(np.square(changes).sum())),
+        floor_mm,
+        *_form(rim.centre_mm, inside, height),
+        library=None if model is None else model.name,
+    )
+
+
+def recognise(rim: Circle, table_mm: float, library: Sequence[VesselModel]) -> VesselModel | None:
+    """The library's vessel whose rim fits best in radius and height; None if none does."""
+    height_mm = rim.height_mm - table_mm
+    scored = []
+    for model in library:
+        inset = rim.radius_mm - model.rim_diameter_mm / 2
+        lift = height_mm - model.height_mm
+        if RIM_INSET_MM[0] < inset < RIM_INSET_MM[1] and abs(lift) < RIM_HEIGHT_MM:
+            scored.append((float(np.hypot(inset - 1.5, lift)), model))
+    return min(scored, key=lambda each: each[0])[1] if scored else None
+
+
+def inside_of_model(model: VesselModel) -> Inside:
+    """A library vessel's inside: its profile, or a frustum of its capacity."""
+    if model.inside_profile_mm:
+        return Inside(np.array(model.inside_profile_mm, np.float64))
+    radius, floor = model.rim_diameter_mm / 2, min(FLOOR_MM[0], 0.2 * model.height_mm)
+
+    def frustum(foot: float) -> Inside:
+        heights = np.linspace(floor, model.height_mm, 40)
+        return Inside(np.column_stack([np.linspace(foot, radius, 40), heights]))
+
+    capacity = model.capacity_ml or 0.0
+
+    def excess(foot: float) -> float:
+        return frustum(foot).volume_ml(model.height_mm) - capacity
+
+    low, high = 0.05 * radius, 2.0 * radius  # a jug may be wider below
+    if excess(low) * excess(high) > 0:
+        return frustum(low if excess(low) > 0 else high)
+    return frustum(float(brentq(excess, low, high)))
+
+
+def _usual_inside(level_mm: float, radius_mm: float, floor_mm: float, foot: float, power: float) -> Inside:
+    """Return the inside of radius (foot + (1 - foot) u^power), u the share of the way from floor to surface."""
+    share = np.linspace(0.0, 1.0, 60)
+    radii = radius_mm * (foot + (1 - foot) * share**power)
+    floor = min(floor_mm, level_mm - 1.0)
+    return Inside(np.column_stack([radii, floor + share * (level_mm - floor)]))
+
+
+def _usual_volume(level_mm: float, radius_mm: float, floor_mm: float, foot: float, power: float) -> float:
+    return _usual_inside(level_mm, radius_mm, floor_mm, min(foot, 1.0), power).volume_ml(level_mm)
+
+
+def _form(centre_mm: Float64Array, inside: Inside, level_mm: float) -> tuple[tuple[Slice, ...], ClosedShape]:
+    """Slices and closed shape of what is filled up to the level over the table; heights from the inside floor."""
+    floor_mm = float(inside.profile_mm[0, 1])
+    depth = level_mm - floor_mm
+    slices = []
+    for low in np.arange(0.0, depth, SLICE_MM).tolist():
+        high = min(low + SLICE_MM, depth)
+        radius = max(float(inside.radius_mm(floor_mm + (low + high) / 2)), 1.0)
+        slices.append(Slice(low, high, centre_mm, (radius, radius), 0.0, np.empty((0, 2)), 0.0, "continued"))
+    rings = np.linspace(0.0, depth, max(int(np.ceil(depth)), 2) + 1)
+    return tuple(slices), turned(centre_mm, np.maximum(inside.radius_mm(floor_mm + rings), 0.1), rings, 0.0)
+
+
+def _is_within(rim: Circle, vessels: Sequence[FilledVessel]) -> bool:
+    """Whether the circle belongs to a vessel already found."""
+    return any(np.linalg.norm(rim.centre_mm - vessel.rim.centre_mm) < vessel.rim.radius_mm for vessel in vessels)
+
+
+def _is_surface(circle: Circle, circles: Sequence[Circle]) -> bool:
+    """Whether another circle about the same axis lies higher: that one is the rim."""
+    return any(
+        np.linalg.norm(circle.centre_mm - other.centre_mm) < COAXIAL_MM
+        and other.height_mm > circle.height_mm + 6.0
+        and other.radius_mm > 0.9 * circle.radius_mm
+        for other in circles
+    )
+
+
+def _is_plausible(rim: Circle, level: Level, table_mm: float) -> bool:
+    """Whether an upright vessel would have a surface as wide."""
+    is_upright = rim.height_mm - table_mm > UPRIGHT * rim.radius_mm
+    return not is_upright or level.radius_mm > UPRIGHT_LEAST_SHARE * rim.radius_mm
+
+
+def _seen_through(rim: Circle, circles: Sequence[Circle]) -> Level | None:
+    """A surface seen through the wall of a glass: a whole circle about the rim's axis below it."""
+    low, high = (share * rim.radius_mm for share in SEEN_THROUGH_SHARES)
+    for circle in circles:
+        is_coaxial = np.linalg.norm(circle.centre_mm - rim.centre_mm) < COAXIAL_MM / 2
+        is_below = circle.height_mm < rim.height_mm - 6.0 and low < circle.radius_mm < high
+        if is_coaxial and is_below and circle.cover > SEEN_THROUGH_COVER:
+            return Level(circle.height_mm, circle.radius_mm, (SEEN_THROUGH_SD_MM, 0.5), 0.0)
+    return None
+
+
+def _is_heaped(points_table: Float32Array, content: MaskArray, rim: Circle, level: Level, table_mm: float) -> bool:
+    """Whether what fills a bowl is measured to be no level surface. A mirror image only lies below it."""
+    if rim.height_mm - table_mm > BOWL_ASPECT * rim.radius_mm:
+        return False
+    inner = cv2.erode(content.astype(np.uint8), np.ones((EDGE_PX, EDGE_PX), np.uint8)) > 0
+    heights = points_table[..., 2][inner]
+    measured = heights[np.isfinite(heights)]
+    if len(measured) < max(HEAP_SHARE * len(heights), 100):
+        return False
+    low, middle, high = np.quantile(measured, (0.1, 0.5, 0.9))
+    return bool(middle - level.height_mm > HEAP_MM or (high - low) / 2 > ROUGH_MM)
+
+
+def _masks(sight: Sight, rim: Circle, level: Level, table_mm: float) -> tuple[MaskArray, MaskArray]:
+    """(H, W) the whole vessel, and the surface as far as the rim leaves it in view, both in the first view."""
+    shape = sight.pair.shape
+    brim = np.array([*rim.centre_mm, rim.radius_mm, rim.height_mm])
+    foot = np.array([*rim.centre_mm, min(level.radius_mm, rim.radius_mm), table_mm])
+    surface = np.array([*rim.centre_mm, level.radius_mm, level.height_mm])
+    rings = [sight.project(circle_points(circle))[0] for circle in (brim, foot, surface)]
+    silhouette = _filled(
+        np.asarray(cv2.convexHull(np.vstack(rings[:2]).astype(np.float32)), np.float32).reshape(-1, 2), shape
+    )
+    content = _filled(rings[2], shape)
+    if visible(sight, rim, circle_points(surface), 0).mean() < 1.0:
+        content &= _filled(rings[0], shape)
+    return silhouette, content
+
+
+def _filled(ring: Float64Array | Float32Array, shape: tuple[int, int]) -> MaskArray:
+    canvas = np.zeros(shape, np.uint8)
+    cv2.fillPoly(canvas, [np.rint(np.asarray(ring)).astype(np.int32)], (1.0,))
+    return canvas > 0

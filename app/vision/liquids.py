@@ -1,0 +1,80 @@
+"""Liquids beside the foods of a meal: filled vessels are found first, and the foods in what they leave.
+
+The rectified pair -> regions of liquids and of foods, with hints shared out between them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from app.errors import Failure
+from app.vision.disparity import DisparityMap
+from app.vision.filled_vessel import FilledVessel, find_vessels
+from app.vision.model import EstimateOptions, Float32Array, Hint, MaskArray
+from app.vision.rectification import RectifiedPair
+from app.vision.segmentation import Foods, HintMask, Region, segment_foods
+from app.vision.topview import fit_table_trend, usable_points
+from app.vision.vessel_library import VesselModel
+
+REDUCTION = 4  # of the grid, for the table's trend
+BESIDE_PX = 9  # around a vessel, where dense parallax is its own
+SHARE_OF_BOX = 0.3  # of a hint's box that a vessel must fill to be what it points at
+
+
+def segment_meal(
+    pair: RectifiedPair,
+    disparity: DisparityMap,
+    points_table: Float32Array,
+    ignored: MaskArray,
+    hints: Sequence[HintMask],
+    options: EstimateOptions,
+) -> Foods | Failure:
+    """Foods and liquids, liquids first. See segment_foods for shapes, units and failures.
+
+    The paper's method has no vessels: all is food to it.
+    """
+    if options.method == "paper":
+        return segment_foods(pair, disparity, points_table, ignored, hints)
+    every = slice(None, None, REDUCTION)
+    points, unseen = np.ascontiguousarray(points_table[every, every]), np.ascontiguousarray(ignored[every, every])
+    table = fit_table_trend(points[usable_points(points, unseen)])
+    vessels = find_vessels(pair, points_table, table, ignored, options.vessels)
+    taken = np.zeros(ignored.shape, np.bool_)
+    liquids: list[Region] = []
+    answered: set[int] = set()
+    for vessel in vessels:
+        hint = _hint_of(vessel, hints)
+        if hints and hint is None:
+            continue
+        if hint is not None:
+            answered.add(hint.index)
+        named = vessel if hint is None else _as_named(vessel, options.hints[hint.index], options.vessels)
+        taken |= vessel.silhouette
+        liquids.append(Region(vessel.content, None if hint is None else hint.index, liquid=named))
+    rest = [hint for hint in hints if hint.index not in answered]
+    if liquids and hints and not rest:
+        return Foods(liquids, table)
+    around = cv2.dilate(taken.astype(np.uint8), np.ones((BESIDE_PX, BESIDE_PX), np.uint8)) > 0
+    foods = segment_foods(pair, disparity, points_table, ignored | around, rest)
+    if isinstance(foods, Failure):
+        return Foods(liquids, table) if liquids else foods
+    return replace(foods, regions=[*liquids, *foods.regions])
+
+
+def _hint_of(vessel: FilledVessel, hints: Sequence[HintMask]) -> HintMask | None:
+    """The hint that points at the vessel's content; an exact outline is the person's own and stays a food's."""
+    for hint in hints:
+        if hint.is_exact:
+            continue
+        shared = np.count_nonzero(hint.mask & vessel.silhouette)
+        if shared > (SHARE_OF_BOX * np.count_nonzero(hint.mask) if hint.is_box else 0):
+            return hint
+    return None
+
+
+def _as_named(vessel: FilledVessel, hint: Hint, library: Sequence[VesselModel]) -> FilledVessel:
+    """The vessel measured as the library's vessel that the hint names, if it names one."""
+    named = [model for model in library if model.name == hint.vessel]
+    return vessel.measured_as(named[0]) if named else vessel
