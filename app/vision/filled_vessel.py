@@ -105,9 +105,10 @@ class FilledVessel:
     @property
     def flags(self) -> tuple[str, ...]:
         """Stable codes of the item."""
+        flags = ("vessel_library",) if self.liquid.library is not None else ("inside_guessed",)
         if not self.liquid.is_measurable:
-            return ("not_measurable",)
-        return ("vessel_library",) if self.liquid.library is not None else ("inside_guessed",)
+            flags = ("not_measurable",)
+        return flags
 
     def measured_as(self, model: VesselModel) -> "FilledVessel":
         """The same vessel, its liquid measured by a library vessel that a person named."""

@@ -13,7 +13,7 @@ from app.cli import print_estimate
 from app.nutrition.foods import load_starter_table
 from app.services.estimate_json import estimate_to_json
 from app.services.food_amounts import amounts_of
-from app.vision import pipeline
+from app.vision import liquids, pipeline
 from app.vision.model import EstimateOptions, Hint, PhotoPair
 from app.vision.segmentation import segment_foods
 from app.vision.support import Support
@@ -35,7 +35,7 @@ def estimate():
 
     left, right = rendered_views(BALL)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pipeline, "segment_foods", in_a_bowl)
+        patch.setattr(liquids, "segment_foods", in_a_bowl)
         return pipeline.estimate_meal(PhotoPair(left.photo, right.photo), OPTIONS, want_artefacts=True)
 
 
