@@ -36,6 +36,7 @@ RADIAL_CHANGE = 0.001  # of k1 and k2 between two photographs by one lens
 MAX_MATCHES = 300  # spread over all; more add time, not accuracy
 MAX_STEPS = 12
 LEAST_PROGRESS = 0.02  # in log likelihood: what is left moves no unknown by a fifth of its own uncertainty
+DAMPINGS = (0.0, *np.geomspace(1e-10, 1e6, 17))
 LENS_UNKNOWNS = 5  # a view: log of f over its guess, the principal point's shift over f in x and y, k1, k2
 
 
@@ -100,18 +101,20 @@ def fit_views(
     def residual(unknowns: Float64Array) -> Float64Array:
         points = bent_points(first.marker.spec, unknowns[12:15])
         parts = [unknowns[12:15] / BEND_SD_MM, prior @ unknowns[15:]]
-        poses, ideal = [], []
+        poses, ideal, focal_px = [], [], []
         for index in (0, 1):
             pose = unknowns[6 * index : 6 * index + 6]
             lens = unknowns[15 + LENS_UNKNOWNS * index : 15 + LENS_UNKNOWNS * (index + 1)]
             rotation = np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64)
             in_camera = points @ rotation.T + pose[3:]
             error = in_camera[:, :2] / in_camera[:, 2:] - _undistort(corners[index], lens)
-            parts.append(error.ravel() * (bases[index].fx / (CORNER_SD_PX_AT_12MP * unit)))
+            # In pixels of the lens that is tried: rays of a longer one lie closer, and it would fit better by that alone.
+            focal_px.append(bases[index].fx * np.exp(lens[0]))
+            parts.append(error.ravel() * (focal_px[index] / (CORNER_SD_PX_AT_12MP * unit)))
             poses.append((rotation, pose[3:]))
             ideal.append(_undistort(matched[index], lens))
         sampson = _sampson(poses[0], poses[1], ideal[0], ideal[1])
-        parts.append(sampson * ((bases[0].fx + bases[1].fx) / 2 / (MATCH_SD_PX_AT_12MP * unit)))
+        parts.append(sampson * (sum(focal_px) / 2 / (MATCH_SD_PX_AT_12MP * unit)))
         return np.concatenate(parts)
 
     def views_at(unknowns: Float64Array) -> tuple[View, View]:
@@ -215,8 +218,11 @@ def _minimise(
     Levenberg and Marquardt on sum of rho(r^2), rho(s) = 2 (sqrt(1 + s) - 1) in units of OUTLIER_SD (soft l1).
 
     Differences stand for derivatives. Few unknowns, near the optimum: a general solver takes three times as long.
+    Seen from above, focal length and distance change hardly any residual together and much each alone: the least
+    damping would keep both where they began. Each step is tried undamped first, and what an undamped step promises
+    ends the search, not what a damped one brought.
     """
-    unknowns, damping, normal = start, 1e-4, np.eye(len(start))
+    unknowns, normal = start, np.eye(len(start))
     now = residual(unknowns)
     cost = _soft_cost(now)
     steps = 1e-6 * np.maximum(1.0, np.abs(start))
@@ -225,16 +231,16 @@ def _minimise(
         weight = 1.0 / np.sqrt(1.0 + (now / OUTLIER_SD) ** 2)
         normal = jacobian.T @ (jacobian * weight[:, None])
         gradient = jacobian.T @ (now * weight)
+        promised = 0.5 * float(gradient @ np.linalg.solve(normal, gradient))
         progress = 0.0
-        while damping < 1e6:
+        for damping in DAMPINGS:
             trial = unknowns - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
             then = residual(trial)
             progress = cost - _soft_cost(then)
             if progress >= 0:
-                unknowns, now, cost, damping = trial, then, cost - progress, damping / 10
+                unknowns, now, cost = trial, then, cost - progress
                 break
-            damping *= 10
-        if progress < LEAST_PROGRESS:
+        if promised < LEAST_PROGRESS or progress <= 0:
             break
     return unknowns, normal
 
