@@ -51,7 +51,7 @@ class Region:
     """One food's mask on the rectified grid, (H, W), the hint that it answers, what it rests on and what it lies in.
 
     support: None where nothing was measured at all. vessel: the bowl that holds it, else None.
-    liquid: the filled vessel whose liquid it is, else None.
+    liquid: the filled vessel whose liquid it is, else None. is_unread: a vessel in which no liquid's surface is seen.
     """
 
     mask: MaskArray
@@ -59,6 +59,7 @@ class Region:
     support: Support | None = None
     vessel: Vessel | None = None
     liquid: FilledVessel | None = None
+    is_unread: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,6 +58,7 @@ BEYOND_PX = 3.0  # across an outline, where the other food is looked for
 SUPPORT_UNKNOWN_MM, SUPPORT_UNKNOWN_SD_MM = 1.5, 2.0  # over the table: a plate or none
 LEAST_SUPPORT_SD_MM = 0.3  # crumbs, cloth
 UNKNOWN_INSIDE_SD = 0.25  # of a volume, relative: more, and a bowl's inside would be imagined, so no volume is given
+UNREAD_FLAGS = ("not_measurable",)  # of a glass of water
 REST_SD = (
     0.02  # of a volume, relative: what families and their spreads leave out, chosen on 152 foods, dev and other seeds
 )
