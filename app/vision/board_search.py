@@ -33,6 +33,7 @@ JOINED_SHARES = (1 / 40, 1 / 12)
 MAX_REGIONS = 2  # of either kind, with the most saddle points; a chequered cloth beside the board is one
 SAME_REGION = 0.8  # of the larger one's area
 ALL_OF_IT = 0.5  # of the photograph: a region beyond it saves nothing, and a shadow may hide the rest of the board
+QUADRANGLES_SIDE_PX = 1000  # of the whole photograph, 10 ms with a board and 0.1 s without
 CROP_SIDE_PX = 500  # long side of a region for the detectors; twice that where it is the whole photograph
 MIN_ALTERNATING_EDGE = 0.8  # of the squares of an outermost row; beside a white margin half of them step
 MAX_GROWTH = 80  # rows and columns
@@ -81,6 +82,11 @@ def find_grids(contrast: ImageArray, size: tuple[int, int] | None = None) -> Ite
         if grid is not None and is_checkerboard(crop.image, grid):
             whole = _without_margin(crop.image, grid) if sought is None else grid
             yield crop.in_whole(_with_all_squares(crop.image, whole))
+    if size is not None:
+        whole_photo = _crop(contrast, (0, 0, contrast.shape[1], contrast.shape[0]), QUADRANGLES_SIDE_PX)
+        grid = _detect_by_quadrangles(whole_photo.image, size)
+        if grid is not None and is_checkerboard(whole_photo.image, grid):
+            yield whole_photo.in_whole(grid)
 
 
 def _crop(contrast: ImageArray, box: tuple[int, int, int, int], long_side: int) -> _Crop:
@@ -150,6 +156,16 @@ def _detect(image: ImageArray, size: tuple[int, int] | None, flags: int) -> Floa
         return np.asarray(corners, np.float64).reshape(*np.asarray(meta).shape, 2) if is_found else None
     is_found, exact = cv2.findChessboardCornersSB(image, size, flags=flags)
     return np.asarray(exact, np.float64).reshape(size[1], size[0], 2) if is_found else None
+
+
+def _detect_by_quadrangles(image: ImageArray, size: tuple[int, int]) -> Float64Array | None:
+    """(r, c, 2) px by OpenCV's older detector, which joins dark quadrangles.
+
+    It reads a board among other squares (ArUco tags, print), where the sector-based one locks on wrong corners.
+    """
+    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
+    is_found, corners = cv2.findChessboardCorners(image, size, flags=flags)
+    return np.asarray(corners, np.float64).reshape(size[1], size[0], 2) if is_found else None
 
 
 def _without_margin(contrast: ImageArray, grid: Float64Array) -> Float64Array:

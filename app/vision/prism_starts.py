@@ -22,6 +22,7 @@ OTHER_HEIGHT = 1.12  # ratio by which heights by points and by outline differ fo
 MIN_HEIGHT_MM = 5.0
 CAMERA_SHARE = 0.8  # of the camera's height, up to which a food may reach
 MIN_SIDE_MM = 6.0
+SAME_POINT_MM = 0.2  # OpenCV's minEnclosingTriangle raises on corners that lie closer than float32 resolves
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +45,7 @@ def begin_prisms(
     if hull is None:
         return []
     out = []
-    for name, footprint in (("block", _rectangle), ("wedge", _triangle)):
+    for name, footprint in (("block", _rectangle), ("wedge", enclosing_triangle)):
         candidates = [
             _candidate(sight, hull, footprint, max(ratio * height_mm, MIN_HEIGHT_MM), support_mm)
             for ratio in (1.0, *HEIGHT_RATIOS)
@@ -118,9 +119,14 @@ def _rectangle(footprint: Float64Array) -> Float64Array | None:
     return _counter_clockwise(np.asarray(cv2.boxPoints((middle, size, angle)), np.float64))
 
 
-def _triangle(footprint: Float64Array) -> Float64Array | None:
-    _, corners = cv2.minEnclosingTriangle(footprint.astype(np.float32).reshape(-1, 1, 2))
-    triangle = np.asarray([] if corners is None else corners, np.float64).reshape(-1, 2)
+def enclosing_triangle(footprint: Float64Array) -> Float64Array | None:
+    """(3, 2) the least triangle around a convex footprint, counter-clockwise; None where a side is too short."""
+    middle = footprint.mean(axis=0)
+    outline = cv2.approxPolyDP((footprint - middle).astype(np.float32), SAME_POINT_MM, closed=True)
+    if len(outline) < 3:
+        return None
+    _, corners = cv2.minEnclosingTriangle(outline.reshape(-1, 1, 2))
+    triangle = np.asarray([] if corners is None else corners, np.float64).reshape(-1, 2) + middle
     if len(triangle) < 3:
         return None
     sides = np.linalg.norm(triangle - np.roll(triangle, 1, axis=0), axis=1)

@@ -5,7 +5,7 @@ from app.vision.form_fit import fit_form
 from app.vision.forms import COARSE, EXACT, FINE
 from app.vision.mesh import enclosed_mm3
 from app.vision.prism import ROUNDING, prism
-from app.vision.prism_starts import begin_prisms
+from app.vision.prism_starts import begin_prisms, enclosing_triangle
 from app.vision.surface_match import draw_mask
 from tests.unit.vision.test_form_fit import MIDDLE_MM, SHAPE, SIGHT, SUPPORT_MM, SUPPORT_SD_MM, seen_of_mesh
 
@@ -70,3 +70,22 @@ def test_sharp_prism_has_its_volume_from_outlines_and_parallax(name):
     assert fit.volume_ml == pytest.approx(
         mm3 / 1000, rel=0.03
     )  # the prior expects 1.5 mm of rounding where there is none
+
+
+def test_footprint_with_corners_closer_than_float32_resolves_has_a_triangle():
+    footprint = np.array(
+        [
+            [-48.24666214, 70.49327087],
+            [2.66, 41.89],
+            [18.59, 41.92],
+            [26.03, 53.91],
+            [-37.83, 89.3],
+            [-48.24663925, 70.49363708],
+        ]
+    )
+    triangle = enclosing_triangle(footprint)
+    assert triangle is not None
+    following = np.roll(triangle, -1, axis=0) - triangle
+    towards = footprint[:, None] - triangle
+    inside = following[:, 0] * towards[..., 1] - following[:, 1] * towards[..., 0]
+    assert inside.min() > -30.0  # mm2: 0.2 mm, by which corners are joined, times the longest side
