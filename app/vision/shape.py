@@ -58,7 +58,6 @@ BEYOND_PX = 3.0  # across an outline, where the other food is looked for
 SUPPORT_UNKNOWN_MM, SUPPORT_UNKNOWN_SD_MM = 1.5, 2.0  # over the table: a plate or none
 LEAST_SUPPORT_SD_MM = 0.3  # crumbs, cloth
 UNKNOWN_INSIDE_SD = 0.25  # of a volume, relative: more, and a bowl's inside would be imagined, so no volume is given
-UNREAD_FLAGS = ("not_measurable",)  # of a glass of water
 REST_SD = (
     0.02  # of a volume, relative: what families and their spreads leave out, chosen on 152 foods, dev and other seeds
 )
@@ -97,6 +96,10 @@ def measure_shapes(
     for number, region in enumerate(foods.regions):
         if region.liquid is not None:
             found.append(_of_liquid(region, region.liquid, float(np.hypot(3 * SCALE_SD, pose_sd))))
+            continue
+        if region.is_unread:
+            flags = ("not_measurable",)  # a glass of water: what parallax says there is chance
+            found.append(MeasuredItem(region, np.empty((0, 3)), 0.0, None, flags))
             continue
         food = scene.food(number)
         hint = hints[region.hint] if hints and region.hint is not None else None
