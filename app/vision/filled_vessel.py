@@ -17,7 +17,7 @@ from app.vision.mesh import ClosedShape
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.outline_snap import lab_of
 from app.vision.rectification import RectifiedPair
-from app.vision.rims import Circle, circle_points, find_circles
+from app.vision.rims import LEAST_STEP, Circle, across, circle_points, find_circles
 from app.vision.sight import Sight
 from app.vision.slices import Slice
 from app.vision.solids import turned
@@ -49,6 +49,13 @@ STEP_MM, SLICE_MM = 0.5, 4.0
 MAX_RELATIVE_SD = 0.25  # of the content: more, and no volume is given
 DISC_POINTS = 200
 MAX_IGNORED = 0.3  # of a surface's pixels: what stands high leaves the region that both views see of the table
+OPEN_ASPECT, OPEN_COVER = 1.0, 0.65  # height by radius and cover of an upright vessel's rim
+OPEN_INSET_MM, OPEN_TOP_MM, OPEN_TOP_SHARE = 4.0, 6.0, 0.15  # what may be measured at the rim's height within it
+OPEN_FOOT_SHARE = 0.85  # of the rim's radius
+LEAST_BEHIND_WALL = 0.15  # of the surface's edge, to tell glass by it
+GLASS_SHARE = 0.6  # of that part which shows an edge; a printed mug has some by chance
+GLASS_SEARCH_PX = 3
+FLOOR_OF_GLASS = 0.9  # of the surface's radius: glasses taper a little
 EDGE_PX = 21  # from the surface's outline, where windows of the dense match lie across the rim
 
 
@@ -124,14 +131,22 @@ class FilledVessel:
         return np.column_stack([x + reach * np.cos(turn), y + reach * np.sin(turn), height])
 
 
+@dataclass(frozen=True, slots=True)
+class Vessels:
+    """filled: those whose liquid's surface is seen. unread: (H, W) silhouettes of others, empty or with clear water."""
+
+    filled: list[FilledVessel]
+    unread: list[MaskArray]
+
+
 def find_vessels(
     pair: RectifiedPair,
     points_table: Float32Array,
     table: TableTrend,
     ignored: MaskArray,
     library: Sequence[VesselModel] = (),
-) -> list[FilledVessel]:
-    """Vessels with a liquid whose surface is seen. points_table: (H, W, 3) mm, NaN. ignored: (H, W) sheet, unseen."""
+) -> Vessels:
+    """Vessels by their rims. points_table: (H, W, 3) mm, NaN. ignored: (H, W) sheet, unseen."""
     sight = Sight(pair)
     circles = find_circles(pair, sight, ~ignored)
     lab = (lab_of(pair.first_bgr), lab_of(pair.second_bgr))
@@ -142,6 +157,7 @@ def find_vessels(
         for image in (pair.first_bgr, pair.second_bgr)
     ]
     vessels: list[FilledVessel] = []
+    unread: list[MaskArray] = []
     for rim in circles:
         table_mm = float(table.height_mm(rim.centre_mm))
         if rim.height_mm - table_mm < LEAST_RIM_MM or _is_within(rim, vessels) or _is_surface(rim, circles):
@@ -149,15 +165,17 @@ def find_vessels(
         level = find_level(sight, lab, grey, rim, table_mm)
         level = level if level is not None and _is_plausible(rim, level, table_mm) else _seen_through(rim, circles)
         if level is None:
+            if _is_open(rim, table_mm, points_table):
+                unread.append(_silhouette(sight, rim, rim.radius_mm * OPEN_FOOT_SHARE, table_mm))
             continue
-        silhouette, content = _masks(sight, rim, level, table_mm)
+        silhouette, content = _masks(sight, rim, level, table_mm, is_glass=is_seen_through(sight, grey, rim, level))
         is_hidden = np.count_nonzero(content & ignored) > MAX_IGNORED * np.count_nonzero(content)
         if not content.any() or is_hidden or _is_heaped(points_table, content, rim, level, table_mm):
             continue
         liquid = measure_liquid(rim, level, table_mm, library)
         if liquid is not None:
             vessels.append(FilledVessel(silhouette, content, rim, level, table_mm, liquid))
-    return vessels
+    return Vessels(vessels, unread)
 
 
 def measure_liquid(
@@ -310,17 +328,53 @@ def _is_heaped(points_table: Float32Array, content: MaskArray, rim: Circle, leve
     return bool(middle - level.height_mm > HEAP_MM or (high - low) / 2 > ROUGH_MM)
 
 
-def _masks(sight: Sight, rim: Circle, level: Level, table_mm: float) -> tuple[MaskArray, MaskArray]:
-    """(H, W) the whole vessel, and the surface as far as the rim leaves it in view, both in the first view."""
+def _is_open(rim: Circle, table_mm: float, points_table: Float32Array) -> bool:
+    """Whether an upright rim has nothing at its own height within it, as the top of a cake or a tin would."""
+    is_upright = rim.height_mm - table_mm > OPEN_ASPECT * rim.radius_mm
+    if not is_upright or rim.cover < OPEN_COVER:
+        return False
+    with np.errstate(invalid="ignore"):
+        apart = np.linalg.norm(points_table[..., :2] - rim.centre_mm, axis=-1)
+        inside = points_table[..., 2][apart < rim.radius_mm - OPEN_INSET_MM]
+    return len(inside) == 0 or float(np.mean(np.abs(inside - rim.height_mm) < OPEN_TOP_MM)) < OPEN_TOP_SHARE
+
+
+def _silhouette(sight: Sight, rim: Circle, foot_mm: float, table_mm: float) -> MaskArray:
+    """(H, W) the hull of a rim and its foot on the table, in the first view."""
+    brim = np.array([*rim.centre_mm, rim.radius_mm, rim.height_mm])
+    foot = np.array([*rim.centre_mm, foot_mm, table_mm])
+    rings = np.vstack([sight.project(circle_points(circle))[0] for circle in (brim, foot)]).astype(np.float32)
+    return _filled(np.asarray(cv2.convexHull(rings), np.float32).reshape(-1, 2), sight.pair.shape)
+
+
+def is_seen_through(sight: Sight, grey: list[Float32Array], rim: Circle, level: Level) -> bool:
+    """Whether the near edge of the surface shows where an opaque wall would hide it: the vessel is of glass."""
+    surface = np.array([*rim.centre_mm, level.radius_mm, level.height_mm])
+    shares = []
+    for view in (0, 1):
+        behind_wall = ~visible(sight, rim, circle_points(surface), view)
+        if behind_wall.mean() < LEAST_BEHIND_WALL:
+            return False
+        _, offset, step, _ = across(sight, grey[view], surface, view, GLASS_SEARCH_PX)
+        shares.append(float(np.mean((step > LEAST_STEP) & np.isfinite(offset) & behind_wall)) / behind_wall.mean())
+    return bool(min(shares) > GLASS_SHARE)
+
+
+def _masks(sight: Sight, rim: Circle, level: Level, table_mm: float, *, is_glass: bool) -> tuple[MaskArray, MaskArray]:
+    """(H, W) the whole vessel, and its liquid, both in the first view.
+
+    Of the liquid the surface as far as an opaque rim leaves it in view; in a glass all below the surface as well.
+    """
     shape = sight.pair.shape
     brim = np.array([*rim.centre_mm, rim.radius_mm, rim.height_mm])
-    foot = np.array([*rim.centre_mm, min(level.radius_mm, rim.radius_mm), table_mm])
     surface = np.array([*rim.centre_mm, level.radius_mm, level.height_mm])
-    rings = [sight.project(circle_points(circle))[0] for circle in (brim, foot, surface)]
-    silhouette = _filled(
-        np.asarray(cv2.convexHull(np.vstack(rings[:2]).astype(np.float32)), np.float32).reshape(-1, 2), shape
-    )
-    content = _filled(rings[2], shape)
+    rings = [sight.project(circle_points(circle))[0] for circle in (brim, surface)]
+    silhouette = _silhouette(sight, rim, min(level.radius_mm, rim.radius_mm), table_mm)
+    if is_glass:
+        floor = np.array([*rim.centre_mm, FLOOR_OF_GLASS * level.radius_mm, table_mm + FLOOR_MM[0]])
+        body = np.vstack([rings[1], sight.project(circle_points(floor))[0]]).astype(np.float32)
+        return silhouette, _filled(np.asarray(cv2.convexHull(body), np.float32).reshape(-1, 2), shape)
+    content = _filled(rings[1], shape)
     if visible(sight, rim, circle_points(surface), 0).mean() < 1.0:
         content &= _filled(rings[0], shape)
     return silhouette, content

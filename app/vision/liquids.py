@@ -20,6 +20,7 @@ from app.vision.vessel_library import VesselModel
 
 REDUCTION = 4  # of the grid, for the table's trend
 BESIDE_PX = 9  # around a vessel, where dense parallax is its own
+UNREAD_SHARE = 0.4  # of a region and such a vessel that they share to be one
 SHARE_OF_BOX = 0.3  # of a hint's box that a vessel must fill to be what it points at
 
 
@@ -40,11 +41,11 @@ def segment_meal(
     every = slice(None, None, REDUCTION)
     points, unseen = np.ascontiguousarray(points_table[every, every]), np.ascontiguousarray(ignored[every, every])
     table = fit_table_trend(points[usable_points(points, unseen)])
-    vessels = find_vessels(pair, points_table, table, ignored, options.vessels)
+    found = find_vessels(pair, points_table, table, ignored, options.vessels)
     taken = np.zeros(ignored.shape, np.bool_)
     liquids: list[Region] = []
     answered: set[int] = set()
-    for vessel in vessels:
+    for vessel in found.filled:
         hint = _hint_of(vessel, hints)
         if hints and hint is None:
             continue
@@ -60,7 +61,16 @@ def segment_meal(
     foods = segment_foods(pair, disparity, points_table, ignored | around, rest)
     if isinstance(foods, Failure):
         return Foods(liquids, table) if liquids else foods
-    return replace(foods, regions=[*liquids, *foods.regions])
+    regions = [replace(region, is_unread=_is_unread(region, found.unread)) for region in foods.regions]
+    return replace(foods, regions=[*liquids, *regions])
+
+
+def _is_unread(region: Region, silhouettes: Sequence[MaskArray]) -> bool:
+    """Whether a region is a vessel in which no surface is seen, a glass of water: what stereo makes of it is chance."""
+    return any(
+        np.count_nonzero(region.mask & vessel) > UNREAD_SHARE * np.count_nonzero(region.mask | vessel)
+        for vessel in silhouettes
+    )
 
 
 def _hint_of(vessel: FilledVessel, hints: Sequence[HintMask]) -> HintMask | None:

@@ -6,21 +6,22 @@ Photographs arrive decoded (photo.py); densities and nutrients are for others.
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from app.errors import Failure
-from app.vision.camera import estimate_views
+from app.vision.camera import camera_from_exif, estimate_views
 from app.vision.color import measure_colour
 from app.vision.disparity import DisparityMap, match_dense
 from app.vision.epipolar import Epipolar, compare_fundamentals
 from app.vision.features import Matches, match_features, shows_sheet
 from app.vision.figures import draw_artefacts
+from app.vision.focal_doubt import FLAG_SD, MOST_SD, doubt_focal, too_unsure
 from app.vision.liquids import segment_meal
 from app.vision.marker import agree_on_corners, find_marker
 from app.vision.marker_thickness import find_thickness, on_plaque
-from app.vision.measure import measure_items
+from app.vision.measure import MeasuredItem, measure_items
 from app.vision.model import (
     EstimateOptions,
     Float32Array,
@@ -32,10 +33,11 @@ from app.vision.model import (
     View,
 )
 from app.vision.outlines import draw_hints, photograph_px, rings_of
-from app.vision.pose_doubt import volume_sd
+from app.vision.pose_doubt import volume_doubt
 from app.vision.reconstruction import back_project, fit_to_marker, plane_points
 from app.vision.rectification import RectifiedPair, is_swapped, rectify_by_poses
 from app.vision.relative_pose import refine_views
+from app.vision.segmentation import Foods
 from app.vision.shape import measure_shapes
 from app.vision.stillness import judge_matches, judge_table
 from app.vision.topview import usable_points
@@ -94,6 +96,7 @@ def _run(
         trace.matches, trace.refined = matches, refine_views(first, second, matches)
         first, second = trace.refined.first, trace.refined.second
         trace.views = (second, first) if trace.is_swapped else (first, second)
+        trace.focal = doubt_focal(first, second, camera_from_exif(pair.left))
         epipolar = _compare(first, second, matches, np.random.default_rng(options.seed))
         if isinstance(epipolar, Failure):
             return epipolar
@@ -113,14 +116,7 @@ def _run(
         if isinstance(foods, Failure):
             return foods
     with stage("volume"):
-        pose_sd = volume_sd(trace.refined, points[foods.mask])
-        if options.method == "paper":
-            measured = measure_items(
-                foods.regions, rectified, disparity, points, ignored, options.hints, pose_sd=pose_sd
-            )
-        else:
-            trace.table = foods.table
-            measured = measure_shapes(foods, rectified, disparity, points, pose_sd=pose_sd, hints=options.hints)
+        measured = _measure(foods, scene, options, trace)
         if isinstance(measured, Failure):
             return measured
         trace.items = measured
@@ -156,6 +152,27 @@ class _Scene:
         """(n, 3) mm, measured beside the marker; every second pixel each way."""
         points, ignored = self.points_table[::2, ::2], self.is_ignored[::2, ::2]
         return np.asarray(points[usable_points(points, ignored)], np.float32)
+
+
+def _measure(foods: Foods, scene: _Scene, options: EstimateOptions, trace: Trace) -> list[MeasuredItem] | Failure:
+    """Volumes by the method asked for, each with the doubt that poses and lenses leave."""
+    if trace.refined is None:
+        raise ValueError("Views are refined before foods are measured.")
+    doubt = volume_doubt(trace.refined, scene.points_table[foods.mask], trace.focal)
+    if doubt.focal_sd > MOST_SD:
+        return too_unsure()
+    pair, disparity, points = scene.rectified, scene.disparity, scene.points_table
+    if options.method == "paper":
+        measured = measure_items(
+            foods.regions, pair, disparity, points, scene.is_ignored, options.hints, pose_sd=doubt.sd
+        )
+    else:
+        trace.table = foods.table
+        measured = measure_shapes(foods, pair, disparity, points, pose_sd=doubt.sd, hints=options.hints)
+    if isinstance(measured, Failure) or doubt.focal_sd <= FLAG_SD:
+        return measured
+    flags = ("focal_unknown",)
+    return [replace(item, flags=(*item.flags, *flags)) for item in measured]
 
 
 def _reconstruct(first: View, second: View, stage: "_Stages", trace: Trace) -> _Scene:

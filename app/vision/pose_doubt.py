@@ -4,10 +4,14 @@ Refined views with their doubts and where the foods lie -> relative standard dev
 one pair of views that the photographs allow nearly as well; it would see a cube at the foods larger or smaller.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
 from app.vision.features import triangulate
+from app.vision.focal_doubt import FocalDoubt
 from app.vision.model import Float32Array, Float64Array, View
 from app.vision.pose import project
 from app.vision.relative_pose import RefinedViews
@@ -16,16 +20,30 @@ CUBE_MM = 60.0
 LEAST_SD = 0.003  # what a flat board and two radial terms leave out of a sheet and a lens
 
 
-def volume_sd(views: RefinedViews, points_table: Float32Array) -> float:
-    """Relative, shared by all foods of the pair. points_table: (n, 3) of the foods, mm, NaN where unmeasured."""
+@dataclass(frozen=True, slots=True)
+class VolumeDoubt:
+    """Relative sd of a volume by all that poses and lenses leave open, and the part of an unknown focal length."""
+
+    sd: float
+    focal_sd: float
+
+
+def volume_doubt(views: RefinedViews, points_table: Float32Array, focal: FocalDoubt | None = None) -> VolumeDoubt:
+    """Shared by all foods of the pair. points_table: (n, 3) of the foods, mm, NaN where unmeasured."""
     known = points_table[np.isfinite(points_table[:, 2]), :2]
     middle_mm = np.median(known, axis=0) if len(known) else np.zeros(2)
     corners = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [0.0, 1.0], indexing="ij"), axis=-1).reshape(-1, 3)
     cube = corners * CUBE_MM + [*middle_mm, 0.0]
-    first_px, second_px = _seen_by(views.first, cube), _seen_by(views.second, cube)
-    base = _log_volume(views.first, views.second, first_px, second_px)
-    changes = [_log_volume(*pair, first_px, second_px) - base for pair in views.doubts]
-    return float(np.hypot(np.sqrt(np.square(changes).sum()), LEAST_SD))
+    changes = _changes((views.first, views.second), views.doubts, cube)
+    focal_sd = float(abs(_changes(focal.own, (focal.moved,), cube)[0])) if focal is not None else 0.0
+    return VolumeDoubt(float(np.sqrt(np.square(changes).sum() + LEAST_SD**2 + focal_sd**2)), focal_sd)
+
+
+def _changes(base: tuple[View, View], others: Sequence[tuple[View, View]], cube: Float64Array) -> list[float]:
+    """By how much the logarithm of a cube's volume changes where it is seen by other views. cube: (8, 3) mm."""
+    seen = _seen_by(base[0], cube), _seen_by(base[1], cube)
+    volume = _log_volume(*base, *seen)
+    return [_log_volume(*pair, *seen) - volume for pair in others]
 
 
 def _seen_by(view: View, points_table: Float64Array) -> Float64Array:

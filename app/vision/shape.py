@@ -97,6 +97,10 @@ def measure_shapes(
         if region.liquid is not None:
             found.append(_of_liquid(region, region.liquid, float(np.hypot(3 * SCALE_SD, pose_sd))))
             continue
+        if region.is_unread:
+            flags = ("not_measurable",)  # a glass of water: what parallax says there is chance
+            found.append(MeasuredItem(region, np.empty((0, 3)), 0.0, None, flags))
+            continue
         food = scene.food(number)
         hint = hints[region.hint] if hints and region.hint is not None else None
         found.append(None if food is None else _measured(region, food, scene, pose_sd, form_prior(hint)))

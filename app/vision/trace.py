@@ -6,6 +6,7 @@ from typing import Literal
 from app.vision.disparity import DisparityMap
 from app.vision.epipolar import Epipolar
 from app.vision.features import Matches
+from app.vision.focal_doubt import FocalDoubt
 from app.vision.measure import MeasuredItem
 from app.vision.model import ColourCorrection, Float32Array, MarkerObservation, View
 from app.vision.reconstruction import DepthModel
@@ -30,6 +31,7 @@ class Trace:
     is_swapped: bool = False
     matches: Matches | None = None
     refined: RefinedViews | None = None
+    focal: FocalDoubt | None = None
     epipolar: Epipolar | None = None
     rectified: RectifiedPair | None = None
     disparity: DisparityMap | None = None
@@ -55,6 +57,8 @@ class Trace:
                 out[f"camera_height_{name}_mm"] = round(float(view.centre_mm[2]), 2)
             out |= {"swapped": int(self.is_swapped), "pose_matches": self.refined.matches}
             out["marker_thick_mm"] = self.refined.first.marker.spec.thick_mm  # announced, or measured
+            if self.focal is not None:
+                out["focal_log_sd"] = round(self.focal.log_sd, 3)
             out["sheet_bend_mm"] = round(float(max(self.refined.bend_mm, key=abs)), 3)
         if self.matches is not None and self.epipolar is not None:
             out |= {

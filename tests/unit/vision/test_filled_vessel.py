@@ -63,7 +63,7 @@ def _with_mug(pair: RectifiedPair, radius: float, rim_mm: float, level_mm: float
 
 def _vessels(pair: RectifiedPair, library: tuple[VesselModel, ...] = ()) -> list:
     nothing = np.full((*SHAPE, 3), np.nan, np.float32)
-    return find_vessels(pair, nothing, TABLE, np.zeros(SHAPE, np.bool_), library)
+    return find_vessels(pair, nothing, TABLE, np.zeros(SHAPE, np.bool_), library).filled
 
 
 def _rim(radius: float, height: float) -> Circle:

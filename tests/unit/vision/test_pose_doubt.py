@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.vision.pose_doubt import LEAST_SD, volume_sd
+from app.vision.pose_doubt import LEAST_SD, volume_doubt
 from app.vision.relative_pose import RefinedViews, refine_views
 from tests.unit.vision.stereo_scene import blank_views
 from tests.unit.vision.test_epipolar import matches_of
@@ -18,20 +18,20 @@ def enlarged(view, factor):
 def test_views_that_see_everything_larger_doubt_three_times_that():
     first, second = blank_views()
     doubt = (enlarged(first, 1.01), enlarged(second, 1.01))
-    sd = volume_sd(RefinedViews(first, second, np.zeros(3), 50, (doubt,)), FOODS)
+    sd = volume_doubt(RefinedViews(first, second, np.zeros(3), 50, (doubt,)), FOODS).sd
     assert sd == pytest.approx(np.hypot(3 * np.log(1.01), LEAST_SD), rel=1e-6)
 
 
 def test_doubts_add_up_in_squares():
     first, second = blank_views()
     doubts = tuple((enlarged(first, factor), enlarged(second, factor)) for factor in (1.01, 1 / 1.01))
-    sd = volume_sd(RefinedViews(first, second, np.zeros(3), 50, doubts), FOODS)
+    sd = volume_doubt(RefinedViews(first, second, np.zeros(3), 50, doubts), FOODS).sd
     assert sd == pytest.approx(np.hypot(np.sqrt(2) * 3 * np.log(1.01), LEAST_SD), rel=1e-6)
 
 
 def test_matches_beside_the_marker_leave_less_doubt_than_the_marker_alone():
     views = blank_views()
-    few, many = (volume_sd(refine_views(*views, matches_of(*views, count=count)), FOODS) for count in (5, 120))
+    few, many = (volume_doubt(refine_views(*views, matches_of(*views, count=count)), FOODS).sd for count in (5, 120))
     assert LEAST_SD < many < 0.9 * few
     assert few < 0.2
 
@@ -39,4 +39,4 @@ def test_matches_beside_the_marker_leave_less_doubt_than_the_marker_alone():
 def test_unmeasured_foods_are_taken_to_be_at_the_marker():
     views = refine_views(*blank_views(), matches_of(*blank_views(), count=60))
     nowhere = np.full((4, 3), np.nan, np.float32)
-    assert volume_sd(views, nowhere) == volume_sd(views, np.zeros((1, 3), np.float32))
+    assert volume_doubt(views, nowhere) == volume_doubt(views, np.zeros((1, 3), np.float32))

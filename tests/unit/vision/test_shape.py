@@ -96,3 +96,8 @@ def test_food_without_parallax_is_a_failure():
     found = measure(Region(scene()[1], support=ON_TABLE), dense=nothing)
     assert isinstance(found, Failure)
     assert found.code == "food_not_measured"
+
+
+def test_glass_in_which_no_surface_is_seen_has_no_volume():
+    (item,) = measure(Region(scene()[1], support=ON_TABLE, is_unread=True))
+    assert (item.volume, item.flags) == (None, ("not_measurable",))
