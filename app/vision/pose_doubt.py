@@ -36,7 +36,9 @@ def volume_doubt(views: RefinedViews, points_table: Float32Array, focal: FocalDo
     cube = corners * CUBE_MM + [*middle_mm, 0.0]
     changes = _changes((views.first, views.second), views.doubts, cube)
     focal_sd = float(abs(_changes(focal.own, (focal.moved,), cube)[0])) if focal is not None else 0.0
-    return VolumeDoubt(float(np.sqrt(np.square(changes).sum() + LEAST_SD**2 + focal_sd**2)), focal_sd)
+    # The covariance holds the focal length as well, but linearised and by matches whose errors may be alike.
+    sd = max(float(np.sqrt(np.square(changes).sum())), focal_sd)
+    return VolumeDoubt(float(np.hypot(sd, LEAST_SD)), focal_sd)
 
 
 def _changes(base: tuple[View, View], others: Sequence[tuple[View, View]], cube: Float64Array) -> list[float]:

@@ -34,7 +34,7 @@ CENTRE_SPREAD_GUESSED = 0.003  # the same about the middle; more freedom trades 
 RADIAL_SPREAD_4TH = 0.1  # prior of k2, which phones have beside k1, often of the other sign
 RADIAL_CHANGE = 0.001  # of k1 and k2 between two photographs by one lens
 MAX_MATCHES = 300  # spread over all; more add time, not accuracy
-MAX_STEPS = 12
+MAX_STEPS = 20
 LEAST_PROGRESS = 0.02  # in log likelihood: what is left moves no unknown by a fifth of its own uncertainty
 DAMPINGS = (0.0, *np.geomspace(1e-10, 1e6, 17))
 LENS_UNKNOWNS = 5  # a view: log of f over its guess, the principal point's shift over f in x and y, k1, k2
@@ -90,28 +90,21 @@ def fit_views(
     corners = [_to_rays(base, view.marker.corners_px) for base, view in zip(bases, views, strict=True)]
     unit = max(first.camera.width, first.camera.height) / LONG_SIDE_12MP
     prior = _lens_prior(bases[0], bases[1])
-    start = np.concatenate(
-        [
-            *(np.concatenate([np.ravel(cv2.Rodrigues(v.rotation)[0]), v.translation_mm]) for v in views),
-            np.zeros(3),
-            *(_lens_of(view.camera, base) for view, base in zip(views, bases, strict=True)),
-        ]
-    )
+    lenses = [_lens_of(view.camera, base) for view, base in zip(views, bases, strict=True)]
+    start = np.concatenate([*map(_unknown_pose, views, lenses), np.zeros(3), *lenses])
 
     def residual(unknowns: Float64Array) -> Float64Array:
         points = bent_points(first.marker.spec, unknowns[12:15])
         parts = [unknowns[12:15] / BEND_SD_MM, prior @ unknowns[15:]]
         poses, ideal, focal_px = [], [], []
         for index in (0, 1):
-            pose = unknowns[6 * index : 6 * index + 6]
-            lens = unknowns[15 + LENS_UNKNOWNS * index : 15 + LENS_UNKNOWNS * (index + 1)]
-            rotation = np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64)
-            in_camera = points @ rotation.T + pose[3:]
+            rotation, translation_mm, lens = _pose_and_lens(unknowns, index)
+            in_camera = points @ rotation.T + translation_mm
             error = in_camera[:, :2] / in_camera[:, 2:] - _undistort(corners[index], lens)
-            # In pixels of the lens that is tried: rays of a longer one lie closer, and it would fit better by that alone.
+            # In pixels of the lens tried: rays of a longer one lie closer, and it would fit better by that alone.
             focal_px.append(bases[index].fx * np.exp(lens[0]))
             parts.append(error.ravel() * (focal_px[index] / (CORNER_SD_PX_AT_12MP * unit)))
-            poses.append((rotation, pose[3:]))
+            poses.append((rotation, translation_mm))
             ideal.append(_undistort(matched[index], lens))
         sampson = _sampson(poses[0], poses[1], ideal[0], ideal[1])
         parts.append(sampson * (sum(focal_px) / 2 / (MATCH_SD_PX_AT_12MP * unit)))
@@ -120,17 +113,31 @@ def fit_views(
     def views_at(unknowns: Float64Array) -> tuple[View, View]:
         moved = []
         for index, (view, base) in enumerate(zip(views, bases, strict=True)):
-            pose = unknowns[6 * index : 6 * index + 6]
-            lens = unknowns[15 + LENS_UNKNOWNS * index : 15 + LENS_UNKNOWNS * (index + 1)]
-            rotation = np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64)
+            rotation, translation_mm, lens = _pose_and_lens(unknowns, index)
             camera = _camera_with(base, lens)
-            moved.append(replace(view, camera=camera, rotation=rotation, translation_mm=pose[3:]))
+            moved.append(replace(view, camera=camera, rotation=rotation, translation_mm=translation_mm))
         return moved[0], moved[1]
 
     solved, normal = _minimise(residual, start)
     spread = np.linalg.cholesky(np.linalg.inv(normal)).T
     doubts = tuple(views_at(solved + axis) for axis in spread)
     return RefinedViews(*views_at(solved), solved[12:15], len(first_px), doubts)
+
+
+def _unknown_pose(view: View, lens: Float64Array) -> Float64Array:
+    """(6,) rotation vector, and the translation over the focal length's factor.
+
+    A board seen from straight above stays in place when distance and focal length grow together; in these unknowns
+    that is one of them alone, and the search runs straight along it.
+    """
+    return np.concatenate([np.ravel(cv2.Rodrigues(view.rotation)[0]), view.translation_mm / np.exp(lens[0])])
+
+
+def _pose_and_lens(unknowns: Float64Array, index: int) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Rotation (3, 3), translation (3,) mm and lens (5,) of a view."""
+    pose = unknowns[6 * index : 6 * index + 6]
+    lens = unknowns[15 + LENS_UNKNOWNS * index : 15 + LENS_UNKNOWNS * (index + 1)]
+    return np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64), pose[3:] * np.exp(lens[0]), lens
 
 
 def _prior_camera(view: View) -> Camera:

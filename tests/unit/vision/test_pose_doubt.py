@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.vision.focal_doubt import FocalDoubt
 from app.vision.pose_doubt import LEAST_SD, volume_doubt
 from app.vision.relative_pose import RefinedViews, refine_views
 from tests.unit.vision.stereo_scene import blank_views
@@ -40,3 +41,18 @@ def test_unmeasured_foods_are_taken_to_be_at_the_marker():
     views = refine_views(*blank_views(), matches_of(*blank_views(), count=60))
     nowhere = np.full((4, 3), np.nan, np.float32)
     assert volume_doubt(views, nowhere) == volume_doubt(views, np.zeros((1, 3), np.float32))
+
+
+def test_doubt_is_never_less_than_that_of_the_focal_length():
+    views = blank_views()
+    farther = tuple(enlarged(view, 1.1) for view in views)
+    doubt = volume_doubt(RefinedViews(*views, np.zeros(3), 50), FOODS, FocalDoubt(0.1, views, farther))
+    assert doubt.focal_sd == pytest.approx(3 * np.log(1.1))
+    assert doubt.sd >= doubt.focal_sd
+
+
+def test_focal_length_that_the_covariance_holds_is_not_counted_twice():
+    views = blank_views()
+    farther = tuple(enlarged(view, 1.1) for view in views)
+    refined = RefinedViews(*views, np.zeros(3), 50, (farther,))
+    assert volume_doubt(refined, FOODS, FocalDoubt(0.1, views, farther)).sd == volume_doubt(refined, FOODS).sd

@@ -6,9 +6,12 @@ import pytest
 
 from app.vision.camera import DIAGONAL_35MM, camera_from_exif
 from app.vision.features import Matches
+from app.vision.pose import FOCAL_SPREAD_UNKNOWN
 from app.vision.relative_pose import refine_views
 from tests.unit.vision.stereo_scene import blank_views
 from tests.unit.vision.test_epipolar import matches_of
+from tests.unit.vision.test_focal_doubt import GUESS
+from tests.unit.vision.test_focal_doubt import pair as board_views
 
 
 def row_gap_px(first, second, matches):
@@ -76,3 +79,13 @@ def test_given_camera_keeps_its_distortion():
     first, second = blank_views()
     refined = refine_views(first, second, matches_of(first, second, count=60))
     assert np.allclose(refined.first.camera.distortion, first.camera.distortion, atol=1e-3)
+
+
+def test_focal_length_that_nothing_tells_stays_at_the_prior_with_its_spread():
+    first, second = board_views("above", focal_scale=1.0)
+    nothing = np.empty((0, 2))
+    refined = refine_views(first, second, Matches(nothing, nothing, np.empty(0, np.bool_), np.empty(0, np.bool_)))
+    # The corners' noise hardly tells of it. Residuals in rays, which a longer lens makes smaller, drew it up by 0.1.
+    assert abs(np.log(refined.first.camera.fx / GUESS.fx)) < 0.2 * FOCAL_SPREAD_UNKNOWN
+    steps = [np.log(doubt[0].camera.fx / refined.first.camera.fx) for doubt in refined.doubts]
+    assert np.sqrt(np.square(steps).sum()) == pytest.approx(FOCAL_SPREAD_UNKNOWN, rel=0.1)
