@@ -39,6 +39,7 @@ from app.vision.rectification import RectifiedPair
 from app.vision.trace import Trace
 from app.vision.volume import Volume
 
+HELD_FLAGS = frozenset({"inside_guessed", "vessel_library"})  # of what a vessel holds
 SCENE_NAME = "scene.json"
 SCENE_VERSION = 1
 MAX_BYTES = 1_400_000  # of the file: a phone reads it too
@@ -202,7 +203,8 @@ def _right_rings(item: MeasuredItem, trace: Trace) -> tuple[tuple[Float64Array, 
     if pair is None or points is None or trace.views is None:
         return (), "mask"
     right = trace.views[1]
-    is_inside = "inside_guessed" in item.flags  # of a bowl, whose wall hides all of the shape but its top
+    # Of a bowl or mug, whose wall hides all of the shape but its top.
+    is_inside = not HELD_FLAGS.isdisjoint(item.flags)
     if item.volume is not None and not trace.is_swapped and not is_inside:
         vertices = _vertices(item.volume, item.support_mm)
         if item.sight is None:

@@ -176,7 +176,10 @@ def test_photograph_keeps_the_least_long_side(least, factor):
 
 @pytest.mark.slow
 def test_rendered_pairs_that_are_measured_pass(shared_data):
-    for path in sorted((shared_data / "scenes" / "dev").glob("*/*/truth.json")):
+    sets = ("paper6", "meals", "hard", "tables", "packs", "vessels")  # the others have no checkerboard, or a thick one
+    paths = [path for name in sets for path in sorted((shared_data / "scenes" / "dev" / name).glob("*/truth.json"))]
+    assert paths
+    for path in paths:
         marker = json.loads(path.read_text())["marker"]
         spec = parse_marker(f"{marker['kind']}:{marker['cols']}x{marker['rows']}:{marker['square_mm']:g}")
         read_again = [
