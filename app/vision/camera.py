@@ -10,7 +10,7 @@ import numpy as np
 
 from app.errors import Failure
 from app.vision.intrinsics import Camera, adapt_camera
-from app.vision.model import EstimateOptions, MarkerObservation, Photo, PhotoPair, View
+from app.vision.model import EstimateOptions, Float64Array, MarkerObservation, Photo, PhotoPair, View
 from app.vision.pose import fit_board
 
 DIAGONAL_35MM = math.hypot(36.0, 24.0)  # CIPA DCG-001: the 35 mm equivalent focal length goes by the diagonal
@@ -102,6 +102,14 @@ def _unreliable(reason: str) -> Failure:
     )
 
 
+def _sees(view: View, point_mm: Float64Array) -> bool:
+    """Whether the point (3,), table frame, lies in the photograph, before or behind the lens."""
+    x, y, z = view.rotation @ point_mm + view.translation_mm
+    camera = view.camera
+    column, row = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
+    return bool(0 <= column < camera.width and 0 <= row < camera.height)
+
+
 def _baseline_failure(left: View, right: View) -> Failure | None:
     angle = view_angle_deg(left, right)
     if angle < MIN_VIEW_ANGLE_DEG:
@@ -109,6 +117,13 @@ def _baseline_failure(left: View, right: View) -> Failure | None:
             "baseline_too_small",
             f"The two photographs were taken only {angle:.1f} degrees apart; {MIN_VIEW_ANGLE_DEG:g} are needed.",
             "Move the phone by about a hand's width to the side between the two photographs.",
+        )
+    # Where one camera stands in the other's photograph, rows along the baseline would have to run through that point.
+    if _sees(left, right.centre_mm) or _sees(right, left.centre_mm):
+        return Failure(
+            "baseline_too_small",
+            "The second photograph was taken from nearer or farther away, not from the side.",
+            "Keep the distance and move the phone by about a hand's width to the side between the two photographs.",
         )
     if angle > MAX_VIEW_ANGLE_DEG:
         return Failure(

@@ -244,6 +244,14 @@ def test_views_too_near_or_too_far_are_refused(right, code):
     assert failure.advice
 
 
+def test_photograph_from_behind_the_other_is_refused():
+    nearer, farther = look_at(target_mm=(40, 0, 0)), look_at(48, -94, distance_mm=450, target_mm=(40, 0, 0))
+    failure = estimate(poses=(nearer, farther))  # by the angle of 3 degrees alone it would pass
+    assert isinstance(failure, Failure)
+    assert failure.code == "baseline_too_small"
+    assert "distance" in failure.advice
+
+
 def test_equal_pixels_are_the_same_photograph():
     pair = PhotoPair(blank(PHONE), blank(PHONE))
     failure = estimate_views(pair, (observed(PHONE, LEFT), observed(PHONE, RIGHT)), EstimateOptions(SPEC, PHONE))
