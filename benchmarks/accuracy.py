@@ -6,7 +6,8 @@
 
 Every figure is the scorer's own (accuracy/score.py of FOLDER, by default TADA_SHARED_DATA or ../shared): it runs
 `tada estimate` on each scene, and its summary is asked again over whatever is pooled. A folder's kind, which says what
-bars hold for it, is its name up to a hyphen: meals-fresh is held against the bars of meals.
+bars hold for it, is its name up to a hyphen: meals-fresh is held against the bars of meals. The set real_pairs, real
+photographs (real_pairs.py), has a table and bars of its own.
 """
 
 import argparse
@@ -30,10 +31,14 @@ from typing import Any
 from unittest import mock
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+from benchmarks import real_pairs  # noqa: E402 - found from the root
+
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1"
 )
 SETS = ("paper6", "meals", "hard", "tables", "packs", "vessels")
+REAL_PAIRS = "real_pairs"  # beside SETS: real photographs, under photos
 METHODS = ("shape", "paper")
 SCORER: dict[str, Any] = {
     "views": 2,
@@ -150,12 +155,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parse(arguments)
     path = options.data / "accuracy" / "score.py"
     sets = find_sets(options.data, options.scenes, options.limit)
-    if not path.is_file() or not sets:
+    pairs = real_pairs.real_pairs(options.data / "photos" / REAL_PAIRS) if REAL_PAIRS in options.scenes else []
+    if not path.is_file() or not (sets or pairs):
         print(f"There is no {path}, or no scene: give --data FOLDER or set TADA_SHARED_DATA.", file=sys.stderr)
         return 2
     scorer = load_scorer(path)
     scored = score(scorer, sets, options)
-    tables = tables_of(scorer, scored)
+    tables = tables_of(scorer, scored) if scored else []
+    if pairs:
+        tables.append(real_table(pairs[: options.limit], options))
     print(heading(options) + "\n")
     print("\n\n".join(as_markdown(table) if options.markdown else as_text(table) for table in tables))
     if options.json:
@@ -165,7 +173,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--scenes", nargs="+", default=list(SETS), help="sets under scenes/dev, or folders of scenes")
+    parser.add_argument(
+        "--scenes", nargs="+", default=[*SETS, REAL_PAIRS], help="sets under scenes/dev, or folders of scenes"
+    )
     parser.add_argument("--method", nargs="+", default=list(METHODS), choices=METHODS)
     parser.add_argument("--camera", nargs="+", default=list(CAMERAS), choices=CAMERAS)
     parser.add_argument("--hints", default="none", choices=["none", "point", "box", "food"])
@@ -266,6 +276,32 @@ def tables_of(scorer: ModuleType, scored: Sequence[Scored]) -> list[Table]:
         pooled_table(pooled),
         bar_table(judged),
     ]
+
+
+def real_table(pairs: Sequence[real_pairs.RealPair], options: argparse.Namespace) -> Table:
+    """Real photographs by method and camera, against their bars; refused pairs are counted apart."""
+    command = f"{sys.executable} -m app.cli estimate"
+    rows = []
+    for method, camera in itertools.product(options.method, options.camera):
+        told = {"command": command, "camera": camera, "method": method}
+        environment = mock.patch.dict(os.environ, ONE_THREAD | {"PYTHONPATH": str(ROOT)})
+        with environment, ThreadPoolExecutor(options.jobs) as pool:
+            s = real_pairs.summarise(list(pool.map(lambda pair, told=told: real_pairs.measure(pair, **told), pairs)))
+        if not s["measured"]:
+            rows.append((method, camera, f"0 of {s['pairs']}", *["-"] * 6))
+            continue
+        low, high = real_pairs.COVERAGE_PERCENT
+        is_met = s["mean_error"] <= real_pairs.MOST_MEAN_ERROR_PERCENT and low <= s["coverage"] <= high
+        figures = (f"{s[key]:.1f} %" for key in ("mean_error", "median_error", "worst"))
+        verdict_words = ("met" if is_met else "MISSED") if method == JUDGED_METHOD else ""
+        measured = f"{s['measured']} of {s['pairs']}"
+        rows.append(
+            (method, camera, measured, *figures, f"{s['bias']:+.1f} %", f"{s['coverage']:.0f} %", verdict_words)
+        )
+    low, high = real_pairs.COVERAGE_PERCENT
+    bars = f"mean error <= {real_pairs.MOST_MEAN_ERROR_PERCENT:g} %, {low:g} to {high:g} % in the interval"
+    header = ("method", "camera", "measured", "mean error", "median", "worst", "bias", "in the 90 % interval", bars)
+    return Table("Real photographs", header, tuple(rows))
 
 
 def set_table(summaries: Iterable[tuple[str, Setting, Mapping[str, Any]]]) -> Table:
