@@ -45,6 +45,7 @@ MIN_DETERMINANT_MM2 = 800.0
 MIN_DENSITY = 0.15  # of the points that a cell facing the camera would show
 MIN_SLAB_MM2 = 15000.0  # larger than a slice of bread or a steak
 BEYOND_CIRCLE = 1.15  # times a circle's area: a slab so much larger is not that circle
+MIN_STANDING, MAX_STANDING = 0.02, 0.9  # of a board: what stands on it; of its inside: what would hide it all
 TOP_BAND_MM = (6.0, 35.0)  # inward from the outline, where a board is as high as at its edge
 MIN_TOP_SHARE = 0.2  # of that band's cells
 MAX_LOW_SHARE = 0.15  # of a board's measured cells that no food stands on: a plate's floor lies lower than its rim
@@ -327,13 +328,15 @@ def _hollow_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
 
 
 def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
-    """Whether a small circle is drawn into the flat top of a slice or block; a filled bowl is high and round."""
-    is_like_bowl = ring.edge_cover >= ROUND_EDGE_COVER and ring.height_mm >= BOWL_MM
-    if np.pi * ring.radius_mm**2 >= MIN_SLAB_MM2 or is_like_bowl:
-        return False
+    """Whether a circle is drawn into a slice's or block's flat top; a filled bowl is high and round, a board carries."""
     apart = view.centres_mm() - [ring.x_mm, ring.y_mm]
-    inside = is_solid & (np.hypot(apart[..., 0], apart[..., 1]) < ring.radius_mm - OUTSIDE_MM[0])
-    if not inside.any():
+    inward = ring.radius_mm - np.hypot(apart[..., 0], apart[..., 1])
+    is_like_bowl = ring.edge_cover >= ROUND_EDGE_COVER and ring.height_mm >= BOWL_MM
+    area_mm2 = np.pi * ring.radius_mm**2
+    standing_mm2 = np.count_nonzero(_standing(view, is_solid, inward, ring.height_mm)) * view.cell_mm**2
+    is_like_board = area_mm2 >= MIN_SLAB_MM2 and standing_mm2 >= MIN_STANDING * area_mm2
+    inside = is_solid & (inward > OUTSIDE_MM[0])
+    if is_like_bowl or is_like_board or not inside.any():
         return False
     over_rim = view.height_mm[inside] - ring.height_mm - apart[inside] @ np.array(ring.slope)
     return float(np.mean(np.abs(over_rim) < RISE_MM)) > LEVEL_SHARE
@@ -364,13 +367,19 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
         inside = inward > INSIDE_MM[1]
         if _sector_share(at_level, border) < MIN_COVER + 0.1:
             continue
-        with np.errstate(invalid="ignore"):
-            rises = is_solid & (view.height_mm > level + 2 * RISE_MM)
-        stands = np.count_nonzero(rises & (inward > 0)) * view.cell_mm**2
-        if stands < 0.02 * area or np.count_nonzero(rises & inside) > 0.9 * np.count_nonzero(inside):
+        standing = _standing(view, is_solid, inward, level)
+        if np.count_nonzero(standing) * view.cell_mm**2 < MIN_STANDING * area:
+            continue
+        if np.count_nonzero(standing & inside) > MAX_STANDING * np.count_nonzero(inside):
             continue
         best = area, _with_floor(inward, level, view, is_solid)
     return best[1] if best else None
+
+
+def _standing(view: TopView, is_solid: MaskArray, inward_mm: NDArray[np.floating], level_mm: float) -> MaskArray:
+    """(rows, columns) cells within an outline that are clearly higher than its level."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(is_solid & (view.height_mm > level_mm + 2 * RISE_MM) & (inward_mm > 0), np.bool_)
 
 
 def _commonest(heights_mm: Float32Array) -> float:

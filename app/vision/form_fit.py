@@ -29,6 +29,9 @@ from app.vision.sight import Sight
 from app.vision.surface_match import WINDOW_PX, SurfaceParallax, draw_mask
 
 OUTLINE_SD_PX = 0.7  # of the working grid
+WIDE_OUTLINE_SD_PX = (
+    4 * OUTLINE_SD_PX
+)  # where a form may still lie far from the outline, beyond what the loss lets it feel
 OUTLINE_RUN_PX = 10.0  # along an outline, over which its errors are one
 DENSE_SD_PX, DENSE_AREA_PX = 0.5, 100.0  # of the dense parallax, and the area over which its errors are one
 SURFACE_SD_PX = 0.12  # that parallax along a surface has beside its noise: interpolation, gloss, the poses' rest
@@ -108,9 +111,16 @@ class _Terms:
         return np.asarray(self.weight / self.sd_px**2 / (1 + scaled), np.float64)
 
 
-def fit_form(form: Form, seen: Seen, cells: int, rounds: int, start: Float64Array | None = None) -> FormFit | None:
+def fit_form(
+    form: Form,
+    seen: Seen,
+    cells: int,
+    rounds: int,
+    start: Float64Array | None = None,
+    outline_sd_px: float = OUTLINE_SD_PX,
+) -> FormFit | None:
     """Fit from `start` (or the form's own); None where nothing of the food meets the form. cells: COARSE or FINE."""
-    first = _misfit(form, form.start if start is None else start, cells, seen)
+    first = _misfit(form, form.start if start is None else start, cells, seen, outline_sd_px)
     if first is None:
         return None
     found = _linearised(form, first, cells)
@@ -120,7 +130,7 @@ def fit_form(form: Form, seen: Seen, cells: int, rounds: int, start: Float64Arra
         for _ in range(TRIES):
             step = -_solved(before.normal + damping * np.diag(np.diag(before.normal)), before.slope)
             step /= max(1.0, float(np.abs(step / form.stride).max()))
-            trial = _misfit(form, form.bounded(before.unknowns + step), cells, seen)
+            trial = _misfit(form, form.bounded(before.unknowns + step), cells, seen, outline_sd_px)
             if trial is not None and trial.cost < before.cost:
                 found = _linearised(form, trial, cells)
                 break
@@ -170,8 +180,8 @@ class _Posterior:
     observations: float
 
 
-def _misfit(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Misfit | None:
-    terms = _terms(form, unknowns, cells, seen)
+def _misfit(form: Form, unknowns: Float64Array, cells: int, seen: Seen, outline_sd_px: float) -> _Misfit | None:
+    terms = _terms(form, unknowns, cells, seen, outline_sd_px)
     if terms is None:
         return None
     apart = unknowns - form.expected
@@ -217,14 +227,14 @@ def _placed(form: Form, unknowns: Float64Array, cells: int, sight: Sight) -> _Pl
     return _Placed(mesh, vertices, normals, (pixels, sight.in_view(pixels, parallax, 1)), parallax, (first, second))
 
 
-def _terms(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Terms | None:
+def _terms(form: Form, unknowns: Float64Array, cells: int, seen: Seen, outline_sd_px: float) -> _Terms | None:
     placed = _placed(form, unknowns, cells, seen.sight)
     parts = [_parallax_terms(placed, seen)]
     for view in (0, 1):
         index, share = outline_vertices(placed.vertices, placed.mesh, placed.is_facing[view])
         if len(index) < MIN_OUTLINE:
             continue
-        parts.append(_outline_terms(placed, index, share, seen, view, is_folded=form.is_folded))
+        parts.append(_outline_terms(placed, index, share, seen, view, outline_sd_px, is_folded=form.is_folded))
         if view == 0:
             parts.append(_coverage_terms(placed, index, seen, is_flat=form.is_flat))
     kept = [part for part in parts if part is not None]
@@ -241,7 +251,14 @@ def _terms(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> _Terms
 
 
 def _outline_terms(
-    placed: _Placed, index: IntArray, share: Float64Array, seen: Seen, view: int, *, is_folded: bool
+    placed: _Placed,
+    index: IntArray,
+    share: Float64Array,
+    seen: Seen,
+    view: int,
+    sd_px: float,
+    *,
+    is_folded: bool,
 ) -> _Terms | None:
     """Distance of the form's outline from the nearest point of the food's, along that point's normal, px."""
     line = seen.outlines[view]
@@ -256,7 +273,7 @@ def _outline_terms(
     weight = line.weights[nearest] * share * length / OUTLINE_RUN_PX
     if is_folded:
         weight = np.where(_is_hidden(placed, seen, view, pixels), 0.0, weight)
-    return _Terms(index, by_point, residual, np.full(len(residual), OUTLINE_SD_PX), weight)
+    return _Terms(index, by_point, residual, np.full(len(residual), sd_px), weight)
 
 
 def _coverage_terms(placed: _Placed, index: IntArray, seen: Seen, *, is_flat: bool) -> _Terms | None:

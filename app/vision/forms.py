@@ -8,6 +8,7 @@ visible side what the hidden one is like (Thrun and Wegbreit, 2005).
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -173,19 +174,23 @@ class Form(ABC):
 @lru_cache
 def harmonics(cells: int) -> Float64Array:
     """(n, (DEGREE + 1)^2 - 1) real spherical harmonics of degree 1 and up at the sphere's vertices, mean square one."""
-    directions = sphere(cells).places
+    return real_harmonics(sphere(cells).places, harmonic_orders())
+
+
+def real_harmonics(directions: Float64Array, orders: Sequence[tuple[int, int]]) -> Float64Array:
+    """(n, len(orders)) real spherical harmonics of degree and order at unit directions (n, 3), mean square one."""
     polar, azimuth = np.arccos(np.clip(directions[:, 2], -1, 1)), np.arctan2(directions[:, 1], directions[:, 0])
     columns = []
-    for degree, order in harmonic_orders():
+    for degree, order in orders:
         value = sph_harm_y(degree, abs(order), polar, azimuth)
         real = value.real if order == 0 else np.sqrt(2) * (value.real if order > 0 else value.imag)
         columns.append(np.sqrt(4 * np.pi) * real)
     return np.column_stack(columns)
 
 
-def harmonic_orders() -> list[tuple[int, int]]:
-    """Degree and order of each column of harmonics()."""
-    return [(degree, order) for degree in range(1, DEGREE + 1) for order in range(-degree, degree + 1)]
+def harmonic_orders(least: int = 1, most: int = DEGREE) -> list[tuple[int, int]]:
+    """Degree and order of all harmonics from one degree to another."""
+    return [(degree, order) for degree in range(least, most + 1) for order in range(-degree, degree + 1)]
 
 
 @dataclass(frozen=True, slots=True)

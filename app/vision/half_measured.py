@@ -28,11 +28,14 @@ AROUND_PX = 6
 SECTORS = 24
 MIN_ENCLOSED = 0.65  # of the directions from its middle; the side of a block that faces the camera ends at the table
 
+MIN_RAISED_SHARE = 0.33  # of the measured surface that such a blob borders on
+
 
 def enclosed_by_raised(scene: Scene, over_support_mm: Float32Array) -> MaskArray:
     """(h, w) unmeasured blobs with something raised most of the way round. over_support_mm: see unlike_support.
 
-    What a food hides from the second view is unmeasured as well, and has the food on one side only.
+    What a food hides from the second view is unmeasured as well, and has the food on one side only; plain paper around
+    a food has it in many directions, but borders more on what lies flat.
     """
     is_measured = np.isfinite(over_support_mm) | scene.is_ignored
     blobs = opened(~is_measured, MIN_WIDTH_PX)
@@ -40,6 +43,8 @@ def enclosed_by_raised(scene: Scene, over_support_mm: Float32Array) -> MaskArray
     around = cv2.dilate(labels.astype(np.uint16), np.ones((2 * AROUND_PX + 1,) * 2, np.uint8))
     with np.errstate(invalid="ignore"):
         is_raised = (over_support_mm > RAISED_MM) & ~scene.is_ignored
+        is_flat = (np.abs(over_support_mm) < FLAT_MM) & ~scene.is_ignored
+    raised, flat = (np.bincount(around[mask], minlength=count) for mask in (is_raised, is_flat))
     rows, columns = np.nonzero(is_raised & (around > 0))
     blob = around[rows, columns].astype(np.int64)
     angle = np.arctan2(rows - middles[blob, 1], columns - middles[blob, 0])
@@ -48,6 +53,7 @@ def enclosed_by_raised(scene: Scene, over_support_mm: Float32Array) -> MaskArray
     directions[blob, sector] = True
     area_mm2 = stats[:, cv2.CC_STAT_AREA] * scene.pixel_mm**2
     kept = (area_mm2 > MIN_BLOB_MM2) & (area_mm2 < MAX_BLOB_MM2) & (directions.mean(axis=1) >= MIN_ENCLOSED)
+    kept &= raised > MIN_RAISED_SHARE * (raised + flat)
     kept[0] = False
     return np.asarray(kept[labels], np.bool_)
 

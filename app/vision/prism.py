@@ -1,7 +1,8 @@
 """Families with flat tops and edges: blocks on four corners, wedges on three, with walls, a top and rounded edges.
 
 What a mould, a knife or a carton machine leaves is flat to a few per cent. Those per cent are the weights: a draught of
-the walls, a lean, a slope and a crown of the top, bulging sides, and corners that are not quite square.
+the walls, a lean, a slope and a crown of the top, bulging sides, and corners that are not quite square; and a smooth
+displacement of walls and top for dents, crusts and what else is left.
 """
 
 from dataclasses import dataclass
@@ -9,8 +10,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from app.vision.forms import COARSE, FINE, WEIGHT_STEP, Form
-from app.vision.mesh import IntArray, Topology, stacked_loops
+from app.vision.forms import COARSE, FINE, WEIGHT_STEP, Form, harmonic_orders, real_harmonics
+from app.vision.mesh import IntArray, Topology, stacked_loops, unit
 from app.vision.model import Float64Array
 
 # Indices into a prism's parameters; lengths mm, of half-axes, height and rounding as logarithms. The footprint is a
@@ -28,6 +29,8 @@ FREE_SKEW_SD = 0.5  # of a wedge, whose corners may be any
 DRAUGHT_SD, LEAN_SD, SLOPE_SD, CROWN_SD = 0.03, 0.03, 0.03, 0.03
 KEYSTONE_SD = 0.02  # opposite sides that are not parallel, a block's
 SIDE_SD = {3: 0.06, 4: 0.015}  # a side's bulge over its length; a round cheese's rind has a tenth on its short side
+DISPLACEMENT_SD = 0.03  # in mean half-axes, over the degree
+DISPLACEMENT_ORDERS = harmonic_orders(2, 4)  # degree one moves and tilts; finer ones would round off the edges
 WALL_LOOPS = {COARSE: 2, FINE: 4}
 CORNER_SPREAD = 0.6  # of a step along a side
 TOP_SHARES = (0.8, 0.5, 0.2)  # of the loops within the top
@@ -54,10 +57,11 @@ class Prism(Form):
 
     @property
     def weight_sd(self) -> Float64Array:
-        """Of draught, lean (2), slope of the top (2), crown, sides, and a block's keystones (2)."""
+        """Of draught, lean (2), slope of the top (2), crown, sides, a block's keystones (2), and the displacement."""
         sides = [SIDE_SD[self.corners]] * self.corners
         keystones = [KEYSTONE_SD] * 2 if self.corners == 4 else []
-        return np.array([DRAUGHT_SD, LEAN_SD, LEAN_SD, SLOPE_SD, SLOPE_SD, CROWN_SD, *sides, *keystones])
+        displacement = [DISPLACEMENT_SD / degree for degree, _ in DISPLACEMENT_ORDERS]
+        return np.array([DRAUGHT_SD, LEAN_SD, LEAN_SD, SLOPE_SD, SLOPE_SD, CROWN_SD, *sides, *keystones, *displacement])
 
     @property
     def parameter_sd(self) -> Float64Array:
@@ -93,7 +97,8 @@ class Prism(Form):
         layout, count = _layout(self.corners, cells), self.corners
         weights = weights if len(weights) else np.zeros(len(self.weight_sd))
         draught, lean, slope, crown = weights[0], weights[1:3], weights[3:5], weights[5]
-        sides, keystones = weights[6 : 6 + count], weights[6 + count :]
+        sides, keystones = weights[6 : 6 + count], weights[6 + count : -len(DISPLACEMENT_ORDERS)]
+        displacement = weights[-len(DISPLACEMENT_ORDERS) :]
         height = np.exp(p[HEIGHT])
         polygon = _footprint(p, keystones, count)
         normals, lengths = _sides(polygon)
@@ -109,7 +114,12 @@ class Prism(Form):
         crowned = crown * (1 - (plan**2).sum(axis=1) / size**2)
         z = z * (1 + plan @ slope / size + crowned)
         plan = plan * (1 + draught * share) + height * share * lean
-        return np.column_stack([plan + p[[X, Y]], p[SUPPORT] + z])
+        at = np.column_stack([plan + p[[X, Y]], p[SUPPORT] + z])
+        moved = np.exp(p[[A, B, HEIGHT]].mean()) * (_harmonics(count, cells) @ displacement)
+        across = (moved[:-2].reshape(offset.shape[0], -1, 1) * offset * outward).reshape(-1, 2)
+        at[:-2, :2] += across
+        at[:, 2] += moved * _upward(count, cells)
+        return at
 
     def jacobian(self, unknowns: Float64Array, cells: int, index: IntArray | None = None) -> Float64Array:
         """See Form. By differences."""
@@ -170,6 +180,25 @@ def _layout(corners: int, cells: int) -> _Layout:
     number = np.repeat(np.arange(corners), len(along))
     along, turned, spread = (np.tile(each, corners) for each in (along, turned, spread))
     return _Layout(number, along, turned, spread, np.array(loops))
+
+
+@lru_cache
+def _harmonics(corners: int, cells: int) -> Float64Array:
+    """(n, len(DISPLACEMENT_ORDERS)) at the vertices of the prism whose sides are all as far from its middle."""
+    layout, reference = _layout(corners, cells), _reference(corners)
+    towards = np.roll(reference, -1, axis=0) - reference
+    loop = reference[layout.corner] + layout.along[:, None] * towards[layout.corner]
+    plan = np.concatenate([(layout.loops[:, 0, None, None] * loop).reshape(-1, 2), np.zeros((2, 2))])
+    level = np.append(np.repeat(2 * layout.loops[:, 3] - 1, len(loop)), [-1.0, 1.0])
+    return real_harmonics(unit(np.column_stack([plan, level])), DISPLACEMENT_ORDERS)
+
+
+@lru_cache
+def _upward(corners: int, cells: int) -> Float64Array:
+    """(n,) the share of the displacement that raises a vertex: all on the top, none on walls and on the base."""
+    layout = _layout(corners, cells)
+    share = np.where(layout.loops[:, 3] == 1.0, np.sqrt(1 - np.minimum(layout.loops[:, 1], 1.0) ** 2), 0.0)
+    return np.append(np.repeat(share, len(layout.corner)), [0.0, 1.0])
 
 
 def _reference(corners: int) -> Float64Array:

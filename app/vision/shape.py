@@ -15,7 +15,7 @@ from app.vision.bowl import measure_content
 from app.vision.disparity import DisparityMap
 from app.vision.families import families
 from app.vision.filled_vessel import FilledVessel
-from app.vision.form_fit import FormFit, Seen, fit_form
+from app.vision.form_fit import WIDE_OUTLINE_SD_PX, FormFit, Seen, fit_form
 from app.vision.form_prior import FormPrior, form_prior
 from app.vision.forms import COARSE, EXACT, FINE, Form
 from app.vision.measure import MeasuredItem, is_low_texture, without_clutter
@@ -44,7 +44,7 @@ from app.vision.volume import NORMAL_90, SCALE_SD, Volume
 
 TOP_QUANTILE = 0.98  # of the points' heights: strays lie above it
 MARGIN_PX = 25  # around a food's mask
-FIRST_ROUNDS, ROUNDS = 12, 10
+FIRST_ROUNDS, WIDE_ROUNDS, ROUNDS = 12, 6, 10
 KEPT = 4  # families that are fitted finely
 KEPT_RATIO = 2.0  # of the best one's cost: a family that fits so much worse coarsely is not fitted finely
 PASSES = 2  # of fine fits
@@ -214,7 +214,7 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[tuple[FormFit, f
         forms += begin_prisms(food.sight, food.seen.mask, height_mm, food.support_mm, food.support_sd_mm)
     coarse = []
     for form in forms:
-        fit = fit_form(replace(form, has_displacement=False), food.seen, COARSE, FIRST_ROUNDS)
+        fit = _begun(replace(form, has_displacement=False), food.seen)
         if fit is not None:
             coarse.append((fit.cost, fit, form))
     coarse.sort(key=lambda each: each[0])
@@ -227,6 +227,17 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[tuple[FormFit, f
         found = [(form, _refit(food, common, form, fit)) for form, fit in fits]
         fits = sorted(((form, fit) for form, fit in found if fit is not None), key=lambda each: _evidence(each[1]))
     return [(fit, _evidence(fit)) for _, fit in fits]
+
+
+def _begun(form: Form, seen: Seen) -> FormFit | None:
+    """The better coarse fit of two: from the form's own start, and from where a wide tolerance of the outline led it.
+
+    The loss does not let a form feel an outline that is far off: a banana's end lay beside it and stayed there.
+    """
+    wide = fit_form(form, seen, COARSE, WIDE_ROUNDS, outline_sd_px=WIDE_OUTLINE_SD_PX)
+    starts = [form.start] if wide is None else [form.start, wide.unknowns]
+    fits = [fit_form(form, seen, COARSE, FIRST_ROUNDS, start) for start in starts]
+    return min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost, default=None)
 
 
 def _evidence(fit: FormFit) -> float:

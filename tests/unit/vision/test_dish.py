@@ -91,6 +91,21 @@ def test_round_flat_food_on_the_bare_table_is_no_dish():
     assert found_in(view_of(lambda x, y: np.where(np.hypot(x, y) < 55, 15.0, 0.0))) is None
 
 
+def test_flat_block_larger_than_a_slice_is_no_dish_while_nothing_stands_on_it():
+    def heights(x, y):
+        return np.where(np.maximum(np.abs(x), np.abs(y)) < 72, 30.0, 0.0)
+
+    assert found_in(view_of(heights)) is None
+
+
+def test_round_board_with_something_on_it_is_a_dish_with_its_floor():
+    def heights(x, y):
+        board = np.where(np.hypot(x, y) < 110, 18.0, 0.0)
+        return np.where(np.hypot(x - 20, y) < 30, 60.0, board)
+
+    assert found_in(view_of(heights)).floor_mm == pytest.approx(18, abs=1)
+
+
 def test_mound_is_no_dish():
     assert found_in(view_of(lambda x, y: 40 * np.sqrt(np.clip(1 - (x**2 + y**2) / 70**2, 0, 1)))) is None
 

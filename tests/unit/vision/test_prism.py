@@ -3,7 +3,7 @@ import pytest
 
 from app.vision.forms import COARSE, EXACT, FINE
 from app.vision.mesh import enclosed_mm3, face_normals
-from app.vision.prism import FREE_SKEW_SD, ROUNDING, ROUNDING_MM, SKEW, prism
+from app.vision.prism import DISPLACEMENT_ORDERS, FREE_SKEW_SD, ROUNDING, ROUNDING_MM, SKEW, prism
 
 RECTANGLE = np.array([[0.0, 0.0], [60.0, 10.0], [50.0, 70.0], [-10.0, 60.0]])  # sides of 10 sqrt(37), at right angles
 TRIANGLE = np.array([[0.0, 0.0], [110.0, 0.0], [20.0, 70.0]])
@@ -52,6 +52,17 @@ def test_prism_rests_on_its_support(name):
     vertices = form.vertices(form.start, FINE)
     assert np.isclose(vertices[:, 2].min(), SUPPORT_MM)
     assert np.isclose(vertices[:, 2].max(), SUPPORT_MM + HEIGHT_MM)
+
+
+@pytest.mark.parametrize("name", ["block", "wedge"])
+def test_displacement_moves_walls_and_top_but_never_the_base(name):
+    form, unknowns = begun(name), begun(name).start
+    plain = form.vertices(unknowns, FINE)
+    unknowns[-len(DISPLACEMENT_ORDERS) :] = np.random.default_rng(3).normal(0, 0.01, len(DISPLACEMENT_ORDERS))
+    moved = form.vertices(unknowns, FINE)
+    low = plain[:, 2] < SUPPORT_MM + 1e-6
+    assert np.array_equal(moved[low, 2], plain[low, 2])
+    assert np.abs(moved - plain).max() > 0.3
 
 
 @pytest.mark.parametrize("name", ["block", "wedge"])
