@@ -159,8 +159,10 @@ def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.ran
     cells = np.column_stack([view.centres_mm()[raised], view.height_mm[raised]])
     if len(cells) < SECTORS // 2:
         return None
+    drop = view.height_mm - cv2.erode(np.where(raised, view.height_mm, np.float32(0.0)), np.ones((3, 3), np.uint8))
+    is_edge = raised & (drop > SAME_HEIGHT_MM)
     rims: list[tuple[float, _Ring]] = []
-    for ring in _candidates(cells, rng):
+    for ring in _candidates(cells, is_edge[raised], rng):
         is_rim = ring.cover >= MIN_COVER and ring.edge_cover >= MIN_EDGE_COVER
         hollow = _hollow_share(view, is_solid, ring) if is_rim else 0.0
         merit = ring.cover + ring.edge_cover + HOLLOW_WEIGHT * hollow + ring.radius_mm / (2 * RADII_MM[1])
@@ -201,13 +203,14 @@ def _with_floor(
     return Dish(inward_mm, rim_mm, rim_mm if is_flat else 0.0, centre_mm, radius_mm)
 
 
-def _candidates(cells: Float64Array, rng: np.random.Generator) -> list[_Ring]:
-    """Circles through three cells of one height, those that most sectors support, each fitted to its cells."""
+def _candidates(cells: Float64Array, is_edge: MaskArray, rng: np.random.Generator) -> list[_Ring]:
+    """Circles through three cells of one height, those that most sectors support, each fitted to its cells.
+
+    is_edge: (n,) cells beside lower ones. A thin rim is few of all cells but many of these: they have half the trials.
+    """
     few = cells if len(cells) <= MAX_CELLS else cells[rng.choice(len(cells), MAX_CELLS, replace=False)]
-    by_height = cells[np.argsort(cells[:, 2])]
-    first = rng.integers(len(cells), size=(TRIALS, 1))
-    others = first + rng.integers(-len(cells) // LEVELS, len(cells) // LEVELS + 1, size=(TRIALS, 2))
-    picks = by_height[np.clip(np.hstack([first, others]), 0, len(cells) - 1)]
+    edge = cells[is_edge]
+    picks = np.concatenate([_triples(each, rng) for each in (cells, edge) if len(each) >= SECTORS // 4])
     picks = picks[np.ptp(picks[..., 2], axis=1) < MAX_STEP_MM]
     one, two = picks[:, 1, :2] - picks[:, 0, :2], picks[:, 2, :2] - picks[:, 0, :2]
     determinant = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
@@ -255,6 +258,14 @@ def _candidates(cells: Float64Array, rng: np.random.Generator) -> list[_Ring]:
         if len(found) >= MAX_CANDIDATES or len(tried) >= MAX_TRIED:
             break
     return found
+
+
+def _triples(cells: Float64Array, rng: np.random.Generator) -> Float64Array:
+    """(TRIALS / 2, 3, 3) three cells each, of similar height."""
+    by_height = cells[np.argsort(cells[:, 2])]
+    first = rng.integers(len(cells), size=(TRIALS // 2, 1))
+    others = first + rng.integers(-len(cells) // LEVELS, len(cells) // LEVELS + 1, size=(TRIALS // 2, 2))
+    return by_height[np.clip(np.hstack([first, others]), 0, len(cells) - 1)]
 
 
 def _is_among(circle: tuple[float, float, float], others: list[tuple[float, float, float]]) -> bool:
@@ -328,7 +339,7 @@ def _hollow_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
 
 
 def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
-    """Whether a circle is drawn into a slice's or block's flat top; a filled bowl is high and round, a board carries."""
+    """Whether a circle lies in the flat top of a block; a filled bowl is high and round, a board carries something."""
     apart = view.centres_mm() - [ring.x_mm, ring.y_mm]
     inward = ring.radius_mm - np.hypot(apart[..., 0], apart[..., 1])
     is_like_bowl = ring.edge_cover >= ROUND_EDGE_COVER and ring.height_mm >= BOWL_MM
