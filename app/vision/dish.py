@@ -18,7 +18,7 @@ RADII_MM = (50.0, 260.0)  # of a round dish: a dessert bowl to a serving platter
 RIM_RANGE_MM = (4.0, 90.0)  # over the table
 RIM_NOISE = 2.5  # standard deviations of a cell of table, which a rim must exceed
 SAME_HEIGHT_MM = 4.0  # of the rim's plane
-MAX_SLOPE = 0.08  # of the rim's plane: what small errors of the poses may make of a level rim
+MAX_SLOPE = 0.05  # of the rim's plane: what small errors of the poses may make of a level rim
 MAX_STEP_MM = 12.0  # between three places of one rim
 ON_RIM_MM = 5.0
 OUTSIDE_MM = (8.0, 28.0)  # beyond the rim, where the table should be seen and not another, higher rim
@@ -265,7 +265,7 @@ def _triples(cells: Float64Array, rng: np.random.Generator) -> Float64Array:
     by_height = cells[np.argsort(cells[:, 2])]
     first = rng.integers(len(cells), size=(TRIALS // 2, 1))
     others = first + rng.integers(-len(cells) // LEVELS, len(cells) // LEVELS + 1, size=(TRIALS // 2, 2))
-    return by_height[np.clip(np.hstack([first, others]), 0, len(cells) - 1)]
+    return np.asarray(by_height[np.clip(np.hstack([first, others]), 0, len(cells) - 1)], np.float64)
 
 
 def _is_among(circle: tuple[float, float, float], others: list[tuple[float, float, float]]) -> bool:

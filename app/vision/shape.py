@@ -47,7 +47,8 @@ MARGIN_PX = 25  # around a food's mask
 FIRST_ROUNDS, WIDE_ROUNDS, ROUNDS = 12, 6, 10
 KEPT = 4  # families that are fitted finely
 KEPT_RATIO = 2.0  # of the best one's cost: a family that fits so much worse coarsely is not fitted finely
-PASSES = 2  # of fine fits
+PASSES = (2, 4)  # of fine fits, least and most
+SETTLED = 0.03  # change of the best volume in a pass, relative, below which no further one is needed
 SNAP_PX, SNAP_SECOND_PX = 4.0, 5.0
 SECOND_WEIGHT = 0.5  # of the second view's outline, which was sought where the form was
 TEMPER = 4.0  # by which differences of evidence count less: what no family can be errs alike all over a food
@@ -221,11 +222,13 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[tuple[FormFit, f
     usable = [(form, fit) for cost, fit, form in coarse if cost < KEPT_RATIO * coarse[0][0]]
     of_form = [each for each in usable[KEPT:] if prior is not None and each[0].name in prior.families]
     fits = usable[:KEPT] + of_form[:1]
-    for number in range(PASSES):
+    volumes_ml: list[float] = []
+    while fits and len(volumes_ml) < PASSES[1] and not _is_settled(volumes_ml):
         # First each family as it is seen along itself; then all along the best one, so that their evidence compares.
-        common = None if number == 0 or not fits else _seen_along(food, fits[0][1])
+        common = _seen_along(food, fits[0][1]) if volumes_ml else None
         found = [(form, _refit(food, common, form, fit)) for form, fit in fits]
         fits = sorted(((form, fit) for form, fit in found if fit is not None), key=lambda each: _evidence(each[1]))
+        volumes_ml += [fit.volume_ml for _, fit in fits[:1]]
     return [(fit, _evidence(fit)) for _, fit in fits]
 
 
@@ -238,6 +241,11 @@ def _begun(form: Form, seen: Seen) -> FormFit | None:
     starts = [form.start] if wide is None else [form.start, wide.unknowns]
     fits = [fit_form(form, seen, COARSE, FIRST_ROUNDS, start) for start in starts]
     return min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost, default=None)
+
+
+def _is_settled(volumes_ml: Sequence[float]) -> bool:
+    """Whether the best volume hardly changed; parallax measured along a form that is off is off itself."""
+    return len(volumes_ml) >= PASSES[0] and abs(np.log(volumes_ml[-1] / volumes_ml[-2])) < SETTLED
 
 
 def _evidence(fit: FormFit) -> float:
@@ -379,7 +387,7 @@ def _volume(
     completed_mm: Float64Array,
     shape: ClosedShape,
 ) -> Volume:
-    factor = float(np.exp(NORMAL_90 * np.hypot(pair_sd, item_sd)))
+    volume_ml, factor = float(volume_ml), float(np.exp(NORMAL_90 * np.hypot(pair_sd, item_sd)))
     return Volume(
         volume_ml=volume_ml,
         interval_ml=(volume_ml / factor, volume_ml * factor),
