@@ -29,12 +29,13 @@ SECTORS = 48
 MIN_COVER = 0.55  # of the sectors in which the rim is seen
 MIN_WALL_CELLS = 4  # of some 30 that a sector has outside: fewer are noise
 MIN_EDGE_COVER = 0.4  # of the sectors in which it is seen and nothing as high lies outside
-MIN_HOLLOW = 0.6  # of the sectors in which the inside does not rise
+# Share of the sectors in which the inside does not rise, least and full; food near a rim lowers it.
+MIN_HOLLOW, FULL_HOLLOW = 0.5, 0.6
 ROUND_EDGE_COVER = 0.75  # of a filled bowl's rim; a circle in a square touches its sides and leaves the corners
 BOWL_MM = 30.0  # least height of a bowl's rim; slices and cakes are lower
 LEVEL_SHARE = 0.5  # of what is measured within the circle and as high as its edge: a flat top
 HOLLOW_WEIGHT = 2.0
-SLOPE_WEIGHT = 5.0
+SLOPE_WEIGHT = 10.0
 REFINEMENTS = 3
 TRIALS = 2000
 LEVELS = 8  # parts of the cells by their height: three of one rim come from two neighbouring ones at most
@@ -165,7 +166,9 @@ def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.ran
     for ring in _candidates(cells, is_edge[raised], rng):
         is_rim = ring.cover >= MIN_COVER and ring.edge_cover >= MIN_EDGE_COVER
         hollow = _hollow_share(view, is_solid, ring) if is_rim else 0.0
-        merit = ring.cover + ring.edge_cover + HOLLOW_WEIGHT * hollow + ring.radius_mm / (2 * RADII_MM[1])
+        merit = (
+            ring.cover + ring.edge_cover + HOLLOW_WEIGHT * min(hollow, FULL_HOLLOW) + ring.radius_mm / (2 * RADII_MM[1])
+        )
         merit -= SLOPE_WEIGHT * float(np.hypot(*ring.slope))
         if hollow >= MIN_HOLLOW and not _is_flat_top(view, is_solid, ring):
             rims.append((merit, ring))
