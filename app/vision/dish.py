@@ -21,6 +21,8 @@ SAME_HEIGHT_MM = 4.0  # of the rim's plane
 MAX_SLOPE = 0.08  # of the rim's plane: what small errors of the poses may make of a level rim
 MAX_STEP_MM = 12.0  # between three places of one rim
 ON_RIM_MM = 5.0
+EDGE_MM = 12.0  # within which a rim's outer edge falls, widened by a window
+EDGE_FALL = 0.5  # of its height
 OUTSIDE_MM = (8.0, 28.0)  # beyond the rim, where the table should be seen and not another, higher rim
 INSIDE_MM = (12.0, 30.0)  # within the rim, where a dish does not rise
 RISE_MM = 3.0
@@ -31,7 +33,7 @@ MIN_WALL_CELLS = 4  # of some 30 that a sector has outside: fewer are noise
 MIN_EDGE_COVER = 0.4  # of the sectors in which it is seen and nothing as high lies outside
 MIN_HOLLOW = 0.6  # of the sectors in which the inside does not rise
 ROUND_EDGE_COVER = 0.75  # of a filled bowl's rim; a circle in a square touches its sides and leaves the corners
-BOWL_MM = 30.0  # least height of a bowl's rim; slices and cakes are lower
+BOWL_MM = 30.0  # least height of a bowl's rim; slices, cakes and boards are lower
 LEVEL_SHARE = 0.5  # of what is measured within the circle and as high as its edge: a flat top
 HOLLOW_WEIGHT = 2.0
 SLOPE_WEIGHT = 5.0
@@ -158,8 +160,10 @@ def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.ran
     cells = np.column_stack([view.centres_mm()[raised], view.height_mm[raised]])
     if len(cells) < SECTORS // 2:
         return None
+    edge = raised & _is_edge(view, raised)
+    at_edge = np.column_stack([view.centres_mm()[edge], view.height_mm[edge]])
     rims: list[tuple[float, _Ring]] = []
-    for ring in _candidates(cells, rng):
+    for ring in _candidates(cells, cells, rng) + _candidates(at_edge, cells, rng):
         is_rim = ring.cover >= MIN_COVER and ring.edge_cover >= MIN_EDGE_COVER
         hollow = _hollow_share(view, is_solid, ring) if is_rim else 0.0
         merit = ring.cover + ring.edge_cover + HOLLOW_WEIGHT * hollow + ring.radius_mm / (2 * RADII_MM[1])
@@ -200,8 +204,25 @@ def _with_floor(
     return Dish(inward_mm, rim_mm, rim_mm if is_flat else 0.0, centre_mm, radius_mm)
 
 
-def _candidates(cells: Float64Array, rng: np.random.Generator) -> list[_Ring]:
-    """Circles through three cells of one height, those that most sectors support, each fitted to its cells."""
+def _is_edge(view: TopView, raised: MaskArray) -> MaskArray:
+    """(rows, columns) where the surface falls to less than half near by, and which nothing near by overtops.
+
+    A full board has as many circles in its top as a rim has at its edge; only those at the edge bound it.
+    """
+    height = np.where(raised, view.height_mm, np.float32(0.0)).astype(np.float32)
+    side = 2 * round(EDGE_MM / view.cell_mm) + 1
+    near = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    falls = cv2.erode(height, near) < EDGE_FALL * height
+    return np.asarray(falls & (cv2.dilate(height, near) < height + SAME_HEIGHT_MM), np.bool_)
+
+
+def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generator) -> list[_Ring]:
+    """Circles through three cells of one height, those that most sectors support, each fitted to its cells.
+
+    cells: (n, 3) through which circles are drawn. every: (m, 3) all that is raised, which says what lies outside.
+    """
+    if len(cells) < SECTORS // 2:
+        return []
     few = cells if len(cells) <= MAX_CELLS else cells[rng.choice(len(cells), MAX_CELLS, replace=False)]
     by_height = cells[np.argsort(cells[:, 2])]
     first = rng.integers(len(cells), size=(TRIALS, 1))
@@ -248,7 +269,7 @@ def _candidates(cells: Float64Array, rng: np.random.Generator) -> list[_Ring]:
         if _is_among((x, y, r), tried):
             continue
         tried.append((x, y, r))
-        ring = _refined(cells, (x, y, r), np.array([heights[place], *slopes[place]]))
+        ring = _refined(cells, every, (x, y, r), np.array([heights[place], *slopes[place]]))
         if ring is not None and not _is_among(ring.circle, [other.circle for other in found]):
             found.append(ring)
         if len(found) >= MAX_CANDIDATES or len(tried) >= MAX_TRIED:
@@ -265,8 +286,10 @@ def _is_among(circle: tuple[float, float, float], others: list[tuple[float, floa
     )
 
 
-def _refined(cells: Float64Array, circle: tuple[float, float, float], plane: Float64Array) -> _Ring | None:
-    """Least squares circle through the cells on the rim, and how much of it is seen; None if it runs away.
+def _refined(
+    cells: Float64Array, every: Float64Array, circle: tuple[float, float, float], plane: Float64Array
+) -> _Ring | None:
+    """Least squares circle through the cells on the rim, and how much of it every cell shows; None if it runs away.
 
     circle: x, y, radius, mm. plane: (3,) height at its centre, mm, and slopes.
     """
@@ -286,9 +309,9 @@ def _refined(cells: Float64Array, circle: tuple[float, float, float], plane: Flo
         plane = np.linalg.lstsq(levels, on_rim[:, 2], rcond=None)[0]
     if not RADII_MM[0] < radius < RADII_MM[1] or np.hypot(plane[1], plane[2]) > MAX_SLOPE:
         return None
-    delta = cells[:, :2] - [x, y]
+    delta = every[:, :2] - [x, y]
     distance = np.hypot(delta[:, 0], delta[:, 1])
-    over = cells[:, 2] - plane[0] - delta @ plane[1:]
+    over = every[:, 2] - plane[0] - delta @ plane[1:]
     sector = ((np.arctan2(delta[:, 1], delta[:, 0]) / (2 * np.pi) + 1.0) % 1.0 * SECTORS).astype(np.int64)
     sector %= SECTORS
     is_rim = (np.abs(distance - radius) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
@@ -327,9 +350,12 @@ def _hollow_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
 
 
 def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
-    """Whether a small circle is drawn into the flat top of a slice or block; a filled bowl is high and round."""
-    is_like_bowl = ring.edge_cover >= ROUND_EDGE_COVER and ring.height_mm >= BOWL_MM
-    if np.pi * ring.radius_mm**2 >= MIN_SLAB_MM2 or is_like_bowl:
+    """Whether a circle is drawn into the flat top of a slice, block or pack; a filled bowl is high and round.
+
+    A slice is smaller than a board, a pack is higher.
+    """
+    is_high = ring.height_mm >= BOWL_MM
+    if (is_high and ring.edge_cover >= ROUND_EDGE_COVER) or (not is_high and np.pi * ring.radius_mm**2 >= MIN_SLAB_MM2):
         return False
     apart = view.centres_mm() - [ring.x_mm, ring.y_mm]
     inside = is_solid & (np.hypot(apart[..., 0], apart[..., 1]) < ring.radius_mm - OUTSIDE_MM[0])
