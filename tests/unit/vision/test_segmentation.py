@@ -158,6 +158,17 @@ def test_food_of_two_tones_is_one():
     assert iou(found[0].mask, disc(210, 280, 70)) > 0.95
 
 
+def test_black_canvas_around_a_turned_photograph_is_no_food():
+    meal = Meal().food(210, 200, 55, 40.0)
+    rows, columns = np.indices(SHAPE)
+    beyond = columns - 430 - 0.15 * rows  # px to the right of the photograph's edge
+    meal.image[beyond > 0] = -20  # darker than the noise
+    meal.height[(beyond > -6) & (beyond < 30)] = 25.0  # windows across its edge see something stand there
+    found = meal.segment()
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(210, 200, 55)) > 0.95
+
+
 def test_hole_of_a_ring_is_no_food():
     meal = Meal().plate().food(210, 280, 80, 30.0)
     hole = disc(210, 280, 30)
