@@ -21,6 +21,8 @@ SAME_HEIGHT_MM = 4.0  # of the rim's plane
 MAX_SLOPE = 0.05  # of the rim's plane: what small errors of the poses may make of a level rim
 MAX_STEP_MM = 12.0  # between three places of one rim
 ON_RIM_MM = 5.0
+EDGE_MM = 12.0  # within which a rim's outer edge falls, widened by a window
+EDGE_FALL = 0.5  # of its height
 OUTSIDE_MM = (8.0, 28.0)  # beyond the rim, where the table should be seen and not another, higher rim
 INSIDE_MM = (12.0, 30.0)  # within the rim, where a dish does not rise
 RISE_MM = 3.0
@@ -32,7 +34,7 @@ MIN_EDGE_COVER = 0.4  # of the sectors in which it is seen and nothing as high l
 # Share of the sectors in which the inside does not rise, least and full; food near a rim lowers it.
 MIN_HOLLOW, FULL_HOLLOW = 0.5, 0.6
 ROUND_EDGE_COVER = 0.75  # of a filled bowl's rim; a circle in a square touches its sides and leaves the corners
-BOWL_MM = 30.0  # least height of a bowl's rim; slices and cakes are lower
+BOWL_MM = 30.0  # least height of a bowl's rim; slices, cakes and boards are lower
 LEVEL_SHARE = 0.5  # of what is measured within the circle and as high as its edge: a flat top
 HOLLOW_WEIGHT = 2.0
 SLOPE_WEIGHT = 10.0
@@ -160,10 +162,10 @@ def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.ran
     cells = np.column_stack([view.centres_mm()[raised], view.height_mm[raised]])
     if len(cells) < SECTORS // 2:
         return None
-    drop = view.height_mm - cv2.erode(np.where(raised, view.height_mm, np.float32(0.0)), np.ones((3, 3), np.uint8))
-    is_edge = raised & (drop > SAME_HEIGHT_MM)
+    edge = raised & _is_edge(view, raised)
+    at_edge = np.column_stack([view.centres_mm()[edge], view.height_mm[edge]])
     rims: list[tuple[float, _Ring]] = []
-    for ring in _candidates(cells, is_edge[raised], rng):
+    for ring in _candidates(cells, cells, rng) + _candidates(at_edge, cells, rng):
         is_rim = ring.cover >= MIN_COVER and ring.edge_cover >= MIN_EDGE_COVER
         hollow = _hollow_share(view, is_solid, ring) if is_rim else 0.0
         merit = (
@@ -206,14 +208,30 @@ def _with_floor(
     return Dish(inward_mm, rim_mm, rim_mm if is_flat else 0.0, centre_mm, radius_mm)
 
 
-def _candidates(cells: Float64Array, is_edge: MaskArray, rng: np.random.Generator) -> list[_Ring]:
+def _is_edge(view: TopView, raised: MaskArray) -> MaskArray:
+    """(rows, columns) where the surface falls to less than half near by, and which nothing near by overtops.
+
+    A full board has as many circles in its top as a rim has at its edge; only those at the edge bound it.
+    """
+    height = np.where(raised, view.height_mm, np.float32(0.0)).astype(np.float32)
+    side = 2 * round(EDGE_MM / view.cell_mm) + 1
+    near = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    falls = cv2.erode(height, near) < EDGE_FALL * height
+    return np.asarray(falls & (cv2.dilate(height, near) < height + SAME_HEIGHT_MM), np.bool_)
+
+
+def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generator) -> list[_Ring]:
     """Circles through three cells of one height, those that most sectors support, each fitted to its cells.
 
-    is_edge: (n,) cells beside lower ones. A thin rim is few of all cells but many of these: they have half the trials.
+    cells: (n, 3) through which circles are drawn. every: (m, 3) all that is raised, which says what lies outside.
     """
+    if len(cells) < SECTORS // 2:
+        return []
     few = cells if len(cells) <= MAX_CELLS else cells[rng.choice(len(cells), MAX_CELLS, replace=False)]
-    edge = cells[is_edge]
-    picks = np.concatenate([_triples(each, rng) for each in (cells, edge) if len(each) >= SECTORS // 4])
+    by_height = cells[np.argsort(cells[:, 2])]
+    first = rng.integers(len(cells), size=(TRIALS, 1))
+    others = first + rng.integers(-len(cells) // LEVELS, len(cells) // LEVELS + 1, size=(TRIALS, 2))
+    picks = by_height[np.clip(np.hstack([first, others]), 0, len(cells) - 1)]
     picks = picks[np.ptp(picks[..., 2], axis=1) < MAX_STEP_MM]
     one, two = picks[:, 1, :2] - picks[:, 0, :2], picks[:, 2, :2] - picks[:, 0, :2]
     determinant = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
@@ -255,20 +273,12 @@ def _candidates(cells: Float64Array, is_edge: MaskArray, rng: np.random.Generato
         if _is_among((x, y, r), tried):
             continue
         tried.append((x, y, r))
-        ring = _refined(cells, (x, y, r), np.array([heights[place], *slopes[place]]))
+        ring = _refined(cells, every, (x, y, r), np.array([heights[place], *slopes[place]]))
         if ring is not None and not _is_among(ring.circle, [other.circle for other in found]):
             found.append(ring)
         if len(found) >= MAX_CANDIDATES or len(tried) >= MAX_TRIED:
             break
     return found
-
-
-def _triples(cells: Float64Array, rng: np.random.Generator) -> Float64Array:
-    """(TRIALS / 2, 3, 3) three cells each, of similar height."""
-    by_height = cells[np.argsort(cells[:, 2])]
-    first = rng.integers(len(cells), size=(TRIALS // 2, 1))
-    others = first + rng.integers(-len(cells) // LEVELS, len(cells) // LEVELS + 1, size=(TRIALS // 2, 2))
-    return np.asarray(by_height[np.clip(np.hstack([first, others]), 0, len(cells) - 1)], np.float64)
 
 
 def _is_among(circle: tuple[float, float, float], others: list[tuple[float, float, float]]) -> bool:
@@ -280,8 +290,10 @@ def _is_among(circle: tuple[float, float, float], others: list[tuple[float, floa
     )
 
 
-def _refined(cells: Float64Array, circle: tuple[float, float, float], plane: Float64Array) -> _Ring | None:
-    """Least squares circle through the cells on the rim, and how much of it is seen; None if it runs away.
+def _refined(
+    cells: Float64Array, every: Float64Array, circle: tuple[float, float, float], plane: Float64Array
+) -> _Ring | None:
+    """Least squares circle through the cells on the rim, and how much of it every cell shows; None if it runs away.
 
     circle: x, y, radius, mm. plane: (3,) height at its centre, mm, and slopes.
     """
@@ -301,9 +313,9 @@ def _refined(cells: Float64Array, circle: tuple[float, float, float], plane: Flo
         plane = np.linalg.lstsq(levels, on_rim[:, 2], rcond=None)[0]
     if not RADII_MM[0] < radius < RADII_MM[1] or np.hypot(plane[1], plane[2]) > MAX_SLOPE:
         return None
-    delta = cells[:, :2] - [x, y]
+    delta = every[:, :2] - [x, y]
     distance = np.hypot(delta[:, 0], delta[:, 1])
-    over = cells[:, 2] - plane[0] - delta @ plane[1:]
+    over = every[:, 2] - plane[0] - delta @ plane[1:]
     sector = ((np.arctan2(delta[:, 1], delta[:, 0]) / (2 * np.pi) + 1.0) % 1.0 * SECTORS).astype(np.int64)
     sector %= SECTORS
     is_rim = (np.abs(distance - radius) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
@@ -348,7 +360,7 @@ def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
     is_like_bowl = ring.edge_cover >= ROUND_EDGE_COVER and ring.height_mm >= BOWL_MM
     area_mm2 = np.pi * ring.radius_mm**2
     standing_mm2 = np.count_nonzero(_standing(view, is_solid, inward, ring.height_mm)) * view.cell_mm**2
-    is_like_board = area_mm2 >= MIN_SLAB_MM2 and standing_mm2 >= MIN_STANDING * area_mm2
+    is_like_board = ring.height_mm < BOWL_MM and area_mm2 >= MIN_SLAB_MM2 and standing_mm2 >= MIN_STANDING * area_mm2
     inside = is_solid & (inward > OUTSIDE_MM[0])
     if is_like_bowl or is_like_board or not inside.any():
         return False

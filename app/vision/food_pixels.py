@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from app.vision.colour_bins import SHADES, colour_bins, colour_histogram, contrast_features, shaded_lab
 from app.vision.gaps import find_gaps
-from app.vision.masks import distance_px
+from app.vision.masks import distance_px, touching
 from app.vision.min_cut import cut_in_two
 from app.vision.model import Float32Array, MaskArray
 from app.vision.places import OVER_RIM_MM, UNMEASURED_MM, Place
@@ -106,7 +106,7 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
     if gaps.any():
         food, others = _apart(open_found, is_ignored)
         open_found, _ = cut(food, others | gaps, gaps)
-    gaps = _touching(found & ~open_found, gaps)
+    gaps = touching(found & ~open_found, gaps)
     out = np.zeros(scene.is_ignored.shape, np.bool_)
     out[window] = cv2.resize(found.astype(np.float32), shape, interpolation=cv2.INTER_LINEAR) > 0.5
     whole_gaps = np.zeros_like(out)
@@ -132,12 +132,6 @@ def _cores(sure: MaskArray, scene: Scene) -> tuple[MaskArray, MaskArray]:
 def _apart(found: MaskArray, is_ignored: MaskArray) -> tuple[MaskArray, MaskArray]:
     """What teaches the colours of food and of the rest: either side of the border, without its mixed pixels."""
     return found & (distance_px(~found) > 2), ~found & ~is_ignored & (distance_px(found) > 2)
-
-
-def _touching(mask: MaskArray, seeds: MaskArray) -> MaskArray:
-    """The connected parts of the mask that hold a seed."""
-    _, labels = cv2.connectedComponents(mask.astype(np.uint8))
-    return mask & np.isin(labels, np.unique(labels[seeds]))
 
 
 def _ratio(first: Float32Array, second: Float32Array, bins: NDArray[np.int64]) -> Float32Array:

@@ -28,6 +28,7 @@ MIN_MARKER_MM2 = (15.0, 80.0)  # of a neck's side, of a top
 BESIDE_MM = (2.0, 9.0)  # from the cut, where the colours of its two sides are compared
 NOTCH_RADIUS_MM = 7.0
 COLOUR_NOISE = 3.0
+SHADE_WEIGHT = 0.5  # of a difference of light alone, which the two faces of one food show as well
 FULL_NOTCH = 0.25  # of the disc around a corner of the outline, beyond the half that a smooth outline fills
 SHORT_CUT = 0.5  # of the narrower part's width: so short a cut has its notches at one place
 SMALL_PART = 0.12  # of both parts' area, below which it takes more to be a food of its own
@@ -221,7 +222,7 @@ class _Piece:
             medians.append(np.median(colours, axis=0))
             spreads.append(1.48 * np.median(np.abs(colours - medians[-1]), axis=0))
         spread = np.sqrt(0.5 * (spreads[0] ** 2 + spreads[1] ** 2)) + COLOUR_NOISE
-        contrast = float(np.linalg.norm((medians[0] - medians[1]) / spread))
+        contrast = _contrast(medians[0], medians[1], spread)
         dented = max(_dented(one | two, CONVEX), *(_dented(_filled(part), BITTEN) for part in (one, two)))
         notch = FULL_NOTCH if length < SHORT_CUT else dented * self._notch(one | two, border)
         valley = dented * self._valley(one, two, border)
@@ -260,6 +261,21 @@ class _Piece:
             return 0.0
         lower = min(float(np.quantile(top, 0.95)) for top in tops)
         return float(np.clip(1.0 - np.median(along) / lower, 0.0, 1.0)) if lower > 5.0 else 0.0
+
+
+def _contrast(one: Float32Array, two: Float32Array, spread: Float32Array) -> float:
+    """How far two weighted Lab colours (3,) lie apart, in spreads (3,); what shade alone would do weighs little.
+
+    Less light scales L* + 16, a* and b* alike, since all three go with the cube root of the light (CIE 15).
+    """
+    weights = np.array(COLOUR_WEIGHTS, np.float32)
+    (light_one, *tint_one), (light_two, *tint_two) = (
+        colour / weights * (100 / 255, 1.0, 1.0) - (-16.0, 128.0, 128.0) for colour in (one, two)
+    )
+    darker = min(light_one, light_two)
+    tint = np.multiply(tint_one, darker / light_one) - np.multiply(tint_two, darker / light_two)
+    lightness = SHADE_WEIGHT * (one[0] - two[0]) / spread[0]
+    return float(np.hypot(lightness, np.linalg.norm(tint * weights[1:] / spread[1:])))
 
 
 def _dented(mask: MaskArray, solidities: tuple[float, float]) -> float:

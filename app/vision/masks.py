@@ -29,6 +29,12 @@ def largest_part(mask: MaskArray) -> MaskArray:
     return np.asarray(labels == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax()), np.bool_)
 
 
+def touching(mask: MaskArray, seeds: MaskArray) -> MaskArray:
+    """The connected parts of the mask that hold a seed."""
+    _, labels = cv2.connectedComponents(mask.astype(np.uint8))
+    return np.asarray(mask & np.isin(labels, np.unique(labels[seeds & mask])), np.bool_)
+
+
 def distance_px(mask: MaskArray) -> Float32Array:
     """(H, W) distance to the nearest pixel of the mask; FAR_PX everywhere if it is empty."""
     if not mask.any():

@@ -20,6 +20,7 @@ from app.vision.food_pixels import find_food_pixels
 from app.vision.foods_apart import tell_apart
 from app.vision.hinted import hinted_masks
 from app.vision.layout import Layout, dish_under, lay_out, reduced_scene
+from app.vision.masks import distance_px, opened, touching
 from app.vision.model import Float32Array, MaskArray
 from app.vision.places import Place, find_places
 from app.vision.rectification import RectifiedPair
@@ -29,6 +30,8 @@ from app.vision.topview import TableTrend
 from app.vision.upright_sides import with_sides
 from app.vision.vessel import Vessel, describe_vessel
 
+BLACK_LEVEL = 4  # grey levels: black, and what JPEG makes of it
+CANVAS_WIDTH_PX = 9  # of the rectified grid: a window of the finest disparity
 HINTED_DISH_SHARE = 0.8  # of a dish's outline within a person's box or polygon: what looks like a dish is the food
 
 
@@ -88,6 +91,7 @@ def segment_foods(
     points_table: (H, W, 3) mm, NaN. ignored: (H, W) marker sheet and what is not seen. With hints only what they point
     at is returned. Failure "no_food_found".
     """
+    ignored = ignored | _canvas(pair)
     drawn = [Region(hint.mask, hint.index) for hint in hints if hint.is_exact]
     sought = [hint for hint in hints if not hint.is_exact]
     taken = ignored.copy()
@@ -104,6 +108,18 @@ def segment_foods(
     found = [replace(region, mask=_enlarged(region.mask, pair.shape) & ~taken) for region in found]
     regions = _supported([region for region in drawn + found if region.mask.any()], layout)
     return Foods(regions, layout.trend) if regions else no_food_found()
+
+
+def _canvas(pair: RectifiedPair) -> MaskArray:
+    """(H, W) black that reaches the border of what is seen: a canvas around a turned photograph, or nothing lit.
+
+    Widened by a window of the disparity, which sees the canvas's edge as if something stood there.
+    """
+    is_black = opened(pair.first_bgr.max(axis=-1) <= BLACK_LEVEL, CANVAS_WIDTH_PX)
+    unseen = np.pad(~pair.is_seen[1:-1, 1:-1], 1, constant_values=True)
+    canvas = touching(is_black, cv2.dilate(unseen.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+    canvas &= pair.is_seen
+    return distance_px(canvas) < CANVAS_WIDTH_PX
 
 
 def _supported(regions: Sequence[Region], layout: Layout) -> list[Region]:

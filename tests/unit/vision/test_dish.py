@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 
@@ -85,6 +86,32 @@ def test_wide_rimmed_plate_is_no_board_since_its_floor_lies_lower():
     dish = found_in(view_of(heights))
     assert dish.floor_mm == 0
     assert dish.radius_mm is not None
+
+
+def test_boards_that_stand_edge_to_edge_are_found_each():
+    """Most circles in a board's top have as high a surface outside; only the one at its edge bounds it."""
+    places = ((-120, 90), (97, 100), (0, -92))
+
+    def heights(x, y):
+        boards = np.any([np.hypot(x - a, y - b) < 108 for a, b in places], axis=0)
+        foods = np.any([np.hypot(x - a - 10, y - b) < 30 for a, b in places], axis=0)
+        return np.where(foods, 50.0, np.where(boards, 11.0, 0.0))
+
+    def blurred(x, y):
+        grid = heights(x, y).reshape(500, 500).astype(np.float32)
+        return cv2.blur(grid, (13, 13)).ravel()  # a window of the disparity widens every edge
+
+    view = view_of(blurred, noise_mm=1.5)
+    dishes = find_dishes(view, solid_cells(view, 1.0), 1.5, np.random.default_rng(0))
+    centres = sorted(tuple(dish.centre_mm) for dish in dishes)
+    assert centres == [pytest.approx(place, abs=8) for place in sorted(places)]
+
+
+def test_lying_pack_is_no_dish_although_a_circle_fits_into_its_top():
+    def heights(x, y):
+        return np.where((np.abs(x) < 150) & (np.abs(y) < 95), 60.0, 0.0)
+
+    assert found_in(view_of(heights, noise_mm=1.0), noise_mm=1.0) is None
 
 
 def test_round_flat_food_on_the_bare_table_is_no_dish():

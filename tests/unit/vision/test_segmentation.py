@@ -140,12 +140,33 @@ def test_touching_foods_of_one_colour_are_two():
     assert len(found) == 2
 
 
+def test_food_of_two_lobes_with_one_in_shade_is_one():
+    """Light alone differs: a face turned from the lamp, not another food, although the outline is dented."""
+    meal = Meal().plate().food(210, 236, 60, 40.0).food(210, 324, 60, 40.0)
+    lobes = disc(210, 236, 60) | disc(210, 324, 60)
+    lit = np.array((70.0, 130.0, 170.0))
+    meal.image[lobes] = lit
+    meal.image[lobes & (np.arange(SHAPE[1]) > 280)] = lit * 0.6 ** (1 / 2.2)  # 60 % of the light, gamma 2.2
+    assert len(meal.segment()) == 1
+
+
 def test_food_of_two_tones_is_one():
     meal = Meal().plate().food(210, 280, 70, 45.0)
     meal.image[disc(210, 280, 70) & (np.arange(SHAPE[1]) > 280)] = OTHER_BGR
     found = meal.segment()
     assert len(found) == 1
     assert iou(found[0].mask, disc(210, 280, 70)) > 0.95
+
+
+def test_black_canvas_around_a_turned_photograph_is_no_food():
+    meal = Meal().food(210, 200, 55, 40.0)
+    rows, columns = np.indices(SHAPE)
+    beyond = columns - 430 - 0.15 * rows  # px to the right of the photograph's edge
+    meal.image[beyond > 0] = -20  # darker than the noise
+    meal.height[(beyond > -6) & (beyond < 30)] = 25.0  # windows across its edge see something stand there
+    found = meal.segment()
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(210, 200, 55)) > 0.95
 
 
 def test_hole_of_a_ring_is_no_food():
