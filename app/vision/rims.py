@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
-from app.vision.reconstruction import plane_points
 from app.vision.rectification import RectifiedPair
 from app.vision.sight import Sight
 
@@ -58,7 +58,7 @@ def find_circles(pair: RectifiedPair, sight: Sight, is_usable: MaskArray) -> lis
     spread = max(0.4 * CELL_MM / pair.pixel_mm, 0.5)
     smooth = [np.asarray(cv2.GaussianBlur(image, (0, 0), spread), np.float32) for image in grey]
     usable = is_usable.astype(np.uint8)
-    middle = _middle_mm(pair, is_usable)
+    middle = _middle_mm(sight, is_usable)
     candidates: list[tuple[float, Float64Array]] = []
     for height_mm in np.arange(*HEIGHTS_MM, HEIGHT_STEP_MM).tolist():
         if height_mm < MAX_SHARE_OF_CAMERA_HEIGHT * pair.first_centre_mm[2]:
@@ -89,10 +89,11 @@ def _best_near(sight: Sight, grey: list[Float32Array], start: Float64Array) -> C
     return max([circle, *(other for other in others if other is not None)], key=lambda each: each.cover)
 
 
-def _middle_mm(pair: RectifiedPair, is_usable: MaskArray) -> Float64Array:
+def _middle_mm(sight: Sight, is_usable: MaskArray) -> Float64Array:
     """(2,) of the table that is seen."""
-    points = plane_points(pair)[::8, ::8][is_usable[::8, ::8]]
-    points = points[np.linalg.norm(np.nan_to_num(points, nan=np.inf), axis=1) < 2 * REACH_MM]
+    pixels = np.argwhere(is_usable[::8, ::8])[:, ::-1].astype(np.float64) * 8
+    points = sight.points(pixels, np.zeros(len(pixels)))  # the marker's plane has no parallax
+    points = points[np.linalg.norm(points, axis=1) < 2 * REACH_MM]
     return np.asarray(np.median(points[:, :2], axis=0) if len(points) else np.zeros(2), np.float64)
 
 
@@ -122,31 +123,24 @@ def _vote(
         for view in (0, 1)
     ]
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    seen = cv2.warpPerspective(usable, maps[0], (side, side), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
+    left, top, width, height = cv2.boundingRect(seen)
+    if min(width, height) < 3:
+        return []
+    cut = np.array([[1.0, 0.0, left], [0.0, 1.0, top], [0.0, 0.0, 1.0]])
+    seen = cv2.erode(seen[top : top + height, left : left + width], np.ones((3, 3), np.uint8))
     above = [
-        cv2.warpPerspective(image, matrix, (side, side), flags=flags) for image, matrix in zip(grey, maps, strict=True)
+        np.asarray(cv2.warpPerspective(image, matrix @ cut, (width, height), flags=flags), np.float32)
+        for image, matrix in zip(grey, maps, strict=True)
     ]
-    seen = cv2.erode(cv2.warpPerspective(usable, maps[0], (side, side), flags=flags), np.ones((3, 3), np.uint8)) > 0
-    forward = sight.pair.rotation[2]
-    along = np.arange(side) * CELL_MM
-    depth = (
-        forward[0] * (corner_mm[0] + along)[None, :]
-        + forward[1] * (corner_mm[1] + along)[:, None]
-        + (forward[2] * height_mm - forward @ sight.pair.first_centre_mm)
-    )
-    seen &= depth > NEAR_MM
-    x, y = (
-        np.stack([cv2.Sobel(image, cv2.CV_32F, *order, ksize=3) for image in above]) / 8 for order in ((1, 0), (0, 1))
-    )
-    size = np.hypot(x, y) + 1e-6
-    cosine = (x[0] * x[1] + y[0] * y[1]) / (size[0] * size[1])
-    agreed = np.where(seen & (cosine > SAME_DIRECTION), np.minimum(size[0], size[1]), 0.0).astype(np.float32)
-    thin = agreed >= 0.9 * cv2.dilate(agreed, np.ones((3, 3), np.uint8))
-    rows, columns = np.nonzero(thin & (agreed > LEAST_STEP / 2))
+    rows, columns, towards = _shared_edges(above, seen > 0)
+    rows, columns = rows + top, columns + left
+    places = np.column_stack([columns, rows]) * CELL_MM + corner_mm
+    forward, camera = sight.pair.rotation[2], sight.pair.first_centre_mm
+    before = (places - camera[:2]) @ forward[:2] + (height_mm - camera[2]) * forward[2] > NEAR_MM
+    rows, columns, (towards_x, towards_y) = rows[before], columns[before], towards[before].T
     if len(rows) < 20:
         return []
-    both = x[0] + x[1], y[0] + y[1]
-    norm = np.hypot(both[0], both[1])[rows, columns]
-    towards_x, towards_y = (each[rows, columns] / norm for each in both)
     out = []
     for radius in np.arange(*RADII_MM, RADIUS_STEP_MM).tolist():
         cells = radius / CELL_MM
@@ -165,6 +159,27 @@ def _vote(
             out.append((best, np.array([*centre, radius, height_mm])))
             cv2.circle(share, place, 4, 0.0, -1)
     return out
+
+
+def _shared_edges(
+    above: list[Float32Array], is_seen: MaskArray
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Float64Array]:
+    """Rows, columns and (n, 2) unit gradients where both views from above have a like edge, thinned to its crest."""
+    x, y = (
+        [cv2.Sobel(image, cv2.CV_32F, *order, ksize=3, scale=1 / 8) for image in above] for order in ((1, 0), (0, 1))
+    )
+    size = [cv2.magnitude(*each) for each in zip(x, y, strict=True)]
+    rows, columns = np.nonzero((np.minimum(*size) > LEAST_STEP / 2) & is_seen)
+    (x0, x1), (y0, y1), (size0, size1) = ([each[rows, columns] for each in pair] for pair in (x, y, size))
+    is_like = x0 * x1 + y0 * y1 > SAME_DIRECTION * size0 * size1
+    rows, columns = rows[is_like], columns[is_like]
+    agreed = np.zeros(is_seen.shape, np.float32)
+    agreed[rows, columns] = np.minimum(size0, size1)[is_like]
+    crest = cv2.dilate(agreed, np.ones((3, 3), np.uint8))
+    both = np.column_stack([x0 + x1, y0 + y1])[is_like].astype(np.float64)
+    is_thin = agreed[rows, columns] >= 0.9 * crest[rows, columns]
+    towards = both[is_thin] / np.linalg.norm(both[is_thin], axis=1)[:, None]
+    return rows[is_thin], columns[is_thin], towards
 
 
 def circle_points(unknowns: Float64Array, samples: int = SAMPLES) -> Float64Array:
