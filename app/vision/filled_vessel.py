@@ -26,7 +26,7 @@ from app.vision.topview import TableTrend
 from app.vision.vessel_library import VesselModel
 
 LEAST_RIM_MM = 25.0  # over the table: lower rims are plates'
-COAXIAL_MM = 12.0  # circles of one vessel, as far as their fits err
+COAXIAL_MM = 5.0  # circles of one vessel; one along two edges of a thick rim lies farther off
 # Height by radius of the rim: deep plates at the first, bowls and cups between the next two, mugs and glasses at the
 # last; and the inside's radius at the floor by that at the surface. Plates have a flat well, mugs an upright wall.
 ASPECTS = (0.4, 0.6, 1.4, 2.0)
@@ -157,9 +157,10 @@ def find_vessels(
     ]
     vessels: list[FilledVessel] = []
     unread: list[MaskArray] = []
+    rims: list[Circle] = []  # of vessels filled or seen to be open
     for rim in circles:
         table_mm = float(table.height_mm(rim.centre_mm))
-        if rim.height_mm - table_mm < LEAST_RIM_MM or _is_within(rim, vessels) or _is_surface(rim, circles):
+        if rim.height_mm - table_mm < LEAST_RIM_MM or _is_within(rim, rims) or _is_surface(rim, circles):
             continue
         is_upright = rim.height_mm - table_mm > OPEN_ASPECT * rim.radius_mm
         level = find_level_in_glass(sight, lab, rim, table_mm) if is_upright else None
@@ -168,6 +169,7 @@ def find_vessels(
             level = None
         if level is None:
             if _is_open(rim, table_mm, points_table):
+                rims.append(rim)
                 unread.append(_silhouette(sight, rim, rim.radius_mm * OPEN_FOOT_SHARE, table_mm))
             continue
         silhouette, content = _masks(sight, rim, level, table_mm)
@@ -176,6 +178,7 @@ def find_vessels(
             continue
         liquid = measure_liquid(rim, level, table_mm, library)
         if liquid is not None:
+            rims.append(rim)
             vessels.append(FilledVessel(silhouette, content, rim, level, table_mm, liquid))
     return Vessels(vessels, unread)
 
@@ -288,9 +291,9 @@ def _form(centre_mm: Float64Array, inside: Inside, level_mm: float) -> tuple[tup
     return tuple(slices), turned(centre_mm, np.maximum(inside.radius_mm(floor_mm + rings), 0.1), rings, 0.0)
 
 
-def _is_within(rim: Circle, vessels: Sequence[FilledVessel]) -> bool:
-    """Whether the circle belongs to a vessel already found."""
-    return any(np.linalg.norm(rim.centre_mm - vessel.rim.centre_mm) < vessel.rim.radius_mm for vessel in vessels)
+def _is_within(circle: Circle, rims: Sequence[Circle]) -> bool:
+    """Whether the circle belongs to a vessel already judged."""
+    return any(np.linalg.norm(circle.centre_mm - rim.centre_mm) < rim.radius_mm for rim in rims)
 
 
 def _is_surface(circle: Circle, circles: Sequence[Circle]) -> bool:
