@@ -12,12 +12,13 @@ import numpy as np
 from scipy.optimize import brentq
 
 from app.units import ml_from_mm3
+from app.vision.glass_level import find_level_in_glass
 from app.vision.liquid_level import Level, find_level, visible
 from app.vision.mesh import ClosedShape
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.outline_snap import lab_of
 from app.vision.rectification import RectifiedPair
-from app.vision.rims import LEAST_STEP, Circle, across, circle_points, find_circles
+from app.vision.rims import Circle, circle_points, find_circles
 from app.vision.sight import Sight
 from app.vision.slices import Slice
 from app.vision.solids import turned
@@ -25,26 +26,27 @@ from app.vision.topview import TableTrend
 from app.vision.vessel_library import VesselModel
 
 LEAST_RIM_MM = 25.0  # over the table: lower rims are plates'
-COAXIAL_MM = 12.0  # circles of one vessel, as far as their fits err
-SEEN_THROUGH_COVER = 0.7  # of a surface's circle that is seen through glass
-SEEN_THROUGH_SHARES = (0.75, 1.02)  # of the rim's radius
-SEEN_THROUGH_SD_MM = 3.0  # of its height: the wall refracts
-FLOOR_MM = (5.0, 1.5)  # of the inside over the table: foot ring and floor of ceramics, base of a glass
+COAXIAL_MM = 5.0  # circles of one vessel; one along two edges of a thick rim lies farther off
 # Height by radius of the rim: deep plates at the first, bowls and cups between the next two, mugs and glasses at the
 # last; and the inside's radius at the floor by that at the surface. Plates have a flat well, mugs an upright wall.
 ASPECTS = (0.4, 0.6, 1.4, 2.0)
 FOOT_SHARES = (0.78, 0.55, 0.55, 0.92)
 FOOT_SHARE_SDS = (0.12, 0.15, 0.15, 0.06)
+GLASS_FOOT_SHARE, GLASS_POWER = (0.88, 0.06), 0.9  # glasses taper evenly, by some two degrees, to a rounded base
 UPRIGHT = ASPECTS[-1]
-POWER = (0.45, 0.2)  # of the inside's curve: a cone has 1, a cylinder 0
+# Of the inside's curve: a cone has 1, a cylinder 0. A plate's flat well turns up in a quarter of an ellipse, 0.27.
+POWERS, POWER_SD = (0.3, 0.45, 0.45, 0.45), 0.2
+# Of the inside over the table: a plate's floor is as thick as its wall; others have a foot ring or a thick base.
+FLOORS_MM, FLOOR_SD_MM = (3.5, 5.0, 5.0, 5.0), 1.5
+FLOOR_OF_TALL_MM = FLOORS_MM[-1]
 UPRIGHT_LEAST_SHARE = 0.8  # of the rim's radius that an upright vessel's surface has
 HEAP_MM = 4.0  # over the surface's edge: what is measured higher is heaped food, no liquid
 ROUGH_MM = 6.0  # half the height between the surface's 10 and 90 %: a salad, no soup
 BOWL_ASPECT = 1.0  # height by radius of the rim: in narrower vessels windows of the dense match reach the wall
 HEAP_SHARE = 0.3  # of the surface that must be measured to say so
 RIM_INSET_MM = (-1.5, 6.0)  # of the library's inside radius in the circle found, which may be the wall's outer edge
-RIM_HEIGHT_MM = 5.0  # within which a library vessel's rim must lie
-MODEL_SD_MM = 0.5  # of a library vessel's level: of its rim and how it was measured
+RIM_HEIGHT_MM, RIM_HEIGHT_SHARE = 5.0, 0.05  # within which a library vessel's rim must lie: poses scale heights
+MODEL_SD_MM = 1.0  # of a library vessel's level: a lip is round, and which of its lines is the brim differs
 STEP_MM, SLICE_MM = 0.5, 4.0
 MAX_RELATIVE_SD = 0.25  # of the content: more, and no volume is given
 DISC_POINTS = 200
@@ -52,9 +54,6 @@ MAX_IGNORED = 0.3  # of a surface's pixels: what stands high leaves the region t
 OPEN_ASPECT, OPEN_COVER = 1.0, 0.65  # height by radius and cover of an upright vessel's rim
 OPEN_INSET_MM, OPEN_TOP_MM, OPEN_TOP_SHARE = 4.0, 6.0, 0.15  # what may be measured at the rim's height within it
 OPEN_FOOT_SHARE = 0.85  # of the rim's radius
-LEAST_BEHIND_WALL = 0.15  # of the surface's edge, to tell glass by it
-GLASS_SHARE = 0.6  # of that part which shows an edge; a printed mug has some by chance
-GLASS_SEARCH_PX = 3
 FLOOR_OF_GLASS = 0.9  # of the surface's radius: glasses taper a little
 EDGE_PX = 21  # from the surface's outline, where windows of the dense match lie across the rim
 
@@ -158,22 +157,28 @@ def find_vessels(
     ]
     vessels: list[FilledVessel] = []
     unread: list[MaskArray] = []
+    rims: list[Circle] = []  # of vessels filled or seen to be open
     for rim in circles:
         table_mm = float(table.height_mm(rim.centre_mm))
-        if rim.height_mm - table_mm < LEAST_RIM_MM or _is_within(rim, vessels) or _is_surface(rim, circles):
+        if rim.height_mm - table_mm < LEAST_RIM_MM or _is_within(rim, rims) or _is_surface(rim, circles):
             continue
-        level = find_level(sight, lab, grey, rim, table_mm)
-        level = level if level is not None and _is_plausible(rim, level, table_mm) else _seen_through(rim, circles)
+        is_upright = rim.height_mm - table_mm > OPEN_ASPECT * rim.radius_mm
+        level = find_level_in_glass(sight, lab, rim, table_mm) if is_upright else None
+        level = level or find_level(sight, lab, grey, rim, table_mm)
+        if level is not None and not _is_plausible(rim, level, table_mm):
+            level = None
         if level is None:
             if _is_open(rim, table_mm, points_table):
+                rims.append(rim)
                 unread.append(_silhouette(sight, rim, rim.radius_mm * OPEN_FOOT_SHARE, table_mm))
             continue
-        silhouette, content = _masks(sight, rim, level, table_mm, is_glass=is_seen_through(sight, grey, rim, level))
+        silhouette, content = _masks(sight, rim, level, table_mm)
         is_hidden = np.count_nonzero(content & ignored) > MAX_IGNORED * np.count_nonzero(content)
         if not content.any() or is_hidden or _is_heaped(points_table, content, rim, level, table_mm):
             continue
         liquid = measure_liquid(rim, level, table_mm, library)
         if liquid is not None:
+            rims.append(rim)
             vessels.append(FilledVessel(silhouette, content, rim, level, table_mm, liquid))
     return Vessels(vessels, unread)
 
@@ -200,11 +205,14 @@ def measure_liquid(
     else:
         height = level.height_mm - table_mm
         aspect = (rim.height_mm - table_mm) / rim.radius_mm
-        foot, foot_sd = (float(np.interp(aspect, ASPECTS, each)) for each in (FOOT_SHARES, FOOT_SHARE_SDS))
-        means = np.array([height, level.radius_mm, FLOOR_MM[0], foot, POWER[0]])
-        spreads = np.array(
-            [float(np.hypot(level.sd_mm[0], level.lift_sd_mm)), level.sd_mm[1], FLOOR_MM[1], foot_sd, POWER[1]]
+        floor, foot, foot_sd, power = (
+            float(np.interp(aspect, ASPECTS, each)) for each in (FLOORS_MM, FOOT_SHARES, FOOT_SHARE_SDS, POWERS)
         )
+        if level.is_in_glass:
+            (foot, foot_sd), power = GLASS_FOOT_SHARE, GLASS_POWER
+        means = np.array([height, level.radius_mm, floor, foot, power])
+        height_sd = float(np.hypot(level.sd_mm[0], level.lift_sd_mm))
+        spreads = np.array([height_sd, level.sd_mm[1], FLOOR_SD_MM, foot_sd, POWER_SD])
         inside = _usual_inside(*means.tolist())
         volume = inside.volume_ml(height)
         changes = []
@@ -232,7 +240,7 @@ def recognise(rim: Circle, table_mm: float, library: Sequence[VesselModel]) -> V
     for model in library:
         inset = rim.radius_mm - model.rim_diameter_mm / 2
         lift = height_mm - model.height_mm
-        if RIM_INSET_MM[0] < inset < RIM_INSET_MM[1] and abs(lift) < RIM_HEIGHT_MM:
+        if RIM_INSET_MM[0] < inset < RIM_INSET_MM[1] and abs(lift) < RIM_HEIGHT_MM + RIM_HEIGHT_SHARE * model.height_mm:
             scored.append((float(np.hypot(inset - 1.5, lift)), model))
     return min(scored, key=lambda each: each[0])[1] if scored else None
 
@@ -241,7 +249,7 @@ def inside_of_model(model: VesselModel) -> Inside:
     """A library vessel's inside: its profile, or a frustum of its capacity."""
     if model.inside_profile_mm:
         return Inside(np.array(model.inside_profile_mm, np.float64))
-    radius, floor = model.rim_diameter_mm / 2, min(FLOOR_MM[0], 0.2 * model.height_mm)
+    radius, floor = model.rim_diameter_mm / 2, min(FLOOR_OF_TALL_MM, 0.2 * model.height_mm)
 
     def frustum(foot: float) -> Inside:
         heights = np.linspace(floor, model.height_mm, 40)
@@ -283,9 +291,9 @@ def _form(centre_mm: Float64Array, inside: Inside, level_mm: float) -> tuple[tup
     return tuple(slices), turned(centre_mm, np.maximum(inside.radius_mm(floor_mm + rings), 0.1), rings, 0.0)
 
 
-def _is_within(rim: Circle, vessels: Sequence[FilledVessel]) -> bool:
-    """Whether the circle belongs to a vessel already found."""
-    return any(np.linalg.norm(rim.centre_mm - vessel.rim.centre_mm) < vessel.rim.radius_mm for vessel in vessels)
+def _is_within(circle: Circle, rims: Sequence[Circle]) -> bool:
+    """Whether the circle belongs to a vessel already judged."""
+    return any(np.linalg.norm(circle.centre_mm - rim.centre_mm) < rim.radius_mm for rim in rims)
 
 
 def _is_surface(circle: Circle, circles: Sequence[Circle]) -> bool:
@@ -302,17 +310,6 @@ def _is_plausible(rim: Circle, level: Level, table_mm: float) -> bool:
     """Whether an upright vessel would have a surface as wide."""
     is_upright = rim.height_mm - table_mm > UPRIGHT * rim.radius_mm
     return not is_upright or level.radius_mm > UPRIGHT_LEAST_SHARE * rim.radius_mm
-
-
-def _seen_through(rim: Circle, circles: Sequence[Circle]) -> Level | None:
-    """A surface seen through the wall of a glass: a whole circle about the rim's axis below it."""
-    low, high = (share * rim.radius_mm for share in SEEN_THROUGH_SHARES)
-    for circle in circles:
-        is_coaxial = np.linalg.norm(circle.centre_mm - rim.centre_mm) < COAXIAL_MM / 2
-        is_below = circle.height_mm < rim.height_mm - 6.0 and low < circle.radius_mm < high
-        if is_coaxial and is_below and circle.cover > SEEN_THROUGH_COVER:
-            return Level(circle.height_mm, circle.radius_mm, (SEEN_THROUGH_SD_MM, 0.5), 0.0)
-    return None
 
 
 def _is_heaped(points_table: Float32Array, content: MaskArray, rim: Circle, level: Level, table_mm: float) -> bool:
@@ -347,20 +344,7 @@ def _silhouette(sight: Sight, rim: Circle, foot_mm: float, table_mm: float) -> M
     return _filled(np.asarray(cv2.convexHull(rings), np.float32).reshape(-1, 2), sight.pair.shape)
 
 
-def is_seen_through(sight: Sight, grey: list[Float32Array], rim: Circle, level: Level) -> bool:
-    """Whether the near edge of the surface shows where an opaque wall would hide it: the vessel is of glass."""
-    surface = np.array([*rim.centre_mm, level.radius_mm, level.height_mm])
-    shares = []
-    for view in (0, 1):
-        behind_wall = ~visible(sight, rim, circle_points(surface), view)
-        if behind_wall.mean() < LEAST_BEHIND_WALL:
-            return False
-        _, offset, step, _ = across(sight, grey[view], surface, view, GLASS_SEARCH_PX)
-        shares.append(float(np.mean((step > LEAST_STEP) & np.isfinite(offset) & behind_wall)) / behind_wall.mean())
-    return bool(min(shares) > GLASS_SHARE)
-
-
-def _masks(sight: Sight, rim: Circle, level: Level, table_mm: float, *, is_glass: bool) -> tuple[MaskArray, MaskArray]:
+def _masks(sight: Sight, rim: Circle, level: Level, table_mm: float) -> tuple[MaskArray, MaskArray]:
     """(H, W) the whole vessel, and its liquid, both in the first view.
 
     Of the liquid the surface as far as an opaque rim leaves it in view; in a glass all below the surface as well.
@@ -370,8 +354,8 @@ def _masks(sight: Sight, rim: Circle, level: Level, table_mm: float, *, is_glass
     surface = np.array([*rim.centre_mm, level.radius_mm, level.height_mm])
     rings = [sight.project(circle_points(circle))[0] for circle in (brim, surface)]
     silhouette = _silhouette(sight, rim, min(level.radius_mm, rim.radius_mm), table_mm)
-    if is_glass:
-        floor = np.array([*rim.centre_mm, FLOOR_OF_GLASS * level.radius_mm, table_mm + FLOOR_MM[0]])
+    if level.is_in_glass:
+        floor = np.array([*rim.centre_mm, FLOOR_OF_GLASS * level.radius_mm, table_mm + FLOOR_OF_TALL_MM])
         body = np.vstack([rings[1], sight.project(circle_points(floor))[0]]).astype(np.float32)
         return silhouette, _filled(np.asarray(cv2.convexHull(body), np.float32).reshape(-1, 2), shape)
     content = _filled(rings[1], shape)

@@ -35,6 +35,7 @@ class Level:
     """height_mm over the marker's plane and radius_mm of the surface. sd_mm: of both, by the fit (height, radius).
 
     contrast: CIELAB step across its edge. lift_sd_mm: of the height, by what errs alike for rim and surface.
+    is_in_glass: whether it is seen through the wall.
     """
 
     height_mm: float
@@ -42,6 +43,7 @@ class Level:
     sd_mm: tuple[float, float]
     contrast: float
     lift_sd_mm: float = 0.0
+    is_in_glass: bool = False
 
 
 def find_level(
@@ -62,10 +64,15 @@ def find_level(
 
 def visible(sight: Sight, rim: Circle, points: Float64Array, view: int) -> MaskArray:
     """(n,) whether points inside the vessel are seen past its rim."""
+    return np.asarray(rim_crossing_mm(sight, rim, points, view) < rim.radius_mm - CLEAR_MM, np.bool_)
+
+
+def rim_crossing_mm(sight: Sight, rim: Circle, points: Float64Array, view: int) -> Float64Array:
+    """(n,) distance from the rim's axis at which the lines of sight to (n, 3) points cross the rim's height, mm."""
     camera = sight.cameras_mm[view]
     share = (camera[2] - rim.height_mm) / (camera[2] - points[:, 2])
     crossing = camera[:2] + share[:, None] * (points[:, :2] - camera[:2])
-    return np.asarray(np.linalg.norm(crossing - rim.centre_mm, axis=1) < rim.radius_mm - CLEAR_MM, np.bool_)
+    return np.asarray(np.linalg.norm(crossing - rim.centre_mm, axis=1), np.float64)
 
 
 def _contrast(
@@ -79,7 +86,7 @@ def _contrast(
         for radius in (radius_mm - BESIDE_MM, radius_mm + BESIDE_MM):
             points = circle_points(np.array([*rim.centre_mm, radius, height_mm]))
             is_seen &= visible(sight, rim, points, view)
-            sides.append(_colours_at(lab[view], sight.in_view(*sight.project(points), view)))
+            sides.append(colours_at(lab[view], sight.in_view(*sight.project(points), view)))
         if is_seen.mean() < MIN_VISIBLE:
             return 0.0
         step = (sides[1] - sides[0])[is_seen]
@@ -118,18 +125,18 @@ def _refined(sight: Sight, grey: list[Float32Array], rim: Circle, start: Float64
         radius,
         (float(np.hypot(sd[3], LEAST_SD_MM)), float(np.hypot(sd[2], LEAST_SD_MM))),
         contrast,
-        _lift_sd(sight, unknowns),
+        lift_sd_mm(sight, unknowns),
     )
 
 
-def _lift_sd(sight: Sight, unknowns: Float64Array) -> float:
+def lift_sd_mm(sight: Sight, unknowns: Float64Array) -> float:
     """Sd of the height that an error of parallax common to the whole circle makes, mm."""
     middle = np.array([[unknowns[0], unknowns[1], unknowns[3] + lift] for lift in (-1.0, 1.0)])
     _, parallax = sight.project(middle)
     return float(SHARED_SD_PX * 2.0 / max(abs(parallax[1] - parallax[0]), 1e-6))
 
 
-def _colours_at(lab: Float32Array, pixels: Float64Array) -> Float64Array:
+def colours_at(lab: Float32Array, pixels: Float64Array) -> Float64Array:
     """(n, 3) CIELAB at (n, 2) px."""
     where = pixels.astype(np.float32)
     return np.asarray(cv2.remap(lab, where[:, 0], where[:, 1], cv2.INTER_LINEAR), np.float64).reshape(-1, 3)

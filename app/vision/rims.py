@@ -19,13 +19,15 @@ REACH_MM = 420.0  # of the searched square, from the middle of what is seen
 NEAR_MM = 50.0  # from a camera: nothing that near is in focus
 MAX_SHARE_OF_CAMERA_HEIGHT = 0.7  # of a circle's height: higher ones are not seen from above
 HEIGHTS_MM = (20.0, 170.0)  # lower circles are plates, saucers and what is printed on them
-HEIGHT_STEP_MM = 6.0  # of the search; which of two rims of one vessel wins still hangs on its phase (decision 0019)
+HEIGHT_STEP_MM = 6.0  # of the search; starts of neighbouring heights reach the same rim
 RADII_MM = (24.0, 140.0)
 RADIUS_STEP_MM = 2.5
 SAME_DIRECTION = 0.9  # cosine between the views' gradients at one place
 LEAST_STEP = 5.0  # grey levels over a cell, of an edge
 MIN_VOTES = 0.22  # of a circle's cells, in the search
-KEPT_CIRCLES = 40
+KEPT_CIRCLES = 60
+NEXT_TO_CIRCLE_MM = (8.0, 8.0, 6.0, 8.0)  # x, y, radius, height: starts that near to one that led to a circle are left
+NEXT_TO_NONE_MM = (5.0, 5.0, 2.0, 5.0)  # to one that led to none; less than a step of height, for its neighbour may
 SAMPLES = 120  # directions of a circle
 SEARCH_PX = 5  # across the circle, at most, for its edge
 ROUNDS = 6
@@ -66,14 +68,14 @@ def find_circles(pair: RectifiedPair, sight: Sight, is_usable: MaskArray) -> lis
     candidates.sort(key=lambda each: -each[0])
     fine = [np.asarray(cv2.GaussianBlur(image, (0, 0), 1.0), np.float32) for image in grey]
     circles: list[Circle] = []
-    tried: list[Float64Array] = []
+    tried: list[tuple[Float64Array, tuple[float, ...]]] = []
     for _, start in candidates:
         if len(tried) >= KEPT_CIRCLES:
             break
-        if any(np.all(np.abs(start - other) < (8.0, 8.0, 6.0, 8.0)) for other in tried):
+        if any(np.all(np.abs(start - other) < apart) for other, apart in tried):
             continue
-        tried.append(start)
         circle = _best_near(sight, fine, start)
+        tried.append((start, NEXT_TO_NONE_MM if circle is None else NEXT_TO_CIRCLE_MM))
         if circle is not None and not any(_is_same(circle, other) for other in circles):
             circles.append(circle)
     return sorted(circles, key=lambda circle: -circle.cover)

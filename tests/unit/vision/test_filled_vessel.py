@@ -1,5 +1,7 @@
 """Liquids in vessels: rims and surfaces drawn as they project in both views, and volumes of insides that are known."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -91,6 +93,53 @@ def test_library_mug_is_recognised_and_filled_to_its_level() -> None:
     assert [vessel.flags for vessel in vessels] == [("vessel_library",)]
     truth = np.pi * 39.0**2 * 60.0 / 1000
     assert vessels[0].liquid.volume_ml == pytest.approx(truth, rel=0.05)  # 3 mm of level at most
+
+
+def _with_glass(pair: RectifiedPair, radius: float, rim_mm: float, level_mm: float) -> RectifiedPair:
+    """An upright glass at the origin whose thin wall hides nothing, with tea up to level_mm."""
+    sight = Sight(pair)
+    views: list[ImageArray] = []
+    for view in (0, 1):
+        image = np.full((*SHAPE, 3), CLOTH, np.uint8)
+
+        def ring(z: float, view: int = view) -> np.ndarray:
+            pixels = sight.in_view(*sight.project(circle_points(np.array([0.0, 0.0, radius, z]), 400)), view)
+            return np.rint(pixels * 2**FINE).astype(np.int32)
+
+        body = cv2.convexHull(np.vstack([ring(4.0), ring(level_mm)]))
+        cv2.fillPoly(image, [body], (30, 70, 120), cv2.LINE_AA, FINE)
+        cv2.fillPoly(image, [ring(level_mm)], TEA, cv2.LINE_AA, FINE)
+        cv2.polylines(image, [ring(rim_mm)], True, (40, 40, 40), 1, cv2.LINE_AA, FINE)
+        views.append(image)
+    return RectifiedPair(
+        views[0], views[1], pair.is_seen, pair.first_map_px, pair.focal_px, pair.centre_px, pair.rotation,
+        pair.first_centre_mm, pair.baseline_mm, pair.plane_px, pair.parallax_range_px,
+    )  # fmt: skip
+
+
+def test_level_of_tea_is_read_through_a_drawn_glass_and_all_below_it_is_outlined() -> None:
+    vessels = _vessels(_with_glass(_pair(), 36.0, 100.0, 60.0))
+    assert len(vessels) == 1
+    vessel = vessels[0]
+    assert vessel.level.is_in_glass
+    assert vessel.level.height_mm == pytest.approx(60.0, abs=2.0)  # steps of 1 mm, bands of 3 mm
+    assert vessel.level.radius_mm == pytest.approx(36.0, abs=1.5)
+    assert np.count_nonzero(vessel.content) > 0.5 * np.count_nonzero(vessel.silhouette)
+
+
+def test_level_in_an_opaque_mug_is_not_taken_for_one_seen_through_glass() -> None:
+    vessels = _vessels(_with_mug(_pair(), 42.0, 85.0, 65.0))
+    assert [vessel.level.is_in_glass for vessel in vessels] == [False]
+
+
+def test_glass_is_narrower_below_than_an_opaque_upright_vessel() -> None:
+    opaque = _level(33.0, 90.0)
+    mug, glass = (
+        measure_liquid(_rim(35.0, 100.0), replace(opaque, is_in_glass=through), 0.0) for through in (False, True)
+    )
+    assert mug is not None
+    assert glass is not None
+    assert glass.volume_ml < mug.volume_ml
 
 
 def test_empty_mug_has_no_liquid() -> None:
