@@ -18,8 +18,11 @@ TABLE_THING_MM = 14.0  # over the table, as which cutlery and a telephone are me
 MAX_BORDER_SHARE = 0.15  # of its outline on the border of what is seen: the rest of it is unknown, or it is a wall
 
 
-def is_food(mask: MaskArray, is_core: MaskArray, scene: Scene) -> bool:
-    """Whether a mask is large, solid, raised and whole enough to be a food rather than a rim, a wall or clutter."""
+def is_food(mask: MaskArray, is_core: MaskArray, scene: Scene, is_unseen: MaskArray) -> bool:
+    """Whether a mask is large, solid, raised and whole enough to be a food rather than a rim, a wall or clutter.
+
+    All (h, w). is_unseen: beyond its border a mask may go on; where it ends at a vessel or another food it does not.
+    """
     square_mm = scene.pixel_mm**2
     if np.count_nonzero(mask) * square_mm < MIN_AREA_MM2 or np.count_nonzero(mask & is_core) * square_mm < MIN_CORE_MM2:
         return False
@@ -29,7 +32,7 @@ def is_food(mask: MaskArray, is_core: MaskArray, scene: Scene) -> bool:
     if _is_table_thing(mask, 2 * float(depth.max()), scene):
         return False
     outline = mask & (depth <= 1.5)
-    seen = np.pad(~scene.is_ignored[1:-1, 1:-1], 1).astype(np.uint8)
+    seen = np.pad(~is_unseen[1:-1, 1:-1], 1).astype(np.uint8)
     at_border = cv2.erode(seen, np.ones((5, 5), np.uint8)) == 0
     return bool(np.count_nonzero(outline & at_border) <= MAX_BORDER_SHARE * np.count_nonzero(outline))
 

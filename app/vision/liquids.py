@@ -58,7 +58,7 @@ def segment_meal(
     if liquids and hints and not rest:
         return Foods(liquids, table)
     around = cv2.dilate(taken.astype(np.uint8), np.ones((BESIDE_PX, BESIDE_PX), np.uint8)) > 0
-    foods = segment_foods(pair, disparity, points_table, ignored | around, rest)
+    foods = segment_foods(pair, disparity, points_table, ignored, rest, around)
     if isinstance(foods, Failure):
         return Foods(liquids, table) if liquids else foods
     regions = [replace(region, is_unread=_is_unread(region, found.unread)) for region in foods.regions]

@@ -85,13 +85,15 @@ def segment_foods(
     points_table: Float32Array,
     ignored: MaskArray,
     hints: Sequence[HintMask] = (),
+    vessels: MaskArray | None = None,
 ) -> Foods | Failure:
     """Foods in the order of their size, those of hints first.
 
-    points_table: (H, W, 3) mm, NaN. ignored: (H, W) marker sheet and what is not seen. With hints only what they point
-    at is returned. Failure "no_food_found".
+    points_table: (H, W, 3) mm, NaN. ignored: (H, W) marker sheet and what is not seen. vessels: (H, W) those that are
+    measured by themselves. With hints only what they point at is returned. Failure "no_food_found".
     """
-    ignored = ignored | _canvas(pair)
+    unseen = ignored | _canvas(pair)
+    ignored = unseen if vessels is None else unseen | vessels
     drawn = [Region(hint.mask, hint.index) for hint in hints if hint.is_exact]
     sought = [hint for hint in hints if not hint.is_exact]
     taken = ignored.copy()
@@ -104,7 +106,8 @@ def segment_foods(
     layout = replace(layout, dishes=[dish for dish in layout.dishes if not _is_hinted_food(dish, layout, hints)])
     found: list[Region] = []
     if sought or not hints:
-        found = _find_foods(replace(layout, scene=replace(layout.scene, is_ignored=_reduced(taken, scene))), sought)
+        around = replace(layout, scene=replace(layout.scene, is_ignored=_reduced(taken, scene)))
+        found = _find_foods(around, sought, _reduced(unseen, scene))
     found = [replace(region, mask=_enlarged(region.mask, pair.shape) & ~taken) for region in found]
     regions = _supported([region for region in drawn + found if region.mask.any()], layout)
     return Foods(regions, layout.trend) if regions else no_food_found()
@@ -146,8 +149,8 @@ def _is_hinted_food(dish: Dish, layout: Layout, hints: Sequence[HintMask]) -> bo
     return any(np.count_nonzero(silhouette & _reduced(mask, layout.scene)) > HINTED_DISH_SHARE * area for mask in drawn)
 
 
-def _find_foods(layout: Layout, hints: Sequence[HintMask]) -> list[Region]:
-    """Foods on the scene's grid: those that hints point at, or all."""
+def _find_foods(layout: Layout, hints: Sequence[HintMask], is_unseen: MaskArray) -> list[Region]:
+    """Foods on the scene's grid: those that hints point at, or all. is_unseen: (h, w), unlike what other foods hide."""
     scene = layout.scene
     drawn = [_reduced(hint.mask, scene) for hint in hints]
     points = [mask for mask, hint in zip(drawn, hints, strict=True) if not hint.is_box]
@@ -155,7 +158,7 @@ def _find_foods(layout: Layout, hints: Sequence[HintMask]) -> list[Region]:
     regions: list[Region] = []
     taken = scene.is_ignored
     for place in places:
-        own = _in_place(replace(scene, is_ignored=taken), place, is_hinted=bool(hints))
+        own = _in_place(replace(scene, is_ignored=taken), place, is_unseen, is_hinted=bool(hints))
         for region in own:
             taken = taken | region.mask
         regions += own
@@ -165,7 +168,7 @@ def _find_foods(layout: Layout, hints: Sequence[HintMask]) -> list[Region]:
     return [Region(mask, hint.index) for mask, hint in zip(masks, hints, strict=True) if mask.any()]
 
 
-def _in_place(scene: Scene, place: Place, *, is_hinted: bool) -> list[Region]:
+def _in_place(scene: Scene, place: Place, is_unseen: MaskArray, *, is_hinted: bool) -> list[Region]:
     """The foods of one place."""
     food = find_food_pixels(scene, place)
     beside = replace(scene, is_ignored=scene.is_ignored | place.is_elsewhere)
@@ -173,7 +176,7 @@ def _in_place(scene: Scene, place: Place, *, is_hinted: bool) -> list[Region]:
     if place.is_measured:
         masks = with_sides(masks, beside, place.floor_mm)
     if not is_hinted:
-        masks = [mask for mask in masks if is_food(mask, food.is_core, scene)]
+        masks = [mask for mask in masks if is_food(mask, food.is_core, scene, is_unseen)]
     # Gaps are opened only now, and stay open: each outline alone knows less of them than all heights did.
     masks = [mask & ~food.is_gap for mask in masks]
     beside = replace(beside, is_ignored=beside.is_ignored | food.is_gap)
