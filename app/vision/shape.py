@@ -47,7 +47,7 @@ MARGIN_PX = 25  # around a food's mask
 FIRST_ROUNDS, WIDE_ROUNDS, ROUNDS = 12, 6, 10
 KEPT = 4  # families that are fitted finely
 KEPT_RATIO = 2.0  # of the best one's cost: a family that fits so much worse coarsely is not fitted finely
-PASSES = (2, 4)  # of fine fits, least and most
+MAX_PASSES = 3  # of fine fits along the best one
 SETTLED = 0.03  # change of the best volume in a pass, relative, below which no further one is needed
 SNAP_PX, SNAP_SECOND_PX = 4.0, 5.0
 SECOND_WEIGHT = 0.5  # of the second view's outline, which was sought where the form was
@@ -222,13 +222,13 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[tuple[FormFit, f
     usable = [(form, fit) for cost, fit, form in coarse if cost < KEPT_RATIO * coarse[0][0]]
     of_form = [each for each in usable[KEPT:] if prior is not None and each[0].name in prior.families]
     fits = usable[:KEPT] + of_form[:1]
-    volumes_ml: list[float] = []
-    while fits and len(volumes_ml) < PASSES[1] and not _is_settled(volumes_ml):
-        # First each family as it is seen along itself; then all along the best one, so that their evidence compares.
-        common = _seen_along(food, fits[0][1]) if volumes_ml else None
-        found = [(form, _refit(food, common, form, fit)) for form, fit in fits]
-        fits = sorted(((form, fit) for form, fit in found if fit is not None), key=lambda each: _evidence(each[1]))
-        volumes_ml += [fit.volume_ml for _, fit in fits[:1]]
+    # First each family as it is seen along itself; then all along the best one, so that their evidence compares.
+    fits = _settled(food, _pass(food, fits, None))
+    for runner_up in fits[1:2]:
+        # What is measured along a form favours it: one that does better along itself is the better one.
+        own = _pass(food, [runner_up], None)
+        if own and _evidence(own[0][1]) < _evidence(fits[0][1]):
+            fits = _settled(food, [*own, fits[0], *fits[2:]])
     return [(fit, _evidence(fit)) for _, fit in fits]
 
 
@@ -243,9 +243,22 @@ def _begun(form: Form, seen: Seen) -> FormFit | None:
     return min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost, default=None)
 
 
-def _is_settled(volumes_ml: Sequence[float]) -> bool:
-    """Whether the best volume hardly changed; parallax measured along a form that is off is off itself."""
-    return len(volumes_ml) >= PASSES[0] and abs(np.log(volumes_ml[-1] / volumes_ml[-2])) < SETTLED
+def _pass(food: _Food, fits: Sequence[tuple[Form, FormFit]], common: Seen | None) -> list[tuple[Form, FormFit]]:
+    """All fitted finely from where they are, to what is seen along one form or each along itself; the best first."""
+    refitted = [(form, _refit(food, common, form, fit)) for form, fit in fits]
+    return sorted(((form, fit) for form, fit in refitted if fit is not None), key=lambda each: _evidence(each[1]))
+
+
+def _settled(food: _Food, fits: list[tuple[Form, FormFit]]) -> list[tuple[Form, FormFit]]:
+    """All fitted along the best one, again while its volume changes: parallax along a wrong form is wrong as well."""
+    for _ in range(MAX_PASSES):
+        if not fits:
+            break
+        before_ml = fits[0][1].volume_ml
+        fits = _pass(food, fits, _seen_along(food, fits[0][1]))
+        if fits and abs(np.log(fits[0][1].volume_ml / before_ml)) < SETTLED:
+            break
+    return fits
 
 
 def _evidence(fit: FormFit) -> float:
