@@ -365,7 +365,9 @@ def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
     if is_like_bowl or is_like_board or not inside.any():
         return False
     over_rim = view.height_mm[inside] - ring.height_mm - apart[inside] @ np.array(ring.slope)
-    return float(np.mean(np.abs(over_rim) < RISE_MM)) > LEVEL_SHARE
+    # What is as high as a bowl and not round is none unless its inside lies lower: a soft pack's top is not level.
+    is_top = over_rim > -RISE_MM if ring.height_mm >= BOWL_MM else np.abs(over_rim) < RISE_MM
+    return float(np.mean(is_top)) > LEVEL_SHARE
 
 
 def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | None:

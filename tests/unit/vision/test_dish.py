@@ -125,6 +125,14 @@ def test_flat_block_larger_than_a_slice_is_no_dish_while_nothing_stands_on_it():
     assert found_in(view_of(heights)) is None
 
 
+def test_soft_pack_whose_top_bulges_is_no_bowl():
+    def heights(x, y):
+        edge = np.maximum(np.abs(x) / 70, np.abs(y) / 50)
+        return np.where(edge < 1, 62.0 + 8.0 * (1 - edge**2), 0.0)
+
+    assert found_in(view_of(heights)) is None
+
+
 def test_round_board_with_something_on_it_is_a_dish_with_its_floor():
     def heights(x, y):
         board = np.where(np.hypot(x, y) < 110, 18.0, 0.0)
