@@ -29,9 +29,7 @@ from app.vision.sight import Sight
 from app.vision.surface_match import WINDOW_PX, SurfaceParallax, draw_mask
 
 OUTLINE_SD_PX = 0.7  # of the working grid
-WIDE_OUTLINE_SD_PX = (
-    4 * OUTLINE_SD_PX
-)  # where a form may still lie far from the outline, beyond what the loss lets it feel
+WIDE_OUTLINE_SD_PX = 4 * OUTLINE_SD_PX  # for a form that still lies beyond the loss's reach of the outline
 OUTLINE_RUN_PX = 10.0  # along an outline, over which its errors are one
 DENSE_SD_PX, DENSE_AREA_PX = 0.5, 100.0  # of the dense parallax, and the area over which its errors are one
 SURFACE_SD_PX = 0.12  # that parallax along a surface has beside its noise: interpolation, gloss, the poses' rest

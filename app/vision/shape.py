@@ -215,7 +215,7 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[tuple[FormFit, f
         forms += begin_prisms(food.sight, food.seen.mask, height_mm, food.support_mm, food.support_sd_mm)
     coarse = []
     for form in forms:
-        fit = _begun(replace(form, has_displacement=False), food.seen)
+        fit = begin_fit(replace(form, has_displacement=False), food.seen)
         if fit is not None:
             coarse.append((fit.cost, fit, form))
     coarse.sort(key=lambda each: each[0])
@@ -232,10 +232,10 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[tuple[FormFit, f
     return [(fit, _evidence(fit)) for _, fit in fits]
 
 
-def _begun(form: Form, seen: Seen) -> FormFit | None:
-    """The better coarse fit of two: from the form's own start, and from where a wide tolerance of the outline led it.
+def begin_fit(form: Form, seen: Seen) -> FormFit | None:
+    """Return the better of two coarse fits: from the form's own start, and from a fit with a wide outline tolerance.
 
-    The loss does not let a form feel an outline that is far off: a banana's end lay beside it and stayed there.
+    The loss is flat far from the outline, so that a form that starts there is not drawn towards it.
     """
     wide = fit_form(form, seen, COARSE, WIDE_ROUNDS, outline_sd_px=WIDE_OUTLINE_SD_PX)
     starts = [form.start] if wide is None else [form.start, wide.unknowns]

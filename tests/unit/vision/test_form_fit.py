@@ -32,6 +32,7 @@ from app.vision.mesh import faces_towards, ring, sphere
 from app.vision.outline_snap import Ring as Line
 from app.vision.outline_snap import outline, rings_of_mask
 from app.vision.rectification import rectify_by_poses
+from app.vision.shape import FIRST_ROUNDS, begin_fit
 from app.vision.sight import Sight
 from app.vision.surface_match import SurfaceParallax, draw_mask, draw_parallax
 from tests.unit.vision.stereo_scene import blank_views
@@ -170,6 +171,15 @@ def test_strayed_parallax_and_outline_hardly_change_the_volume():
     )
     fit = fit_form(ball(has_displacement=False), strayed, FINE, ROUNDS)
     assert np.isclose(fit.volume_ml, volume_ml((30.0, 30.0, 30.0)), rtol=0.03)
+
+
+def test_fit_that_begins_out_of_the_outlines_reach_is_drawn_in_by_the_wide_tolerance():
+    half_mm = (44.0, 20.0, 18.0)
+    seen = seen_of(half_mm, 1.4, is_along=False)
+    turned_away = ball((40.0, 15.0, 16.0), off_mm=(25.0, 15.0), has_displacement=False)
+    stuck = fit_form(turned_away, seen, COARSE, FIRST_ROUNDS)
+    assert stuck.volume_ml < 0.8 * volume_ml(half_mm)
+    assert np.isclose(begin_fit(turned_away, seen).volume_ml, volume_ml(half_mm), rtol=0.06)  # coarse cells
 
 
 def test_less_evidence_leaves_more_doubt():
