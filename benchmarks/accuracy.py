@@ -12,6 +12,7 @@ photographs (real_pairs.py), has a table and bars of its own.
 
 import argparse
 import contextlib
+import functools
 import importlib.util
 import io
 import itertools
@@ -283,10 +284,10 @@ def real_table(pairs: Sequence[real_pairs.RealPair], options: argparse.Namespace
     command = f"{sys.executable} -m app.cli estimate"
     rows = []
     for method, camera in itertools.product(options.method, options.camera):
-        told = {"command": command, "camera": camera, "method": method}
+        measure = functools.partial(real_pairs.measure, command=command, camera=camera, method=method)
         environment = mock.patch.dict(os.environ, ONE_THREAD | {"PYTHONPATH": str(ROOT)})
         with environment, ThreadPoolExecutor(options.jobs) as pool:
-            s = real_pairs.summarise(list(pool.map(lambda pair, told=told: real_pairs.measure(pair, **told), pairs)))
+            s = real_pairs.summarise(list(pool.map(measure, pairs)))
         if not s["measured"]:
             rows.append((method, camera, f"0 of {s['pairs']}", *["-"] * 6))
             continue

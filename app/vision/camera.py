@@ -103,7 +103,10 @@ def _unreliable(reason: str) -> Failure:
 
 
 def _sees(view: View, point_mm: Float64Array) -> bool:
-    """Whether the point (3,), table frame, lies in the photograph, before or behind the lens."""
+    """Return whether the line through the camera and the point (3,), table frame, mm, meets the photograph.
+
+    The point may lie behind the camera.
+    """
     x, y, z = view.rotation @ point_mm + view.translation_mm
     camera = view.camera
     column, row = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy

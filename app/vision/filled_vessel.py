@@ -168,7 +168,7 @@ def find_vessels(
         if level is not None and not _is_plausible(rim, level, table_mm):
             level = None
         if level is None:
-            if _is_open(rim, table_mm, points_table):
+            if is_upright and _is_open(rim, points_table):
                 rims.append(rim)
                 unread.append(_silhouette(sight, rim, rim.radius_mm * OPEN_FOOT_SHARE, table_mm))
             continue
@@ -325,10 +325,9 @@ def _is_heaped(points_table: Float32Array, content: MaskArray, rim: Circle, leve
     return bool(middle - level.height_mm > HEAP_MM or (high - low) / 2 > ROUGH_MM)
 
 
-def _is_open(rim: Circle, table_mm: float, points_table: Float32Array) -> bool:
-    """Whether an upright rim has nothing at its own height within it, as the top of a cake or a tin would."""
-    is_upright = rim.height_mm - table_mm > OPEN_ASPECT * rim.radius_mm
-    if not is_upright or rim.cover < OPEN_COVER:
+def _is_open(rim: Circle, points_table: Float32Array) -> bool:
+    """Whether nothing lies at the rim's own height within it, as the top of a cake or a tin would."""
+    if rim.cover < OPEN_COVER:
         return False
     with np.errstate(invalid="ignore"):
         apart = np.linalg.norm(points_table[..., :2] - rim.centre_mm, axis=-1)

@@ -45,10 +45,10 @@ def doubt_focal(first: View, second: View, guess: Camera) -> FocalDoubt | None:
     mean = float(weights @ logs)
     step = float(np.diff(np.log(SCALES))[0])
     log_sd = float(np.sqrt(weights @ (logs - mean) ** 2 + step**2 / 12.0))
-    found = float(np.log(first.camera.fx / guess.fx))
-    towards = -1.0 if found > mean else 1.0  # to where the rest of what the board allows lies
-    own = _fit(first, second, guess, float(np.exp(found)))
-    moved = _fit(first, second, guess, float(np.exp(found + towards * max(log_sd, abs(found - mean)))))
+    fitted_log = float(np.log(first.camera.fx / guess.fx))
+    towards = -1.0 if fitted_log > mean else 1.0  # to where the rest of what the board allows lies
+    own = _fit(first, second, guess, float(np.exp(fitted_log)))
+    moved = _fit(first, second, guess, float(np.exp(fitted_log + towards * max(log_sd, abs(fitted_log - mean)))))
     if own is None or moved is None:
         return None
     return FocalDoubt(log_sd, *((_placed(first, fit, 0), _placed(second, fit, 1)) for fit in (own, moved)))

@@ -13,7 +13,7 @@ import numpy as np
 
 from app.vision.colour_bins import SHADES, colour_bins, colour_histogram, contrast_features, shaded_lab
 from app.vision.foods_apart import divide
-from app.vision.masks import distance_px, largest_part
+from app.vision.masks import distance_px, largest_part, touching
 from app.vision.min_cut import cut_in_two
 from app.vision.model import Float32Array, MaskArray
 from app.vision.places import Place
@@ -125,9 +125,7 @@ def _cut_around(point: MaskArray, taken: MaskArray, scene: Scene, places: Sequen
     allowed = (from_point < POINT_REACH_MM) & ~taken & ~scene.is_ignored
     around = (from_point >= POINT_REACH_MM) & (from_point < POINT_REACH_MM + POINT_MARGIN_MM) & ~scene.is_ignored
     mask = _cut(point & allowed, around, allowed, scene, places, 0.0, point & allowed)
-    _, labels = cv2.connectedComponents(mask.astype(np.uint8))
-    touched = np.unique(labels[point & mask])
-    return np.asarray(mask & np.isin(labels, touched[touched > 0]), np.bool_)
+    return touching(mask, point)
 
 
 def _cut(

@@ -41,11 +41,11 @@ def segment_meal(
     every = slice(None, None, REDUCTION)
     points, unseen = np.ascontiguousarray(points_table[every, every]), np.ascontiguousarray(ignored[every, every])
     table = fit_table_trend(points[usable_points(points, unseen)])
-    found = find_vessels(pair, points_table, table, ignored, options.vessels)
+    vessels = find_vessels(pair, points_table, table, ignored, options.vessels)
     taken = np.zeros(ignored.shape, np.bool_)
     liquids: list[Region] = []
     answered: set[int] = set()
-    for vessel in found.filled:
+    for vessel in vessels.filled:
         hint = _hint_of(vessel, hints)
         if hints and hint is None:
             continue
@@ -61,7 +61,7 @@ def segment_meal(
     foods = segment_foods(pair, disparity, points_table, ignored, rest, around)
     if isinstance(foods, Failure):
         return Foods(liquids, table) if liquids else foods
-    regions = [replace(region, is_unread=_is_unread(region, found.unread)) for region in foods.regions]
+    regions = [replace(region, is_unread=_is_unread(region, vessels.unread)) for region in foods.regions]
     return replace(foods, regions=[*liquids, *regions])
 
 
