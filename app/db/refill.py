@@ -32,7 +32,7 @@ OF_FOODS = frozenset(
         "food_nutrient", "food_portion", "food_posting", "food_release", "food_word", "food_word_trigram",
     }
 )  # fmt: skip
-LEAVE_SECONDS = 2.0  # PostgreSQL: a connection that was closed is gone a moment later
+LEAVE_SECONDS = 10.0  # a closed connection is gone a moment later, on a busy machine some seconds
 SQLITE_CACHE_KIB = 64 * 1024  # ids are random: pages of the key are touched in no order
 OTHERS = """
     SELECT count(*) FROM pg_stat_activity

@@ -58,6 +58,7 @@ class ServiceManager:
     def __init__(self):
         self.starter = ThreadPoolExecutor(1, thread_name_prefix="starter")
         self._programs = []
+        self._lock = threading.Lock()  # a program that was forgotten is not started any more
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._tend, name="service-manager", daemon=True)
         self._thread.start()
@@ -65,11 +66,13 @@ class ServiceManager:
     def keep(self, program):
         """Start it now, and again whenever it ends."""
         self.starter.submit(program.start).result(90)
-        self._programs.append(program)
+        with self._lock:
+            self._programs.append(program)
         return program
 
     def forget(self, program):
-        self._programs.remove(program)
+        with self._lock:
+            self._programs.remove(program)
         self._finish_starts()
 
     def close_but(self, *kept):
@@ -90,9 +93,10 @@ class ServiceManager:
 
     def _tend(self):
         while not self._ending.wait(0.1):
-            for program in list(self._programs):
-                if program.is_due():
-                    self.starter.submit(program.start)
+            with self._lock:
+                for program in self._programs:
+                    if program.is_due():
+                        self.starter.submit(program.start)
 
 
 class Program:

@@ -430,7 +430,8 @@ def test_place_that_is_not_free_is_told_before_the_backup_is_read(backup_file, d
     assert refused.value.code == "deployment_not_empty"
 
 
-def test_restore_while_a_process_has_the_database_open_is_refused(backup_file, database, tmp_path):
+def test_restore_while_a_process_has_the_database_open_is_refused(backup_file, database, tmp_path, monkeypatch):
+    monkeypatch.setattr("app.db.refill.LEAVE_SECONDS", 0.5)
     with deployment(tmp_path / "machine", database.url) as machine:
         other = Database(database.url)
         with other.read() as session:
