@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
@@ -25,6 +26,9 @@ LAB_NOISE = 4.0  # squared distance in Lab that is none
 CLEAR_CONTRAST = 4.0  # squared colour difference over the bands' variances from which a boundary is certain
 MIN_CLEAR = 0.15
 ROUNDS = 2
+STEEP_SAMPLE_PX = 0.25  # along a normal
+STEEP_SD_PX = 0.5  # over which the change of colour is taken
+STEEP_REACH_PX = 1.5  # around where the colours part
 FULL_RANGE = 255.0
 
 Reference = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
@@ -79,7 +83,8 @@ def rings_of_mask(mask: MaskArray) -> list[Ring]:
 def snap(lab: Float32Array, rings: Sequence[Ring], reach_px: float, reference: Reference | None = None) -> Outline:
     """Each ring moved along its normals, by reach_px at most a round, to where the colours part best.
 
-    lab: (H, W, 3). reference: points (n, 2) -> colours (n, 3) known to lie inside and outside there, from elsewhere.
+    A glossy limb takes on its surroundings' colour before it ends, so that half way between both colours lies within
+    it; the steepest change near there is its edge. lab: (H, W, 3). reference: points (n, 2) -> colours (n, 3) known to lie inside and outside there, from elsewhere.
     """
     moved, weights = [], []
     for ring in rings:
@@ -88,6 +93,8 @@ def snap(lab: Float32Array, rings: Sequence[Ring], reach_px: float, reference: R
             offset, clear = _parting(lab, points, ring.normals, reach_px, reference(points) if reference else None)
             offset = _median(np.where(clear > MIN_CLEAR, offset, 0.0))
             points = points + offset[:, None] * ring.normals
+        offset = _median(np.where(clear > MIN_CLEAR, _steepest(lab, points, ring.normals), 0.0))
+        points = points + offset[:, None] * ring.normals
         normals = _normals(points)
         turned = np.sign((normals * ring.normals).sum(axis=1, keepdims=True))
         moved.append(Ring(points, normals * turned))
@@ -145,6 +152,19 @@ def _parting(
     offset = along[best] + np.clip(share, -0.5, 1.5) * SAMPLE_PX
     clear = np.clip(contrast / (spread + LAB_NOISE) / CLEAR_CONTRAST, 0, 1)
     return offset, np.asarray(clear * (np.abs(offset) < reach_px - 0.3), np.float64)
+
+
+def _steepest(lab: Float32Array, points: Float64Array, normals: Float64Array) -> Float64Array:
+    """(n,) offset along each normal, within STEEP_REACH_PX, where colour changes most."""
+    most = STEEP_REACH_PX + 6 * STEEP_SD_PX
+    along = np.arange(-most, most + STEEP_SAMPLE_PX / 2, STEEP_SAMPLE_PX)
+    profiles = _around(_profiles(lab, points, normals, along), ALONG)
+    slope = np.linalg.norm(gaussian_filter1d(profiles, STEEP_SD_PX / STEEP_SAMPLE_PX, axis=1, order=1), axis=2)
+    best = np.where(np.abs(along) <= STEEP_REACH_PX, slope, -np.inf).argmax(axis=1)
+    before, there, after = (slope[np.arange(len(points)), best + side] for side in (-1, 0, 1))
+    bend = before - 2 * there + after  # a parabola through three samples has its top between them
+    top = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0)
+    return np.asarray(along[best] + np.clip(top, -1, 1) * STEEP_SAMPLE_PX, np.float64)
 
 
 def _reconciled(
