@@ -84,7 +84,9 @@ def snap(lab: Float32Array, rings: Sequence[Ring], reach_px: float, reference: R
     """Each ring moved along its normals, by reach_px at most a round, to where the colours part best.
 
     A glossy limb takes on its surroundings' colour before it ends, so that half way between both colours lies within
-    it; the steepest change near there is its edge. lab: (H, W, 3). reference: points (n, 2) -> colours (n, 3) known to lie inside and outside there, from elsewhere.
+    it; the steepest change near there is its edge.
+
+    lab: (H, W, 3). reference: points (n, 2) -> colours (n, 3) known to lie inside and outside there, from elsewhere.
     """
     moved, weights = [], []
     for ring in rings:

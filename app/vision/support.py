@@ -22,7 +22,7 @@ MIN_POINTS = 100
 NEAR_MM = (4.0, 60.0)  # from the food's outline, where a table or a board's top is looked for
 LEVEL_STEP_MM = 4.0  # from where it should be; what lies farther is no table
 TABLE_SD_MM = 0.5  # of a table about its trend: unevenness, and what the poses leave
-BOARD_SD_MM = 1.2  # of a board's top about its edge
+BOARD_SD_MM = 2.0  # of a board's top about its edge, whose windows see the table beside it as well
 LEVEL_SD_MM = 0.4  # that measuring leaves beside the heights' spread
 FLOOR_INWARD_MM = 35.0  # from the dish's outline, where a plate is flat
 FLOOR_CLEAR_MM = 5.0  # from any food
@@ -68,24 +68,30 @@ def find_support(
         return Support(table_mm + max(0.0, floor_mm), sd, "floor")
     expected_mm = 0.0 if dish is None else dish.floor_mm
     own_mm = scene.pixel_mm * cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3)
-    is_near = (scene.reach_px < FINE_REACH_PX) & ~scene.is_ignored & (np.abs(heights - expected_mm) < LEVEL_STEP_MM)
-    is_near &= (own_mm < NEAR_MM[1]) & (clear_mm > NEAR_MM[0])
-    expected_sd = TABLE_SD_MM if dish is None else BOARD_SD_MM
-    level_mm, sd = _reconciled(heights[is_near], expected_mm, expected_sd, LEVEL_SD_MM)
-    return Support(table_mm + level_mm, sd, "table" if dish is None else "board")
+    is_near = ~scene.is_ignored & (np.abs(heights - expected_mm) < LEVEL_STEP_MM) & (own_mm < NEAR_MM[1])
+    is_near &= clear_mm > NEAR_MM[0]
+    if dish is None:
+        is_near &= scene.reach_px < FINE_REACH_PX
+        level_mm, sd = _reconciled(heights[is_near], expected_mm, TABLE_SD_MM, LEVEL_SD_MM)
+        return Support(table_mm + level_mm, sd, "table")
+    # Across a board's edge windows see the table as well; a plain top has wide ones.
+    room_mm = np.minimum(clear_mm, dish.inward_at(view, scene.points_table[..., :2]))
+    is_near &= scene.pixel_mm * scene.reach_px < room_mm
+    level_mm, sd = _reconciled(heights[is_near], expected_mm, BOARD_SD_MM, LEVEL_SD_MM, 0.5)
+    return Support(table_mm + level_mm, sd, "board")
 
 
 def _reconciled(
-    heights_mm: Float32Array, expected_mm: float, expected_sd: float, least_sd: float
+    heights_mm: Float32Array, expected_mm: float, expected_sd: float, least_sd: float, quantile: float = LOW_QUANTILE
 ) -> tuple[float, float]:
     """Level and its sd, mm, of what was expected and what was measured. heights_mm: (n,). least_sd: of measuring."""
     if len(heights_mm) < MIN_POINTS:
         return expected_mm, expected_sd
-    low_mm = float(np.quantile(heights_mm, LOW_QUANTILE))
+    measured_mm = float(np.quantile(heights_mm, quantile))
     spread = 1.48 * float(np.median(np.abs(heights_mm - np.median(heights_mm))))
     variance = spread**2 * (PIXELS_PER_FACT / len(heights_mm) + SHARED_SHARE**2) + least_sd**2
     weight = expected_sd**2 / (expected_sd**2 + variance)
-    return weight * low_mm + (1.0 - weight) * expected_mm, float(np.sqrt(weight * variance))
+    return weight * measured_mm + (1.0 - weight) * expected_mm, float(np.sqrt(weight * variance))
 
 
 def support_height_mm(points_table: Float32Array, mask: MaskArray, others: MaskArray) -> float | None:
