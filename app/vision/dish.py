@@ -49,6 +49,7 @@ MIN_DENSITY = 0.15  # of the points that a cell facing the camera would show
 MIN_SLAB_MM2 = 15000.0  # larger than a slice of bread or a steak
 BEYOND_CIRCLE = 1.15  # times a circle's area: a slab so much larger is not that circle
 MIN_STANDING, MAX_STANDING = 0.02, 0.9  # of a board: what stands on it; of its inside: what would hide it all
+MIN_TOP_OF_HULL = 0.75  # of a board's outline, which is its hull: a hull around a board and a telephone shows less top
 TOP_BAND_MM = (6.0, 35.0)  # inward from the outline, where a board is as high as at its edge
 MIN_TOP_SHARE = 0.2  # of that band's cells
 MAX_LOW_SHARE = 0.15  # of a board's measured cells that no food stands on: a plate's floor lies lower than its rim
@@ -365,8 +366,9 @@ def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
     if is_like_bowl or is_like_board or not inside.any():
         return False
     over_rim = view.height_mm[inside] - ring.height_mm - apart[inside] @ np.array(ring.slope)
-    # What is as high as a bowl and not round is none unless its inside lies lower: a soft pack's top is not level.
-    is_top = over_rim > -RISE_MM if ring.height_mm >= BOWL_MM else np.abs(over_rim) < RISE_MM
+    # Neither a soft pack nor a slice of bread has a level top; a bowl's and a saucer's inside lies lower than the rim.
+    may_bulge = ring.height_mm >= BOWL_MM or area_mm2 < MIN_SLAB_MM2
+    is_top = over_rim > -RISE_MM if may_bulge else np.abs(over_rim) < RISE_MM
     return float(np.mean(is_top)) > LEVEL_SHARE
 
 
@@ -385,7 +387,12 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
             continue
         level = _commonest(view.height_mm[cluster])
         at_level = cluster & (np.abs(view.height_mm - level) < SAME_HEIGHT_MM)
+        with np.errstate(invalid="ignore"):
+            high = is_solid & (view.height_mm > level + 2 * RISE_MM)
+        at_level &= cv2.dilate(high.astype(np.uint8), link) == 0  # flanks of what stands on it, or beside it
         rows, columns = np.nonzero(at_level)
+        if len(rows) < SECTORS:
+            continue
         hull = np.asarray(cv2.convexHull(np.column_stack([columns, rows]).astype(np.int32)), np.int32)
         area = float(cv2.contourArea(hull)) * view.cell_mm**2
         if area < MIN_SLAB_MM2 or (best is not None and area < best[0]):
@@ -400,7 +407,12 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
             continue
         if np.count_nonzero(standing & inside) > MAX_STANDING * np.count_nonzero(inside):
             continue
-        best = area, _with_floor(inward, level, view, is_solid)
+        dish = _with_floor(inward, level, view, is_solid)
+        if dish.floor_mm > 0:
+            top = cv2.morphologyEx((at_level | standing).astype(np.uint8), cv2.MORPH_CLOSE, link) > 0
+            if np.count_nonzero(top & (inward > 0)) < MIN_TOP_OF_HULL * np.count_nonzero(inward > 0):
+                continue
+        best = area, dish
     return best[1] if best else None
 
 
