@@ -18,6 +18,7 @@ DRAWS = 120  # of 16; with a third of wrong matches in the food some draw is fre
 SCORED_MATCHES = 150  # spread over all; more tell draws apart no better
 GATE_PX_AT_12MP = 12.0  # what the marker's poses may be off by, before refinement; beyond, a match is a wrong one
 GOOD_PX_AT_12MP = 4.0  # the same after refinement: SIFT's 0.3 px at reduced size, six times
+SURE_PX_AT_12MP, SURE_MEDIANS = 1.6, 3.0
 LONG_SIDE_12MP = 4000.0
 MIN_BESIDE_BOARD = 2  # a plane (the board) leaves F free up to two points off it (Hartley, Zisserman, 2004, 13.3)
 
@@ -85,14 +86,28 @@ def compare_fundamentals(first: View, second: View, matches: Matches, rng: np.ra
 
 def near_epipolar_lines(first: View, second: View, matches: Matches, limit_px_at_12mp: float) -> NDArray[np.bool_]:
     """(n,) matches beside the board whose symmetric epipolar distance by the views' own F is below the limit."""
+    return np.asarray((_distances_px_at_12mp(first, second, matches) < limit_px_at_12mp) & ~matches.is_board, np.bool_)
+
+
+def surely_on_epipolar_lines(first: View, second: View, matches: Matches) -> NDArray[np.bool_]:
+    """(n,) the same within thrice the median distance of those below GOOD_PX_AT_12MP.
+
+    Where a cloth's pattern repeats, wrong matches lie near their lines as well, and all to one side of them.
+    """
+    distances = _distances_px_at_12mp(first, second, matches)
+    good = (distances < GOOD_PX_AT_12MP) & ~matches.is_board
+    limit = max(SURE_PX_AT_12MP, SURE_MEDIANS * float(np.median(distances[good]))) if good.any() else 0.0
+    return np.asarray(good & (distances < limit), np.bool_)
+
+
+def _distances_px_at_12mp(first: View, second: View, matches: Matches) -> Float64Array:
     fundamental = fundamental_from_projections(projection_matrix(first), projection_matrix(second))
     distances = symmetric_epipolar_distance_px(
         fundamental,
         undistort_to_pinhole(first, matches.first_px),
         undistort_to_pinhole(second, matches.second_px),
     )
-    limit = limit_px_at_12mp * max(first.camera.width, first.camera.height) / LONG_SIDE_12MP
-    return np.asarray((distances < limit) & ~matches.is_board, np.bool_)
+    return np.asarray(distances * LONG_SIDE_12MP / max(first.camera.width, first.camera.height), np.float64)
 
 
 def fundamental_from_points(x: Float64Array, x_second: Float64Array) -> Float64Array | None:

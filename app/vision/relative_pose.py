@@ -5,17 +5,23 @@ photograph leaves rows of the rectified pair some px apart and tells focal lengt
 the whole scene bring rows together and tell more of the lens. The scale stays the marker's.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
 
 from app.vision.camera import camera_from_exif
-from app.vision.epipolar import GATE_PX_AT_12MP, GOOD_PX_AT_12MP, near_epipolar_lines
+from app.vision.epipolar import (
+    GATE_PX_AT_12MP,
+    GOOD_PX_AT_12MP,
+    near_epipolar_lines,
+    surely_on_epipolar_lines,
+)
 from app.vision.features import MIN_MATCHES, Matches
 from app.vision.intrinsics import Camera
-from app.vision.model import Float64Array, View
+from app.vision.model import Float64Array, MaskArray, View
 from app.vision.pose import (
     BEND_SD_MM,
     CORNER_SD_PX_AT_12MP,
@@ -26,6 +32,7 @@ from app.vision.pose import (
     RADIAL_SPREAD,
     bent_points,
 )
+from app.vision.table_matches import matches_on_table
 
 MATCH_SD_PX_AT_12MP = 1.5  # alignment leaves 0.3 px; the rest is what lenses do beyond their model, far from the middle
 FOCAL_SPREAD = 0.005  # prior, relative: focusing moves the lens by a few thousandths of f between two photographs
@@ -33,6 +40,7 @@ CENTRE_SPREAD = 0.003  # prior, of the long side: optical stabilisers shift the 
 CENTRE_SPREAD_GUESSED = 0.003  # the same about the middle; more freedom trades it for focal length
 RADIAL_SPREAD_4TH = 0.1  # prior of k2, which phones have beside k1, often of the other sign
 RADIAL_CHANGE = 0.001  # of k1 and k2 between two photographs by one lens
+TABLE_SD_MM = 1.0  # of a table's height about a plane
 MAX_MATCHES = 300  # spread over all; more add time, not accuracy
 MAX_STEPS = 20
 LEAST_PROGRESS = 0.02  # in log likelihood: what is left moves no unknown by a fifth of its own uncertainty
@@ -56,23 +64,35 @@ class RefinedViews:
 
 
 def refine_views(first: View, second: View, matches: Matches) -> RefinedViews:
-    """Both views fitted to the board's corners and to the matches near their epipolar lines, in two rounds.
+    """Both views fitted to the board's corners and to the matches near their epipolar lines, in three rounds.
 
-    The second round keeps only the matches that the first one explains.
+    Each round keeps only the matches that the one before explains. At last, those on the table stay on it.
     """
     refined = RefinedViews(first, second, np.zeros(3), 0)
-    for limit in (GATE_PX_AT_12MP, GOOD_PX_AT_12MP):
-        near = near_epipolar_lines(refined.first, refined.second, matches, limit)
+    pixels = np.empty((0, 2)), np.empty((0, 2))
+    for is_near in (
+        partial(near_epipolar_lines, limit_px_at_12mp=GATE_PX_AT_12MP),
+        partial(near_epipolar_lines, limit_px_at_12mp=GOOD_PX_AT_12MP),
+        surely_on_epipolar_lines,
+    ):
+        near = is_near(refined.first, refined.second, matches)
         if np.count_nonzero(near) < MIN_MATCHES:  # so few may be near by chance
             near = np.zeros_like(near)
-        refined = fit_views(
-            refined.first, refined.second, matches.first_px[near], matches.second_px[near], (first, second)
-        )
-    return refined
+        pixels = matches.first_px[near], matches.second_px[near]
+        refined = fit_views(refined.first, refined.second, *pixels, (first, second))
+    is_table = matches_on_table(refined.first, refined.second, refined.doubts, *pixels)
+    if not is_table.any():
+        return refined
+    return fit_views(refined.first, refined.second, *pixels, (first, second), is_table)
 
 
 def fit_views(
-    first: View, second: View, first_px: Float64Array, second_px: Float64Array, guesses: tuple[View, View] | None = None
+    first: View,
+    second: View,
+    first_px: Float64Array,
+    second_px: Float64Array,
+    guesses: tuple[View, View] | None = None,
+    is_table: MaskArray | None = None,
 ) -> RefinedViews:
     """Maximum a posteriori of both poses, both lenses and the sheet's bend, from these views on.
 
@@ -84,6 +104,7 @@ def fit_views(
     if len(first_px) > MAX_MATCHES:
         chosen = np.linspace(0, len(first_px) - 1, MAX_MATCHES).astype(np.int64)
         first_px, second_px = first_px[chosen], second_px[chosen]
+        is_table = is_table[chosen] if is_table is not None else None
     views = (first, second)
     bases = tuple(_prior_camera(view) for view in guesses or views)
     matched = [_to_rays(camera, pixels) for camera, pixels in zip(bases, (first_px, second_px), strict=True)]
@@ -108,6 +129,8 @@ def fit_views(
             ideal.append(_undistort(matched[index], lens))
         sampson = _sampson(poses[0], poses[1], ideal[0], ideal[1])
         parts.append(sampson * (sum(focal_px) / 2 / (MATCH_SD_PX_AT_12MP * unit)))
+        if is_table is not None:
+            parts.append(_off_table(poses, ideal, is_table, focal_px[1], MATCH_SD_PX_AT_12MP * unit))
         return np.concatenate(parts)
 
     def views_at(unknowns: Float64Array) -> tuple[View, View]:
@@ -254,6 +277,32 @@ def _minimise(
 
 def _soft_cost(residuals: Float64Array) -> float:
     return float(OUTLIER_SD**2 * (np.sqrt(1.0 + (residuals / OUTLIER_SD) ** 2) - 1.0).sum())
+
+
+def _off_table(
+    poses: Sequence[tuple[Float64Array, Float64Array]],
+    rays: Sequence[Float64Array],
+    is_table: MaskArray,
+    focal_px: float,
+    sd_px: float,
+) -> Float64Array:
+    """(m,) how far matches on the table lie from z = 0, in standard deviations: of matching and of a table's flatness.
+
+    Measured along the epipolar line in the second view, the direction that Sampson's distance leaves free.
+    """
+    (rotation, translation), (rotation_second, translation_second) = poses
+    centre = -rotation.T @ translation
+    x, x_second = rays[0][is_table], rays[1][is_table]
+    sight = np.hstack([x, np.ones((len(x), 1))]) @ rotation
+    seen = []
+    for height_mm in (0.0, TABLE_SD_MM):
+        points = centre + sight * ((height_mm - centre[2]) / sight[:, 2])[:, None]
+        in_camera = points @ rotation_second.T + translation_second
+        seen.append(in_camera[:, :2] / in_camera[:, 2:])
+    step = seen[1] - seen[0]
+    length = np.maximum(np.linalg.norm(step, axis=1), 1e-9)
+    along = ((x_second - seen[0]) * step).sum(axis=1) / length
+    return np.asarray(along * focal_px / np.hypot(sd_px, length * focal_px), np.float64)
 
 
 def _sampson(
