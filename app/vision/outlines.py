@@ -16,6 +16,7 @@ from app.vision.segmentation import HintMask
 from app.vision.surface_match import draw_mask
 
 POINT_RADIUS_SHARE = 0.008  # of the long side: a fingertip
+NEAREST_SHARE, NEAREST_PX = 0.05, 8.0  # of the long side, to a point that no pixel shows; and beyond the nearest one
 TOLERANCE_PX = 1.5  # of an outline's corners, in the photograph
 DECIMALS = 1
 IN_VESSEL = ("in_vessel", "liquid")  # forms of a food that a vessel holds
@@ -59,10 +60,24 @@ def draw_hints(hints: Sequence[Hint], places_px: Float32Array, size: tuple[int, 
             cv2.circle(picture, (round(hint.point[0]), round(hint.point[1])), radius, 1, -1)
         else:
             continue
-        mask = cv2.remap(picture, columns, rows, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
+        mask = cv2.remap(picture, columns, rows, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT) > 0
+        if hint.point is not None and hint.box is None and hint.polygon is None and not mask.any():
+            mask = _nearest_to(hint.point, places_px, size)
         is_in_vessel = hint.vessel is not None or (hint.form or hint.lies_as) in IN_VESSEL
-        drawn.append(HintMask(mask > 0, index, hint.polygon is not None, is_box, is_in_vessel))
+        drawn.append(HintMask(mask, index, hint.polygon is not None, is_box, is_in_vessel))
     return drawn
+
+
+def _nearest_to(point: tuple[float, float], places_px: Float32Array, size: tuple[int, int]) -> MaskArray:
+    """(H, W) the grid's pixels nearest to a point that none of them shows, if they are near and it is in the photograph.
+
+    The grid of a swapped pair knows only where what is measured lies in the photograph sent as left.
+    """
+    apart = np.nan_to_num(np.hypot(places_px[..., 0] - point[0], places_px[..., 1] - point[1]), nan=np.inf)
+    is_inside = 0 <= point[0] < size[0] and 0 <= point[1] < size[1]
+    if not is_inside or apart.min() > NEAREST_SHARE * max(size):
+        return np.zeros(apart.shape, np.bool_)
+    return np.asarray(apart <= apart.min() + NEAREST_PX, np.bool_)
 
 
 def rings_of(mask: MaskArray, places_px: Float32Array, *, is_swapped: bool) -> tuple[Float64Array, ...]:

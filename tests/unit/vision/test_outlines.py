@@ -54,6 +54,20 @@ def test_hint_outside_the_photograph_is_empty():
     assert not draw_hints([Hint(point=(-500.0, 5000.0))], places(False), (1200, 900))[0].mask.any()
 
 
+def test_point_on_what_a_swapped_pair_did_not_measure_lies_at_the_nearest_that_it_did():
+    """A glossy face that the views cannot compare: the grid knows only where its measured edges lie."""
+    there = places(False).copy()
+    row, column = PAIR.shape[0] // 2, PAIR.shape[1] // 2
+    point = tuple(float(v) for v in there[row, column])
+    there[row - 12 : row + 13, column - 12 : column + 13] = there[row, column + 13]
+    (drawn,) = draw_hints([Hint(point=point)], there, (1200, 900))
+    assert drawn.mask.any()
+    assert np.linalg.norm(np.argwhere(drawn.mask).mean(axis=0) - [row, column]) < 25
+    there[:] = np.nan
+    (nowhere,) = draw_hints([Hint(point=point)], there, (1200, 900))
+    assert not nowhere.mask.any()
+
+
 def test_hint_without_a_place_is_left_out():
     assert draw_hints([Hint(food="apple")], places(False), (1200, 900)) == []
 
