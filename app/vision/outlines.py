@@ -69,7 +69,7 @@ def draw_hints(hints: Sequence[Hint], places_px: Float32Array, size: tuple[int, 
 
 
 def _nearest_to(point: tuple[float, float], places_px: Float32Array, size: tuple[int, int]) -> MaskArray:
-    """(H, W) the grid's pixels nearest to a point that none of them shows, if they are near and it is in the photograph.
+    """(H, W) the grid's pixels nearest to a point in the photograph that none of them shows, if they are near.
 
     The grid of a swapped pair knows only where what is measured lies in the photograph sent as left.
     """
