@@ -55,6 +55,8 @@ OPEN_ASPECT, OPEN_COVER = 1.0, 0.65  # height by radius and cover of an upright 
 OPEN_INSET_MM, OPEN_TOP_MM, OPEN_TOP_SHARE = 4.0, 6.0, 0.15  # what may be measured at the rim's height within it
 OPEN_FOOT_SHARE = 0.85  # of the rim's radius
 FLOOR_OF_GLASS = 0.9  # of the surface's radius: glasses taper a little
+BESIDE_MM, BESIDE_LEVEL_MM = (4.0, 20.0), 8.0  # outside a rim, where a vessel's wall falls to the table
+SECTORS, PRINT_SECTORS = 16, 0.75  # around it, and the share in which the surface goes on at its height
 EDGE_PX = 21  # from the surface's outline, where windows of the dense match lie across the rim
 
 
@@ -161,6 +163,8 @@ def find_vessels(
     for rim in circles:
         table_mm = float(table.height_mm(rim.centre_mm))
         if rim.height_mm - table_mm < LEAST_RIM_MM or _is_within(rim, rims) or _is_surface(rim, circles):
+            continue
+        if _is_print(rim, points_table):
             continue
         is_upright = rim.height_mm - table_mm > OPEN_ASPECT * rim.radius_mm
         level = find_level_in_glass(sight, lab, rim, table_mm) if is_upright else None
@@ -323,6 +327,19 @@ def _is_heaped(points_table: Float32Array, content: MaskArray, rim: Circle, leve
         return False
     low, middle, high = np.quantile(measured, (0.1, 0.5, 0.9))
     return bool(middle - level.height_mm > HEAP_MM or (high - low) / 2 > ROUGH_MM)
+
+
+def _is_print(rim: Circle, points_table: Float32Array) -> bool:
+    """Whether what lies outside is as high as the rim all round: a circle printed on a pack, the hole of a cake."""
+    apart = points_table[..., :2] - rim.centre_mm
+    beyond = np.linalg.norm(apart, axis=-1) - rim.radius_mm
+    with np.errstate(invalid="ignore"):
+        around = (beyond > BESIDE_MM[0]) & (beyond < BESIDE_MM[1])
+    angle = np.arctan2(apart[around, 1], apart[around, 0])
+    sector = ((angle / (2 * np.pi) + 1.0) % 1.0 * SECTORS).astype(np.int64) % SECTORS
+    is_as_high = points_table[..., 2][around] > rim.height_mm - BESIDE_LEVEL_MM
+    measured, high = (np.bincount(sector[chosen], minlength=SECTORS) for chosen in (slice(None), is_as_high))
+    return float(np.mean((high > 0) & (high > 0.5 * measured))) > PRINT_SECTORS
 
 
 def _is_open(rim: Circle, points_table: Float32Array) -> bool:

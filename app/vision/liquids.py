@@ -12,14 +12,17 @@ import numpy as np
 from app.errors import Failure
 from app.vision.disparity import DisparityMap
 from app.vision.filled_vessel import FilledVessel, find_vessels
+from app.vision.masks import distance_px
 from app.vision.model import EstimateOptions, Float32Array, Hint, MaskArray
 from app.vision.rectification import RectifiedPair
-from app.vision.segmentation import Foods, HintMask, Region, segment_foods
+from app.vision.segmentation import Foods, HintMask, Region, no_food_found, segment_foods
 from app.vision.topview import fit_table_trend, usable_points
 from app.vision.vessel_library import VesselModel
 
 REDUCTION = 4  # of the grid, for the table's trend
 BESIDE_PX = 9  # around a vessel, where dense parallax is its own
+HANDLE_AREA = 0.35  # of a vessel's silhouette, that a handle and what shows through it may be
+HANDLE_SHARE, HANDLE_REACH_PX = 0.34, 2 * BESIDE_PX  # of a handle's outline that runs along the vessel; what is along
 UNREAD_SHARE = 0.4  # of a region and such a vessel that they share to be one
 SHARE_OF_BOX = 0.3  # of a hint's box that a vessel must fill to be what it points at
 
@@ -61,8 +64,24 @@ def segment_meal(
     foods = segment_foods(pair, disparity, points_table, ignored, rest, around)
     if isinstance(foods, Failure):
         return Foods(liquids, table) if liquids else foods
-    regions = [replace(region, is_unread=_is_unread(region, vessels.unread)) for region in foods.regions]
+    regions = [
+        replace(region, is_unread=_is_unread(region, vessels.unread))
+        for region in foods.regions
+        if region.hint is not None or not any(_is_handle(region, vessel) for vessel in vessels.filled)
+    ]
+    if not liquids and not regions:
+        return no_food_found()
     return replace(foods, regions=[*liquids, *regions])
+
+
+def _is_handle(region: Region, vessel: FilledVessel) -> bool:
+    """Whether a region is a part of a vessel that stands out of its silhouette, or a strip of table seen along it."""
+    silhouette = vessel.silhouette
+    if np.count_nonzero(region.mask) > HANDLE_AREA * np.count_nonzero(silhouette):
+        return False
+    outline = region.mask & (cv2.erode(region.mask.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
+    along = distance_px(silhouette) <= HANDLE_REACH_PX
+    return bool(np.count_nonzero(outline & along) > HANDLE_SHARE * np.count_nonzero(outline))
 
 
 def _is_unread(region: Region, silhouettes: Sequence[MaskArray]) -> bool:

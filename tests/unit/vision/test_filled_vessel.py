@@ -186,3 +186,29 @@ def test_surface_just_over_the_floor_has_no_volume_to_tell() -> None:
 def test_vessel_of_another_height_is_not_recognised() -> None:
     model = VesselModel("tall", "glass", 78.0, 140.0, 500.0)
     assert recognise(_rim(40.0, 90.0), 0.0, (model,)) is None
+
+
+def _flat_top(pair: RectifiedPair, height_mm: float, half_mm: float) -> np.ndarray:
+    """(H, W, 3) points of a block's top around the origin, nothing elsewhere."""
+    rows, columns = np.indices(SHAPE)
+    rays = np.stack(
+        [
+            (columns - pair.centre_px[0]) / pair.focal_px,
+            (rows - pair.centre_px[1]) / pair.focal_px,
+            np.ones(SHAPE),
+        ],
+        axis=-1,
+    )
+    rays = rays @ pair.rotation
+    with np.errstate(divide="ignore", invalid="ignore"):
+        points = pair.first_centre_mm + rays * ((height_mm - pair.first_centre_mm[2]) / rays[..., 2])[..., None]
+    points[np.abs(points[..., :2]).max(axis=-1) > half_mm] = np.nan
+    return np.asarray(points, np.float32)
+
+
+def test_circle_printed_on_a_pack_is_no_cup() -> None:
+    """What lies around a rim falls to the table; around a printed circle the pack's top goes on."""
+    pair = _with_mug(_pair(), 32.0, 60.0, 45.0)
+    unseen = np.zeros(SHAPE, np.bool_)
+    assert len(find_vessels(pair, _flat_top(pair, 60.0, 90.0), TABLE, unseen).filled) == 0
+    assert len(find_vessels(pair, _flat_top(pair, 0.0, 90.0), TABLE, unseen).filled) == 1
