@@ -31,13 +31,13 @@ COAXIAL_MM = 5.0  # circles of one vessel; one along two edges of a thick rim li
 # last; and the inside's radius at the floor by that at the surface. Plates have a flat well, mugs an upright wall.
 ASPECTS = (0.4, 0.6, 1.4, 2.0)
 FOOT_SHARES = (0.78, 0.55, 0.55, 0.92)
-FOOT_SHARE_SDS = (0.12, 0.15, 0.15, 0.06)
-GLASS_FOOT_SHARE, GLASS_POWER = (0.88, 0.06), 0.9  # glasses taper evenly, by some two degrees, to a rounded base
+FOOT_SHARE_SDS = (0.1, 0.12, 0.12, 0.05)
+GLASS_FOOT_SHARE, GLASS_POWER = (0.88, 0.05), 0.9  # glasses taper evenly, by some two degrees, to a rounded base
 UPRIGHT = ASPECTS[-1]
 # Of the inside's curve: a cone has 1, a cylinder 0. A plate's flat well turns up in a quarter of an ellipse, 0.27.
-POWERS, POWER_SD = (0.3, 0.45, 0.45, 0.45), 0.2
+POWERS, POWER_SD = (0.3, 0.45, 0.45, 0.45), 0.16
 # Of the inside over the table: a plate's floor is as thick as its wall; others have a foot ring or a thick base.
-FLOORS_MM, FLOOR_SD_MM = (3.5, 5.0, 5.0, 5.0), 1.5
+FLOORS_MM, FLOOR_SD_MM = (3.5, 5.0, 5.0, 5.0), 1.2
 FLOOR_OF_TALL_MM = FLOORS_MM[-1]
 UPRIGHT_LEAST_SHARE = 0.8  # of the rim's radius that an upright vessel's surface has
 HEAP_MM = 4.0  # over the surface's edge: what is measured higher is heaped food, no liquid

@@ -59,9 +59,10 @@ BEYOND_PX = 3.0  # across an outline, where the other food is looked for
 SUPPORT_UNKNOWN_MM, SUPPORT_UNKNOWN_SD_MM = 1.5, 2.0  # over the table: a plate or none
 LEAST_SUPPORT_SD_MM = 0.3  # crumbs, cloth
 UNKNOWN_INSIDE_SD = 0.25  # of a volume, relative: more, and a bowl's inside would be imagined, so no volume is given
-REST_SD = (
-    0.02  # of a volume, relative: what families and their spreads leave out, chosen on 152 foods, dev and other seeds
-)
+# Of a volume, what families and their spreads leave out; chosen on 255 foods, dev and other seeds.
+REST_SD = 0.02  # relative
+FLAT_REST_SD = 0.036  # the same of blocks and wedges, whose rounded edges and slopes are little seen
+FOOT_SD_MM = 0.5  # of the foot, which a contact shadow hides: the flatter the food, the more it is of its height
 
 
 @dataclass(frozen=True, slots=True)
@@ -344,9 +345,11 @@ def _of_forms(
     logs = np.log([fit.volume_ml for fit, _ in fits])
     spreads = np.array([fit.volume_sd_ml / fit.volume_ml for fit, _ in fits]) * np.sqrt(misfit)
     mean = float(weights @ logs)
-    item_sd = float(np.hypot(np.sqrt(weights @ (spreads**2 + (logs - mean) ** 2)), REST_SD))
     vertices, mesh = best.form.vertices(best.unknowns, EXACT), best.form.topology(EXACT)
     support_mm = float(vertices[:, 2].min())
+    rest = np.array([FLAT_REST_SD if fit.form.is_flat else REST_SD for fit, _ in fits])
+    variance = float(weights @ (spreads**2 + (logs - mean) ** 2 + rest**2))
+    item_sd = float(np.hypot(np.sqrt(variance), FOOT_SD_MM / np.ptp(vertices[:, 2])))
     slices = cut_sections(vertices, mesh.faces, support_mm)
     middle, rest = vertices[:, :2].mean(axis=0), vertices - [0.0, 0.0, support_mm]
     shape = ClosedShape(rest, mesh.faces)
