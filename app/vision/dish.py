@@ -49,7 +49,7 @@ MIN_DENSITY = 0.15  # of the points that a cell facing the camera would show
 MIN_SLAB_MM2 = 15000.0  # larger than a slice of bread or a steak
 BEYOND_CIRCLE = 1.15  # times a circle's area: a slab so much larger is not that circle
 MIN_STANDING, MAX_STANDING = 0.02, 0.9  # of a board: what stands on it; of its inside: what would hide it all
-MIN_TOP_OF_HULL = 0.75  # of a board's outline, which is its hull: a hull around a board and a telephone shows less top
+MIN_TOP_OF_HULL = 0.85  # of a board's outline, which is its hull: a hull around a board and a telephone shows less top
 TOP_BAND_MM = (6.0, 35.0)  # inward from the outline, where a board is as high as at its edge
 MIN_TOP_SHARE = 0.2  # of that band's cells
 MAX_LOW_SHARE = 0.15  # of a board's measured cells that no food stands on: a plate's floor lies lower than its rim
@@ -389,7 +389,7 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
         at_level = cluster & (np.abs(view.height_mm - level) < SAME_HEIGHT_MM)
         with np.errstate(invalid="ignore"):
             high = is_solid & (view.height_mm > level + 2 * RISE_MM)
-        at_level &= cv2.dilate(high.astype(np.uint8), link) == 0  # flanks of what stands on it, or beside it
+        at_level &= cv2.dilate(high.astype(np.uint8), link) == 0  # without flanks of what stands on it, or beside it
         rows, columns = np.nonzero(at_level)
         if len(rows) < SECTORS:
             continue
@@ -409,11 +409,18 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
             continue
         dish = _with_floor(inward, level, view, is_solid)
         if dish.floor_mm > 0:
-            top = cv2.morphologyEx((at_level | standing).astype(np.uint8), cv2.MORPH_CLOSE, link) > 0
-            if np.count_nonzero(top & (inward > 0)) < MIN_TOP_OF_HULL * np.count_nonzero(inward > 0):
+            top = _closed(at_level | standing, link) & (inward > 0)
+            if np.count_nonzero(top) < MIN_TOP_OF_HULL * np.count_nonzero(inward > 0):
                 continue
         best = area, dish
     return best[1] if best else None
+
+
+def _closed(mask: MaskArray, element: cv2.typing.MatLike) -> MaskArray:
+    """The mask without gaps narrower than the element and without holes: a plain top is measured at its edge alone."""
+    picture = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, element)
+    contours, _ = cv2.findContours(picture, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return np.asarray(cv2.drawContours(np.zeros_like(picture), contours, -1, (1.0,), -1) > 0, np.bool_)
 
 
 def _standing(view: TopView, is_solid: MaskArray, inward_mm: NDArray[np.floating], level_mm: float) -> MaskArray:

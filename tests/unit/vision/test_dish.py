@@ -77,6 +77,28 @@ def test_board_with_something_on_it_is_a_slab_with_its_floor():
     assert dish.floor_mm == pytest.approx(15, abs=0.5)
 
 
+def test_hull_around_a_board_and_a_telephone_is_no_board():
+    """An egg between them links both; it would rest on a board that is not there."""
+
+    def heights(x, y):
+        flat = (np.hypot(x + 110, y) < 100) | ((np.abs(x - 50) < 38) & (np.abs(y - 60) < 78))
+        egg = np.hypot(x, y + 30) < 23
+        return np.where(egg, 40.0 - (x**2 + (y + 30) ** 2) / 20, np.where(flat, 11.0, 0.0))
+
+    view = view_of(heights, noise_mm=0.6)
+    dishes = find_dishes(view, solid_cells(view, 1.0), 0.6, np.random.default_rng(0))
+    column, row = view.cells_px(np.array([0.0, -30.0])).round().astype(int)
+    assert all(dish.inward_mm[row, column] < 0 for dish in dishes if dish.floor_mm > 0)
+
+
+def test_slice_of_bread_with_a_bulge_is_no_saucer():
+    def heights(x, y):
+        edge = np.maximum(np.abs(x) / 57, np.abs(y) / 52)
+        return np.where(edge < 1, 22.0 - 8.0 * edge**4, 0.0)
+
+    assert found_in(view_of(heights, noise_mm=0.8), noise_mm=0.8) is None
+
+
 def test_wide_rimmed_plate_is_no_board_since_its_floor_lies_lower():
     def heights(x, y):
         r = np.hypot(x, y)

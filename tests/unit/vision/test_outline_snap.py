@@ -87,6 +87,19 @@ def test_snapping_finds_the_edge_to_a_tenth_of_a_pixel_where_lightness_alone_par
     assert abs(radii(line).mean() - RADIUS_PX) < 0.1
 
 
+@pytest.mark.parametrize("sheen_px", [3.0, 6.0])
+def test_glossy_limb_ends_where_it_ends_and_not_where_it_is_half_its_surroundings_colour(sheen_px):
+    """At a grazing angle a peel mirrors the cloth: its colour drifts towards the cloth's before the edge."""
+    distance = distance_px(finer=4)
+    sheen = 0.5 * np.clip(1 - (RADIUS_PX - distance) / sheen_px, 0, 1) ** 2
+    share = np.where(distance < RADIUS_PX, 1 - sheen, 0.0).astype(np.float32)
+    share = cv2.resize(share, SIZE[::-1], interpolation=cv2.INTER_AREA)[..., None]
+    image = cv2.GaussianBlur(share * np.array(FOOD) + (1 - share) * np.array(CLOTH), (0, 0), 0.6)
+    image += np.random.default_rng(1).normal(0, 1.5, image.shape)
+    line = snap(lab_of(np.clip(image + 0.5, 0, 255).astype(np.uint8)), rings_of_mask(rough_mask()), REACH_PX)
+    assert abs(np.median(radii(line)) - RADIUS_PX) < 0.45
+
+
 def test_no_contrast_has_no_weight_and_moves_nothing_far():
     rings = rings_of_mask(rough_mask())
     line = snap(lab_of(photograph(food=CLOTH)), rings, REACH_PX)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -87,6 +89,23 @@ def test_food_on_a_board_rests_on_its_top():
     support = support_of(scene, radius < 30)
     assert support.source == "board"
     assert support.height_mm == pytest.approx(15.0, abs=0.5)
+
+
+def test_boards_top_is_not_drawn_down_by_windows_across_its_edge():
+    """A plain top has only wide windows, and the narrow ones lie at its edge, where they see the table as well."""
+
+    def heights(x, y):
+        r = np.hypot(x, y)
+        across = np.interp(r, [104.0, 118.0], [15.0, 0.0])
+        return np.where(r < 30, 50.0, across)
+
+    scene, radius = scene_of(heights, noise_mm=0.5)
+    scene.reach_px[radius < 98] = 10.0
+    view, dish, _ = measured(scene)
+    dish = replace(dish, rim_mm=13.0, floor_mm=13.0)  # as an edge seen through such windows is
+    support = find_support(scene, view, dish, TableTrend(np.zeros(6), 0.1), radius < 30, radius < 30)
+    assert support.source == "board"
+    assert support.height_mm == pytest.approx(15.0, abs=0.6)
 
 
 def bowl(x, y):
