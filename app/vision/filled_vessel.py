@@ -57,6 +57,7 @@ OPEN_FOOT_SHARE = 0.85  # of the rim's radius
 FLOOR_OF_GLASS = 0.9  # of the surface's radius: glasses taper a little
 BESIDE_MM, BESIDE_LEVEL_MM = (4.0, 20.0), 8.0  # outside a rim, where a vessel's wall falls to the table
 SECTORS, PRINT_SECTORS = 16, 0.75  # around it, and the share in which the surface goes on at its height
+SURE_COVER, TOP_SHARE = 0.7, 0.5  # a rim seen so well may be brimful; of what lies within one that is not
 EDGE_PX = 21  # from the surface's outline, where windows of the dense match lie across the rim
 
 
@@ -164,7 +165,7 @@ def find_vessels(
         table_mm = float(table.height_mm(rim.centre_mm))
         if rim.height_mm - table_mm < LEAST_RIM_MM or _is_within(rim, rims) or _is_surface(rim, circles):
             continue
-        if _is_print(rim, points_table):
+        if _is_print(rim, points_table) or (rim.cover < SURE_COVER and _has_top(rim, points_table)):
             continue
         is_upright = rim.height_mm - table_mm > OPEN_ASPECT * rim.radius_mm
         level = find_level_in_glass(sight, lab, rim, table_mm) if is_upright else None
@@ -340,6 +341,14 @@ def _is_print(rim: Circle, points_table: Float32Array) -> bool:
     is_as_high = points_table[..., 2][around] > rim.height_mm - BESIDE_LEVEL_MM
     measured, high = (np.bincount(sector[chosen], minlength=SECTORS) for chosen in (slice(None), is_as_high))
     return float(np.mean((high > 0) & (high > 0.5 * measured))) > PRINT_SECTORS
+
+
+def _has_top(rim: Circle, points_table: Float32Array) -> bool:
+    """Whether what lies within is as high as the rim: the highlight on an apple is a circle, too."""
+    with np.errstate(invalid="ignore"):
+        inside = np.linalg.norm(points_table[..., :2] - rim.centre_mm, axis=-1) < rim.radius_mm - OPEN_INSET_MM
+    heights = points_table[..., 2][inside]
+    return len(heights) > 0 and float(np.mean(heights > rim.height_mm - OPEN_TOP_MM)) > TOP_SHARE
 
 
 def _is_open(rim: Circle, points_table: Float32Array) -> bool:

@@ -39,7 +39,7 @@ from app.vision.rectification import RectifiedPair, is_swapped, rectify_by_poses
 from app.vision.relative_pose import refine_views
 from app.vision.segmentation import Foods
 from app.vision.shape import measure_shapes
-from app.vision.stillness import judge_matches, judge_table
+from app.vision.stillness import judge_heights, judge_matches, judge_table
 from app.vision.topview import usable_points
 from app.vision.trace import Trace
 from app.vision.traits import traits_of
@@ -96,6 +96,9 @@ def _run(
         trace.matches, trace.refined = matches, refine_views(first, second, matches)
         first, second = trace.refined.first, trace.refined.second
         trace.views = (second, first) if trace.is_swapped else (first, second)
+        moved = judge_heights(trace.refined, matches)
+        if moved is not None:
+            return moved
         trace.focal = doubt_focal(first, second, camera_from_exif(pair.left))
         epipolar = _compare(first, second, matches, np.random.default_rng(options.seed))
         if isinstance(epipolar, Failure):

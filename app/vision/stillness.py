@@ -7,9 +7,12 @@ all that is measured; pushed in any other way, it leaves few matches there. Eith
 import numpy as np
 
 from app.errors import Failure
+from app.vision.epipolar import surely_on_epipolar_lines
 from app.vision.features import Matches, sheet_half_mm
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float32Array, MaskArray
+from app.vision.relative_pose import RefinedViews
+from app.vision.table_matches import points_of_matches
 
 RING_MM = (0.0, 50.0)  # around the sheet: on the table, and seldom much of a plate
 AT_MARKER_MM = 8.0  # over or under its plane: a bent sheet, or one on a place mat
@@ -17,6 +20,9 @@ MIN_SHARE_AT_MARKER = 0.4  # of what is measured in the ring; a plate's rim besi
 MIN_MEASURED = 500  # pixels of the ring
 MIN_SHARE_ON_LINES = 0.25  # of the matches beside the board; repeated patterns make wrong ones
 MIN_JUDGED_MATCHES = 20
+UNDER_MM, UNDER_SD = 14.0, 3.0  # more than a plaque is thick, and standard deviations of a match's height beyond it
+SURE_HEIGHT_MM = 2.0  # standard deviation up to which a height is sure
+MAX_SHARE_UNDER = 0.2  # of the matches: on a cloth whose pattern repeats some are wrong
 ADVICE = "Lay the marker flat on the table beside the plate, and move nothing between the two photographs."
 
 
@@ -33,6 +39,30 @@ def judge_matches(matches: Matches, is_good: MaskArray) -> Failure | None:
         "scene_moved",
         f"The marker and the rest of the meal moved against each other: {judged} points were found again in the other "
         f"photograph, but only {good} of them where the marker puts them.",
+        ADVICE,
+    )
+
+
+def judge_heights(views: RefinedViews, matches: Matches) -> Failure | None:
+    """Failure "scene_moved" if much lies under the marker's plane, where nothing can be; None if hardly anything does.
+
+    A marker pushed by some millimetres leaves the table tilted under it. Poses that are unsure tilt it as well: only
+    matches whose heights are sure are judged.
+    """
+    sure = surely_on_epipolar_lines(views.first, views.second, matches)
+    if np.count_nonzero(sure) < MIN_JUDGED_MATCHES:
+        return None
+    points, doubt_mm = points_of_matches(
+        views.first, views.second, views.doubts, matches.first_px[sure], matches.second_px[sure]
+    )
+    heights, doubt_mm = points[doubt_mm < SURE_HEIGHT_MM, 2], doubt_mm[doubt_mm < SURE_HEIGHT_MM]
+    is_under = heights < -UNDER_MM - UNDER_SD * doubt_mm
+    if len(heights) < MIN_JUDGED_MATCHES or np.mean(is_under) < MAX_SHARE_UNDER:
+        return None
+    return Failure(
+        "scene_moved",
+        f"Much of the scene seems to lie {-float(np.median(heights[is_under])):.0f} mm under the marker: one of them "
+        "was moved between the two photographs, or the marker does not lie on the table.",
         ADVICE,
     )
 

@@ -38,9 +38,7 @@ def matches_on_table(
     none = np.zeros(len(first_px), np.bool_)
     if len(first_px) < MIN_ON_TABLE:
         return none
-    points = triangulate(first, second, first_px, second_px)
-    moved = [triangulate(*views, first_px, second_px)[:, 2] - points[:, 2] for views in doubts]
-    doubt_mm = np.sqrt(np.square(moved).sum(axis=0)) if moved else np.zeros(len(points))
+    points, doubt_mm = points_of_matches(first, second, doubts, first_px, second_px)
     near = np.abs(points[:, 2]) < FLAT_MM + DOUBT_SD * doubt_mm
     plane = _shared_plane(points[near])
     if plane is None:
@@ -49,6 +47,19 @@ def matches_on_table(
     is_table = near & (np.abs(over_mm) < FLAT_MM)
     is_likely = np.mean(is_table) > MIN_SHARE and np.mean(over_mm < -2 * FLAT_MM) < MAX_UNDER
     return is_table if is_likely else none
+
+
+def points_of_matches(
+    first: View,
+    second: View,
+    doubts: Sequence[tuple[View, View]],
+    first_px: Float64Array,
+    second_px: Float64Array,
+) -> tuple[Float64Array, Float64Array]:
+    """(n, 3) where matches lie in the table frame, mm, and (n,) the sd of their heights that the poses leave."""
+    points = triangulate(first, second, first_px, second_px)
+    moved = [triangulate(*views, first_px, second_px)[:, 2] - points[:, 2] for views in doubts]
+    return points, np.sqrt(np.square(moved).sum(axis=0)) if moved else np.zeros(len(points))
 
 
 def _shared_plane(points: Float64Array) -> Float64Array | None:

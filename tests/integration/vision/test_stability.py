@@ -47,16 +47,7 @@ def assert_same(estimate, expected_ml, tolerance):
     assert np.abs(found / expected_ml - 1).max() < tolerance, found / expected_ml - 1
 
 
-APPLE_75 = pytest.mark.xfail(strict=False, reason="two families of form share the apple otherwise: 4.2 % less")
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param("apple-1", marks=APPLE_75),
-        *but_for_meal_01("its egg, pale on a pale plate, comes out 3.5 % larger")[1:],
-    ],
-)
+@pytest.mark.parametrize("name", but_for_meal_01("its egg, pale on a pale plate, comes out 3.5 % larger"))
 def test_encoded_again_at_quality_75(scene, as_it_is, name):
     each = scene(name)
     assert_same(each.estimate(both(each.pair, as_jpeg(75))), as_it_is(name), STABLE)

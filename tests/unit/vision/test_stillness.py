@@ -1,11 +1,17 @@
 """Whether nothing moved: tables at the marker's height and not, matches on their lines and not."""
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 
 from app.vision.features import Matches
 from app.vision.marker_spec import MarkerSpec
-from app.vision.stillness import judge_matches, judge_table
+from app.vision.relative_pose import RefinedViews
+from app.vision.stillness import judge_heights, judge_matches, judge_table
+from tests.unit.vision.stereo_scene import blank_views
+from tests.unit.vision.test_epipolar import project
 
 SPEC = MarkerSpec("plain", 9, 7, 11.0)
 
@@ -67,3 +73,39 @@ def test_matches_beside_the_board_lie_on_their_lines_or_were_moved(good, is_stil
 
 def test_few_matches_are_not_judged():
     assert judge_matches(matches(19), np.arange(67) < 48) is None
+
+
+def refined_and_matches(heights_mm):
+    """Views with matches at these heights around the marker, every one sure."""
+    views, rng = blank_views(), np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(60, 220, len(heights_mm)), rng.uniform(-90, 90, len(heights_mm)), heights_mm])
+    pixels = [project(view, points) for view in views]
+    beside = np.zeros(len(points), bool)
+    return RefinedViews(*views, np.zeros(3), len(points)), Matches(*pixels, beside, ~beside)
+
+
+@pytest.mark.parametrize(
+    ("heights_mm", "is_still"),
+    [
+        (np.linspace(0, 60, 60), True),
+        (np.full(60, -12.0), True),  # a print on a plaque whose thickness nobody announced
+        (np.r_[np.zeros(54), np.full(6, -80.0)], True),  # wrong matches of a cloth's pattern
+        (np.r_[np.linspace(-5, 10, 40), np.full(20, -18.0)], False),
+        (np.full(12, -40.0), True),  # too few to judge by
+        (np.empty(0), True),
+    ],
+    ids=["a meal", "a plaque", "some wrong matches", "a table under the marker", "few", "none"],
+)
+def test_much_under_the_marker_was_moved(heights_mm, is_still):
+    failure = judge_heights(*refined_and_matches(heights_mm))
+    assert (failure is None) == is_still
+    if failure is not None:
+        assert failure.code == "scene_moved"
+        assert "18 mm under" in failure.message
+
+
+def test_heights_that_the_poses_leave_unsure_are_not_judged():
+    views, seen = refined_and_matches(np.full(60, -20.0))
+    turned = replace(views.second, rotation=cv2.Rodrigues(np.array([0.0, 0.02, 0.0]))[0] @ views.second.rotation)
+    assert judge_heights(views, seen) is not None
+    assert judge_heights(replace(views, doubts=((views.first, turned),)), seen) is None
