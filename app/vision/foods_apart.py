@@ -34,8 +34,10 @@ SHORT_CUT = 0.5  # of the narrower part's width: so short a cut has its notches 
 SMALL_PART = 0.12  # of both parts' area, below which it takes more to be a food of its own
 SMALL_PART_WEIGHT = 5.0
 CONVEX = (0.98, 0.95)  # share of its convex hull that the outline of one solid fills, and that of two
+WHOLE_WEIGHT = 0.2
 BITTEN = (0.92, 0.86)  # the same of a part: a solid's face, and a food that another one partly hides
 CONVEX_SHARE = 0.94  # of its convex hull that the outline of one block fills
+SAME_LEVEL_MM = 3.0  # between the tops of two parts of one pack
 CREASE_WEIGHT = 0.4
 THRESHOLD = 1.35  # of the judgement below; see its comment
 MAX_TRIAL_SCALE = 0.85  # nearly full size is tried at full size
@@ -65,7 +67,7 @@ def tell_apart(food: MaskArray, scene: Scene, floor_mm: float = 0.0) -> list[Mas
             mask = waiting.pop()
             is_block = _is_one_block(_framed(mask, window, food.shape), scene, floor_mm)
             parts = None if is_block else piece.best_cut(mask)
-            if parts is None:
+            if parts is None or _have_one_top([_framed(part, window, food.shape) for part in parts], scene, floor_mm):
                 found.append(_framed(mask, window, food.shape))
             else:
                 waiting += parts
@@ -230,7 +232,8 @@ class _Piece:
         look = min(contrast / 3 + crease, 4 / 3)  # however clear a border is, looks alone make no two foods
         share = min(np.count_nonzero(part) for part in (one, two)) / np.count_nonzero(one | two)
         look -= SMALL_PART_WEIGHT * max(0.0, SMALL_PART - share)  # a dark end, a leaf, a lump
-        return look + 6.0 * float(np.clip(notch, 0.0, FULL_NOTCH)) - 0.35 * length + 0.5 * valley
+        whole = WHOLE_WEIGHT * (1.0 - _dented(one | two, CONVEX))  # a loaf's crust and crumb part as clearly
+        return look + 6.0 * float(np.clip(notch, 0.0, FULL_NOTCH)) - 0.35 * length + 0.5 * valley - whole
 
     def _notch(self, mask: MaskArray, border: MaskArray) -> float:
         """How far the outline is dented where the border meets it: share of a disc there beyond one half."""
@@ -294,6 +297,13 @@ def _is_one_block(mask: MaskArray, scene: Scene, floor_mm: float) -> bool:
     """Whether a mask is a block, slice or pack: level top, upright sides, convex outline."""
     is_convex = np.count_nonzero(mask) > CONVEX_SHARE * _hull_px(mask)
     return bool(is_convex) and flat_top(mask, scene, floor_mm) is not None
+
+
+def _have_one_top(parts: Sequence[MaskArray], scene: Scene, floor_mm: float) -> bool:
+    """Whether both parts are flat and equally high: a pack printed in two colours, not two packs."""
+    tops = [flat_top(part, scene, floor_mm) for part in parts]
+    levels = [top.level_mm for top in tops if top is not None]
+    return len(levels) == len(parts) and max(levels) - min(levels) < SAME_LEVEL_MM
 
 
 def _edge_strength(lab: Float32Array) -> Float32Array:

@@ -19,6 +19,7 @@ MIN_LEVEL_SHARE, LEVEL_SHARE = 0.25, 0.65  # of a top, and of what is measured o
 BESIDE_LEVEL_PX = 8  # from what is at the level: unmeasured parts of a plain top
 EXPLAINED_SHARE = 0.8  # of a mask by the top and an upright side below it; a dome's top explains less
 WINDOW_PX = 5  # by which windows widen a top
+AROUND_SHARE, SPECK_PX = 0.8, 3  # of a mask by the hull of all that lies at its level, specks apart
 MIN_SIDE_SHARE = 0.15  # of a mask: a smaller side is the outline's own doubt
 MIN_HEIGHT_MM = 8.0  # over the support; a lower side is no wider than an outline is unsure
 MIN_TOP_MM2 = 400.0
@@ -120,6 +121,10 @@ def _top(mask: MaskArray, scene: Scene, level_mm: float) -> MaskArray | None:
     possible = opened(mask & (at_level | (is_beside & ~np.isfinite(scene.height_mm))), WINDOW_PX)
     inner = cv2.erode(possible.astype(np.uint8), np.ones((WINDOW_PX, WINDOW_PX), np.uint8)) > 0
     top = _hull(inner) & mask
+    # A plain top, blown out by the light, is measured along its edge and here and there.
+    around = _hull_of_all(opened(mask & at_level, SPECK_PX)) & mask
+    if np.count_nonzero(around) > AROUND_SHARE * np.count_nonzero(mask):
+        top = around
     area, level = np.count_nonzero(top), np.count_nonzero(top & at_level)
     measured = np.count_nonzero(top & np.isfinite(scene.height_mm))
     if area * scene.pixel_mm**2 < MIN_TOP_MM2 or level < MIN_LEVEL_SHARE * area or level < LEVEL_SHARE * measured:
@@ -137,10 +142,14 @@ def _commonest(heights_mm: np.ndarray) -> float:
 
 def _hull(mask: MaskArray) -> MaskArray:
     """The convex hull of the largest part."""
-    contours, _ = cv2.findContours(largest_part(mask).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    return _hull_of_all(largest_part(mask))
+
+
+def _hull_of_all(mask: MaskArray) -> MaskArray:
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     out = np.zeros(mask.shape, np.uint8)
     if contours:
-        cv2.fillConvexPoly(out, np.asarray(cv2.convexHull(max(contours, key=len)), np.int32), 1)
+        cv2.fillConvexPoly(out, np.asarray(cv2.convexHull(np.concatenate(contours)), np.int32), 1)
     return out > 0
 
 

@@ -1,6 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from app.vision.foods_apart import tell_apart
+from app.vision.masks import distance_px
 from app.vision.scene import Scene
 from app.vision.upright_sides import flat_top, with_sides
 
@@ -86,3 +90,39 @@ def test_level_of_the_top_is_measured_from_a_part_of_it(top_mm):
     heights[top & (np.indices(SHAPE)[1] % 2 == 0)] = np.nan
     found = flat_top(top, scene_of(heights), 0.0)
     assert found.level_mm == pytest.approx(top_mm, abs=0.1)
+
+
+def test_plain_top_that_is_measured_along_its_edge_alone_has_its_side():
+    """White tofu in bright light: nothing in the middle of its top can be matched."""
+    top, side = block()
+    plain = distance_px(~top) > 8
+    scene = scene_of(np.where(plain | side, np.nan, np.where(top, TOP_MM, 0.0)))
+    (mask,) = with_sides([top], scene, 0.0)
+    assert np.count_nonzero(plain) > 0.3 * np.count_nonzero(top)
+    assert np.count_nonzero(mask & side) > 0.85 * np.count_nonzero(side)
+
+
+def two_coloured(height_left_mm, height_right_mm):
+    """A block's top of two colours, whose outline is dented where they meet, and its scene."""
+    top, side = block()
+    columns = np.indices(SHAPE)[1]
+    left = columns < SHAPE[1] // 2
+    apart = np.abs(columns - SHAPE[1] // 2)
+    dent = (apart < 10) & top & (distance_px(~top) < 18 - 1.8 * apart)
+    mask = top & ~dent
+    heights = np.where(mask & left, height_left_mm, np.where(mask, height_right_mm, np.where(side, np.nan, 0.0)))
+    colours = np.where(
+        (mask & left)[..., None], (180, 60, 160), np.where(mask[..., None], (80, 170, 40), (200, 200, 200))
+    )
+    noise = np.random.default_rng(0).normal(0, 2, (*SHAPE, 3))
+    return mask, replace(scene_of(heights), image_bgr=np.clip(colours + noise, 0, 255).astype(np.uint8))
+
+
+def test_pack_printed_in_two_colours_is_one_food():
+    mask, scene = two_coloured(TOP_MM, TOP_MM)
+    assert len(tell_apart(mask, scene)) == 1
+
+
+def test_flat_foods_of_different_heights_are_two():
+    mask, scene = two_coloured(TOP_MM, 20.0)
+    assert len(tell_apart(mask, scene)) == 2
