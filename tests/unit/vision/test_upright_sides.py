@@ -95,7 +95,7 @@ def test_level_of_the_top_is_measured_from_a_part_of_it(top_mm):
 def test_plain_top_that_is_measured_along_its_edge_alone_has_its_side():
     """White tofu in bright light: nothing in the middle of its top can be matched."""
     top, side = block()
-    plain = distance_px(~top) > 8
+    plain = distance_px(~top) > 5
     scene = scene_of(np.where(plain | side, np.nan, np.where(top, TOP_MM, 0.0)))
     (mask,) = with_sides([top], scene, 0.0)
     assert np.count_nonzero(plain) > 0.3 * np.count_nonzero(top)
