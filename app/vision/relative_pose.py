@@ -21,7 +21,7 @@ from app.vision.epipolar import (
 )
 from app.vision.features import MIN_MATCHES, Matches
 from app.vision.intrinsics import Camera
-from app.vision.model import Float64Array, MaskArray, View
+from app.vision.model import Float64Array, View
 from app.vision.pose import (
     BEND_SD_MM,
     CORNER_SD_PX_AT_12MP,
@@ -32,7 +32,7 @@ from app.vision.pose import (
     RADIAL_SPREAD,
     bent_points,
 )
-from app.vision.table_matches import matches_on_table
+from app.vision.table_matches import TableMatches, matches_on_table
 
 MATCH_SD_PX_AT_12MP = 1.5  # alignment leaves 0.3 px; the rest is what lenses do beyond their model, far from the middle
 FOCAL_SPREAD = 0.005  # prior, relative: focusing moves the lens by a few thousandths of f between two photographs
@@ -80,10 +80,10 @@ def refine_views(first: View, second: View, matches: Matches) -> RefinedViews:
             near = np.zeros_like(near)
         pixels = matches.first_px[near], matches.second_px[near]
         refined = fit_views(refined.first, refined.second, *pixels, (first, second))
-    is_table = matches_on_table(refined.first, refined.second, refined.doubts, *pixels)
-    if not is_table.any():
+    table = matches_on_table(refined.first, refined.second, refined.doubts, *pixels)
+    if table is None:
         return refined
-    return fit_views(refined.first, refined.second, *pixels, (first, second), is_table)
+    return fit_views(refined.first, refined.second, *pixels, (first, second), table)
 
 
 def fit_views(
@@ -92,19 +92,19 @@ def fit_views(
     first_px: Float64Array,
     second_px: Float64Array,
     guesses: tuple[View, View] | None = None,
-    is_table: MaskArray | None = None,
+    table: TableMatches | None = None,
 ) -> RefinedViews:
     """Maximum a posteriori of both poses, both lenses and the sheet's bend, from these views on.
 
     first_px, second_px: (n, 2) matches beside the marker, px of the photographs. guesses: the views whose cameras, if
-    "given", the priors stand on; None: the same. A camera that is not given has its prior on what EXIF tells, a spread
-    of 8 % about it, and k1 and k2 free. Minimises the corners' reprojection error and the matches' Sampson distance
-    (Hartley and Zisserman, 2004, eq. 11.9), outliers bounded.
+    "given", the priors stand on; None: the same. table: those matches that stay on the table. A camera that is not
+    given has its prior on what EXIF tells, a spread of 8 % about it, and k1 and k2 free. Minimises the corners'
+    reprojection error and the matches' Sampson distance (Hartley and Zisserman, 2004, eq. 11.9), outliers bounded.
     """
     if len(first_px) > MAX_MATCHES:
         chosen = np.linspace(0, len(first_px) - 1, MAX_MATCHES).astype(np.int64)
         first_px, second_px = first_px[chosen], second_px[chosen]
-        is_table = is_table[chosen] if is_table is not None else None
+        table = None if table is None else replace(table, is_table=table.is_table[chosen])
     views = (first, second)
     bases = tuple(_prior_camera(view) for view in guesses or views)
     matched = [_to_rays(camera, pixels) for camera, pixels in zip(bases, (first_px, second_px), strict=True)]
@@ -129,8 +129,8 @@ def fit_views(
             ideal.append(_undistort(matched[index], lens))
         sampson = _sampson(poses[0], poses[1], ideal[0], ideal[1])
         parts.append(sampson * (sum(focal_px) / 2 / (MATCH_SD_PX_AT_12MP * unit)))
-        if is_table is not None:
-            parts.append(_off_table(poses, ideal, is_table, focal_px[1], MATCH_SD_PX_AT_12MP * unit))
+        if table is not None:
+            parts.append(_off_table(poses, ideal, table, focal_px[1], MATCH_SD_PX_AT_12MP * unit))
         return np.concatenate(parts)
 
     def views_at(unknowns: Float64Array) -> tuple[View, View]:
@@ -282,20 +282,20 @@ def _soft_cost(residuals: Float64Array) -> float:
 def _off_table(
     poses: Sequence[tuple[Float64Array, Float64Array]],
     rays: Sequence[Float64Array],
-    is_table: MaskArray,
+    table: TableMatches,
     focal_px: float,
     sd_px: float,
 ) -> Float64Array:
-    """(m,) how far matches on the table lie from z = 0, in standard deviations: of matching and of a table's flatness.
+    """(m,) how far matches on the table lie from its height, in standard deviations: of matching and of its flatness.
 
     Measured along the epipolar line in the second view, the direction that Sampson's distance leaves free.
     """
     (rotation, translation), (rotation_second, translation_second) = poses
     centre = -rotation.T @ translation
-    x, x_second = rays[0][is_table], rays[1][is_table]
+    x, x_second = rays[0][table.is_table], rays[1][table.is_table]
     sight = np.hstack([x, np.ones((len(x), 1))]) @ rotation
     seen = []
-    for height_mm in (0.0, TABLE_SD_MM):
+    for height_mm in (table.height_mm, table.height_mm + TABLE_SD_MM):
         points = centre + sight * ((height_mm - centre[2]) / sight[:, 2])[:, None]
         in_camera = points @ rotation_second.T + translation_second
         seen.append(in_camera[:, :2] / in_camera[:, 2:])

@@ -6,6 +6,7 @@ That the table is flat and goes on beyond the sheet tells the poses what the she
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +15,8 @@ from app.vision.model import Float64Array, MaskArray, View
 
 FLAT_MM = 3.0  # from the plane: what a table departs from flat, and what matching leaves
 MAX_SLOPE = 0.12  # of the plane against the marker's, as poses by a small sheet leave it
-MAX_STEP_MM = 3.0  # of the plane at the marker, which lies on it
+MAX_STEP_MM = 3.0  # of the plane at the marker: a sheet on card
+SHEET_MM = 1.0  # of the same: a sheet of paper, and what the poses leave
 DOUBT_SD = 3.0  # of a match's height, by the poses' doubts, within which it may be on the table
 MIN_ON_TABLE = 15
 MIN_SHARE = 0.25  # of all matches
@@ -24,29 +26,38 @@ DRAWS = 200
 ROUNDS = 3
 
 
+@dataclass(frozen=True, slots=True)
+class TableMatches:
+    """is_table: (n,) matches on the table. height_mm: the table's at the marker, under 0 for a print on card."""
+
+    is_table: MaskArray
+    height_mm: float
+
+
 def matches_on_table(
     first: View,
     second: View,
     doubts: Sequence[tuple[View, View]],
     first_px: Float64Array,
     second_px: Float64Array,
-) -> MaskArray:
-    """(n,) which matches lie on the table; none where no plane is shared by enough of them.
+) -> TableMatches | None:
+    """The matches on the table; None where no plane is shared by enough of them.
 
     doubts: see RefinedViews. Nothing lies under a table: with much under it, the plane is another one.
     """
-    none = np.zeros(len(first_px), np.bool_)
     if len(first_px) < MIN_ON_TABLE:
-        return none
+        return None
     points, doubt_mm = points_of_matches(first, second, doubts, first_px, second_px)
     near = np.abs(points[:, 2]) < FLAT_MM + DOUBT_SD * doubt_mm
     plane = _shared_plane(points[near])
     if plane is None:
-        return none
+        return None
     over_mm = points[:, 2] - points[:, :2] @ plane[:2] - plane[2]
     is_table = near & (np.abs(over_mm) < FLAT_MM)
     is_likely = np.mean(is_table) > MIN_SHARE and np.mean(over_mm < -2 * FLAT_MM) < MAX_UNDER
-    return is_table if is_likely else none
+    if not is_likely:
+        return None
+    return TableMatches(is_table, float(plane[2]) if abs(plane[2]) > SHEET_MM else 0.0)
 
 
 def points_of_matches(

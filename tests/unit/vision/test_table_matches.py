@@ -51,9 +51,10 @@ def matches_with_noisy_corners(views, points, corner_px, seed=5):
 def test_matches_on_the_table_are_told_from_those_on_food():
     views, rng = blank_views(), np.random.default_rng(0)
     points = np.concatenate([table_points(rng, 40), food_points(rng, 30)])
-    is_table = matches_on_table(*views, [], *seen_by(views, points, 0.1))
-    assert is_table[:40].mean() > 0.9
-    assert not is_table[40:].any()
+    table = matches_on_table(*views, [], *seen_by(views, points, 0.1))
+    assert table.is_table[:40].mean() > 0.9
+    assert not table.is_table[40:].any()
+    assert abs(table.height_mm) < 0.5
 
 
 @pytest.mark.parametrize(
@@ -69,7 +70,7 @@ def test_matches_on_the_table_are_told_from_those_on_food():
 )
 def test_no_table_is_taken_for_certain_where_none_is_seen(points):
     views = blank_views()
-    assert not matches_on_table(*views, [], *seen_by(views, points)).any()
+    assert matches_on_table(*views, [], *seen_by(views, points)) is None
 
 
 def test_a_table_that_is_seen_levels_the_poses_far_from_the_sheet():
@@ -89,6 +90,19 @@ def test_a_table_that_is_seen_levels_the_poses_far_from_the_sheet():
     without = np.concatenate([food_points(rng, 30), table_points(rng, 40) + [0, 0, 1] * rng.uniform(15, 60, (40, 1))])
     assert off_mm(with_table) < 0.5
     assert off_mm(with_table) < 0.5 * off_mm(without)
+
+
+@pytest.mark.parametrize("thick_mm", [1.5, 2.5, 6.0])
+def test_print_on_card_stays_over_the_table(thick_mm):
+    """The table is held level, not lifted to the print."""
+    views, rng = blank_views(), np.random.default_rng(6)
+    points = np.concatenate([food_points(rng, 30), table_points(rng, 60)]) - [0, 0, thick_mm]
+    noisy, matches = matches_with_noisy_corners(views, points, 0.1)
+    refined = refine_views(*noisy, matches)
+    far = np.array([[280.0, -120.0, -thick_mm], [300.0, 0.0, -thick_mm], [300.0, 0.0, 60.0 - thick_mm]])
+    seen = triangulate(refined.first, refined.second, *seen_by(views, far))
+    assert seen[:2, 2] == pytest.approx(-thick_mm, abs=0.7)
+    assert seen[2, 2] - seen[1, 2] == pytest.approx(60.0, rel=0.005)
 
 
 def test_matches_off_by_a_pattern_that_repeats_are_left_out():
