@@ -11,7 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from app.vision.masks import filled
 from app.vision.model import Float32Array, Float64Array, MaskArray
+from app.vision.sectors import sector_of
 from app.vision.topview import TopView
 
 RADII_MM = (50.0, 260.0)  # of a round dish: a dessert bowl to a serving platter
@@ -256,7 +258,7 @@ def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generat
     beyond = np.hypot(dx, dy) - rings[:, 2:]
     over = few[None, :, 2] - heights[:, None] - slopes[:, :1] * dx - slopes[:, 1:] * dy
     on_rim = (np.abs(beyond) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
-    sector = ((np.arctan2(dy, dx) / (2 * np.pi) + 1.0) % 1.0 * SECTORS).astype(np.int64) % SECTORS
+    sector = sector_of(dx, dy, SECTORS)
     hits = np.zeros((len(rings), SECTORS), np.bool_)
     which, where = np.nonzero(on_rim)
     hits[which, sector[which, where]] = True
@@ -317,8 +319,7 @@ def _refined(
     delta = every[:, :2] - [x, y]
     distance = np.hypot(delta[:, 0], delta[:, 1])
     over = every[:, 2] - plane[0] - delta @ plane[1:]
-    sector = ((np.arctan2(delta[:, 1], delta[:, 0]) / (2 * np.pi) + 1.0) % 1.0 * SECTORS).astype(np.int64)
-    sector %= SECTORS
+    sector = sector_of(delta[:, 0], delta[:, 1], SECTORS)
     is_rim = (np.abs(distance - radius) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
     is_outside = (distance > radius + OUTSIDE_MM[0]) & (distance < radius + OUTSIDE_MM[1])
     is_high = over > -SAME_HEIGHT_MM
@@ -341,8 +342,7 @@ def _hollow_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
     inward = ring.radius_mm - np.hypot(delta[..., 0], delta[..., 1])
     within = (inward > INSIDE_MM[0]) & (inward < INSIDE_MM[1])
     sectors = SECTORS // 2
-    angle = np.arctan2(delta[..., 1], delta[..., 0])[within]
-    sector = ((angle / (2 * np.pi) + 1.0) % 1.0 * sectors).astype(np.int64) % sectors
+    sector = sector_of(delta[within, 0], delta[within, 1], sectors)
     with np.errstate(invalid="ignore"):
         rim_mm = ring.height_mm + delta @ np.array(ring.slope)
         is_high = (view.height_mm > rim_mm + RISE_MM)[within] & is_solid[within]
@@ -360,7 +360,7 @@ def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
     inward = ring.radius_mm - np.hypot(apart[..., 0], apart[..., 1])
     is_like_bowl = ring.edge_cover >= ROUND_EDGE_COVER and ring.height_mm >= BOWL_MM
     area_mm2 = np.pi * ring.radius_mm**2
-    standing_mm2 = np.count_nonzero(_standing(view, is_solid, inward, ring.height_mm)) * view.cell_mm**2
+    standing_mm2 = np.count_nonzero(_higher(view, is_solid, ring.height_mm) & (inward > 0)) * view.cell_mm**2
     is_like_board = ring.height_mm < BOWL_MM and area_mm2 >= MIN_SLAB_MM2 and standing_mm2 >= MIN_STANDING * area_mm2
     inside = is_solid & (inward > OUTSIDE_MM[0])
     if is_like_bowl or is_like_board or not inside.any():
@@ -387,9 +387,8 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
             continue
         level = _commonest(view.height_mm[cluster])
         at_level = cluster & (np.abs(view.height_mm - level) < SAME_HEIGHT_MM)
-        with np.errstate(invalid="ignore"):
-            high = is_solid & (view.height_mm > level + 2 * RISE_MM)
-        at_level &= cv2.dilate(high.astype(np.uint8), link) == 0  # without flanks of what stands on it, or beside it
+        higher = _higher(view, is_solid, level)
+        at_level &= cv2.dilate(higher.astype(np.uint8), link) == 0  # without flanks of what stands on it, or beside it
         rows, columns = np.nonzero(at_level)
         if len(rows) < SECTORS:
             continue
@@ -402,7 +401,7 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
         inside = inward > INSIDE_MM[1]
         if _sector_share(at_level, border) < MIN_COVER + 0.1:
             continue
-        standing = _standing(view, is_solid, inward, level)
+        standing = higher & (inward > 0)
         if np.count_nonzero(standing) * view.cell_mm**2 < MIN_STANDING * area:
             continue
         if np.count_nonzero(standing & inside) > MAX_STANDING * np.count_nonzero(inside):
@@ -418,15 +417,13 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
 
 def _closed(mask: MaskArray, element: cv2.typing.MatLike) -> MaskArray:
     """The mask without gaps narrower than the element and without holes: a plain top is measured at its edge alone."""
-    picture = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, element)
-    contours, _ = cv2.findContours(picture, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    return np.asarray(cv2.drawContours(np.zeros_like(picture), contours, -1, (1.0,), -1) > 0, np.bool_)
+    return filled(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, element) > 0)
 
 
-def _standing(view: TopView, is_solid: MaskArray, inward_mm: NDArray[np.floating], level_mm: float) -> MaskArray:
-    """(rows, columns) cells within an outline that are clearly higher than its level."""
+def _higher(view: TopView, is_solid: MaskArray, level_mm: float) -> MaskArray:
+    """(rows, columns) cells that are clearly higher than a level."""
     with np.errstate(invalid="ignore"):
-        return np.asarray(is_solid & (view.height_mm > level_mm + 2 * RISE_MM) & (inward_mm > 0), np.bool_)
+        return np.asarray(is_solid & (view.height_mm > level_mm + 2 * RISE_MM), np.bool_)
 
 
 def _commonest(heights_mm: Float32Array) -> float:
@@ -448,8 +445,7 @@ def _inward_mm(hull: NDArray[np.int32], view: TopView) -> Float32Array:
 def _sector_share(at_level: MaskArray, border: MaskArray) -> float:
     """Share of the border's sectors, seen from its middle, in which a quarter of the cells are at the level."""
     rows, columns = np.nonzero(border)
-    angle = np.arctan2(rows - rows.mean(), columns - columns.mean())
-    sector = ((angle / (2 * np.pi) + 1.0) % 1.0 * SECTORS).astype(np.int64) % SECTORS
+    sector = sector_of(columns - columns.mean(), rows - rows.mean(), SECTORS)
     total = np.bincount(sector, minlength=SECTORS)
     held = np.bincount(sector[at_level[border]], minlength=SECTORS)
     return float((held >= 0.25 * total)[total > 0].mean())

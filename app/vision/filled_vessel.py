@@ -19,6 +19,7 @@ from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.outline_snap import lab_of
 from app.vision.rectification import RectifiedPair
 from app.vision.rims import Circle, circle_points, find_circles
+from app.vision.sectors import sector_of
 from app.vision.sight import Sight
 from app.vision.slices import Slice
 from app.vision.solids import turned
@@ -331,34 +332,36 @@ def _is_heaped(points_table: Float32Array, content: MaskArray, rim: Circle, leve
 
 
 def _is_print(rim: Circle, points_table: Float32Array) -> bool:
-    """Whether what lies outside is as high as the rim all round: a circle printed on a pack, the hole of a cake."""
+    """Return whether the surface outside is as high as the rim: a circle printed on a pack, the hole of a cake."""
     apart = points_table[..., :2] - rim.centre_mm
     beyond = np.linalg.norm(apart, axis=-1) - rim.radius_mm
     with np.errstate(invalid="ignore"):
         around = (beyond > BESIDE_MM[0]) & (beyond < BESIDE_MM[1])
-    angle = np.arctan2(apart[around, 1], apart[around, 0])
-    sector = ((angle / (2 * np.pi) + 1.0) % 1.0 * SECTORS).astype(np.int64) % SECTORS
+    sector = sector_of(apart[around, 0], apart[around, 1], SECTORS)
     is_as_high = points_table[..., 2][around] > rim.height_mm - BESIDE_LEVEL_MM
     measured, high = (np.bincount(sector[chosen], minlength=SECTORS) for chosen in (slice(None), is_as_high))
     return float(np.mean((high > 0) & (high > 0.5 * measured))) > PRINT_SECTORS
 
 
 def _has_top(rim: Circle, points_table: Float32Array) -> bool:
-    """Whether what lies within is as high as the rim: the highlight on an apple is a circle, too."""
-    with np.errstate(invalid="ignore"):
-        inside = np.linalg.norm(points_table[..., :2] - rim.centre_mm, axis=-1) < rim.radius_mm - OPEN_INSET_MM
-    heights = points_table[..., 2][inside]
+    """Return whether most of what lies within the rim is as high: the highlight on an apple is a circle, too."""
+    heights = _heights_within(rim, points_table)
     return len(heights) > 0 and float(np.mean(heights > rim.height_mm - OPEN_TOP_MM)) > TOP_SHARE
 
 
 def _is_open(rim: Circle, points_table: Float32Array) -> bool:
-    """Whether nothing lies at the rim's own height within it, as the top of a cake or a tin would."""
+    """Return whether nothing within the rim lies at its height, as the top of a cake or a tin would."""
     if rim.cover < OPEN_COVER:
         return False
+    heights = _heights_within(rim, points_table)
+    return len(heights) == 0 or float(np.mean(np.abs(heights - rim.height_mm) < OPEN_TOP_MM)) < OPEN_TOP_SHARE
+
+
+def _heights_within(rim: Circle, points_table: Float32Array) -> Float32Array:
+    """Return the heights (n,), mm, of what is measured within the rim, clear of its wall."""
     with np.errstate(invalid="ignore"):
         apart = np.linalg.norm(points_table[..., :2] - rim.centre_mm, axis=-1)
-        inside = points_table[..., 2][apart < rim.radius_mm - OPEN_INSET_MM]
-    return len(inside) == 0 or float(np.mean(np.abs(inside - rim.height_mm) < OPEN_TOP_MM)) < OPEN_TOP_SHARE
+        return np.asarray(points_table[..., 2][apart < rim.radius_mm - OPEN_INSET_MM], np.float32)
 
 
 def _silhouette(sight: Sight, rim: Circle, foot_mm: float, table_mm: float) -> MaskArray:

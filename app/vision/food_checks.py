@@ -19,7 +19,7 @@ MAX_BORDER_SHARE = 0.15  # of its outline on the border of what is seen: the res
 
 
 def is_food(mask: MaskArray, is_core: MaskArray, scene: Scene, is_unseen: MaskArray) -> bool:
-    """Whether a mask is large, solid, raised and whole enough to be a food rather than a rim, a wall or clutter.
+    """Return whether a mask is large, solid, raised and whole enough to be a food rather than a rim, a wall or clutter.
 
     All (h, w). is_unseen: beyond its border a mask may go on; where it ends at a vessel or another food it does not.
     """

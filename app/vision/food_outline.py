@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from app.vision.colour_bins import SHADES, colour_bins, colour_histogram, contrast_features, shaded_lab
-from app.vision.masks import largest_part
+from app.vision.masks import filled, largest_part
 from app.vision.min_cut import cut_in_two
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene import FINE_REACH_PX, Scene
@@ -99,14 +99,11 @@ def _correct(mask: MaskArray, others: MaskArray, scene: Scene, floor_mm: float) 
 
 def _with_true_holes(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) -> MaskArray:
     """The mask with only those holes through which something much lower is seen: a ring's, not gloss."""
-    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    picture = np.zeros(mask.shape, np.uint8)
-    cv2.drawContours(picture, contours, -1, 1, -1)
-    filled = picture > 0
+    whole = filled(mask)
     own = height_mm[mask]
     own = own[np.isfinite(own)]
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((filled & ~mask).astype(np.uint8))
-    out = filled
+    count, labels, stats, _ = cv2.connectedComponentsWithStats((whole & ~mask).astype(np.uint8))
+    out = whole
     for label in range(1, count):
         hole = labels == label
         low = height_mm[hole]

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 
 from app.vision.colour_bins import colour_bins, colour_histogram, contrast_features
-from app.vision.masks import distance_px, largest_part
+from app.vision.masks import distance_px, filled, largest_part
 from app.vision.min_cut import cut_in_two
-from app.vision.model import Float32Array, ImageArray, MaskArray
+from app.vision.model import Float32Array, MaskArray
 from app.vision.scene import Scene
 from app.vision.upright_sides import flat_top
 
@@ -34,7 +34,7 @@ SHORT_CUT = 0.5  # of the narrower part's width: so short a cut has its notches 
 SMALL_PART = 0.12  # of both parts' area, below which it takes more to be a food of its own
 SMALL_PART_WEIGHT = 5.0
 CONVEX = (0.98, 0.95)  # share of its convex hull that the outline of one solid fills, and that of two
-WHOLE_WEIGHT = 0.2
+WHOLE_WEIGHT = 0.2  # against a cut of an outline that is convex as a whole
 BITTEN = (0.92, 0.86)  # the same of a part: a solid's face, and a food that another one partly hides
 CONVEX_SHARE = 0.94  # of its convex hull that the outline of one block fills
 SAME_LEVEL_MM = 3.0  # between the tops of two parts of one pack
@@ -154,8 +154,7 @@ class _Piece:
 
     def _proposals(self, mask: MaskArray, least_px: float) -> Iterator[MaskArray]:
         yield from self._by_colour(mask, least_px)
-        filled = _filled(mask)
-        depth = cv2.distanceTransform(filled.astype(np.uint8), cv2.DIST_L2, 5)
+        depth = cv2.distanceTransform(filled(mask).astype(np.uint8), cv2.DIST_L2, 5)
         yield from self._by_level(
             mask, np.asarray(depth / depth.max(), np.float32), NECK_LEVELS, MIN_MARKER_MM2[0], least_px
         )
@@ -183,7 +182,7 @@ class _Piece:
                 )
                 for label in range(1, count):
                     if stats[label, cv2.CC_STAT_AREA] >= least_px:
-                        part = _filled(labels == label) & mask
+                        part = filled(labels == label) & mask
                         if np.count_nonzero(mask & ~part) >= least_px:
                             yield part
 
@@ -210,8 +209,7 @@ class _Piece:
         if not border.any():
             return 0.0
         widths = [
-            2 * float(cv2.distanceTransform(_filled(part).astype(np.uint8), cv2.DIST_L2, 5).max())
-            for part in (one, two)
+            2 * float(cv2.distanceTransform(filled(part).astype(np.uint8), cv2.DIST_L2, 5).max()) for part in (one, two)
         ]
         length = 1.1 * np.count_nonzero(border) / min(widths)  # a slanted line has fewer pixels than its length
         near_mm = distance_px(border) * self._pixel_mm
@@ -225,7 +223,7 @@ class _Piece:
             spreads.append(1.48 * np.median(np.abs(colours - medians[-1]), axis=0))
         spread = np.sqrt(0.5 * (spreads[0] ** 2 + spreads[1] ** 2)) + COLOUR_NOISE
         contrast = _contrast(medians[0], medians[1], spread)
-        dented = max(_dented(one | two, CONVEX), *(_dented(_filled(part), BITTEN) for part in (one, two)))
+        dented = max(_dented(one | two, CONVEX), *(_dented(filled(part), BITTEN) for part in (one, two)))
         notch = FULL_NOTCH if length < SHORT_CUT else dented * self._notch(one | two, border)
         valley = dented * self._valley(one, two, border)
         crease = CREASE_WEIGHT * float(np.clip(self._crease(one | two, border) - 0.7, -0.5, 0.8))
@@ -300,7 +298,7 @@ def _is_one_block(mask: MaskArray, scene: Scene, floor_mm: float) -> bool:
 
 
 def _have_one_top(parts: Sequence[MaskArray], scene: Scene, floor_mm: float) -> bool:
-    """Whether both parts are flat and equally high: a pack printed in two colours, not two packs."""
+    """Return whether all parts are flat and equally high: a pack printed in two colours, not two packs."""
     tops = [flat_top(part, scene, floor_mm) for part in parts]
     levels = [top.level_mm for top in tops if top is not None]
     return len(levels) == len(parts) and max(levels) - min(levels) < SAME_LEVEL_MM
@@ -323,13 +321,6 @@ def _is_same_cut(one: MaskArray, two: MaskArray, mask: MaskArray) -> bool:
 def _inner_half(part: MaskArray) -> MaskArray:
     depth = cv2.distanceTransform(part.astype(np.uint8), cv2.DIST_L2, 3)
     return np.asarray(part & (depth > 0.5 * depth.max()), np.bool_)
-
-
-def _filled(mask: MaskArray) -> MaskArray:
-    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    picture: ImageArray = np.zeros(mask.shape, np.uint8)
-    cv2.drawContours(picture, contours, -1, 1, -1)
-    return picture > 0
 
 
 def _opened(mask: MaskArray, size_px: int) -> MaskArray:

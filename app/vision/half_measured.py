@@ -13,6 +13,7 @@ from app.vision.colour_bins import SHADES, colour_bins, colour_histogram, shaded
 from app.vision.masks import opened
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene import FINE_REACH_PX, Scene
+from app.vision.sectors import sector_of
 
 FLAT_MM = 3.0  # from a support's height: its surface
 RAISED_MM = 15.0  # over the support: no plate's rim, no telephone, no cutlery
@@ -47,8 +48,7 @@ def enclosed_by_raised(scene: Scene, over_support_mm: Float32Array) -> MaskArray
     raised, flat = (np.bincount(around[mask], minlength=count) for mask in (is_raised, is_flat))
     rows, columns = np.nonzero(is_raised & (around > 0))
     blob = around[rows, columns].astype(np.int64)
-    angle = np.arctan2(rows - middles[blob, 1], columns - middles[blob, 0])
-    sector = ((angle / (2 * np.pi) + 1.0) % 1.0 * SECTORS).astype(np.int64) % SECTORS
+    sector = sector_of(columns - middles[blob, 0], rows - middles[blob, 1], SECTORS)
     directions = np.zeros((count, SECTORS), np.bool_)
     directions[blob, sector] = True
     area_mm2 = stats[:, cv2.CC_STAT_AREA] * scene.pixel_mm**2

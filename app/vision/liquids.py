@@ -15,7 +15,7 @@ from app.vision.filled_vessel import FilledVessel, find_vessels
 from app.vision.masks import distance_px
 from app.vision.model import EstimateOptions, Float32Array, Hint, MaskArray
 from app.vision.rectification import RectifiedPair
-from app.vision.segmentation import Foods, HintMask, Region, no_food_found, segment_foods
+from app.vision.segmentation import Foods, HintMask, Region, segment_foods
 from app.vision.topview import fit_table_trend, usable_points
 from app.vision.vessel_library import VesselModel
 
@@ -64,24 +64,24 @@ def segment_meal(
     foods = segment_foods(pair, disparity, points_table, ignored, rest, around)
     if isinstance(foods, Failure):
         return Foods(liquids, table) if liquids else foods
+    walls = [(vessel.silhouette, distance_px(vessel.silhouette) <= HANDLE_REACH_PX) for vessel in vessels.filled]
     regions = [
         replace(region, is_unread=_is_unread(region, vessels.unread))
         for region in foods.regions
-        if region.hint is not None or not any(_is_handle(region, vessel) for vessel in vessels.filled)
+        if region.hint is not None or not any(_is_handle(region.mask, *wall) for wall in walls)
     ]
-    if not liquids and not regions:
-        return no_food_found()
     return replace(foods, regions=[*liquids, *regions])
 
 
-def _is_handle(region: Region, vessel: FilledVessel) -> bool:
-    """Whether a region is a part of a vessel that stands out of its silhouette, or a strip of table seen along it."""
-    silhouette = vessel.silhouette
-    if np.count_nonzero(region.mask) > HANDLE_AREA * np.count_nonzero(silhouette):
+def _is_handle(mask: MaskArray, silhouette: MaskArray, is_beside: MaskArray) -> bool:
+    """Return whether a region is a handle of a vessel, or a strip of table seen along its wall.
+
+    All (H, W). is_beside: what lies within reach of the vessel's silhouette.
+    """
+    if np.count_nonzero(mask) > HANDLE_AREA * np.count_nonzero(silhouette):
         return False
-    outline = region.mask & (cv2.erode(region.mask.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
-    along = distance_px(silhouette) <= HANDLE_REACH_PX
-    return bool(np.count_nonzero(outline & along) > HANDLE_SHARE * np.count_nonzero(outline))
+    outline = mask & (cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
+    return bool(np.count_nonzero(outline & is_beside) > HANDLE_SHARE * np.count_nonzero(outline))
 
 
 def _is_unread(region: Region, silhouettes: Sequence[MaskArray]) -> bool:

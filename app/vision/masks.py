@@ -29,6 +29,14 @@ def largest_part(mask: MaskArray) -> MaskArray:
     return np.asarray(labels == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax()), np.bool_)
 
 
+def filled(mask: MaskArray) -> MaskArray:
+    """Return the mask with its holes."""
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    picture = np.zeros(mask.shape, np.uint8)
+    cv2.drawContours(picture, contours, -1, (1.0,), -1)
+    return picture > 0
+
+
 def touching(mask: MaskArray, seeds: MaskArray) -> MaskArray:
     """The connected parts of the mask that hold a seed."""
     _, labels = cv2.connectedComponents(mask.astype(np.uint8))

@@ -104,12 +104,12 @@ def segment_foods(
     if layout is None:
         return Foods(drawn, trend) if drawn else no_food_found()
     layout = replace(layout, dishes=[dish for dish in layout.dishes if not _is_hinted_food(dish, layout, hints)])
-    found: list[Region] = []
+    seen: list[Region] = []
     if sought or not hints:
         around = replace(layout, scene=replace(layout.scene, is_ignored=_reduced(taken, scene)))
-        found = _find_foods(around, sought, _reduced(unseen, scene))
-    found = [replace(region, mask=_enlarged(region.mask, pair.shape) & ~taken) for region in found]
-    regions = _supported([region for region in drawn + found if region.mask.any()], layout)
+        seen = _find_foods(around, sought, _reduced(unseen, scene))
+    seen = [replace(region, mask=_enlarged(region.mask, pair.shape) & ~taken) for region in seen]
+    regions = _supported([region for region in drawn + seen if region.mask.any()], layout)
     return Foods(regions, layout.trend) if regions else no_food_found()
 
 

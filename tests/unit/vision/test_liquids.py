@@ -4,12 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from app.vision.filled_vessel import FilledVessel, LiquidVolume
-from app.vision.liquid_level import Level
-from app.vision.liquids import _is_handle
-from app.vision.mesh import ClosedShape
-from app.vision.rims import SAMPLES, Circle
-from app.vision.segmentation import Region
+from app.vision.liquids import HANDLE_REACH_PX, _is_handle
+from app.vision.masks import distance_px
 
 SHAPE = (400, 600)
 
@@ -24,14 +20,6 @@ def drawn(*shapes):
     return picture > 0
 
 
-def mug():
-    silhouette = drawn(("box", (200, 100), (330, 300)))
-    rim = Circle(np.zeros(2), 42.0, 85.0, 1.0, 0.3, np.ones((2, SAMPLES), np.bool_))
-    shape = ClosedShape(np.zeros((3, 3)), np.zeros((1, 3), np.int64))
-    liquid = LiquidVolume(200.0, 10.0, 5.0, (), shape)
-    return FilledVessel(silhouette, silhouette, rim, Level(65.0, 39.0, (0.5, 0.5), 30.0), 0.0, liquid)
-
-
 @pytest.mark.parametrize(
     ("region", "is_handle"),
     [
@@ -43,4 +31,5 @@ def mug():
     ],
 )
 def test_handle_is_told_from_food_beside_the_vessel(region, is_handle):
-    assert _is_handle(Region(region), mug()) == is_handle
+    mug = drawn(("box", (200, 100), (330, 300)))
+    assert _is_handle(region, mug, distance_px(mug) <= HANDLE_REACH_PX) == is_handle
