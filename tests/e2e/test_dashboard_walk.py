@@ -23,6 +23,7 @@ from app.demo_study import STUDY, Photographed, SampleStudy, make_study, photogr
 from tests.e2e.dashboard_crawl import crawl, routes
 from tests.e2e.dashboard_server import require
 from tests.e2e.processes import Server
+from tests.qr_codes import read_qr
 
 pytestmark = pytest.mark.slow
 
@@ -259,9 +260,8 @@ def enrol_by_card(page, world):
     page.get_by_role("button", name="Make the cards").click()
     assert page.locator("[role=img] svg path, [role=img] svg rect").count() > 0
     code = page.inner_text(".enrol-card .secret").strip()
-    seen = cv2.imdecode(np.frombuffer(page.locator(".enrol-card").screenshot(), np.uint8), cv2.IMREAD_COLOR)
-    told, *_ = cv2.QRCodeDetector().detectAndDecode(seen)  # as a phone does it, from the screen
-    assert json.loads(told) == {"tada": 1, "server": world.address, "code": code}
+    from_screen = read_qr(page.locator(".enrol-card").screenshot())
+    assert json.loads(from_screen) == {"tada": 1, "server": world.address, "code": code}
     body = {"code": code, "device_name": "a phone of the walk"}
     assert httpx2.post(f"{world.address}/v1/enrolments", json=body).status_code == 201
     assert httpx2.post(f"{world.address}/v1/enrolments", json=body).status_code >= 400
