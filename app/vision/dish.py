@@ -35,6 +35,7 @@ MIN_WALL_CELLS = 4  # of some 30 that a sector has outside: fewer are noise
 MIN_EDGE_COVER = 0.4  # of the sectors in which it is seen and nothing as high lies outside
 # Share of the sectors in which the inside does not rise, least and full; food near a rim lowers it.
 MIN_HOLLOW, FULL_HOLLOW = 0.5, 0.6
+MAX_CLIMBING = 0.45  # of the sectors in which the rim is seen: where the surface climbs on just within, it is a flank
 ROUND_EDGE_COVER = 0.75  # of a filled bowl's rim; a circle in a square touches its sides and leaves the corners
 BOWL_MM = 30.0  # least height of a bowl's rim; slices, cakes and boards are lower
 LEVEL_SHARE = 0.5  # of what is measured within the circle and as high as its edge: a flat top
@@ -175,7 +176,9 @@ def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.ran
             ring.cover + ring.edge_cover + HOLLOW_WEIGHT * min(hollow, FULL_HOLLOW) + ring.radius_mm / (2 * RADII_MM[1])
         )
         merit -= SLOPE_WEIGHT * float(np.hypot(*ring.slope))
-        if hollow >= MIN_HOLLOW and not _is_flat_top(view, is_solid, ring):
+        if hollow < MIN_HOLLOW or _climbing_share(view, is_solid, ring) > MAX_CLIMBING:
+            continue
+        if not _is_flat_top(view, is_solid, ring):
             rims.append((merit, ring))
     if not rims:
         return None
@@ -352,6 +355,21 @@ def _hollow_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
     )
     is_mound = (measured > MIN_MEASURED * total) & (high > 0.5 * measured)
     return 1.0 - float(is_mound.mean())
+
+
+def _climbing_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
+    """Share of the sectors in which the rim is seen where the surface climbs on within: a circle around three foods."""
+    delta = view.centres_mm() - [ring.x_mm, ring.y_mm]
+    inward = ring.radius_mm - np.hypot(delta[..., 0], delta[..., 1])
+    sector = sector_of(delta[..., 0], delta[..., 1], SECTORS)
+    over = view.height_mm - ring.height_mm - delta @ np.array(ring.slope)
+    within = is_solid & (inward > ON_RIM_MM) & (inward < INSIDE_MM[0])
+    with np.errstate(invalid="ignore"):
+        on_rim = is_solid & (np.abs(inward) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
+        is_higher = within & (over > RISE_MM)
+    seen, measured, higher = (np.bincount(sector[chosen], minlength=SECTORS) for chosen in (on_rim, within, is_higher))
+    climbs = (higher > 0.5 * measured)[seen > 0]
+    return float(climbs.mean()) if climbs.size else 0.0
 
 
 def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:

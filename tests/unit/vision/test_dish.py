@@ -182,3 +182,19 @@ def test_distance_inward_is_negative_outside_and_far_where_nothing_is_known():
     assert inward[0, 0] == pytest.approx(dish.radius_mm, abs=4)
     assert inward[0, 1] == pytest.approx(dish.radius_mm - 130, abs=4)
     assert inward[0, 2] == inward[0, 3] == -100
+
+
+def test_circle_through_three_foods_on_a_plain_table_is_no_rim():
+    """It follows a banana's back, crosses a heap at half its width and runs along an egg's flank."""
+
+    def heights(x, y):
+        r, turn = np.hypot(x, y), np.arctan2(y, x)
+        across = ((r - 68) / 18) ** 2
+        is_banana = (turn > -0.4) & (turn < 1.8) & (across < 1)
+        banana = np.where(is_banana, 18 * (1 + np.sqrt(np.maximum(1 - across, 0))), 0.0)
+        heap = 21 - ((x + 80) ** 2 + y**2) / 120
+        egg = 45 - ((x + 5) ** 2 + (y + 85) ** 2) / 25
+        height = np.maximum.reduce([banana, heap, egg])
+        return np.where(height > 0, height, np.nan)
+
+    assert found_in(view_of(heights, noise_mm=1.0), noise_mm=1.0) is None
