@@ -22,6 +22,8 @@ LEAST_HIDDEN = 0.3  # of the near part that must lie behind the wall: else an op
 MOST_STEP = 10.0  # CIELAB: a stronger step of one arc proves no more
 LEAST_STEP = 5.0  # CIELAB, in the near and the far part; walls, prints and clear water reach 3.7 where no surface is
 LEAST_RATIO = 1.6  # to the next best height: floor and base of a glass are circles as well
+FOOT_SHARE = 0.5  # of the rim's height, below which glasses are narrower than their rim: a circle as wide is the foot's
+NARROWER_MM = 1.0  # their wall alone is as thick
 APART_MM = 5.0  # of two heights that are not one surface's
 PEAK_MM = 3.0  # of height and radius together, from the best circle
 HEIGHT_SD_MM, RADIUS_SD_MM = 1.0, 0.8  # the wall refracts
@@ -41,6 +43,9 @@ def find_level_in_glass(
     best = float(steps[row, column])
     others = steps[np.abs(heights - heights[row]) > APART_MM]
     if best < LEAST_STEP or (others.size and best < LEAST_RATIO * float(others.max())):
+        return None
+    is_low = heights[row] < table_mm + FOOT_SHARE * (rim.height_mm - table_mm)
+    if is_low and radii[column] > rim.radius_mm - NARROWER_MM:
         return None
     # The middle of the peak: bands are wider than a step.
     beside = np.abs(heights - heights[row])[:, None] + np.abs(radii - radii[column])[None, :] <= PEAK_MM

@@ -95,15 +95,18 @@ def test_library_mug_is_recognised_and_filled_to_its_level() -> None:
     assert vessels[0].liquid.volume_ml == pytest.approx(truth, rel=0.05)  # 3 mm of level at most
 
 
-def _with_glass(pair: RectifiedPair, radius: float, rim_mm: float, level_mm: float) -> RectifiedPair:
-    """An upright glass at the origin whose thin wall hides nothing, with tea up to level_mm."""
+def _with_glass(
+    pair: RectifiedPair, radius: float, rim_mm: float, level_mm: float, narrower_mm: float = 0.0
+) -> RectifiedPair:
+    """An upright glass at the origin whose thin wall hides nothing, narrower_mm at the tea than at its rim."""
     sight = Sight(pair)
     views: list[ImageArray] = []
     for view in (0, 1):
         image = np.full((*SHAPE, 3), CLOTH, np.uint8)
 
         def ring(z: float, view: int = view) -> np.ndarray:
-            pixels = sight.in_view(*sight.project(circle_points(np.array([0.0, 0.0, radius, z]), 400)), view)
+            reach = radius if z == rim_mm else radius - narrower_mm
+            pixels = sight.in_view(*sight.project(circle_points(np.array([0.0, 0.0, reach, z]), 400)), view)
             return np.rint(pixels * 2**FINE).astype(np.int32)
 
         body = cv2.convexHull(np.vstack([ring(4.0), ring(level_mm)]))
@@ -125,6 +128,12 @@ def test_level_of_tea_is_read_through_a_drawn_glass_and_all_below_it_is_outlined
     assert vessel.level.height_mm == pytest.approx(60.0, abs=2.0)  # steps of 1 mm, bands of 3 mm
     assert vessel.level.radius_mm == pytest.approx(36.0, abs=1.5)
     assert np.count_nonzero(vessel.content) > 0.5 * np.count_nonzero(vessel.silhouette)
+
+
+def test_circle_low_in_a_glass_and_as_wide_as_its_rim_is_its_foot_and_no_surface() -> None:
+    assert _vessels(_with_glass(_pair(), 36.0, 100.0, 20.0)) == []
+    read = _vessels(_with_glass(_pair(), 36.0, 100.0, 20.0, narrower_mm=3.0))
+    assert [vessel.level.height_mm for vessel in read] == [pytest.approx(20.0, abs=2.0)]
 
 
 def test_level_in_an_opaque_mug_is_not_taken_for_one_seen_through_glass() -> None:
