@@ -11,13 +11,22 @@ SHADE_WEIGHT = 0.15
 BIN_COUNTS = (24, 32, 32)
 LIGHT_WEIGHT = 0.7  # of lightness in the contrast; shadows are contrasts of lightness alone
 CHROMA_GAIN = 2.0
+MIN_CHROMA_APART = 4.0  # of two sides, to speak of a direction
 
 
-def contrast_features(lab: Float32Array) -> ImageArray:
-    """(H, W, 2) lightness and the direction of most chroma, as the cut sees contrast. lab: (H, W, 3), 0-255."""
-    chroma = (lab[..., 1:] - 128.0).reshape(-1, 2)
-    axis = np.linalg.eigh(np.cov(chroma.T) + np.eye(2) * 1e-6)[1][:, 1]
-    along = (chroma @ axis).reshape(lab.shape[:2])
+def contrast_features(lab: Float32Array, sides: tuple[MaskArray, MaskArray] | None = None) -> ImageArray:
+    """(H, W, 2) lightness and chroma along one direction, as the cut sees contrast. lab: (H, W, 3), 0-255.
+
+    sides: two masks along whose difference of chroma contrast counts: a cheese on a red and white cloth differs from it
+    in yellow. Without them, or where they hardly differ, along the direction of most chroma.
+    """
+    chroma = lab[..., 1:] - 128.0
+    axis = np.linalg.eigh(np.cov(chroma.reshape(-1, 2).T) + np.eye(2) * 1e-6)[1][:, 1]
+    if sides is not None:
+        apart = chroma[sides[0]].mean(axis=0) - chroma[sides[1]].mean(axis=0)
+        length = float(np.hypot(*apart))
+        axis = apart / length if length > MIN_CHROMA_APART else axis
+    along = chroma @ axis
     channels = [LIGHT_WEIGHT * lab[..., 0], np.clip(128.0 + CHROMA_GAIN * along, 0, 255)]
     return np.stack(channels, axis=-1).astype(np.uint8)
 

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 
+from app.vision.masks import largest_part, solidity
 from app.vision.model import MaskArray
 from app.vision.scene import IS_TABLE, Scene
 
@@ -27,7 +28,7 @@ def is_food(mask: MaskArray, is_core: MaskArray, scene: Scene, is_unseen: MaskAr
     if np.count_nonzero(mask) * square_mm < MIN_AREA_MM2 or np.count_nonzero(mask & is_core) * square_mm < MIN_CORE_MM2:
         return False
     depth = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
-    if 2 * float(depth.max()) * scene.pixel_mm < MIN_THICKNESS_MM or _solidity(mask) < MIN_SOLIDITY:
+    if 2 * float(depth.max()) * scene.pixel_mm < MIN_THICKNESS_MM or solidity(largest_part(mask)) < MIN_SOLIDITY:
         return False
     if _is_table_thing(mask, 2 * float(depth.max()), scene):
         return False
@@ -60,10 +61,3 @@ def _is_table_thing(mask: MaskArray, width_px: float, scene: Scene) -> bool:
 def _is_grey(mask: MaskArray, scene: Scene) -> bool:
     lab = cv2.cvtColor(np.ascontiguousarray(scene.image_bgr[mask][None]), cv2.COLOR_BGR2LAB)[0].astype(np.float32)
     return bool(np.median(np.hypot(lab[:, 1] - 128.0, lab[:, 2] - 128.0)) < GREY_CHROMA)
-
-
-def _solidity(mask: MaskArray) -> float:
-    """Share of its outline's convex hull that the mask fills; a rim, even a closed one, fills little."""
-    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    hull = float(cv2.contourArea(cv2.convexHull(max(contours, key=len))))
-    return np.count_nonzero(mask) / hull if hull > 0 else 0.0

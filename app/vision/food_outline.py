@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from app.vision.colour_bins import SHADES, colour_bins, colour_histogram, contrast_features, shaded_lab
-from app.vision.masks import filled, largest_part
+from app.vision.masks import components, filled, largest_part, solidity
 from app.vision.min_cut import cut_in_two
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene import FINE_REACH_PX, Scene
@@ -30,7 +30,8 @@ MIN_HOLE_POINTS = 8
 RAISED_MM = 5.0
 RAISED_NATS = 1.5
 FLAT_MM = 2.5  # about the support: it shows there, whatever its colour
-MAX_LOSS = 0.07  # of the mask that colours alone may take away: a shadow, a strip of the dish; more is a shaded side
+MAX_LOST = 0.07  # of the mask that colours alone may take away: a shadow, a strip of the dish; more is a shaded side
+MORE_SOLID = 0.02  # of its convex hull that the outline fills, where several pieces together may be more
 ROUNDS = 2
 
 
@@ -45,13 +46,32 @@ def correct_outlines(masks: Sequence[MaskArray], scene: Scene, floor_mm: float) 
     corrected = []
     for mask in masks:
         others = (taken - mask) > 0
-        own = _correct(mask, others, scene, floor_mm)
+        own = _recut(mask, others, scene, floor_mm)
+        lost = _lost(mask, own, scene, floor_mm)
+        if np.count_nonzero(lost) > MAX_LOST * np.count_nonzero(mask) and not _is_tidied(mask, own, lost):
+            own = mask
         taken = taken - mask + own
         corrected.append(own)
     return corrected
 
 
-def _correct(mask: MaskArray, others: MaskArray, scene: Scene, floor_mm: float) -> MaskArray:
+def tidy_outlines(foods: MaskArray, scene: Scene, floor_mm: float) -> MaskArray:
+    """(h, w) all foods, not yet told apart, without checks of a cloth that hung on and would look like notches."""
+    tidied = np.zeros(foods.shape, np.bool_)
+    for mask in components(foods):
+        own = _recut(mask, foods & ~mask, scene, floor_mm, is_by_difference=True)
+        tidied |= own if _is_tidied(mask, own, _lost(mask, own, scene, floor_mm)) else mask
+    return tidied
+
+
+def _recut(
+    mask: MaskArray, others: MaskArray, scene: Scene, floor_mm: float, *, is_by_difference: bool = False
+) -> MaskArray:
+    """(h, w) the mask's outline by its own colours against those around it.
+
+    is_by_difference: contrast counts along the difference of both, which no pattern of the support has; without it,
+    along the most chroma of all, to which a pack's prints belong but not its grey sides.
+    """
     margin = round((MARGIN_MM + GROWTH_MM) / scene.pixel_mm)
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     if len(rows) == 0:
@@ -64,7 +84,6 @@ def _correct(mask: MaskArray, others: MaskArray, scene: Scene, floor_mm: float) 
     lab = cv2.cvtColor(image, cv2.COLOR_BGR2LAB).astype(np.float32)
     bins = colour_bins(lab)
     shaded = [colour_bins(shaded_lab(image, share)) for share in SHADES]
-    features = contrast_features(lab)
     is_never = others[window] | scene.is_ignored[window]
     place = _signed_depth_px(mask[window]) * scene.pixel_mm
     is_never |= place < -GROWTH_MM
@@ -87,14 +106,25 @@ def _correct(mask: MaskArray, others: MaskArray, scene: Scene, floor_mm: float) 
         if np.count_nonzero(is_alien) < MAX_ALIEN_SHARE * np.count_nonzero(inner):
             ratio = np.log((colour_histogram([bins], inner & ~is_alien) + UNSEEN) / (around + UNSEEN))[bins]
         ratio = np.clip(ratio, -COLOUR_NATS, COLOUR_NATS)
+        features = contrast_features(lab, (inner, outer) if is_by_difference else None)
         found = cut_in_two((ratio + place).astype(np.float32), features, is_never, nothing)
         if not found.any():
             return mask
     out = np.zeros(mask.shape, np.bool_)
     out[window] = _with_true_holes(largest_part(found), scene.height_mm[window], scene.pixel_mm)
+    return out
+
+
+def _lost(mask: MaskArray, corrected: MaskArray, scene: Scene, floor_mm: float) -> MaskArray:
+    """(h, w) what a correction takes away by colour alone, where no height says that it is the support."""
     is_support = (np.abs(scene.height_mm - floor_mm) < FLAT_MM) & (scene.reach_px < FINE_REACH_PX)
-    lost = np.count_nonzero(mask & ~out & ~is_support)
-    return mask if lost > MAX_LOSS * np.count_nonzero(mask) else out
+    return np.asarray(mask & ~corrected & ~is_support, np.bool_)
+
+
+def _is_tidied(mask: MaskArray, corrected: MaskArray, lost: MaskArray) -> bool:
+    """Whether small pieces go, without which the outline is more convex: checks of a cloth that hung on all around."""
+    is_in_pieces = np.count_nonzero(largest_part(lost)) <= MAX_LOST * np.count_nonzero(mask)
+    return bool(is_in_pieces and solidity(corrected) > solidity(mask) + MORE_SOLID)
 
 
 def _with_true_holes(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) -> MaskArray:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from app.vision.colour_bins import colour_bins, colour_histogram, contrast_features
-from app.vision.masks import distance_px, filled, largest_part
+from app.vision.masks import distance_px, filled, largest_part, solidity
 from app.vision.min_cut import cut_in_two
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene import Scene
@@ -281,20 +281,12 @@ def _contrast(one: Float32Array, two: Float32Array, spread: Float32Array) -> flo
 
 def _dented(mask: MaskArray, solidities: tuple[float, float]) -> float:
     """From 0 for an outline that fills the first share of its convex hull to 1 for one that fills the second."""
-    solidity = np.count_nonzero(mask) / max(1.0, _hull_px(mask))
-    return float(np.clip((solidities[0] - solidity) / (solidities[0] - solidities[1]), 0.0, 1.0))
-
-
-def _hull_px(mask: MaskArray) -> float:
-    """Area of the convex hull, px."""
-    hull = np.asarray(cv2.convexHull(np.argwhere(mask)[:, ::-1].astype(np.int32)), np.int32)
-    return float(cv2.contourArea(hull))
+    return float(np.clip((solidities[0] - solidity(mask)) / (solidities[0] - solidities[1]), 0.0, 1.0))
 
 
 def _is_one_block(mask: MaskArray, scene: Scene, floor_mm: float) -> bool:
     """Whether a mask is a block, slice or pack: level top, upright sides, convex outline."""
-    is_convex = np.count_nonzero(mask) > CONVEX_SHARE * _hull_px(mask)
-    return bool(is_convex) and flat_top(mask, scene, floor_mm) is not None
+    return solidity(mask) > CONVEX_SHARE and flat_top(mask, scene, floor_mm) is not None
 
 
 def _have_one_top(parts: Sequence[MaskArray], scene: Scene, floor_mm: float) -> bool:

@@ -48,3 +48,16 @@ def distance_px(mask: MaskArray) -> Float32Array:
     if not mask.any():
         return np.full(mask.shape, FAR_PX, np.float32)
     return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3), np.float32)
+
+
+def components(mask: MaskArray) -> list[MaskArray]:
+    """Return the mask's connected parts, each (H, W)."""
+    count, labels = cv2.connectedComponents(mask.astype(np.uint8))
+    return [np.asarray(labels == label, np.bool_) for label in range(1, count)]
+
+
+def solidity(mask: MaskArray) -> float:
+    """Return the share of its convex hull that the mask fills; pixels' centres span the hull, so that it may pass 1."""
+    hull = np.asarray(cv2.convexHull(np.argwhere(mask)[:, ::-1].astype(np.int32)), np.int32) if mask.any() else None
+    area = 0.0 if hull is None else float(cv2.contourArea(hull))
+    return np.count_nonzero(mask) / area if area > 0 else 0.0

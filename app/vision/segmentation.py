@@ -15,7 +15,7 @@ from app.vision.dish import Dish
 from app.vision.disparity import DisparityMap
 from app.vision.filled_vessel import FilledVessel
 from app.vision.food_checks import is_food
-from app.vision.food_outline import correct_outlines
+from app.vision.food_outline import correct_outlines, tidy_outlines
 from app.vision.food_pixels import find_food_pixels
 from app.vision.foods_apart import tell_apart
 from app.vision.hinted import hinted_masks
@@ -172,7 +172,9 @@ def _in_place(scene: Scene, place: Place, is_unseen: MaskArray, *, is_hinted: bo
     """The foods of one place."""
     food = find_food_pixels(scene, place)
     beside = replace(scene, is_ignored=scene.is_ignored | place.is_elsewhere)
-    masks = tell_apart(food.is_food, scene, place.floor_mm)
+    # A gap stays in it, for foods are told apart by their outer outlines.
+    whole = tidy_outlines(food.is_food, beside, place.floor_mm) | (food.is_food & food.is_gap)
+    masks = tell_apart(whole, scene, place.floor_mm)
     if place.is_measured:
         masks = with_sides(masks, beside, place.floor_mm)
     if not is_hinted:
