@@ -78,7 +78,9 @@ class Settings(BaseSettings):
     max_uploads: int = Field(default=16, ge=1, description="Uploads written at the same time in one process.")
     min_free_bytes: int = Field(default=512 * MEBIBYTE, ge=0, description="Below it uploads get storage_full.")
 
-    estimate_seconds: float = Field(default=120.0, gt=0, description="Hard limit of one estimate; then it is killed.")
+    estimate_seconds: float = Field(
+        default=120.0, gt=0, description="Processor time of one estimate, at most; ten times that by the clock."
+    )
     estimate_memory_bytes: int = Field(default=3072 * MEBIBYTE, gt=0, description="Address space of its process.")
     worker_concurrency: int | None = Field(
         default=None,

@@ -17,7 +17,8 @@ FAILURES = (
     *("camera_mismatch", "same_photograph"),
     *("baseline_too_small", "baseline_too_large", "focal_unknown", "pose_unreliable", "too_few_matches", "scene_moved"),
     *("food_not_measured", "no_food_found"),
-    *("photo_damaged", "estimate_crashed", "estimate_timed_out", "estimate_out_of_memory", "cancelled", "job_gave_up"),
+    *("photo_damaged", "estimate_crashed", "estimate_timed_out", "estimate_killed"),
+    *("estimate_out_of_memory", "cancelled", "job_gave_up"),
 )
 FOODS_NAMED = 6  # in a picture's words
 

@@ -3,12 +3,14 @@
 Reads requests from standard input, a JSON object a line, and answers on what was standard output, a JSON object a line:
 {"ready": true} once; then, for each request, {"taken": true}, any number of {"stage": name} and one of {"ok": result},
 {"out_of_memory": words}, {"raised": words}. TASKS is "module:NAME" of a mapping from a task's name to its function.
-What libraries print goes to standard error. The parent (child_pool.py) holds the clock and the kill switch.
+What libraries print goes to standard error. The parent (child_pool.py) holds the clock and the kill switch; a
+request's `cpu_seconds` are watched by the kernel.
 """
 
 import faulthandler
 import importlib
 import json
+import math
 import os
 import resource
 import signal
@@ -38,6 +40,7 @@ def main(arguments: list[str]) -> None:
     for line in requests:
         request = json.loads(line)
         _send(answers, {"taken": True})
+        _limit_processor_time(float(request["cpu_seconds"]))
         _send(answers, _perform(tasks, request["task"], request["arguments"], answers))
 
 
@@ -57,6 +60,14 @@ def _limit_memory(memory_bytes: int) -> None:
     limit = memory_bytes if hard == resource.RLIM_INFINITY else min(memory_bytes, hard)
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a core dump would hold somebody's photograph
+
+
+def _limit_processor_time(seconds: float) -> None:
+    """From now on; past it the kernel ends the process by SIGXCPU. In whole seconds, rounded up."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    _, hard = resource.getrlimit(resource.RLIMIT_CPU)
+    limit = math.ceil(usage.ru_utime + usage.ru_stime + seconds)
+    resource.setrlimit(resource.RLIMIT_CPU, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
 
 
 def _load_tasks(name: str) -> Mapping[str, Task]:

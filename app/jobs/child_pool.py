@@ -3,19 +3,23 @@
 A child is started afresh (spawned, never forked from a threaded process), stays warm between requests and is replaced
 after any outcome but success. However it ends, the answer is a value. Messages are JSON: a process that has decoded
 hostile bytes is not trusted with pickle. app/jobs/child.py is the other end.
+
+Time is processor time, which the child's kernel counts: a busy machine is not the photograph's fault. Beside it stands
+a limit of the clock, many times as long, for a child that does nothing at all.
 """
 
 import contextlib
 import json
 import os
 import selectors
+import signal
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from app.errors import Failure
@@ -30,19 +34,24 @@ MAX_STAGE_LETTERS = 32  # the column meal.stage
 KEPT_VARIABLES = ("PATH", "HOME", "TMPDIR", "TZ", "LANG", "LC_ALL", "LD_LIBRARY_PATH")  # no setting, so no password
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 
-Outcome = Literal["ok", "crashed", "timed_out", "out_of_memory", "raised"]
+PATIENCE = 10.0  # times the limit of processor time, by the clock: a child that gets a tenth of a core has its turn
+
+Outcome = Literal["ok", "crashed", "timed_out", "stalled", "killed", "out_of_memory", "raised"]
+PASSING: frozenset[Outcome] = frozenset({"timed_out", "stalled", "killed"})  # another time may end well
 StageListener = Callable[[str], None]
 
 _AGAIN = "Take the two photographs again and send them as a new meal."
-FAILURES: Mapping[Outcome, Failure] = {
+_KEPT = "The photographs are kept. Ask the people who run the server to queue the meal again once it has more room."
+_BUG = "The photographs are kept. Ask the people who run the server to look at its log and to queue the meal again."
+FAILURES: Mapping[Outcome, Failure] = {  # each message with the limit that was passed
     "crashed": Failure("estimate_crashed", "The estimate broke off while it worked on these photographs.", _AGAIN),
-    "timed_out": Failure("estimate_timed_out", "The estimate took longer than the server allows.", _AGAIN),
-    "out_of_memory": Failure("estimate_out_of_memory", "The estimate needed more memory than allowed.", _AGAIN),
-    "raised": Failure(
-        "internal_error",
-        "The server made a mistake while it estimated this meal.",
-        "The photographs are kept. Ask the people who run the server to look at its log and to queue the meal again.",
+    "timed_out": Failure("estimate_timed_out", "The estimate took more than {limit} of processor time.", _KEPT),
+    "stalled": Failure(
+        "estimate_timed_out", "The estimate did not end within {limit}: the machine is too busy.", _KEPT
     ),
+    "killed": Failure("estimate_killed", "The estimate was ended from outside, most likely for want of memory.", _KEPT),
+    "out_of_memory": Failure("estimate_out_of_memory", "The estimate needed more than {limit} of memory.", _AGAIN),
+    "raised": Failure("internal_error", "The server made a mistake while it estimated this meal.", _BUG),
 }
 
 
@@ -56,17 +65,29 @@ class ChildRequest:
 
 @dataclass(frozen=True, slots=True)
 class ChildResult:
-    """How it ended. result: with "ok" only. message: words for the log. signal: that ended a crashed child."""
+    """How it ended. result: with "ok" only. message: words for the log. signal: that ended a crashed child.
+
+    limit: that was passed, with its unit.
+    """
 
     outcome: Outcome
     result: Mapping[str, Any] = field(default_factory=dict)
     message: str = ""
     signal: int | None = None
+    limit: str = ""
 
     @property
     def failure(self) -> Failure | None:
         """What the meal is told, with its code; None if it went well."""
-        return FAILURES.get(self.outcome)
+        if self.outcome == "ok":
+            return None
+        failure = FAILURES[self.outcome]
+        return replace(failure, message=failure.message.format(limit=self.limit))
+
+    @property
+    def is_passing(self) -> bool:
+        """Whether the same request may end well another time, when the machine has more room."""
+        return self.outcome in PASSING
 
 
 class ChildPoolClosedError(Exception):
@@ -92,6 +113,7 @@ class ChildPool:
         self._uses = uses
         self._children = children
         self._free = threading.BoundedSemaphore(children)
+        self._gathering = threading.Lock()  # held by who wants all children to rest: two would wait for each other
         self._lock = threading.Lock()
         self._warm: list[_Child] = []
         self._alive: set[_Child] = set()
@@ -102,9 +124,19 @@ class ChildPool:
         self._starter = ThreadPoolExecutor(1, thread_name_prefix="child-starter")
 
     def run(
-        self, request: ChildRequest, on_stage: StageListener, *, seconds: float | None = None, name: str | None = None
+        self,
+        request: ChildRequest,
+        on_stage: StageListener,
+        *,
+        seconds: float | None = None,
+        patience: float = PATIENCE,
+        name: str | None = None,
+        is_alone: bool = False,
     ) -> ChildResult:
-        """Perform one request. seconds: the limit, by default settings.estimate_seconds. name: for `cancel`.
+        """Perform one request.
+
+        seconds: of processor time, at most; by default settings.estimate_seconds. patience: times that, by the clock.
+        name: for `cancel`. is_alone: while no other child of this pool works.
 
         Raises ChildPoolClosedError, ChildCancelledError, ChildStartError, and what on_stage raises.
         """
@@ -112,8 +144,8 @@ class ChildPool:
         if name is not None:
             self.on_begin(name)
         for _ in range(BEGINNINGS):
-            with self._free:
-                result = self._run_in_child(request, on_stage, limit, name)
+            with self._place(is_alone=is_alone):
+                result = self._run_in_child(request, on_stage, (limit, patience * limit), name)
             if result is not None:
                 if name is not None:
                     self.on_done(name)
@@ -149,16 +181,31 @@ class ChildPool:
             self._discard(child)
         self._starter.shutdown(wait=True)
 
+    @contextlib.contextmanager
+    def _place(self, *, is_alone: bool) -> Iterator[None]:
+        """A child's place, or all of them."""
+        if not is_alone:
+            with self._free:
+                yield
+            return
+        with self._gathering, contextlib.ExitStack() as places:
+            for _ in range(self._children):
+                places.enter_context(self._free)
+            yield
+
     def _run_in_child(
-        self, request: ChildRequest, on_stage: StageListener, limit: float, name: str | None
+        self, request: ChildRequest, on_stage: StageListener, limits: tuple[float, float], name: str | None
     ) -> ChildResult | None:
-        """In a warm child or a new one, which stays warm after success and is ended after all else."""
+        """In a warm child or a new one, which stays warm after success and is ended after all else.
+
+        limits: s, of processor time and by the clock.
+        """
         child = self._take()
         is_kept = False
         try:
             child.wait_until_ready()
             with self._named(name, child):
-                result = child.perform(request, on_stage, limit)
+                result = child.perform(request, on_stage, *limits)
             if result is not None and result.outcome == "ok":
                 is_kept = child.uses < self._uses and self._keep_warm(child)
             else:
@@ -251,6 +298,7 @@ class _Child:
 
     def __init__(self, tasks: str, memory_bytes: int) -> None:
         self.uses = 0
+        self._memory_bytes = memory_bytes
         self._is_ready = False
         self._unread = bytearray()
         environment = {name: os.environ[name] for name in KEPT_VARIABLES if name in os.environ}
@@ -279,10 +327,16 @@ class _Child:
             raise ChildStartError(f"a child process did not start (status {self._process.poll()})")
         self._is_ready = True
 
-    def perform(self, request: ChildRequest, on_stage: StageListener, seconds: float) -> ChildResult | None:
-        """Send the request and follow it to its end, which is at most the limit away; None: it was never taken."""
+    def perform(
+        self, request: ChildRequest, on_stage: StageListener, cpu_seconds: float, seconds: float
+    ) -> ChildResult | None:
+        """Send the request and follow it to its end, which is at most `seconds` away; None: it was never taken.
+
+        cpu_seconds: of processor time, which the child has its kernel watch.
+        """
         self.uses += 1
-        line = json.dumps({"task": request.task, "arguments": dict(request.arguments)}, allow_nan=False) + "\n"
+        sent = {"task": request.task, "arguments": dict(request.arguments), "cpu_seconds": cpu_seconds}
+        line = json.dumps(sent, allow_nan=False) + "\n"
         stdin = self._process.stdin
         if stdin is None:
             raise ValueError("the child has no pipe")
@@ -300,14 +354,14 @@ class _Child:
                 case {"ok": dict(result)}:
                     return ChildResult("ok", result)
                 case {"out_of_memory": str(words)}:
-                    return ChildResult("out_of_memory", message=words)
+                    return ChildResult("out_of_memory", message=words, limit=_in_mebibytes(self._memory_bytes))
                 case {"raised": str(words)}:
                     return ChildResult("raised", message=words)
                 case _:
                     return ChildResult("raised", message="the child process sent what is no answer")
         if time.monotonic() >= deadline and self.is_alive():
-            return ChildResult("timed_out", message=f"killed after {seconds:g} s")
-        return self._describe_death() if is_taken else None
+            return ChildResult("stalled", message=f"killed after {seconds:g} s", limit=f"{seconds:g} s")
+        return self._describe_death(cpu_seconds) if is_taken else None
 
     def kill(self) -> None:
         """End the process now; the thread that waits for its answer sees its pipe end."""
@@ -322,10 +376,13 @@ class _Child:
                 with contextlib.suppress(OSError):  # unsent bytes of a broken pipe
                     pipe.close()
 
-    def _describe_death(self) -> ChildResult:
+    def _describe_death(self, cpu_seconds: float) -> ChildResult:
         status = self._process.wait()
-        if status == -9:  # not ours, or it would have been a time-out: the kernel's, for want of memory
-            return ChildResult("out_of_memory", message="the child process was killed, most likely by the kernel")
+        if status == -signal.SIGKILL:  # not ours, or it would have stalled: the kernel's, for want of memory
+            return ChildResult("killed", message="the child process was killed, most likely by the kernel")
+        if status == -signal.SIGXCPU:
+            limit = f"{cpu_seconds:g} s"
+            return ChildResult("timed_out", message=f"ended after {limit} of processor time", limit=limit)
         number = -status if status < 0 else None
         return ChildResult("crashed", message=f"the child process ended with status {status}", signal=number)
 
@@ -352,3 +409,7 @@ class _Child:
                     if not chunk:
                         return
                     self._unread += chunk
+
+
+def _in_mebibytes(count: int) -> str:
+    return f"{count // 2**20} MiB"

@@ -1,6 +1,7 @@
-"""Three kinds of trouble: one that passes (try again), one that lasts (fail once), and the worker's own end.
+"""Kinds of trouble: one that passes (try again), one that may (try alone), one that lasts, and the worker's own end.
 
-`is_passing(error)` sorts what a use case raised; `JobFailure` is how a use case says that trying again is useless.
+`is_passing(error)` sorts what a use case raised; `JobFailure` is how a use case says that trying again is useless,
+`BrokenOff` that it is worth a few more tries with the machine to itself.
 """
 
 import errno
@@ -51,6 +52,14 @@ CANCELLED = Failure(
 
 class JobFailure(Exception):  # noqa: N818  # it carries a Failure
     """A use case's word that the job cannot succeed: the meal fails with this code, without another try."""
+
+    def __init__(self, failure: Failure) -> None:
+        super().__init__(failure.message)
+        self.failure = failure
+
+
+class BrokenOff(Exception):  # noqa: N818  # it carries a Failure
+    """The work was ended from outside or ran out of time: it is tried again alone, and later, before the meal fails."""
 
     def __init__(self, failure: Failure) -> None:
         super().__init__(failure.message)

@@ -11,7 +11,7 @@ import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from typing import Any, Literal, Protocol, TypedDict
 
@@ -24,7 +24,7 @@ from app.db.models import Meal
 from app.db.queries import jobs
 from app.db.session import Database
 from app.errors import Failure
-from app.jobs.faults import INTERNAL_ERROR, JobFailure, JobLeft, TryAgain, is_passing
+from app.jobs.faults import INTERNAL_ERROR, BrokenOff, JobFailure, JobLeft, TryAgain, is_passing
 from app.jobs.leases import Lease
 from app.jobs.times import WorkerTimes
 from app.logs import tell, telling
@@ -35,6 +35,7 @@ log = structlog.get_logger()
 IsolationLevel = Literal["SERIALIZABLE", "READ COMMITTED"]
 
 TRIES = 3  # of what looks like a bug, in one claim of the job
+TRIES_ALONE = 2  # more, of what was killed or took too long
 
 
 class EstimateUseCases(Protocol):
@@ -44,11 +45,16 @@ class EstimateUseCases(Protocol):
     without end, any other exception a few times.
     """
 
-    def compute(self, job_id: uuid.UUID) -> str:
+    def compute(self, job_id: uuid.UUID, *, is_alone: bool) -> str:
         """Run the pipeline, seal what it made in the blob store, return the key of the sealed result.
 
         May run more than once for a job, also at the same time on two workers. Writes no row but the progress.
+        is_alone: while this worker estimates nothing else. Raises BrokenOff where that may help.
         """
+        ...
+
+    def await_room(self, job_id: uuid.UUID) -> object:
+        """The job waits to be computed again: the phone is told so. A fault of this must not be raised."""
         ...
 
     def load(self, result_key: str) -> object:
@@ -173,7 +179,7 @@ class EstimateWorkflow:
         log.info("job_ended", outcome=outcome)
 
     def _compute(self, job_id: str) -> Computed:
-        failed, waits = 0, 0
+        failed, waits, broken_off = 0, 0, 0
         while True:
             self._go_on_or_leave()
             try:
@@ -182,9 +188,18 @@ class EstimateWorkflow:
                     now = datetime.now(UTC)
                     if not jobs.start_attempt(session, uuid.UUID(job_id), self._lease.executor_id, now):
                         return Computed(result_key=None, failure=None)
-                return Computed(result_key=self._use_cases.compute(uuid.UUID(job_id)), failure=None)
+                key = self._use_cases.compute(uuid.UUID(job_id), is_alone=broken_off > 0)
+                return Computed(result_key=key, failure=None)
             except JobFailure as error:
                 return Computed(result_key=None, failure=asdict(error.failure))
+            except BrokenOff as error:
+                self._go_on_or_leave()  # we killed it, since we stop
+                if broken_off >= TRIES_ALONE:
+                    return Computed(result_key=None, failure=asdict(_after_tries(error.failure, 1 + broken_off)))
+                self._use_cases.await_room(uuid.UUID(job_id))
+                self._leaving.wait(self._times.wait_for_room * 4**broken_off)
+                broken_off += 1
+                continue
             except Exception as error:  # noqa: BLE001  # the worker's edge: _note_failed_step logs it whole
                 self._go_on_or_leave()  # a child that was killed because we stop looks like a fault
                 failed += not is_passing(error)
@@ -268,6 +283,10 @@ class EstimateWorkflow:
 
     def _wait(self, waits_before: int) -> None:
         self._leaving.wait(min(self._times.first_wait * 2**waits_before, self._times.longest_wait))
+
+
+def _after_tries(failure: Failure, tries: int) -> Failure:
+    return replace(failure, message=f"{failure.message} It was tried {tries} times.")
 
 
 def _note_failed_step(step: str, error: BaseException | None, *, passing: bool) -> None:

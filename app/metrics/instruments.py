@@ -31,6 +31,7 @@ SERVER_FAILURES = (
     "job_gave_up",
     "estimate_crashed",
     "estimate_timed_out",
+    "estimate_killed",
     "estimate_out_of_memory",
     "photo_damaged",
 )
@@ -147,7 +148,7 @@ def tell_build(part: Literal["api", "worker"]) -> None:
     for purpose in ("meal", "after", "remeasure"):
         for outcome in ("ok", *SERVER_FAILURES):
             ESTIMATES.labels(purpose, outcome)
-    for outcome in ("ok", "crashed", "timed_out", "out_of_memory", "raised"):
+    for outcome in ("ok", "crashed", "timed_out", "stalled", "killed", "out_of_memory", "raised"):
         CHILD_RESULTS.labels(outcome)
     for outcome in ("delivered", "failed", "given_up"):
         DELIVERIES.labels(outcome)

@@ -20,6 +20,7 @@ log = structlog.get_logger()
 TASKS = "app.services.child_tasks:TASKS"
 WAITING_A_CHILD = 8  # more would wait longer than a phone does
 WAIT_SECONDS = 6.0
+PATIENCE = 3.0  # times a task's limit of processor time, by the clock: longer than phones wait for an answer
 RETRY_AFTER_SECONDS = 3
 WARM_UP_AFTER_SECONDS = 3.0  # once the server answers; a start takes a second of one core
 
@@ -47,19 +48,24 @@ class ApiChildren:
         self._warming.start()
 
     def run(self, task: str, arguments: Mapping[str, Any], *, seconds: float) -> Mapping[str, Any]:
-        """Perform a task of child_tasks.py. seconds: at most; then its child is killed.
+        """Perform a task of child_tasks.py. seconds: of processor time, at most; then its child ends.
 
-        Raises UnavailableError (`server_busy`), PhotographError (it crashed, wanted too much memory or time), TadaError
-        (`internal_error`: a mistake of ours).
+        Raises UnavailableError (`server_busy`: also where the machine, not the photograph, took too long),
+        PhotographError (it crashed, wanted too much memory or processor time), TadaError (`internal_error`: a mistake
+        of ours).
         """
         with self._admitted():
             try:
-                ended = self._pool.run(ChildRequest(task, arguments), lambda _: None, seconds=seconds)
+                ended = self._pool.run(
+                    ChildRequest(task, arguments), lambda _: None, seconds=seconds, patience=PATIENCE
+                )
             except (ChildPoolClosedError, ChildStartError) as error:
                 raise _busy() from error
         if ended.outcome == "ok":
             return ended.result
         log.error("api_child_ended_badly", task=task, outcome=ended.outcome, message=_words(ended))
+        if ended.outcome in ("stalled", "killed"):
+            raise _busy()
         if ended.outcome == "raised":
             raise TadaError("The server made a mistake while it looked at the photograph; it is in its log.")
         raise PhotographError("The photograph cannot be decoded here: take another one, or use JPEG.")

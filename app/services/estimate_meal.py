@@ -24,7 +24,7 @@ from app.db.session import Database
 from app.errors import Failure
 from app.identification.food_index import FoodIndex, shipped_index
 from app.jobs.child_pool import ChildCancelledError, ChildPool, ChildRequest
-from app.jobs.faults import CANCELLED, JobFailure
+from app.jobs.faults import CANCELLED, BrokenOff, JobFailure
 from app.logs import tell
 from app.metrics import instruments
 from app.services.camera_choice import choose_camera
@@ -53,6 +53,8 @@ log = structlog.get_logger()
 STAGES = frozenset(
     {"read", "marker", "camera", "match", "rectify", "disparity", "depth", "segment", "volume", "describe"}
 )
+
+AWAITS_ROOM = "waits_for_room"  # a meal's stage between two tries of an estimate that was killed or took too long
 
 PHOTO_DAMAGED = Failure(
     "photo_damaged",
@@ -86,8 +88,11 @@ class EstimateMeal:
         self._children = children
         self._settings = settings
 
-    def compute(self, job_id: uuid.UUID) -> str:
-        """Run the pipeline and seal its answer and pictures. Returns the answer's blob key."""
+    def compute(self, job_id: uuid.UUID, *, is_alone: bool = False) -> str:
+        """Run the pipeline and seal its answer and pictures. Returns the answer's blob key.
+
+        is_alone: while this worker estimates nothing else. Raises BrokenOff.
+        """
         with self._database.read() as session:
             job = session.get_one(Job, job_id)
             meal = session.get_one(Meal, job.meal_id)
@@ -111,7 +116,7 @@ class EstimateMeal:
         with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
             folder = Path(name)
             paths = {side: self._fetch(images[slot], folder) for side, slot in zip(SLOTS, pair, strict=True)}
-            answer = self._estimate(job, paths, options, folder)
+            answer = self._estimate(job, paths, options, folder, is_alone=is_alone)
             chosen.note_in(answer)
             library.note_in(answer)
             if regions is not None:  # whose each hint is: by the time it is saved, the meal may stand otherwise
@@ -175,7 +180,19 @@ class EstimateMeal:
             raise JobFailure(PHOTO_DAMAGED)
         return path
 
-    def _estimate(self, job: Job, paths: Mapping[str, Path], options: EstimateOptions, folder: Path) -> dict[str, Any]:
+    def await_room(self, job_id: uuid.UUID) -> None:
+        """Let the phone see that the meal waits again: its estimate was broken off, and no fault of its photographs."""
+        try:
+            with self._database.write() as session:
+                job = session.get_one(Job, job_id)
+                if job.purpose == "meal":
+                    meals.set_progress(session, job.meal_id, status="processing", stage=AWAITS_ROOM)
+        except sqlalchemy.exc.SQLAlchemyError:
+            log.warning("stage_not_told", job_id=str(job_id), stage=AWAITS_ROOM, exc_info=True)
+
+    def _estimate(
+        self, job: Job, paths: Mapping[str, Path], options: EstimateOptions, folder: Path, *, is_alone: bool
+    ) -> dict[str, Any]:
         request = ChildRequest(
             task="estimate",
             arguments={
@@ -187,13 +204,17 @@ class EstimateMeal:
             },
         )
         try:
-            done = self._children.run(request, lambda stage: self._tell_stage(job, stage), name=str(job.id))
+            done = self._children.run(
+                request, lambda stage: self._tell_stage(job, stage), name=str(job.id), is_alone=is_alone
+            )
         except ChildCancelledError:
             raise JobFailure(CANCELLED) from None
         if done.failure is None:
             _note_times(done.result)
             return dict(done.result)
         log.error("estimate_ended_badly", meal_id=str(job.meal_id), outcome=done.outcome, message=done.message)
+        if done.is_passing:
+            raise BrokenOff(done.failure)
         ended = MealEstimate(method=options.method, pipeline_version=PIPELINE_VERSION, stages={}, failure=done.failure)
         return estimate_to_json(ended, options) | {"artefacts": []}
 

@@ -122,6 +122,8 @@ def _vectors(
         ended = children.run(request, lambda _: None, seconds=SECONDS)
     except ChildStartError as error:
         raise UnavailableError("No child process starts that could read photographs: see the log.") from error
+    if ended.is_passing:
+        raise UnavailableError("The machine is too busy to read photographs: try again later.")
     if ended.outcome != "ok" or ended.result["failure"] is not None:
         log.error("regions_not_described", outcome=ended.outcome, message=ended.message.partition(":")[0])
         return [None] * len(regions)

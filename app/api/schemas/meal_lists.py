@@ -22,7 +22,7 @@ class MealListItem(BaseModel):
     study: str
     participant: str
     status: str = Field(description="receiving, queued, processing, estimated, needs_review, failed or confirmed")
-    stage: str | None = Field(description="The pipeline's step while processing.")
+    stage: str | None = Field(description="The pipeline's step while processing; `waits_for_room` between two tries.")
     failure_code: str | None
     captured_at: datetime
     time_zone: str

@@ -365,7 +365,7 @@ class MealOut(BaseModel):
     study: str
     participant: str
     status: str = Field(description="receiving, queued, processing, estimated, needs_review, failed or confirmed")
-    stage: str | None = Field(description="The pipeline's step while processing.")
+    stage: str | None = Field(description="The pipeline's step while processing; `waits_for_room` between two tries.")
     captured_at: datetime
     time_zone: str
     local_date: date

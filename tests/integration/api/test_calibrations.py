@@ -241,7 +241,7 @@ class RecordingChildren:
     def __init__(self):
         self.requests = []
 
-    def run(self, request, on_stage, *, seconds=None, name=""):
+    def run(self, request, on_stage, *, seconds=None, name="", is_alone=False):
         self.requests.append(request)
         camera = request.arguments["options"]["camera"]
         return ChildResult("ok", answer(camera=camera, camera_right=camera))

@@ -44,7 +44,7 @@ def given(state):
         asked = []
 
         class Child:
-            def run(self, request, on_stage, *, name):
+            def run(self, request, on_stage, *, name, is_alone=False):
                 asked.append(request.arguments["options"])
                 return ChildResult("ok", answer())
 

@@ -16,13 +16,13 @@ import sqlalchemy as sa
 
 from app.db.models import Device, Job, Meal, Participant, Study
 from app.jobs.child_pool import ChildRequest
-from app.jobs.faults import JobFailure
+from app.jobs.faults import BrokenOff, JobFailure
 from app.jobs.process_life import die_with_parent
 from app.jobs.times import WorkerTimes
 from app.jobs.worker_process import run_jobs
 from app.settings import Settings
 
-TIMES = WorkerTimes(heartbeat=0.25, lease=2.0, first_wait=0.05, longest_wait=0.2, drain=1.0)
+TIMES = WorkerTimes(heartbeat=0.25, lease=2.0, first_wait=0.05, longest_wait=0.2, wait_for_room=0.1, drain=1.0)
 FAKE_TASKS = "tests.unit.jobs.fake_tasks:TASKS"
 
 
@@ -32,7 +32,7 @@ class FakeUseCases:
         self._pool = pool
         self._folder = folder
 
-    def compute(self, job_id):
+    def compute(self, job_id, *, is_alone):
         with self._database.read() as session:
             meal = session.get_one(Meal, session.get_one(Job, job_id).meal_id)
             what = meal.details["fake"]
@@ -44,7 +44,14 @@ class FakeUseCases:
         elif what == "full_disk" and not (self._folder / f"go-{job_id}").exists():
             raise OSError(errno.ENOSPC, "No space left on device")
         elif what.startswith("child:"):
-            result = self._pool.run(ChildRequest(what.removeprefix("child:"), {}), lambda _: None, name=str(job_id))
+            result = self._pool.run(
+                ChildRequest(what.removeprefix("child:"), {"folder": str(self._folder), "job": str(job_id)}),
+                lambda _: None,
+                name=str(job_id),
+                is_alone=is_alone,
+            )
+            if result.is_passing:
+                raise BrokenOff(result.failure)
             if result.failure is not None:
                 raise JobFailure(result.failure)
         elif what == "seal_slowly":
@@ -81,6 +88,9 @@ class FakeUseCases:
         assert result == {"key": f"results/{job_id}"}
         meal.status = "estimated"
         meal.version += 1
+
+    def await_room(self, job_id):
+        (self._folder / f"waits-{job_id}-{time.monotonic_ns()}").touch()
 
     def abandon(self, job_id):
         if self._pool.cancel(str(job_id)):

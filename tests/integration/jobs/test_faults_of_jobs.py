@@ -6,7 +6,8 @@ pytestmark = pytest.mark.slow
 
 CODES = {
     "child:segfault": "estimate_crashed",
-    "child:hang": "estimate_timed_out",
+    "child:spin": "estimate_timed_out",
+    "child:killed": "estimate_killed",
     "child:eat_memory": "estimate_out_of_memory",
     "child:raise": "internal_error",
     "bug": "internal_error",
@@ -31,6 +32,26 @@ def test_job_that_ends_badly_fails_its_meal_with_its_code_and_the_worker_goes_on
     kept = jobs.run_sql(f"SELECT error FROM {table} WHERE error IS NOT NULL AND workflow_uuid = '{bad['bug_in_save']}'")
     assert "KeyError" in kept
     assert "secret" not in kept  # what an error quotes stays out of DBOS's tables
+
+
+def test_estimate_that_the_kernel_killed_is_tried_again_and_done(jobs):
+    """One kill for want of memory failed a meal for good."""
+    job_id = jobs.add("child:killed_twice")
+    worker = jobs.start_worker()
+    jobs.wait_for_state(job_id, "done")
+    assert jobs.saves(job_id) == [worker.pid]
+    assert len(list(jobs.folder.glob(f"waits-{job_id}-*"))) == 2
+    assert jobs.job(job_id).attempts == 3
+
+
+def test_estimate_that_is_killed_each_time_fails_with_the_number_of_tries(jobs):
+    job_id = jobs.add("child:killed")
+    jobs.start_worker()
+    jobs.wait_for_state(job_id, "failed")
+    meal = jobs.meal(job_id)
+    assert meal.failure_code == "estimate_killed"
+    assert "tried 3 times" in meal.failure_message
+    assert jobs.job(job_id).attempts == 3
 
 
 def test_passing_fault_of_computing_is_tried_again_until_it_passes(jobs):

@@ -34,7 +34,7 @@ class RecordingChildren:
         self.photos = {}
         self.options = {}
 
-    def run(self, request, on_stage, *, seconds=None, name=""):
+    def run(self, request, on_stage, *, seconds=None, name="", is_alone=False):
         on_stage("read")
         self.options = request.arguments["options"]
         self.photos = {side: pathlib.Path(request.arguments[side]).read_bytes() for side in ("left", "right")}
@@ -46,7 +46,7 @@ class ChildrenInProcess:
 
     done: ClassVar = {}
 
-    def run(self, request, on_stage, *, seconds=None, name=""):
+    def run(self, request, on_stage, *, seconds=None, name="", is_alone=False):
         output = pathlib.Path(request.arguments["output_dir"])
         photos = [pathlib.Path(request.arguments[side]).read_bytes() for side in ("left", "right")]
         key = (*photos, json.dumps(request.arguments["options"], sort_keys=True))

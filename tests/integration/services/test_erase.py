@@ -210,7 +210,7 @@ class ErasingChildren:
     def __init__(self, erase):
         self._erase = erase
 
-    def run(self, request, on_stage, name=""):
+    def run(self, request, on_stage, *, name="", is_alone=False):
         (pathlib.Path(request.arguments["output_dir"]) / "topview.jpg").write_bytes(b"a derived picture")
         self._erase()
         artefact = {"name": "topview.jpg", "media_type": "image/jpeg", "bytes": 17, "sha256": "c" * 64}

@@ -68,7 +68,7 @@ class SeeingChildren:
     def __init__(self):
         self.items = []
 
-    def run(self, request, on_stage, *, seconds=None, name=""):
+    def run(self, request, on_stage, *, seconds=None, name="", is_alone=False):
         on_stage("read")
         return ChildResult("ok", answer(*self.items))
 

@@ -27,7 +27,7 @@ class FakeChildren:
         self.asked = []
         self.result = ChildResult("ok", answer())
 
-    def run(self, request, on_stage, *, name=""):
+    def run(self, request, on_stage, *, name="", is_alone=False):
         on_stage("match")
         self.asked.append(json.loads(json.dumps(request.arguments["options"]["hints"])))
         return self.result

@@ -16,6 +16,28 @@ def _hang(arguments, on_stage):
         time.sleep(1)
 
 
+def _spin(arguments, on_stage):
+    on_stage("spinning")
+    while True:
+        pass
+
+
+def _spin_for(arguments, on_stage):
+    end = time.process_time() + arguments["cpu_seconds"]
+    while time.process_time() < end:
+        pass
+    return {"pid": os.getpid()}
+
+
+def _killed_twice(arguments, on_stage):
+    """As the kernel does where memory is short, the first two times."""
+    tries = sorted(pathlib.Path(arguments["folder"]).glob(f"killed-{arguments['job']}-*"))
+    if len(tries) < 2:
+        pathlib.Path(arguments["folder"], f"killed-{arguments['job']}-{len(tries)}").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {}
+
+
 def _hold(arguments, on_stage):
     on_stage("holding")
     while not pathlib.Path(arguments["until"]).exists():
@@ -73,6 +95,9 @@ def _killed(arguments, on_stage):
 TASKS = {
     "segfault": _segfault,
     "hang": _hang,
+    "spin": _spin,
+    "spin_for": _spin_for,
+    "killed_twice": _killed_twice,
     "hold": _hold,
     "eat_memory": _eat_memory,
     "raise": _raise,

@@ -39,7 +39,7 @@ def run(pool, task, seconds=None, **arguments):
         ("segfault", "crashed", "estimate_crashed"),
         ("exit", "crashed", "estimate_crashed"),
         ("eat_memory", "out_of_memory", "estimate_out_of_memory"),
-        ("killed", "out_of_memory", "estimate_out_of_memory"),
+        ("killed", "killed", "estimate_killed"),
         ("raise", "raised", "internal_error"),
         ("not_json", "raised", "internal_error"),
         ("garble", "raised", "internal_error"),
@@ -57,11 +57,68 @@ def test_signal_of_a_crash_is_told(pool):
     assert run(pool, "segfault").signal == signal.SIGSEGV
 
 
-def test_child_that_hangs_is_killed_at_the_limit(pool):
+def test_child_that_hangs_is_killed_at_the_limit_of_the_clock(pool):
     stages = []
-    ended = pool.run(ChildRequest("hang", {}), stages.append, seconds=1.0)
-    assert (ended.outcome, ended.failure.code) == ("timed_out", "estimate_timed_out")
+    ended = pool.run(ChildRequest("hang", {}), stages.append, seconds=0.5, patience=2.0)
+    assert (ended.outcome, ended.failure.code) == ("stalled", "estimate_timed_out")
+    assert "within 1 s" in ended.failure.message
     assert stages == ["hanging"]
+
+
+def test_child_that_computes_too_long_is_ended_by_its_processor_time(pool):
+    started = time.monotonic()
+    ended = run(pool, "spin", seconds=1.0)
+    assert (ended.outcome, ended.failure.code) == ("timed_out", "estimate_timed_out")
+    assert "more than 1 s of processor time" in ended.failure.message
+    assert time.monotonic() - started < 9  # long before the limit of the clock
+    assert run(pool, "describe").outcome == "ok"
+
+
+def test_busy_machine_does_not_time_out_a_child_that_has_had_little_of_the_processor(pool, tmp_path):
+    """It was 120 s of the clock that failed meals on a machine under load."""
+    end = tmp_path / "end"
+    threading.Timer(2.5, end.touch).start()
+    assert run(pool, "hold", seconds=1.0, until=str(end)).outcome == "ok"
+
+
+def test_limit_of_processor_time_counts_for_each_request_anew(pool):
+    def spin_a_little():
+        return run(pool, "spin_for", seconds=2.0, cpu_seconds=1.2)
+
+    pids = [spin_a_little().result["pid"] for _ in range(3)]
+    assert len(set(pids)) == 1
+
+
+def test_request_that_runs_alone_has_no_child_beside_it(settings, monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(ROOT)
+    pool = ChildPool(settings, TASKS, children=2)
+    end, holding, order = tmp_path / "end", threading.Event(), []
+
+    def hold():
+        pool.run(ChildRequest("hold", {"until": str(end)}), lambda _: holding.set())
+        order.append("beside")
+
+    def alone():
+        pool.run(ChildRequest("describe", {}), lambda _: None, is_alone=True)
+        order.append("alone")
+
+    threads = [threading.Thread(target=hold)]
+    try:
+        threads[0].start()
+        assert holding.wait(30)
+        threads += [threading.Thread(target=alone), threading.Thread(target=alone)]
+        for thread in threads[1:]:
+            thread.start()
+        time.sleep(0.3)
+        assert order == []
+        end.touch()
+        for thread in threads:
+            thread.join(60)
+        assert sorted(order) == ["alone", "alone", "beside"]
+        assert order[0] == "beside"
+    finally:
+        end.touch()
+        pool.close()
 
 
 def test_stages_arrive_in_order_and_standard_input_is_empty(pool):
