@@ -14,6 +14,7 @@ from app.cli_database import opened_database
 from app.errors import InvalidInputError
 
 if TYPE_CHECKING:
+    from app.services.access_tokens import EndedAccess
     from app.services.staff import StaffChange
 
 admin_cli = typer.Typer(no_args_is_help=True, help="People who run the server.")
@@ -55,11 +56,11 @@ def staff_create(
 
 @staff_cli.command("password")
 def staff_password(name: str, password_file: PasswordFile = None) -> None:
-    """Give a staff member another password; their sessions end."""
+    """Give a staff member another password; their sessions and personal tokens end."""
     from app.services.staff import StaffChange
 
-    _change(name, StaffChange(password=read_password(password_file)))
-    print(f"{name} has a new password; all sessions have ended.")
+    ended = _change(name, StaffChange(password=read_password(password_file)))
+    print(f"{name} has a new password.{ended.sentence}")
 
 
 @staff_cli.command("disable")
@@ -67,8 +68,8 @@ def staff_disable(name: str) -> None:
     """Shut a staff member out: their sessions and tokens end for good. The last admin stays."""
     from app.services.staff import StaffChange
 
-    _change(name, StaffChange(is_disabled=True))
-    print(f"{name} is disabled; all sessions and tokens have ended.")
+    ended = _change(name, StaffChange(is_disabled=True))
+    print(f"{name} is disabled.{ended.sentence}")
 
 
 @staff_cli.command("enable")
@@ -120,9 +121,9 @@ def read_password(path: Path | None) -> str:
         raise InvalidInputError(f"{path} is no text in UTF-8.") from None
 
 
-def _change(name: str, change: "StaffChange") -> None:
+def _change(name: str, change: "StaffChange") -> "EndedAccess":
     from app.services.passwords import Passwords
     from app.services.staff import change_staff
 
     with opened_database() as database:
-        change_staff(database, Passwords(), name, change)
+        return change_staff(database, Passwords(), name, change).ended

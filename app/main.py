@@ -65,6 +65,7 @@ from app.api.schemas.after import AfterMetadataIn
 from app.api.schemas.calibrations import CalibrationMetadataIn
 from app.api.schemas.checks import CheckMetadataIn
 from app.api.schemas.meals import MealMetadataIn, NewMealMetadataIn
+from app.api.sign_in_limits import SignInLimits
 from app.api.state import ApiState
 from app.api.waiting import MealWaiter
 from app.dashboard import api_reference
@@ -136,8 +137,7 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
             secrets=box,
             children=children,
             eraser=Eraser(database, box, ErasureLedger(open_blob_store(settings.resolved_erasure_url, settings), box)),
-            sign_in_by_address=RateLimit(settings.sign_in_attempts_per_minute),
-            sign_in_by_name=RateLimit(settings.sign_in_attempts_per_minute),
+            sign_in_limits=SignInLimits(settings.sign_in_attempts_per_minute),
             passwords=Passwords(),
             export_places=ExportPlaces(),
             last_use=last_use,

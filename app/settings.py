@@ -103,7 +103,9 @@ class Settings(BaseSettings):
     api_children: int = Field(default=1, ge=1, description="Processes of one server that decode photographs at once.")
     enrolment_attempts_per_minute: int = Field(default=20, ge=1, description="Tries a minute and address, enrolment.")
     sign_in_attempts_per_minute: int = Field(
-        default=10, ge=1, description="Tries a minute and address, and a minute and name, sign-in."
+        default=10,
+        ge=1,
+        description="Passwords tried a minute of a name from an address; 3 times an address, 10 times a name.",
     )
     device_uploads_per_minute: int = Field(
         default=120, ge=0, description="Requests a minute and phone that send photographs or metadata; 0: no limit."

@@ -5,9 +5,8 @@ from fastapi import APIRouter, Request, Response
 from app.api.deps import CurrentStaff, State
 from app.api.problems import problem_responses
 from app.api.rate_limit import caller_address
-from app.api.schemas.staff import PasswordChangeIn, SessionIn, SessionIssued, SessionOut
+from app.api.schemas.staff import EndedAccessOut, PasswordChangeIn, SessionIn, SessionIssued, SessionOut
 from app.services import sign_in
-from app.services.staff import normal_name
 
 router = APIRouter(prefix="/v1/sessions", tags=["sessions"])
 
@@ -15,9 +14,8 @@ router = APIRouter(prefix="/v1/sessions", tags=["sessions"])
 @router.post("", status_code=201, responses=problem_responses(401, 422, 429, 503))
 def post_session(body: SessionIn, request: Request, state: State, response: Response) -> SessionIssued:
     """Sign in. A name that is unknown, a wrong password and a disabled account give 401, in the same words and time."""
-    state.sign_in_by_address.take(caller_address(request))
-    state.sign_in_by_name.take(normal_name(body.name))
-    issued = sign_in.sign_in(state.database, state.passwords, body.name, body.password.get_secret_value())
+    with state.sign_in_limits.trying(body.name, caller_address(request)):
+        issued = sign_in.sign_in(state.database, state.passwords, body.name, body.password.get_secret_value())
     response.headers["Cache-Control"] = "no-store"
     return SessionIssued(
         token=issued.token,
@@ -41,16 +39,15 @@ def delete_current_session(state: State, caller: CurrentStaff) -> Response:
     return Response(status_code=204)
 
 
-@router.post("/current/password", status_code=204, responses=problem_responses(401, 403, 422, 429, 503))
-def post_password(body: PasswordChangeIn, request: Request, state: State, caller: CurrentStaff) -> Response:
-    """Change the own password. All sessions end, this one too: sign in again."""
-    state.sign_in_by_address.take(caller_address(request))
-    state.sign_in_by_name.take(normal_name(caller.name))
-    sign_in.change_own_password(
-        state.database,
-        state.passwords,
-        caller,
-        current=body.current_password.get_secret_value(),
-        new=body.new_password.get_secret_value(),
-    )
-    return Response(status_code=204)
+@router.post("/current/password", responses=problem_responses(401, 403, 422, 429, 503))
+def post_password(body: PasswordChangeIn, request: Request, state: State, caller: CurrentStaff) -> EndedAccessOut:
+    """Change the own password. All sessions end, this one too, and all personal tokens: sign in again."""
+    with state.sign_in_limits.trying(caller.name, caller_address(request)):
+        ended = sign_in.change_own_password(
+            state.database,
+            state.passwords,
+            caller,
+            current=body.current_password.get_secret_value(),
+            new=body.new_password.get_secret_value(),
+        )
+    return EndedAccessOut(sessions=ended.sessions, tokens=list(ended.tokens))

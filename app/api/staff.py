@@ -9,7 +9,7 @@ from app.api.deps import CurrentStaff, State
 from app.api.flat_list import ListRoute
 from app.api.paging import Cursor, Limit, next_page
 from app.api.problems import problem_responses
-from app.api.schemas.staff import StaffIn, StaffList, StaffOut, StaffPatch
+from app.api.schemas.staff import EndedAccessOut, StaffChangedOut, StaffIn, StaffList, StaffOut, StaffPatch
 from app.db.models import Staff
 from app.services import staff
 
@@ -46,10 +46,16 @@ def get_staff_member(name: StaffPath, state: State, _: CurrentStaff) -> StaffOut
 
 
 @router.patch("/{name}", responses=problem_responses(401, 403, 404, 409, 422, 503))
-def patch_staff(name: StaffPath, body: StaffPatch, state: State, caller: CurrentStaff) -> StaffOut:
-    """Change a staff member. Disabling ends their sessions and tokens for good, a new password their sessions."""
+def patch_staff(name: StaffPath, body: StaffPatch, state: State, caller: CurrentStaff) -> StaffChangedOut:
+    """Change a staff member.
+
+    Disabling ends their sessions and personal tokens for good, and so does a password in place of another one: `ended`
+    tells which. A first password ends nothing.
+    """
     change = staff.StaffChange(body.is_admin, body.is_disabled, _secret(body.password))
-    return _render(staff.change_staff(state.database, state.passwords, name, change, caller))
+    changed = staff.change_staff(state.database, state.passwords, name, change, caller)
+    ended = EndedAccessOut(sessions=changed.ended.sessions, tokens=list(changed.ended.tokens))
+    return StaffChangedOut(**_render(changed.staff).model_dump(), ended=ended)
 
 
 def _secret(password: SecretStr | None) -> str | None:

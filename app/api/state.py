@@ -6,6 +6,7 @@ import anyio
 
 from app.api.call_limits import CallLimits
 from app.api.rate_limit import RateLimit
+from app.api.sign_in_limits import SignInLimits
 from app.api.waiting import MealWaiter
 from app.db.session import Database
 from app.services.after_meal import SubmitAfterPair
@@ -43,8 +44,7 @@ class ApiState:
     secrets: SecretBox
     children: ApiChildren
     eraser: Eraser
-    sign_in_by_address: RateLimit
-    sign_in_by_name: RateLimit
+    sign_in_limits: SignInLimits
     passwords: Passwords
     export_places: ExportPlaces
     last_use: LastUse

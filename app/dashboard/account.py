@@ -2,14 +2,15 @@
 
 import uuid
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
 from starlette.responses import Response
 
 from app.api.pages import PREFIX
+from app.api.rate_limit import caller_address
 from app.api.schemas.staff import PasswordChangeIn, TokenIn
 from app.dashboard.forms import Fields, checked, typed
 from app.dashboard.page import CurrentPage, Page
-from app.errors import ConflictError, InvalidInputError, NotFoundError, UnauthenticatedError
+from app.errors import ConflictError, InvalidInputError, NotFoundError, RateLimitedError, UnauthenticatedError
 from app.services import access_tokens, sign_in
 from app.services.studies import known_codes
 
@@ -25,8 +26,8 @@ def get_account(page: CurrentPage) -> Response:
 
 
 @router.post(f"{PATH}/password")
-def post_password(page: CurrentPage, fields: Fields) -> Response:
-    """Another password; all sessions end, this one too."""
+def post_password(page: CurrentPage, request: Request, fields: Fields) -> Response:
+    """Another password; all sessions end, this one too, and all personal tokens."""
     values = typed(fields)
     if values.get("new_password") != values.pop("again", ""):
         return _account(page, wrong={"again": "The two are not the same."}, status=422)
@@ -34,13 +35,16 @@ def post_password(page: CurrentPage, fields: Fields) -> Response:
     if body is None:
         return _account(page, wrong=wrong, status=422)
     try:
-        sign_in.change_own_password(
-            page.state.database,
-            page.state.passwords,
-            page.caller,
-            current=body.current_password.get_secret_value(),
-            new=body.new_password.get_secret_value(),
-        )
+        with page.state.sign_in_limits.trying(page.caller.name, caller_address(request)):
+            sign_in.change_own_password(
+                page.state.database,
+                page.state.passwords,
+                page.caller,
+                current=body.current_password.get_secret_value(),
+                new=body.new_password.get_secret_value(),
+            )
+    except RateLimitedError as error:
+        return _account(page, wrong={"current_password": error.message}, status=error.status)
     except UnauthenticatedError:
         return _account(page, wrong={"current_password": "This is not your password."}, status=422)
     except InvalidInputError as error:

@@ -12,7 +12,6 @@ from app.api.rate_limit import caller_address
 from app.dashboard.templates import render
 from app.errors import RateLimitedError, UnauthenticatedError
 from app.services import sign_in
-from app.services.staff import normal_name
 
 router = APIRouter(include_in_schema=False)
 
@@ -42,9 +41,8 @@ def post_sign_in(
     """Sign in; then to the page that was asked for."""
     target = safe_path(next)
     try:
-        state.sign_in_by_address.take(caller_address(request))
-        state.sign_in_by_name.take(normal_name(name))
-        issued = sign_in.sign_in(state.database, state.passwords, name, password)
+        with state.sign_in_limits.trying(name, caller_address(request)):
+            issued = sign_in.sign_in(state.database, state.passwords, name, password)
     except (UnauthenticatedError, RateLimitedError) as error:
         page = render("sign_in.html", next=target, name=name, refused=error.message)
         return HTMLResponse(page, status_code=error.status)

@@ -55,8 +55,8 @@ def post_change(page: CurrentPage, fields: Fields) -> Response:
         raise InvalidInputError("; ".join(wrong.values()))
     password = body.password.get_secret_value() if body.password is not None else None
     change = staff.StaffChange(body.is_admin, body.is_disabled, password)
-    staff.change_staff(page.state.database, page.state.passwords, name, change, page.caller)
-    return page.go(PATH, f"{name} was changed.")
+    changed = staff.change_staff(page.state.database, page.state.passwords, name, change, page.caller)
+    return page.go(PATH, f"{name} was changed.{changed.ended.sentence}")
 
 
 def _staff(

@@ -7,6 +7,8 @@ scrape (services/figures.py).
 
 import platform
 import re
+from collections.abc import Iterable
+from itertools import product
 from typing import Literal
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
@@ -35,6 +37,8 @@ SERVER_FAILURES = (
     "estimate_out_of_memory",
     "photo_damaged",
 )
+CHILD_OUTCOMES = ("ok", "crashed", "timed_out", "stalled", "killed", "out_of_memory", "raised")
+MADE_OUTCOMES = ("done", "again", "lost", "died", "storage_full", "internal_error")
 # refusals of an upload that tell of the server and not of the phone
 REFUSALS = ("storage_full", "unavailable", "internal_error", "server_busy")
 
@@ -59,6 +63,12 @@ PROBLEMS = Counter(
     "tada_http_problems",
     "Requests refused or failed, by the code of the answer.",
     ["code"],
+    registry=REGISTRY,
+)
+SIGN_INS = Counter(
+    "tada_sign_ins",
+    "Passwords that were tried: signing in, changing one's own. outcome: ok, failed, limited.",
+    ["outcome"],
     registry=REGISTRY,
 )
 UPLOADS = Counter(
@@ -141,21 +151,21 @@ def outcome_label(code: str) -> str:
 def tell_build(part: Literal["api", "worker"]) -> None:
     """Name this process, and begin its counters at 0: an alert does not see a series that begins at 1."""
     BUILD.labels(__version__, platform.python_version(), part).set(1)
+    begun: list[tuple[Counter, Iterable[tuple[str, ...]]]]
     if part == "api":
-        for outcome in ("kept", "repeated", "cut", *REFUSALS):
-            UPLOADS.labels(outcome)
-        return
-    for purpose in ("meal", "after", "remeasure"):
-        for outcome in ("ok", *SERVER_FAILURES):
-            ESTIMATES.labels(purpose, outcome)
-    for outcome in ("ok", "crashed", "timed_out", "stalled", "killed", "out_of_memory", "raised"):
-        CHILD_RESULTS.labels(outcome)
-    for outcome in ("delivered", "failed", "given_up"):
-        DELIVERIES.labels(outcome)
-    for what in ("queued", "failed"):
-        SWEPT.labels(what)
-    for why in ("erased", "orphan"):
-        BLOBS_DELETED.labels(why)
-    for outcome in ("done", "again", "lost", "died", "storage_full", "internal_error"):
-        FILES_MADE.labels("export", outcome)
-        FILES_MADE.labels("release", outcome)
+        begun = [
+            (UPLOADS, product(("kept", "repeated", "cut", *REFUSALS))),
+            (SIGN_INS, product(("ok", "failed", "limited"))),
+        ]
+    else:
+        begun = [
+            (ESTIMATES, product(("meal", "after", "remeasure"), ("ok", *SERVER_FAILURES))),
+            (CHILD_RESULTS, product(CHILD_OUTCOMES)),
+            (DELIVERIES, product(("delivered", "failed", "given_up"))),
+            (SWEPT, product(("queued", "failed"))),
+            (BLOBS_DELETED, product(("erased", "orphan"))),
+            (FILES_MADE, product(("export", "release"), MADE_OUTCOMES)),
+        ]
+    for counter, labels in begun:
+        for each in labels:
+            counter.labels(*each)

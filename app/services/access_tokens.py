@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Literal
 
+from sqlalchemy.orm import Session
+
 from app.db.models import AccessToken, Staff
 from app.db.queries import people
 from app.db.session import Database
@@ -30,6 +32,29 @@ class TokenView:
     created_at: datetime
     expires_at: datetime | None
     last_used_at: datetime | None
+
+
+@dataclass(frozen=True, slots=True)
+class EndedAccess:
+    """What a new password or the end of an account has ended: how many sessions, and the names of personal tokens."""
+
+    sessions: int = 0
+    tokens: tuple[str, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """Of what has ended, after a blank; nothing if nothing has."""
+        ended = [] if not self.sessions else ["1 session" if self.sessions == 1 else f"{self.sessions} sessions"]
+        if self.tokens:
+            ended.append(("the token " if len(self.tokens) == 1 else "the tokens ") + ", ".join(self.tokens))
+        return f" Ended: {' and '.join(ended)}." if ended else ""
+
+
+def end_access(session: Session, staff_id: uuid.UUID, now: datetime) -> EndedAccess:
+    """End all that a staff member has open: whoever knew the old password may have made tokens with it."""
+    ended = people.end_access_of_staff(session, staff_id, now)
+    names = sorted(row.name or "" for row in ended if row.kind == "personal")
+    return EndedAccess(sum(row.kind == "session" for row in ended), tuple(names))
 
 
 def create_token(

@@ -13,11 +13,14 @@ from secrets import token_bytes
 
 from pwdlib import PasswordHash
 from pwdlib.hashers.argon2 import Argon2Hasher
+from zxcvbn import zxcvbn
 
 from app.errors import InvalidInputError, UnavailableError
 
 MIN_LENGTH = 12
 MAX_LENGTH = 200  # a passphrase fits; a megabyte to hash does not
+LEAST_GUESSES = 1e8  # zxcvbn's for what withstands guessing against a slow hash
+ESTIMATED_LENGTH = 72  # of a password, whose strength is estimated; takes 25 ms, and grows with its square
 AT_ONCE = 2  # hashes at the same time in one process: 128 MiB
 WAITING = 16  # who else may wait; each holds a thread of the server
 # RFC 9106, section 4, second recommended option: 64 MiB, 3 passes, 4 lanes
@@ -49,8 +52,10 @@ class Passwords:
             raise _refused(f"A password has {MIN_LENGTH} to {MAX_LENGTH} characters.")
         if password.casefold() == _normal(name).casefold():
             raise _refused("A password must not be the name.")
-        if len(set(password)) == 1:
-            raise _refused("A password must not be one character over and over.")
+        if _guesses(password, name) < LEAST_GUESSES:
+            raise _refused(
+                "This password is among the first that are guessed: a few words that do not belong together."
+            )
         with self._room():
             return self._hasher.hash(password)
 
@@ -73,6 +78,11 @@ class Passwords:
                 yield
         finally:
             self._admitted.release()
+
+
+def _guesses(password: str, name: str) -> float:
+    """How many guesses somebody needs who knows common passwords, words, dates, keyboards and the name (zxcvbn)."""
+    return float(zxcvbn(password[:ESTIMATED_LENGTH], user_inputs=[name, "tada"])["guesses"])
 
 
 def _hasher() -> PasswordHash:

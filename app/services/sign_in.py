@@ -8,6 +8,7 @@ from app.db.models import AccessToken, Staff
 from app.db.queries import people
 from app.db.session import Database
 from app.errors import InvalidInputError, UnauthenticatedError
+from app.services.access_tokens import EndedAccess, end_access
 from app.services.audit import note
 from app.services.caller import SESSION_IDLE, Role, StaffCaller, new_token, sha256_hex
 from app.services.passwords import Passwords
@@ -89,8 +90,8 @@ def sign_out(database: Database, caller: StaffCaller) -> None:
 
 def change_own_password(
     database: Database, passwords: Passwords, caller: StaffCaller, *, current: str, new: str
-) -> None:
-    """Another password; ends all sessions, this one too.
+) -> EndedAccess:
+    """Another password; ends all sessions, this one too, and all personal tokens.
 
     Raises UnauthenticatedError (`sign_in_failed`: the current one is wrong), InvalidInputError (`password_refused`).
     """
@@ -106,8 +107,16 @@ def change_own_password(
         if staff is None or staff.password_hash != checked:
             raise _failed()
         staff.password_hash = hashed
-        ended = people.end_tokens_of_staff(session, staff.id, now, kinds=("session",))
-        note(session, caller, "staff.password", subject=staff.name, sessions_ended=ended)
+        ended = end_access(session, staff.id, now)
+        note(
+            session,
+            caller,
+            "staff.password",
+            subject=staff.name,
+            sessions_ended=ended.sessions,
+            tokens_ended=len(ended.tokens),
+        )
+    return ended
 
 
 def _failed() -> UnauthenticatedError:

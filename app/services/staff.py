@@ -14,6 +14,7 @@ from app.db.models import AccessToken, Staff
 from app.db.queries import people
 from app.db.session import Database
 from app.errors import ConflictError, InvalidInputError, NotFoundError
+from app.services.access_tokens import EndedAccess, end_access
 from app.services.audit import note
 from app.services.caller import Caller, new_token, sha256_hex
 from app.services.cursors import TEXT, Page, decode_cursor, encode_cursor
@@ -24,11 +25,19 @@ NAME_LENGTH = 100
 
 @dataclass(frozen=True, slots=True)
 class StaffChange:
-    """None leaves as it is. is_disabled ends sessions and tokens for good, a new password the sessions."""
+    """None leaves as it is. is_disabled ends sessions and tokens for good, a password in place of another one too."""
 
     is_admin: bool | None = None
     is_disabled: bool | None = None
     password: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ChangedStaff:
+    """A staff member after a change, and what it has ended of what they had open."""
+
+    staff: Staff
+    ended: EndedAccess
 
 
 def create_admin(database: Database, name: str) -> str:
@@ -83,7 +92,7 @@ def read_staff(database: Database, name: str) -> Staff:
 
 def change_staff(
     database: Database, passwords: Passwords, name: str, change: StaffChange, caller: Caller | None = None
-) -> Staff:
+) -> ChangedStaff:
     """Change a staff member.
 
     Raises NotFoundError, ConflictError (`last_admin`), InvalidInputError (`password_refused`).
@@ -104,14 +113,22 @@ def change_staff(
         if change.is_disabled is not None and change.is_disabled != (staff.disabled_at is not None):
             staff.disabled_at = now if change.is_disabled else None
             fields.append("is_disabled")
+        is_replaced = hashed is not None and staff.password_hash is not None
         if hashed is not None:
             staff.password_hash = hashed
             fields.append("password")
-        ended = ("session", "personal") if change.is_disabled else ("session",) if hashed is not None else ()
-        people.end_tokens_of_staff(session, staff.id, now, kinds=ended)
+        ended = end_access(session, staff.id, now) if change.is_disabled or is_replaced else EndedAccess()
         if fields:
-            note(session, caller, "staff.change", subject=staff.name, fields=fields)
-        return staff
+            note(
+                session,
+                caller,
+                "staff.change",
+                subject=staff.name,
+                fields=fields,
+                sessions_ended=ended.sessions,
+                tokens_ended=len(ended.tokens),
+            )
+        return ChangedStaff(staff, ended)
 
 
 def known_staff(staff: Staff | None) -> Staff:

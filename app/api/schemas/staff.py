@@ -83,6 +83,19 @@ class StaffOut(BaseModel):
     created_at: datetime
 
 
+class EndedAccessOut(BaseModel):
+    """What a new password or the end of an account has ended."""
+
+    sessions: int = Field(description="How many sessions.")
+    tokens: list[str] = Field(description="The names of the personal tokens that open nothing any more.")
+
+
+class StaffChangedOut(StaffOut):
+    """A staff member after a change, and what they had open that it ended."""
+
+    ended: EndedAccessOut
+
+
 class StaffList(BaseModel):
     """A page of staff by name."""
 

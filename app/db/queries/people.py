@@ -190,15 +190,19 @@ def active_owners(session: Session, study_id: uuid.UUID) -> set[uuid.UUID]:
     return set(session.scalars(query))
 
 
-def end_tokens_of_staff(session: Session, staff_id: uuid.UUID, now: datetime, *, kinds: Collection[str]) -> int:
-    """Revoke a staff member's tokens of these kinds; how many that were."""
+def end_access_of_staff(session: Session, staff_id: uuid.UUID, now: datetime) -> list[AccessToken]:
+    """Revoke all sessions and personal tokens of a staff member that still open something."""
     query = (
         sa.update(AccessToken)
-        .where(AccessToken.staff_id == staff_id, AccessToken.kind.in_(kinds), AccessToken.revoked_at.is_(None))
+        .where(
+            AccessToken.staff_id == staff_id,
+            AccessToken.revoked_at.is_(None),
+            sa.or_(AccessToken.expires_at.is_(None), AccessToken.expires_at > now),
+        )
         .values(revoked_at=now)
-        .returning(AccessToken.id)
+        .returning(AccessToken)
     )
-    return len(session.scalars(query).all())
+    return list(session.scalars(query))
 
 
 def personal_tokens(session: Session, staff_id: uuid.UUID, now: datetime) -> list[AccessToken]:

@@ -1,6 +1,7 @@
 """Signing in: the same answer to all who may not, limits by address and by name, sessions that end."""
 
 import threading
+import uuid
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
 
@@ -10,6 +11,7 @@ from fastapi.testclient import TestClient
 from app.db.models import AccessToken, AuditEvent, Staff
 from app.errors import UnavailableError
 from app.main import create_app
+from app.metrics.instruments import REGISTRY
 from app.services.caller import SESSION_IDLE
 from app.services.passwords import AT_ONCE, WAITING, Passwords, _hash_of_nobody, _hasher
 from tests.integration.api.people import PASSWORD, bearer, make_staff, sign_in
@@ -101,12 +103,22 @@ def test_session_ends_unused_and_at_its_time(client, olga, state):
     assert olga.get("/v1/studies").status_code == 401
 
 
-def test_own_password_changes_and_all_sessions_end(client, olga):
-    elsewhere = bearer(sign_in(client, "olga").json()["token"])
+def own_token(caller, name):
+    made = caller.post("/v1/tokens", json={"name": name, "scope": "read", "days": 30})
+    assert made.status_code == 201, made.text
+    return bearer(made.json()["token"])
+
+
+def test_own_password_changes_and_all_sessions_and_personal_tokens_end(client, olga):
+    """A token made with a password that somebody else knew outlived the password's change."""
+    elsewhere, script = bearer(sign_in(client, "olga").json()["token"]), own_token(olga, "nightly export")
+    assert client.get("/v1/studies", headers=script).status_code == 200
     change = {"current_password": PASSWORD, "new_password": OTHER}
-    assert olga.post("/v1/sessions/current/password", json=change).status_code == 204
+    answer = olga.post("/v1/sessions/current/password", json=change)
+    assert (answer.status_code, answer.json()) == (200, {"sessions": 2, "tokens": ["nightly export"]})
     assert olga.get("/v1/studies").status_code == 401
     assert client.get("/v1/studies", headers=elsewhere).status_code == 401
+    assert client.get("/v1/studies", headers=script).status_code == 401
     assert sign_in(client, "olga").status_code == 401
     assert sign_in(client, "olga", OTHER).status_code == 201
 
@@ -126,10 +138,32 @@ def test_password_change_that_is_refused_leaves_all_as_it_is(client, olga, chang
     assert sign_in(client, "olga").status_code == 201
 
 
-def test_admin_gives_a_new_password_and_the_sessions_end(client, admin, olga):
-    client.patch("/v1/staff/olga", headers=admin, json={"password": OTHER})
+def test_admin_gives_a_new_password_and_sessions_and_tokens_end(client, admin, olga, state):
+    script = own_token(olga, "nightly export")
+    changed = client.patch("/v1/staff/olga", headers=admin, json={"password": OTHER})
+    assert changed.json()["ended"] == {"sessions": 1, "tokens": ["nightly export"]}
     assert olga.get("/v1/studies").status_code == 401
+    assert client.get("/v1/studies", headers=script).status_code == 401
     assert sign_in(client, "olga", OTHER).status_code == 201
+    with state.database.read() as session:
+        (event,) = session.query(AuditEvent).filter_by(action="staff.change")
+    assert event.details == {"fields": ["password"], "sessions_ended": 1, "tokens_ended": 1}
+
+
+def test_first_password_ends_no_token(client, admin):
+    """Who was made by the command line has a token and no password: nobody can have misused one."""
+    changed = client.patch("/v1/staff/admin", headers=admin, json={"password": OTHER})
+    assert changed.json()["ended"] == {"sessions": 0, "tokens": []}
+    assert client.get("/v1/studies", headers=admin).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "password", ["password1234", "Passw0rd2026!", "qwertyuiop12", "123456789012", "iloveyou1234", "olga.olga.olga"]
+)
+def test_common_password_is_refused(client, admin, olga, password):
+    answer = client.patch("/v1/staff/olga", headers=admin, json={"password": password})
+    assert (answer.status_code, answer.json()["code"]) == (422, "password_refused")
+    assert sign_in(client, "olga").status_code == 201
 
 
 def test_same_word_from_another_keyboard_is_the_same_password(client, admin):
@@ -165,21 +199,75 @@ def strict_client(settings):
         yield client
 
 
-def test_tries_are_limited_by_address(strict_client):
-    answers = [sign_in(strict_client, f"name {n}") for n in range(4)]
+def test_tries_of_a_name_are_limited_by_address(strict_client):
+    answers = [sign_in(strict_client, "olga") for _ in range(4)]
     assert [answer.status_code for answer in answers] == [401, 401, 401, 429]
     assert int(answers[3].headers["retry-after"]) >= 1
     assert answers[3].json()["code"] == "rate_limited"
 
 
-def test_tries_are_limited_by_name_from_whatever_address(settings):
+def test_tries_of_many_names_are_limited_by_address(strict_client):
+    statuses = [sign_in(strict_client, f"name {n}").status_code for n in range(10)]
+    assert statuses == [401] * 9 + [429]
+
+
+@pytest.fixture
+def crowd(settings):
+    """One person who has a password, and a way to call from any address."""
     app = create_app(settings.model_copy(update={"sign_in_attempts_per_minute": 3}))
+    with TestClient(app) as client:
+        with client.app.state.api.database.write() as session:
+            make_person(session, "olga", client.app.state.api.passwords.hash(PASSWORD, name="olga"))
+
+        def call_from(address):
+            return TestClient(app, raise_server_exceptions=False, client=(address, 1))
+
+        yield call_from
+
+
+def make_person(session, name, password_hash):
+    now = datetime.now(UTC)
+    session.add(Staff(id=uuid.uuid4(), name=name, is_admin=False, password_hash=password_hash, created_at=now))
+
+
+def test_wrong_tries_from_elsewhere_do_not_lock_a_name_out(crowd):
+    """Ten wrong passwords from any address kept the person herself out."""
+    stranger, herself = crowd("192.0.2.1"), crowd("198.51.100.7")
+    assert [sign_in(stranger, "olga", OTHER).status_code for _ in range(5)] == [401, 401, 401, 429, 429]
+    assert sign_in(herself, "olga").status_code == 201
+
+
+def test_crowd_is_slowed_by_name_but_not_where_the_person_signed_in_before(crowd):
+    herself = crowd("198.51.100.7")
+    assert sign_in(herself, "olga").status_code == 201
+    statuses = [sign_in(crowd(f"192.0.2.{n}"), "olga", OTHER).status_code for n in range(32)]
+    assert statuses.count(429) >= 2
+    assert sign_in(crowd("203.0.113.9"), "olga").status_code == 429  # a new place waits
+    assert sign_in(herself, "olga").status_code == 201
+
+
+def test_wrong_current_passwords_are_limited(strict_client, settings):
     statuses = []
-    with TestClient(app):
-        for n in range(4):
-            other = TestClient(app, raise_server_exceptions=False, client=(f"192.0.2.{n}", 1))
-            statuses.append(sign_in(other, "olga").status_code)
-    assert statuses == [401, 401, 401, 429]
+    api = strict_client.app.state.api
+    with api.database.write() as session:
+        make_person(session, "paul", api.passwords.hash(PASSWORD, name="paul"))
+    headers = bearer(sign_in(strict_client, "paul").json()["token"])
+    for _ in range(4):
+        change = {"current_password": OTHER, "new_password": "quite another battery"}
+        statuses.append(strict_client.post("/v1/sessions/current/password", headers=headers, json=change).status_code)
+    assert statuses == [401, 401, 429, 429]
+
+
+def test_tries_are_counted_for_the_alert(strict_client):
+    before = {outcome: tries(outcome) for outcome in ("failed", "limited")}
+    for _ in range(4):
+        sign_in(strict_client, "olga")
+    assert tries("failed") == before["failed"] + 3
+    assert tries("limited") == before["limited"] + 1
+
+
+def tries(outcome):
+    return REGISTRY.get_sample_value("tada_sign_ins_total", {"outcome": outcome}) or 0
 
 
 def test_hashing_is_bounded_and_too_many_hear_to_come_back(monkeypatch):

@@ -143,7 +143,7 @@ def test_every_change_of_people_stands_in_the_audit_log_without_secrets(client, 
     assert events == [
         ("admin", "staff.create", "olga", {"is_admin": False}),
         ("admin", "member.set", "olga", {"role": "owner"}),
-        ("admin", "staff.change", "olga", {"fields": ["password"]}),
+        ("admin", "staff.change", "olga", {"fields": ["password"], "sessions_ended": 1, "tokens_ended": 0}),
     ]
 
 
