@@ -12,6 +12,7 @@ from app.photos.byte_file import Data, Extent
 from app.photos.damage import truncated, unreadable
 
 MAX_STEPS = 50_000  # boxes, items, extents and properties together; a 48 MP photograph of 512 px tiles has some 2,000
+MAX_DEPTH = 2  # of pictures made of others: a turned copy of a grid of tiles
 PRIMARY_TYPES = frozenset({b"hvc1", b"hev1", b"grid", b"iden", b"iovl"})
 
 # EXIF orientation of each way to turn a picture, as the matrix that maps (x to the right, y down) as stored to upright.
@@ -48,7 +49,10 @@ class HeifItem:
 
 @dataclass(frozen=True, slots=True)
 class HeifPicture:
-    """The primary item's size as stored and cropped, its EXIF orientation, and the pixels before cropping."""
+    """The primary item's size as stored and cropped, its EXIF orientation, and the pixels that a decoder makes.
+
+    pixels_to_decode: before cropping, and of all pictures that it is put together from, each as often as it is named.
+    """
 
     width: int
     height: int
@@ -118,6 +122,7 @@ class _Meta:
     extents: dict[int, tuple[Extent, ...]] = field(default_factory=dict)
     properties: list[Box] = field(default_factory=list)
     associations: dict[int, list[int]] = field(default_factory=dict)
+    parts: dict[int, list[int]] = field(default_factory=dict)  # of derived pictures: grids, overlays
 
 
 def read_heif_layout(data: Data) -> HeifLayout:
@@ -186,6 +191,8 @@ def _read_meta(data: Data, meta_box: Box, meta: _Meta, steps: _Steps) -> None:
             meta.properties.extend(_boxes(data, box.start, box.end, steps))
         elif box.kind == b"ipma":
             _read_associations(data, box, meta, steps)
+    if b"iref" in children:
+        _read_parts(data, children[b"iref"], meta, steps)
 
 
 def _read_item_types(data: Data, iinf: Box, meta: _Meta, steps: _Steps) -> None:
@@ -255,6 +262,41 @@ def _read_associations(data: Data, ipma: Box, meta: _Meta, steps: _Steps) -> Non
             meta.associations.setdefault(item_id, []).append(index)
 
 
+def _read_parts(data: Data, iref: Box, meta: _Meta, steps: _Steps) -> None:
+    version, _ = _Reader(data, iref.start, iref.end).version_and_flags()
+    size = 2 if version == 0 else 4
+    for box in _boxes(data, iref.start + 4, iref.end, steps):
+        if box.kind != b"dimg":
+            continue
+        reader = _Reader(data, box.start, box.end)
+        whole = reader.number(size)
+        for _ in range(reader.number(2)):
+            steps.spend()
+            meta.parts.setdefault(whole, []).append(reader.number(size))
+
+
+def _pixels_of_parts(data: Data, item_id: int, meta: _Meta, depth: int = 0) -> int:
+    """What decoding an item makes: its own pixels, or those of all its parts where these are more."""
+    if depth > MAX_DEPTH:
+        raise _BrokenError(unreadable("the HEIC's pictures are made of one another"))
+    width, height = next(
+        (_declared_size(data, box) for box in _properties(item_id, meta) if box.kind == b"ispe"), (0, 0)
+    )
+    of_part: dict[int, int] = {}
+    total = 0
+    for part in meta.parts.get(item_id, []):
+        if part not in of_part:
+            of_part[part] = _pixels_of_parts(data, part, meta, depth + 1)
+        total += of_part[part]
+    return max(width * height, total)
+
+
+def _properties(item_id: int, meta: _Meta) -> list[Box]:
+    """In the order in which they apply."""
+    indices = [index for index in meta.associations.get(item_id, []) if 1 <= index <= len(meta.properties)]
+    return [meta.properties[index - 1] for index in indices]
+
+
 def _primary_picture(data: Data, meta: _Meta) -> HeifPicture:
     """The primary item's picture, by its properties in the order in which they apply."""
     if meta.primary is None or not meta.extents.get(meta.primary):
@@ -262,12 +304,11 @@ def _primary_picture(data: Data, meta: _Meta) -> HeifPicture:
     kind = meta.types.get(meta.primary, (b"", b""))[0]
     if kind not in PRIMARY_TYPES:
         raise _BrokenError(_other_coding(kind))
-    indices = [index for index in meta.associations.get(meta.primary, []) if 1 <= index <= len(meta.properties)]
-    boxes = [meta.properties[index - 1] for index in indices]
+    boxes = _properties(meta.primary, meta)
     size = next((_declared_size(data, box) for box in boxes if box.kind == b"ispe"), (0, 0))
     if 0 in size:
         raise _BrokenError(unreadable("the HEIC's main picture has no size"))
-    pixels_to_decode = size[0] * size[1]
+    pixels_to_decode = _pixels_of_parts(data, meta.primary, meta)
     turn = (1, 0, 0, 1)
     for box in boxes:
         reader = _Reader(data, box.start, box.end)

@@ -18,6 +18,8 @@ ALONE = frozenset({TEM, EOI, *range(0xD0, 0xD8)})  # markers without length
 FIRST_SEGMENT_MARKER = 0xC0  # below are TEM and codes that no encoder may write
 
 MAX_SEGMENTS = 10_000  # 60 MB of extended XMP take 1,000, a progressive picture some 100
+MAX_SCANS = 100  # of a progressive picture; encoders write some ten, and each is a pass over all pixels
+TOO_MANY_SCANS = f"the JPEG has more than {MAX_SCANS} scans"
 FILL = re.compile(rb"\xff*+")
 SCAN_END = re.compile(rb"\xff[^\x00\xff\xd0-\xd7]")
 
@@ -46,6 +48,7 @@ def read_jpeg_layout(data: Data) -> JpegLayout:
     """Walk the segments to the end mark of the file's first picture. The file begins with SOI."""
     segments: list[JpegSegment] = []
     size: tuple[int, int] | None = None
+    scans = 0
     position = 2
 
     def layout(damage: Failure | None) -> JpegLayout:
@@ -57,8 +60,7 @@ def read_jpeg_layout(data: Data) -> JpegLayout:
             return layout(segment)
         position = segment.end
         if segment.marker == EOI:
-            has_scan = any(one.marker == SOS for one in segments)
-            return layout(None if has_scan else unreadable("the JPEG has no picture before its end mark"))
+            return layout(None if scans else unreadable("the JPEG has no picture before its end mark"))
         segments.append(segment)
         if segment.marker in FRAME_MARKERS:
             if size is not None:
@@ -67,8 +69,10 @@ def read_jpeg_layout(data: Data) -> JpegLayout:
             if size is None:
                 return layout(unreadable("the JPEG's frame header gives no size"))
         elif segment.marker == SOS:
-            if size is None:
-                return layout(unreadable("the JPEG's scan comes before its frame header"))
+            scans += 1
+            if size is None or scans > MAX_SCANS:
+                why = "the JPEG's scan comes before its frame header" if size is None else TOO_MANY_SCANS
+                return layout(unreadable(why))
             position = _end_of_scan(data, position)
     return layout(unreadable(f"the JPEG has more than {MAX_SEGMENTS} segments"))
 

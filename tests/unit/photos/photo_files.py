@@ -175,15 +175,19 @@ def video() -> bytes:
     return box(b"ftyp", b"mp42\0\0\0\0isommp42") + box(b"mdat", bytes(range(256)) * 4) + moov
 
 
-def grid_heic(columns: int, rows: int, tile: int, turn: int = 0) -> bytes:
-    """The boxes of a HEIC whose primary item is a grid in `idat`, as iPhones write; its tiles hold no pixels."""
+def grid_heic(columns: int, rows: int, tile: int, turn: int = 0, *, names: int = 1, part: int | None = None) -> bytes:
+    """The boxes of a HEIC whose primary item is a grid in `idat`, as iPhones write; its tiles hold no pixels.
+
+    names: how often the grid names each tile. part: what it names in place of its tiles.
+    """
     tiles = range(2, 2 + columns * rows)
     width, height = columns * tile - 10, rows * tile - 6
     infe = [box(b"infe", b"\2\0\0\0" + struct.pack(">HH", 1, 0) + b"grid\0")]
     infe += [box(b"infe", b"\2\0\0\0" + struct.pack(">HH", number, 0) + b"hvc1\0") for number in tiles]
     iinf = box(b"iinf", b"\0\0\0\0" + struct.pack(">H", len(infe)) + b"".join(infe))
     grid = struct.pack(">BBBBHH", 0, 0, rows - 1, columns - 1, width, height)
-    dimg = box(b"dimg", struct.pack(f">HH{len(tiles)}H", 1, len(tiles), *tiles))
+    named = [*tiles] * names if part is None else [part]
+    dimg = box(b"dimg", struct.pack(f">HH{len(named)}H", 1, len(named), *named))
     ispe = [box(b"ispe", struct.pack(">LLL", 0, *size)) for size in ((width, height), (tile, tile))]
     ipco = box(b"ipco", b"".join(ispe) + box(b"irot", bytes([turn])))
     associations = struct.pack(">HBBB", 1, 2, 1, 0x83) + b"".join(struct.pack(">HBB", one, 1, 2) for one in tiles)

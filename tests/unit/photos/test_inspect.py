@@ -106,7 +106,31 @@ def test_orientation_is_taken_from_xmp_where_exif_tells_none(inspect, form):
 @pytest.mark.parametrize(("quarters", "orientation"), [(0, 1), (1, 8), (2, 3), (3, 6)])
 def test_heic_grid_has_the_size_of_the_grid_and_the_turn_of_irot(inspect, quarters, orientation):
     facts = inspect(grid_heic(8, 6, 512, quarters))
-    assert facts == PhotoFacts("image/heic", 8 * 512 - 10, 6 * 512 - 6, orientation, (8 * 512 - 10) * (6 * 512 - 6))
+    assert facts == PhotoFacts("image/heic", 8 * 512 - 10, 6 * 512 - 6, orientation, 8 * 512 * 6 * 512)
+
+
+def test_tiles_of_a_heic_count_as_often_as_they_are_named(inspect):
+    """A small grid of a thousand references to one large tile is a thousand tiles to a decoder."""
+    facts = inspect(grid_heic(1, 1, 4096, names=1000))
+    assert (facts.width, facts.height) == (4086, 4090)
+    assert facts.pixels_to_decode == 1000 * 4096**2
+
+
+def test_heic_whose_pictures_are_made_of_one_another_is_refused(inspect):
+    failure = inspect(grid_heic(1, 1, 512, part=1))
+    assert (failure.code, "one another" in failure.message) == ("image_unreadable", True)
+
+
+def test_jpeg_of_thousands_of_scans_is_refused(inspect):
+    """Its last scan, 91 bytes, repeated 2,000 times held a decoder for 20 s."""
+    stream = io.BytesIO()
+    picture().save(stream, "JPEG", progressive=True)
+    whole = stream.getvalue()
+    last_scan = whole[whole.rindex(b"\xff\xda") : -2]
+    assert isinstance(inspect(whole), PhotoFacts)
+    assert isinstance(inspect(whole[:-2] + last_scan * 50 + b"\xff\xd9"), PhotoFacts)
+    failure = inspect(whole[:-2] + last_scan * 2000 + b"\xff\xd9")
+    assert (failure.code, "more than 100 scans" in failure.message) == ("image_unreadable", True)
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
