@@ -100,7 +100,7 @@ class Settings(BaseSettings):
     job_history_days: int = Field(
         default=7, ge=1, description="How long the job engine's own rows of ended jobs are kept; ours stay."
     )
-    api_children: int = Field(default=1, ge=1, description="Processes of one server that decode photographs at once.")
+    api_children: int = Field(default=2, ge=1, description="Processes of one server that decode photographs at once.")
     enrolment_attempts_per_minute: int = Field(default=20, ge=1, description="Tries a minute and address, enrolment.")
     sign_in_attempts_per_minute: int = Field(
         default=10,

@@ -1,18 +1,22 @@
 """Child processes of the HTTP server, for what must decode uploaded bytes at once: checks, calibrations, pictures.
 
-The worker's pool (jobs/child_pool.py) with a door before it: whoever comes while all children are busy waits a little,
-and only so many may wait, so that a crowd gets an answer that says "later" instead of a queue without end.
+The worker's pool (jobs/child_pool.py) with a line before it (fair_line.py): whoever comes while all children are busy
+waits a little, studies take turns, a caller has one child at a time, and only so many may wait, so that a crowd gets an
+answer that says "later" instead of a queue without end.
 """
 
 import contextlib
 import threading
+import uuid
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import structlog
 
 from app.errors import TadaError, UnavailableError
 from app.jobs.child_pool import ChildPool, ChildPoolClosedError, ChildRequest, ChildResult, ChildStartError
+from app.services.fair_line import FairLine, LineFullError
 from app.settings import Settings
 
 log = structlog.get_logger()
@@ -20,9 +24,18 @@ log = structlog.get_logger()
 TASKS = "app.services.child_tasks:TASKS"
 WAITING_A_CHILD = 8  # more would wait longer than a phone does
 WAIT_SECONDS = 6.0
+MAX_UNDECODABLE = 100_000  # photographs remembered: some 10 MB
 PATIENCE = 3.0  # times a task's limit of processor time, by the clock: longer than phones wait for an answer
 RETRY_AFTER_SECONDS = 3
 WARM_UP_AFTER_SECONDS = 3.0  # once the server answers; a start takes a second of one core
+
+
+@dataclass(frozen=True, slots=True)
+class Whose:
+    """On whose behalf a child works: turns go by study, and each caller has one."""
+
+    study_id: uuid.UUID | None
+    caller_id: uuid.UUID | None
 
 
 class PhotographError(TadaError):
@@ -37,9 +50,9 @@ class ApiChildren:
 
     def __init__(self, settings: Settings, *, tasks: str = TASKS, wait_seconds: float = WAIT_SECONDS) -> None:
         self._pool = ChildPool(settings, tasks, children=settings.api_children)
-        self._wait_seconds = wait_seconds
-        self._places = threading.BoundedSemaphore(settings.api_children * (1 + WAITING_A_CHILD))
-        self._free = threading.BoundedSemaphore(settings.api_children)
+        most_waiting = settings.api_children * WAITING_A_CHILD
+        self._line = FairLine(settings.api_children, most_waiting=most_waiting, wait_seconds=wait_seconds)
+        self._undecodable: set[str | None] = set()
         self._warming = threading.Timer(WARM_UP_AFTER_SECONDS, self._warm_up)
         self._warming.daemon = True
 
@@ -47,14 +60,26 @@ class ApiChildren:
         """Have a child ready in a few seconds, without keeping the server's start waiting."""
         self._warming.start()
 
-    def run(self, task: str, arguments: Mapping[str, Any], *, seconds: float) -> Mapping[str, Any]:
+    def run(
+        self,
+        task: str,
+        arguments: Mapping[str, Any],
+        *,
+        seconds: float,
+        whose: Whose,
+        photograph_sha256: str | None = None,
+    ) -> Mapping[str, Any]:
         """Perform a task of child_tasks.py. seconds: of processor time, at most; then its child ends.
+
+        photograph_sha256: of the one that is decoded; if it broke a child before, it is refused at once.
 
         Raises UnavailableError (`server_busy`: also where the machine, not the photograph, took too long),
         PhotographError (it crashed, wanted too much memory or processor time), TadaError (`internal_error`: a mistake
         of ours).
         """
-        with self._admitted():
+        if photograph_sha256 in self._undecodable:
+            raise _not_decoded()
+        with self._admitted(whose):
             try:
                 ended = self._pool.run(
                     ChildRequest(task, arguments), lambda _: None, seconds=seconds, patience=PATIENCE
@@ -68,7 +93,9 @@ class ApiChildren:
             raise _busy()
         if ended.outcome == "raised":
             raise TadaError("The server made a mistake while it looked at the photograph; it is in its log.")
-        raise PhotographError("The photograph cannot be decoded here: take another one, or use JPEG.")
+        if photograph_sha256 is not None and len(self._undecodable) < MAX_UNDECODABLE:
+            self._undecodable.add(photograph_sha256)
+        raise _not_decoded()
 
     def close(self) -> None:
         """Kill all children."""
@@ -76,35 +103,31 @@ class ApiChildren:
         self._pool.close()
 
     @contextlib.contextmanager
-    def _admitted(self) -> Iterator[None]:
-        if not self._places.acquire(blocking=False):
-            raise _busy()
-        try:
-            if not self._free.acquire(timeout=self._wait_seconds):
-                raise _busy()
+    def _admitted(self, whose: Whose) -> Iterator[None]:
+        with contextlib.ExitStack() as place:
             try:
-                yield
-            finally:
-                self._free.release()
-        finally:
-            self._places.release()
+                place.enter_context(self._line.place(whose.study_id, whose.caller_id))
+            except LineFullError:
+                raise _busy() from None
+            yield
 
     def _warm_up(self) -> None:
-        if not self._free.acquire(blocking=False):
-            return  # one is at work already
         try:
-            self._pool.warm_up()
-        except ChildPoolClosedError:
+            with self._line.place(None, None):
+                self._pool.warm_up()
+        except (ChildPoolClosedError, LineFullError):  # the server ends, or children are at work already
             pass
         except ChildStartError:
             log.warning("api_child_not_started", exc_info=True)
-        finally:
-            self._free.release()
 
 
 def _words(ended: ChildResult) -> str:
     """The child's words, unless a library wrote them, which may quote what was in the photograph."""
     return ended.message.partition(":")[0]
+
+
+def _not_decoded() -> PhotographError:
+    return PhotographError("The photograph cannot be decoded here: take another one, or use JPEG.")
 
 
 def _busy() -> UnavailableError:

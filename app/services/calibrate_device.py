@@ -15,7 +15,7 @@ from app.db.session import Database
 from app.errors import ConflictError, Failure, GoneError, InvalidInputError, NotFoundError
 from app.services import audit
 from app.services.access import require_study
-from app.services.api_children import ApiChildren
+from app.services.api_children import ApiChildren, Whose
 from app.services.caller import Caller, DeviceCaller
 from app.services.receive_photo import ReceivedFile
 from app.settings import Settings
@@ -85,6 +85,7 @@ def calibrate_device(
         "calibrate",
         {"photos": [str(file.path) for file in files], "marker": board, "max_pixels": settings.max_photo_pixels},
         seconds=SECONDS,
+        whose=Whose(caller.study_id, caller.device_id),
     )
     left_out = _require_good(found)
     with database.write() as session:

@@ -9,7 +9,7 @@ from app.db.models import Study
 from app.db.session import Database
 from app.errors import InvalidInputError
 from app.photos.inspect import PhotoFacts, inspect_photo
-from app.services.api_children import ApiChildren
+from app.services.api_children import ApiChildren, Whose
 from app.services.caller import DeviceCaller
 from app.services.camera_choice import Size, choose_camera
 from app.services.camera_json import camera_to_json
@@ -88,6 +88,7 @@ def check_pair(
             "max_pixels": settings.max_photo_pixels,
         },
         seconds=SECONDS,
+        whose=Whose(caller.study_id, caller.device_id),
     )
     problems = tuple(_told(one["code"], one["severity"], one["side"], locale) for one in found["problems"])
     return CheckedPair(found["ok"], problems, found["measures"], locale, round(time.perf_counter() - started, 3))

@@ -25,8 +25,8 @@ from app.db.queries import meals, records
 from app.db.session import Database
 from app.errors import GoneError, NotFoundError, TadaError
 from app.services import audit
-from app.services.api_children import ApiChildren, PhotographError
-from app.services.caller import Caller
+from app.services.api_children import ApiChildren, PhotographError, Whose
+from app.services.caller import Caller, StaffCaller
 from app.services.read_meal import find_meal
 from app.services.receive_photo import sha256_of_file
 from app.services.thumbnails import THUMBNAIL_PX, thumbnail_name
@@ -115,7 +115,7 @@ def render_photo(
     image = found.image
     content = _kept(blobs, found.thumbnail) if width_px == THUMBNAIL_PX else None
     if content is None:
-        content = _made(blobs, children, settings, found, width_px)
+        content = _made(blobs, children, settings, caller, found, width_px)
     with database.write() as session:
         still = session.get(MealImage, image.id)
         if still is None or still.erased_at is not None:  # meanwhile
@@ -147,7 +147,9 @@ def _kept(blobs: BlobStore, thumbnail: RunArtefact | None) -> bytes | None:
     return content
 
 
-def _made(blobs: BlobStore, children: ApiChildren, settings: Settings, found: FoundPhoto, width_px: int) -> bytes:
+def _made(
+    blobs: BlobStore, children: ApiChildren, settings: Settings, caller: Caller, found: FoundPhoto, width_px: int
+) -> bytes:
     """The picture, made of the photograph by a child."""
     image = found.image
     with tempfile.TemporaryDirectory(prefix="tada-", dir=blobs.staging_folder()) as name:
@@ -166,6 +168,8 @@ def _made(blobs: BlobStore, children: ApiChildren, settings: Settings, found: Fo
                 "colour": found.colour,
             },
             seconds=SECONDS,
+            whose=Whose(found.study_id, caller.staff_id if isinstance(caller, StaffCaller) else caller.device_id),
+            photograph_sha256=image.stored_sha256,
         )
         if answer["failure"] is not None:
             raise PhotographError(answer["failure"]["message"], code=answer["failure"]["code"])

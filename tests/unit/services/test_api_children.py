@@ -3,11 +3,12 @@
 import pathlib
 import threading
 import time
+import uuid
 
 import pytest
 
 from app.errors import TadaError, UnavailableError
-from app.services.api_children import PATIENCE, WAITING_A_CHILD, ApiChildren, PhotographError
+from app.services.api_children import PATIENCE, WAITING_A_CHILD, ApiChildren, PhotographError, Whose
 from app.settings import Settings
 
 ROOT = pathlib.Path(__file__).parents[3]
@@ -17,25 +18,30 @@ TASKS = "tests.unit.jobs.fake_tasks:TASKS"
 @pytest.fixture
 def children(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(ROOT)
-    found = ApiChildren(Settings(data_dir=tmp_path), tasks=TASKS, wait_seconds=0.3)
+    found = ApiChildren(Settings(data_dir=tmp_path, api_children=1), tasks=TASKS, wait_seconds=0.3)
     yield found
     found.close()
 
 
+def somebody():
+    """Another caller of another study at each call."""
+    return Whose(uuid.uuid4(), uuid.uuid4())
+
+
 def describe(children, word):
-    return children.run("describe", {"word": word}, seconds=30)["echo"]["word"]
+    return children.run("describe", {"word": word}, seconds=30, whose=somebody())["echo"]["word"]
 
 
 def hang(children, seconds):
     """Hold a child for so long by the clock."""
     with pytest.raises(UnavailableError):
-        children.run("hang", {}, seconds=seconds / PATIENCE)
+        children.run("hang", {}, seconds=seconds / PATIENCE, whose=somebody())
 
 
 @pytest.mark.parametrize("task", ["raise", "not_json", "no_such_task"])
 def test_mistake_of_ours_is_told_as_one(children, task):
     with pytest.raises(TadaError) as caught:
-        children.run(task, {}, seconds=30)
+        children.run(task, {}, seconds=30, whose=somebody())
     assert (caught.value.code, caught.value.status) == ("internal_error", 500)
     assert describe(children, "next") == "next"
 
@@ -43,7 +49,7 @@ def test_mistake_of_ours_is_told_as_one(children, task):
 @pytest.mark.parametrize("task", ["segfault", "exit"])
 def test_bad_end_is_an_error_of_the_request_and_the_next_one_is_answered(children, task):
     with pytest.raises(PhotographError) as caught:
-        children.run(task, {}, seconds=30)
+        children.run(task, {}, seconds=30, whose=somebody())
     assert (caught.value.code, caught.value.status, caught.value.retryable) == ("photograph_not_decoded", 422, False)
     assert describe(children, "next") == "next"
 
@@ -51,7 +57,7 @@ def test_bad_end_is_an_error_of_the_request_and_the_next_one_is_answered(childre
 def test_photograph_that_takes_too_much_processor_time_is_told_to_be_at_fault(children):
     describe(children, "warm")
     with pytest.raises(PhotographError):
-        children.run("spin", {}, seconds=2)
+        children.run("spin", {}, seconds=2, whose=somebody())
     assert describe(children, "next") == "next"
 
 
@@ -60,7 +66,7 @@ def test_slow_or_full_machine_does_not_blame_the_photograph(children, task):
     """Of 22 good pairs under load 4 were answered 422, take another photograph."""
     describe(children, "warm")
     with pytest.raises(UnavailableError) as caught:
-        children.run(task, {}, seconds=0.3)
+        children.run(task, {}, seconds=0.3, whose=somebody())
     assert (caught.value.code, caught.value.status, caught.value.retryable) == ("server_busy", 503, True)
     assert describe(children, "next") == "next"
 
@@ -79,7 +85,7 @@ def test_request_that_waits_too_long_is_told_to_come_back(children):
 
 def test_more_than_the_waiting_room_holds_are_turned_away_without_waiting(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(ROOT)
-    children = ApiChildren(Settings(data_dir=tmp_path), tasks=TASKS, wait_seconds=30)
+    children = ApiChildren(Settings(data_dir=tmp_path, api_children=1), tasks=TASKS, wait_seconds=30)
     try:
         describe(children, "warm")
         refused = []
@@ -105,13 +111,13 @@ def test_more_than_the_waiting_room_holds_are_turned_away_without_waiting(tmp_pa
 
 def test_closing_ends_whoever_waits(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(ROOT)
-    children = ApiChildren(Settings(data_dir=tmp_path), tasks=TASKS)
+    children = ApiChildren(Settings(data_dir=tmp_path, api_children=1), tasks=TASKS)
     describe(children, "warm")
     told = []
 
     def ask():
         try:
-            children.run("hang", {}, seconds=30)
+            children.run("hang", {}, seconds=30, whose=somebody())
         except UnavailableError as error:
             told.append(error.code)
 
@@ -137,3 +143,15 @@ def test_several_children_work_at_once(tmp_path, monkeypatch):
         busy.join()
     finally:
         children.close()
+
+
+def test_photograph_that_broke_a_child_is_refused_without_another(children):
+    whose = somebody()
+    for _ in range(2):
+        with pytest.raises(PhotographError):
+            children.run("segfault", {}, seconds=30, whose=whose, photograph_sha256="ab" * 32)
+    started = time.monotonic()
+    with pytest.raises(PhotographError):
+        children.run("hang", {}, seconds=30, whose=whose, photograph_sha256="ab" * 32)
+    assert time.monotonic() - started < 1
+    assert describe(children, "another") == "another"

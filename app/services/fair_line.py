@@ -1,0 +1,89 @@
+"""Who is next where few places are wanted by many: studies take turns, and each caller has one place at a time.
+
+`with line.place(study, caller):` waits for a place. Of those who wait, the study that was served least lately is next,
+in it whoever came first; a caller who has a place already waits for that one to end.
+"""
+
+import itertools
+import threading
+import time
+from collections.abc import Hashable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+MAX_STUDIES = 10_000  # whose last turns are remembered
+
+
+class LineFullError(Exception):
+    """Too many wait, or the time to wait is over."""
+
+
+@dataclass(eq=False, slots=True)
+class _Waiting:
+    study: Hashable
+    caller: Hashable
+    number: int  # of who comes, counted
+
+
+class FairLine:
+    """places: at once. most_waiting: three quarters of them of one study, half of one caller. wait_seconds: at most."""
+
+    def __init__(self, places: int, *, most_waiting: int, wait_seconds: float) -> None:
+        self._free = places
+        self._most_waiting = most_waiting
+        self._wait_seconds = wait_seconds
+        self._changed = threading.Condition()
+        self._waiting: list[_Waiting] = []
+        self._served: set[Hashable] = set()  # callers who have a place
+        self._last_turns: dict[Hashable, int] = {}  # of studies, the oldest first
+        self._numbers = itertools.count()
+
+    @contextmanager
+    def place(self, study: Hashable, caller: Hashable) -> Iterator[None]:
+        """Hold a place. Raises LineFullError."""
+        self._wait_for(_Waiting(study, caller, next(self._numbers)))
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._free += 1
+                self._served.discard(caller)
+                self._changed.notify_all()
+
+    def _wait_for(self, wanted: _Waiting) -> None:
+        deadline = time.monotonic() + self._wait_seconds
+        with self._changed:
+            if self._is_full_for(wanted):
+                raise LineFullError
+            self._waiting.append(wanted)
+            try:
+                while self._next() is not wanted:
+                    remaining = deadline - time.monotonic()
+                    if remaining <= 0 or not self._changed.wait(remaining):
+                        raise LineFullError
+                self._free -= 1
+                self._served.add(wanted.caller)
+                self._note_turn(wanted)
+            finally:
+                self._waiting.remove(wanted)
+                self._changed.notify_all()
+
+    def _is_full_for(self, wanted: _Waiting) -> bool:
+        """Whether so many wait already, or so many of the study or of the caller that others would find no room."""
+        of_study = sum(each.study == wanted.study for each in self._waiting)
+        of_caller = sum(each.caller == wanted.caller for each in self._waiting)
+        most = self._most_waiting
+        return len(self._waiting) >= most or of_study >= most - most // 4 or of_caller >= most - most // 2
+
+    def _next(self) -> _Waiting | None:
+        """Whose turn it is; None while no place is free for anybody."""
+        if self._free == 0:
+            return None
+        ready = [each for each in self._waiting if each.caller not in self._served]
+        return min(ready, key=lambda each: (self._last_turns.get(each.study, -1), each.number), default=None)
+
+    def _note_turn(self, served: _Waiting) -> None:
+        self._last_turns.pop(served.study, None)
+        self._last_turns[served.study] = next(self._numbers)
+        if len(self._last_turns) > MAX_STUDIES:
+            del self._last_turns[next(iter(self._last_turns))]
