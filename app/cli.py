@@ -23,6 +23,7 @@ from app.cli_people import admin_cli, staff_cli
 from app.cli_releases import releases_cli
 from app.cli_vessels import vessels_cli
 from app.errors import Failure, InvalidInputError, TadaError
+from app.private_files import keep_files_private
 from app.settings import Settings
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ MarkerOption = Annotated[str, typer.Option("--marker", metavar="M", help="KIND:C
 
 def main() -> None:
     """Entry point: errors of ours are told in a sentence, without a traceback."""
+    keep_files_private()
     try:
         cli()
     except TadaError as error:

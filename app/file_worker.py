@@ -16,6 +16,7 @@ from app.db.queries import file_work
 from app.db.session import open_database
 from app.jobs.process_life import die_with_parent
 from app.logs import configure_logging
+from app.private_files import keep_files_private
 from app.services.file_runner import FileRunner
 from app.services.secret_box import open_secret_box
 from app.settings import Settings
@@ -30,6 +31,7 @@ class AskedToEndError(BaseException):
 
 def main() -> None:
     """Make what waits longest, if anything does."""
+    keep_files_private()
     parser = argparse.ArgumentParser(description="Makes one file of tada-server.")
     parser.add_argument("--parent", type=int, required=True)
     parser.add_argument("--claim", type=uuid.UUID, required=True)

@@ -15,6 +15,7 @@ from app.jobs.worker_process import run_jobs
 from app.logs import configure_logging
 from app.metrics.instruments import REGISTRY, tell_build
 from app.metrics.server import MetricsServer
+from app.private_files import keep_files_private
 from app.services.check_stores import check_stores
 from app.services.chores import worker_chores
 from app.services.estimate_meal import EstimateMeal
@@ -80,6 +81,7 @@ def _serve_metrics(settings: Settings) -> MetricsServer | None:
 
 def main() -> None:
     """`python -m app.worker [--parent PID]`: with a parent, it dies with it."""
+    keep_files_private()
     parser = argparse.ArgumentParser(description="A worker of tada-server.")
     parser.add_argument("--parent", type=int, help="process id; the worker ends when that process does")
     arguments = parser.parse_args()

@@ -3,9 +3,13 @@
 import ipaddress
 import stat
 from collections.abc import Iterator
+from pathlib import Path
 from urllib.parse import urlsplit
 
+import sqlalchemy as sa
+
 from app.errors import TadaError
+from app.private_files import OTHERS
 from app.services.finding import Finding
 from app.services.secret_box import KEY_FILE, open_secret_box
 from app.settings import Settings
@@ -16,6 +20,7 @@ LOCAL_HOSTS = frozenset({"127.0.0.1", "::1", "localhost"})
 def look_at_settings(settings: Settings) -> Iterator[Finding]:
     """Asks nobody; reads the key's file at most."""
     yield _secret_key(settings)
+    yield from _private_files(settings)
     yield from _public_url(settings)
     yield from _proxies(settings)
     yield from _doors(settings)
@@ -35,6 +40,21 @@ def _secret_key(settings: Settings) -> Finding:
     if stat.S_IMODE(path.stat().st_mode) & 0o077:
         return Finding(subject, "bad", f"others on this machine may read {path}.", f"Do `chmod 600 {path}`.")
     return Finding(subject, "ok", f"in {path}; keep a copy of it outside of backups of the data")
+
+
+def _private_files(settings: Settings) -> Iterator[Finding]:
+    """Older versions left the data folder to the shell's umask, mostly readable by every local user."""
+    subject, folders = "private files", {settings.data_dir.absolute()}
+    if settings.is_embedded and (path := sa.make_url(settings.resolved_database_url).database):
+        folders.add(Path(path).absolute().parent)
+    seen = sorted(folder for folder in folders if folder.is_dir())
+    open_ones = [str(folder) for folder in seen if stat.S_IMODE(folder.stat().st_mode) & OTHERS]
+    if open_ones:
+        told = " and ".join(open_ones)
+        advice = " ".join(["Do `chmod -R go=", *open_ones]) + "`."
+        yield Finding(subject, "bad", f"others on this machine may look into {told}.", advice)
+    elif seen:
+        yield Finding(subject, "ok", "the data folder is for this user alone")
 
 
 def _public_url(settings: Settings) -> Iterator[Finding]:

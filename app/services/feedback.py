@@ -209,9 +209,9 @@ def _sum(eaten: Sequence[EffectiveRecord], column: str) -> EatenAmount:
 def _ends(amount: float, record: EffectiveRecord) -> tuple[float, float] | None:
     """The amount at the ends of the grams' interval: it is so much a gram."""
     grams, low_g, high_g = record.consumed_g, record.consumed_low_g, record.consumed_high_g
-    if amount == 0.0:
+    if amount == 0.0 and (grams != 0.0 or low_g == high_g == 0.0):  # the food has none of it, or nothing was eaten
         return 0.0, 0.0
-    if grams is None or low_g is None or high_g is None or grams == 0.0:
+    if grams is None or low_g is None or high_g is None or grams == 0.0:  # how much a gram has is not known of no gram
         return None
     return amount / grams * low_g, amount / grams * high_g
 

@@ -53,6 +53,9 @@ class Deployment:
             erasure_url=f"file://{folder / 'ledger'}",
             min_free_bytes=0,
         )
+        for made in (folder, self.settings.data_dir):  # as the program's own umask makes them
+            made.mkdir(mode=0o700, exist_ok=True)
+            made.chmod(0o700)
         self.kind = kind
         self.database = Database(url)
         self.blobs = open_blob_store(self.settings.resolved_blob_url, self.settings)
@@ -189,6 +192,13 @@ def test_missing_secret_key_and_readable_key_file_are_told(deployment):
     open_secret_box(settings)
     (settings.data_dir / "secret.key").chmod(0o644)
     assert "secret key" in deployment.bad(secret_key=None)
+
+
+def test_data_folder_that_others_may_look_into_is_told(deployment):
+    """Older versions left it to the umask: the SQLite file was readable by every local user."""
+    assert deployment.findings()["private files"].level == "ok"
+    deployment.settings.data_dir.chmod(0o755)
+    assert "private files" in deployment.bad()
 
 
 def test_store_that_cannot_be_written_is_told(deployment, tmp_path):

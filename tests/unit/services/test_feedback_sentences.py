@@ -52,6 +52,14 @@ def test_sum_without_an_interval_or_with_unknown_grams_says_so():
     assert sum_amounts([])["energy_kcal"].value is None
 
 
+def test_nothing_eaten_within_an_interval_of_grams_is_no_certain_nothing():
+    """A summary said [0, 0] kcal where the meal itself said -30.6 to 30.6."""
+    found = sum_amounts([record(0.0, -20.0, 20.0, 0.0)])["energy_kcal"]
+    assert (found.value, found.low, found.high) == (0.0, None, None)
+    certain = sum_amounts([record(0.0, 0.0, 0.0, 0.0), record(100.0, 80.0, 120.0, 0.0)])["energy_kcal"]
+    assert (certain.value, certain.low, certain.high) == (0.0, 0.0, 0.0)
+
+
 def test_what_is_shown_is_never_below_zero():
     found = sum_amounts([record(-4.0, -10.0, 2.0, -2.0)])["energy_kcal"]
     assert (found.value, found.low, found.high) == (0.0, 0.0, 1.0)
