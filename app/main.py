@@ -54,6 +54,7 @@ from app.api import (
     webhooks,
 )
 from app.api.access import RULES, authorise
+from app.api.answers import ApiAnswers
 from app.api.body_limit import BodyLimit
 from app.api.call_limits import UNCOUNTED_PATHS, AddressLimit, CallLimits
 from app.api.fhir import routes as fhir
@@ -175,6 +176,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(BodyLimit)
     app.add_middleware(AddressLimit)  # before a body is read
     app.add_middleware(FhirErrors)  # around all that answers with a problem document
+    app.add_middleware(ApiAnswers)
     app.add_middleware(RequestLog)
     app.add_middleware(DashboardAnswers)
     app.mount("/dashboard/static", DashboardFiles())

@@ -95,7 +95,7 @@ def _answer(
         others = [(key, value) for key, value in request.query_params.multi_items() if key != "cursor"]
         following = f"{request.url.path}?{urlencode([*others, ('cursor', page.cursor)])}"
     body = AuditPage(items=[_event_out(row) for row in page.rows], next=following)
-    return JSONResponse(body.model_dump(mode="json"), headers={"Cache-Control": "private, no-store"})
+    return JSONResponse(body.model_dump(mode="json"))
 
 
 def audit_file(state: ApiState, caller: StaffCaller, filters: dict[str, Any], output: FlatFormat = "csv") -> Response:
@@ -109,7 +109,7 @@ def audit_file(state: ApiState, caller: StaffCaller, filters: dict[str, Any], ou
             (_event_out(row).model_dump(mode="json") for row in chain(first, rows)),
         ),
         media_type=MEDIA_TYPES[output],
-        headers={"Content-Disposition": f'attachment; filename="audit.{output}"', "Cache-Control": "no-store"},
+        headers={"Content-Disposition": f'attachment; filename="audit.{output}"'},
     )
 
 

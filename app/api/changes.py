@@ -45,4 +45,4 @@ def get_changes(
         next=next_page(request, page.cursor) or "",
         has_more=page.has_more,
     )
-    return JSONResponse(body.model_dump(mode="json"), headers={"Cache-Control": "private, no-store"})
+    return JSONResponse(body.model_dump(mode="json"))

@@ -42,13 +42,12 @@ def get_data_dictionary(
     """Every column's name, type, unit, meaning, values, and what an empty cell says."""
     spec = ExportSpec(rows, layout, components=components, filters=ExportFilters(study), provenance=provenance)
     columns = columns_for(state.database, caller, spec)
-    headers = {"Cache-Control": "private, no-store"}
     if output == "table-schema":
-        return JSONResponse(table_schema(columns, key=key_of(spec)), headers=headers)
+        return JSONResponse(table_schema(columns, key=key_of(spec)))
     told = entries(columns)
     if output == "csv":
         pieces = encode_csv(DICTIONARY_PARTS, [[PartOfBatch(DICTIONARY_PARTS[0], told)]])
-        headers["Content-Disposition"] = f'attachment; filename="data-dictionary-{rows}.csv"'
+        headers = {"Content-Disposition": f'attachment; filename="data-dictionary-{rows}.csv"'}
         return Response(b"".join(pieces), media_type=MEDIA_TYPES["csv"], headers=headers)
     names = [column.name for column in DICTIONARY_PARTS[0].columns]
     body = DataDictionary(
@@ -58,4 +57,4 @@ def get_data_dictionary(
         key=list(key_of(spec)),
         columns=[DictionaryColumn(**dict(zip(names, row, strict=True))) for row in told],
     )
-    return JSONResponse(body.model_dump(mode="json"), headers=headers)
+    return JSONResponse(body.model_dump(mode="json"))

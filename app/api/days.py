@@ -132,7 +132,7 @@ def get_days(
     body = DaySummaryPage(
         items=[DaySummaryOut(**day_values(day)) for day in page.rows], next=next_page(request, page.cursor)
     )
-    return JSONResponse(body.model_dump(mode="json"), headers={"Cache-Control": "private, no-store"})
+    return JSONResponse(body.model_dump(mode="json"))
 
 
 @router.get("/studies/{study}/intakes", responses=problem_responses(401, 403, 404, 422))

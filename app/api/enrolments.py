@@ -1,6 +1,6 @@
 """/v1/enrolments: an open call: a device exchanges its one-time code for a token. Rate limited by address."""
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Request
 
 from app.api.deps import State
 from app.api.problems import problem_responses
@@ -12,13 +12,12 @@ router = APIRouter(prefix="/v1/enrolments", tags=["enrolments"])
 
 
 @router.post("", status_code=201, responses=problem_responses(404, 422, 429))
-def post_enrolment(body: EnrolmentIn, request: Request, state: State, response: Response) -> EnrolmentOut:
+def post_enrolment(body: EnrolmentIn, request: Request, state: State) -> EnrolmentOut:
     """Exchange a code for a device's token. A code that is unknown, used or expired gives 404, in the same words."""
     state.enrolment_limit.take(caller_address(request))
     issued = enrol_device(
         state.database, code=body.code, device=NewDevice(body.device_name, body.model, body.app_version)
     )
-    response.headers["Cache-Control"] = "no-store"
     return EnrolmentOut(
         token=issued.token,
         device_id=issued.device_id,

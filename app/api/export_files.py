@@ -58,6 +58,5 @@ def answer_file(state: ApiState, caller: Caller, spec: ExportSpec, name: str) ->
     file = ExportFile(state.database, state.blobs, state.settings, state.export_places)(caller, spec)
     headers = {
         "Content-Disposition": f'attachment; filename="{name}.{spec.output}"',
-        "Cache-Control": "private, no-store",
     }
     return ClosingStream(file.pieces, file.close, media_type=MEDIA_TYPES[spec.output], headers=headers)

@@ -68,7 +68,6 @@ class ListRoute(APIRoute):
             content = await anyio.to_thread.run_sync(lambda: b"".join(encode_flat(output, flat_paths(row, rows), rows)))
             headers = {
                 "Content-Disposition": f'attachment; filename="{name}.{output}"',
-                "Cache-Control": "private, no-store",
             }
             return Response(content, media_type=MEDIA_TYPES[output], headers=headers)
 

@@ -81,8 +81,6 @@ def get_my_export(state: State, caller: CurrentDevice) -> StreamingResponse:
         headers={
             "Content-Length": str(size),
             "Content-Disposition": 'attachment; filename="my-data.zip"',
-            "X-Content-Type-Options": "nosniff",
-            "Cache-Control": "private, no-store",
         },
     )
 

@@ -47,7 +47,6 @@ FoodKey = Annotated[str, StringConstraints(max_length=100)]
 Word = Annotated[str, StringConstraints(max_length=64, pattern="^[a-z0-9_]+$")]
 Known = Annotated[str, StringConstraints(max_length=50, pattern=r"^[0-9A-Fa-f-]{32,36}:[0-9]{1,9}$")]
 MOST_VALUES = 10  # of one filter, any of which will do
-PRIVATE = {"Cache-Control": "private, no-store"}
 
 
 @router.get(
@@ -130,15 +129,12 @@ def get_meals(
     )
     page = list_meals(state.database, caller, chosen, order=order, cursor=cursor, limit=limit)
     body = MealPage(items=[render_meal_row(row, caller) for row in page.rows], next=next_page(request, page.cursor))
-    return JSONResponse(body.model_dump(mode="json"), headers=PRIVATE)
+    return JSONResponse(body.model_dump(mode="json"))
 
 
 @router.get("/studies/{study}/meal-counts", responses=problem_responses(401, 403, 404))
-def get_meal_counts(
-    study: Annotated[str, Path(max_length=64)], state: State, _: CurrentStaff, response: Response
-) -> MealCounts:
+def get_meal_counts(study: Annotated[str, Path(max_length=64)], state: State, _: CurrentStaff) -> MealCounts:
     """How many meals of the study have each status; of more than 1,000 it is said that there are more."""
-    response.headers.update(PRIVATE)
     counts = count_meals(state.database, read_study(state.database, study).id)
     return MealCounts(items=[StatusCountOut.model_validate(count, from_attributes=True) for count in counts])
 
@@ -148,14 +144,12 @@ def get_changed_meals(
     study: Annotated[str, Path(max_length=64)],
     state: State,
     caller: CurrentStaff,
-    response: Response,
     meal: Annotated[
         list[Known] | None,
         Query(max_length=MOST_WATCHED, description="ID:VERSION, as they are known; several."),
     ] = None,
 ) -> ChangedMeals:
     """Which of these meals have changed, as they stand now: what a page that shows them asks every few seconds."""
-    response.headers.update(PRIVATE)
     known = [_known(text) for text in meal or ()]
     rows = changed_meals(state.database, read_study(state.database, study).id, known)
     return ChangedMeals(items=[render_meal_row(row, caller) for row in rows])

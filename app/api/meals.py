@@ -188,7 +188,6 @@ def get_artefact(
         headers={
             "Content-Length": str(artefact.bytes),
             "ETag": f'"{artefact.sha256}"',
-            "X-Content-Type-Options": "nosniff",
             "Cache-Control": "private, max-age=86400, immutable",
         },
     )
@@ -228,7 +227,7 @@ def will_change(view: MealView) -> bool:
 
 def meal_response(view: MealView, status: int) -> JSONResponse:
     """A meal with its ETag; 202 also tells where it is."""
-    headers = {"ETag": _etag(view), "Cache-Control": "private, no-store"}
+    headers = {"ETag": _etag(view)}
     if status == 202:
         headers["Location"] = f"/v1/meals/{view.meal.client_id}"
     return JSONResponse(render_meal(view).model_dump(mode="json"), status_code=status, headers=headers)

@@ -88,11 +88,10 @@ def get_overview(
             f"As a file it comes a table at a time: part={', '.join(get_args(Part))}.", code="overview_part_missing"
         )
     found = overview_out(study_overview(state.database, staff, study, first_day=first_day, last_day=last_day))
-    private = {"Cache-Control": "private, no-store"}
     if output == "json" or part is None:
-        return JSONResponse(found.model_dump(mode="json"), headers=private)
+        return JSONResponse(found.model_dump(mode="json"))
     note_overview_export(state.database, staff, study, part, output)
-    named = private | {"Content-Disposition": f'attachment; filename="overview-{part}.{output}"'}
+    named = {"Content-Disposition": f'attachment; filename="overview-{part}.{output}"'}
     content = b"".join(encode_flat(output, flat_paths(ROWS[part]), rows_of(found, part)))
     return Response(content, media_type=MEDIA_TYPES[output], headers=named)
 

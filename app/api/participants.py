@@ -88,14 +88,13 @@ def post_enrolment_code(
     """
     issued = issue_enrolment_code(state.database, study_code=study, participant_code=participant, caller=caller)
     text = enrolment_text(state.settings.public_url or str(request.base_url).rstrip("/"), issued.code)
-    headers = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
     wanted = _wanted_picture(request.headers.get("accept", ""))
     if wanted == "image/png":
-        return Response(qr_png(text), 201, headers, media_type=wanted)
+        return Response(qr_png(text), 201, media_type=wanted)
     if wanted is not None:
-        return Response(qr_svg(text), 201, headers, media_type=wanted)
+        return Response(qr_svg(text), 201, media_type=wanted)
     body = EnrolmentCodeOut(code=issued.code, expires_at=issued.expires_at, qr_text=text, qr_svg=qr_svg(text))
-    return JSONResponse(body.model_dump(mode="json"), 201, headers)
+    return JSONResponse(body.model_dump(mode="json"), 201)
 
 
 def _wanted_picture(accept: str) -> str | None:

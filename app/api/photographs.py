@@ -52,7 +52,6 @@ def get_photograph(
     headers = {
         "ETag": found.etag(width),
         "Cache-Control": "private, max-age=0, must-revalidate",  # erased is erased: each use asks first
-        "X-Content-Type-Options": "nosniff",
         "X-Colour-Correction": found.colour_kind,
     }
     known = {tag.strip().removeprefix("W/") for tag in (if_none_match or "").split(",")}

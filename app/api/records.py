@@ -79,4 +79,4 @@ def get_records(
     )
     page = list_records(state.database, caller, chosen, cursor=cursor, limit=limit)
     body = RecordPage(items=[render_record(row) for row in page.rows], next=next_page(request, page.cursor))
-    return JSONResponse(body.model_dump(mode="json"), headers={"Cache-Control": "private, no-store"})
+    return JSONResponse(body.model_dump(mode="json"))

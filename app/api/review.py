@@ -71,7 +71,7 @@ def new_event(body: AnyEventIn) -> NewEvent:
 
 def tagged_meal(view: MealView, status: int) -> JSONResponse:
     """The meal as the answer to what changed it, with its ETag."""
-    headers = {"ETag": f'"{view.meal.version}"', "Cache-Control": "private, no-store"}
+    headers = {"ETag": f'"{view.meal.version}"'}
     return JSONResponse(render_meal(view).model_dump(mode="json"), status_code=status, headers=headers)
 
 

@@ -12,11 +12,10 @@ router = APIRouter(prefix="/v1/sessions", tags=["sessions"])
 
 
 @router.post("", status_code=201, responses=problem_responses(401, 422, 429, 503))
-def post_session(body: SessionIn, request: Request, state: State, response: Response) -> SessionIssued:
+def post_session(body: SessionIn, request: Request, state: State) -> SessionIssued:
     """Sign in. A name that is unknown, a wrong password and a disabled account give 401, in the same words and time."""
     with state.sign_in_limits.trying(body.name, caller_address(request)):
         issued = sign_in.sign_in(state.database, state.passwords, body.name, body.password.get_secret_value())
-    response.headers["Cache-Control"] = "no-store"
     return SessionIssued(
         token=issued.token,
         name=issued.name,

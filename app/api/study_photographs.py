@@ -48,4 +48,4 @@ def get_photographs(
     chosen = MealFilter(study_code=study, participant_code=participant, first_day=first_day, last_day=last_day)
     page = list_photographs(state.database, caller, chosen, cursor=cursor, limit=limit)
     body = PhotographPage(items=[PhotographOut(**row) for row in page.rows], next=next_page(request, page.cursor))
-    return JSONResponse(body.model_dump(mode="json"), headers={"Cache-Control": "private, no-store"})
+    return JSONResponse(body.model_dump(mode="json"))

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from datetime import date
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query, Response
+from fastapi import APIRouter, Path, Query
 
 from app.api.deps import CurrentDevice, CurrentStaff, State
 from app.api.problems import problem_responses
@@ -20,9 +20,8 @@ Day = Annotated[
 
 
 @router.get("/me/summary", responses=problem_responses(401, 403, 410, 422))
-def get_my_summary(state: State, device: CurrentDevice, response: Response, day: Day = None) -> SummaryOut:
+def get_my_summary(state: State, device: CurrentDevice, day: Day = None) -> SummaryOut:
     """A day's amounts, from three closed days on beside reference intakes; only if the study gives feedback."""
-    response.headers["Cache-Control"] = "private, no-store"
     return _summary(read_feedback(state.database, device, day))
 
 
@@ -32,11 +31,9 @@ def get_summary_of_participant(
     participant: Annotated[str, Path(max_length=64)],
     state: State,
     staff: CurrentStaff,
-    response: Response,
     day: Day = None,
 ) -> SummaryOut:
     """What the participant sees, or would see if the study gave feedback."""
-    response.headers["Cache-Control"] = "private, no-store"
     return _summary(read_feedback(state.database, staff, day, Whose(study, participant)))
 
 

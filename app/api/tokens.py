@@ -22,12 +22,11 @@ def get_tokens(state: State, caller: CurrentStaff) -> TokenList:
 
 
 @router.post("", status_code=201, responses=problem_responses(401, 403, 404, 409, 422))
-def post_token(body: TokenIn, state: State, caller: CurrentStaff, response: Response) -> TokenIssued:
+def post_token(body: TokenIn, state: State, caller: CurrentStaff) -> TokenIssued:
     """Make a token; it is shown once. It may do what its maker may at the time of each call, within scope and study."""
     token, view = access_tokens.create_token(
         state.database, caller, name=body.name, scope=body.scope, study_code=body.study, days=body.days
     )
-    response.headers["Cache-Control"] = "no-store"
     return TokenIssued(token=token, **TokenOut.model_validate(view, from_attributes=True).model_dump())
 
 

@@ -37,7 +37,6 @@ def post_webhook(
     """Make a webhook. Its secret is shown here and never again."""
     issued = _use_case(state).create(owner, study, body.url, body.events)
     response.headers["Location"] = f"/v1/studies/{study}/webhooks/{issued.webhook.id}"
-    response.headers["Cache-Control"] = "no-store"
     return _secret_out(issued)
 
 
@@ -86,11 +85,8 @@ def delete_webhook(study: StudyCode, webhook: uuid.UUID, state: State, owner: Cu
 
 
 @router.post("/{webhook}/secret", responses=READ)
-def post_secret(
-    study: StudyCode, webhook: uuid.UUID, state: State, owner: CurrentStaff, response: Response
-) -> WebhookSecretOut:
+def post_secret(study: StudyCode, webhook: uuid.UUID, state: State, owner: CurrentStaff) -> WebhookSecretOut:
     """A fresh secret, shown once. For a day deliveries carry a signature by the old one too."""
-    response.headers["Cache-Control"] = "no-store"
     return _secret_out(_use_case(state).rotate_secret(owner, study, webhook))
 
 

@@ -11,7 +11,8 @@ from pydantic_core import to_json
 from app.exports.cells import MadeOnce
 from app.exports.columns import Batch, Column, ColumnType, Part, PartOfBatch
 
-FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet would compute such a cell
+# a spreadsheet would compute such a cell; the last four are full-width, as Chinese and Japanese keyboards type them
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")
 LINE_END = "\r\n"
 
 

@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, computed_field, model_validator
 
 from app.api.schemas.foods import FoodRef, NutrientAmount, NutrientTotal
-from app.api.schemas.text import Number, Text, only_text
+from app.api.schemas.text import JsonNumber, Text, only_text
 from app.nutrition.foods import FoodForm
 from app.services.messages.catalogue import LOCALES, sentence
 
-Pixel = Annotated[Number, Field(ge=-1e6, le=1e6)]
+Pixel = Annotated[JsonNumber, Field(ge=-1e6, le=1e6)]
 
 
 class HintIn(BaseModel):
@@ -56,11 +56,11 @@ class CameraIn(BaseModel):
 
     width: int = Field(gt=0, le=100_000)
     height: int = Field(gt=0, le=100_000)
-    fx: Number = Field(gt=0)
-    fy: Number = Field(gt=0)
-    cx: Number
-    cy: Number
-    distortion: tuple[Number, Number, Number, Number, Number] = Field(
+    fx: JsonNumber = Field(gt=0)
+    fy: JsonNumber = Field(gt=0)
+    cx: JsonNumber
+    cy: JsonNumber
+    distortion: tuple[JsonNumber, JsonNumber, JsonNumber, JsonNumber, JsonNumber] = Field(
         default=(0.0, 0.0, 0.0, 0.0, 0.0), description="k1, k2, p1, p2, k3"
     )
 
@@ -70,9 +70,9 @@ class LocationIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    latitude: Number = Field(ge=-90, le=90)
-    longitude: Number = Field(ge=-180, le=180)
-    accuracy_m: Number | None = Field(default=None, ge=0)
+    latitude: JsonNumber = Field(ge=-90, le=90)
+    longitude: JsonNumber = Field(ge=-180, le=180)
+    accuracy_m: JsonNumber | None = Field(default=None, ge=0)
 
 
 class MealMetadataIn(BaseModel):

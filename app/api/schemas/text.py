@@ -6,7 +6,7 @@ No NUL or lone surrogate in text, no number beyond what a measurement can be.
 import math
 from typing import Annotated
 
-from pydantic import AfterValidator
+from pydantic import AfterValidator, Field
 
 LARGEST = 1e9  # of any number that a phone tells; JSON in a database keeps larger ones otherwise than they came
 
@@ -34,3 +34,4 @@ def _finite(value: float) -> float:
 
 Text = Annotated[str, AfterValidator(_storable)]
 Number = Annotated[float, AfterValidator(_finite)]
+JsonNumber = Annotated[float, Field(strict=True), AfterValidator(_finite)]  # where no form sends it: "1" is no number

@@ -152,6 +152,8 @@ def test_missing_metadata_is_named(client, phone, state):
         (meal_metadata(marker="plain:9999x7:11"), 422, "marker_invalid"),
         (meal_metadata(location={"latitude": 91, "longitude": 0}), 422, "metadata_invalid"),
         (meal_metadata(location={"latitude": 0, "longitude": -180.5}), 422, "metadata_invalid"),
+        (meal_metadata(location={"latitude": "1", "longitude": 0}), 422, "metadata_invalid"),
+        (meal_metadata(location={"latitude": True, "longitude": 0}), 422, "metadata_invalid"),
         (b'{"id": "0b0ccda4-7f0e-4e34-9a39-1f0c6d3bb9c1", "location": {"latitude": NaN, "longitude": 0}}', 0, ""),
         (meal_metadata(hints=[{"point": [1, 2], "box": [1, 2, 3, 4]}]), 422, "metadata_invalid"),
         (meal_metadata(hints=[{"point": [1]}]), 422, "metadata_invalid"),

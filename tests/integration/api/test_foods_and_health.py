@@ -64,6 +64,12 @@ def test_answers_carry_a_request_id(client):
     assert len(client.get("/healthz").headers["x-request-id"]) == 32
 
 
+def test_line_feed_and_full_width_signs_begin_a_formula_too():
+    """Excel computes full-width signs of Chinese and Japanese keyboards, and skips a line feed before a formula."""
+    for text in ("\n=1+2", "＝1+2", "＋1", "－1", "＠SUM(1)"):
+        assert safe_cell(text) == "'" + text
+
+
 def test_formulas_are_neutralised_and_numbers_are_not():
     for start in FORMULA_STARTS:
         assert safe_cell(f"{start}1+1") == f"'{start}1+1"

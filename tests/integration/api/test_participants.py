@@ -112,7 +112,7 @@ def test_qr_code_says_server_and_code(owner, participant):
     assert json.loads(body["qr_text"]) == {"tada": 1, "server": "http://testserver", "code": body["code"]}
     assert body["qr_svg"].startswith("<svg")
     assert body["code"] not in body["qr_svg"]
-    assert issued.headers["cache-control"] == "no-store"
+    assert issued.headers["cache-control"] == "private, no-store"
 
 
 def test_png_is_read_back_by_another_program_and_its_code_enrols(owner, participant, client):

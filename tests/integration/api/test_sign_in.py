@@ -33,7 +33,7 @@ def olga(client, admin):
 def test_session_is_told_once_with_its_end(client, olga):
     answer = sign_in(client, "olga")
     body = answer.json()
-    assert answer.headers["cache-control"] == "no-store"
+    assert answer.headers["cache-control"] == "private, no-store"
     assert (body["name"], body["is_admin"], body["idle_minutes"]) == ("olga", False, 120)
     ends = datetime.fromisoformat(body["expires_at"]) - datetime.now(UTC)
     assert timedelta(hours=11, minutes=59) < ends <= timedelta(hours=12)

@@ -97,7 +97,7 @@ def test_webhook_is_made_and_shows_its_secret_once(owner, state):
     assert SECRET.fullmatch(body["secret"])
     assert body["previous_until"] is None
     assert body["webhook"]["events"] == ["day.closed", "meal.failed"]
-    assert answer.headers["Cache-Control"] == "no-store"
+    assert answer.headers["Cache-Control"] == "private, no-store"
     path = answer.headers["Location"].removeprefix(owner.root)
     for later in (owner.call("GET", path), owner.call("GET"), owner.call("GET", f"{path}/deliveries")):
         assert later.status_code == 200
