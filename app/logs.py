@@ -17,6 +17,7 @@ from typing import Any
 import structlog
 from structlog.typing import EventDict, Processor, WrappedLogger
 
+from app.log_causes import OneTracebackACause
 from app.settings import Settings
 
 QUIET = ("python_multipart", "uvicorn.access", "dbos", "alembic", "PIL", "httpx2")  # a line a step or a request each
@@ -87,6 +88,7 @@ def configure_logging(settings: Settings) -> None:
         structlog.processors.add_log_level,
         structlog.processors.TimeStamper(fmt="iso", utc=True),
         structlog.processors.StackInfoRenderer(),
+        OneTracebackACause(),
         structlog.processors.format_exc_info,
     ]
     level = logging.getLevelNamesMapping()[settings.log_level]

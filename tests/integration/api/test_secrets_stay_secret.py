@@ -154,7 +154,9 @@ def test_secrets_are_told_once_and_nowhere_else(session):
     told = [secret for answer in call.answers for secret in found_in(answer.content, secrets)]
     assert len(told) == len(set(told))
     assert all(
-        answer.headers["cache-control"] == "private, no-store" for answer in call.answers if found_in(answer.content, secrets)
+        answer.headers["cache-control"] == "private, no-store"
+        for answer in call.answers
+        if found_in(answer.content, secrets)
     )
 
 
