@@ -100,7 +100,7 @@ def test_added_point_is_measured(participant, work, children):
 def test_child_that_ends_badly_leaves_a_flag_and_the_meal_as_it_was(participant, work, children, state):
     apple, banana = participant.items()
     participant.say("redraw", item=apple["id"], polygon=RING)
-    children.result = ChildResult("timed_out")
+    children.result = ChildResult("crashed")
     work()
     assert participant.items()[0]["flags"] == ["remeasure_failed"]
     assert participant.items()[1] == banana
