@@ -12,6 +12,7 @@ from app.dashboard.templates import amount, percent, words
 from app.db.models import Job, Run
 from app.services.meal_history import HistoryRow
 from app.services.meal_story import MealStory
+from app.services.outline_json import rings_of
 
 SERVER = "server"
 TITLES: Mapping[str, str] = {
@@ -173,9 +174,7 @@ def _shown(key: str, value: Any, names: Mapping[str, str]) -> Markup | None:
 
 def _count(key: str, value: Any) -> int:
     """Corners of an outline, of all its rings where it has several; or parts."""
-    if key == "polygon" and value and isinstance(value[0][0], list | tuple):
-        return sum(len(ring) for ring in value)
-    return len(value)
+    return sum(len(ring) for ring in rings_of(value)) if key == "polygon" else len(value)
 
 
 def _photographs(story: MealStory) -> Iterator[Entry]:

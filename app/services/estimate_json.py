@@ -8,6 +8,7 @@ import numpy as np
 
 from app.errors import Failure
 from app.services.camera_json import camera_to_json
+from app.services.outline_json import rings_of
 from app.services.vcm_json import vcm_to_json
 from app.vision.intrinsics import camera_from_mapping
 from app.vision.marker_spec import parse_marker
@@ -66,11 +67,10 @@ def hint_to_json(hint: Hint) -> dict[str, Any]:
 
 def hint_from_json(value: Mapping[str, Any]) -> Hint:
     """The reverse of hint_to_json; lists become tuples."""
-    polygon = value.get("polygon")
     return Hint(
         point=_tuple(value.get("point")),
         box=_tuple(value.get("box")),
-        polygon=tuple((float(x), float(y)) for x, y in polygon) if polygon is not None else None,
+        polygon=_polygon(value["polygon"]) if value.get("polygon") is not None else None,
         food=value.get("food"),
         lies_as=value.get("lies_as"),
         form=value.get("form"),
@@ -133,6 +133,10 @@ def with_forms(options: EstimateOptions, forms: Mapping[str, FormsOfFood]) -> Es
         for hint, of_food in known
     )
     return replace(options, hints=hints)
+
+
+def _polygon(value: Sequence[Any]) -> tuple[tuple[tuple[float, float], ...], ...]:
+    return tuple(tuple((float(x), float(y)) for x, y in ring) for ring in rings_of(value))
 
 
 def _item(item: ItemEstimate) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from app.db.models import Item, ItemFood, ItemMeasure, Leftover, MealEvent
 from app.db.models.review import LAYERS
 from app.db.queries.meal_parts import FROM_HINT, FROM_INDEX, MealParts
 from app.nutrition.doubt import Doubt, estimate
+from app.services.outline_json import rings_of
 
 CORRECTIONS = frozenset({"set_food", "set_volume", "set_mass", "redraw", "split", "merge"})
 WORDS = frozenset({"confirm", "reject", "set_food", "set_volume", "set_mass", "redraw"})  # of one item that was there
@@ -150,8 +151,8 @@ def region_drawn(event: MealEvent, item: Item) -> Mapping[str, Any] | None:
     elif event.kind == "add" and item.event_id == event.id:
         region = event.new["region"]
     elif event.kind == "split" and item.event_id == event.id:
-        ring = _part_of(event, item)["polygon"]
-        region = {"polygon": ring} if ring is not None else None
+        polygon = _part_of(event, item)["polygon"]
+        region = {"polygon": polygon} if polygon is not None else None
     return region
 
 
@@ -340,7 +341,7 @@ def _measured(
 
 def _rings(event: MealEvent, item: Item) -> Sequence[Any]:
     """A region as it was drawn; that of an item that the event made is the item's own."""
-    return [event.new["polygon"]] if event.kind == "redraw" else item.rings
+    return rings_of(event.new["polygon"]) if event.kind == "redraw" else item.rings
 
 
 def _word(spoken: Sequence[MealEvent]) -> str | None:

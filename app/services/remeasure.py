@@ -5,7 +5,7 @@ the event drew get a measurement. It never touches what a person has told since,
 """
 
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,9 +15,11 @@ from app.db.models import Food, Item, ItemMeasure, Job, Meal, MealEvent
 from app.db.queries.meal_parts import MealParts, parts_of
 from app.services.item_foods import item_food, weighing_for
 from app.services.item_state import ItemState, fold_meal, lies_as_told, region_drawn
+from app.services.outline_json import rings_of
 from app.services.save_candidates import save_candidates
 
 MAX_REGIONS = 40  # hints of one run
+MIN_CORNERS = 3  # of a ring that encloses something
 FAILED = "remeasure_failed"
 NOT_MEASURABLE = "not_measurable"
 
@@ -41,8 +43,9 @@ def regions_to_measure(session: Session, job: Job, meal: Meal) -> Regions:
             hints.append(_with_food(session, region, states[item_id]))
             items.append(item_id)
     for item_id, state in states.items():
-        if item_id not in drawn and state.is_live and state.stands and state.rings and len(hints) < MAX_REGIONS:
-            hints.append(_with_food(session, {"polygon": largest_ring(state.rings)}, state))
+        outline = [ring for ring in state.rings if len(ring) >= MIN_CORNERS]
+        if item_id not in drawn and state.is_live and state.stands and outline and len(hints) < MAX_REGIONS:
+            hints.append(_with_food(session, {"polygon": outline}, state))
             items.append(item_id)
     return Regions(tuple(hints), tuple(items))
 
@@ -81,11 +84,6 @@ def save_measures(session: Session, job: Job, meal: Meal, answer: Mapping[str, A
         )
 
 
-def largest_ring(rings: Sequence[Sequence[Sequence[float]]]) -> Sequence[Sequence[float]]:
-    """The outline of the greatest area; a hint has one ring."""
-    return max(rings, key=lambda ring: abs(_twice_signed_area(ring)))
-
-
 def _is_open(parts: MealParts, state: ItemState, food: Food) -> bool:
     """Whether the server may take the item for this food: it is none yet, or another by the server's own guess."""
     row = state.taken_for
@@ -104,25 +102,24 @@ def _measure(
 ) -> ItemMeasure:
     region = region_drawn(event, item) or {}
     if found is None:
-        ring = region.get("polygon")
+        polygon = region.get("polygon")
         return ItemMeasure(
             item_id=item.id,
             event_id=event.id,
             run_id=run_id,
-            rings=[ring] if ring is not None else [],
+            rings=rings_of(polygon) if polygon is not None else [],
             volume_ml=None,
             volume_low_ml=None,
             volume_high_ml=None,
             relative_sd={},
             flags=[FAILED if has_failed else NOT_MEASURABLE],
         )
-    polygon = found["polygon"]
     low_ml, high_ml = found["volume_interval_ml"] or (None, None)
     return ItemMeasure(
         item_id=item.id,
         event_id=event.id,
         run_id=run_id,
-        rings=polygon if polygon and isinstance(polygon[0][0], list) else [polygon],
+        rings=rings_of(found["polygon"]),
         volume_ml=found["volume_ml"],
         volume_low_ml=low_ml,
         volume_high_ml=high_ml,
@@ -137,8 +134,3 @@ def _with_food(session: Session, region: Mapping[str, Any], state: ItemState) ->
         return dict(region)
     named = {"food": session.get_one(Food, row.food_id).key}
     return {**region, **named} | ({"lies_as": row.lies_as} if row.lies_as is not None else {})
-
-
-def _twice_signed_area(ring: Sequence[Sequence[float]]) -> float:
-    following = [*ring[1:], ring[0]]
-    return sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in zip(ring, following, strict=True))

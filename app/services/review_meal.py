@@ -20,6 +20,7 @@ from app.services.event_foods import key_of, named_food, same_food, taken_for
 from app.services.item_foods import weighing_of
 from app.services.item_state import REMEASURING, ItemState, items_of, live_events
 from app.services.meal_events import Change, Standing
+from app.services.outline_json import rings_of
 from app.services.review_item import remeasure_job, require_complete
 from app.services.served_mass import served_mass
 from app.services.told_amounts import TOLD_SD, told_amount
@@ -51,7 +52,7 @@ def added(standing: Standing, origin: str, default_sd: float) -> Change:
     amount = told_amount(session, told["amount"], food, default_sd)
     region = told["region"] if not amount else None
     polygon = (told["region"] or {}).get("polygon")
-    item = new_item(standing, origin, rings=[polygon] if polygon is not None else [])
+    item = new_item(standing, origin, rings=rings_of(polygon) if polygon is not None else [])
     rows: list[Base] = [item]
     if food is not None:
         rows.append(taken_for(standing, item.id, food, told["lies_as"]))
@@ -177,7 +178,7 @@ def _part(standing: Standing, whole: ItemState, place: int, told: dict[str, Any]
         if amount.volume_ml is not None:
             pair_sd, item_sd = amount.relative_sd.get("pair", 0.0), amount.relative_sd.get("item", 0.0)
             columns = _volume(amount.volume_ml * share, pair_sd, math.hypot(item_sd, own_sd))
-    rings = [told["polygon"]] if told["polygon"] is not None else whole.rings
+    rings = rings_of(told["polygon"]) if told["polygon"] is not None else whole.rings
     item = new_item(standing, "split", place=place, rings=rings, parent_id=whole.item.id, **columns)
     return item, told_mass
 

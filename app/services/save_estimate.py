@@ -14,6 +14,7 @@ from app.db.models import Food, Item, ItemCandidate, ItemFood, Job, Meal, Run, R
 from app.db.queries import foods, meals
 from app.db.queries.meal_parts import FROM_HINT
 from app.services.item_foods import item_food, weighing_for
+from app.services.outline_json import rings_of
 from app.services.project_records import project_meal
 from app.services.remeasure import save_measures
 from app.services.save_candidates import save_candidates
@@ -66,7 +67,6 @@ def item_row(
     meal_id: uuid.UUID, run_id: uuid.UUID, position: int, found: Mapping[str, Any], origin: str = "pipeline"
 ) -> Item:
     """An item of the answer as a row; its id follows from run and position, so building it again gives the same."""
-    polygon = found["polygon"]
     low_ml, high_ml = found["volume_interval_ml"] or (None, None)
     return Item(
         id=uuid.uuid5(ITEM_NAMESPACE, f"{run_id}/{position}"),
@@ -74,7 +74,7 @@ def item_row(
         run_id=run_id,
         origin=origin,
         position=position,
-        rings=polygon if polygon and isinstance(polygon[0][0], list) else [polygon],
+        rings=rings_of(found["polygon"]),
         volume_ml=found["volume_ml"],
         volume_low_ml=low_ml,
         volume_high_ml=high_ml,

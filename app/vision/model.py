@@ -97,15 +97,15 @@ class View:
 class Hint:
     """Where a food is in the left photograph, px upright, and what it is.
 
-    point (x, y), box (x, y, width, height) or polygon. form: how the food lies there, as a person says; usual_form: as
-    the food table says of this food. vessel: the name of the library's vessel that holds it. slice_form: how the
-    paper's method fits its slices (section V); None: decided from the slices. food, lies_as: the food table's terms,
-    carried along for the services that weigh the item.
+    point (x, y), box (x, y, width, height) or polygon (rings of corners, holes by the even-odd rule). form: how the
+    food lies there, as a person says; usual_form: as the food table says of this food. vessel: the name of the
+    library's vessel that holds it. slice_form: how the paper's method fits its slices (section V); None: decided from
+    the slices. food, lies_as: the food table's terms, carried along for the services that weigh the item.
     """
 
     point: tuple[float, float] | None = None
     box: tuple[float, float, float, float] | None = None
-    polygon: tuple[tuple[float, float], ...] | None = None
+    polygon: tuple[tuple[tuple[float, float], ...], ...] | None = None
     food: str | None = None
     lies_as: str | None = None
     form: FoodForm | None = None

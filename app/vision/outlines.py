@@ -51,7 +51,7 @@ def draw_hints(hints: Sequence[Hint], places_px: Float32Array, size: tuple[int, 
         picture = np.zeros((size[1], size[0]), np.uint8)
         is_box = hint.polygon is None and hint.box is not None
         if hint.polygon is not None:
-            cv2.fillPoly(picture, [np.rint(np.array(hint.polygon)).astype(np.int32)], 1)
+            cv2.fillPoly(picture, [np.rint(np.array(ring)).astype(np.int32) for ring in hint.polygon], 1)
         elif hint.box is not None:
             x, y, width, height = hint.box
             cv2.rectangle(picture, (round(x), round(y)), (round(x + width), round(y + height)), 1, -1)

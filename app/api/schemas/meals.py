@@ -7,11 +7,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, computed_field, model_validator
 
 from app.api.schemas.foods import FoodRef, NutrientAmount, NutrientTotal
+from app.api.schemas.outline import Pixel, Polygon
 from app.api.schemas.text import JsonNumber, Text, only_text
 from app.nutrition.foods import FoodForm
 from app.services.messages.catalogue import LOCALES, sentence
-
-Pixel = Annotated[JsonNumber, Field(ge=-1e6, le=1e6)]
 
 
 class HintIn(BaseModel):
@@ -21,7 +20,7 @@ class HintIn(BaseModel):
 
     point: tuple[Pixel, Pixel] | None = Field(default=None, description="x, y")
     box: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(default=None, description="x, y, width, height")
-    polygon: list[tuple[Pixel, Pixel]] | None = Field(default=None, min_length=3, max_length=2000)
+    polygon: Polygon | None = None
     food: Text | None = Field(default=None, min_length=1, max_length=100, description="A food's key (GET /v1/foods).")
     lies_as: FoodForm | None = Field(
         default=None,

@@ -6,17 +6,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from app.api.schemas.meals import Pixel
+from app.api.schemas.outline import Pixel, Polygon
 from app.api.schemas.text import Number, Text
 from app.nutrition.foods import FoodForm
 
 SHARES_SUM = 0.005  # how far off 1 the shares of a split may be: three thirds of 0.333
 
 FoodKey = Annotated[Text, Field(min_length=1, max_length=100, description="A food's key (GET /v1/foods).")]
-Polygon = Annotated[
-    list[tuple[Pixel, Pixel]],
-    Field(min_length=3, max_length=2000, description="x, y in the left photograph's upright pixels."),
-]
 LiesAs = Annotated[FoodForm | None, Field(description="How it lies there, where that is not as it usually does.")]
 Grams = Annotated[Number, Field(ge=0.001, le=20_000)]
 Millilitres = Annotated[Number, Field(ge=0.001, le=20_000)]

@@ -234,6 +234,40 @@ def test_redrawn_outline_is_measured_by_a_run_of_its_own(participant, state):
     assert participant.meal()["run"] == meal["run"]
 
 
+def test_outline_as_get_gives_it_is_drawn_anew_as_it_was(participant):
+    apple = participant.items()[0]
+    ring_and_hole = [
+        [[5.0, 5.0], [80.0, 5.0], [80.0, 80.0], [5.0, 80.0]],
+        [[30.0, 30.0], [50.0, 30.0], [50.0, 50.0]],
+    ]
+    redrawn = participant.say("redraw", item=apple["id"], polygon=ring_and_hole)["items"][0]
+    assert redrawn["polygon"] == ring_and_hole
+    again = participant.say("redraw", item=apple["id"], polygon=redrawn["polygon"])["items"][0]
+    assert again["polygon"] == ring_and_hole
+    parts = [{"polygon": ring_and_hole}, {"polygon": ring_and_hole[1]}]
+    split = participant.say("split", item=apple["id"], parts=parts)["items"]
+    assert [item["polygon"] for item in split if item["parent"] == apple["id"]] == [ring_and_hole, ring_and_hole[1:]]
+
+
+@pytest.mark.parametrize(
+    "polygon",
+    [
+        [],
+        [[]],
+        [[[1, 1], [2, 2]]],
+        [[[1, 1], [2, 2], [3, 1]], []],
+        [[[1, 1], [2, 2], [3, "1"]]],
+        [[[x, x % 7] for x in range(1500)], [[x, x % 5] for x in range(1500)]],
+        [[[[1, 1], [2, 2], [3, 1]]]],
+        {"0": [[1, 1]]},
+        "ring",
+    ],
+)
+def test_outline_that_encloses_nothing_or_too_much_is_refused(participant, polygon):
+    apple = participant.items()[0]
+    assert participant.refused("redraw", item=apple["id"], polygon=polygon) == (422, "invalid_input")
+
+
 def test_region_that_cannot_be_measured_leaves_the_amount_unknown_but_not_what_was_told(participant, state):
     apple, _, unnamed = participant.items()
     ring = [[5.0, 5.0], [80.0, 5.0], [80.0, 80.0]]

@@ -71,7 +71,7 @@ def test_pipeline_is_asked_for_the_new_region_and_told_of_the_neighbours(partici
     job = work()
     assert job.purpose == "remeasure"
     (hints,) = children.asked
-    assert [(hint["polygon"], hint["food"]) for hint in hints] == [(RING, "apple"), (banana["polygon"][0], "banana")]
+    assert [(hint["polygon"], hint["food"]) for hint in hints] == [([RING], "apple"), (banana["polygon"], "banana")]
     apple, banana = participant.items()
     assert (apple["volume_ml"], apple["flags"], banana["volume_ml"]) == (240.0, [], 90.0)
     assert participant.meal()["status"] == "estimated"

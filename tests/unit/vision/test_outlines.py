@@ -25,7 +25,7 @@ def test_outline_drawn_as_a_polygon_gives_back_the_mask_in_either_photograph():
     for is_swapped in (False, True):
         there = places(is_swapped)
         ring = rings_of(mask, there, is_swapped=is_swapped)[0]
-        hint = Hint(polygon=tuple((float(x), float(y)) for x, y in ring))
+        hint = Hint(polygon=(tuple((float(x), float(y)) for x, y in ring),))
         back = draw_hints([hint], there, (1200, 900))[0]
         assert back.is_exact
         assert np.count_nonzero(back.mask & mask) / np.count_nonzero(back.mask | mask) > 0.95
@@ -36,6 +36,15 @@ def test_hole_is_the_second_ring():
     rings = rings_of(mask, places(False), is_swapped=False)
     assert len(rings) == 2
     assert np.ptp(rings[1][:, 0]) < np.ptp(rings[0][:, 0])
+
+
+def test_outline_with_a_hole_that_is_drawn_as_a_polygon_keeps_the_hole():
+    mask = middle_disc() & ~middle_disc(25)
+    there = places(False)
+    rings = rings_of(mask, there, is_swapped=False)
+    hint = Hint(polygon=tuple(tuple((float(x), float(y)) for x, y in ring) for ring in rings))
+    back = draw_hints([hint], there, (1200, 900))[0]
+    assert np.count_nonzero(back.mask & mask) / np.count_nonzero(back.mask | mask) > 0.95
 
 
 def test_point_and_box_are_drawn_where_they_are():
