@@ -1,6 +1,6 @@
 """From the services' views to the wire's models."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from datetime import datetime
 from typing import Any
 
@@ -20,10 +20,14 @@ from app.api.schemas.meals import (
 from app.api.schemas.records import RecordOut
 from app.db.models import Component, EffectiveRecord, Food, RunArtefact
 from app.db.models.meal import AFTER_SLOTS, SLOTS
+from app.db.models.record import HEADLINE_COLUMNS
 from app.db.queries.records import FoodName, RecordRow
 from app.nutrition.doubt import Estimate
+from app.nutrition.nutrients import amount_interval
+from app.services.food_amounts import FoodAmounts
 from app.services.read_after import LeftoverView
 from app.services.read_meal import ItemView, MealView
+from app.services.record_amounts import nutrient_interval
 from app.services.study_days import number_of
 
 SHARED_COLUMNS = tuple(
@@ -111,6 +115,7 @@ def render_record(row: RecordRow) -> RecordOut:
         day_status=row.day_status,
         study_day=number_of(row.record.local_date, row.first_day),
         upload_delay_seconds=(row.received_at - row.record.captured_at).total_seconds(),
+        nutrient_intervals={name: nutrient_interval(row.record, name) for name in HEADLINE_COLUMNS},
         **columns | {"meal_id": row.meal_client_id},
     )
 
@@ -150,7 +155,6 @@ def _artefact(view: MealView, artefact: RunArtefact, query: str = "") -> Artefac
 def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
     record, its = view.record, view.state.taken_for
     density = its if record.density_g_per_ml is not None else None
-    nutrients = view.amounts.nutrients if view.amounts is not None else {}
     return ItemOut(
         id=record.item_id,
         status=record.status,
@@ -182,12 +186,17 @@ def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
         reviewed=record.reviewed,
         parent=view.state.item.parent_id,
         open_probes=list(view.open_probes),
-        nutrients=[
-            NutrientAmount(**_component(components[number]), amount=found.value, interval=(found.low, found.high))
-            for number, found in nutrients.items()
-        ],
+        nutrients=list(_nutrients(view.amounts, components)),
         flags=record.flags,
     )
+
+
+def _nutrients(amounts: FoodAmounts | None, components: Mapping[str, Component]) -> Iterator[NutrientAmount]:
+    if amounts is None or amounts.consumed_g is None:
+        return
+    for number, amount in amounts.nutrients.items():
+        interval = amount_interval(amount, amounts.consumed_g)
+        yield NutrientAmount(**_component(components[number]), amount=amount.value, interval=interval)
 
 
 def _totals(view: MealView) -> TotalsOut:
@@ -200,7 +209,7 @@ def _totals(view: MealView) -> TotalsOut:
             NutrientTotal(
                 **_component(view.components[number]),
                 amount=total.amount.value,
-                interval=(total.amount.low, total.amount.high),
+                interval=amount_interval(total.amount, mass) if mass is not None else None,
                 coverage=total.coverage,
             )
             for number, total in view.totals.items()

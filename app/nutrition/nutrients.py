@@ -15,6 +15,8 @@ from app.nutrition.doubt import Doubt, Estimate, Term, combine
 from app.nutrition.mass import Mass
 from app.units import content_of_mass
 
+NOTHING = Estimate(0.0, 0.0, 0.0)  # grams of what was not eaten at all
+
 
 @dataclass(frozen=True, slots=True)
 class Portion:
@@ -67,6 +69,26 @@ def nutrients_in(per_100_g: Mapping[str, float], edible_g: Estimate) -> Mapping[
     return MappingProxyType(
         {number: edible_g.scaled(content_of_mass(content, 1.0)) for number, content in per_100_g.items()}
     )
+
+
+def amount_interval(amount: Estimate, edible_g: Estimate) -> tuple[float, float] | None:
+    """The 90 % interval of an amount of a component in these grams; None where it would be a false one.
+
+    It carries the doubt about the grams alone. Of a food that has none of the component by its table that leaves the
+    interval [0, 0], as if that 0 were beyond doubt; only of no food at all is it.
+    """
+    is_false = amount == NOTHING and edible_g != NOTHING
+    return None if is_false else (amount.low, amount.high)
+
+
+def interval_in_proportion(amount: float, edible_g: Estimate) -> tuple[float, float] | None:
+    """The same where the content is not at hand: it follows from the amount, unless that is 0."""
+    if edible_g == NOTHING:
+        return 0.0, 0.0
+    if amount == 0.0 or edible_g.value == 0.0:
+        return None
+    per_gram = amount / edible_g.value
+    return per_gram * edible_g.low, per_gram * edible_g.high
 
 
 def total_nutrients(portions: Sequence[Portion]) -> Mapping[str, NutrientTotal]:

@@ -22,12 +22,14 @@ from app.db.session import Database
 from app.errors import InvalidInputError, NotAllowedError
 from app.nutrition.compare_intake import MIN_DAYS, Comparison, Kind, compare_intake
 from app.nutrition.life_stage import LifeStage, life_stage
+from app.nutrition.nutrients import NOTHING, interval_in_proportion
 from app.nutrition.reference_intakes import reference_intakes
 from app.services.caller import Caller, DeviceCaller
 from app.services.diary import Whose, find_participant
 from app.services.food_amounts import RECORD_COLUMNS
 from app.services.messages.catalogue import Locale
 from app.services.messages.feedback_sentences import feedback_sentence, locale_of
+from app.services.record_amounts import eaten_g
 from app.services.study_days import StudyDay, number_days, person_on
 
 WINDOW_DAYS = 14  # two weeks: each weekday twice
@@ -197,6 +199,8 @@ def _sum(eaten: Sequence[EffectiveRecord], column: str) -> EatenAmount:
     if all(each is not None for each in ends):
         low = max(sum(each[0] for each in ends if each is not None), 0.0)
         high = max(sum(each[1] for each in ends if each is not None), 0.0)
+        if low == high == 0.0 and not all(eaten_g(record) == NOTHING for _, record in known):
+            low = high = None  # the table's 0 of all that was eaten, of which the grams' doubt tells nothing
     grams = [(max(record.consumed_g, 0.0), record) for record in eaten if record.consumed_g is not None]
     whole_g = sum(gram for gram, _ in grams)
     coverage = None
@@ -207,13 +211,12 @@ def _sum(eaten: Sequence[EffectiveRecord], column: str) -> EatenAmount:
 
 
 def _ends(amount: float, record: EffectiveRecord) -> tuple[float, float] | None:
-    """The amount at the ends of the grams' interval: it is so much a gram."""
-    grams, low_g, high_g = record.consumed_g, record.consumed_low_g, record.consumed_high_g
-    if amount == 0.0 and (grams != 0.0 or low_g == high_g == 0.0):  # the food has none of it, or nothing was eaten
-        return 0.0, 0.0
-    if grams is None or low_g is None or high_g is None or grams == 0.0:  # how much a gram has is not known of no gram
+    """The amount at the ends of the grams' interval; of a food that has none of it, 0: it adds nothing to a sum."""
+    grams = eaten_g(record)
+    if grams is None:
         return None
-    return amount / grams * low_g, amount / grams * high_g
+    is_free_of_it = amount == 0.0 and grams.value != 0.0
+    return (0.0, 0.0) if is_free_of_it else interval_in_proportion(amount, grams)
 
 
 def _references(stage: LifeStage) -> dict[str, tuple[float, Kind]]:

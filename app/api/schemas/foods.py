@@ -23,7 +23,10 @@ class NutrientAmount(ComponentOut):
     """How much of a component the edible portion holds, with its 90 % interval."""
 
     amount: float
-    interval: tuple[float, float]
+    interval: tuple[float, float] | None = Field(
+        description="The doubt about the grams, not about the food table's figures. Null where the table has a content "
+        "of 0, of which the grams' doubt tells nothing."
+    )
 
 
 class NutrientTotal(NutrientAmount):

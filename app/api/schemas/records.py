@@ -54,6 +54,10 @@ class RecordOfItem(BaseModel):
     sodium_mg: float | None
     potassium_mg: float | None
     vitamin_c_mg: float | None
+    nutrient_intervals: dict[str, tuple[float, float] | None] = Field(
+        description="The 90 % interval of each component's amount, by its name: the doubt about the grams, not about "
+        "the food table's figures. Null where the amount is not known, and where the table has a content of 0."
+    )
     flags: list[str]
     change_seq: int
 

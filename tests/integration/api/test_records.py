@@ -5,6 +5,8 @@ import uuid
 import pytest
 
 from app.db.models import EffectiveRecord, Item, Run, Study
+from app.db.models.record import HEADLINE_COLUMNS
+from app.services.food_amounts import RECORD_COLUMNS
 from app.services.rebuild_records import rebuild_records
 from tests import estimates
 from tests.estimates import found_item
@@ -35,6 +37,28 @@ def test_hinted_food_becomes_a_record_with_mass_and_nutrients(phone, state):
     record = phone.get("/v1/records").json()["items"][0]
     assert record["energy_kcal"] == pytest.approx(energy["amount"])
     assert (record["meal_id"], record["participant"]) == (meal_id, "P001")
+
+
+def test_records_nutrients_have_the_intervals_of_the_meals(phone, state):
+    item = phone.get(f"/v1/meals/{eaten(phone, state)}").json()["items"][0]
+    record = phone.get("/v1/records").json()["items"][0]
+    by_number = {each["number"]: each["interval"] for each in item["nutrients"]}
+    intervals = record["nutrient_intervals"]
+    assert list(intervals) == list(HEADLINE_COLUMNS)
+    for column, low_high in intervals.items():
+        assert low_high == pytest.approx(by_number[RECORD_COLUMNS[column][0]]), column
+        assert low_high[0] < record[column] < low_high[1]
+
+
+def test_food_without_fat_by_its_table_has_no_interval_of_fat(phone, state):
+    hints = [{"point": [1, 2], "food": "honey"}]
+    meal = phone.get(f"/v1/meals/{eaten(phone, state, hints=hints)}").json()
+    record = phone.get("/v1/records").json()["items"][0]
+    assert (record["fat_g"], record["nutrient_intervals"]["fat_g"]) == (0.0, None)
+    for rows in (meal["items"][0]["nutrients"], meal["totals"]["nutrients"]):
+        (fat,) = (each for each in rows if each["tagname"] == "FAT")
+        assert (fat["amount"], fat["interval"]) == (0.0, None)
+        assert next(each for each in rows if each["tagname"] == "ENERC_KCAL")["interval"] is not None
 
 
 def test_apple_cut_into_slices_is_weighed_as_a_heap_and_all_of_it_is_eaten(phone, state):

@@ -58,6 +58,15 @@ def test_day_shows_amounts_by_meal_and_compares_nothing(feedback, state):
     assert "not medical advice" in body["disclaimer"]
 
 
+def test_day_of_foods_without_fat_by_their_table_has_no_interval_of_fat(feedback, state):
+    add_meal(state, "P001", "2026-11-19", eaten_item(100.0, energy_kcal=304.0, fat_g=0.0))
+    fat = feedback.get(PATH, date="2026-11-19").json()["components"]["fat_g"]
+    assert fat == {"amount": 0.0, "interval": None, "coverage": 1.0}
+    add_meal(state, "P001", "2026-11-19", eaten_item(10.0, fat_g=8.0), hour=19)
+    fat = feedback.get(PATH, date="2026-11-19").json()["components"]["fat_g"]
+    assert fat["interval"] == [pytest.approx(0.9 * 8.0), pytest.approx(1.1 * 8.0)]
+
+
 def test_without_a_date_it_is_the_last_day_and_without_a_day_it_says_so(feedback, state):
     assert feedback.get(PATH).json()["code"] == "no_day_yet"
     eat(state, feedback, 17, 18)

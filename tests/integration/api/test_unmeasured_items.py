@@ -60,8 +60,10 @@ def test_totals_of_the_meal_say_that_they_are_incomplete(meal):
     assert totals["unmeasured_items"] == 1
     assert totals["consumed_g"] == apple["consumed_g"]
     assert {total["coverage"] for total in totals["nutrients"]} == {None}
-    amounts = {one["number"]: [one["amount"], *one["interval"]] for one in apple["nutrients"]}
-    assert {one["number"]: pytest.approx([one["amount"], *one["interval"]]) for one in totals["nutrients"]} == amounts
+    amounts = {one["number"]: [one["amount"], *(one["interval"] or [])] for one in apple["nutrients"]}
+    assert {
+        one["number"]: pytest.approx([one["amount"], *(one["interval"] or [])]) for one in totals["nutrients"]
+    } == amounts
 
 
 @pytest.mark.usefixtures("meal")

@@ -1,10 +1,19 @@
 import pytest
 
 from app.nutrition.components import NUMBER_BY_TAGNAME
-from app.nutrition.doubt import Doubt
+from app.nutrition.doubt import Doubt, Estimate
 from app.nutrition.foods import load_starter_table
 from app.nutrition.mass import estimate_mass
-from app.nutrition.nutrients import MassTotal, Portion, nutrients_in, total_mass, total_nutrients
+from app.nutrition.nutrients import (
+    NOTHING,
+    MassTotal,
+    Portion,
+    amount_interval,
+    interval_in_proportion,
+    nutrients_in,
+    total_mass,
+    total_nutrients,
+)
 from tests.unit.nutrition.make_food import make_density, make_food
 
 
@@ -29,6 +38,24 @@ def test_unknown_content_is_absent_and_zero_is_zero():
     amounts = nutrients_in(tea.per_100_g, portion(tea, 100.0).mass.edible_g)
     assert amounts[FAT].value == amounts[FAT].high == 0.0
     assert VITC not in amounts
+
+
+def test_content_of_0_in_the_table_has_no_interval_but_nothing_eaten_has():
+    grams = portion(make_food("honey"), 20.0).mass.edible_g
+    amounts = nutrients_in({"FAT": 0.0, "ENERC_KCAL": 304.0}, grams)
+    energy = amounts["ENERC_KCAL"]
+    assert amount_interval(amounts["FAT"], grams) is None
+    assert interval_in_proportion(0.0, grams) is None
+    assert amount_interval(energy, grams) == (energy.low, energy.high)
+    assert interval_in_proportion(energy.value, grams) == pytest.approx((energy.low, energy.high))
+    assert amount_interval(NOTHING, NOTHING) == interval_in_proportion(0.0, NOTHING) == (0.0, 0.0)
+
+
+def test_as_much_left_as_served_within_the_error_has_an_interval_where_the_content_is_known():
+    eaten = Estimate(0.0, -10.0, 10.0)
+    amounts = nutrients_in({"ENERC_KCAL": 300.0}, eaten)
+    assert amount_interval(amounts["ENERC_KCAL"], eaten) == pytest.approx((-30.0, 30.0))
+    assert interval_in_proportion(0.0, eaten) is None  # the content cannot be told from an amount of 0
 
 
 def test_coverage_is_of_what_was_eaten_not_of_what_was_served():
