@@ -56,7 +56,7 @@ def post_participant(
 ) -> ParticipantOut:
     """Add a participant."""
     made = participants.create_participant(
-        state.database, study_code=study, code=body.code, caller=caller, change=change_of(body)
+        state.database, state.secrets, study_code=study, code=body.code, caller=caller, change=change_of(body)
     )
     response.headers["Location"] = f"/v1/studies/{study}/participants/{body.code}"
     return _render(made)

@@ -1,8 +1,9 @@
 """A study's participants, by code; what each ate on average; and a new one, or many."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import date
+from types import MappingProxyType
 from typing import Annotated
 
 from fastapi import APIRouter, Query
@@ -22,6 +23,7 @@ from app.services.day_order import require_order
 router = APIRouter(include_in_schema=False)
 
 PARTICIPANTS_A_PAGE = 100
+NOBODY: Mapping[str, Sequence[str]] = MappingProxyType({})
 MOST_AT_ONCE = 500
 USUAL_COMPONENT = "vitamin_c_mg"
 LONGEST_CODE = 64
@@ -42,7 +44,7 @@ def get_participants(page: CurrentPage, study: str, cursor: CursorIn = None) -> 
 
 @router.post(f"{STUDY_PAGES}/participants")
 def post_participants(page: CurrentPage, study: str, fields: Fields) -> Response:
-    """Add participants by their codes, one or many. If one is no code, none is added; those there already are told."""
+    """Add participants by their codes, one or many. If one is no code, none is added; those that are taken are told."""
     asked = typed(fields).get("codes", "")
     codes = list(dict.fromkeys(code for code in map(str.strip, _BETWEEN_CODES.split(asked)) if code))
     if not codes or len(codes) > MOST_AT_ONCE:
@@ -51,16 +53,18 @@ def post_participants(page: CurrentPage, study: str, fields: Fields) -> Response
     wrong = [_refusal(code) for code in codes if checked(ParticipantIn, {"code": code})[0] is None]
     if wrong:
         return _participants(page, study, None, asked=asked, wrong=wrong, status=422)
-    there: list[str] = []
+    refused: dict[str, list[str]] = {"participant_exists": [], "participant_code_spent": []}
     for code in codes:
         try:
-            participants.create_participant(page.state.database, study_code=study, code=code, caller=page.caller)
-        except ConflictError:
-            there.append(code)
-    added = len(codes) - len(there)
+            participants.create_participant(
+                page.state.database, page.state.secrets, study_code=study, code=code, caller=page.caller
+            )
+        except ConflictError as error:
+            refused[error.code].append(code)
+    added = len(codes) - sum(map(len, refused.values()))
     told = f"{added} participant{'s were' if added != 1 else ' was'} added."
-    if there:
-        return _participants(page, study, None, there=there, added=told, status=409)
+    if any(refused.values()):
+        return _participants(page, study, None, refused=refused, added=told, status=409)
     return page.go(study_address(study, "participants"), told)
 
 
@@ -137,11 +141,11 @@ def _participants(
     *,
     asked: str = "",
     wrong: Sequence[str] = (),
-    there: Sequence[str] = (),
+    refused: Mapping[str, Sequence[str]] = NOBODY,
     added: str = "",
     status: int = 200,
 ) -> Response:
-    """The page. asked: what stays in the field; wrong: why nobody was added; there: codes that were there before."""
+    """The page. asked: stays in the field; wrong: why nobody was added; refused: an error's code -> whom it kept."""
     found = participants.list_participants(page.state.database, study, cursor=cursor, limit=PARTICIPANTS_A_PAGE)
     return page.render(
         "participants.html",
@@ -150,6 +154,7 @@ def _participants(
         next=found.cursor,
         asked=asked,
         wrong=wrong,
-        there=there,
+        there=refused.get("participant_exists", ()),
+        spent=refused.get("participant_code_spent", ()),
         added=added,
     )

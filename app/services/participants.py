@@ -18,6 +18,8 @@ from app.nutrition.life_stage import MAX_AGE_YEARS, PREGNANCY_YEARS
 from app.services.audit import note
 from app.services.caller import Caller, StaffCaller
 from app.services.cursors import TEXT, Page, decode_cursor, encode_cursor
+from app.services.secret_box import SecretBox
+from app.services.spent_codes import is_code_spent
 from app.services.studies import known_study
 
 PROFILE_KEYS = (
@@ -44,6 +46,7 @@ class ParticipantChange:
 
 def create_participant(
     database: Database,
+    box: SecretBox,
     *,
     study_code: str,
     code: str,
@@ -57,6 +60,11 @@ def create_participant(
             study = known_study(people.find_study(session, study_code))
             if people.find_participant(session, study.id, code) is not None:
                 raise taken
+            if is_code_spent(session, box, study.id, code):  # after the row: whoever erases it spends the code with it
+                raise ConflictError(
+                    f"The code {code!r} was a participant's who has left study {study_code!r}: take another.",
+                    code="participant_code_spent",
+                )
             participant = Participant(
                 id=uuid.uuid4(), study_id=study.id, code=code, alias=uuid.uuid4(), created_at=datetime.now(UTC)
             )

@@ -22,6 +22,7 @@ from app.services.erase import PHOTOGRAPH_ERASED, Eraser, add_receipt, erase_mea
 from app.services.erase_files import erase_person_from_files
 from app.services.erasure_ledger import DEEDS, Deed, Erasure, digest_of
 from app.services.project_records import project_meal
+from app.services.spent_codes import spend_code
 from app.services.studies import enter_study
 
 WITHDRAWN = "withdrawn"  # stands where a name stood
@@ -94,6 +95,8 @@ def _in_one_transaction(
         ended = [eraser.box.digest("token", token_sha256) for token_sha256 in tokens]
         privacy.add_tombstones(session, "token", ended, erasure.at, study_id=study_id)
         announce.participant_withdrawn(session, participant, erasure.deed)  # under the code that its receiver knows
+        if erasure.deed != "keep":
+            spend_code(session, eraser.box, participant, erasure.at)
         counts = {"access_token": len(ended)} | _do(session, participant, erasure, new_ids)
         privacy.add_tombstones(session, "participant", [erasure.digest], erasure.at, study_id=study_id)
         receipt = add_receipt(session, erasure, study_id, what="participant", policy=erasure.deed, counts=counts)

@@ -16,7 +16,8 @@ class OverviewPeopleOut(BaseModel):
 
     everybody: int = Field(description="Those who have left included.")
     active: int = Field(description="With a meal in the window.")
-    withdrawn: int
+    withdrawn: int = Field(description="Those who have left, whatever became of their data.")
+    erased: int = Field(description="Of those: whose data were erased, of whom this count is all that is left.")
 
 
 class CompletenessOut(BaseModel):

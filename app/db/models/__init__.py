@@ -21,7 +21,7 @@ from app.db.models.identification import IndexEntry, ItemIdentification
 from app.db.models.job import Job, WorkerLease
 from app.db.models.meal import Meal, MealImage
 from app.db.models.people import AccessToken, Device, Enrolment, Participant, Staff, Study, StudyMember
-from app.db.models.privacy import AuditEvent, BlobDeletion, ErasureReceipt, Tombstone
+from app.db.models.privacy import AuditEvent, BlobDeletion, ErasureReceipt, SpentCode, Tombstone
 from app.db.models.record import (
     EffectiveRecord,
     Item,
@@ -85,6 +85,7 @@ __all__ = [
     "ReleaseFile",
     "Run",
     "RunArtefact",
+    "SpentCode",
     "SpentKey",
     "Staff",
     "Study",

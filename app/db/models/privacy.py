@@ -63,6 +63,19 @@ class Tombstone(Base):
     __table_args__ = (one_of("kind", TOMBSTONE_KINDS), sa.Index(None, "study_id", "change_seq"))
 
 
+class SpentCode(Base):
+    """A code of a participant who was erased or anonymised: the study gives it to nobody else.
+
+    digest: HMAC-SHA-256 of the code under the server's secret key. Never removed.
+    """
+
+    __tablename__ = "spent_code"
+
+    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"), primary_key=True)
+    digest: Mapped[str] = mapped_column(sa.String(64), primary_key=True)
+    spent_at: Mapped[datetime]
+
+
 class ErasureReceipt(Base):
     """What an erasure removed, in numbers; it names nobody."""
 

@@ -12,6 +12,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.models import DayMark, DaySum, DiaryDay, Meal, Participant
+from app.db.queries import privacy
 from app.db.queries.day_definition import has_place
 from app.db.queries.days import sums_of_days
 from app.db.queries.intakes import within
@@ -25,11 +26,15 @@ LONG_AGO = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 class PeopleCounts(NamedTuple):
-    """everybody: of the study, those who left it included. active: with a meal in the window."""
+    """everybody: of the study, those who left it included. active: with a meal in the window.
+
+    erased: of withdrawn, those of whom only this count is left.
+    """
 
     everybody: int
     active: int
     withdrawn: int
+    erased: int
 
 
 class Span(NamedTuple):
@@ -110,12 +115,13 @@ class Window:
             Meal.participant_id == Participant.id, *within(Meal.local_date, self._first_day, self._last_day)
         )
         active = sa.func.count(sa.case((has_meal, 1)))
-        row = self._session.execute(
+        kept, active_now, left = self._session.execute(
             sa.select(sa.func.count(), active, sa.func.count(Participant.withdrawn_at)).where(
                 Participant.study_id == self._study_id
             )
         ).one()
-        return PeopleCounts(*row)
+        erased = privacy.count_erased_participants(self._session, self._study_id)
+        return PeopleCounts(kept + erased, active_now, left + erased, erased)
 
     def persons(self) -> list[Person]:
         """All of the study, by code."""

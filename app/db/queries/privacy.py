@@ -27,6 +27,7 @@ from app.db.models import (
     DiaryDay,
     EffectiveRecord,
     Enrolment,
+    ErasureReceipt,
     Export,
     IndexEntry,
     Item,
@@ -309,6 +310,14 @@ def meals_with_old_pictures(session: Session, study_id: uuid.UUID, before: datet
 def ids_in(meal_ids: Collection[uuid.UUID]) -> Ids:
     """These meals, as a query."""
     return sa.select(Meal.id).where(Meal.id.in_(meal_ids))
+
+
+def count_erased_participants(session: Session, study_id: uuid.UUID) -> int:
+    """How many persons of a study were erased: each has one receipt."""
+    query = sa.select(sa.func.count()).where(
+        ErasureReceipt.study_id == study_id, ErasureReceipt.what == "participant", ErasureReceipt.policy == "erase"
+    )
+    return session.scalars(query).one()
 
 
 def add_tombstones(

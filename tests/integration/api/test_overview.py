@@ -94,7 +94,7 @@ def test_every_day_of_the_window_is_told_with_those_who_are_silent(client, admin
     told = found["completeness"]
     assert told.pop("median_delay_seconds") == pytest.approx(300.0, abs=0.01)
     assert told == {"expected": 8, "told": 5, "silent": 3, "closed": 4, "whole": 3, "meals": 5, "late_meals": 2}
-    assert found["participants"] == {"everybody": 2, "active": 2, "withdrawn": 0}
+    assert found["participants"] == {"everybody": 2, "active": 2, "withdrawn": 0, "erased": 0}
 
 
 @pytest.mark.usefixtures("eaten")
@@ -172,7 +172,7 @@ def test_participant_is_expected_from_their_start_until_they_left(enrol, state, 
     assert [(day["expected"], day["told"], day["silent"]) for day in found["days"]] == [
         (0, 0, 0), (0, 0, 0), (1, 0, 1), (1, 1, 0), (1, 0, 1), (0, 0, 0), (0, 0, 0)
     ]  # fmt: skip
-    assert found["participants"] == {"everybody": 1, "active": 1, "withdrawn": 1}
+    assert found["participants"] == {"everybody": 1, "active": 1, "withdrawn": 1, "erased": 0}
     assert [(row["local_date"][-2:], row["expected"], row["meals"]) for row in found["person_days"]] == [
         ("02", False, 1), ("03", True, 0), ("04", True, 1), ("05", True, 0)
     ]  # fmt: skip

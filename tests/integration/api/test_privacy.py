@@ -196,6 +196,27 @@ def test_phone_whose_person_is_erased_while_it_asks_hears_that_they_left(person,
         assert caught.value.code == "withdrawn"
 
 
+def test_erased_participant_still_counts_as_withdrawn(person, state, client, admin):
+    set_study(state, withdrawal_policy="erase")
+    before = client.get("/v1/studies/pilot/overview", headers=admin).json()["participants"]
+    client.post("/v1/me/withdrawal", headers=person.phone.headers)
+    after = client.get("/v1/studies/pilot/overview", headers=admin).json()["participants"]
+    assert (before["everybody"], before["withdrawn"]) == (1, 0)
+    assert (after["everybody"], after["withdrawn"], after["erased"]) == (1, 1, 1)
+
+
+@pytest.mark.parametrize("policy", ["erase", "anonymise", "keep"])
+def test_code_of_who_left_is_given_to_nobody_else_of_the_study(policy, person, state, client, admin):
+    set_study(state, withdrawal_policy=policy)
+    client.post("/v1/me/withdrawal", headers=person.phone.headers)
+    again = client.post("/v1/studies/pilot/participants", headers=admin, json={"code": person.mark})
+    expected = "participant_exists" if policy == "keep" else "participant_code_spent"
+    assert (again.status_code, again.json()["code"]) == (409, expected)
+    client.post("/v1/studies", headers=admin, json={"code": "other", "name": "Other", "marker": "plain:9x7:11"})
+    elsewhere = client.post("/v1/studies/other/participants", headers=admin, json={"code": person.mark})
+    assert elsewhere.status_code == 201
+
+
 def test_kept_data_stay_after_withdrawal(person, state, client, admin):
     set_study(state, withdrawal_policy="keep")
     client.post("/v1/me/withdrawal", headers=person.phone.headers)

@@ -129,6 +129,18 @@ def test_owner_adds_many_and_hears_of_those_that_are_there(client, admin, enrol,
     assert owner.post(PARTICIPANTS, codes="P005").status_code == 303
 
 
+def test_owner_hears_which_codes_are_spent(client, admin, enrol, sign_in_browser):
+    enrol()
+    erase = {"withdrawal_policy": "erase"}
+    assert client.patch("/v1/studies/pilot", headers=admin | {"If-Match": "*"}, json=erase).status_code == 200
+    assert client.post("/v1/studies/pilot/participants/P001/withdrawal", headers=admin).status_code == 200
+    owner = sign_in_browser("olga", pilot="owner")
+    answer = owner.post(PARTICIPANTS, codes="P001, P002")
+    assert answer.status_code == 409
+    assert "participants who left the study had these codes: P001." in text_of(answer.text)
+    assert codes_of(client, admin) == ["P002"]
+
+
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
