@@ -56,8 +56,10 @@ def test_nothing_eaten_within_an_interval_of_grams_is_no_certain_nothing():
     """A summary said [0, 0] kcal where the meal itself said -30.6 to 30.6."""
     found = sum_amounts([record(0.0, -20.0, 20.0, 0.0)])["energy_kcal"]
     assert (found.value, found.low, found.high) == (0.0, None, None)
-    certain = sum_amounts([record(0.0, 0.0, 0.0, 0.0), record(100.0, 80.0, 120.0, 0.0)])["energy_kcal"]
+    certain = sum_amounts([record(0.0, 0.0, 0.0, 0.0)])["energy_kcal"]
     assert (certain.value, certain.low, certain.high) == (0.0, 0.0, 0.0)
+    by_the_table = sum_amounts([record(0.0, 0.0, 0.0, 0.0), record(100.0, 80.0, 120.0, 0.0)])["energy_kcal"]
+    assert (by_the_table.value, by_the_table.low, by_the_table.high) == (0.0, None, None)
 
 
 def test_what_is_shown_is_never_below_zero():
