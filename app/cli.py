@@ -133,6 +133,7 @@ def estimate(
     hint: Annotated[
         list[str] | None, typer.Option(help='JSON: {"point": [x, y], "food": KEY}, "box", "polygon".')
     ] = None,
+    complete: Annotated[bool, typer.Option("--complete", help="The hints are all that there is.")] = False,
     vessels: Annotated[Path | None, typer.Option(help="Vessel library (JSON): mugs and bowls measured once.")] = None,
     debug: Annotated[Path | None, typer.Option(help="Folder for a picture of each step.")] = None,
     as_json: JsonOption = False,
@@ -140,7 +141,9 @@ def estimate(
     """Estimate the volumes of the foods in a stereo pair, without a server."""
     from app.services.estimate_files import estimate_files, read_options
 
-    options = read_options(marker=marker, camera=camera, method=method, hints=hint or [], vessels=vessels)
+    options = read_options(
+        marker=marker, camera=camera, method=method, hints=hint or [], is_complete=complete, vessels=vessels
+    )
     announce = None if as_json else lambda stage: print(f"  {stage} ...", file=sys.stderr, flush=True)
     answer = estimate_files(
         left, right, options, max_pixels=Settings().max_photo_pixels, debug=debug, on_stage=announce

@@ -42,6 +42,7 @@ async def put_after(request: Request, meal_id: MealId, state: State, caller: Cur
             time=meal_time(told.captured_at, zone, datetime.now(UTC)),
             camera=told.camera.model_dump(mode="json") if told.camera is not None else None,
             hints=tuple(hint.model_dump(mode="json", exclude_none=True, by_alias=True) for hint in told.hints),
+            complete=told.complete,
         )
         submitted = state.after_pairs.announce(caller, meal_id, metadata)
         return submitted.is_new, read_meal(state.database, caller, meal_id)

@@ -51,6 +51,7 @@ def to_metadata(client_id: uuid.UUID, checked: MealMetadataIn) -> MealMetadata:
         marker=checked.marker,
         camera=checked.camera.model_dump(mode="json") if checked.camera else None,
         hints=tuple(hint.model_dump(mode="json", exclude_none=True) for hint in checked.hints),
+        complete=checked.complete,
         location=checked.location.model_dump(exclude_none=True) if checked.location else None,
         app_version=checked.app_version,
     )

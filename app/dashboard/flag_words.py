@@ -11,6 +11,8 @@ FLAGS: Mapping[str, str] = {
     "The interval is wide for that.",
     "not_measurable": "It was looked at and its volume cannot be told. Set the amount, or count it as "
     "missing, never as 0.",
+    "hint_missed": "The phone pointed at a food where nothing could be measured. Draw it, set the amount, or reject "
+    "it.",
     "focal_unknown": "Neither a calibration nor EXIF tells the focal length; the interval is the wider for it. Ask for "
     "photographs with their EXIF data, or calibrate the phone.",
     "form_unlikely": "A person said how it lies, and the photographs clearly speak for another form. Check the "

@@ -22,6 +22,7 @@ from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundErro
 from app.logs import tell
 from app.services import audit
 from app.services.caller import DeviceCaller
+from app.services.check_hints import require_known_foods, require_within
 from app.services.erase import erase_failed_pair, is_meal_deleted, meal_deleted
 from app.services.job_queue import JobQueue
 from app.services.location_policy import policy_of
@@ -41,11 +42,15 @@ ARRIVING = frozenset({None, "receiving", "nothing_left"})  # the pair is not que
 
 @dataclass(frozen=True, slots=True)
 class AfterMetadata:
-    """What the phone tells of the after-meal pair, checked. hints: as the API has them, in after_left's pixels."""
+    """What the phone tells of the after-meal pair, checked.
+
+    hints: as the API has them, in after_left's pixels. complete: whether they are all that is left.
+    """
 
     time: MealTime
     camera: Mapping[str, Any] | None = None
     hints: tuple[Mapping[str, Any], ...] = ()
+    complete: bool = False
 
     def details(self) -> dict[str, Any]:
         """As it is kept and compared."""
@@ -54,6 +59,7 @@ class AfterMetadata:
             "time_zone": self.time.time_zone,
             "camera": dict(self.camera) if self.camera is not None else None,
             "hints": [dict(hint) for hint in self.hints],
+            **({"complete": True} if self.complete else {}),
         }
 
 
@@ -213,7 +219,10 @@ class SubmitAfterPair:
         other = [s for s, p in photos.items() if s in stored and stored[s].received_sha256 != p.received_sha256]
         changed = sorted(k for k in details or {} if (details or {})[k] != (meal.after_details or {}).get(k))
         if changed:
-            require_known_vessels(session, meal.study_id, (details or {}).get("hints", ()))
+            hints = (details or {}).get("hints", ())
+            require_known_vessels(session, meal.study_id, hints)
+            require_known_foods(session, hints)
+            require_within(hints, photos.get("after_left") or stored.get("after_left"))
         attempt, _ = jobs.count_jobs(session, meal_id, "after")
         if meal.after_status == "failed":
             return _Known(stored, attempt, is_anew=bool(other or changed))

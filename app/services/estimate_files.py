@@ -17,7 +17,13 @@ HINT_KEYS = frozenset({"point", "box", "polygon", "food", "lies_as", "form", "ve
 
 
 def read_options(
-    *, marker: str, camera: Path | None, method: str, hints: Sequence[str], vessels: Path | None = None
+    *,
+    marker: str,
+    camera: Path | None,
+    method: str,
+    hints: Sequence[str],
+    is_complete: bool = False,
+    vessels: Path | None = None,
 ) -> EstimateOptions:
     """Options from the command line's words. Raises InvalidInputError with a sentence."""
     if method not in get_args(Method):
@@ -27,6 +33,7 @@ def read_options(
         "camera": _read_json(camera.read_text(), str(camera)) if camera is not None else None,
         "method": method,
         "hints": [_read_hint(hint) for hint in hints],
+        "complete": is_complete,
         "vessels": _parsed(vessels.read_text(), str(vessels)) if vessels is not None else [],
     }
     return options_from_json(value)

@@ -32,6 +32,7 @@ def options_to_json(options: EstimateOptions) -> dict[str, Any]:
         "camera": camera_to_json(options.camera) if options.camera is not None else None,
         "method": options.method,
         "hints": [hint_to_json(hint) for hint in options.hints],
+        "complete": options.is_complete,
         "vessels": [vessel_to_json(vessel) for vessel in options.vessels],
         "seed": options.seed,
     }
@@ -44,6 +45,7 @@ def options_from_json(value: Mapping[str, Any]) -> EstimateOptions:
         camera=camera_from_mapping(value["camera"]) if value.get("camera") is not None else None,
         method=value.get("method", "shape"),
         hints=tuple(hint_from_json(hint) for hint in value.get("hints", ())),
+        is_complete=bool(value.get("complete", False)),
         vessels=vessels_from_json(value.get("vessels", [])),
         seed=int(value.get("seed", 0)),
     )

@@ -41,7 +41,7 @@ from app.services.meal_vessels import vessels_of_meal
 from app.services.project_records import project_meal
 from app.services.receive_photo import sha256_of_file
 from app.services.remeasure import regions_to_measure
-from app.services.save_estimate import after_hints, save_estimate
+from app.services.save_estimate import save_estimate
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
 from app.vision.model import EstimateOptions, MealEstimate
@@ -100,7 +100,7 @@ class EstimateMeal:
             pair = AFTER_SLOTS if job.purpose == "after" else SLOTS
             images = {image.slot: image for image in meals.images_of(session, meal.id) if image.slot in pair}
             regions = regions_to_measure(session, job, meal) if job.purpose == "remeasure" else None
-            hints = regions.hints if regions is not None else _hints_told(job, meal)
+            hints, is_complete = (regions.hints, True) if regions is not None else _hints_told(job, meal)
             chosen = choose_camera(
                 session,
                 given=_camera_told(job, meal),
@@ -110,7 +110,7 @@ class EstimateMeal:
             )
             library = vessels_of_meal(session, study.id, hints)
             options = self._options(session, meal, study, library.in_hints(hints))
-            options = replace(options, camera=chosen.camera, vessels=library.models)
+            options = replace(options, camera=chosen.camera, vessels=library.models, is_complete=is_complete)
         log.info("estimate_begun", meal_id=str(meal.id), purpose=job.purpose)
         prefix = f"{meal.study_id}/{meal.id}/runs/{job_id}"
         with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
@@ -230,9 +230,10 @@ class EstimateMeal:
             log.warning("stage_not_told", meal_id=str(job.meal_id), stage=stage, exc_info=True)
 
 
-def _hints_told(job: Job, meal: Meal) -> Sequence[Mapping[str, Any]]:
-    """What the phone pointed at in the job's pair."""
-    return after_hints(meal) if job.purpose == "after" else meal.details["hints"]
+def _hints_told(job: Job, meal: Meal) -> tuple[Sequence[Mapping[str, Any]], bool]:
+    """What the phone pointed at in the job's pair, and whether it says that there is nothing else."""
+    details = (meal.after_details or {}) if job.purpose == "after" else meal.details
+    return details.get("hints", ()), details.get("complete", False)
 
 
 def _camera_told(job: Job, meal: Meal) -> Mapping[str, Any] | None:

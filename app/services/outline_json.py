@@ -7,5 +7,5 @@ Ring = Sequence[Sequence[float]]
 
 
 def rings_of(polygon: Sequence[Any]) -> list[Ring]:
-    """The rings of an outline, whichever of the two ways it is written in; of an empty one, one empty ring."""
-    return list(polygon) if polygon and isinstance(polygon[0][0], list | tuple) else [polygon]
+    """The rings of an outline, whichever of the two ways it is written in."""
+    return [polygon] if polygon and not isinstance(polygon[0][0], list | tuple) else list(polygon)

@@ -57,7 +57,7 @@ def save_measures(session: Session, job: Job, meal: Meal, answer: Mapping[str, A
     """
     event = session.get_one(MealEvent, job.event_id)
     asked = [uuid.UUID(item_id) for item_id in answer["regions"]]
-    found = {asked[item["hint"]]: item for item in answer["items"] if item["hint"] is not None}
+    found = {asked[item["hint"]]: item for item in answer["items"] if item["hint"] is not None and item["polygon"]}
     drawn = [item for item in _concerned(session, event) if region_drawn(event, item) is not None]
     session.add_all(
         _measure(item, event, job.id, found.get(item.id), has_failed=answer["failure"] is not None) for item in drawn

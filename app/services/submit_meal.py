@@ -24,6 +24,7 @@ from app.logs import tell
 from app.services import audit
 from app.services.announce import announce_meal
 from app.services.caller import DeviceCaller
+from app.services.check_hints import require_known_foods, require_within
 from app.services.erase import is_meal_deleted, meal_deleted
 from app.services.job_queue import JobQueue
 from app.services.location_policy import policy_of
@@ -40,18 +41,22 @@ from app.storage.blob_store import BlobStore
 log = structlog.get_logger()
 
 MEAL_NAMESPACE = uuid.UUID("6f0d3d0a-6c0c-4e0e-9a53-52f9b4a4d7f1")  # drawn once; our ids are derived under it
-COMPARED = ("captured_at", "time_zone", "marker", "camera", "hints", "app_version")  # equal: the same meal again
+COMPARED = ("captured_at", "time_zone", "marker", "camera", "hints", "complete", "app_version")  # equal: the same again
 
 
 @dataclass(frozen=True, slots=True)
 class MealMetadata:
-    """What the phone tells beside the photographs, checked. location: WGS84, degrees."""
+    """What the phone tells beside the photographs, checked.
+
+    complete: whether the hints are all that there is. location: WGS84, degrees.
+    """
 
     client_id: uuid.UUID
     time: MealTime
     marker: str | None = None
     camera: Mapping[str, Any] | None = None
     hints: tuple[Mapping[str, Any], ...] = ()
+    complete: bool = False
     location: Mapping[str, float] | None = None
     app_version: str | None = None
 
@@ -150,12 +155,14 @@ class SubmitMeal:
             if details is None:
                 raise _unknown_meal()
             require_known_vessels(session, study_id, details["hints"])
+            require_known_foods(session, details["hints"])
+            require_within(details["hints"], photos.get("left"))
             return {}
         if meal.origin == "declared":
             raise ConflictError(
                 "The meal of this id was told without photographs. Use a new id for a new meal.", code="meal_id_reused"
             )
-        changed = sorted(k for k in COMPARED if details is not None and details[k] != meal.details.get(k))
+        changed = sorted(k for k in COMPARED if details is not None and details.get(k) != meal.details.get(k))
         if changed:
             raise ConflictError(
                 "A meal with this id is already here with other metadata. Use a new id for a new meal.",
@@ -248,6 +255,7 @@ def _details(metadata: MealMetadata, location: Mapping[str, float] | None) -> di
         "hints": [dict(hint) for hint in metadata.hints],
         "location": location,
         "app_version": metadata.app_version,
+        **({"complete": True} if metadata.complete else {}),  # meals from before there was the word have none
     }
 
 

@@ -25,6 +25,7 @@ HANDLE_AREA = 0.35  # of a vessel's silhouette, that a handle and what shows thr
 HANDLE_SHARE, HANDLE_REACH_PX = 0.34, 2 * BESIDE_PX  # of a handle's outline that runs along the vessel; what is along
 UNREAD_SHARE = 0.4  # of a region and such a vessel that they share to be one
 SHARE_OF_BOX = 0.3  # of a hint's box that a vessel must fill to be what it points at
+SHARE_OF_CONTENT = 0.3  # of a vessel's content that a person's outline takes for its own
 
 
 def segment_meal(
@@ -40,7 +41,7 @@ def segment_meal(
     The paper's method has no vessels: all is food to it.
     """
     if options.method == "paper":
-        return segment_foods(pair, disparity, points_table, ignored, hints)
+        return segment_foods(pair, disparity, points_table, ignored, hints, is_complete=options.is_complete)
     every = slice(None, None, REDUCTION)
     points, unseen = np.ascontiguousarray(points_table[every, every]), np.ascontiguousarray(ignored[every, every])
     table = fit_table_trend(points[usable_points(points, unseen)])
@@ -50,7 +51,7 @@ def segment_meal(
     answered: set[int] = set()
     for vessel in vessels.filled:
         hint = _hint_of(vessel, hints)
-        if hints and hint is None:
+        if hint is None and (options.is_complete or _is_drawn(vessel, hints)):
             continue
         if hint is not None:
             answered.add(hint.index)
@@ -58,10 +59,10 @@ def segment_meal(
         taken |= vessel.silhouette
         liquids.append(Region(vessel.content, None if hint is None else hint.index, liquid=named))
     rest = [hint for hint in hints if hint.index not in answered]
-    if liquids and hints and not rest:
+    if liquids and options.is_complete and not rest:
         return Foods(liquids, table)
     around = cv2.dilate(taken.astype(np.uint8), np.ones((BESIDE_PX, BESIDE_PX), np.uint8)) > 0
-    foods = segment_foods(pair, disparity, points_table, ignored, rest, around)
+    foods = segment_foods(pair, disparity, points_table, ignored, rest, around, is_complete=options.is_complete)
     if isinstance(foods, Failure):
         return Foods(liquids, table) if liquids else foods
     walls = [(vessel.silhouette, distance_px(vessel.silhouette) <= HANDLE_REACH_PX) for vessel in vessels.filled]
@@ -101,6 +102,14 @@ def _hint_of(vessel: FilledVessel, hints: Sequence[HintMask]) -> HintMask | None
         if shared > (SHARE_OF_BOX * np.count_nonzero(hint.mask) if hint.is_box else 0):
             return hint
     return None
+
+
+def _is_drawn(vessel: FilledVessel, hints: Sequence[HintMask]) -> bool:
+    """Whether a person drew the vessel's content: then their outline is the food."""
+    area = np.count_nonzero(vessel.content)
+    return any(
+        hint.is_exact and np.count_nonzero(hint.mask & vessel.content) > SHARE_OF_CONTENT * area for hint in hints
+    )
 
 
 def _as_named(vessel: FilledVessel, hint: Hint, library: Sequence[VesselModel]) -> FilledVessel:

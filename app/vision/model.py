@@ -113,18 +113,25 @@ class Hint:
     vessel: str | None = None
     slice_form: SliceForm | None = None
 
+    @property
+    def has_place(self) -> bool:
+        """Whether it says where the food is."""
+        return self.point is not None or self.box is not None or self.polygon is not None
+
 
 @dataclass(frozen=True, slots=True)
 class EstimateOptions:
     """What the pipeline is told beside the photographs.
 
-    camera: for upright pixels; None: from EXIF. vessels: the study's library. seed: for its draws.
+    camera: for upright pixels; None: from EXIF. is_complete: the hints are all that there is, and no other food is
+    looked for. vessels: the study's library. seed: for its draws.
     """
 
     marker: MarkerSpec
     camera: Camera | None = None
     method: Method = "shape"
     hints: tuple[Hint, ...] = ()
+    is_complete: bool = False
     vessels: tuple[VesselModel, ...] = ()
     seed: int = 0
 

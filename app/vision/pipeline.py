@@ -4,7 +4,7 @@ Photographs arrive decoded (photo.py); densities and nutrients are for others.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
@@ -25,6 +25,7 @@ from app.vision.measure import MeasuredItem, measure_items
 from app.vision.model import (
     EstimateOptions,
     Float32Array,
+    Hint,
     ItemEstimate,
     MarkerObservation,
     MaskArray,
@@ -126,7 +127,7 @@ def _run(
     with stage("describe"):
         colour, left_colour = trace.colour_of(0), trace.colour_of(1 if trace.is_swapped else 0)
         outlines = [rings_of(item.region.mask, places, is_swapped=trace.is_swapped) for item in measured]
-        return tuple(
+        items = tuple(
             ItemEstimate(
                 rings=rings,
                 volume_ml=item.volume.volume_ml if item.volume is not None else None,
@@ -139,6 +140,18 @@ def _run(
             )
             for item, rings in zip(measured, outlines, strict=True)
         )
+        return items + _missed(options.hints, items)
+
+
+def _missed(hints: Sequence[Hint], items: Sequence[ItemEstimate]) -> tuple[ItemEstimate, ...]:
+    """An item without outline and volume for each hint at whose place nothing could be measured."""
+    answered = {item.hint for item in items}
+    flags = ("not_measurable", "hint_missed")
+    return tuple(
+        ItemEstimate(rings=(), volume_ml=None, volume_interval_ml=None, relative_sd={}, hint=index, flags=flags)
+        for index, hint in enumerate(hints)
+        if hint.has_place and index not in answered
+    )
 
 
 @dataclass(frozen=True, slots=True)

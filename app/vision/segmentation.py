@@ -6,6 +6,7 @@ cutlery and napkins are not food.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import cv2
 import numpy as np
@@ -33,6 +34,7 @@ from app.vision.vessel import Vessel, describe_vessel
 BLACK_LEVEL = 4  # grey levels: black, and what JPEG makes of it
 CANVAS_WIDTH_PX = 9  # of the rectified grid: a window of the finest disparity
 HINTED_DISH_SHARE = 0.8  # of a dish's outline within a person's box or polygon: what looks like a dish is the food
+OTHER_FOOD_SHARE = 0.4  # of a region beyond what hints point at, from which on it is another food than theirs
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +88,13 @@ def segment_foods(
     ignored: MaskArray,
     hints: Sequence[HintMask] = (),
     vessels: MaskArray | None = None,
+    *,
+    is_complete: bool = False,
 ) -> Foods | Failure:
     """Foods in the order of their size, those of hints first.
 
     points_table: (H, W, 3) mm, NaN. ignored: (H, W) marker sheet and what is not seen. vessels: (H, W) those that are
-    measured by themselves. With hints only what they point at is returned. Failure "no_food_found".
+    measured by themselves. is_complete: only what the hints point at is returned. Failure "no_food_found".
     """
     unseen = ignored | _canvas(pair)
     ignored = unseen if vessels is None else unseen | vessels
@@ -105,9 +109,9 @@ def segment_foods(
         return Foods(drawn, trend) if drawn else no_food_found()
     layout = replace(layout, dishes=[dish for dish in layout.dishes if not _is_hinted_food(dish, layout, hints)])
     seen: list[Region] = []
-    if sought or not hints:
+    if sought or not is_complete:
         around = replace(layout, scene=replace(layout.scene, is_ignored=_reduced(taken, scene)))
-        seen = _find_foods(around, sought, _reduced(unseen, scene))
+        seen = _find_foods(around, sought, _reduced(unseen, scene), is_complete=is_complete)
     seen = [replace(region, mask=_enlarged(region.mask, pair.shape) & ~taken) for region in seen]
     regions = _supported([region for region in drawn + seen if region.mask.any()], layout)
     return Foods(regions, layout.trend) if regions else no_food_found()
@@ -149,27 +153,45 @@ def _is_hinted_food(dish: Dish, layout: Layout, hints: Sequence[HintMask]) -> bo
     return any(np.count_nonzero(silhouette & _reduced(mask, layout.scene)) > HINTED_DISH_SHARE * area for mask in drawn)
 
 
-def _find_foods(layout: Layout, hints: Sequence[HintMask], is_unseen: MaskArray) -> list[Region]:
-    """Foods on the scene's grid: those that hints point at, or all. is_unseen: (h, w), unlike what other foods hide."""
+def _find_foods(layout: Layout, hints: Sequence[HintMask], is_unseen: MaskArray, *, is_complete: bool) -> list[Region]:
+    """Foods on the scene's grid: those that hints point at, and unless they are all, the others.
+
+    is_unseen: (h, w), unlike what other foods hide.
+    """
     scene = layout.scene
     drawn = [_reduced(hint.mask, scene) for hint in hints]
     points = [mask for mask, hint in zip(drawn, hints, strict=True) if not hint.is_box]
     places = find_places(scene, layout.dishes, layout.view, points)
-    regions: list[Region] = []
+    seen: list[_Seen] = []
     taken = scene.is_ignored
     for place in places:
         own = _in_place(replace(scene, is_ignored=taken), place, is_unseen, is_hinted=bool(hints))
-        for region in own:
-            taken = taken | region.mask
-        regions += own
-    if not hints:
-        return sorted(regions, key=lambda region: -int(np.count_nonzero(region.mask)))
-    masks = hinted_masks(drawn, [hint.is_box for hint in hints], [region.mask for region in regions], scene, places)
-    return [Region(mask, hint.index) for mask, hint in zip(masks, hints, strict=True) if mask.any()]
+        for each in own:
+            taken = taken | each.mask
+        seen += own
+    masks = hinted_masks(drawn, [hint.is_box for hint in hints], [each.mask for each in seen], scene, places)
+    hinted = [Region(mask, hint.index) for mask, hint in zip(masks, hints, strict=True) if mask.any()]
+    others = [] if is_complete else _others(seen, [region.mask for region in hinted])
+    return hinted + sorted(others, key=lambda region: -int(np.count_nonzero(region.mask)))
 
 
-def _in_place(scene: Scene, place: Place, is_unseen: MaskArray, *, is_hinted: bool) -> list[Region]:
-    """The foods of one place."""
+def _others(seen: Sequence["_Seen"], answered: Sequence[MaskArray]) -> list[Region]:
+    """The foods that no hint points at. answered: (h, w) masks of those that one does."""
+    taken = np.any(answered, axis=0) if answered else np.False_
+    rests = [(each.mask & ~taken, np.count_nonzero(each.mask)) for each in seen if each.is_food]
+    return [Region(rest) for rest, area in rests if np.count_nonzero(rest) > OTHER_FOOD_SHARE * area]
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What was seen, (h, w). is_food: whether it is large, solid and raised enough to be a food that nobody names."""
+
+    mask: MaskArray
+    is_food: bool
+
+
+def _in_place(scene: Scene, place: Place, is_unseen: MaskArray, *, is_hinted: bool) -> list[_Seen]:
+    """The foods of one place, and where there are hints also what only a person would take for one."""
     food = find_food_pixels(scene, place)
     beside = replace(scene, is_ignored=scene.is_ignored | place.is_elsewhere)
     # A gap stays in it, for foods are told apart by their outer outlines.
@@ -177,12 +199,14 @@ def _in_place(scene: Scene, place: Place, is_unseen: MaskArray, *, is_hinted: bo
     masks = tell_apart(whole, scene, place.floor_mm)
     if place.is_measured:
         masks = with_sides(masks, beside, place.floor_mm)
+    are_foods = [is_food(mask, food.is_core, scene, is_unseen) for mask in masks]
     if not is_hinted:
-        masks = [mask for mask in masks if is_food(mask, food.is_core, scene, is_unseen)]
+        masks, are_foods = list(compress(masks, are_foods)), [True] * sum(are_foods)
     # Gaps are opened only now, and stay open: each outline alone knows less of them than all heights did.
     masks = [mask & ~food.is_gap for mask in masks]
     beside = replace(beside, is_ignored=beside.is_ignored | food.is_gap)
-    return [Region(mask) for mask in correct_outlines(masks, beside, place.floor_mm) if mask.any()]
+    corrected = correct_outlines(masks, beside, place.floor_mm)
+    return [_Seen(mask, is_one) for mask, is_one in zip(corrected, are_foods, strict=True) if mask.any()]
 
 
 def no_food_found() -> Failure:

@@ -41,4 +41,7 @@ class AfterMetadataIn(BaseModel):
         default=None, min_length=1, max_length=64, description="IANA name; default: the meal's."
     )
     hints: list[AfterHintIn] = Field(default_factory=list, max_length=20)
+    complete: bool = Field(
+        default=False, strict=True, description="Whether the hints are all that is left: nothing else is looked for."
+    )
     camera: CameraIn | None = Field(default=None, description="Default: the meal's.")

@@ -98,7 +98,14 @@ class MealMetadataIn(BaseModel):
         default=None, max_length=64, description="KIND:COLSxROWS:MM, such as plain:9x7:11; default: the study's."
     )
     camera: CameraIn | None = None
-    hints: list[HintIn] = Field(default_factory=list, max_length=20)
+    hints: list[HintIn] = Field(
+        default_factory=list,
+        max_length=20,
+        description="What the person knows of some of the foods; the others are looked for all the same.",
+    )
+    complete: bool = Field(
+        default=False, strict=True, description="Whether the hints are all that there is: nothing else is looked for."
+    )
     location: LocationIn | None = None
     app_version: Text | None = Field(default=None, max_length=64)
 

@@ -3,13 +3,14 @@ import io
 import uuid
 
 import pytest
+import sqlalchemy as sa
 
-from app.db.models import EffectiveRecord, Item, Run, Study
+from app.db.models import EffectiveRecord, Item, Meal, Run, Study
 from app.db.models.record import HEADLINE_COLUMNS
 from app.services.food_amounts import RECORD_COLUMNS
 from app.services.rebuild_records import rebuild_records
 from tests import estimates
-from tests.estimates import found_item
+from tests.estimates import found_item, unmeasured_item
 from tests.integration.conftest import meal_metadata
 from tests.photographs import pair
 
@@ -79,9 +80,58 @@ def test_item_without_food_has_null_mass_and_the_meal_needs_review(phone, state)
     assert item["volume_ml"] == 185.0
 
 
-def test_food_that_the_table_lacks_is_kept_as_an_item_to_review(phone, state):
-    meal_id = eaten(phone, state, hints=[{"point": [1, 2], "food": "phoenix-roasted"}])
-    assert phone.get(f"/v1/meals/{meal_id}").json()["status"] == "needs_review"
+def test_food_that_the_table_lacks_by_now_is_kept_as_an_item_to_review(phone, state):
+    body = meal_metadata(hints=APPLE_HINT)
+    assert phone.post(pair(), body).status_code == 202
+    with state.database.write() as session:
+        meal = session.scalars(sa.select(Meal)).one()
+        meal.details = meal.details | {"hints": [{"point": [1, 2], "food": "phoenix-roasted"}]}
+    estimates.save(state, body["id"], found_item())
+    assert phone.get(f"/v1/meals/{body['id']}").json()["status"] == "needs_review"
+
+
+@pytest.mark.parametrize(
+    ("hint", "code", "told"),
+    [
+        ({"point": [1, 2], "food": "phoenix-roasted"}, "food_unknown", {"foods": ["phoenix-roasted"]}),
+        ({"point": [5000, 2]}, "hint_outside", {"hints": [1]}),
+        ({"box": [-50, 2, 40, 40]}, "hint_outside", {"hints": [1]}),
+        ({"polygon": [[1, 5000], [2, 5000], [2, 5100]]}, "hint_outside", {"hints": [1]}),
+        ({"polygon": [[[1, 5000], [2, 5000], [2, 5100]]]}, "hint_outside", {"hints": [1]}),
+    ],
+)
+def test_hint_that_cannot_be_is_refused_and_nothing_is_kept(phone, state, hint, code, told):
+    refused = phone.post(pair(), meal_metadata(hints=[*APPLE_HINT, hint]))
+    problem = refused.json()
+    assert (refused.status_code, problem["code"]) == (422, code), problem
+    assert told.items() <= problem.items()
+    with state.database.read() as session:
+        assert session.scalars(sa.select(Meal)).all() == []
+
+
+def test_hint_that_leans_over_the_border_is_taken(phone):
+    hints = [{"box": [-20, -20, 100, 100]}, {"polygon": [[-5, -5], [30, 0], [30, 30]]}]
+    assert phone.post(pair(), meal_metadata(hints=hints)).status_code == 202
+
+
+def test_hint_that_hit_nothing_is_an_item_without_amount_that_keeps_its_food(phone, state):
+    missed = unmeasured_item() | {"polygon": [], "flags": ["not_measurable", "hint_missed"]}
+    meal = phone.get(f"/v1/meals/{eaten(phone, state, found_item(hint=None), missed)}").json()
+    item = next(each for each in meal["items"] if "hint_missed" in each["flags"])
+    assert (item["food"]["key"], item["volume_ml"], item["status"]) == ("apple", None, "needs_review")
+    assert item["polygon"] == []
+    assert meal["totals"]["unmeasured_items"] == 2
+
+
+def test_phone_says_that_its_hints_are_all_that_there_is(phone, state):
+    body = meal_metadata(hints=APPLE_HINT, complete=True)
+    assert phone.post(pair(), body).status_code == 202
+    assert phone.post(pair(), body).status_code == 200
+    other = phone.post(pair(), body | {"complete": False})
+    assert (other.status_code, other.json()["fields"]) == (409, ["complete"])
+    with state.database.read() as session:
+        assert session.scalars(sa.select(Meal)).one().details["complete"] is True
+    assert phone.post(pair(1), meal_metadata(complete="yes")).json()["code"] == "metadata_invalid"
 
 
 def test_meal_where_nothing_was_found_needs_review(phone, state):

@@ -232,7 +232,7 @@ def test_estimate_is_given_the_vessels_in_use_and_the_run_keeps_their_versions(o
 
 def test_hint_names_a_vessel_without_case_and_a_retired_one_still_counts(owner, phone, given):
     owner.delete(f"{ROOT}/{add(owner)['id']}")
-    sent = phone.post(pair(), hints=[{"point": [5, 5], "food": "milk", "vessel": "blue MUG"}])
+    sent = phone.post(pair(), hints=[{"point": [5, 5], "food": "milk-whole", "vessel": "blue MUG"}])
     assert sent.status_code == 202, sent.text
     options, parameters = given()
     assert options["hints"][0]["vessel"] == "Blue mug"

@@ -28,8 +28,8 @@ OPTIONS = EstimateOptions(SPEC, CAMERA, hints=(Hint(point=(748.0, 362.0), food="
 
 @pytest.fixture(scope="module")
 def estimate():
-    def in_a_bowl(*arguments):
-        foods = segment_foods(*arguments)
+    def in_a_bowl(*arguments, **options):
+        foods = segment_foods(*arguments, **options)
         regions = [replace(region, support=HIDDEN_FLOOR, vessel=NO_WALL) for region in foods.regions]
         return replace(foods, regions=regions)
 

@@ -114,6 +114,16 @@ def test_hint_is_answered_and_its_form_used(pair):
     assert [item.hint for item in estimate.items] == [0]
 
 
+def test_hint_that_hits_nothing_is_told_and_the_food_is_measured_all_the_same(pair, estimate):
+    """A point outside the photograph made a whole meal `no_food_found`, and one on bare table lost what was seen."""
+    outside, of_apple = Hint(point=(99_999.0, 5.0), food="pear"), Hint(food="apple")
+    found = estimate_meal(pair, replace(OPTIONS, hints=(of_apple, outside))).items
+    assert [item.hint for item in found] == [None, 1]
+    assert found[0].volume_ml == pytest.approx(estimate.items[0].volume_ml)
+    missed = found[1]
+    assert (missed.volume_ml, missed.rings, missed.flags) == (None, (), ("not_measurable", "hint_missed"))
+
+
 def test_table_without_food_says_so_and_shows_how_far_it_came():
     estimate = estimate_meal(photographs(None), OPTIONS, want_artefacts=True)
     assert estimate.failure.code == "no_food_found"

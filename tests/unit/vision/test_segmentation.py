@@ -73,14 +73,14 @@ class Meal:
         y = -(rows - pair.centre_px[1]) / pair.focal_px * depth
         return np.stack([x, y, heights], -1).astype(np.float32)
 
-    def segment(self, hints=(), ignored=None, unmeasured=None):
+    def segment(self, hints=(), ignored=None, unmeasured=None, *, is_complete=False):
         pair = self.pair()
         disparity = DisparityMap(np.zeros(SHAPE, np.float32), np.full(SHAPE, 4.5, np.float32))
         ignored = np.zeros(SHAPE, bool) if ignored is None else ignored
         points = self.points(pair)
         if unmeasured is not None:
             points[unmeasured] = np.nan
-        found = segment_foods(pair, disparity, points, ignored, hints)
+        found = segment_foods(pair, disparity, points, ignored, hints, is_complete=is_complete)
         return found if isinstance(found, Failure) else found.regions
 
 
@@ -244,9 +244,40 @@ def test_polygon_is_taken_as_it_is():
 
 def test_point_chooses_the_food_under_it():
     meal = Meal().food(150, 150, 60, 40.0).food(260, 400, 45, 30.0, OTHER_BGR)
-    found = meal.segment([HintMask(disc(260, 400, 4), 0)])
+    found = meal.segment([HintMask(disc(260, 400, 4), 0)], is_complete=True)
     assert len(found) == 1
     assert iou(found[0].mask, disc(260, 400, 45)) > 0.93
+
+
+def test_point_on_one_of_two_foods_does_not_lose_the_other():
+    meal = Meal().food(150, 150, 60, 40.0).food(260, 400, 45, 30.0, OTHER_BGR)
+    found = meal.segment([HintMask(disc(260, 400, 4), 0)])
+    assert [region.hint for region in found] == [0, None]
+    assert iou(found[0].mask, disc(260, 400, 45)) > 0.93
+    assert iou(found[1].mask, disc(150, 150, 60)) > 0.93
+
+
+def test_outline_of_one_of_two_foods_does_not_lose_the_other_nor_find_it_twice():
+    meal = Meal().food(150, 150, 60, 40.0).food(260, 400, 45, 30.0, OTHER_BGR)
+    found = meal.segment([HintMask(disc(260, 400, 42), 0, is_exact=True)])
+    assert [region.hint for region in found] == [0, None]
+    assert iou(found[1].mask, disc(150, 150, 60)) > 0.93
+
+
+def test_box_of_one_of_two_touching_foods_leaves_the_other():
+    meal = Meal().food(200, 220, 50, 40.0).food(200, 310, 50, 40.0)
+    box = np.zeros(SHAPE, bool)
+    box[150:251, 266:361] = True
+    found = meal.segment([HintMask(box, 0, is_box=True)])
+    assert [region.hint for region in found] == [0, None]
+    assert iou(found[1].mask, disc(200, 220, 50)) > 0.8
+
+
+def test_point_that_hits_nothing_leaves_what_is_found_without_it():
+    meal = Meal().food(150, 150, 60, 40.0)
+    found = meal.segment([HintMask(np.zeros(SHAPE, bool), 0)])
+    assert [region.hint for region in found] == [None]
+    assert meal.segment([HintMask(np.zeros(SHAPE, bool), 0)], is_complete=True).code == "no_food_found"
 
 
 def test_two_points_share_touching_foods():
