@@ -2,11 +2,9 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Any
 
 import anyio
 from fastapi import Depends, FastAPI
-from fastapi.openapi.utils import get_openapi
 
 from app import __version__
 from app.api import (
@@ -53,19 +51,16 @@ from app.api import (
     tokens,
     webhooks,
 )
-from app.api.access import RULES, authorise
+from app.api.access import authorise
 from app.api.answers import ApiAnswers
 from app.api.body_limit import BodyLimit
-from app.api.call_limits import UNCOUNTED_PATHS, AddressLimit, CallLimits
+from app.api.call_limits import AddressLimit, CallLimits
+from app.api.contract import openapi_document
 from app.api.fhir import routes as fhir
 from app.api.fhir.answers import FhirErrors
-from app.api.problems import Problem, install_problem_handlers, problem_responses
+from app.api.problems import install_problem_handlers
 from app.api.rate_limit import RateLimit
 from app.api.request_log import RequestLog
-from app.api.schemas.after import AfterMetadataIn
-from app.api.schemas.calibrations import CalibrationMetadataIn
-from app.api.schemas.checks import CheckMetadataIn
-from app.api.schemas.meals import MealMetadataIn, NewMealMetadataIn
 from app.api.sign_in_limits import SignInLimits
 from app.api.state import ApiState
 from app.api.waiting import MealWaiter
@@ -100,8 +95,6 @@ printed checkerboard beside the plate; the server measures each food's volume, t
 serves records. Times are RFC 3339 with offset; units stand in the names; errors are RFC 9457 problem documents with a
 stable `code`.
 """
-# read from streams, so FastAPI does not see their schemas
-OUT_OF_ROUTES = (Problem, MealMetadataIn, NewMealMetadataIn, AfterMetadataIn, CheckMetadataIn, CalibrationMetadataIn)
 
 
 @asynccontextmanager
@@ -170,6 +163,7 @@ def create_app(settings: Settings) -> FastAPI:
         dependencies=[Depends(authorise)],
         docs_url=None,  # FastAPI's load their scripts from another host
         redoc_url=None,
+        generate_unique_id_function=lambda route: route.name,
     )
     app.state.settings = settings
     install_problem_handlers(app)
@@ -228,32 +222,5 @@ def create_app(settings: Settings) -> FastAPI:
         dashboard,
     ):
         app.include_router(resource.router)
-    app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]  # FastAPI's own way to extend the document
+    app.openapi = lambda: openapi_document(app)  # type: ignore[method-assign]  # FastAPI's own way to extend it
     return app
-
-
-def _openapi(app: FastAPI) -> dict[str, Any]:
-    """OpenAPI with the schemas of bodies that are read from streams."""
-    if app.openapi_schema is None:
-        schema = get_openapi(
-            title=app.title,
-            version=app.version,
-            description=app.description,
-            license_info=app.license_info,
-            routes=app.routes,
-        )
-        for (method, path), rule in RULES.items():
-            operation = schema["paths"].get(path, {}).get(method.lower())
-            if operation is None:
-                continue
-            if rule.is_open:
-                operation.pop("security", None)
-            if path not in UNCOUNTED_PATHS:
-                operation["responses"].setdefault("429", problem_responses(429)[429])
-        schemas = schema["components"]["schemas"]
-        for model in OUT_OF_ROUTES:
-            found = model.model_json_schema(ref_template="#/components/schemas/{model}")
-            schemas |= found.pop("$defs", {})
-            schemas[model.__name__] = found
-        app.openapi_schema = schema
-    return app.openapi_schema

@@ -6,14 +6,13 @@ from urllib.parse import urlencode
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import JSONResponse, Response, StreamingResponse
-from pydantic import AwareDatetime, BeforeValidator
 
 from app.api.deps import CurrentStaff, State
 from app.api.export_files import MEDIA_TYPES
 from app.api.flat_list import FILES, file_format
 from app.api.problems import problem_responses
 from app.api.schemas.privacy import AuditEventOut, AuditPage
-from app.api.schemas.text import only_text
+from app.api.schemas.text import AwareInstant
 from app.api.state import ApiState
 from app.exports.flat_rows import FlatFormat, encode_flat, flat_paths
 from app.services.audit_log import NamedEvent, read_audit, stream_audit
@@ -31,10 +30,8 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
 }
 
 Action = Annotated[str | None, Query(max_length=64, description="Such as photograph.read.")]
-From = Annotated[
-    AwareDatetime | None, BeforeValidator(only_text), Query(alias="from", description="RFC 3339; included.")
-]
-To = Annotated[AwareDatetime | None, BeforeValidator(only_text), Query(alias="to", description="RFC 3339; excluded.")]
+From = Annotated[AwareInstant | None, Query(alias="from", description="RFC 3339; included.")]
+To = Annotated[AwareInstant | None, Query(alias="to", description="RFC 3339; excluded.")]
 Limit = Annotated[int, Query(ge=1, le=1000)]
 Cursor = Annotated[str | None, Query(max_length=300, description="From the page before: follow `next`.")]
 Output = Annotated[

@@ -14,7 +14,7 @@ from app.api.schemas.calibrations import (
     CalibrationList,
     CalibrationMetadataIn,
     CalibrationOut,
-    LeftOutOut,
+    LeftOutPhotographOut,
     NewCalibrationOut,
     StudyCalibrationList,
     StudyCalibrationOut,
@@ -77,7 +77,9 @@ async def post_calibration(request: Request, state: State, caller: CurrentDevice
             )
 
         made = await anyio.to_thread.run_sync(work)
-    left_out = [LeftOutOut(photograph=one.number, code=one.code, message=one.message) for one in made.left_out]
+    left_out = [
+        LeftOutPhotographOut(photograph=one.number, code=one.code, message=one.message) for one in made.left_out
+    ]
     return NewCalibrationOut(**_fields(made.calibration), left_out=left_out)
 
 

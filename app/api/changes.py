@@ -18,7 +18,7 @@ router = APIRouter(prefix="/v1/studies", tags=["records"])
 
 
 @router.get("/{study}/changes", response_model=ChangePage, responses=problem_responses(401, 403, 404, 422))
-def get_changes(
+def get_study_changes(
     study: Annotated[str, Path(max_length=64)],
     request: Request,
     state: State,

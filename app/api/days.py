@@ -1,8 +1,7 @@
 """/v1/me/days, the diary; /v1/days and a study's intakes, what researchers make of it."""
 
 from dataclasses import asdict
-from datetime import date
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import JSONResponse
@@ -24,6 +23,7 @@ from app.api.schemas.days import (
     MeanAmountOut,
     PlausibilityOut,
 )
+from app.api.schemas.text import LocalDay
 from app.db.queries.days import DayFilter
 from app.services import day_summaries, diary
 from app.services.day_order import require_order
@@ -36,10 +36,9 @@ router = APIRouter(prefix="/v1", tags=["days"], route_class=ListRoute)
 
 Study = Annotated[str, Path(max_length=64)]
 Participant = Annotated[str, Path(max_length=64)]
-Day = Annotated[date, Path(description="A local day, such as 2026-11-21.")]
-FirstDay = Annotated[date | None, Query(alias="from", description="First local day, included.")]
-LastDay = Annotated[date | None, Query(alias="to", description="Last local day, included.")]
-CHANGED: dict[int | str, dict[str, Any]] = {200: {"headers": {"ETag": {"schema": {"type": "string"}}}}}
+Day = Annotated[LocalDay, Path(description="A local day, such as 2026-11-21.")]
+FirstDay = Annotated[LocalDay | None, Query(alias="from", description="First local day, included.")]
+LastDay = Annotated[LocalDay | None, Query(alias="to", description="Last local day, included.")]
 
 
 @router.get("/me/days", responses=problem_responses(401, 403, 422))
@@ -49,7 +48,7 @@ def get_my_days(state: State, device: CurrentDevice, first_day: FirstDay = None,
     return DayList(items=[_day_out(day) for day in days])
 
 
-@router.put("/me/days/{day}", responses=CHANGED | problem_responses(401, 403, 409, 410, 412, 422, 428))
+@router.put("/me/days/{day}", responses=problem_responses(401, 403, 409, 410, 412, 422, 428))
 def put_my_day(
     day: Day, body: DayIn, state: State, device: CurrentDevice, response: Response, if_match: IfMatch = None
 ) -> DayOut:
@@ -75,7 +74,7 @@ def get_days_of_participant(
 
 @router.put(
     "/studies/{study}/participants/{participant}/days/{day}",
-    responses=CHANGED | problem_responses(401, 403, 404, 409, 412, 422, 428),
+    responses=problem_responses(401, 403, 404, 409, 412, 422, 428),
 )
 def put_day_of_participant(
     study: Study,

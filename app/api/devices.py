@@ -36,7 +36,7 @@ def get_devices(
 
 
 @router.delete("/{device_id}", status_code=204, responses=problem_responses(401, 403, 404, 422))
-def delete_device(
+def delete_study_device(
     study: StudyCode, device_id: Annotated[uuid.UUID, Path()], state: State, caller: CurrentStaff
 ) -> Response:
     """End a phone's token, such as a lost phone's. What it sent stays."""

@@ -24,7 +24,7 @@ def get_me(state: State, caller: CurrentDevice) -> MeOut:
 
 
 @router.delete("/device", status_code=204, responses=problem_responses(401, 403, 410))
-def delete_device(state: State, caller: CurrentDevice) -> Response:
+def delete_my_device(state: State, caller: CurrentDevice) -> Response:
     """Sign the phone out: its token opens nothing any more. What it sent stays."""
     devices.sign_out_phone(state.database, caller)
     return Response(status_code=204)

@@ -49,7 +49,7 @@ def post_my_withdrawal(state: State, caller: CurrentDevice) -> ReceiptOut:
 @router.post(
     "/studies/{study}/participants/{participant}/withdrawal", responses=problem_responses(401, 403, 404, 409, 422)
 )
-def post_withdrawal(
+def post_participant_withdrawal(
     study: Annotated[str, Path(max_length=64)],
     participant: Annotated[str, Path(max_length=64)],
     state: State,

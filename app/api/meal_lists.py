@@ -1,7 +1,6 @@
 """/v1/meals as a list; how many meals of a study have each status; which of those on a page have changed."""
 
 import uuid
-from datetime import date
 from typing import Annotated, Literal
 from urllib.parse import quote
 
@@ -30,6 +29,7 @@ from app.api.schemas.meal_lists import (
     MealPage,
     StatusCountOut,
 )
+from app.api.schemas.text import LocalDay
 from app.db.queries.meal_pages import MealFilter
 from app.db.queries.meal_rows import MealRow
 from app.errors import InvalidInputError
@@ -63,8 +63,8 @@ def get_meals(
     caller: CurrentCaller,
     study: Annotated[str | None, Query(max_length=64)] = None,
     participant: Annotated[str | None, Query(max_length=64)] = None,
-    first_day: Annotated[date | None, Query(alias="from", description="First local day, included.")] = None,
-    last_day: Annotated[date | None, Query(alias="to", description="Last local day, included.")] = None,
+    first_day: Annotated[LocalDay | None, Query(alias="from", description="First local day, included.")] = None,
+    last_day: Annotated[LocalDay | None, Query(alias="to", description="Last local day, included.")] = None,
     status: Annotated[list[MealStatus] | None, Query(max_length=7, description="Any of several.")] = None,
     origin: Literal["photographed", "declared"] | None = None,
     failure: Annotated[

@@ -72,13 +72,12 @@ METADATA_BODY = {
         "content": {"application/json": {"schema": {"$ref": "#/components/schemas/MealMetadataIn"}}},
     }
 }
+# one type, for a generator of clients makes nothing of several kinds of bytes
 PHOTO_BODY = {
     "requestBody": {
         "required": True,
-        "content": {
-            kind: {"schema": {"type": "string", "format": "binary"}}
-            for kind in ("image/jpeg", "image/png", "image/heic")
-        },
+        "description": "The bytes of a JPEG, PNG or HEIC, which tell what they are; `image/jpeg` is taken as well.",
+        "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
     }
 }
 
@@ -121,7 +120,7 @@ async def put_meal(request: Request, meal_id: MealId, state: State, caller: Curr
     responses=SUBMIT_RESPONSES | problem_responses(404),
     openapi_extra=PHOTO_BODY,
 )
-async def put_image(
+async def put_photograph(
     request: Request,
     meal_id: MealId,
     slot: Literal["left", "right", "after_left", "after_right"],
@@ -140,7 +139,11 @@ async def put_image(
         return await _submit(state, caller, meal_id, None, {slot: file})
 
 
-@router.get("/{meal_id}", response_model=MealOut, responses=problem_responses(401, 404, 409, 422))
+@router.get(
+    "/{meal_id}",
+    response_model=MealOut,
+    responses={304: {"description": "The caller has this version."}, **problem_responses(401, 404, 409, 422)},
+)
 async def get_meal(
     request: Request,
     meal_id: MealId,

@@ -16,13 +16,13 @@ from app.api.schemas.overview import (
     BinOut,
     CompletenessOut,
     FailureCountOut,
-    NutrientOut,
     OverviewDayOut,
+    OverviewNutrientOut,
     OverviewOut,
     OverviewPeopleOut,
+    OverviewStatusOut,
     PersonDayOut,
     PlaceOut,
-    StatusCountOut,
 )
 from app.errors import InvalidInputError
 from app.exports.flat_rows import encode_flat, flat_paths
@@ -52,10 +52,10 @@ ROWS: Mapping[Part, type[BaseModel]] = {
     "participants": OverviewPeopleOut,
     "completeness": CompletenessOut,
     "days": OverviewDayOut,
-    "statuses": StatusCountOut,
-    "waiting": StatusCountOut,
+    "statuses": OverviewStatusOut,
+    "waiting": OverviewStatusOut,
     "failures": FailureCountOut,
-    "nutrients": NutrientOut,
+    "nutrients": OverviewNutrientOut,
     "histograms": BinOut,
     "person_days": PersonDayOut,
     "places": PlaceOut,
@@ -156,12 +156,12 @@ def _day_out(day: OverviewDay) -> OverviewDayOut:
     )
 
 
-def _statuses_out(counts: Mapping[str, int]) -> list[StatusCountOut]:
-    return [StatusCountOut(status=status, meals=meals) for status, meals in counts.items()]
+def _statuses_out(counts: Mapping[str, int]) -> list[OverviewStatusOut]:
+    return [OverviewStatusOut(status=status, meals=meals) for status, meals in counts.items()]
 
 
-def _nutrient_out(found: Distribution) -> NutrientOut:
-    return NutrientOut(
+def _nutrient_out(found: Distribution) -> OverviewNutrientOut:
+    return OverviewNutrientOut(
         component=found.column,
         days=found.days,
         mean=found.mean,

@@ -1,6 +1,5 @@
 """/v1/records: what participants ate, for researchers and scripts: JSON pages, or all as one streamed file."""
 
-from datetime import date
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request
@@ -21,6 +20,7 @@ from app.api.paging import Cursor, next_page
 from app.api.problems import problem_responses
 from app.api.render import render_record
 from app.api.schemas.records import RecordPage
+from app.api.schemas.text import LocalDay
 from app.db.queries.record_pages import RecordFilter
 from app.services.day_order import require_order
 from app.services.export_spec import ExportFilters, ExportSpec
@@ -47,8 +47,8 @@ def get_records(
     caller: CurrentCaller,
     study: Annotated[str | None, Query(max_length=64)] = None,
     participant: Annotated[str | None, Query(max_length=64)] = None,
-    first_day: Annotated[date | None, Query(alias="from", description="First local day, included.")] = None,
-    last_day: Annotated[date | None, Query(alias="to", description="Last local day, included.")] = None,
+    first_day: Annotated[LocalDay | None, Query(alias="from", description="First local day, included.")] = None,
+    last_day: Annotated[LocalDay | None, Query(alias="to", description="Last local day, included.")] = None,
     food: Annotated[
         list[FoodKey] | None, Query(max_length=MOST_FOODS, description="A food's key; any of several.")
     ] = None,

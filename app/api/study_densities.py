@@ -49,7 +49,7 @@ def get_study_densities(
 
 
 @router.post("/{density}/withdrawal", responses=problem_responses(401, 403, 404, 409, 422))
-def post_withdrawal(
+def post_density_withdrawal(
     study: StudyCode, density: uuid.UUID, body: WithdrawalIn, state: State, admin: CurrentStaff
 ) -> StudyDensityOut:
     """Take a measurement out of use. It stays to be seen, with who withdrew it and why."""

@@ -19,7 +19,7 @@ from app.api.schemas.vessels import (
     VesselMeasures,
     VesselOut,
 )
-from app.api.studies import TAGGED, StudyCode
+from app.api.studies import StudyCode
 from app.services import study_vessels
 from app.services.caller import StaffCaller
 from app.services.edit_food import author_of
@@ -29,7 +29,6 @@ from app.services.vessel_measures import measured_vessel
 router = APIRouter(tags=["vessels"], route_class=ListRoute)
 
 VESSELS = "/v1/studies/{study}/vessels"
-CREATED: dict[int | str, dict[str, Any]] = {201: TAGGED[200]}
 
 
 @router.get(VESSELS, responses=problem_responses(401, 403, 404, 422))
@@ -47,7 +46,7 @@ def get_study_vessels(
     return VesselList(items=[render_vessel(view) for view in page.rows], next=next_page(request, page.cursor))
 
 
-@router.post(VESSELS, status_code=201, responses=CREATED | problem_responses(401, 403, 404, 409, 413, 422))
+@router.post(VESSELS, status_code=201, responses=problem_responses(401, 403, 404, 409, 413, 422))
 def post_study_vessel(
     study: StudyCode, body: VesselIn, state: State, owner: CurrentStaff, response: Response
 ) -> VesselOut:
@@ -57,7 +56,7 @@ def post_study_vessel(
     return _tagged(view, response)
 
 
-@router.get(f"{VESSELS}/{{vessel}}", responses=TAGGED | problem_responses(401, 403, 404, 422))
+@router.get(f"{VESSELS}/{{vessel}}", responses=problem_responses(401, 403, 404, 422))
 def get_study_vessel(
     study: StudyCode,
     vessel: uuid.UUID,
@@ -70,7 +69,7 @@ def get_study_vessel(
     return _tagged(study_vessels.read_vessel(state.database, study, vessel, version), response)
 
 
-@router.put(f"{VESSELS}/{{vessel}}", responses=TAGGED | problem_responses(401, 403, 404, 409, 412, 413, 422, 428))
+@router.put(f"{VESSELS}/{{vessel}}", responses=problem_responses(401, 403, 404, 409, 412, 413, 422, 428))
 def put_study_vessel(
     study: StudyCode,
     vessel: uuid.UUID,

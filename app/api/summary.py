@@ -1,7 +1,6 @@
 """/v1/me/summary: what a participant sees of what they ate; the same for staff."""
 
 from collections.abc import Mapping
-from datetime import date
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Query
@@ -9,13 +8,14 @@ from fastapi import APIRouter, Path, Query
 from app.api.deps import CurrentDevice, CurrentStaff, State
 from app.api.problems import problem_responses
 from app.api.schemas.feedback import ComparedOut, ComparisonOut, EatenAmountOut, EatenMealOut, SummaryOut
+from app.api.schemas.text import LocalDay
 from app.services.diary import Whose
 from app.services.feedback import CompareDays, EatenAmount, Feedback, read_feedback
 
 router = APIRouter(prefix="/v1", tags=["feedback"])
 
 Day = Annotated[
-    date | None, Query(alias="date", description="A local day; default: the last one with a meal or a word.")
+    LocalDay | None, Query(alias="date", description="A local day; default: the last one with a meal or a word.")
 ]
 
 

@@ -8,6 +8,7 @@ from starlette.responses import Response
 
 from app.api.audit import audit_file
 from app.api.pages import PREFIX
+from app.api.schemas.text import LocalDay
 from app.dashboard.page import CurrentPage, Page
 from app.services.audit_log import read_audit
 
@@ -16,8 +17,8 @@ router = APIRouter(include_in_schema=False)
 EVENTS_A_PAGE = 100
 
 Action = Annotated[str, Query(max_length=64)]
-FirstDay = Annotated[date | None, Query(alias="from")]
-LastDay = Annotated[date | None, Query(alias="to")]
+FirstDay = Annotated[LocalDay | None, Query(alias="from")]
+LastDay = Annotated[LocalDay | None, Query(alias="to")]
 CursorIn = Annotated[str | None, Query(max_length=500)]
 Output = Annotated[str, Query(alias="format", max_length=8)]
 

@@ -4,13 +4,13 @@ A form sends a field that says nothing as ""; that is the same as no field.
 """
 
 from dataclasses import dataclass
-from datetime import date
 from typing import Annotated, Any, Literal
 
 from fastapi import Depends, Query
 from pydantic import BeforeValidator
 
 from app.api.meal_lists import MOST_VALUES, AfterStatus, FoodKey, MealStatus, Word
+from app.api.schemas.text import LocalDay
 from app.db.queries.meal_pages import MealFilter
 from app.services.day_order import told_reversed
 from app.services.export_spec import FILTERS, ExportFilters, Rows
@@ -81,8 +81,8 @@ class MealFilters:
 def meal_filters(
     study: str,
     participant: Annotated[str | None, Query(max_length=64), Blank] = None,
-    first_day: Annotated[date | None, Query(alias="from"), Blank] = None,
-    last_day: Annotated[date | None, Query(alias="to"), Blank] = None,
+    first_day: Annotated[LocalDay | None, Query(alias="from"), Blank] = None,
+    last_day: Annotated[LocalDay | None, Query(alias="to"), Blank] = None,
     status: Annotated[list[MealStatus] | None, Query(max_length=7), Blanks] = None,
     origin: Annotated[Origin | None, Query(), Blank] = None,
     failure: Annotated[list[Word] | None, Query(max_length=MOST_VALUES), Blanks] = None,

@@ -12,6 +12,7 @@ from starlette.responses import Response
 from app.api import overview as overview_api
 from app.api.overview import Part
 from app.api.pages import STUDY_PAGES
+from app.api.schemas.text import LocalDay
 from app.dashboard import overview_charts as charts
 from app.dashboard.addresses import study_address
 from app.dashboard.headline import HEADLINES
@@ -37,8 +38,8 @@ MOVING = ("receiving", "queued", "processing")
 # a form sends a field that says nothing as ""
 Blank = BeforeValidator(lambda told: None if isinstance(told, str) and not told.strip() else told)
 Preset = Annotated[Literal["7", "28", "90", "all"] | None, Blank]
-FirstDay = Annotated[date | None, Query(alias="from"), Blank]
-LastDay = Annotated[date | None, Query(alias="to"), Blank]
+FirstDay = Annotated[LocalDay | None, Query(alias="from"), Blank]
+LastDay = Annotated[LocalDay | None, Query(alias="to"), Blank]
 Component = Annotated[str, Query(max_length=64)]
 
 

@@ -13,6 +13,7 @@ from app.api.pages import STUDY_PAGES
 from app.api.participants import change_of
 from app.api.schemas.days import DayIn
 from app.api.schemas.people import ParticipantPatch
+from app.api.schemas.text import LocalDay
 from app.dashboard.addresses import study_address
 from app.dashboard.forms import Fields, checked, typed
 from app.dashboard.headline import HEADLINES
@@ -35,7 +36,7 @@ WINDOW_DAYS = 14
 MOST_MEALS = 500  # of a window: thirty-five a day
 SWITCHES = ("is_pregnant", "is_lactating")
 
-LastDay = Annotated[date | None, Query(alias="to")]
+LastDay = Annotated[LocalDay | None, Query(alias="to")]
 
 
 @router.get(PATH)

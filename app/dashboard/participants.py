@@ -11,6 +11,7 @@ from starlette.responses import Response
 
 from app.api.pages import STUDY_PAGES
 from app.api.schemas.people import ParticipantIn
+from app.api.schemas.text import LocalDay
 from app.dashboard.addresses import study_address
 from app.dashboard.forms import Fields, checked, typed
 from app.dashboard.headline import HEADLINES
@@ -31,8 +32,8 @@ SHOWN = 80  # letters of what is no code
 _BETWEEN_CODES = re.compile(r"[\r\n\t,;]+")  # no blanks: "Anna Müller" would become two participants
 
 CursorIn = Annotated[str | None, Query(max_length=500)]
-FirstDay = Annotated[date | None, Query(alias="from")]
-LastDay = Annotated[date | None, Query(alias="to")]
+FirstDay = Annotated[LocalDay | None, Query(alias="from")]
+LastDay = Annotated[LocalDay | None, Query(alias="to")]
 ComponentIn = Annotated[str, Query(max_length=64)]
 
 

@@ -1,4 +1,4 @@
-"""Schemathesis against our own OpenAPI document: no call that it can think of makes a server error."""
+"""Schemathesis against our own OpenAPI document: no call that it can think of gets an answer that is not declared."""
 
 import os
 
@@ -40,6 +40,11 @@ def live_app(tmp_path_factory):
         yield app, {"admin": admin, "device": {"Authorization": f"Bearer {token}"}}
 
 
+# These end the phone's token, or the admin's: who comes after them hears of nothing else.
+ENDS_THE_CALLER = frozenset({"post_my_withdrawal", "delete_my_device", "delete_current_session"})
+# A call that the document allows may still be refused, for a reason that is not in it: no such study, too late.
+NOT_ASKED = [schemathesis.checks.positive_data_acceptance]
+
 calls = settings(
     max_examples=EXAMPLES,
     deadline=None,
@@ -52,20 +57,24 @@ calls = settings(
 @pytest.mark.slow
 @pytest.mark.parametrize("role", ["admin", "device"])
 @pytest.mark.parametrize("mode", list(GenerationMode))
-def test_no_call_makes_a_server_error(live_app, role, mode):
+def test_every_answer_is_one_that_the_document_declares(live_app, role, mode):
     app, headers = live_app
     operations = [found.ok() for found in schemathesis.openapi.from_asgi("/openapi.json", app).get_all_operations()]
     assert len(operations) >= 14
     for operation in operations:
         if mode is GenerationMode.NEGATIVE and not (list(operation.iter_parameters()) or operation.body):
             continue  # it takes nothing that could be wrong
+        if operation.definition.raw["operationId"] in ENDS_THE_CALLER:
+            continue
 
         @calls
         @given(case=operation.as_strategy(generation_mode=mode))
         def every_call_is_answered(case):
             if case.query and isinstance(case.query.get("wait"), (int, float)):
                 case.query["wait"] = min(case.query["wait"], 0.01)  # it is meant to take its time
-            assert_no_server_error(case.call(headers=headers[role]))
+            answer = case.call(headers=headers[role])
+            assert_no_server_error(answer)
+            case.validate_response(answer, excluded_checks=NOT_ASKED)
 
         every_call_is_answered()
 

@@ -50,7 +50,7 @@ SEARCH_IN_OPENAPI = {
 
 
 @router.get("/metadata", responses=_responses("CapabilityStatement", 406))
-def get_metadata(request: Request) -> Response:
+def get_capability_statement(request: Request) -> Response:
     """What this server can do."""
     return FhirJson(capability_statement(names_of(request)), headers={"Cache-Control": "public, max-age=3600"})
 

@@ -1,13 +1,12 @@
 """What a phone tells of the after-meal pair."""
 
 import uuid
-from datetime import datetime
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.schemas.meals import CameraIn, HintIn
-from app.api.schemas.text import Text, only_text
+from app.api.schemas.text import Instant, Text
 
 
 class AfterHintIn(HintIn):
@@ -34,9 +33,7 @@ class AfterMetadataIn(BaseModel):
         },
     )
 
-    captured_at: Annotated[datetime, BeforeValidator(only_text)] = Field(
-        description="When after_left was taken: RFC 3339 with offset."
-    )
+    captured_at: Instant = Field(description="When after_left was taken: RFC 3339 with offset.")
     time_zone: Text | None = Field(
         default=None, min_length=1, max_length=64, description="IANA name; default: the meal's."
     )

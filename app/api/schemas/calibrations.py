@@ -17,7 +17,7 @@ class CalibrationMetadataIn(BaseModel):
     marker: Text | None = Field(default=None, max_length=64, description="KIND:COLSxROWS:MM; default: the study's.")
 
 
-class LeftOutOut(BaseModel):
+class LeftOutPhotographOut(BaseModel):
     """A photograph that was not used."""
 
     photograph: int = Field(description="From 1, as sent.")
@@ -41,7 +41,7 @@ class CalibrationOut(BaseModel):
 class NewCalibrationOut(CalibrationOut):
     """A calibration that was just made."""
 
-    left_out: list[LeftOutOut]
+    left_out: list[LeftOutPhotographOut]
 
 
 class StudyCalibrationOut(CalibrationOut):

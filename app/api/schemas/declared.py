@@ -1,14 +1,12 @@
 """A meal that is told without photographs, over the wire."""
 
 import uuid
-from datetime import datetime
-from typing import Annotated
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.schemas.meals import LocationIn
 from app.api.schemas.review import AmountIn, FoodKey, Share
-from app.api.schemas.text import Text, only_text
+from app.api.schemas.text import Instant, Text
 
 
 class DeclaredItemIn(BaseModel):
@@ -40,9 +38,7 @@ class DeclaredMealIn(BaseModel):
     )
 
     id: uuid.UUID = Field(description="Made by the phone, once a meal; the same id again is the same meal.")
-    captured_at: Annotated[datetime, BeforeValidator(only_text)] = Field(
-        description="When it was eaten: RFC 3339 with offset."
-    )
+    captured_at: Instant = Field(description="When it was eaten: RFC 3339 with offset.")
     time_zone: Text = Field(min_length=1, max_length=64, description="IANA name, such as Asia/Shanghai.")
     items: list[DeclaredItemIn] = Field(min_length=1, max_length=50)
     location: LocationIn | None = None

@@ -1,12 +1,12 @@
 """Exports in the background over the wire."""
 
 import uuid
-from datetime import date, datetime
+from datetime import datetime
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.schemas.text import Text
+from app.api.schemas.text import LocalDay, Text
 from app.services.export_spec import Components, Layout, Output, Rows
 
 Word = Annotated[Text, Field(min_length=1, max_length=100)]
@@ -20,8 +20,8 @@ class ExportFiltersIn(BaseModel):
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
 
     participant: Annotated[Text, Field(min_length=1, max_length=64)] | None = None
-    first_day: date | None = Field(default=None, alias="from")
-    last_day: date | None = Field(default=None, alias="to")
+    first_day: LocalDay | None = Field(default=None, alias="from")
+    last_day: LocalDay | None = Field(default=None, alias="to")
     food: Words = []
     status: Words = []
     flag: Words = []

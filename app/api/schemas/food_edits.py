@@ -4,9 +4,9 @@ import uuid
 from datetime import datetime
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, StrictInt, model_validator
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, model_validator
 
-from app.api.schemas.text import Number, Text, only_text
+from app.api.schemas.text import Instant, Number, Text, unless_named
 from app.nutrition.foods import DensityKind, FoodForm, FoodState, SliceForm, WeighedPart
 from app.nutrition.plausible import MAX_G_PER_ML, MIN_G_PER_ML
 
@@ -106,9 +106,9 @@ class RecipeIn(_In):
 class FoodFieldsIn(_In):
     """The fields of a food that can be given. What is not known of its nutrients is left out, never 0."""
 
-    name: Name = ""
+    name: Name = Field(default="", json_schema_extra=unless_named)
     aliases: Annotated[list[Name], Field(max_length=100)] = []
-    group: Annotated[Text, Field(min_length=1, max_length=100, pattern=NOT_BLANK)] = ""
+    group: Text = Field(default="", min_length=1, max_length=100, pattern=NOT_BLANK, json_schema_extra=unless_named)
     form: FoodForm = "whole"
     slice_form: SliceForm | None = None
     state: FoodState | None = None
@@ -233,7 +233,7 @@ class StudyDensityIn(MeasuredDensityIn):
     """A study's own measurement."""
 
     food: AnyKey
-    measured_at: Annotated[datetime | None, BeforeValidator(lambda v: v if v is None else only_text(v))] = None
+    measured_at: Instant | None = None
 
     @model_validator(mode="after")
     def _tell_the_offset(self) -> Self:

@@ -2,13 +2,13 @@
 
 import uuid
 from datetime import date, datetime
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, computed_field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, computed_field, model_validator
 
 from app.api.schemas.foods import FoodRef, NutrientAmount, NutrientTotal
 from app.api.schemas.outline import Pixel, Polygon
-from app.api.schemas.text import JsonNumber, Text, only_text
+from app.api.schemas.text import Instant, JsonNumber, Text
 from app.nutrition.foods import FoodForm
 from app.services.messages.catalogue import LOCALES, sentence
 
@@ -90,9 +90,7 @@ class MealMetadataIn(BaseModel):
         },
     )
 
-    captured_at: Annotated[datetime, BeforeValidator(only_text)] = Field(
-        description="When the left photograph was taken: RFC 3339 with offset."
-    )
+    captured_at: Instant = Field(description="When the left photograph was taken: RFC 3339 with offset.")
     time_zone: Text = Field(min_length=1, max_length=64, description="IANA name, such as Asia/Shanghai.")
     marker: Text | None = Field(
         default=None, max_length=64, description="KIND:COLSxROWS:MM, such as plain:9x7:11; default: the study's."

@@ -67,7 +67,7 @@ class OverviewDayOut(BaseModel):
     provisional_items: int
 
 
-class StatusCountOut(BaseModel):
+class OverviewStatusOut(BaseModel):
     """Meals of a status, or whose after-meal pair is waited for (after_awaited) or has failed (after_failed)."""
 
     status: str
@@ -90,7 +90,7 @@ class BinOut(BaseModel):
     days: int
 
 
-class NutrientOut(BaseModel):
+class OverviewNutrientOut(BaseModel):
     """How an amount lies over whole participant-days of which all of it is known."""
 
     component: str = Field(description="The record's column, such as energy_kcal: its unit is in its name.")
@@ -134,10 +134,10 @@ class OverviewOut(BaseModel):
     participants: OverviewPeopleOut
     completeness: CompletenessOut
     days: list[OverviewDayOut]
-    statuses: list[StatusCountOut] = Field(description="Of the window's meals.")
-    waiting: list[StatusCountOut] = Field(description="Of the whole study, now.")
+    statuses: list[OverviewStatusOut] = Field(description="Of the window's meals.")
+    waiting: list[OverviewStatusOut] = Field(description="Of the whole study, now.")
     failures: list[FailureCountOut] = Field(description="Of the whole study, now; the commonest first.")
-    nutrients: list[NutrientOut]
+    nutrients: list[OverviewNutrientOut]
     histograms: list[BinOut]
     person_days: list[PersonDayOut] = Field(
         description="By participant and day; empty in a study of more than 60, or a window of more than 35 days."

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.schemas.meals import CameraIn
-from app.api.schemas.text import Number, Text
+from app.api.schemas.text import LocalDay, Number, Text, unless_named
 from app.nutrition.energy_requirement import HEIGHT_LIMITS_M, WEIGHT_LIMITS_KG, Activity, Trimester
 from app.nutrition.life_stage import Sex
 
@@ -80,7 +80,7 @@ class StudyPatch(ProtocolIn):
         json_schema_extra={"example": {"location_policy": "round", "location_decimals": 2, "gives_feedback": True}},
     )
 
-    name: Text = Field(default="", min_length=1, max_length=200)
+    name: Text = Field(default="", min_length=1, max_length=200, json_schema_extra=unless_named)
 
 
 class StudyOut(BaseModel):
@@ -135,7 +135,9 @@ class ParticipantIn(BaseModel):
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"code": "P001"}})
 
     code: Code
-    starts_on: date | None = Field(default=None, description="Local day that is day 1; null: that of the first meal.")
+    starts_on: LocalDay | None = Field(
+        default=None, description="Local day that is day 1; null: that of the first meal."
+    )
     profile: ProfileIn = Field(default_factory=ProfileIn)
 
 
@@ -146,7 +148,9 @@ class ParticipantPatch(BaseModel):
         extra="forbid", json_schema_extra={"example": {"profile": {"sex": "female", "birth_year": 1990}}}
     )
 
-    starts_on: date | None = Field(default=None, description="Local day that is day 1; null: that of the first meal.")
+    starts_on: LocalDay | None = Field(
+        default=None, description="Local day that is day 1; null: that of the first meal."
+    )
     profile: ProfileIn = Field(default_factory=ProfileIn)
 
 

@@ -1,11 +1,11 @@
 """Releases over the wire."""
 
-from datetime import date, datetime
+from datetime import datetime
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.schemas.text import Text
+from app.api.schemas.text import LocalDay, Text
 
 RecordStatus = Literal["proposed", "needs_review", "confirmed", "corrected", "rejected"]
 ReleaseState = Literal["queued", "running", "ready", "changing", "failed"]
@@ -23,8 +23,8 @@ class ReleaseIn(BaseModel):
 
     name: Name
     note: Annotated[Text, Field(max_length=2000)] = ""
-    first_day: date | None = Field(default=None, alias="from", description="First local day, included.")
-    last_day: date | None = Field(default=None, alias="to", description="Last local day, included.")
+    first_day: LocalDay | None = Field(default=None, alias="from", description="First local day, included.")
+    last_day: LocalDay | None = Field(default=None, alias="to", description="Last local day, included.")
     statuses: Annotated[list[RecordStatus], Field(max_length=5)] = Field(
         default=[], description="Of items, any of these; none: all. With some there is no table of days."
     )

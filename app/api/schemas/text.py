@@ -4,18 +4,32 @@ No NUL or lone surrogate in text, no number beyond what a measurement can be.
 """
 
 import math
-from typing import Annotated
+import re
+from datetime import date, datetime
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field
 
+WRITTEN_DAY, WRITTEN_INSTANT = re.compile(r"\d{4}-\d{2}-\d{2}"), re.compile(r"\d{4}-\d{2}-\d{2}[Tt ]")
 LARGEST = 1e9  # of any number that a phone tells; JSON in a database keeps larger ones otherwise than they came
 
 
-def only_text(value: object) -> object:
-    """For a time: RFC 3339 is text; a bare number would be read as seconds since 1970."""
-    if not isinstance(value, str):
-        raise ValueError("must be text, such as 2026-11-21T12:30:00+08:00")  # noqa: TRY004  # pydantic wants this one
-    return value
+def _only_a_written_day(value: object) -> object:
+    """A number, written as text or not, would be read as seconds since 1970."""
+    if isinstance(value, date) or (isinstance(value, str) and WRITTEN_DAY.fullmatch(value)):
+        return value
+    raise ValueError("must be a date, such as 2026-11-21")
+
+
+def _only_a_written_instant(value: object) -> object:
+    if isinstance(value, datetime) or (isinstance(value, str) and WRITTEN_INSTANT.match(value)):
+        return value
+    raise ValueError("must be date and time, such as 2026-11-21T12:30:00+08:00")
+
+
+def unless_named(schema: dict[str, Any]) -> None:
+    """For a field of a change, which stays as it is unless it is named: its default in Python is none in JSON."""
+    schema.pop("default", None)
 
 
 def _storable(value: str) -> str:
@@ -35,3 +49,6 @@ def _finite(value: float) -> float:
 Text = Annotated[str, AfterValidator(_storable)]
 Number = Annotated[float, AfterValidator(_finite)]
 JsonNumber = Annotated[float, Field(strict=True), AfterValidator(_finite)]  # where no form sends it: "1" is no number
+LocalDay = Annotated[date, BeforeValidator(_only_a_written_day)]
+Instant = Annotated[datetime, BeforeValidator(_only_a_written_instant)]
+AwareInstant = Annotated[AwareDatetime, BeforeValidator(_only_a_written_instant)]

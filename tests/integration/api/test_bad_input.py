@@ -291,3 +291,16 @@ def test_announcement_that_is_too_large_is_refused(phone):
     metadata = meal_metadata(app_version="x" * 70_000)
     answer = phone.put(f"/v1/meals/{metadata.pop('id')}", content=json.dumps(metadata))
     assert (answer.status_code, answer.json()["limit_bytes"]) == (413, 65536)
+
+
+@pytest.mark.parametrize("number", ["0", "1700000000", "1700000000000", "20261121", "1.5"])
+def test_number_is_no_day_and_no_instant(client, admin, phone, number):
+    """`?to=0` was 1 January 1970."""
+    for path in ("/v1/records", "/v1/days", "/v1/meals", "/v1/audit", "/v1/studies/pilot/overview"):
+        answer = client.get(path, headers=admin, params={"to": number})
+        assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input"), (path, answer.text)
+    assert phone.put(f"/v1/me/days/{number}", json={"status": "closed"}, headers={"If-Match": "*"}).status_code == 422
+    person = {"code": "P9", "starts_on": number}
+    assert client.post("/v1/studies/pilot/participants", headers=admin, json=person).status_code == 422
+    told = phone.post(pair(), meal_metadata(captured_at=number))
+    assert (told.status_code, told.json()["code"]) == (422, "metadata_invalid")

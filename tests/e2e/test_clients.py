@@ -1,0 +1,80 @@
+"""Clients that others' generators make of our OpenAPI document: whole, and good for a phone's conversation.
+
+The generators are installed into folders of the tests' own: the one for Python takes no typer as new as ours.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from app.main import create_app
+from app.settings import Settings
+from tests.e2e.processes import REPOSITORY, Server
+
+FOR_PYTHON = "openapi-python-client==0.29.1"
+FOR_TYPESCRIPT = ("openapi-typescript@7.13.0", "typescript@5.9.3")
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def document(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("document")
+    path = folder / "openapi.json"
+    path.write_text(json.dumps(create_app(Settings(data_dir=folder)).openapi()))
+    return path
+
+
+def run(folder, *command):
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+def test_python_client_is_whole_and_carries_a_phones_conversation(document, tmp_path):
+    run(tmp_path, sys.executable, "-m", "venv", "tools")
+    python = tmp_path / "tools" / "bin" / "python"
+    run(tmp_path, python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", FOR_PYTHON)
+    config = REPOSITORY / "clients" / "openapi-python-client.yaml"
+    generate = [python, "-m", "openapi_python_client", "generate", "--meta", "none", "--config", config]
+    printed = run(tmp_path, *generate, "--path", document, "--output-path", "phone_client")
+    assert "WARNING" not in printed, printed  # an operation or a schema was skipped
+    assert "Unable" not in printed, printed
+    server = Server(tmp_path)
+    server.start()
+    try:
+        server.wait_until_ready()
+        script = REPOSITORY / "tests" / "e2e" / "generated_client.py"
+        photographs = REPOSITORY / "app" / "demo_data"
+        talk = [python, "-W", "error", script, tmp_path, server.address, admin_token(server), document, photographs]
+        run(tmp_path, *talk)
+    finally:
+        server.stop()
+
+
+def admin_token(server):
+    command = [sys.executable, "-m", "app.cli", "admin", "create", "me"]
+    done = subprocess.run(command, env=server.environment, cwd=REPOSITORY, capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def test_typescript_types_compile(document, tmp_path):
+    if shutil.which("npm") is None:
+        pytest.skip("npm is not installed")
+    run(tmp_path, "npm", "install", "--silent", "--no-save", "--no-package-lock", "--no-audit", *FOR_TYPESCRIPT)
+    tools = tmp_path / "node_modules" / ".bin"
+    run(tmp_path, tools / "openapi-typescript", document, "--output", "schema.d.ts")
+    (tmp_path / "use.ts").write_text(
+        'import type { components, operations } from "./schema";\n'
+        'type Meal = components["schemas"]["MealOut"];\n'
+        "export const isDone = (meal: Meal): boolean => meal.missing.length === 0;\n"
+        'export type Kept = operations["put_photograph"]["responses"][202]["content"]["application/json"];\n'
+    )
+    run(tmp_path, tools / "tsc", "--noEmit", "--strict", "use.ts")
