@@ -58,6 +58,7 @@ from app.api.call_limits import AddressLimit, CallLimits
 from app.api.contract import openapi_document
 from app.api.fhir import routes as fhir
 from app.api.fhir.answers import FhirErrors
+from app.api.methods import Methods
 from app.api.problems import install_problem_handlers
 from app.api.rate_limit import RateLimit
 from app.api.request_log import RequestLog
@@ -167,6 +168,7 @@ def create_app(settings: Settings) -> FastAPI:
     )
     app.state.settings = settings
     install_problem_handlers(app)
+    app.add_middleware(Methods)
     app.add_middleware(BodyLimit)
     app.add_middleware(AddressLimit)  # before a body is read
     app.add_middleware(FhirErrors)  # around all that answers with a problem document

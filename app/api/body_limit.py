@@ -1,7 +1,8 @@
 """No request has a body larger than its route needs, none is packed, and none has a NUL in its address.
 
 Uploads have their own limits (upload.py), all other routes this one. PostgreSQL can neither store nor compare a NUL.
-A packed body (Content-Encoding) is refused: a kilobyte may unpack to a gigabyte, and photographs hardly shrink.
+A packed body (Content-Encoding) is refused: a kilobyte may unpack to a gigabyte, and photographs hardly shrink. So is a
+part of one (Content-Range), which would be kept as if it were the whole (RFC 9110, section 14.5).
 """
 
 import re
@@ -9,7 +10,7 @@ import re
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.problems import render_problem
-from app.errors import InvalidInputError, TadaError, TooLargeError, UnsupportedMediaError
+from app.errors import InvalidInputError, MalformedRequestError, TadaError, TooLargeError, UnsupportedMediaError
 
 # they count for themselves, part by part
 UPLOADS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+)?)?|checks|calibrations)$")
@@ -37,6 +38,12 @@ class BodyLimit:
             answer = render_problem(error)
             answer.headers["Accept-Encoding"] = "identity"  # RFC 9110, section 15.5.16
             await answer(scope, receive, send)
+            return
+        if b"content-range" in headers:
+            error = MalformedRequestError(
+                "A body is taken whole: send it without Content-Range.", code="content_range_refused"
+            )
+            await render_problem(error)(scope, receive, send)
             return
         if UPLOADS.match(scope["path"]):
             await self._app(scope, receive, send)

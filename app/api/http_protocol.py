@@ -12,6 +12,7 @@ import asyncio
 import contextlib
 import fcntl
 import json
+import re
 import socket
 import struct
 import termios
@@ -154,6 +155,10 @@ class ConnectionWatch:
         return any((mapped or found) in network for network in self._proxies)
 
 
+_HEAD_END = re.compile(rb"\n\r?\n")
+_LENIENT = re.compile(rb"(?<!\r)\n|\n[ \t]")  # h11 reads these, a proxy before us may read them otherwise
+
+
 class WatchedConnection(h11.Connection):
     """h11's parser, stricter: one reading of a body's length only, bounded heads, no bombs of tiny chunks."""
 
@@ -182,6 +187,12 @@ class WatchedConnection(h11.Connection):
 
     def next_event(self) -> Any:
         """As h11's. Raises h11.RemoteProtocolError, with `error` set to what the caller is told."""
+        if self.their_state is h11.IDLE and _is_lenient(self.trailing_data[0]):
+            self.error = MalformedRequestError(
+                "The request's head has a line that does not end in CR LF, or a header over two lines (RFC 9112, "
+                "sections 2.2 and 5.2)."
+            )
+            raise h11.RemoteProtocolError(self.error.message)
         try:
             event = super().next_event()
         except h11.RemoteProtocolError as error:
@@ -440,6 +451,11 @@ class WatchedProtocol(H11Protocol):
             with contextlib.suppress(OSError):  # the caller was faster
                 sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         self.transport.abort()
+
+
+def _is_lenient(received: bytes) -> bool:
+    end = _HEAD_END.search(received)
+    return _LENIENT.search(received, 0, end.end() if end is not None else len(received)) is not None
 
 
 def _parse_error(error: h11.RemoteProtocolError) -> TadaError:

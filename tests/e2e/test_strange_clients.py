@@ -348,7 +348,11 @@ def test_pipelined_requests_are_answered_in_order(connect):
         (b"GET / HTTP/1.1\r\n\r\n", 400, "malformed_request"),
         (b"GET / HTTP/1.1\r\nHost: x\r\nHost: y\r\n\r\n", 400, "malformed_request"),
         (b"GET / HTTP/1.1\r\nHost: x\r\nX : y\r\n\r\n", 400, "malformed_request"),
-        (b"GET /nowhere HTTP/1.1\r\nHost: x\r\nA: b\r\n c: folded\r\n\r\n", 404, "not_found"),
+        (b"GET /nowhere HTTP/1.1\r\nHost: x\r\nA: b\r\n c: folded\r\n\r\n", 400, "malformed_request"),
+        (b"GET /healthz HTTP/1.1\r\nHost: x\r\nA: b\r\n\tc\r\n\r\n", 400, "malformed_request"),
+        (b"GET /healthz HTTP/1.1\nHost: x\n\n", 400, "malformed_request"),
+        (b"GET /healthz HTTP/1.1\r\nHost: x\nA: b\r\n\r\n", 400, "malformed_request"),
+        (b"GET /healthz HTTP/1.1\r\nHost: x\r\n\n", 400, "malformed_request"),
         (b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n", 400, "malformed_request"),
         (b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n", 400, "malformed_request"),
         (
@@ -390,6 +394,16 @@ def test_request_that_is_none_gets_a_problem_document(connect, request_bytes, st
     sock.sendall(request_bytes)
     refused(sock, status, code)
     assert lives(connect)
+
+
+def test_second_request_on_a_connection_is_read_as_strictly(connect):
+    sock = connect()
+    sock.sendall(b"GET /healthz HTTP/1.1\r\nHost: x\r\n\r\nGET /healthz HTTP/1.1\nHost: x\n\n")
+    data = b""
+    while piece := sock.recv(65536):
+        data += piece
+    assert data.startswith(b"HTTP/1.1 200")
+    assert b"HTTP/1.1 400" in data
 
 
 @pytest.mark.parametrize(

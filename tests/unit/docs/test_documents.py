@@ -52,6 +52,8 @@ def codes_in_the_source():
                 named += node.args[:1] if is_failure else []
             elif isinstance(node, ast.Assign) and [ast.unparse(target) for target in node.targets] == ["code"]:
                 named = [node.value]
+            elif isinstance(node, ast.Assign) and [ast.unparse(each) for each in node.targets] == ["CODES_BY_STATUS"]:
+                named = node.value.values
             else:
                 continue
             codes |= {
