@@ -12,13 +12,13 @@ router = APIRouter(tags=["health"])
 class Health(BaseModel):
     """The process is alive."""
 
-    status: str = "ok"
+    status: str = Field(default="ok", description="ok: the process answers.")
 
 
 class Ready(BaseModel):
     """Whether meals can be taken, and how the queue stands."""
 
-    ready: bool
+    ready: bool = Field(description="Whether meals can be taken.")
     checks: dict[str, str] = Field(description="Each `ok`, or what is wrong.")
     workers_alive: int = Field(description="Reported only: no worker refuses no meal.")
     oldest_waiting_seconds: float | None = Field(description="Age of the meal that has waited longest, null if none.")

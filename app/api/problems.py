@@ -51,10 +51,10 @@ class Problem(BaseModel):
         },
     )
 
-    type: str = "about:blank"
-    title: str
-    status: int
-    detail: str
+    type: str = Field(default="about:blank", description="Always about:blank; `code` says what went wrong.")
+    title: str = Field(description="The status in words.")
+    status: int = Field(description="The HTTP status.")
+    detail: str = Field(description="What went wrong, in a sentence for a person.")
     code: str = Field(description="Stable: programs may rely on it.")
     retryable: bool = Field(description="Whether the same request may succeed later.")
 

@@ -37,7 +37,11 @@ class AfterMetadataIn(BaseModel):
     time_zone: Text | None = Field(
         default=None, min_length=1, max_length=64, description="IANA name; default: the meal's."
     )
-    hints: list[AfterHintIn] = Field(default_factory=list, max_length=20)
+    hints: list[AfterHintIn] = Field(
+        default_factory=list,
+        max_length=20,
+        description="What the person knows of some of the leftovers; the others are looked for all the same.",
+    )
     complete: bool = Field(
         default=False, strict=True, description="Whether the hints are all that is left: nothing else is looked for."
     )

@@ -5,6 +5,7 @@ from datetime import datetime
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.schemas.descriptions import PARTICIPANT
 from app.api.schemas.meals import CameraIn
 from app.api.schemas.text import Text
 
@@ -21,43 +22,43 @@ class LeftOutPhotographOut(BaseModel):
     """A photograph that was not used."""
 
     photograph: int = Field(description="From 1, as sent.")
-    code: str
-    message: str
+    code: str = Field(description="Why it was not used: a stable code (docs/errors.md).")
+    message: str = Field(description="The same in a sentence.")
 
 
 class CalibrationOut(BaseModel):
     """A camera as it was measured. The newest that is not withdrawn holds for the phone's meals."""
 
-    id: uuid.UUID
+    id: uuid.UUID = Field(description="The calibration's id.")
     model: str | None = Field(description="The phone's, as the photographs or its app tell it.")
-    marker: str
-    camera: CameraIn
+    marker: str = Field(description="The board that was photographed, KIND:COLSxROWS:MM.")
+    camera: CameraIn = Field(description="The intrinsics that were measured.")
     rms_px: float = Field(description="How well the board's corners fit.")
     photographs: int = Field(description="Used.")
-    created_at: datetime
-    withdrawn_at: datetime | None
+    created_at: datetime = Field(description="When it was measured.")
+    withdrawn_at: datetime | None = Field(description="Since when it is not used any more; null: it is in use.")
 
 
 class NewCalibrationOut(CalibrationOut):
     """A calibration that was just made."""
 
-    left_out: list[LeftOutPhotographOut]
+    left_out: list[LeftOutPhotographOut] = Field(description="Photographs that were not used, each with its reason.")
 
 
 class StudyCalibrationOut(CalibrationOut):
     """A calibration with whose phone it is of."""
 
-    participant: str
-    device_id: uuid.UUID | None
+    participant: str = Field(description=PARTICIPANT)
+    device_id: uuid.UUID | None = Field(description="The phone's id; null: staff measured it for a phone model.")
 
 
 class CalibrationList(BaseModel):
     """A phone's calibrations, the newest first."""
 
-    items: list[CalibrationOut]
+    items: list[CalibrationOut] = Field(description="The phone's calibrations, withdrawn ones too.")
 
 
 class StudyCalibrationList(BaseModel):
     """A study's calibrations, the newest first, a thousand at most."""
 
-    items: list[StudyCalibrationOut]
+    items: list[StudyCalibrationOut] = Field(description="The calibrations of the study's phones, withdrawn ones too.")

@@ -55,7 +55,7 @@ class CheckOut(BaseModel):
     )
 
     ok: bool = Field(description="Nothing stops this pair from being measured.")
-    problems: list[CheckProblemOut]
+    problems: list[CheckProblemOut] = Field(description="What could be done better; empty: nothing.")
     measures: dict[str, float] = Field(description="Numbers that could be had, each with its unit in the name.")
     locale: Literal["en", "de", "es", "zh"] = Field(description="Of the sentences.")
     seconds: float = Field(description="What the judgement took, without the upload.")

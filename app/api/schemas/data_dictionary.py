@@ -9,10 +9,12 @@ class DictionaryColumn(BaseModel):
     """A column of a table."""
 
     position: int = Field(description="The column's place, 1 the first.")
-    name: str
-    type: str
+    name: str = Field(description="The column's name in CSV, Parquet and NDJSON files.")
+    type: str = Field(
+        description="The values' type: id, word, instant, day, number, integer, boolean, or words (a list)."
+    )
     unit: str | None = Field(description="1: a share or a ratio; null: the values have none.")
-    meaning: str
+    meaning: str = Field(description="What the value says.")
     values: list[str] = Field(description="All that there can be, where they are few.")
     empty: str | None = Field(description="What an empty cell (null) says; null: there is none.")
 
@@ -20,16 +22,20 @@ class DictionaryColumn(BaseModel):
 class DataDictionary(BaseModel):
     """A table's columns from left to right, and those that tell one row from all others."""
 
-    rows: str
-    layout: str
-    components: str
-    key: list[str]
-    columns: list[DictionaryColumn]
+    rows: str = Field(description="The table: items, meals, days or photographs.")
+    layout: str = Field(description="wide: one column per component. long: one row per component.")
+    components: str = Field(
+        description="headline: the ten components of every record. all: every component of the food tables as well."
+    )
+    key: list[str] = Field(description="Names of the columns that together identify a row.")
+    columns: list[DictionaryColumn] = Field(description="The columns from left to right.")
 
 
 class TableSchema(BaseModel):
     """Frictionless Data's Table Schema of the CSV file."""
 
-    fields: list[dict[str, Any]]
-    missingValues: list[str]  # noqa: N815  # named by the standard
-    primaryKey: list[str]  # noqa: N815  # named by the standard
+    fields: list[dict[str, Any]] = Field(
+        description="One Frictionless field descriptor per column, from left to right."
+    )
+    missingValues: list[str] = Field(description="Cells that stand for a value that is not known.")  # noqa: N815  # named by the standard
+    primaryKey: list[str] = Field(description="Names of the columns that together identify a row.")  # noqa: N815  # named by the standard

@@ -15,8 +15,10 @@ class DeclaredItemIn(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     food: FoodKey
-    amount: AmountIn | None = None
-    share: Share = 1.0
+    amount: AmountIn | None = Field(
+        default=None, description="How much of it there was; null: not known, and the meal needs review."
+    )
+    share: Share = Field(default=1.0, description="The participant's share of it, above 0 to 1; 1: all of it.")
 
 
 class DeclaredMealIn(BaseModel):
@@ -40,6 +42,8 @@ class DeclaredMealIn(BaseModel):
     id: uuid.UUID = Field(description="Made by the phone, once a meal; the same id again is the same meal.")
     captured_at: Instant = Field(description="When it was eaten: RFC 3339 with offset.")
     time_zone: Text = Field(min_length=1, max_length=64, description="IANA name, such as Asia/Shanghai.")
-    items: list[DeclaredItemIn] = Field(min_length=1, max_length=50)
-    location: LocationIn | None = None
-    app_version: Text | None = Field(default=None, max_length=64)
+    items: list[DeclaredItemIn] = Field(min_length=1, max_length=50, description="The foods of the meal.")
+    location: LocationIn | None = Field(
+        default=None, description="Where it was eaten; kept only if the study keeps locations."
+    )
+    app_version: Text | None = Field(default=None, max_length=64, description="The version of the phone's app.")

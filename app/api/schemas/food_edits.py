@@ -6,6 +6,19 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, model_validator
 
+from app.api.schemas.descriptions import (
+    ALIASES,
+    DENSITY,
+    DENSITY_KIND,
+    DENSITY_SD,
+    DENSITY_STATE,
+    DENSITY_WEIGHS,
+    FOOD_FORM,
+    FOOD_GROUP,
+    FOOD_STATE,
+    IS_MIXED_DISH,
+    REASON,
+)
 from app.api.schemas.text import Instant, Number, Text, unless_named
 from app.nutrition.foods import DensityKind, FoodForm, FoodState, SliceForm, WeighedPart
 from app.nutrition.plausible import MAX_G_PER_ML, MIN_G_PER_ML
@@ -39,28 +52,40 @@ class _In(BaseModel):
 class FigureIn(_In):
     """Content of 100 g edible portion; the unit must fit the component's and is converted to it."""
 
-    per_100_g: Annotated[Number, Field(strict=True, ge=0.0)]
-    unit: Literal["g", "mg", "ug", "kcal", "kJ", "IU"]
+    per_100_g: Annotated[Number, Field(strict=True, ge=0.0)] = Field(
+        description="Content of 100 g edible portion, in `unit`."
+    )
+    unit: Literal["g", "mg", "ug", "kcal", "kJ", "IU"] = Field(
+        description="Unit of the figure; it is converted to the component's own."
+    )
 
 
 class RefuseIn(_In):
     """A part that is not eaten, percent of the whole food."""
 
-    part: Annotated[Text, Field(min_length=1, max_length=100, pattern=NOT_BLANK)]
-    percent: Annotated[Number, Field(strict=True, ge=0.0, lt=100.0)]
-    is_served: StrictBool = True
+    part: Annotated[Text, Field(min_length=1, max_length=100, pattern=NOT_BLANK)] = Field(
+        description="The part that is not eaten, such as core and stem."
+    )
+    percent: Annotated[Number, Field(strict=True, ge=0.0, lt=100.0)] = Field(
+        description="Its share of the whole food's mass, percent."
+    )
+    is_served: StrictBool = Field(default=True, description="Whether it is usually still on the food in a photograph.")
 
 
 class DensityIn(_In):
     """A density of a food with its source."""
 
-    g_per_ml: Density
-    sd_g_per_ml: Spread
+    g_per_ml: Density = Field(description=DENSITY)
+    sd_g_per_ml: Spread = Field(description=DENSITY_SD)
     state: State
-    kind: DensityKind
-    basis: Basis = "measured"
-    source: Name
-    weighs: WeighedPart = "as_seen"
+    kind: DensityKind = Field(description=DENSITY_KIND)
+    basis: Basis = Field(
+        default="measured",
+        description="How the density was obtained, from best to worst: measured, fao, portion, related, composition, "
+        "group.",
+    )
+    source: Name = Field(description="Who measured or published it.")
+    weighs: WeighedPart = Field(default="as_seen", description=DENSITY_WEIGHS)
 
     @model_validator(mode="after")
     def _spread_less_than_itself(self) -> Self:
@@ -72,9 +97,11 @@ class DensityIn(_In):
 class PortionIn(_In):
     """`amount` of `measure` hold mass_g of edible food."""
 
-    amount: Grams
-    measure: Annotated[Text, Field(min_length=1, max_length=200, pattern=NOT_BLANK)]
-    mass_g: Grams
+    amount: Grams = Field(description="How many of the measure.")
+    measure: Annotated[Text, Field(min_length=1, max_length=200, pattern=NOT_BLANK)] = Field(
+        description="The household measure, such as cup, sliced."
+    )
+    mass_g: Grams = Field(description="Grams of edible food that the portion holds.")
 
 
 class IngredientIn(_In):
@@ -84,10 +111,16 @@ class IngredientIn(_In):
     """
 
     food: AnyKey
-    mass_g: Grams
-    state: FoodState
-    retention: Annotated[dict[ComponentName, Share], Field(max_length=300)] = {}
-    retention_source: Name | None = None
+    mass_g: Grams = Field(description="Edible grams that go into the dish.")
+    state: FoodState = Field(
+        description="The state in which it goes into the dish: raw (dry goods too), cooked or as_eaten."
+    )
+    retention: Annotated[dict[ComponentName, Share], Field(max_length=300)] = Field(
+        default={}, description="Component -> share of it that cooking leaves, 0 to 1; 1 where not named."
+    )
+    retention_source: Name | None = Field(
+        default=None, description="Where the retention factors are from; needed with any."
+    )
 
     @model_validator(mode="after")
     def _name_the_source(self) -> Self:
@@ -99,23 +132,36 @@ class IngredientIn(_In):
 class RecipeIn(_In):
     """What a dish is made of. yield_factor: its mass as eaten / that of its ingredients."""
 
-    yield_factor: Annotated[Number, Field(strict=True, ge=0.01, le=50.0)]
-    ingredients: Annotated[list[IngredientIn], Field(min_length=1, max_length=200)]
+    yield_factor: Annotated[Number, Field(strict=True, ge=0.01, le=50.0)] = Field(
+        description="The dish's mass as eaten over the mass of its ingredients."
+    )
+    ingredients: Annotated[list[IngredientIn], Field(min_length=1, max_length=200)] = Field(
+        description="What goes into the dish."
+    )
 
 
 class FoodFieldsIn(_In):
     """The fields of a food that can be given. What is not known of its nutrients is left out, never 0."""
 
-    name: Name = Field(default="", json_schema_extra=unless_named)
-    aliases: Annotated[list[Name], Field(max_length=100)] = []
-    group: Text = Field(default="", min_length=1, max_length=100, pattern=NOT_BLANK, json_schema_extra=unless_named)
-    form: FoodForm = "whole"
-    slice_form: SliceForm | None = None
-    state: FoodState | None = None
-    is_mixed_dish: StrictBool = False
-    refuse: Annotated[list[RefuseIn], Field(max_length=50)] = []
+    name: Name = Field(default="", json_schema_extra=unless_named, description="The food's name.")
+    aliases: Annotated[list[Name], Field(max_length=100)] = Field(default=[], description=ALIASES)
+    group: Text = Field(
+        default="",
+        min_length=1,
+        max_length=100,
+        pattern=NOT_BLANK,
+        json_schema_extra=unless_named,
+        description=FOOD_GROUP,
+    )
+    form: FoodForm = Field(default="whole", description=FOOD_FORM)
+    slice_form: SliceForm | None = Field(
+        default=None, description="How the method `paper` fits slices of it; null: the method decides."
+    )
+    state: FoodState | None = Field(default=None, description=FOOD_STATE)
+    is_mixed_dish: StrictBool = Field(default=False, description=IS_MIXED_DISH)
+    refuse: Annotated[list[RefuseIn], Field(max_length=50)] = Field(default=[], description="Parts that are not eaten.")
     densities: Annotated[list[DensityIn], Field(max_length=100, description="All of them, the best first.")] = []
-    portions: Annotated[list[PortionIn], Field(max_length=200)] = []
+    portions: Annotated[list[PortionIn], Field(max_length=200)] = Field(default=[], description="Household measures.")
     probes: Annotated[
         list[Annotated[str, Field(pattern=r"^[a-z][a-z_]{0,31}$")]],
         Field(max_length=50, description="What no camera sees and a participant is asked, such as fat_added."),
@@ -153,10 +199,12 @@ class FoodIn(FoodFieldsIn):
     )
 
     key: NewKey
-    name: Name
-    group: Annotated[Text, Field(min_length=1, max_length=100, pattern=NOT_BLANK)]
-    form: FoodForm
-    nutrients: Annotated[dict[ComponentName, FigureIn], Field(max_length=400)] = {}
+    name: Name = Field(description="The food's name.")
+    group: Annotated[Text, Field(min_length=1, max_length=100, pattern=NOT_BLANK)] = Field(description=FOOD_GROUP)
+    form: FoodForm = Field(description=FOOD_FORM)
+    nutrients: Annotated[dict[ComponentName, FigureIn], Field(max_length=400)] = Field(
+        default={}, description="Component -> content; a component that is left out is not known, not 0."
+    )
     reason: Reason
 
 
@@ -177,15 +225,18 @@ class FoodPatch(FoodFieldsIn):
         },
     )
 
-    nutrients: Annotated[dict[ComponentName, FigureIn | None], Field(max_length=400)] = {}
+    nutrients: Annotated[dict[ComponentName, FigureIn | None], Field(max_length=400)] = Field(
+        default={},
+        description="Component -> content; null removes it: the content is not known. Those that are left out stay.",
+    )
     reason: Reason
 
 
 class SpecimenIn(_In):
     """One specimen: its volume and what it weighs."""
 
-    volume_ml: Grams
-    mass_g: Grams
+    volume_ml: Grams = Field(description="The specimen's volume.")
+    mass_g: Grams = Field(description="The specimen's mass.")
 
 
 class MeasuredDensityIn(_In):
@@ -205,15 +256,17 @@ class MeasuredDensityIn(_In):
         },
     )
 
-    g_per_ml: Density | None = None
+    g_per_ml: Density | None = Field(default=None, description=DENSITY)
     sd_g_per_ml: Spread | None = Field(default=None, description="What the next specimen may differ by.")
-    specimens: Annotated[list[SpecimenIn], Field(min_length=2, max_length=1000)] | None = None
+    specimens: Annotated[list[SpecimenIn], Field(min_length=2, max_length=1000)] | None = Field(
+        default=None, description="What was measured, one entry per specimen; instead of g_per_ml and sd_g_per_ml."
+    )
     volume_step_ml: Annotated[Number, Field(strict=True, gt=0.0, le=1e4)] = Field(
         default=1.0, description="To what the volumes were read: their rounding is part of the spread."
     )
     state: State
-    kind: DensityKind
-    weighs: WeighedPart = "as_seen"
+    kind: DensityKind = Field(description=DENSITY_KIND)
+    weighs: WeighedPart = Field(default="as_seen", description=DENSITY_WEIGHS)
     method: Annotated[Text, Field(min_length=1, max_length=250, pattern=NOT_BLANK, description="How it was measured.")]
     reason: Reason
 
@@ -233,7 +286,9 @@ class StudyDensityIn(MeasuredDensityIn):
     """A study's own measurement."""
 
     food: AnyKey
-    measured_at: Instant | None = None
+    measured_at: Instant | None = Field(
+        default=None, description="When it was measured, RFC 3339 with offset; null: now."
+    )
 
     @model_validator(mode="after")
     def _tell_the_offset(self) -> Self:
@@ -245,28 +300,28 @@ class StudyDensityIn(MeasuredDensityIn):
 class StudyDensityOut(BaseModel):
     """A study's own measurement; it counts while withdrawn_at is null."""
 
-    id: uuid.UUID
-    food: str
-    g_per_ml: float
-    sd_g_per_ml: float
-    state: str
-    kind: str
-    weighs: str
-    source: str
-    specimens: list[SpecimenIn] | None
-    author: str
-    reason: str
-    measured_at: datetime
-    created_at: datetime
-    withdrawn_by: str | None
-    withdrawn_at: datetime | None
-    withdrawal_reason: str | None
+    id: uuid.UUID = Field(description="The measurement's id.")
+    food: str = Field(description="The food's key.")
+    g_per_ml: float = Field(description=DENSITY)
+    sd_g_per_ml: float = Field(description=DENSITY_SD)
+    state: str = Field(description=DENSITY_STATE)
+    kind: str = Field(description=DENSITY_KIND)
+    weighs: str = Field(description=DENSITY_WEIGHS)
+    source: str = Field(description="Who measured it and how, as records quote it.")
+    specimens: list[SpecimenIn] | None = Field(description="What was measured; null: the density was given as such.")
+    author: str = Field(description="Name of the staff member who entered it.")
+    reason: str = Field(description="Why it was measured, as its author wrote.")
+    measured_at: datetime = Field(description="When it was measured.")
+    created_at: datetime = Field(description="When it was entered.")
+    withdrawn_by: str | None = Field(description="Name of the staff member who withdrew it; null: it is in use.")
+    withdrawn_at: datetime | None = Field(description="Since when it is not used any more; null: it is in use.")
+    withdrawal_reason: str | None = Field(description="Why it was withdrawn; null: it is in use.")
 
 
 class StudyDensityList(BaseModel):
     """A study's own measurements, withdrawn ones too, the newest entry first."""
 
-    items: list[StudyDensityOut]
+    items: list[StudyDensityOut] = Field(description="The study's measurements, withdrawn ones too.")
 
 
 class WithdrawalIn(_In):
@@ -278,7 +333,7 @@ class WithdrawalIn(_In):
 class RestoreIn(_In):
     """Which version a food is put back to; it becomes a new version."""
 
-    version: Annotated[StrictInt, Field(ge=1, le=1_000_000)]
+    version: Annotated[StrictInt, Field(ge=1, le=1_000_000)] = Field(description="The version to go back to.")
     reason: Reason
 
 
@@ -288,16 +343,20 @@ class ChangeOut(BaseModel):
     previous_release: of the version that was changed; null for a new food.
     """
 
-    version: int
-    previous_version: int | None
-    previous_release: str | None
-    author: str
-    reason: str
-    changed_at: datetime
-    differences: dict[str, tuple[Any, Any]]
+    version: int = Field(description="The version that the change made.")
+    previous_version: int | None = Field(description="The version that was changed; null: the food was new.")
+    previous_release: str | None = Field(
+        description="The food table of the version that was changed; null: the food was new."
+    )
+    author: str = Field(description="Name of the staff member who made it.")
+    reason: str = Field(description=REASON)
+    changed_at: datetime = Field(description="When it was made.")
+    differences: dict[str, tuple[Any, Any]] = Field(
+        description="Field -> [old, new]; a nutrient's field is nutrients.NUMBER; empty for a new food."
+    )
 
 
 class ChangeList(BaseModel):
     """A food's changes, the newest first; a food that is as it was imported has none."""
 
-    items: list[ChangeOut]
+    items: list[ChangeOut] = Field(description="The changes, the newest first.")

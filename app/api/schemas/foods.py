@@ -2,27 +2,42 @@
 
 from pydantic import BaseModel, Field
 
+from app.api.schemas.descriptions import (
+    ALIASES,
+    DENSITY,
+    DENSITY_BASIS,
+    DENSITY_KIND,
+    DENSITY_SD,
+    DENSITY_STATE,
+    DENSITY_WEIGHS,
+    FOOD_FORM,
+    FOOD_GROUP,
+    FOOD_STATE,
+    IS_MIXED_DISH,
+    NUMBER,
+)
+
 
 class FoodRef(BaseModel):
     """A food by key and name."""
 
-    key: str
-    name: str
+    key: str = Field(description="The food's key: the same through releases and versions.")
+    name: str = Field(description="The food's name.")
 
 
 class ComponentOut(BaseModel):
     """A component by its source's number; tagname: INFOODS, null where there is none."""
 
-    number: str
-    tagname: str | None
-    name: str
-    unit: str
+    number: str = Field(description=NUMBER)
+    tagname: str | None = Field(description="INFOODS tagname, such as PROCNT; null: there is none.")
+    name: str = Field(description="The component's name.")
+    unit: str = Field(description="Unit of the amounts, such as g, mg or kcal.")
 
 
 class NutrientAmount(ComponentOut):
     """How much of a component the edible portion holds, with its 90 % interval."""
 
-    amount: float
+    amount: float = Field(description="How much of it, in `unit`.")
     interval: tuple[float, float] | None = Field(
         description="The doubt about the grams, not about the food table's figures. Null where the table has a content "
         "of 0, of which the grams' doubt tells nothing."
@@ -39,7 +54,7 @@ class NutrientOut(ComponentOut):
     """Content of 100 g edible portion."""
 
     expression: str | None = Field(description="What kind of figure it is, where the name leaves a choice.")
-    per_100_g: float
+    per_100_g: float = Field(description="Content of 100 g edible portion, in `unit`.")
 
 
 class DensityOut(BaseModel):
@@ -49,51 +64,51 @@ class DensityOut(BaseModel):
     edible where the source gives the edible mass in a volume.
     """
 
-    g_per_ml: float
-    sd_g_per_ml: float
-    state: str
-    kind: str
-    basis: str
-    source: str
-    weighs: str
+    g_per_ml: float = Field(description=DENSITY)
+    sd_g_per_ml: float = Field(description=DENSITY_SD)
+    state: str = Field(description=DENSITY_STATE)
+    kind: str = Field(description=DENSITY_KIND)
+    basis: str = Field(description=DENSITY_BASIS)
+    source: str = Field(description="Who measured or published it.")
+    weighs: str = Field(description=DENSITY_WEIGHS)
 
 
 class RejectedDensityOut(DensityOut):
     """A density that was not chosen, and why."""
 
-    reason: str
+    reason: str = Field(description="Why it was not chosen.")
 
 
 class DensityChoiceOut(BaseModel):
     """The density that turns a volume of this food into grams, why, and what it was chosen over, best first."""
 
-    chosen: DensityOut
-    reason: str
-    alternatives: list[RejectedDensityOut]
+    chosen: DensityOut = Field(description="The density that is used.")
+    reason: str = Field(description="Why it was chosen.")
+    alternatives: list[RejectedDensityOut] = Field(description="The other densities, best first.")
 
 
 class PortionOut(BaseModel):
     """A household measure; mass_g: of edible food."""
 
-    amount: float
-    measure: str
-    mass_g: float
+    amount: float = Field(description="How many of the measure.")
+    measure: str = Field(description="The household measure, such as cup, sliced.")
+    mass_g: float = Field(description="Grams of edible food that the portion holds.")
 
 
 class RefuseOut(BaseModel):
     """A part that is not eaten, percent of the whole food; is_served: usually still on it in a photograph."""
 
-    part: str
-    percent: float
-    is_served: bool
+    part: str = Field(description="The part that is not eaten, such as core and stem.")
+    percent: float = Field(description="Its share of the whole food's mass, percent.")
+    is_served: bool = Field(description="Whether it is usually still on the food in a photograph.")
 
 
 class FoodSummary(FoodRef):
     """A food in a list."""
 
-    aliases: list[str]
-    group: str
-    form: str
+    aliases: list[str] = Field(description=ALIASES)
+    group: str = Field(description=FOOD_GROUP)
+    form: str = Field(description=FOOD_FORM)
 
 
 class IngredientOut(FoodRef):
@@ -102,12 +117,14 @@ class IngredientOut(FoodRef):
     retention: component number -> share that cooking leaves; 1 where not named.
     """
 
-    version: int
-    state: str | None
-    mass_g: float
-    retention: dict[str, float]
-    retention_source: str | None
-    is_current: bool
+    version: int = Field(description="The food's version that the recipe holds.")
+    state: str | None = Field(description=FOOD_STATE)
+    mass_g: float = Field(description="Edible grams that go into the dish.")
+    retention: dict[str, float] = Field(
+        description="Component number -> share of it that cooking leaves, 0 to 1; 1 where not named."
+    )
+    retention_source: str | None = Field(description="Where the retention factors are from; null: there are none.")
+    is_current: bool = Field(description="Whether the food has not been corrected or replaced since.")
 
 
 class UnknownComponentOut(ComponentOut):
@@ -119,26 +136,30 @@ class UnknownComponentOut(ComponentOut):
 class RecipeOut(BaseModel):
     """What a dish is made of. yield_factor: its mass as eaten / that of its ingredients."""
 
-    yield_factor: float
-    ingredients: list[IngredientOut]
-    unknown: list[UnknownComponentOut]
+    yield_factor: float = Field(description="The dish's mass as eaten over the mass of its ingredients.")
+    ingredients: list[IngredientOut] = Field(description="What goes into the dish.")
+    unknown: list[UnknownComponentOut] = Field(
+        description="Components that some ingredients lack, so that the dish has no figure."
+    )
 
 
 class FoodOut(FoodSummary):
     """A food with all that the tables in force know of it; a component that is not listed is not known, not 0."""
 
-    version: int
-    state: str | None
-    is_mixed_dish: bool
-    refuse: list[RefuseOut]
+    version: int = Field(description="The food's version in its table's release: above 1, it was corrected.")
+    state: str | None = Field(description=FOOD_STATE)
+    is_mixed_dish: bool = Field(description=IS_MIXED_DISH)
+    refuse: list[RefuseOut] = Field(description="Parts that are not eaten.")
     edible_share: float = Field(description="Of an item as it is usually seen.")
     probes: list[str] = Field(description="What no camera sees and a participant is asked.")
-    source_ids: dict[str, str]
-    release: str
+    source_ids: dict[str, str] = Field(description="Its numbers in published tables, such as sr28_ndb.")
+    release: str = Field(description="The food table's name and version.")
     densities: list[DensityOut] = Field(description="Its own. The choice has those of the same food elsewhere too.")
-    density: DensityChoiceOut | None
-    nutrients: list[NutrientOut]
-    portions: list[PortionOut]
+    density: DensityChoiceOut | None = Field(
+        description="The density that turns a volume into grams; null: none is known."
+    )
+    nutrients: list[NutrientOut] = Field(description="Contents of 100 g edible portion.")
+    portions: list[PortionOut] = Field(description="Household measures.")
     recipe: RecipeOut | None = Field(description="Null for a food that was not made from one.")
 
 
@@ -146,7 +167,7 @@ class FoodMatch(FoodSummary):
     """A food in a list, and why it is there."""
 
     state: str | None = Field(description="raw (dry goods too), cooked or as_eaten; null: not told.")
-    is_mixed_dish: bool
+    is_mixed_dish: bool = Field(description=IS_MIXED_DISH)
     release: str = Field(description="The food table that it is of, and its version.")
     matched: str | None = Field(description="The name, alias or code that the words were found in; null without words.")
 
@@ -154,17 +175,17 @@ class FoodMatch(FoodSummary):
 class FoodList(BaseModel):
     """Foods, best match first."""
 
-    items: list[FoodMatch]
+    items: list[FoodMatch] = Field(description="The foods, best match first.")
 
 
 class FoodGroupOut(BaseModel):
     """A food group and how many foods it has, over all tables in force."""
 
-    name: str
-    foods: int
+    name: str = Field(description=FOOD_GROUP)
+    foods: int = Field(description="How many foods it has.")
 
 
 class FoodGroupList(BaseModel):
     """Food groups by name."""
 
-    items: list[FoodGroupOut]
+    items: list[FoodGroupOut] = Field(description="The groups by name.")

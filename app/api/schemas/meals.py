@@ -6,6 +6,18 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, computed_field, model_validator
 
+from app.api.schemas.descriptions import (
+    CAPTURED_AT,
+    FLAGS,
+    FOOD,
+    LOCAL_DATE,
+    MEAL_ID,
+    MEAL_VERSION,
+    PARTICIPANT,
+    RECEIVED_AT,
+    STUDY,
+    TIME_ZONE,
+)
 from app.api.schemas.foods import FoodRef, NutrientAmount, NutrientTotal
 from app.api.schemas.outline import Pixel, Polygon
 from app.api.schemas.text import Instant, JsonNumber, Text
@@ -20,7 +32,10 @@ class HintIn(BaseModel):
 
     point: tuple[Pixel, Pixel] | None = Field(default=None, description="x, y")
     box: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(default=None, description="x, y, width, height")
-    polygon: Polygon | None = None
+    polygon: Polygon | None = Field(
+        default=None,
+        description="Corners [x, y] of its outline, or a list of such rings with holes by the even-odd rule.",
+    )
     food: Text | None = Field(default=None, min_length=1, max_length=100, description="A food's key (GET /v1/foods).")
     lies_as: FoodForm | None = Field(
         default=None,
@@ -53,12 +68,12 @@ class CameraIn(BaseModel):
 
     model_config = ConfigDict(extra="ignore")  # `tada calibrate` also prints rms_px and more
 
-    width: int = Field(gt=0, le=100_000)
-    height: int = Field(gt=0, le=100_000)
-    fx: JsonNumber = Field(gt=0)
-    fy: JsonNumber = Field(gt=0)
-    cx: JsonNumber
-    cy: JsonNumber
+    width: int = Field(gt=0, le=100_000, description="Width of the upright pictures that the intrinsics are of, px.")
+    height: int = Field(gt=0, le=100_000, description="Height of the same pictures, px.")
+    fx: JsonNumber = Field(gt=0, description="Focal length across, px.")
+    fy: JsonNumber = Field(gt=0, description="Focal length down, px.")
+    cx: JsonNumber = Field(description="Principal point from the left edge, px.")
+    cy: JsonNumber = Field(description="Principal point from the upper edge, px.")
     distortion: tuple[JsonNumber, JsonNumber, JsonNumber, JsonNumber, JsonNumber] = Field(
         default=(0.0, 0.0, 0.0, 0.0, 0.0), description="k1, k2, p1, p2, k3"
     )
@@ -69,9 +84,11 @@ class LocationIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    latitude: JsonNumber = Field(ge=-90, le=90)
-    longitude: JsonNumber = Field(ge=-180, le=180)
-    accuracy_m: JsonNumber | None = Field(default=None, ge=0)
+    latitude: JsonNumber = Field(ge=-90, le=90, description="Degrees north, WGS84.")
+    longitude: JsonNumber = Field(ge=-180, le=180, description="Degrees east, WGS84.")
+    accuracy_m: JsonNumber | None = Field(
+        default=None, ge=0, description="Radius within which the phone believes to be, m; null: not known."
+    )
 
 
 class MealMetadataIn(BaseModel):
@@ -95,7 +112,11 @@ class MealMetadataIn(BaseModel):
     marker: Text | None = Field(
         default=None, max_length=64, description="KIND:COLSxROWS:MM, such as plain:9x7:11; default: the study's."
     )
-    camera: CameraIn | None = None
+    camera: CameraIn | None = Field(
+        default=None,
+        description="Intrinsics of the phone's camera; null: the phone's calibration, else its model's, else the "
+        "study's, else from EXIF.",
+    )
     hints: list[HintIn] = Field(
         default_factory=list,
         max_length=20,
@@ -104,8 +125,10 @@ class MealMetadataIn(BaseModel):
     complete: bool = Field(
         default=False, strict=True, description="Whether the hints are all that there is: nothing else is looked for."
     )
-    location: LocationIn | None = None
-    app_version: Text | None = Field(default=None, max_length=64)
+    location: LocationIn | None = Field(
+        default=None, description="Where the meal was eaten; kept only if the study keeps locations."
+    )
+    app_version: Text | None = Field(default=None, max_length=64, description="The version of the phone's app.")
 
 
 class NewMealMetadataIn(MealMetadataIn):
@@ -128,21 +151,21 @@ class NewMealMetadataIn(MealMetadataIn):
 class ImageOut(BaseModel):
     """One photograph that has arrived. `durable`: it is synced to disk and the phone may forget it."""
 
-    received_sha256: str
-    bytes: int
-    media_type: str
-    width_px: int
-    height_px: int
-    received_at: datetime
-    durable: Literal[True] = True
+    received_sha256: str = Field(description="SHA-256 of the bytes that the phone sent, hex.")
+    bytes: int = Field(description="Length of what is kept, bytes.")
+    media_type: str = Field(description="Media type of what is kept, such as image/jpeg.")
+    width_px: int = Field(description="Width of the upright picture.")
+    height_px: int = Field(description="Height of the upright picture.")
+    received_at: datetime = Field(description="When it arrived at the server.")
+    durable: Literal[True] = Field(default=True, description="It is synced to disk: the phone may delete its copy.")
 
 
 class FailureOut(BaseModel):
     """Why a meal could not be measured, for a person; what to do on the next try."""
 
-    code: str
-    message: str
-    advice: str
+    code: str = Field(description="Stable; docs/errors.md lists them.")
+    message: str = Field(description="What went wrong, for a person.")
+    advice: str = Field(description="What to do on the next try.")
 
     @computed_field(description="One sentence for the participant, by language: en, de, es, zh.")
     def localised(self) -> dict[str, str]:
@@ -154,32 +177,35 @@ class FailureOut(BaseModel):
 class ArtefactOut(BaseModel):
     """A picture or point cloud of one step."""
 
-    name: str
-    media_type: str
-    bytes: int
-    href: str
+    name: str = Field(description="The artefact's name in the run.")
+    media_type: str = Field(description="Its media type, such as image/jpeg.")
+    bytes: int = Field(description="Its length, bytes.")
+    href: str = Field(description="Path of its content.")
 
 
 class RunOut(BaseModel):
     """The execution of the pipeline that the items come from."""
 
-    id: uuid.UUID
-    method: str
-    pipeline_version: str
-    marker: str
-    camera: dict[str, Any] | None
-    parameters: dict[str, Any]
+    id: uuid.UUID = Field(description="The run's id.")
+    method: str = Field(description="The method of measuring volumes: shape, or paper (the founding paper's).")
+    pipeline_version: str = Field(description="The version of the pipeline.")
+    marker: str = Field(description="The board that the run looked for, KIND:COLSxROWS:MM.")
+    camera: dict[str, Any] | None = Field(
+        description="Intrinsics that the run used, of the left and the right photograph; null: it failed before it "
+        "had any."
+    )
+    parameters: dict[str, Any] = Field(description="The run's options.")
     stages: dict[str, float] = Field(description="Seconds a step.")
-    seconds: float
+    seconds: float = Field(description="How long the run took.")
     food_tables: list[str] = Field(description="The releases in force, the one that goes first at the head.")
-    created_at: datetime
-    artefacts: list[ArtefactOut]
+    created_at: datetime = Field(description="When the run was saved.")
+    artefacts: list[ArtefactOut] = Field(description="Pictures and point clouds of its steps.")
 
 
 class CandidateOut(BaseModel):
     """A food that the item may be; source: who says so."""
 
-    food: FoodRef
+    food: FoodRef = Field(description="The food that it may be.")
     probability: float | None = Field(description="By the index; null: a hint's.")
     source: str = Field(description="hint, the phone's; or index")
 
@@ -187,13 +213,13 @@ class CandidateOut(BaseModel):
 class ItemOut(BaseModel):
     """One food on the plate. Without a food or a volume, mass and nutrients are null and the meal needs review."""
 
-    id: uuid.UUID
+    id: uuid.UUID = Field(description="The item's id: events name it.")
     status: str = Field(description="proposed, needs_review, confirmed, corrected or rejected")
     origin: str = Field(description="pipeline, declared, added, split or merged")
     polygon: list[list[tuple[float, float]]] = Field(
         description="Rings in the left photograph's upright pixels, holes by the even-odd rule."
     )
-    food: FoodRef | None
+    food: FoodRef | None = Field(description=FOOD)
     lies_as: str | None = Field(description="How it was said to lie; null: as it usually does.")
     candidates: list[CandidateOut] = Field(
         description="A hint's, then the index's, best first: choose one by the event `set_food` with its key."
@@ -209,7 +235,7 @@ class ItemOut(BaseModel):
     )
     density_sd_g_per_ml: float | None = Field(description="What the next item of this food may differ from it.")
     density_basis: str | None = Field(description="study, measured, fao, portion, related or group.")
-    density_source: str | None
+    density_source: str | None = Field(description="Who measured or published the density; null: none was used.")
     mass_g: float | None = Field(description="As seen, with peel, core and bone.")
     mass_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
     edible_share: float | None = Field(description="Edible mass / mass as seen.")
@@ -223,7 +249,7 @@ class ItemOut(BaseModel):
     parent: uuid.UUID | None = Field(description="The item that it was split from, or that it came with.")
     open_probes: list[str] = Field(description="What the participant is to be asked of it: no camera sees it.")
     nutrients: list[NutrientAmount] = Field(description="Of what was consumed.")
-    flags: list[str]
+    flags: list[str] = Field(description=FLAGS)
 
 
 class TotalsOut(BaseModel):
@@ -232,7 +258,7 @@ class TotalsOut(BaseModel):
     consumed_g: float | None = Field(description="The sum of the items' consumed_g.")
     consumed_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
     unmeasured_items: int = Field(description="Items whose mass is not known; above 0, the totals are incomplete.")
-    nutrients: list[NutrientTotal]
+    nutrients: list[NutrientTotal] = Field(description="Totals of what was consumed, one entry per component.")
 
 
 ENERGY_EXAMPLE: dict[str, Any] = {
@@ -329,7 +355,7 @@ class LeftoverOut(BaseModel):
 
     model_config = ConfigDict(serialize_by_alias=True, validate_by_name=True)
 
-    id: uuid.UUID
+    id: uuid.UUID = Field(description="The piece's id: the event `set_leftover` names it.")
     leftover_class: str = Field(alias="class", description="food_left, refuse or unmatched")
     item: uuid.UUID | None = Field(description="The item of the meal that it was left of.")
     is_by_person: bool = Field(description="A person has said so; else it is the server's own match.")
@@ -337,11 +363,11 @@ class LeftoverOut(BaseModel):
         description="Rings in after_left's upright pixels, holes by the even-odd rule."
     )
     food: FoodRef | None = Field(description="The item's.")
-    volume_ml: float | None
+    volume_ml: float | None = Field(description="Null where it could not be measured.")
     volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
     mass_g: float | None = Field(description="As seen, by the density of the item's food.")
     mass_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
-    flags: list[str]
+    flags: list[str] = Field(description=FLAGS)
 
 
 class AfterOut(BaseModel):
@@ -352,12 +378,12 @@ class AfterOut(BaseModel):
         "nothing_left, as a person said"
     )
     due_at: datetime | None = Field(description="Until then the records are provisional; null: no pair is waited for.")
-    captured_at: datetime | None
-    images: dict[str, ImageOut]
-    missing: list[str]
+    captured_at: datetime | None = Field(description="When after_left was taken; null: the phone has not said.")
+    images: dict[str, ImageOut] = Field(description="Photographs that have arrived, by slot: after_left, after_right.")
+    missing: list[str] = Field(description="Slots whose photographs have not arrived.")
     failure: FailureOut | None = Field(description="Why the pair could not be measured: send another one.")
-    leftovers: list[LeftoverOut]
-    artefacts: list[ArtefactOut]
+    leftovers: list[LeftoverOut] = Field(description="Pieces that were seen after the meal.")
+    artefacts: list[ArtefactOut] = Field(description="Pictures and point clouds of the pair's run.")
 
 
 class MealOut(BaseModel):
@@ -365,20 +391,20 @@ class MealOut(BaseModel):
 
     model_config = ConfigDict(json_schema_extra={"example": MEAL_EXAMPLE})
 
-    id: uuid.UUID
-    study: str
-    participant: str
+    id: uuid.UUID = Field(description=MEAL_ID)
+    study: str = Field(description=STUDY)
+    participant: str = Field(description=PARTICIPANT)
     status: str = Field(description="receiving, queued, processing, estimated, needs_review, failed or confirmed")
     stage: str | None = Field(description="The pipeline's step while processing; `waits_for_room` between two tries.")
-    captured_at: datetime
-    time_zone: str
-    local_date: date
-    received_at: datetime
-    version: int
-    images: dict[str, ImageOut]
+    captured_at: datetime = Field(description=CAPTURED_AT)
+    time_zone: str = Field(description=TIME_ZONE)
+    local_date: date = Field(description=LOCAL_DATE)
+    received_at: datetime = Field(description=RECEIVED_AT)
+    version: int = Field(description=MEAL_VERSION)
+    images: dict[str, ImageOut] = Field(description="Photographs that have arrived, by slot: left, right.")
     missing: list[str] = Field(description="Slots whose photographs have not arrived.")
-    failure: FailureOut | None
+    failure: FailureOut | None = Field(description="Why the meal could not be measured; null: it has not failed.")
     after: AfterOut | None = Field(description="null: no after-meal pair has come, and none is waited for.")
-    items: list[ItemOut]
-    totals: TotalsOut
-    run: RunOut | None
+    items: list[ItemOut] = Field(description="The foods of the meal, rejected ones too.")
+    totals: TotalsOut = Field(description="Sums over the items that count.")
+    run: RunOut | None = Field(description="The run that the items come from; null: there is none.")

@@ -2,6 +2,7 @@
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.schemas.descriptions import NUMBER
 from app.nutrition.energy_requirement import Energy, LeftOut
 from app.nutrition.food_groups import Basis, FoodGroup
 from app.nutrition.life_stage import LifeStage
@@ -15,19 +16,19 @@ class ReferenceIntakeOut(BaseModel):
     model_config = ConfigDict(from_attributes=True)
 
     number: str = Field(description="The component to compare with, after what `compared_with` says.")
-    tagname: str
-    name: str
-    unit: Unit
-    per: Per
+    tagname: str = Field(description="INFOODS tagname, such as VITC.")
+    name: str = Field(description="The nutrient's name.")
+    unit: Unit = Field(description="Unit of the figures.")
+    per: Per = Field(description="Whether the figures are per day, or per day and kilogram of body weight.")
     ear: float | None = Field(description="Estimated Average Requirement: meets the need of half the group.")
     rda: float | None = Field(description="Recommended Dietary Allowance: meets the need of nearly all.")
     ai: float | None = Field(description="Adequate Intake, where no requirement is known; it is no RDA.")
     ul: float | None = Field(description="Tolerable Upper Intake Level, of the sources that `ul_scope` names.")
-    ul_scope: UlScope | None
+    ul_scope: UlScope | None = Field(description="Which sources the UL counts; null: there is no UL.")
     ul_number: str | None = Field(description="The component to compare the UL with; null: none measures its scope.")
     cdrr: float | None = Field(description="Chronic Disease Risk Reduction intake: above it less is better; no UL.")
-    compared_with: str
-    source: str
+    compared_with: str = Field(description="Which component is compared, and what to mind.")
+    source: str = Field(description="The publication that the figures are from.")
 
 
 class DistributionRangeOut(BaseModel):
@@ -35,29 +36,29 @@ class DistributionRangeOut(BaseModel):
 
     model_config = ConfigDict(from_attributes=True)
 
-    number: str
-    name: str
-    low_percent: float
-    high_percent: float
-    source: str
+    number: str = Field(description=NUMBER)
+    name: str = Field(description="The nutrient's name.")
+    low_percent: float = Field(description="Lower end, percent of energy.")
+    high_percent: float = Field(description="Upper end, percent of energy.")
+    source: str = Field(description="The publication that the range is from.")
 
 
 class LeftOutOut(BaseModel):
     """Why there is no figure: inputs that are missing, or outside what the equation was made for."""
 
     reason: str = Field(description="missing or outside")
-    inputs: list[str]
-    message: str
+    inputs: list[str] = Field(description="Names of the inputs.")
+    message: str = Field(description="The same in a sentence.")
 
 
 class EnergyOut(BaseModel):
     """An energy by equation; without a figure, `left_out` tells why. Nothing is ever assumed."""
 
-    kcal_per_day: float | None
+    kcal_per_day: float | None = Field(description="Null: `left_out` says why.")
     sd_kcal: float | None = Field(description="Standard error of the equation, where its source tells it.")
-    equation: str | None
-    source: str | None
-    left_out: LeftOutOut | None
+    equation: str | None = Field(description="Name of the equation; null: there is no figure.")
+    source: str | None = Field(description="The publication that the equation is from; null: there is no figure.")
+    left_out: LeftOutOut | None = Field(description="Why there is no figure; null: there is one.")
 
 
 class FoodGroupRecommendationOut(BaseModel):
@@ -65,25 +66,29 @@ class FoodGroupRecommendationOut(BaseModel):
 
     model_config = ConfigDict(from_attributes=True)
 
-    source: str
-    name: str
-    groups: list[FoodGroup]
-    low_g: float | None
-    target_g: float | None
-    high_g: float | None
+    source: str = Field(description="Who recommends it.")
+    name: str = Field(description="Name of the recommendation.")
+    groups: list[FoodGroup] = Field(description="The food groups that it is for, counted together.")
+    low_g: float | None = Field(description="At least so many grams a day; null: no lower end.")
+    target_g: float | None = Field(description="The source's own target, grams a day; null: none.")
+    high_g: float | None = Field(description="At most so many grams a day; null: no upper end.")
     basis: Basis = Field(description="Only grams as eaten compare with what is seen on a plate.")
-    note: str
+    note: str = Field(description="What to mind when comparing.")
 
 
 class ReferenceIntakesOut(BaseModel):
     """What is recommended to a person of this life stage."""
 
-    life_stage: LifeStage
-    intakes: list[ReferenceIntakeOut]
-    distribution_ranges: list[DistributionRangeOut]
-    energy: EnergyOut
-    basal_metabolic_rate: EnergyOut
-    food_groups: list[FoodGroupRecommendationOut]
+    life_stage: LifeStage = Field(
+        description="The group by age, sex, pregnancy and lactation that the figures are for."
+    )
+    intakes: list[ReferenceIntakeOut] = Field(description="One entry per nutrient.")
+    distribution_ranges: list[DistributionRangeOut] = Field(
+        description="Shares of the energy; empty below one year of age."
+    )
+    energy: EnergyOut = Field(description="Estimated energy requirement.")
+    basal_metabolic_rate: EnergyOut = Field(description="Energy at complete rest.")
+    food_groups: list[FoodGroupRecommendationOut] = Field(description="Recommended grams of food groups.")
 
 
 def energy_out(found: Energy | LeftOut) -> EnergyOut:

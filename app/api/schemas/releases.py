@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.schemas.descriptions import FILTERS, NEXT, PAGE
 from app.api.schemas.text import LocalDay, Text
 
 RecordStatus = Literal["proposed", "needs_review", "confirmed", "corrected", "rejected"]
@@ -22,7 +23,9 @@ class ReleaseIn(BaseModel):
     )
 
     name: Name
-    note: Annotated[Text, Field(max_length=2000)] = ""
+    note: Annotated[Text, Field(max_length=2000)] = Field(
+        default="", description="What the release is for, for people."
+    )
     first_day: LocalDay | None = Field(default=None, alias="from", description="First local day, included.")
     last_day: LocalDay | None = Field(default=None, alias="to", description="Last local day, included.")
     statuses: Annotated[list[RecordStatus], Field(max_length=5)] = Field(
@@ -33,58 +36,62 @@ class ReleaseIn(BaseModel):
 class ReleaseFileOut(BaseModel):
     """A file of a release."""
 
-    name: str
-    rows: int | None
-    bytes: int
-    sha256: str
-    path: str
+    name: str = Field(description="The file's name in the release.")
+    rows: int | None = Field(description="Its rows; null: it is no table.")
+    bytes: int = Field(description="Its length, bytes.")
+    sha256: str = Field(description="SHA-256 of the file, hex.")
+    path: str = Field(description="Path of its content.")
 
 
 class FormerChecksum(BaseModel):
     """The checksum that a release had until something in it was erased."""
 
-    checksum: str
-    until: datetime
+    checksum: str = Field(description="The checksum as it was.")
+    until: datetime = Field(description="Until when it held.")
 
 
 class ReleaseOut(BaseModel):
     """A release. Its files are there while it is ready."""
 
-    name: str
-    note: str
+    name: str = Field(description="The release's name, unique in the study.")
+    note: str = Field(description="What the release is for, for people.")
     state: ReleaseState = Field(description="changing: something in it was erased; its files come again without it.")
-    filters: dict[str, Any]
-    made_by: str
-    requested_at: datetime
+    filters: dict[str, Any] = Field(description=FILTERS)
+    made_by: str = Field(description="Name of the staff member who asked for it.")
+    requested_at: datetime = Field(description="When it was asked for.")
     frozen_at: datetime | None = Field(description="The moment that the data are of.")
     change_seq: int | None = Field(description="The study's counter of changes at that moment.")
     checksum: str | None = Field(description="SHA-256 over the sorted lines `sha256  name` of all but release.json.")
     altered_at: datetime | None = Field(description="When something was last taken out since it was erased.")
-    former_checksums: list[FormerChecksum]
+    former_checksums: list[FormerChecksum] = Field(
+        description="Checksums that held before something was erased, the oldest first."
+    )
     rows: int = Field(description="Of all its tables.")
-    bytes: int
-    failure: str | None
-    files: list[ReleaseFileOut]
+    bytes: int = Field(description="Length of all its files together, bytes.")
+    failure: str | None = Field(description="Why it failed: a code; null: it has not.")
+    files: list[ReleaseFileOut] = Field(description="Its files; empty while it is not ready.")
 
 
 class ReleaseList(BaseModel):
     """Releases of a study, the newest first; `next` leads to the page after it, null at the end."""
 
-    items: list[ReleaseOut]
-    next: str | None
+    items: list[ReleaseOut] = Field(description=PAGE)
+    next: str | None = Field(description=NEXT)
 
 
 class CheckedFileOut(BaseModel):
     """A file, compared with what was frozen."""
 
-    name: str
-    sha256: str
-    found: Literal["whole", "damaged", "missing"]
+    name: str = Field(description="The file's name in the release.")
+    sha256: str = Field(description="SHA-256 that was frozen, hex.")
+    found: Literal["whole", "damaged", "missing"] = Field(
+        description="What the store has of it: the same bytes, other bytes, or nothing."
+    )
 
 
 class ReleaseCheckOut(BaseModel):
     """Whether all files are what was frozen, read back byte for byte."""
 
-    is_whole: bool
+    is_whole: bool = Field(description="Whether every file is what was frozen.")
     checksum: str | None = Field(description="Of what the store has; null where a file lacks.")
-    files: list[CheckedFileOut]
+    files: list[CheckedFileOut] = Field(description="The result for each file.")

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from app.api.schemas.descriptions import EVENT_KIND, PAGE
 from app.api.schemas.outline import Pixel, Polygon
 from app.api.schemas.text import Number, Text
 from app.nutrition.foods import FoodForm
@@ -28,13 +29,15 @@ class AmountIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    mass_g: Grams | None = None
+    mass_g: Grams | None = Field(default=None, description="Grams; instead of volume_ml or portion.")
     of: Literal["as_seen", "edible"] | None = Field(
         default=None, description="What the grams are of: with peel, core and bone (the default), or without."
     )
-    volume_ml: Millilitres | None = None
+    volume_ml: Millilitres | None = Field(default=None, description="Millilitres; instead of mass_g or portion.")
     portion: Text | None = Field(default=None, max_length=200, description="`measure` of one of the food's portions.")
-    count: Annotated[Number, Field(ge=0.001, le=1000)] | None = None
+    count: Annotated[Number, Field(ge=0.001, le=1000)] | None = Field(
+        default=None, description="How many of the portion; needed with one."
+    )
     relative_sd: RelativeSd = None
 
     @model_validator(mode="after")
@@ -56,7 +59,10 @@ class RegionIn(BaseModel):
 
     point: tuple[Pixel, Pixel] | None = Field(default=None, description="x, y")
     box: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(default=None, description="x, y, width, height")
-    polygon: Polygon | None = None
+    polygon: Polygon | None = Field(
+        default=None,
+        description="Corners [x, y] of its outline, or a list of such rings with holes by the even-odd rule.",
+    )
 
     @model_validator(mode="after")
     def _one_place(self) -> "RegionIn":
@@ -74,25 +80,25 @@ class _Event(BaseModel):
 
 
 class _OfItem(_Event):
-    item: uuid.UUID
+    item: uuid.UUID = Field(description="The item that the event is about.")
 
 
 class ConfirmIn(_OfItem):
     """The item is right as it stands."""
 
-    kind: Literal["confirm"]
+    kind: Literal["confirm"] = Field(description=EVENT_KIND)
 
 
 class RejectIn(_OfItem):
     """The item is no food, or nobody ate of it."""
 
-    kind: Literal["reject"]
+    kind: Literal["reject"] = Field(description=EVENT_KIND)
 
 
 class SetFoodIn(_OfItem):
     """The item is this food."""
 
-    kind: Literal["set_food"]
+    kind: Literal["set_food"] = Field(description=EVENT_KIND)
     food: FoodKey
     lies_as: LiesAs = None
 
@@ -100,19 +106,26 @@ class SetFoodIn(_OfItem):
 class SetVolumeIn(_OfItem):
     """The item is so large."""
 
-    kind: Literal["set_volume"]
-    volume_ml: Millilitres
+    kind: Literal["set_volume"] = Field(description=EVENT_KIND)
+    volume_ml: Millilitres = Field(description="Volume as served.")
     relative_sd: RelativeSd = None
 
 
 class SetMassIn(_OfItem):
     """The item weighs so much, or is so many household measures of its food."""
 
-    kind: Literal["set_mass"]
-    mass_g: Grams | None = None
-    of: Literal["as_seen", "edible"] | None = None
-    portion: Text | None = Field(default=None, max_length=200)
-    count: Annotated[Number, Field(ge=0.001, le=1000)] | None = None
+    kind: Literal["set_mass"] = Field(description=EVENT_KIND)
+    mass_g: Grams | None = Field(default=None, description="Grams; instead of portion.")
+    of: Literal["as_seen", "edible"] | None = Field(
+        default=None,
+        description="What the grams are of: with peel, core and bone (as_seen, the default), or without (edible).",
+    )
+    portion: Text | None = Field(
+        default=None, max_length=200, description="`measure` of one of the food's portions; instead of mass_g."
+    )
+    count: Annotated[Number, Field(ge=0.001, le=1000)] | None = Field(
+        default=None, description="How many of the portion; needed with one."
+    )
     relative_sd: RelativeSd = None
 
     @model_validator(mode="after")
@@ -130,25 +143,28 @@ class SetMassIn(_OfItem):
 class SetShareIn(_OfItem):
     """The participant ate this part of the item, a dish that was shared."""
 
-    kind: Literal["set_share"]
-    share: Share
+    kind: Literal["set_share"] = Field(description=EVENT_KIND)
+    share: Share = Field(description="The part that the participant ate, above 0 to 1.")
 
 
 class RedrawIn(_OfItem):
     """The item is what this outline encloses; it is measured anew."""
 
-    kind: Literal["redraw"]
-    polygon: Polygon
+    kind: Literal["redraw"] = Field(description=EVENT_KIND)
+    polygon: Polygon = Field(
+        description="Corners [x, y] of its outline in the left photograph's upright pixels, or a list of such rings "
+        "with holes by the even-odd rule."
+    )
 
 
 class DeclareIn(_OfItem):
     """The answer to a probe of the item's food: `yes` with the food and, where it is known, how much of it."""
 
-    kind: Literal["declare"]
+    kind: Literal["declare"] = Field(description=EVENT_KIND)
     probe: Text = Field(min_length=1, max_length=64, description="One of the item's `open_probes`.")
-    answer: Literal["yes", "no", "unknown"]
-    food: FoodKey | None = None
-    amount: AmountIn | None = None
+    answer: Literal["yes", "no", "unknown"] = Field(description="Whether there was any; with yes, `food` says what.")
+    food: FoodKey | None = Field(default=None, description="Key of the food that there was; null: not known.")
+    amount: AmountIn | None = Field(default=None, description="How much of it there was; null: not known.")
     share: Share | None = Field(default=None, description="Null: the share of the item that it came with.")
 
     @model_validator(mode="after")
@@ -163,11 +179,15 @@ class DeclareIn(_OfItem):
 class AddIn(_Event):
     """A food that was missed. With a place and no amount it is measured."""
 
-    kind: Literal["add"]
-    food: FoodKey | None = None
+    kind: Literal["add"] = Field(description=EVENT_KIND)
+    food: FoodKey | None = Field(default=None, description="Key of the food; null: not known.")
     lies_as: LiesAs = None
-    region: RegionIn | None = None
-    amount: AmountIn | None = None
+    region: RegionIn | None = Field(
+        default=None, description="Where it is in the left photograph; null: it cannot be seen."
+    )
+    amount: AmountIn | None = Field(
+        default=None, description="How much of it there was; null: it is measured in its region."
+    )
     share: Share | None = Field(default=None, description="Null: nothing is said of it, and all of it is theirs.")
 
     @model_validator(mode="after")
@@ -182,9 +202,14 @@ class PartIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    share: Annotated[Number, Field(ge=0.001, lt=1)] | None = None
-    polygon: Polygon | None = None
-    food: FoodKey | None = None
+    share: Annotated[Number, Field(ge=0.001, lt=1)] | None = Field(
+        default=None, description="Its part of the item's amount; either every part has one or none."
+    )
+    polygon: Polygon | None = Field(
+        default=None,
+        description="Its outline in the left photograph's upright pixels; null: it is not measured by itself.",
+    )
+    food: FoodKey | None = Field(default=None, description="Key of its food; null: the item's.")
     lies_as: LiesAs = None
 
     @model_validator(mode="after")
@@ -197,8 +222,8 @@ class PartIn(BaseModel):
 class SplitIn(_OfItem):
     """The item is several foods, or several pieces."""
 
-    kind: Literal["split"]
-    parts: list[PartIn] = Field(min_length=2, max_length=10)
+    kind: Literal["split"] = Field(description=EVENT_KIND)
+    parts: list[PartIn] = Field(min_length=2, max_length=10, description="What it is split into.")
 
     @model_validator(mode="after")
     def _whole(self) -> "SplitIn":
@@ -213,8 +238,8 @@ class SplitIn(_OfItem):
 class MergeIn(_Event):
     """The items are one."""
 
-    kind: Literal["merge"]
-    items: list[uuid.UUID] = Field(min_length=2, max_length=20)
+    kind: Literal["merge"] = Field(description=EVENT_KIND)
+    items: list[uuid.UUID] = Field(min_length=2, max_length=20, description="The items that are one.")
     food: FoodKey | None = Field(default=None, description="What they are together; needed where they differ.")
     lies_as: LiesAs = None
 
@@ -232,7 +257,7 @@ class SetLeftoverIn(_OfItem):
 
     model_config = ConfigDict(extra="forbid", serialize_by_alias=True)
 
-    kind: Literal["set_leftover"]
+    kind: Literal["set_leftover"] = Field(description=EVENT_KIND)
     of: uuid.UUID | None = Field(description="The item of the meal; null: of none of them, it counts for nothing.")
     leftover_class: Literal["food_left", "refuse", "unmatched"] = Field(
         alias="class", description="unmatched goes with no item."
@@ -248,44 +273,44 @@ class SetLeftoverIn(_OfItem):
 class NothingLeftIn(_Event):
     """All of the meal was eaten: no after-meal pair will come."""
 
-    kind: Literal["nothing_left"]
+    kind: Literal["nothing_left"] = Field(description=EVENT_KIND)
 
 
 class ConfirmMealIn(_Event):
     """The meal is right as it stands."""
 
-    kind: Literal["confirm_meal"]
+    kind: Literal["confirm_meal"] = Field(description=EVENT_KIND)
 
 
 class CommentIn(_Event):
     """A remark; participant and reviewers see each other's."""
 
-    kind: Literal["comment"]
-    item: uuid.UUID | None = None
-    text: Words
+    kind: Literal["comment"] = Field(description=EVENT_KIND)
+    item: uuid.UUID | None = Field(default=None, description="The item that it is about; null: the meal as a whole.")
+    text: Words = Field(description="The remark.")
 
 
 class QuestionIn(_Event):
     """Reviewers: ask the participant (GET /v1/me/questions)."""
 
-    kind: Literal["question"]
-    item: uuid.UUID | None = None
-    text: Words
+    kind: Literal["question"] = Field(description=EVENT_KIND)
+    item: uuid.UUID | None = Field(default=None, description="The item that it is about; null: the meal as a whole.")
+    text: Words = Field(description="The question.")
 
 
 class AnswerIn(_Event):
     """Participants: answer a question."""
 
-    kind: Literal["answer"]
+    kind: Literal["answer"] = Field(description=EVENT_KIND)
     question: uuid.UUID = Field(description="The question's event.")
-    text: Words
+    text: Words = Field(description="The answer.")
 
 
 class UndoIn(_Event):
     """Take an event back: one's own, a reviewer also the participant's."""
 
-    kind: Literal["undo"]
-    event: uuid.UUID
+    kind: Literal["undo"] = Field(description=EVENT_KIND)
+    event: uuid.UUID = Field(description="The event to take back.")
 
 
 AnyEventIn = (
@@ -314,20 +339,22 @@ EventIn = Annotated[AnyEventIn, Field(discriminator="kind")]
 class EventOut(BaseModel):
     """One word of somebody about the meal; old and new values in the words of the request."""
 
-    id: uuid.UUID
+    id: uuid.UUID = Field(description="The event's id, as its client made it.")
     sequence: int = Field(description="Its number in the meal, from 1.")
-    kind: str
+    kind: str = Field(description="What kind of event it is.")
     layer: str = Field(description="participant or reviewer: the reviewer's word goes over the participant's.")
     author: str = Field(description="Staff see who it was; a participant sees `participant` or `reviewer`.")
-    item: uuid.UUID | None
-    old: dict[str, Any]
-    new: dict[str, Any]
-    undone: bool
-    created_at: datetime
+    item: uuid.UUID | None = Field(description="The item that it is about; null: the meal as a whole.")
+    old: dict[str, Any] = Field(
+        description="What the event replaced, in the fields of the request; empty where there was nothing."
+    )
+    new: dict[str, Any] = Field(description="What the event says, in the fields of the request.")
+    undone: bool = Field(description="Whether it was taken back.")
+    created_at: datetime = Field(description="When it arrived.")
 
 
 class EventList(BaseModel):
     """A page of a meal's history, the oldest first."""
 
-    items: list[EventOut]
+    items: list[EventOut] = Field(description=PAGE)
     next: str | None = Field(description="Path of the next page; null: this is the last.")

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, SecretStr
 
+from app.api.schemas.descriptions import NEXT, PAGE, STAFF_NAME
 from app.api.schemas.text import Text
 from app.services.access_tokens import MAX_DAYS
 from app.services.passwords import MAX_LENGTH, MIN_LENGTH
@@ -21,27 +22,27 @@ class SessionIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    name: StaffName
-    password: Password
+    name: StaffName = Field(description=STAFF_NAME)
+    password: Password = Field(description="The staff member's password.")
 
 
 class SessionIssued(BaseModel):
     """A session's token, shown once. It ends at expires_at, or when it was not used for idle_minutes."""
 
-    token: str
-    name: str
-    is_admin: bool
-    expires_at: datetime
-    idle_minutes: int
+    token: str = Field(description="Goes into the header Authorization: Bearer TOKEN. Shown once.")
+    name: str = Field(description=STAFF_NAME)
+    is_admin: bool = Field(description="Whether they may do everything in every study.")
+    expires_at: datetime = Field(description="When the session ends at the latest.")
+    idle_minutes: int = Field(description="The session ends when it was not used for so many minutes.")
 
 
 class SessionOut(BaseModel):
     """Who is signed in. roles: study -> role; an admin may do everything in every study."""
 
-    name: str
-    is_admin: bool
-    roles: dict[str, str]
-    expires_at: datetime
+    name: str = Field(description=STAFF_NAME)
+    is_admin: bool = Field(description="Whether they may do everything in every study.")
+    roles: dict[str, str] = Field(description="Study code -> role.")
+    expires_at: datetime = Field(description="When the session or token ends at the latest.")
 
 
 class PasswordChangeIn(BaseModel):
@@ -49,7 +50,7 @@ class PasswordChangeIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    current_password: Password
+    current_password: Password = Field(description="The password until now.")
     new_password: NewPassword
 
 
@@ -58,9 +59,11 @@ class StaffIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"name": "m.keller"}})
 
-    name: StaffName
-    is_admin: bool = False
-    password: NewPassword | None = None
+    name: StaffName = Field(description=STAFF_NAME)
+    is_admin: bool = Field(default=False, description="Whether they may do everything in every study.")
+    password: NewPassword | None = Field(
+        default=None, description="The first password; null: they cannot sign in until they are given one."
+    )
 
 
 class StaffPatch(BaseModel):
@@ -68,19 +71,24 @@ class StaffPatch(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"is_disabled": True}})
 
-    is_admin: bool | None = None
-    is_disabled: bool | None = None
-    password: NewPassword | None = None
+    is_admin: bool | None = Field(
+        default=None, description="Whether they may do everything in every study; null: as it is."
+    )
+    is_disabled: bool | None = Field(
+        default=None,
+        description="true ends all sessions and tokens for good; false lets them sign in again; null: as it is.",
+    )
+    password: NewPassword | None = Field(default=None, description="A new password; null: as it is.")
 
 
 class StaffOut(BaseModel):
     """A staff member."""
 
-    name: str
-    is_admin: bool
-    has_password: bool
-    disabled_at: datetime | None
-    created_at: datetime
+    name: str = Field(description=STAFF_NAME)
+    is_admin: bool = Field(description="Whether they may do everything in every study.")
+    has_password: bool = Field(description="Whether they have a password; without one they cannot sign in.")
+    disabled_at: datetime | None = Field(description="Since when they may not sign in; null: they may.")
+    created_at: datetime = Field(description="When the staff member was made.")
 
 
 class EndedAccessOut(BaseModel):
@@ -93,14 +101,14 @@ class EndedAccessOut(BaseModel):
 class StaffChangedOut(StaffOut):
     """A staff member after a change, and what they had open that it ended."""
 
-    ended: EndedAccessOut
+    ended: EndedAccessOut = Field(description="Sessions and tokens that the change ended.")
 
 
 class StaffList(BaseModel):
     """A page of staff by name."""
 
-    items: list[StaffOut]
-    next: str | None
+    items: list[StaffOut] = Field(description=PAGE)
+    next: str | None = Field(description=NEXT)
 
 
 class MemberIn(BaseModel):
@@ -108,23 +116,23 @@ class MemberIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"role": "reviewer"}})
 
-    role: RoleName
+    role: RoleName = Field(description="viewer reads; reviewer also reviews meals; owner also manages the study.")
 
 
 class MemberOut(BaseModel):
     """Somebody's role in a study."""
 
-    name: str
-    role: str
-    is_disabled: bool
-    since: datetime
+    name: str = Field(description=STAFF_NAME)
+    role: str = Field(description="viewer reads; reviewer also reviews meals; owner also manages the study.")
+    is_disabled: bool = Field(description="Whether the staff member may not sign in.")
+    since: datetime = Field(description="When they were given the role.")
 
 
 class MemberList(BaseModel):
     """A page of a study's members by name."""
 
-    items: list[MemberOut]
-    next: str | None
+    items: list[MemberOut] = Field(description=PAGE)
+    next: str | None = Field(description=NEXT)
 
 
 class TokenIn(BaseModel):
@@ -135,30 +143,34 @@ class TokenIn(BaseModel):
     )
 
     name: Text = Field(min_length=1, max_length=100, description="What it is for.")
-    scope: Literal["read", "write"] = "read"
-    study: Text | None = Field(default=None, max_length=64)
+    scope: Literal["read", "write"] = Field(
+        default="read", description="read: only to read. write: all that its maker may do."
+    )
+    study: Text | None = Field(
+        default=None, max_length=64, description="Code of the only study that it reaches; null: all of its maker's."
+    )
     days: int = Field(default=90, ge=1, le=MAX_DAYS, description="How long it is valid.")
 
 
 class TokenOut(BaseModel):
     """A personal token without its secret."""
 
-    id: uuid.UUID
-    name: str
-    scope: str
-    study: str | None
-    created_at: datetime
-    expires_at: datetime | None
+    id: uuid.UUID = Field(description="The token's id.")
+    name: str = Field(description="What it is for.")
+    scope: str = Field(description="read: only to read. write: all that its maker may do.")
+    study: str | None = Field(description="Code of the only study that it reaches; null: all of its maker's.")
+    created_at: datetime = Field(description="When it was made.")
+    expires_at: datetime | None = Field(description="When it ends; null: it does not end by itself.")
     last_used_at: datetime | None = Field(description="To five minutes.")
 
 
 class TokenIssued(TokenOut):
     """A new personal token with its secret, shown once."""
 
-    token: str
+    token: str = Field(description="Goes into the header Authorization: Bearer TOKEN. Shown once.")
 
 
 class TokenList(BaseModel):
     """The caller's own tokens that are valid, the newest first."""
 
-    items: list[TokenOut]
+    items: list[TokenOut] = Field(description="The tokens that are valid.")

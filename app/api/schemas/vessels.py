@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.api.schemas.descriptions import NEXT, PAGE
 from app.api.schemas.text import Number, Text
 from app.vision.vessel_library import (
     CAPACITY_ML,
@@ -28,7 +29,7 @@ Profile = Annotated[
 class VesselMeasures(BaseModel):
     """What is measured of a vessel once: rim and height, and capacity, a fill line or the profile of its inside."""
 
-    kind: VesselKind
+    kind: VesselKind = Field(description="What kind of vessel it is.")
     rim_diameter_mm: Annotated[
         Number, Field(ge=RIM_DIAMETER_MM[0], le=RIM_DIAMETER_MM[1], description="Inside, at the brim.")
     ]
@@ -67,28 +68,28 @@ class VesselChangeIn(VesselMeasures):
 class PhoneVesselOut(VesselMeasures):
     """A vessel in use, for a phone to offer: a hint names it."""
 
-    name: str
-    version: int
+    name: str = Field(description="The vessel's name, unique in the study.")
+    version: int = Field(description="Grows with every change of the vessel.")
 
 
 class VesselOut(PhoneVesselOut):
     """A vessel in one of its versions. version: what its ETag names; author: whose version it is."""
 
-    id: uuid.UUID
-    is_retired: bool
-    author: str
-    created_at: datetime
-    changed_at: datetime
+    id: uuid.UUID = Field(description="The vessel's id.")
+    is_retired: bool = Field(description="Whether it is out of use: phones do not offer it.")
+    author: str = Field(description="Name of the staff member who made this version.")
+    created_at: datetime = Field(description="When the vessel was made.")
+    changed_at: datetime = Field(description="When this version was made.")
 
 
 class VesselList(BaseModel):
     """A page of a study's vessels by name."""
 
-    items: list[VesselOut]
-    next: str | None
+    items: list[VesselOut] = Field(description=PAGE)
+    next: str | None = Field(description=NEXT)
 
 
 class PhoneVesselList(BaseModel):
     """All vessels in use by name."""
 
-    items: list[PhoneVesselOut]
+    items: list[PhoneVesselOut] = Field(description="The vessels in use.")

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from app.api.schemas.descriptions import NEXT, PAGE
 from app.api.schemas.text import Text
 
 EventName = Literal[
@@ -43,9 +44,9 @@ class WebhookChangeIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"is_enabled": True}})
 
-    url: Url | None = None
-    events: Events | None = None
-    is_enabled: bool | None = None
+    url: Url | None = Field(default=None, description="The new address, https and public; null: as it is.")
+    events: Events | None = Field(default=None, description="The new list of events; null: as it is.")
+    is_enabled: bool | None = Field(default=None, description="Whether deliveries are sent; null: as it is.")
 
     @model_validator(mode="after")
     def _changes_something(self) -> "WebhookChangeIn":
@@ -57,25 +58,25 @@ class WebhookChangeIn(BaseModel):
 class WebhookOut(BaseModel):
     """A webhook. disabled_at: since then nothing is sent to it."""
 
-    id: uuid.UUID
-    url: str
-    events: list[str]
-    author: str
-    version: int
-    created_at: datetime
-    disabled_at: datetime | None
+    id: uuid.UUID = Field(description="The webhook's id.")
+    url: str = Field(description="Where deliveries are sent.")
+    events: list[str] = Field(description="Events that it is sent; `*`: all, later ones too.")
+    author: str = Field(description="Name of the staff member who made it.")
+    version: int = Field(description="Grows with every change of the webhook; the ETag names it.")
+    created_at: datetime = Field(description="When it was made.")
+    disabled_at: datetime | None = Field(description="Since when nothing is sent to it; null: it is enabled.")
 
 
 class WebhookList(BaseModel):
     """A study's webhooks, the newest first, at most 100."""
 
-    items: list[WebhookOut]
+    items: list[WebhookOut] = Field(description="The study's webhooks.")
 
 
 class WebhookSecretOut(BaseModel):
     """The secret that deliveries are signed with, shown once."""
 
-    webhook: WebhookOut
+    webhook: WebhookOut = Field(description="The webhook that the secret is for.")
     secret: str = Field(description="whsec_ and the key in base64, as libraries for Standard Webhooks take it.")
     previous_until: datetime | None = Field(description="Until then the old secret signs along; null: there is none.")
 
@@ -84,19 +85,21 @@ class DeliveryOut(BaseModel):
     """One event for one webhook, and how far its delivery is."""
 
     id: uuid.UUID = Field(description="The header Webhook-Id; the same at every try.")
-    event: str
-    payload: dict[str, Any]
-    state: Literal["waiting", "delivered", "given_up"]
-    attempts: int
-    next_try_at: datetime | None
-    last_status: int | None
-    last_error: str | None
-    created_at: datetime
-    delivered_at: datetime | None
+    event: str = Field(description="The event's name, such as meal.estimated; `ping` for a test.")
+    payload: dict[str, Any] = Field(description="The body that is sent.")
+    state: Literal["waiting", "delivered", "given_up"] = Field(
+        description="waiting: to be sent, or tried again. given_up: it failed too often."
+    )
+    attempts: int = Field(description="How often it was tried.")
+    next_try_at: datetime | None = Field(description="When it is tried next; null: it is not.")
+    last_status: int | None = Field(description="HTTP status of the last answer; null: there was none.")
+    last_error: str | None = Field(description="Why the last try failed; null: it did not.")
+    created_at: datetime = Field(description="When the event happened.")
+    delivered_at: datetime | None = Field(description="When it was accepted; null: it was not.")
 
 
 class DeliveryPage(BaseModel):
     """Deliveries, the newest first. next: the following page."""
 
-    items: list[DeliveryOut]
-    next: str | None
+    items: list[DeliveryOut] = Field(description=PAGE)
+    next: str | None = Field(description=NEXT)
