@@ -19,6 +19,7 @@ from app.api.schemas.descriptions import (
     TIME_ZONE,
 )
 from app.api.schemas.foods import FoodRef, NutrientAmount, NutrientTotal
+from app.api.schemas.meal_example import MEAL_EXAMPLE
 from app.api.schemas.outline import Pixel, Polygon
 from app.api.schemas.text import Instant, JsonNumber, Text
 from app.nutrition.foods import FoodForm
@@ -259,95 +260,6 @@ class TotalsOut(BaseModel):
     consumed_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
     unmeasured_items: int = Field(description="Items whose mass is not known; above 0, the totals are incomplete.")
     nutrients: list[NutrientTotal] = Field(description="Totals of what was consumed, one entry per component.")
-
-
-ENERGY_EXAMPLE: dict[str, Any] = {
-    "number": "208",
-    "tagname": "ENERC_KCAL",
-    "name": "Energy",
-    "unit": "kcal",
-    "amount": 68.3,
-    "interval": [57.6, 81.1],
-}
-
-MEAL_EXAMPLE: dict[str, Any] = {
-    "id": "0b0ccda4-7f0e-4e34-9a39-1f0c6d3bb9c1",
-    "study": "pilot",
-    "participant": "P001",
-    "status": "estimated",
-    "stage": None,
-    "captured_at": "2026-11-20T04:30:00Z",
-    "time_zone": "Asia/Shanghai",
-    "local_date": "2026-11-20",
-    "received_at": "2026-11-20T04:31:02Z",
-    "version": 12,
-    "images": {
-        "left": {
-            "received_sha256": "7c4f5c6d9b0f4d6f1a3c2e5b8d7a9f0e1c2b3a4d5e6f708192a3b4c5d6e7f809",
-            "bytes": 1219110,
-            "media_type": "image/jpeg",
-            "width_px": 3264,
-            "height_px": 2448,
-            "received_at": "2026-11-20T04:31:02Z",
-            "durable": True,
-        },
-        "right": {
-            "received_sha256": "0d9c8b7a6f5e4d3c2b1a0f9e8d7c6b5a4f3e2d1c0b9a8f7e6d5c4b3a2f1e0d9c",
-            "bytes": 1240811,
-            "media_type": "image/jpeg",
-            "width_px": 3264,
-            "height_px": 2448,
-            "received_at": "2026-11-20T04:31:02Z",
-            "durable": True,
-        },
-    },
-    "missing": [],
-    "failure": None,
-    "after": None,
-    "items": [
-        {
-            "id": "43f0e3b7-0be6-52f3-b3a7-7d1ecccce470",
-            "status": "proposed",
-            "origin": "pipeline",
-            "polygon": [[[1010.5, 540.0], [1180.0, 560.5], [1100.0, 700.0]]],
-            "food": {"key": "apple", "name": "Apple, raw, with skin"},
-            "candidates": [
-                {"food": {"key": "apple", "name": "Apple, raw, with skin"}, "probability": 0.93, "source": "index"},
-                {"food": {"key": "peach", "name": "Peach, raw"}, "probability": 0.04, "source": "index"},
-            ],
-            "none_of_these": 0.02,
-            "index_version": "ecustfd 3f9a1c0b7d52 + 12 confirmed 90b1c2d3e4f5",
-            "lies_as": None,
-            "volume_ml": 185.0,
-            "volume_interval_ml": [158.0, 216.0],
-            "density_g_per_ml": 0.789,
-            "density_sd_g_per_ml": 0.03,
-            "density_basis": "measured",
-            "density_source": "ECUSTFD (Liang and Li 2017)",
-            "mass_g": 146.0,
-            "mass_interval_g": [123.0, 173.0],
-            "edible_share": 0.9,
-            "edible_g": 131.4,
-            "share": 1.0,
-            "left_g": None,
-            "consumed_g": 131.4,
-            "consumed_interval_g": [110.8, 155.9],
-            "provisional": False,
-            "reviewed": False,
-            "parent": None,
-            "open_probes": [],
-            "nutrients": [ENERGY_EXAMPLE],
-            "flags": ["food_identified"],
-        }
-    ],
-    "totals": {
-        "consumed_g": 131.4,
-        "consumed_interval_g": [110.8, 155.9],
-        "unmeasured_items": 0,
-        "nutrients": [ENERGY_EXAMPLE | {"coverage": 1.0}],
-    },
-    "run": None,
-}
 
 
 class LeftoverOut(BaseModel):
