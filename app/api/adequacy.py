@@ -2,11 +2,11 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query
+from fastapi import APIRouter, Query
 
-from app.api.days import FirstDay, LastDay
 from app.api.deps import CurrentStaff, State
 from app.api.flat_list import ListRoute
+from app.api.parameters import FirstDay, LastDay, StudyCode
 from app.api.problems import problem_responses
 from app.api.schemas.adequacy import AdequacyOut, StageAdequacyOut, VariancesOut
 from app.services.adequacy import StageAdequacy, judge_study
@@ -22,7 +22,7 @@ METHOD = (
 
 @router.get("/{study}/adequacy", responses=problem_responses(401, 403, 404, 422))
 def get_adequacy(
-    study: Annotated[str, Path(max_length=64)],
+    study: StudyCode,
     state: State,
     staff: CurrentStaff,
     component: Annotated[str, Query(max_length=64, description="Number, tagname or record's column: 401, VITC.")],

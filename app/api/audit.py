@@ -4,12 +4,14 @@ from itertools import chain, islice
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse, Response, StreamingResponse
 
 from app.api.deps import CurrentStaff, State
 from app.api.export_files import MEDIA_TYPES
 from app.api.flat_list import FILES, file_format
+from app.api.paging import Limit
+from app.api.parameters import StudyCode
 from app.api.problems import problem_responses
 from app.api.schemas.privacy import AuditEventOut, AuditPage
 from app.api.schemas.text import AwareInstant
@@ -32,7 +34,7 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
 Action = Annotated[str | None, Query(max_length=64, description="Such as photograph.read.")]
 From = Annotated[AwareInstant | None, Query(alias="from", description="RFC 3339; included.")]
 To = Annotated[AwareInstant | None, Query(alias="to", description="RFC 3339; excluded.")]
-Limit = Annotated[int, Query(ge=1, le=1000)]
+
 Cursor = Annotated[str | None, Query(max_length=300, description="From the page before: follow `next`.")]
 Output = Annotated[
     Literal["json", "csv", "ndjson"] | None,
@@ -43,7 +45,7 @@ Output = Annotated[
 @router.get("/studies/{study}/audit", response_model=AuditPage, responses=RESPONSES)
 def get_study_audit(
     request: Request,
-    study: Annotated[str, Path(max_length=64)],
+    study: StudyCode,
     state: State,
     caller: CurrentStaff,
     action: Action = None,

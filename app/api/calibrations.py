@@ -9,6 +9,7 @@ from fastapi import APIRouter, Path, Request
 from app.api.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
 from app.api.flat_list import ListRoute
 from app.api.metadata import validated
+from app.api.parameters import StudyCode
 from app.api.problems import problem_responses
 from app.api.schemas.calibrations import (
     CalibrationList,
@@ -91,9 +92,7 @@ def get_own_calibrations(state: State, caller: CurrentDevice) -> CalibrationList
 
 
 @router.get("/v1/studies/{study}/calibrations", responses=problem_responses(401, 403, 404, 422))
-def get_study_calibrations(
-    study: Annotated[str, Path(max_length=64)], state: State, _: CurrentStaff
-) -> StudyCalibrationList:
+def get_study_calibrations(study: StudyCode, state: State, _: CurrentStaff) -> StudyCalibrationList:
     """The calibrations of the study's phones, withdrawn ones too, the newest first, a thousand at most."""
     found = calibrate_device.study_calibrations(state.database, study)
     return StudyCalibrationList(
@@ -105,7 +104,9 @@ def get_study_calibrations(
 
 
 @router.post("/v1/calibrations/{calibration_id}/withdrawal", responses=problem_responses(401, 403, 404, 410, 422))
-def post_calibration_withdrawal(calibration_id: uuid.UUID, state: State, caller: CurrentCaller) -> CalibrationOut:
+def post_calibration_withdrawal(
+    calibration_id: Annotated[uuid.UUID, Path(description="The calibration's id.")], state: State, caller: CurrentCaller
+) -> CalibrationOut:
     """Take a calibration out of use, for the phone itself or the study's owner. The same again changes nothing."""
     return CalibrationOut(**_fields(calibrate_device.withdraw_calibration(state.database, caller, calibration_id)))
 

@@ -1,12 +1,11 @@
 """/v1/studies/{study}/changes: what to pull to keep a copy of a study's records up to date."""
 
-from typing import Annotated
-
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
 
 from app.api.deps import State
 from app.api.paging import Cursor, Limit, next_page
+from app.api.parameters import StudyCode
 from app.api.problems import problem_responses
 from app.api.render import render_record
 from app.api.schemas.changes import ChangedDayOut, ChangePage, ErasedOut
@@ -19,7 +18,7 @@ router = APIRouter(prefix="/v1/studies", tags=["records"])
 
 @router.get("/{study}/changes", response_model=ChangePage, responses=problem_responses(401, 403, 404, 422))
 def get_study_changes(
-    study: Annotated[str, Path(max_length=64)],
+    study: StudyCode,
     request: Request,
     state: State,
     limit: Limit = 100,

@@ -42,7 +42,9 @@ async def post_check(
     request: Request,
     state: State,
     caller: CurrentDevice,
-    accept_language: Annotated[str | None, Header(max_length=500)] = None,
+    accept_language: Annotated[
+        str | None, Header(max_length=500, description="Languages of the sentences, where the metadata names none.")
+    ] = None,
 ) -> CheckOut:
     """Judge a pair before it is sent: parts `left`, `right` and, if need be, `metadata`. Nothing is kept.
 

@@ -3,7 +3,7 @@
 from dataclasses import asdict
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import APIRouter, Path, Request, Response
 from fastapi.responses import JSONResponse
 
 from app.api.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
@@ -11,6 +11,7 @@ from app.api.export_files import FILES, ComponentsIn, Format, LayoutIn, answer_f
 from app.api.flat_list import ListRoute
 from app.api.food_edits import IfMatch, expected_versions
 from app.api.paging import Cursor, Limit, next_page
+from app.api.parameters import FirstDay, LastDay, OfParticipant, OfStudy, ParticipantCode, StudyCode
 from app.api.problems import problem_responses
 from app.api.schemas.days import (
     DayIn,
@@ -34,11 +35,7 @@ from app.services.study_days import StudyDay
 
 router = APIRouter(prefix="/v1", tags=["days"], route_class=ListRoute)
 
-Study = Annotated[str, Path(max_length=64)]
-Participant = Annotated[str, Path(max_length=64)]
 Day = Annotated[LocalDay, Path(description="A local day, such as 2026-11-21.")]
-FirstDay = Annotated[LocalDay | None, Query(alias="from", description="First local day, included.")]
-LastDay = Annotated[LocalDay | None, Query(alias="to", description="Last local day, included.")]
 
 
 @router.get("/me/days", responses=problem_responses(401, 403, 422))
@@ -59,8 +56,8 @@ def put_my_day(
 
 @router.get("/studies/{study}/participants/{participant}/days", responses=problem_responses(401, 403, 404, 422))
 def get_days_of_participant(
-    study: Study,
-    participant: Participant,
+    study: StudyCode,
+    participant: ParticipantCode,
     state: State,
     staff: CurrentStaff,
     first_day: FirstDay = None,
@@ -77,8 +74,8 @@ def get_days_of_participant(
     responses=problem_responses(401, 403, 404, 409, 412, 422, 428),
 )
 def put_day_of_participant(
-    study: Study,
-    participant: Participant,
+    study: StudyCode,
+    participant: ParticipantCode,
     day: Day,
     body: DayIn,
     state: State,
@@ -110,8 +107,8 @@ def get_days(
     request: Request,
     state: State,
     caller: CurrentCaller,
-    study: Annotated[str | None, Query(max_length=64)] = None,
-    participant: Annotated[str | None, Query(max_length=64)] = None,
+    study: OfStudy = None,
+    participant: OfParticipant = None,
     first_day: FirstDay = None,
     last_day: LastDay = None,
     limit: Limit = 100,
@@ -137,7 +134,7 @@ def get_days(
 @router.get("/studies/{study}/intakes", responses=problem_responses(401, 403, 404, 422))
 def get_intakes(
     request: Request,
-    study: Study,
+    study: StudyCode,
     state: State,
     staff: CurrentStaff,
     first_day: FirstDay = None,

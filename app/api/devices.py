@@ -3,14 +3,14 @@
 import uuid
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import APIRouter, Path, Request, Response
 
 from app.api.deps import CurrentStaff, State
 from app.api.flat_list import ListRoute
 from app.api.paging import Cursor, Limit, next_page
+from app.api.parameters import OfParticipant, StudyCode
 from app.api.problems import problem_responses
 from app.api.schemas.people import DeviceList, DeviceOut, PhoneOut
-from app.api.studies import StudyCode
 from app.services import devices
 
 router = APIRouter(prefix="/v1/studies/{study}/devices", tags=["devices"], route_class=ListRoute)
@@ -22,7 +22,7 @@ def get_devices(
     study: StudyCode,
     state: State,
     _: CurrentStaff,
-    participant: Annotated[str | None, Query(max_length=64, description="Only this participant's.")] = None,
+    participant: OfParticipant = None,
     limit: Limit = 100,
     cursor: Cursor = None,
 ) -> DeviceList:
@@ -37,7 +37,10 @@ def get_devices(
 
 @router.delete("/{device_id}", status_code=204, responses=problem_responses(401, 403, 404, 422))
 def delete_study_device(
-    study: StudyCode, device_id: Annotated[uuid.UUID, Path()], state: State, caller: CurrentStaff
+    study: StudyCode,
+    device_id: Annotated[uuid.UUID, Path(description="The phone's id.")],
+    state: State,
+    caller: CurrentStaff,
 ) -> Response:
     """End a phone's token, such as a lost phone's. What it sent stays."""
     devices.revoke_device(state.database, caller, study, device_id)

@@ -1,13 +1,11 @@
 """/v1/studies/{study}/exports: files of a study's rows, made in the background, fetched when they are done."""
 
-import uuid
-from typing import Annotated
-
-from fastapi import APIRouter, Path, Request, Response
+from fastapi import APIRouter, Request, Response
 
 from app.api.deps import CurrentStaff, State
 from app.api.export_files import FILES
 from app.api.paging import Cursor, Limit, next_page
+from app.api.parameters import ExportId, StudyCode
 from app.api.problems import problem_responses
 from app.api.ranges import answer_stored_file
 from app.api.schemas.exports import ExportFiltersIn, ExportIn, ExportList, ExportOut
@@ -17,7 +15,6 @@ from app.services.export_spec import ExportFilters, ExportSpec, spec_of_json
 
 router = APIRouter(prefix="/v1/studies/{study}/exports", tags=["exports"])
 
-Study = Annotated[str, Path(max_length=64)]
 ACCEPTED = 202
 NAMES = {  # a filter as it is kept -> over the wire
     "participant_code": "participant",
@@ -41,7 +38,7 @@ NAMES = {  # a filter as it is kept -> over the wire
         **problem_responses(401, 403, 404, 422, 429),
     },
 )
-def post_export(study: Study, body: ExportIn, state: State, caller: CurrentStaff, response: Response) -> ExportOut:
+def post_export(study: StudyCode, body: ExportIn, state: State, caller: CurrentStaff, response: Response) -> ExportOut:
     """Ask for a file of any size; a worker makes it, of one moment. Look at `Location` until its state is done."""
     spec = ExportSpec(
         body.rows, body.layout, body.format, body.components, _filters(body.filters), provenance=body.provenance
@@ -55,7 +52,7 @@ def post_export(study: Study, body: ExportIn, state: State, caller: CurrentStaff
 
 @router.get("", responses=problem_responses(401, 403, 404, 422))
 def get_exports(
-    request: Request, study: Study, state: State, caller: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
+    request: Request, study: StudyCode, state: State, caller: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
 ) -> ExportList:
     """The study's exports, whoever asked for them, the newest first."""
     page = background_exports.list_exports(state.database, caller, study, cursor=cursor, limit=limit)
@@ -63,7 +60,7 @@ def get_exports(
 
 
 @router.get("/{export_id}", responses=problem_responses(401, 403, 404, 422))
-def get_export(study: Study, export_id: uuid.UUID, state: State, caller: CurrentStaff) -> ExportOut:
+def get_export(study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff) -> ExportOut:
     """How far an export is."""
     return _out(study, background_exports.read_export(state.database, caller, study, export_id))
 
@@ -79,7 +76,7 @@ def get_export(study: Study, export_id: uuid.UUID, state: State, caller: Current
     },
 )
 def get_export_file(
-    request: Request, study: Study, export_id: uuid.UUID, state: State, caller: CurrentStaff
+    request: Request, study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff
 ) -> Response:
     """The file. A download that broke off goes on with `Range` and `If-Range`: the ETag is the file's SHA-256."""
     file = background_exports.open_export(state.database, caller, study, export_id)
@@ -87,7 +84,7 @@ def get_export_file(
 
 
 @router.delete("/{export_id}", status_code=204, responses=problem_responses(401, 403, 404, 422))
-def delete_export(study: Study, export_id: uuid.UUID, state: State, caller: CurrentStaff) -> None:
+def delete_export(study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff) -> None:
     """Call an export off, or remove what has ended with its file: yours, or as an owner anybody's."""
     background_exports.remove_export(state.database, caller, study, export_id)
 

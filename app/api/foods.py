@@ -7,6 +7,7 @@ from fastapi import APIRouter, Path, Query, Response
 
 from app.api.deps import CurrentCaller, State
 from app.api.flat_list import ListRoute
+from app.api.paging import Limit
 from app.api.problems import problem_responses
 from app.api.schemas.foods import (
     DensityChoiceOut,
@@ -44,7 +45,7 @@ def get_foods(
     group: Annotated[
         str | None, Query(max_length=100, description="A food group's exact name, case aside: GET /v1/food-groups.")
     ] = None,
-    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+    limit: Limit = 100,
 ) -> FoodList:
     """Foods, best match first; without `q`, in the tables' order. An unknown group has no foods."""
     found = search_foods(state.database, q, group=group, limit=limit)

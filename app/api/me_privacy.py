@@ -9,6 +9,7 @@ from fastapi.responses import StreamingResponse
 
 from app.api.closing_stream import ClosingStream
 from app.api.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
+from app.api.parameters import ParticipantCode, StudyCode
 from app.api.problems import problem_responses
 from app.api.schemas.privacy import ReceiptOut
 from app.db.models import ErasureReceipt
@@ -50,8 +51,8 @@ def post_my_withdrawal(state: State, caller: CurrentDevice) -> ReceiptOut:
     "/studies/{study}/participants/{participant}/withdrawal", responses=problem_responses(401, 403, 404, 409, 422)
 )
 def post_participant_withdrawal(
-    study: Annotated[str, Path(max_length=64)],
-    participant: Annotated[str, Path(max_length=64)],
+    study: StudyCode,
+    participant: ParticipantCode,
     state: State,
     caller: CurrentStaff,
 ) -> ReceiptOut:

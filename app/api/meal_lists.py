@@ -4,7 +4,7 @@ import uuid
 from typing import Annotated, Literal
 from urllib.parse import quote
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse, Response
 from pydantic import StringConstraints
 
@@ -19,6 +19,7 @@ from app.api.export_files import (
     file_format,
 )
 from app.api.paging import Cursor, Limit, next_page
+from app.api.parameters import FirstDay, LastDay, OfParticipant, OfStudy, StudyCode
 from app.api.problems import problem_responses
 from app.api.render import food_ref
 from app.api.schemas.meal_lists import (
@@ -29,7 +30,6 @@ from app.api.schemas.meal_lists import (
     MealPage,
     StatusCountOut,
 )
-from app.api.schemas.text import LocalDay
 from app.db.queries.meal_pages import MealFilter
 from app.db.queries.meal_rows import MealRow
 from app.errors import InvalidInputError
@@ -61,12 +61,17 @@ def get_meals(
     request: Request,
     state: State,
     caller: CurrentCaller,
-    study: Annotated[str | None, Query(max_length=64)] = None,
-    participant: Annotated[str | None, Query(max_length=64)] = None,
-    first_day: Annotated[LocalDay | None, Query(alias="from", description="First local day, included.")] = None,
-    last_day: Annotated[LocalDay | None, Query(alias="to", description="Last local day, included.")] = None,
-    status: Annotated[list[MealStatus] | None, Query(max_length=7, description="Any of several.")] = None,
-    origin: Literal["photographed", "declared"] | None = None,
+    study: OfStudy = None,
+    participant: OfParticipant = None,
+    first_day: FirstDay = None,
+    last_day: LastDay = None,
+    status: Annotated[
+        list[MealStatus] | None, Query(max_length=7, description="The meals' status; any of several.")
+    ] = None,
+    origin: Annotated[
+        Literal["photographed", "declared"] | None,
+        Query(description="Whether the meal was photographed, or declared without photographs."),
+    ] = None,
     failure: Annotated[
         list[Word] | None, Query(max_length=MOST_VALUES, description="A failure's code; any of several.")
     ] = None,
@@ -133,7 +138,7 @@ def get_meals(
 
 
 @router.get("/studies/{study}/meal-counts", responses=problem_responses(401, 403, 404))
-def get_meal_counts(study: Annotated[str, Path(max_length=64)], state: State, _: CurrentStaff) -> MealCounts:
+def get_meal_counts(study: StudyCode, state: State, _: CurrentStaff) -> MealCounts:
     """How many meals of the study have each status; of more than 1,000 it is said that there are more."""
     counts = count_meals(state.database, read_study(state.database, study).id)
     return MealCounts(items=[StatusCountOut.model_validate(count, from_attributes=True) for count in counts])
@@ -141,7 +146,7 @@ def get_meal_counts(study: Annotated[str, Path(max_length=64)], state: State, _:
 
 @router.get("/studies/{study}/changed-meals", responses=problem_responses(401, 403, 404, 422))
 def get_changed_meals(
-    study: Annotated[str, Path(max_length=64)],
+    study: StudyCode,
     state: State,
     caller: CurrentStaff,
     meal: Annotated[

@@ -11,6 +11,7 @@ from fastapi.responses import JSONResponse, StreamingResponse
 from app.api.closing_stream import ClosingStream
 from app.api.deps import CurrentCaller, CurrentDevice, State
 from app.api.metadata import parse_metadata, parse_new_meal, read_limited
+from app.api.parameters import Slot
 from app.api.problems import problem_responses
 from app.api.render import render_meal
 from app.api.schemas.meals import MealOut
@@ -123,7 +124,7 @@ async def put_meal(request: Request, meal_id: MealId, state: State, caller: Curr
 async def put_photograph(
     request: Request,
     meal_id: MealId,
-    slot: Literal["left", "right", "after_left", "after_right"],
+    slot: Slot,
     state: State,
     caller: CurrentDevice,
 ) -> Response:
@@ -176,7 +177,7 @@ async def get_meal(
 )
 def get_artefact(
     meal_id: MealId,
-    name: Annotated[str, Path(max_length=64)],
+    name: Annotated[str, Path(max_length=64, description="The artefact's name, as the run lists it.")],
     state: State,
     caller: CurrentCaller,
     participant: ParticipantCode = None,

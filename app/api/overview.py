@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Annotated, Any, Literal, get_args
 
-from fastapi import APIRouter, Path, Query, Response
+from fastapi import APIRouter, Query, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 
-from app.api.days import FirstDay, LastDay
 from app.api.deps import CurrentStaff, State
 from app.api.export_files import MEDIA_TYPES
+from app.api.parameters import FirstDay, LastDay, StudyCode
 from app.api.problems import problem_responses
 from app.api.schemas.overview import (
     BinOut,
@@ -74,12 +74,15 @@ ROWS: Mapping[Part, type[BaseModel]] = {
     },
 )
 def get_overview(
-    study: Annotated[str, Path(max_length=64)],
+    study: StudyCode,
     state: State,
     staff: CurrentStaff,
     first_day: FirstDay = None,
     last_day: LastDay = None,
-    output: Annotated[Literal["json", "csv", "ndjson"], Query(alias="format")] = "json",
+    output: Annotated[
+        Literal["json", "csv", "ndjson"],
+        Query(alias="format", description="csv, ndjson: one table, which `part` names, as a file."),
+    ] = "json",
     part: Annotated[Part | None, Query(description="Which table, with format=csv or ndjson.")] = None,
 ) -> Response:
     """People, days, what waits, nutrients and places; without a range, the last 28 days that anything is known of."""

@@ -5,7 +5,7 @@ from urllib.parse import urlencode
 
 from fastapi import Query, Request
 
-Limit = Annotated[int, Query(ge=1, le=1000)]
+Limit = Annotated[int, Query(ge=1, le=1000, description="Rows in the answer, at most.")]
 Cursor = Annotated[str | None, Query(max_length=600, description="From the page before: follow `next`.")]
 
 

@@ -1,14 +1,15 @@
 """/v1/studies/{study}/participants: by pseudonymous code; and the one-time codes that enrol their phones."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import APIRouter, Path, Request, Response
+from fastapi import APIRouter, Request, Response
 from fastapi.responses import JSONResponse
 
 from app.api.deps import CurrentStaff, State
 from app.api.flat_list import ListRoute
 from app.api.paging import Cursor, Limit, next_page
+from app.api.parameters import ParticipantCode, StudyCode
 from app.api.problems import problem_responses
 from app.api.schemas.people import (
     EnrolmentCodeOut,
@@ -19,7 +20,6 @@ from app.api.schemas.people import (
     ParticipantRow,
     ProfileIn,
 )
-from app.api.studies import StudyCode
 from app.db.models import Participant
 from app.services import participants
 from app.services.enrol import issue_enrolment_code
@@ -28,7 +28,6 @@ from app.services.participants import ParticipantChange
 
 router = APIRouter(prefix="/v1/studies/{study}/participants", tags=["participants"], route_class=ListRoute)
 
-ParticipantCode = Annotated[str, Path(max_length=64)]
 PICTURES = ("image/svg+xml", "image/png")
 CODE_RESPONSES: dict[int | str, dict[str, Any]] = {
     201: {

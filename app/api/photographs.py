@@ -6,6 +6,7 @@ from fastapi import APIRouter, Header, Query, Response
 
 from app.api.deps import CurrentCaller, State
 from app.api.meals import MealId, ParticipantCode
+from app.api.parameters import Slot
 from app.api.problems import problem_responses
 from app.services.serve_photo import find_photo, render_photo
 
@@ -34,7 +35,7 @@ MIN_WIDTH_PX, DEFAULT_WIDTH_PX, MAX_WIDTH_PX = 64, 1600, 4096
 )
 def get_photograph(
     meal_id: MealId,
-    slot: Literal["left", "right", "after_left", "after_right"],
+    slot: Slot,
     state: State,
     caller: CurrentCaller,
     width: Annotated[
@@ -45,7 +46,9 @@ def get_photograph(
         Query(description="By default as the newest run of the pair corrects it, where it could."),
     ] = "corrected",
     participant: ParticipantCode = None,
-    if_none_match: Annotated[str | None, Header(max_length=500)] = None,
+    if_none_match: Annotated[
+        str | None, Header(max_length=500, description="The ETag of what is there already: 304 if it has not changed.")
+    ] = None,
 ) -> Response:
     """A photograph of the meal as JPEG, for the study's staff and for the phone that sent it."""
     found = find_photo(state.database, caller, meal_id, slot, participant, as_taken=colour == "as_taken")

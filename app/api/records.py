@@ -16,11 +16,11 @@ from app.api.export_files import (
     answer_file,
     file_format,
 )
-from app.api.paging import Cursor, next_page
+from app.api.paging import Cursor, Limit, next_page
+from app.api.parameters import FirstDay, LastDay, OfParticipant, OfStudy
 from app.api.problems import problem_responses
 from app.api.render import render_record
 from app.api.schemas.records import RecordPage
-from app.api.schemas.text import LocalDay
 from app.db.queries.record_pages import RecordFilter
 from app.services.day_order import require_order
 from app.services.export_spec import ExportFilters, ExportSpec
@@ -45,15 +45,17 @@ def get_records(
     request: Request,
     state: State,
     caller: CurrentCaller,
-    study: Annotated[str | None, Query(max_length=64)] = None,
-    participant: Annotated[str | None, Query(max_length=64)] = None,
-    first_day: Annotated[LocalDay | None, Query(alias="from", description="First local day, included.")] = None,
-    last_day: Annotated[LocalDay | None, Query(alias="to", description="Last local day, included.")] = None,
+    study: OfStudy = None,
+    participant: OfParticipant = None,
+    first_day: FirstDay = None,
+    last_day: LastDay = None,
     food: Annotated[
         list[FoodKey] | None, Query(max_length=MOST_FOODS, description="A food's key; any of several.")
     ] = None,
-    status: Annotated[list[RecordStatus] | None, Query(max_length=5, description="Any of several.")] = None,
-    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+    status: Annotated[
+        list[RecordStatus] | None, Query(max_length=5, description="The items' status; any of several.")
+    ] = None,
+    limit: Limit = 100,
     cursor: Cursor = None,
     output: Format = None,
     layout: LayoutIn = "wide",

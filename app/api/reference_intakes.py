@@ -34,7 +34,9 @@ def get_reference_intakes(
         float | None,
         Query(ge=WEIGHT_LIMITS_KG[0], le=WEIGHT_LIMITS_KG[1], description="In pregnancy, before it."),
     ] = None,
-    height_m: Annotated[float | None, Query(ge=HEIGHT_LIMITS_M[0], le=HEIGHT_LIMITS_M[1])] = None,
+    height_m: Annotated[
+        float | None, Query(ge=HEIGHT_LIMITS_M[0], le=HEIGHT_LIMITS_M[1], description="Body height, for energy.")
+    ] = None,
     activity: Annotated[Activity | None, Query(description="PAL from 1.0, 1.4, 1.6 and 1.9.")] = None,
 ) -> ReferenceIntakesOut:
     """Dietary Reference Intakes of the life stage, energy by equation or why it is left out, food groups in grams."""

@@ -7,6 +7,7 @@ from fastapi import APIRouter, Path, Request, Response
 from app.api.deps import CurrentStaff, State
 from app.api.export_files import FILES
 from app.api.paging import Cursor, Limit, next_page
+from app.api.parameters import ReleaseName, StudyCode
 from app.api.problems import problem_responses
 from app.api.ranges import answer_stored_file
 from app.api.schemas.releases import (
@@ -25,13 +26,13 @@ from app.services.freeze_release import ReleaseFilters
 
 router = APIRouter(prefix="/v1/studies/{study}/releases", tags=["releases"])
 
-Study = Annotated[str, Path(max_length=64)]
-Name = Annotated[str, Path(max_length=64)]
 RELEASE_FILES = FILES | {"application/json": {"schema": {"type": "object"}}}
 
 
 @router.post("", status_code=202, responses=problem_responses(401, 403, 404, 409, 422))
-def post_release(study: Study, body: ReleaseIn, state: State, caller: CurrentStaff, response: Response) -> ReleaseOut:
+def post_release(
+    study: StudyCode, body: ReleaseIn, state: State, caller: CurrentStaff, response: Response
+) -> ReleaseOut:
     """Freeze the study's data as they are now under a name. A worker does it; look at `Location` until it is ready."""
     filters = ReleaseFilters(body.first_day, body.last_day, tuple(sorted(set(body.statuses))))
     made = releases.request_release(state.database, caller, study, name=body.name, note=body.note, filters=filters)
@@ -41,7 +42,7 @@ def post_release(study: Study, body: ReleaseIn, state: State, caller: CurrentSta
 
 @router.get("", responses=problem_responses(401, 403, 404, 422))
 def get_releases(
-    request: Request, study: Study, state: State, caller: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
+    request: Request, study: StudyCode, state: State, caller: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
 ) -> ReleaseList:
     """The study's releases, the newest first."""
     page = releases.list_releases(state.database, caller, study, cursor=cursor, limit=limit)
@@ -49,7 +50,7 @@ def get_releases(
 
 
 @router.get("/{name}", responses=problem_responses(401, 403, 404, 422))
-def get_release(study: Study, name: Name, state: State, caller: CurrentStaff) -> ReleaseOut:
+def get_release(study: StudyCode, name: ReleaseName, state: State, caller: CurrentStaff) -> ReleaseOut:
     """One release with its files."""
     return _out(study, releases.read_release(state.database, caller, study, name))
 
@@ -66,9 +67,9 @@ def get_release(study: Study, name: Name, state: State, caller: CurrentStaff) ->
 )
 def get_release_file(
     request: Request,
-    study: Study,
-    name: Name,
-    file: Annotated[str, Path(max_length=64)],
+    study: StudyCode,
+    name: ReleaseName,
+    file: Annotated[str, Path(max_length=64, description="The file's name, as the release lists it.")],
     state: State,
     caller: CurrentStaff,
 ) -> Response:
@@ -78,7 +79,7 @@ def get_release_file(
 
 
 @router.get("/{name}/check", responses=problem_responses(401, 403, 404, 409, 422, 503))
-def get_release_check(study: Study, name: Name, state: State, caller: CurrentStaff) -> ReleaseCheckOut:
+def get_release_check(study: StudyCode, name: ReleaseName, state: State, caller: CurrentStaff) -> ReleaseCheckOut:
     """Read all files back and compare them with what was frozen: takes as long as that takes."""
     checked = releases.check_release(state.database, state.blobs, caller, study, name)
     return ReleaseCheckOut(

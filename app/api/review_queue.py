@@ -3,11 +3,12 @@
 from typing import Annotated, Literal
 from urllib.parse import quote
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Query, Request
 
 from app.api.deps import CurrentStaff, State
 from app.api.flat_list import ListRoute
 from app.api.paging import Cursor, next_page
+from app.api.parameters import OfParticipant, StudyCode
 from app.api.problems import problem_responses
 from app.api.render import food_ref
 from app.api.schemas.foods import FoodRef
@@ -23,15 +24,18 @@ router = APIRouter(prefix="/v1/studies", tags=["review"], route_class=ListRoute)
 @router.get("/{study}/review-queue", responses=problem_responses(401, 403, 404, 422))
 def get_review_queue(
     request: Request,
-    study: Annotated[str, Path(max_length=64)],
+    study: StudyCode,
     state: State,
     _: CurrentStaff,
-    status: Literal["proposed", "needs_review", "confirmed", "corrected"] | None = None,
+    status: Annotated[
+        Literal["proposed", "needs_review", "confirmed", "corrected"] | None,
+        Query(description="Only items of this status."),
+    ] = None,
     food: Annotated[str | None, Query(max_length=100, description="A food's key.")] = None,
-    min_doubt: Annotated[float | None, Query(ge=0, le=1)] = None,
+    min_doubt: Annotated[float | None, Query(ge=0, le=1, description="Only items of at least this doubt.")] = None,
     provisional: Annotated[bool | None, Query(description="Whether an after-meal pair may still come.")] = None,
-    participant: Annotated[str | None, Query(max_length=64)] = None,
-    limit: Annotated[int, Query(ge=1, le=200)] = 50,
+    participant: OfParticipant = None,
+    limit: Annotated[int, Query(ge=1, le=200, description="Items of a page, at most.")] = 50,
     cursor: Cursor = None,
 ) -> ReviewQueue:
     """Items that count and that no reviewer has spoken of, by doubt, the greatest first."""

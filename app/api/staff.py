@@ -1,21 +1,18 @@
 """/v1/staff: an admin makes, changes and disables the people who work with the data."""
 
-from typing import Annotated
-
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Request
 from pydantic import SecretStr
 
 from app.api.deps import CurrentStaff, State
 from app.api.flat_list import ListRoute
 from app.api.paging import Cursor, Limit, next_page
+from app.api.parameters import StaffName
 from app.api.problems import problem_responses
 from app.api.schemas.staff import EndedAccessOut, StaffChangedOut, StaffIn, StaffList, StaffOut, StaffPatch
 from app.db.models import Staff
 from app.services import staff
 
 router = APIRouter(prefix="/v1/staff", tags=["staff"], route_class=ListRoute)
-
-StaffPath = Annotated[str, Path(max_length=200)]
 
 
 @router.get("", responses=problem_responses(401, 403, 422))
@@ -40,13 +37,13 @@ def post_staff(body: StaffIn, state: State, caller: CurrentStaff) -> StaffOut:
 
 
 @router.get("/{name}", responses=problem_responses(401, 403, 404, 422))
-def get_staff_member(name: StaffPath, state: State, _: CurrentStaff) -> StaffOut:
+def get_staff_member(name: StaffName, state: State, _: CurrentStaff) -> StaffOut:
     """One staff member."""
     return _render(staff.read_staff(state.database, name))
 
 
 @router.patch("/{name}", responses=problem_responses(401, 403, 404, 409, 422, 503))
-def patch_staff(name: StaffPath, body: StaffPatch, state: State, caller: CurrentStaff) -> StaffChangedOut:
+def patch_staff(name: StaffName, body: StaffPatch, state: State, caller: CurrentStaff) -> StaffChangedOut:
     """Change a staff member.
 
     Disabling ends their sessions and personal tokens for good, and so does a password in place of another one: `ended`

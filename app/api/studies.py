@@ -1,21 +1,20 @@
 """/v1/studies: an admin makes studies, an owner keeps the protocol."""
 
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import APIRouter, Path, Request, Response
+from fastapi import APIRouter, Request, Response
 
 from app.api.deps import CurrentStaff, State
 from app.api.flat_list import ListRoute
 from app.api.food_edits import IfMatch, expected_versions
 from app.api.paging import Cursor, Limit, next_page
+from app.api.parameters import StudyCode
 from app.api.problems import problem_responses
 from app.api.schemas.people import ProtocolIn, StudyIn, StudyList, StudyOut, StudyPatch
 from app.db.models import Study
 from app.services import studies
 
 router = APIRouter(prefix="/v1/studies", tags=["studies"], route_class=ListRoute)
-
-StudyCode = Annotated[str, Path(max_length=64)]
 
 
 @router.get("", responses=problem_responses(401, 403, 422))

@@ -8,6 +8,7 @@ from fastapi import APIRouter, Path, Query, Response
 from app.api.deps import CurrentStaff, State
 from app.api.flat_list import ListRoute
 from app.api.food_edits import measured_density
+from app.api.parameters import StudyCode
 from app.api.problems import problem_responses
 from app.api.schemas.food_edits import SpecimenIn, StudyDensityIn, StudyDensityList, StudyDensityOut, WithdrawalIn
 from app.db.models import StudyDensity
@@ -16,8 +17,6 @@ from app.services.edit_food import Editor, author_of
 from app.services.study_densities import Measurement
 
 router = APIRouter(prefix="/v1/studies/{study}/densities", tags=["studies"], route_class=ListRoute)
-
-StudyCode = Annotated[str, Path(max_length=64)]
 
 
 @router.post("", status_code=201, responses=problem_responses(401, 403, 404, 413, 422))
@@ -50,7 +49,11 @@ def get_study_densities(
 
 @router.post("/{density}/withdrawal", responses=problem_responses(401, 403, 404, 409, 422))
 def post_density_withdrawal(
-    study: StudyCode, density: uuid.UUID, body: WithdrawalIn, state: State, admin: CurrentStaff
+    study: StudyCode,
+    density: Annotated[uuid.UUID, Path(description="The measurement's id.")],
+    body: WithdrawalIn,
+    state: State,
+    admin: CurrentStaff,
 ) -> StudyDensityOut:
     """Take a measurement out of use. It stays to be seen, with who withdrew it and why."""
     editor = Editor(author_of(admin), body.reason, admin)

@@ -5,10 +5,9 @@ from fastapi import APIRouter, Request, Response
 from app.api.deps import CurrentStaff, State
 from app.api.flat_list import ListRoute
 from app.api.paging import Cursor, Limit, next_page
+from app.api.parameters import StaffName, StudyCode
 from app.api.problems import problem_responses
 from app.api.schemas.staff import MemberIn, MemberList, MemberOut
-from app.api.staff import StaffPath
-from app.api.studies import StudyCode
 from app.services import study_members
 
 router = APIRouter(prefix="/v1/studies/{study}/members", tags=["studies"], route_class=ListRoute)
@@ -25,14 +24,14 @@ def get_members(
 
 
 @router.put("/{name}", responses=problem_responses(401, 403, 404, 409, 422))
-def put_member(study: StudyCode, name: StaffPath, body: MemberIn, state: State, caller: CurrentStaff) -> MemberOut:
+def put_member(study: StudyCode, name: StaffName, body: MemberIn, state: State, caller: CurrentStaff) -> MemberOut:
     """Give somebody a role in the study, or another one. The last owner stays."""
     member = study_members.set_member(state.database, caller, study, name, body.role)
     return MemberOut.model_validate(member, from_attributes=True)
 
 
 @router.delete("/{name}", status_code=204, responses=problem_responses(401, 403, 404, 409, 422))
-def delete_member(study: StudyCode, name: StaffPath, state: State, caller: CurrentStaff) -> Response:
+def delete_member(study: StudyCode, name: StaffName, state: State, caller: CurrentStaff) -> Response:
     """Take somebody out of the study; their tokens reach it no more. The last owner stays."""
     study_members.remove_member(state.database, caller, study, name)
     return Response(status_code=204)

@@ -1,14 +1,12 @@
 """/v1/studies/{study}/photographs: the image manifest, JSON pages or one file."""
 
-from typing import Annotated
-
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse, Response
 
-from app.api.days import FirstDay, LastDay
 from app.api.deps import CurrentStaff, State
 from app.api.export_files import FILES, Format, answer_file, file_format
 from app.api.paging import Cursor, Limit, next_page
+from app.api.parameters import FirstDay, LastDay, OfParticipant, StudyCode
 from app.api.problems import problem_responses
 from app.api.schemas.photographs import PhotographOut, PhotographPage
 from app.db.queries.meal_pages import MealFilter
@@ -29,10 +27,10 @@ router = APIRouter(prefix="/v1/studies", tags=["meals"])
 )
 def get_photographs(
     request: Request,
-    study: Annotated[str, Path(max_length=64)],
+    study: StudyCode,
     state: State,
     caller: CurrentStaff,
-    participant: Annotated[str | None, Query(max_length=64)] = None,
+    participant: OfParticipant = None,
     first_day: FirstDay = None,
     last_day: LastDay = None,
     limit: Limit = 100,

@@ -1,6 +1,5 @@
 """/v1/studies/{study}/vessels, /v1/me/vessels: the mugs and bowls of a study, measured once."""
 
-import uuid
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
@@ -9,6 +8,7 @@ from app.api.deps import CurrentDevice, CurrentStaff, State
 from app.api.flat_list import ListRoute
 from app.api.food_edits import IfMatch, expected_versions
 from app.api.paging import Cursor, Limit, next_page
+from app.api.parameters import StudyCode, VesselId
 from app.api.problems import problem_responses
 from app.api.schemas.vessels import (
     PhoneVesselList,
@@ -19,7 +19,6 @@ from app.api.schemas.vessels import (
     VesselMeasures,
     VesselOut,
 )
-from app.api.studies import StudyCode
 from app.services import study_vessels
 from app.services.caller import StaffCaller
 from app.services.edit_food import author_of
@@ -59,7 +58,7 @@ def post_study_vessel(
 @router.get(f"{VESSELS}/{{vessel}}", responses=problem_responses(401, 403, 404, 422))
 def get_study_vessel(
     study: StudyCode,
-    vessel: uuid.UUID,
+    vessel: VesselId,
     state: State,
     _: CurrentStaff,
     response: Response,
@@ -72,7 +71,7 @@ def get_study_vessel(
 @router.put(f"{VESSELS}/{{vessel}}", responses=problem_responses(401, 403, 404, 409, 412, 413, 422, 428))
 def put_study_vessel(
     study: StudyCode,
-    vessel: uuid.UUID,
+    vessel: VesselId,
     body: VesselChangeIn,
     state: State,
     owner: CurrentStaff,
@@ -92,7 +91,7 @@ def put_study_vessel(
 
 
 @router.delete(f"{VESSELS}/{{vessel}}", status_code=204, responses=problem_responses(401, 403, 404, 422))
-def delete_study_vessel(study: StudyCode, vessel: uuid.UUID, state: State, owner: CurrentStaff) -> Response:
+def delete_study_vessel(study: StudyCode, vessel: VesselId, state: State, owner: CurrentStaff) -> Response:
     """Retire a vessel: estimates get it no more. It stays to be seen, since runs refer to it, and so does its name."""
     study_vessels.retire_vessel(state.database, study, vessel, vessel_author(owner))
     return Response(status_code=204)

@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query
+from fastapi import APIRouter, Query
 
 from app.api.deps import CurrentDevice, CurrentStaff, State
+from app.api.parameters import ParticipantCode, StudyCode
 from app.api.problems import problem_responses
 from app.api.schemas.feedback import ComparedOut, ComparisonOut, EatenAmountOut, EatenMealOut, SummaryOut
 from app.api.schemas.text import LocalDay
@@ -27,8 +28,8 @@ def get_my_summary(state: State, device: CurrentDevice, day: Day = None) -> Summ
 
 @router.get("/studies/{study}/participants/{participant}/summary", responses=problem_responses(401, 403, 404, 422))
 def get_summary_of_participant(
-    study: Annotated[str, Path(max_length=64)],
-    participant: Annotated[str, Path(max_length=64)],
+    study: StudyCode,
+    participant: ParticipantCode,
     state: State,
     staff: CurrentStaff,
     day: Day = None,

@@ -31,7 +31,9 @@ def post_token(body: TokenIn, state: State, caller: CurrentStaff) -> TokenIssued
 
 
 @router.delete("/{token_id}", status_code=204, responses=problem_responses(401, 403, 404, 422))
-def delete_token(token_id: Annotated[uuid.UUID, Path()], state: State, caller: CurrentStaff) -> Response:
+def delete_token(
+    token_id: Annotated[uuid.UUID, Path(description="The token's id.")], state: State, caller: CurrentStaff
+) -> Response:
     """End one of the caller's own tokens."""
     access_tokens.revoke_token(state.database, caller, token_id)
     return Response(status_code=204)

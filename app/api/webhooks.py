@@ -9,6 +9,7 @@ from app.api.deps import CurrentStaff, State
 from app.api.flat_list import ListRoute
 from app.api.food_edits import IfMatch, expected_versions
 from app.api.paging import Cursor, Limit, next_page
+from app.api.parameters import StudyCode, WebhookId
 from app.api.problems import problem_responses
 from app.api.schemas.webhooks import (
     DeliveryOut,
@@ -24,7 +25,6 @@ from app.services.webhooks import IssuedSecret, Webhooks
 
 router = APIRouter(prefix="/v1/studies/{study}/webhooks", tags=["webhooks"], route_class=ListRoute)
 
-StudyCode = Annotated[str, Path(max_length=64)]
 READ = problem_responses(401, 403, 404, 422)
 WRITE = problem_responses(401, 403, 404, 409, 413, 422)
 
@@ -47,7 +47,7 @@ def get_webhooks(study: StudyCode, state: State, owner: CurrentStaff) -> Webhook
 
 @router.get("/{webhook}", responses=READ)
 def get_webhook(
-    study: StudyCode, webhook: uuid.UUID, state: State, owner: CurrentStaff, response: Response
+    study: StudyCode, webhook: WebhookId, state: State, owner: CurrentStaff, response: Response
 ) -> WebhookOut:
     """One webhook. `ETag` names its version, for `If-Match`."""
     return _tagged(_use_case(state).read(owner, study, webhook), response)
@@ -56,7 +56,7 @@ def get_webhook(
 @router.patch("/{webhook}", responses=problem_responses(401, 403, 404, 409, 412, 413, 422, 428))
 def patch_webhook(
     study: StudyCode,
-    webhook: uuid.UUID,
+    webhook: WebhookId,
     body: WebhookChangeIn,
     state: State,
     owner: CurrentStaff,
@@ -77,20 +77,20 @@ def patch_webhook(
 
 
 @router.delete("/{webhook}", status_code=204, responses=READ)
-def delete_webhook(study: StudyCode, webhook: uuid.UUID, state: State, owner: CurrentStaff) -> Response:
+def delete_webhook(study: StudyCode, webhook: WebhookId, state: State, owner: CurrentStaff) -> Response:
     """Disable: nothing more is sent, what waits is given up; the log stays for its 30 days."""
     _use_case(state).disable(owner, study, webhook)
     return Response(status_code=204)
 
 
 @router.post("/{webhook}/secret", responses=READ)
-def post_secret(study: StudyCode, webhook: uuid.UUID, state: State, owner: CurrentStaff) -> WebhookSecretOut:
+def post_secret(study: StudyCode, webhook: WebhookId, state: State, owner: CurrentStaff) -> WebhookSecretOut:
     """A fresh secret, shown once. For a day deliveries carry a signature by the old one too."""
     return _secret_out(_use_case(state).rotate_secret(owner, study, webhook))
 
 
 @router.post("/{webhook}/test", status_code=202, responses=problem_responses(401, 403, 404, 409, 422))
-def post_test(study: StudyCode, webhook: uuid.UUID, state: State, owner: CurrentStaff) -> DeliveryOut:
+def post_test(study: StudyCode, webhook: WebhookId, state: State, owner: CurrentStaff) -> DeliveryOut:
     """Send a `ping`; its delivery stands in the log."""
     return DeliveryOut.model_validate(_use_case(state).test(owner, study, webhook), from_attributes=True)
 
@@ -99,10 +99,13 @@ def post_test(study: StudyCode, webhook: uuid.UUID, state: State, owner: Current
 def get_deliveries(
     request: Request,
     study: StudyCode,
-    webhook: uuid.UUID,
+    webhook: WebhookId,
     state: State,
     owner: CurrentStaff,
-    only: Annotated[Literal["waiting", "delivered", "given_up"] | None, Query(alias="state")] = None,
+    only: Annotated[
+        Literal["waiting", "delivered", "given_up"] | None,
+        Query(alias="state", description="Only deliveries of this state."),
+    ] = None,
     limit: Limit = 100,
     cursor: Cursor = None,
 ) -> DeliveryPage:
@@ -116,7 +119,11 @@ def get_deliveries(
     "/{webhook}/deliveries/{delivery}/replay", status_code=202, responses=problem_responses(401, 403, 404, 409, 422)
 )
 def post_replay(
-    study: StudyCode, webhook: uuid.UUID, delivery: uuid.UUID, state: State, owner: CurrentStaff
+    study: StudyCode,
+    webhook: WebhookId,
+    delivery: Annotated[uuid.UUID, Path(description="The delivery's id.")],
+    state: State,
+    owner: CurrentStaff,
 ) -> DeliveryOut:
     """Send the payload once more, as it was then, as a new delivery."""
     again = _use_case(state).replay(owner, study, webhook, delivery)

@@ -18,7 +18,7 @@ from app.services.fhir_intakes import read_intake, read_person, search_intakes
 
 router = APIRouter(prefix=PREFIX, tags=["fhir"], dependencies=[Depends(require_json)])
 
-LogicalId = Annotated[str, Path(max_length=200)]
+LogicalId = Annotated[str, Path(max_length=200, description="The resource's logical id.")]
 
 
 def _content(description: str) -> dict[str, Any]:
@@ -56,7 +56,9 @@ def get_capability_statement(request: Request) -> Response:
 
 
 @router.get("/StructureDefinition/{name}", responses=_responses("StructureDefinition", 404, 406))
-def get_structure_definition(request: Request, name: LogicalId) -> Response:
+def get_structure_definition(
+    request: Request, name: Annotated[str, Path(max_length=200, description="The extension's name.")]
+) -> Response:
     """What one of this server's extensions means."""
     for extension in EXTENSIONS:
         if extension.name == name:
@@ -92,7 +94,9 @@ def get_nutrition_intake(request: Request, intake_id: LogicalId, state: State, c
 @router.get("/Patient/{patient_id}", responses=_responses("Patient", 401, 404, 406, 503))
 def get_patient(
     request: Request,
-    logical_id: Annotated[str, Path(alias="patient_id", max_length=200)],
+    logical_id: Annotated[
+        str, Path(alias="patient_id", max_length=200, description="The Patient's logical id, as resources refer to it.")
+    ],
     state: State,
     caller: CurrentCaller,
 ) -> Response:

@@ -19,3 +19,14 @@ def test_no_field_is_without_a_description(document):
     }
     assert len(fields) > 1000
     assert [name for name, field in fields.items() if not field.get("description", "").strip()] == []
+
+
+def test_no_parameter_is_without_a_description(document):
+    parameters = {
+        (method, path, parameter["in"], parameter["name"]): parameter
+        for path, operations in document["paths"].items()
+        for method, operation in operations.items()
+        for parameter in operation.get("parameters", ())
+    }
+    assert len(parameters) > 250
+    assert [name for name, parameter in parameters.items() if not parameter.get("description", "").strip()] == []
