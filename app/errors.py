@@ -85,6 +85,13 @@ class ConflictError(TadaError):
     status = 409
 
 
+class ClockDiffersError(ConflictError):
+    """The caller's clock and ours cannot both be right: `facts["server_time"]` says what ours is."""
+
+    code = "clock_differs"
+    retryable = True  # it may be ours that is wrong
+
+
 class GoneError(TadaError):
     """It was there and has been deleted for good."""
 

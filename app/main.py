@@ -40,6 +40,7 @@ from app.api import (
     releases,
     review,
     review_queue,
+    server,
     sessions,
     staff,
     studies,
@@ -58,6 +59,7 @@ from app.api.call_limits import AddressLimit, CallLimits
 from app.api.contract import openapi_document
 from app.api.fhir import routes as fhir
 from app.api.fhir.answers import FhirErrors
+from app.api.known_parameters import require_known_parameters
 from app.api.methods import Methods
 from app.api.problems import install_problem_handlers
 from app.api.rate_limit import RateLimit
@@ -161,7 +163,7 @@ def create_app(settings: Settings) -> FastAPI:
         description=DESCRIPTION,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         lifespan=lifespan,
-        dependencies=[Depends(authorise)],
+        dependencies=[Depends(authorise), Depends(require_known_parameters)],
         docs_url=None,  # FastAPI's load their scripts from another host
         redoc_url=None,
         generate_unique_id_function=lambda route: route.name,
@@ -219,6 +221,7 @@ def create_app(settings: Settings) -> FastAPI:
         study_densities,
         study_vessels,
         webhooks,
+        server,
         health,
         metrics,
         dashboard,

@@ -72,6 +72,7 @@ CALLS: Mapping[tuple[str, str], Rule] = {
     ("GET", "/readyz"): OPEN,
     ("HEAD", "/readyz"): OPEN,
     ("GET", "/metrics"): SCRAPER,
+    ("GET", "/v1/server"): OPEN,
     # people
     ("POST", "/v1/enrolments"): OPEN,
     ("GET", "/v1/me"): DEVICE,

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Request, Response
 
 from app.api.deps import CurrentDevice, State
 from app.api.meals import SUBMIT_RESPONSES, MealId, meal_response
-from app.api.metadata import read_limited, validated
+from app.api.metadata import read_limited, validated_with_unknown
 from app.api.problems import problem_responses
 from app.api.schemas.after import AfterMetadataIn
 from app.services.after_meal import AfterMetadata
@@ -34,7 +34,9 @@ METADATA_BODY: dict[str, Any] = {
 )
 async def put_after(request: Request, meal_id: MealId, state: State, caller: CurrentDevice) -> Response:
     """Tell when the after-meal pair was taken and what is left where: before its second photograph, or not at all."""
-    told = validated(AfterMetadataIn, await read_limited(request, state.settings.max_metadata_bytes))
+    told, unknown = validated_with_unknown(
+        AfterMetadataIn, await read_limited(request, state.settings.max_metadata_bytes)
+    )
 
     def work() -> tuple[bool, MealView]:
         zone = told.time_zone or state.after_pairs.zone_of(caller, meal_id)
@@ -43,6 +45,7 @@ async def put_after(request: Request, meal_id: MealId, state: State, caller: Cur
             camera=told.camera.model_dump(mode="json") if told.camera is not None else None,
             hints=tuple(hint.model_dump(mode="json", exclude_none=True, by_alias=True) for hint in told.hints),
             complete=told.complete,
+            unknown=unknown,
         )
         submitted = state.after_pairs.announce(caller, meal_id, metadata)
         return submitted.is_new, read_meal(state.database, caller, meal_id)

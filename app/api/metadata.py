@@ -1,8 +1,10 @@
 """The metadata part's bytes to a checked MealMetadata, or an error with its code and place."""
 
+import json
 import uuid
+from collections.abc import Mapping
 from datetime import UTC, datetime
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from starlette.requests import Request
@@ -14,6 +16,8 @@ from app.services.submit_meal import MealMetadata
 from app.vision.marker_spec import parse_marker
 
 Model = TypeVar("Model", bound=BaseModel)
+MAX_UNKNOWN = 50  # fields: more are no newer app
+MAX_NAME = 200
 
 
 async def read_limited(request: Request, limit_bytes: int) -> bytes:
@@ -32,16 +36,16 @@ async def read_limited(request: Request, limit_bytes: int) -> bytes:
 
 def parse_new_meal(body: bytes) -> MealMetadata:
     """The metadata part of POST /v1/meals."""
-    checked = validated(NewMealMetadataIn, body)
-    return to_metadata(checked.id, checked)
+    checked, unknown = validated_with_unknown(NewMealMetadataIn, body)
+    return to_metadata(checked.id, checked, unknown)
 
 
 def parse_metadata(client_id: uuid.UUID, body: bytes) -> MealMetadata:
     """The body of PUT /v1/meals/{id}."""
-    return to_metadata(client_id, validated(MealMetadataIn, body))
+    return to_metadata(client_id, *validated_with_unknown(MealMetadataIn, body))
 
 
-def to_metadata(client_id: uuid.UUID, checked: MealMetadataIn) -> MealMetadata:
+def to_metadata(client_id: uuid.UUID, checked: MealMetadataIn, unknown: Mapping[str, Any]) -> MealMetadata:
     """From the wire's model to the service's. Raises InvalidInputError (time, zone, marker)."""
     if checked.marker is not None:
         parse_marker(checked.marker)
@@ -54,7 +58,30 @@ def to_metadata(client_id: uuid.UUID, checked: MealMetadataIn) -> MealMetadata:
         complete=checked.complete,
         location=checked.location.model_dump(exclude_none=True) if checked.location else None,
         app_version=checked.app_version,
+        unknown=unknown,
     )
+
+
+def validated_with_unknown(model: type[Model], body: bytes) -> tuple[Model, dict[str, Any]]:
+    """A metadata part as its model, and what the model has no field for, by its place.
+
+    So that a newer app is heard by an older server. Raises what `validated` does; `metadata_field_unknown` where there
+    are more than MAX_UNKNOWN of them.
+    """
+    try:
+        return model.model_validate_json(body), {}
+    except ValidationError as error:
+        places = [item["loc"] for item in error.errors() if item["type"] == "extra_forbidden"]
+    if not 0 < len(places) <= MAX_UNKNOWN:
+        return validated(model, body), {}
+    told = json.loads(body)  # it was JSON to pydantic
+    unknown = {}
+    for place in places:
+        holder = told
+        for part in place[:-1]:
+            holder = holder[part]
+        unknown[".".join(map(str, place))[:MAX_NAME]] = holder.pop(place[-1])
+    return validated(model, json.dumps(told).encode()), unknown
 
 
 def validated(model: type[Model], body: bytes) -> Model:

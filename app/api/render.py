@@ -25,10 +25,12 @@ from app.db.queries.records import FoodName, RecordRow
 from app.nutrition.doubt import Estimate
 from app.nutrition.nutrients import amount_interval
 from app.services.food_amounts import FoodAmounts
+from app.services.meal_clock import time_flags
 from app.services.read_after import LeftoverView
 from app.services.read_meal import ItemView, MealView
 from app.services.record_amounts import nutrient_interval
 from app.services.study_days import number_of
+from app.services.submit_meal import IGNORED
 
 SHARED_COLUMNS = tuple(
     column.name for column in EffectiveRecord.__table__.columns if column.name in RecordOut.model_fields
@@ -50,6 +52,8 @@ def render_meal(view: MealView) -> MealOut:
         local_date=meal.local_date,
         received_at=meal.received_at,
         version=meal.version,
+        flags=time_flags(meal),
+        ignored=meal.details.get(IGNORED, []),
         images={slot: ImageOut.model_validate(images[slot], from_attributes=True) for slot in SLOTS if slot in images},
         missing=[slot for slot in SLOTS if slot not in images],
         failure=FailureOut(code=meal.failure_code, message=meal.failure_message or "", advice=meal.failure_advice or "")
@@ -86,6 +90,7 @@ def render_after(view: MealView) -> AfterOut | None:
         status=meal.after_status,
         due_at=meal.after_due_at,
         captured_at=datetime.fromisoformat(details["captured_at"]) if details is not None else None,
+        ignored=details.get(IGNORED, []) if details is not None else [],
         images={
             slot: ImageOut.model_validate(images[slot], from_attributes=True) for slot in AFTER_SLOTS if slot in images
         },

@@ -27,9 +27,8 @@ from app.services.receive_photo import ReceivedFile
 WRITE_BYTES = 128 * 1024  # of each upload under way; larger ones are no faster
 FRAME_BYTES = 64 * 1024  # boundaries and headers of the parts
 MAX_BOUNDARY_LENGTH = 70  # RFC 2046, section 5.1.1
-PHOTO_TYPES = frozenset(
-    {"image/jpeg", "image/jpg", "image/png", "image/heic", "image/heif", "application/octet-stream"}
-)
+IMAGE_TYPES = ("image/jpeg", "image/png", "image/heic")  # those that are read
+PHOTO_TYPES = frozenset({*IMAGE_TYPES, "image/jpg", "image/heif", "application/octet-stream"})
 METADATA = "metadata"
 
 

@@ -18,6 +18,8 @@ FLAGS: Mapping[str, str] = {
     "form_unlikely": "A person said how it lies, and the photographs clearly speak for another form. Check the "
     "form, or the outline.",
     "support_not_measured": "What the food rests on was not seen: on a raised plate it comes out too large.",
+    "clock_doubtful": "It came long after it was photographed by the phone's clock, or before: the clock may have been "
+    "wrong, and the day with it. Ask the participant.",
     # of its food
     "food_identified": "The server alone says what it is, with a probability of 0.8 or more. Confirm it, or choose "
     "another.",

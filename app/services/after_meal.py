@@ -7,7 +7,7 @@ meal cannot be; its photographs then go. The meal's own status is never moved fr
 
 import uuid
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
@@ -32,7 +32,7 @@ from app.services.project_records import project_meal
 from app.services.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
 from app.services.seal_photos import image_row, require_unspent, seal_photos, unspent_keys
 from app.services.secret_box import SecretBox
-from app.services.submit_meal import Submitted, meal_id_of
+from app.services.submit_meal import ASIDE, Submitted, aside, meal_id_of
 from app.services.withdraw import has_left
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
@@ -51,6 +51,7 @@ class AfterMetadata:
     camera: Mapping[str, Any] | None = None
     hints: tuple[Mapping[str, Any], ...] = ()
     complete: bool = False
+    unknown: Mapping[str, Any] = field(default_factory=dict)
 
     def details(self) -> dict[str, Any]:
         """As it is kept and compared."""
@@ -60,6 +61,7 @@ class AfterMetadata:
             "camera": dict(self.camera) if self.camera is not None else None,
             "hints": [dict(hint) for hint in self.hints],
             **({"complete": True} if self.complete else {}),
+            **aside(self.unknown),
         }
 
 
@@ -217,7 +219,8 @@ class SubmitAfterPair:
             raise InvalidInputError("The after-meal pair was taken before the meal.", code="after_pair_before_meal")
         stored = {image.slot: image for image in meals.images_of(session, meal_id) if image.slot in AFTER_SLOTS}
         other = [s for s, p in photos.items() if s in stored and stored[s].received_sha256 != p.received_sha256]
-        changed = sorted(k for k in details or {} if (details or {})[k] != (meal.after_details or {}).get(k))
+        known, told = meal.after_details or {}, details or {}
+        changed = sorted(k for k in told if k not in ASIDE and told[k] != known.get(k))
         if changed:
             hints = (details or {}).get("hints", ())
             require_known_vessels(session, meal.study_id, hints)

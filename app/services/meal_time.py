@@ -12,7 +12,7 @@ from zoneinfo import ZoneInfo, available_timezones
 
 import structlog
 
-from app.errors import InvalidInputError, UnavailableError
+from app.errors import ClockDiffersError, InvalidInputError
 
 log = structlog.get_logger()
 
@@ -40,8 +40,8 @@ class MealTime:
 def meal_time(captured_at: datetime, time_zone: str, now: datetime) -> MealTime:
     """Check an instant against its zone and the server's clock. Raises InvalidInputError with its code.
 
-    One that is more than a day ahead of the server raises UnavailableError (`clock_differs`): it may well be the
-    server's clock that is wrong, and a meal that is refused for good would be lost by it.
+    One that is more than a day ahead of the server raises ClockDiffersError: it may well be the server's clock that is
+    wrong, and a meal that is refused for good would be lost by it.
     """
     if captured_at.tzinfo is None:
         raise InvalidInputError(
@@ -66,11 +66,10 @@ def meal_time(captured_at: datetime, time_zone: str, now: datetime) -> MealTime:
         )
     if captured_at > now + CLOCK_AHEAD:
         log.error("clock_differs", ahead_seconds=round((captured_at - now).total_seconds()))
-        raise UnavailableError(
+        raise ClockDiffersError(
             f"captured_at {captured_at.isoformat()} is more than a day ahead of the server's clock. Nothing was kept: "
             "compare server_time with the phone's clock. If the phone's was wrong, correct captured_at; else keep the "
             "meal and try again later.",
-            code="clock_differs",
             server_time=now.astimezone(UTC).isoformat(timespec="seconds"),
             retry_after_seconds=CLOCK_RETRY_SECONDS,
         )

@@ -29,6 +29,7 @@ from app.services.item_state import (
     MealState,
     fold_meal,
 )
+from app.services.meal_clock import time_flags
 from app.services.project_index import entry_of, write_entries
 from app.services.review_doubt import UNKNOWN, review_doubt
 from app.services.served_mass import served_mass
@@ -106,7 +107,7 @@ class Projector:
     def _item(self, parts: MealParts, state: ItemState, leftovers: "_Leftovers") -> ItemProjection:
         taken_for, candidates = state.taken_for, candidates_of(parts, state)
         of_food = self._food_flags(state, candidates)
-        flags = [*state.flags, *leftovers.flags_of(state)]
+        flags = [*state.flags, *leftovers.flags_of(state), *time_flags(parts.meal)]
         amounts = None
         if taken_for is not None and state.is_live:
             weighing = weighing_of(taken_for)

@@ -5,9 +5,10 @@ acknowledged is on disk; what is sent again is recognised by its SHA-256. A requ
 blob: another request of the same meal may have just sealed the same key, so deleting it here could lose a photograph.
 """
 
+import json
 import uuid
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -41,6 +42,7 @@ from app.storage.blob_store import BlobStore
 log = structlog.get_logger()
 
 MEAL_NAMESPACE = uuid.UUID("6f0d3d0a-6c0c-4e0e-9a53-52f9b4a4d7f1")  # drawn once; our ids are derived under it
+ASIDE = IGNORED, UNKNOWN = "ignored", "unknown"  # in a meal's details: fields that were not known, by name and whole
 COMPARED = ("captured_at", "time_zone", "marker", "camera", "hints", "complete", "app_version")  # equal: the same again
 
 
@@ -48,7 +50,8 @@ COMPARED = ("captured_at", "time_zone", "marker", "camera", "hints", "complete",
 class MealMetadata:
     """What the phone tells beside the photographs, checked.
 
-    complete: whether the hints are all that there is. location: WGS84, degrees.
+    complete: whether the hints are all that there is. location: WGS84, degrees. unknown: what no field of ours stands
+    for, by its place.
     """
 
     client_id: uuid.UUID
@@ -59,6 +62,7 @@ class MealMetadata:
     complete: bool = False
     location: Mapping[str, float] | None = None
     app_version: str | None = None
+    unknown: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,7 +260,13 @@ def _details(metadata: MealMetadata, location: Mapping[str, float] | None) -> di
         "location": location,
         "app_version": metadata.app_version,
         **({"complete": True} if metadata.complete else {}),  # meals from before there was the word have none
+        **aside(metadata.unknown),
     }
+
+
+def aside(unknown: Mapping[str, Any]) -> dict[str, Any]:
+    """What is kept of fields that are not known: as JSON's text, which every database can hold whatever it says."""
+    return {IGNORED: sorted(unknown), UNKNOWN: json.dumps(unknown)} if unknown else {}
 
 
 def _new_meal(caller: DeviceCaller, arriving: _Arriving, now: datetime) -> Meal:

@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.api.schemas.meals import CameraIn, HintIn
+from app.api.schemas.meals import MAX_HINTS, CameraIn, HintIn
 from app.api.schemas.text import Instant, Text
 
 
@@ -39,7 +39,7 @@ class AfterMetadataIn(BaseModel):
     )
     hints: list[AfterHintIn] = Field(
         default_factory=list,
-        max_length=20,
+        max_length=MAX_HINTS,
         description="What the person knows of some of the leftovers; the others are looked for all the same.",
     )
     complete: bool = Field(

@@ -22,6 +22,8 @@ MEAL_EXAMPLE: dict[str, Any] = {
     "local_date": "2026-11-20",
     "received_at": "2026-11-20T04:31:02Z",
     "version": 12,
+    "flags": [],
+    "ignored": [],
     "images": {
         "left": {
             "received_sha256": "7c4f5c6d9b0f4d6f1a3c2e5b8d7a9f0e1c2b3a4d5e6f708192a3b4c5d6e7f809",

@@ -25,6 +25,8 @@ from app.api.schemas.text import Instant, JsonNumber, Text
 from app.nutrition.foods import FoodForm
 from app.services.messages.catalogue import LOCALES, sentence
 
+MAX_HINTS = 20
+
 
 class HintIn(BaseModel):
     """Where a food is in the left photograph, upright pixels, and what it is. One of point, box, polygon, or none."""
@@ -120,7 +122,7 @@ class MealMetadataIn(BaseModel):
     )
     hints: list[HintIn] = Field(
         default_factory=list,
-        max_length=20,
+        max_length=MAX_HINTS,
         description="What the person knows of some of the foods; the others are looked for all the same.",
     )
     complete: bool = Field(
@@ -291,6 +293,7 @@ class AfterOut(BaseModel):
     )
     due_at: datetime | None = Field(description="Until then the records are provisional; null: no pair is waited for.")
     captured_at: datetime | None = Field(description="When after_left was taken; null: the phone has not said.")
+    ignored: list[str] = Field(description="Fields that were told of it and that this server does not know.")
     images: dict[str, ImageOut] = Field(description="Photographs that have arrived, by slot: after_left, after_right.")
     missing: list[str] = Field(description="Slots whose photographs have not arrived.")
     failure: FailureOut | None = Field(description="Why the pair could not be measured: send another one.")
@@ -313,6 +316,10 @@ class MealOut(BaseModel):
     local_date: date = Field(description=LOCAL_DATE)
     received_at: datetime = Field(description=RECEIVED_AT)
     version: int = Field(description=MEAL_VERSION)
+    flags: list[str] = Field(description="Causes of doubt about the whole meal: `clock_doubtful`.")
+    ignored: list[str] = Field(
+        description="Fields of the metadata that this server does not know: kept with the meal, and heard by nobody."
+    )
     images: dict[str, ImageOut] = Field(description="Photographs that have arrived, by slot: left, right.")
     missing: list[str] = Field(description="Slots whose photographs have not arrived.")
     failure: FailureOut | None = Field(description="Why the meal could not be measured; null: it has not failed.")

@@ -9,6 +9,7 @@ from datetime import date, datetime
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field
+from pydantic_core import PydanticCustomError
 
 WRITTEN_DAY, WRITTEN_INSTANT = re.compile(r"\d{4}-\d{2}-\d{2}"), re.compile(r"\d{4}-\d{2}-\d{2}[Tt ]")
 LARGEST = 1e9  # of any number that a phone tells; JSON in a database keeps larger ones otherwise than they came
@@ -18,13 +19,13 @@ def _only_a_written_day(value: object) -> object:
     """A number, written as text or not, would be read as seconds since 1970."""
     if isinstance(value, date) or (isinstance(value, str) and WRITTEN_DAY.fullmatch(value)):
         return value
-    raise ValueError("must be a date, such as 2026-11-21")
+    raise PydanticCustomError("date_parsing", "must be a date, such as 2026-11-21")
 
 
 def _only_a_written_instant(value: object) -> object:
     if isinstance(value, datetime) or (isinstance(value, str) and WRITTEN_INSTANT.match(value)):
         return value
-    raise ValueError("must be date and time, such as 2026-11-21T12:30:00+08:00")
+    raise PydanticCustomError("datetime_parsing", "must be date and time, such as 2026-11-21T12:30:00+08:00")
 
 
 def unless_named(schema: dict[str, Any]) -> None:

@@ -114,7 +114,6 @@ def test_pair_before_its_meal_cannot_be(table):
         ({"time_zone": "Mars/Base"}, "time_zone_unknown"),
         ({"hints": [{"point": [1, 2], "class": "gone"}]}, "metadata_invalid"),
         ({"hints": [{"item": str(uuid.uuid4())}]}, "metadata_invalid"),
-        ({"marker": "plain:9x7:11"}, "metadata_field_unknown"),
     ],
 )
 def test_word_that_cannot_be_is_refused(table, body, code):

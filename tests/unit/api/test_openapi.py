@@ -42,7 +42,14 @@ def test_only_what_the_rules_open_needs_no_token(document):
             assert is_open == RULES[(method.upper(), path)].is_open, (method, path)
 
     opened = {path for method, path in RULES if RULES[(method, path)].is_open}
-    assert opened == {"/v1/enrolments", "/v1/sessions", "/v1/receipts/{receipt}", "/healthz", "/readyz"} | {
+    assert opened == {
+        "/v1/enrolments",
+        "/v1/sessions",
+        "/v1/receipts/{receipt}",
+        "/healthz",
+        "/readyz",
+        "/v1/server",
+    } | {
         "/fhir/metadata",
         "/fhir/StructureDefinition/{name}",
         "/",

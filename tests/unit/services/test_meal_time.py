@@ -2,7 +2,7 @@ from datetime import UTC, date, datetime, timedelta, timezone
 
 import pytest
 
-from app.errors import InvalidInputError, UnavailableError
+from app.errors import ClockDiffersError, InvalidInputError
 from app.services.meal_time import local_minute, meal_time
 
 NOW = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
@@ -80,9 +80,9 @@ def test_impossible_time_is_refused(instant):
 
 @pytest.mark.parametrize("ahead", [timedelta(days=1, seconds=1), timedelta(days=400), timedelta(days=365 * 26)])
 def test_time_that_may_be_right_while_the_servers_clock_is_behind_is_not_refused_for_good(ahead):
-    with pytest.raises(UnavailableError) as caught:
+    with pytest.raises(ClockDiffersError) as caught:
         meal_time(NOW + ahead, "UTC", NOW)
-    assert (caught.value.code, caught.value.retryable, caught.value.status) == ("clock_differs", True, 503)
+    assert (caught.value.code, caught.value.retryable, caught.value.status) == ("clock_differs", True, 409)
     assert caught.value.facts["server_time"] == NOW.isoformat(timespec="seconds")
 
 
