@@ -27,4 +27,4 @@ class ServerOut(BaseModel):
     )
     hint_fields: list[str] = Field(description="Those of a hint that it knows.")
     features: list[str] = Field(description="What it can do, each by a word that never changes its meaning.")
-    limits: ServerLimitsOut = Field(description="What an app should know before it sends.")
+    limits: ServerLimitsOut = Field(description="How large and how much it takes at most.")
