@@ -27,8 +27,7 @@ def lock_meal_of(
 ) -> LockedMeal:
     """The person before the meal, as a withdrawal locks them.
 
-    Raises NotFoundError, NotAllowedError, ConflictError (`meal_id_ambiguous`), GoneError (`withdrawn`: the phone's
-    participant left meanwhile).
+    Raises NotFoundError, NotAllowedError, GoneError (`withdrawn`: the phone's participant left meanwhile).
     """
     if isinstance(caller, DeviceCaller):
         require_in_study(session, caller.participant_id)

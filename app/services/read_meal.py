@@ -10,7 +10,7 @@ from app.db.models import Component, EffectiveRecord, Food, Meal, MealImage, Run
 from app.db.queries import meals, records
 from app.db.queries.meal_parts import parts_of, records_of
 from app.db.session import Database
-from app.errors import ConflictError, GoneError, NotFoundError
+from app.errors import GoneError, NotFoundError
 from app.logs import tell
 from app.nutrition.nutrients import MassTotal, NutrientTotal, Portion, total_mass, total_nutrients
 from app.services import audit
@@ -64,9 +64,9 @@ class MealView:
 def find_meal(
     session: Session, caller: Caller, client_id: uuid.UUID, participant_code: str | None = None
 ) -> tuple[Meal, str, str]:
-    """(meal, participant's code, study's code).
+    """(meal, participant's code, study's code). Of several of the same id, the one that was here first.
 
-    Raises NotFoundError where the caller may not see it, NotAllowedError for a lower role, ConflictError.
+    Raises NotFoundError where the caller may not see it, NotAllowedError for a lower role.
     """
     found = meals.find_meals(
         session,
@@ -77,10 +77,6 @@ def find_meal(
     )
     if not found:
         raise NotFoundError("There is no such meal.")
-    if len(found) > 1:
-        raise ConflictError(
-            "More than one participant has a meal of this id: add ?participant=CODE.", code="meal_id_ambiguous"
-        )
     require_study(caller, found[0][0].study_id, "meal")
     tell(meal_id=str(found[0][0].id))
     return found[0]
@@ -89,7 +85,7 @@ def find_meal(
 def read_meal(
     database: Database, caller: Caller, client_id: uuid.UUID, participant_code: str | None = None
 ) -> MealView:
-    """The meal, its last run, items and records. Raises NotFoundError, ConflictError."""
+    """The meal, its last run, items and records. Raises NotFoundError."""
     with database.read() as session:
         meal, participant, study = find_meal(session, caller, client_id, participant_code)
         return meal_view(session, meal, participant, study, Projector(session))

@@ -38,12 +38,16 @@ def find_meals(
     participant_code: str | None,
     study_ids: Collection[uuid.UUID] | None,
 ) -> list[tuple[Meal, str, str]]:
-    """(meal, participant's code, study's code) of all meals of this client id that the filters leave, at most two."""
+    """(meal, participant's code, study's code) of all meals of this client id that the filters leave, at most two.
+
+    The one that was here first comes first: who sends another person's id does not take its place.
+    """
     query = (
         sa.select(Meal, Participant.code, Study.code)
         .join(Participant, Participant.id == Meal.participant_id)
         .join(Study, Study.id == Meal.study_id)
         .where(Meal.client_id == client_id)
+        .order_by(Meal.received_at, Meal.id)
         .limit(2)
     )
     if participant_id is not None:
