@@ -13,6 +13,7 @@ from fastapi.openapi.utils import get_openapi
 from app.api.access import RULES, Rule
 from app.api.call_limits import UNCOUNTED_PATHS
 from app.api.fhir.answers import FHIR_JSON, PREFIX
+from app.api.known_parameters import OF_API
 from app.api.problems import Problem, problem_responses
 from app.api.schemas.after import AfterMetadataIn
 from app.api.schemas.calibrations import CalibrationMetadataIn
@@ -26,7 +27,12 @@ OF_BODIES = (400, 408, 413, 415)
 OF_PARAMETERS, OF_FHIR_PARAMETERS = 422, 400
 NOT_NOW = 503
 UNKNOWN_CALLER = 401
-FIRST_ERROR = 400
+OK, CONFLICT, FIRST_ERROR = 200, 409, 400
+PART, NO_SUCH_PART = "206", 416
+FILE_TYPES = frozenset(
+    {"text/csv", "application/x-ndjson", "application/vnd.apache.parquet", "application/geo+json", "application/zip"}
+)
+COUNTED_AT_401 = frozenset({"post_password"})  # the caller is known, the password in the body is wrong
 
 HEADERS: dict[str, dict[str, Any]] = {
     "Retry-After": {
@@ -37,6 +43,15 @@ HEADERS: dict[str, dict[str, Any]] = {
     "Location": {"description": "Where what was made is.", "schema": {"type": "string"}},
     "ETag": {
         "description": "The state that was answered: for `If-Match` of a change, or `If-None-Match` of the next look.",
+        "schema": {"type": "string"},
+    },
+    "Content-Disposition": {
+        "description": "The name to save a file under: `attachment; filename=...`. Pages of JSON are without it.",
+        "schema": {"type": "string"},
+    },
+    "Accept-Ranges": {"description": "`bytes`: parts of the file can be asked for.", "schema": {"type": "string"}},
+    "Content-Range": {
+        "description": "Which bytes of how many are sent; of a 416, how many there are.",
         "schema": {"type": "string"},
     },
     "RateLimit-Policy": {
@@ -60,15 +75,20 @@ LOCATED = frozenset(
     {
         "post_meal", "put_meal", "put_photograph", "put_after", "post_declared_meal", "post_export", "post_release",
         "post_study", "post_participant", "post_study_density", "post_study_vessel", "post_webhook", "post_food",
-        "post_density",
+        "post_density", "post_retry",
     }
 )  # fmt: skip
+LOCATED_AGAIN = frozenset({"post_declared_meal", "post_export"})  # in the 200 of a repeat too
+COMPARE_CLOCKS = frozenset(
+    {"post_meal", "put_meal", "put_after", "post_declared_meal"}
+)  # their 409 may be `clock_differs`
 TAGGED = frozenset(
     {
         "post_meal", "put_meal", "put_photograph", "put_after", "get_meal", "post_declared_meal", "post_event",
         "get_photograph", "get_artefact", "get_export_file", "get_release_file", "get_nutrition_intake",
         "put_my_day", "put_day_of_participant", "get_food", "patch_food", "post_food", "post_density", "post_restore",
-        "get_study", "patch_study", "get_study_vessel", "put_study_vessel", "post_study_vessel",
+        "get_study", "patch_study", "post_study", "post_cancel", "post_retry",
+        "get_study_vessel", "put_study_vessel", "post_study_vessel",
         "get_webhook", "patch_webhook",
     }
 )  # fmt: skip
@@ -112,7 +132,7 @@ def _complete(operation: dict[str, Any], path: str, rule: Rule) -> None:
     for status, response in responses.items():
         if path.startswith(PREFIX) and int(status) >= FIRST_ERROR:
             response["content"] = {FHIR_JSON: {"schema": {"type": "object"}}}
-        names = list(_headers(operation["operationId"], int(status), rule))
+        names = [*_headers(operation["operationId"], int(status), rule), *_file_headers(responses, status)]
         if names:
             refs = {name: {"$ref": f"#/components/headers/{name}"} for name in names}
             response["headers"] = {**response.get("headers", {}), **refs}
@@ -133,8 +153,10 @@ def _statuses(operation: dict[str, Any], rule: Rule, path: str) -> Iterator[int]
     """Those of errors that do not follow from what the endpoint does."""
     if "requestBody" in operation:
         yield from OF_BODIES
-    if "requestBody" in operation or any(each["in"] != "header" for each in operation.get("parameters", ())):
-        yield OF_PARAMETERS if not path.startswith(PREFIX) else OF_FHIR_PARAMETERS
+    if path.startswith(OF_API):
+        yield OF_PARAMETERS  # of those that it has, and for any that it has not (known_parameters.py)
+    elif path.startswith(PREFIX) and any(each["in"] != "header" for each in operation.get("parameters", ())):
+        yield OF_FHIR_PARAMETERS
     if not rule.is_open:
         yield from (401, 403, 410)  # 410: the token was a participant's who has left the study
     if "{study}" in path:
@@ -144,13 +166,23 @@ def _statuses(operation: dict[str, Any], rule: Rule, path: str) -> Iterator[int]
 
 
 def _headers(operation_id: str, status: int, rule: Rule) -> Iterator[str]:
-    if status in {201, 202} and operation_id in LOCATED:
+    if operation_id in (LOCATED_AGAIN if status == OK else LOCATED if status in {201, 202} else ()):
         yield "Location"
     if status < FIRST_ERROR and operation_id in TAGGED:
         yield "ETag"
-    if status in {408, 429, NOT_NOW}:
+    if status in {408, 429, NOT_NOW} or (status == CONFLICT and operation_id in COMPARE_CLOCKS):
         yield "Retry-After"
     if status == UNKNOWN_CALLER:
         yield "WWW-Authenticate"
-    elif not rule.is_open:
+    if not rule.is_open and (status != UNKNOWN_CALLER or operation_id in COUNTED_AT_401):
         yield from OF_CALLER
+
+
+def _file_headers(responses: dict[str, Any], status: str) -> Iterator[str]:
+    """Those of answers that may be a file, and of files that are given in parts."""
+    if int(status) < FIRST_ERROR and FILE_TYPES & set(responses[status].get("content", ())):
+        yield "Content-Disposition"
+    if PART in responses and int(status) < FIRST_ERROR:
+        yield "Accept-Ranges"
+    if PART in responses and status in {PART, str(NO_SUCH_PART)}:
+        yield "Content-Range"

@@ -84,9 +84,10 @@ def get_export_file(
 
 
 @router.delete("/{export_id}", status_code=204, responses=problem_responses(401, 403, 404, 422))
-def delete_export(study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff) -> None:
+def delete_export(study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff) -> Response:
     """Call an export off, or remove what has ended with its file: yours, or as an owner anybody's."""
     background_exports.remove_export(state.database, caller, study, export_id)
+    return Response(status_code=204)
 
 
 def _filters(told: ExportFiltersIn) -> ExportFilters:

@@ -14,6 +14,7 @@ from app.services import passwords
 from app.services.api_children import ApiChildren
 from app.services.staff import create_admin
 from app.settings import Settings
+from tests.integration.declared_answers import declared_answers
 
 STUDY_MARKER = "plain:9x7:11"
 FULL_COST = {name: getattr(passwords, name) for name in ("MEMORY_KIB", "PASSES", "LANES")}
@@ -58,12 +59,19 @@ def app() -> FastAPI:
     return create_app(Settings())
 
 
+@pytest.fixture(scope="module")
+def require_declared(app):
+    """Raises for an answer that the OpenAPI document does not declare: see declared_answers.py."""
+    return declared_answers(app.openapi())
+
+
 @pytest.fixture
-def client(app, settings) -> Iterator[TestClient]:
+def client(app, settings, require_declared) -> Iterator[TestClient]:
     """The app on a database that is prepared already; its children start when a test needs one."""
     settings.data_dir.mkdir(parents=True)
     app.state.settings = settings
     client = TestClient(app, raise_server_exceptions=False)
+    client.event_hooks = {"response": [require_declared]}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("app.main.prepare_patiently", lambda *_, **__: None)
         patch.setattr(ApiChildren, "start_soon", lambda _: None)
