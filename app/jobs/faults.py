@@ -9,6 +9,7 @@ import errno
 import sqlalchemy as sa
 
 from app.errors import Failure, TadaError
+from app.jobs.child_pool import ChildStartError
 
 PASSING_ERRNOS = frozenset(
     {
@@ -85,6 +86,6 @@ def is_passing(error: Exception) -> bool:
         return error.connection_invalidated or isinstance(error, (sa.exc.OperationalError, sa.exc.InterfaceError))
     if isinstance(error, sa.exc.TimeoutError):  # no free connection in the pool
         return True
-    if isinstance(error, (ConnectionError, TimeoutError)):
+    if isinstance(error, (ConnectionError, TimeoutError, ChildStartError)):  # a worker starts only if children do
         return True
     return isinstance(error, OSError) and error.errno in PASSING_ERRNOS

@@ -44,7 +44,7 @@ class PhotoFacts:
     """A whole photograph. width and height are as stored, before orientation (EXIF's values, 1 to 8) turns them.
 
     In HEIC they are cropped as a decoder crops them; pixels_to_decode counts what it makes before that, and is what a
-    limit on memory should look at.
+    limit on memory should look at. scans: of a JPEG, each a pass over all pixels.
     """
 
     media_type: str
@@ -52,6 +52,7 @@ class PhotoFacts:
     height: int
     orientation: int
     pixels_to_decode: int
+    scans: int = 1
 
 
 def inspect_photo(path: Path) -> PhotoFacts | Failure:
@@ -76,7 +77,7 @@ def inspect_photo(path: Path) -> PhotoFacts | Failure:
             orientation = _orientation(
                 data, jpeg_exif_blocks(data, jpeg.segments), jpeg_xmp_packets(data, jpeg.segments)[0]
             )
-            return PhotoFacts(JPEG, jpeg.width, jpeg.height, orientation, jpeg.width * jpeg.height)
+            return PhotoFacts(JPEG, jpeg.width, jpeg.height, orientation, jpeg.width * jpeg.height, jpeg.scans)
         png = read_png_layout(data)
         if png.damage is not None:
             return png.damage

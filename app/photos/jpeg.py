@@ -19,6 +19,8 @@ FIRST_SEGMENT_MARKER = 0xC0  # below are TEM and codes that no encoder may write
 
 MAX_SEGMENTS = 10_000  # 60 MB of extended XMP take 1,000, a progressive picture some 100
 MAX_SCANS = 100  # of a progressive picture; encoders write some ten, and each is a pass over all pixels
+MAX_SCAN_PIXELS = 1_200_000_000  # scans x pixels: 20 scans of the largest photograph that is taken by default
+TOO_MANY_SCANS_FOR_SIZE = "the JPEG has more scans than a photograph of its size may have"
 TOO_MANY_SCANS = f"the JPEG has more than {MAX_SCANS} scans"
 FILL = re.compile(rb"\xff*+")
 SCAN_END = re.compile(rb"\xff[^\x00\xff\xd0-\xd7]")
@@ -42,6 +44,7 @@ class JpegLayout:
     height: int
     end: int
     damage: Failure | None
+    scans: int
 
 
 def read_jpeg_layout(data: Data) -> JpegLayout:
@@ -52,7 +55,7 @@ def read_jpeg_layout(data: Data) -> JpegLayout:
     position = 2
 
     def layout(damage: Failure | None) -> JpegLayout:
-        return JpegLayout(tuple(segments), *(size or (0, 0)), position, damage)
+        return JpegLayout(tuple(segments), *(size or (0, 0)), position, damage, scans)
 
     for _ in range(MAX_SEGMENTS):
         segment = _segment_at(data, position)
@@ -70,11 +73,21 @@ def read_jpeg_layout(data: Data) -> JpegLayout:
                 return layout(unreadable("the JPEG's frame header gives no size"))
         elif segment.marker == SOS:
             scans += 1
-            if size is None or scans > MAX_SCANS:
-                why = "the JPEG's scan comes before its frame header" if size is None else TOO_MANY_SCANS
+            if why := _why_not_scanned(size, scans):
                 return layout(unreadable(why))
             position = _end_of_scan(data, position)
     return layout(unreadable(f"the JPEG has more than {MAX_SEGMENTS} segments"))
+
+
+def _why_not_scanned(size: tuple[int, int] | None, scans: int) -> str | None:
+    """What forbids the scan of this number, counted from 1; None if it may be."""
+    if size is None:
+        return "the JPEG's scan comes before its frame header"
+    if scans > MAX_SCANS:
+        return TOO_MANY_SCANS
+    if scans > 1 and scans * size[0] * size[1] > MAX_SCAN_PIXELS:  # a single scan is bounded by the pixels alone
+        return TOO_MANY_SCANS_FOR_SIZE
+    return None
 
 
 def _segment_at(data: Data, position: int) -> JpegSegment | Failure:

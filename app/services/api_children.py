@@ -68,10 +68,12 @@ class ApiChildren:
         seconds: float,
         whose: Whose,
         photograph_sha256: str | None = None,
+        is_costly: bool = False,
     ) -> Mapping[str, Any]:
         """Perform a task of child_tasks.py. seconds: of processor time, at most; then its child ends.
 
         photograph_sha256: of the one that is decoded; if it broke a child before, it is refused at once.
+        is_costly: it takes long (decoding_cost.py); one child stays free for others.
 
         Raises UnavailableError (`server_busy`: also where the machine, not the photograph, took too long),
         PhotographError (it crashed, wanted too much memory or processor time), TadaError (`internal_error`: a mistake
@@ -79,7 +81,7 @@ class ApiChildren:
         """
         if photograph_sha256 in self._undecodable:
             raise _not_decoded()
-        with self._admitted(whose):
+        with self._admitted(whose, is_costly=is_costly):
             try:
                 ended = self._pool.run(
                     ChildRequest(task, arguments), lambda _: None, seconds=seconds, patience=PATIENCE
@@ -103,10 +105,10 @@ class ApiChildren:
         self._pool.close()
 
     @contextlib.contextmanager
-    def _admitted(self, whose: Whose) -> Iterator[None]:
+    def _admitted(self, whose: Whose, *, is_costly: bool) -> Iterator[None]:
         with contextlib.ExitStack() as place:
             try:
-                place.enter_context(self._line.place(whose.study_id, whose.caller_id))
+                place.enter_context(self._line.place(whose.study_id, whose.caller_id, is_costly=is_costly))
             except LineFullError:
                 raise _busy() from None
             yield

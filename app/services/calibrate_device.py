@@ -17,6 +17,7 @@ from app.services import audit
 from app.services.access import require_study
 from app.services.api_children import ApiChildren, Whose
 from app.services.caller import Caller, DeviceCaller
+from app.services.decoding_cost import is_costly
 from app.services.receive_photo import ReceivedFile
 from app.settings import Settings
 from app.vision.intrinsics import TOLERATED_RMS_PX, camera_from_mapping
@@ -86,6 +87,7 @@ def calibrate_device(
         {"photos": [str(file.path) for file in files], "marker": board, "max_pixels": settings.max_photo_pixels},
         seconds=SECONDS,
         whose=Whose(caller.study_id, caller.device_id),
+        is_costly=is_costly([file.path for file in files]),
     )
     left_out = _require_good(found)
     with database.write() as session:

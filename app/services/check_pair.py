@@ -13,6 +13,7 @@ from app.services.api_children import ApiChildren, Whose
 from app.services.caller import DeviceCaller
 from app.services.camera_choice import Size, choose_camera
 from app.services.camera_json import camera_to_json
+from app.services.decoding_cost import is_costly
 from app.services.messages.catalogue import Locale, choose_locale, sentence
 from app.services.receive_photo import SIDEWAYS, ReceivedFile
 from app.settings import Settings
@@ -89,6 +90,7 @@ def check_pair(
         },
         seconds=SECONDS,
         whose=Whose(caller.study_id, caller.device_id),
+        is_costly=is_costly([file.path for file in files.values()]),
     )
     problems = tuple(_told(one["code"], one["severity"], one["side"], locale) for one in found["problems"])
     return CheckedPair(found["ok"], problems, found["measures"], locale, round(time.perf_counter() - started, 3))

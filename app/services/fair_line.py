@@ -1,7 +1,8 @@
 """Who is next where few places are wanted by many: studies take turns, and each caller has one place at a time.
 
 `with line.place(study, caller):` waits for a place. Of those who wait, the study that was served least lately is next,
-in it whoever came first; a caller who has a place already waits for that one to end.
+in it whoever came first; a caller who has a place already waits for that one to end. Work that takes long never has
+all places, unless there is only one.
 """
 
 import itertools
@@ -23,6 +24,7 @@ class _Waiting:
     study: Hashable
     caller: Hashable
     number: int  # of who comes, counted
+    is_costly: bool
 
 
 class FairLine:
@@ -30,6 +32,7 @@ class FairLine:
 
     def __init__(self, places: int, *, most_waiting: int, wait_seconds: float) -> None:
         self._free = places
+        self._free_for_costly = max(1, places - 1)
         self._most_waiting = most_waiting
         self._wait_seconds = wait_seconds
         self._changed = threading.Condition()
@@ -39,14 +42,15 @@ class FairLine:
         self._numbers = itertools.count()
 
     @contextmanager
-    def place(self, study: Hashable, caller: Hashable) -> Iterator[None]:
-        """Hold a place. Raises LineFullError."""
-        self._wait_for(_Waiting(study, caller, next(self._numbers)))
+    def place(self, study: Hashable, caller: Hashable, *, is_costly: bool = False) -> Iterator[None]:
+        """Hold a place. is_costly: the work takes long. Raises LineFullError."""
+        self._wait_for(_Waiting(study, caller, next(self._numbers), is_costly))
         try:
             yield
         finally:
             with self._changed:
                 self._free += 1
+                self._free_for_costly += is_costly
                 self._served.discard(caller)
                 self._changed.notify_all()
 
@@ -62,6 +66,7 @@ class FairLine:
                     if remaining <= 0 or not self._changed.wait(remaining):
                         raise LineFullError
                 self._free -= 1
+                self._free_for_costly -= wanted.is_costly
                 self._served.add(wanted.caller)
                 self._note_turn(wanted)
             finally:
@@ -79,7 +84,11 @@ class FairLine:
         """Whose turn it is; None while no place is free for anybody."""
         if self._free == 0:
             return None
-        ready = [each for each in self._waiting if each.caller not in self._served]
+        ready = [
+            each
+            for each in self._waiting
+            if each.caller not in self._served and not (each.is_costly and self._free_for_costly == 0)
+        ]
         return min(ready, key=lambda each: (self._last_turns.get(each.study, -1), each.number), default=None)
 
     def _note_turn(self, served: _Waiting) -> None:

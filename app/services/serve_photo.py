@@ -27,6 +27,7 @@ from app.errors import GoneError, NotFoundError, TadaError
 from app.services import audit
 from app.services.api_children import ApiChildren, PhotographError, Whose
 from app.services.caller import Caller, StaffCaller
+from app.services.decoding_cost import is_costly
 from app.services.read_meal import find_meal
 from app.services.receive_photo import sha256_of_file
 from app.services.thumbnails import THUMBNAIL_PX, thumbnail_name
@@ -170,6 +171,7 @@ def _made(
             seconds=SECONDS,
             whose=Whose(found.study_id, caller.staff_id if isinstance(caller, StaffCaller) else caller.device_id),
             photograph_sha256=image.stored_sha256,
+            is_costly=is_costly([source]),
         )
         if answer["failure"] is not None:
             raise PhotographError(answer["failure"]["message"], code=answer["failure"]["code"])

@@ -6,16 +6,20 @@ around them.
 
 import contextlib
 import os
+import signal
 import time
+from collections import Counter
 from unittest import mock
 
 import httpx2
 import psycopg
 
+from app.jobs.workflows import TRIES_ALONE
 from app.settings import Settings
 from tests.commands import run_tada
+from tests.e2e.faults.child_at_work import estimate_of
 from tests.e2e.faults.disk import Disk
-from tests.e2e.faults.programs import Clock, Postgres, ServiceManager, Store, Tada, child_named
+from tests.e2e.faults.programs import Clock, Postgres, ServiceManager, Store, Tada, child_named, children_of, send
 from tests.e2e.faults.proxy import Network
 from tests.e2e.processes import environment_of, free_port
 from tests.s3_server import S3Server
@@ -25,6 +29,7 @@ FILES_MEBIBYTES = 192
 DATABASE_MEBIBYTES = 288
 STUDY = "faults"
 SECONDS_FOR_A_JOB = 3.0  # that a worker's death waits for a job that it can hit
+MOST_KILLS = TRIES_ALONE  # of one estimate's children: the try after them is the last
 
 
 class Deployment:
@@ -35,6 +40,7 @@ class Deployment:
         self.is_embedded = database == "sqlite"
         self.has_s3 = store == "s3"
         self.apis, self.workers, self.links = [], [], {}
+        self.children_killed = Counter()  # by the name of the estimate that each was at
         self.database = self.store = None
         self._cleanup = contextlib.ExitStack()
         try:
@@ -93,6 +99,27 @@ class Deployment:
             time.sleep(0.05)
         running = {program: pid for pid, program in self._running_workers()}
         return running.get(chosen), chosen
+
+    def stop_child(self, rng, *, to_kill):
+        """SIGSTOP to a child that estimates just now, one that may still be killed if that is to follow.
+
+        Returns its process id and the estimate's name; None if no child was at work in time. What it is at is read
+        again once it is stopped: it may have gone on to another estimate meanwhile.
+        """
+        deadline = time.monotonic() + SECONDS_FOR_A_JOB
+        while time.monotonic() < deadline:
+            pids = [child for pid, _ in self._running_workers() for child in children_of(pid)]
+            rng.shuffle(pids)
+            for pid in pids:
+                if estimate_of(pid) is None:
+                    continue
+                send(pid, signal.SIGSTOP)
+                estimate = estimate_of(pid)
+                if estimate is not None and not (to_kill and self.children_killed[estimate] >= MOST_KILLS):
+                    return pid, estimate
+                send(pid, signal.SIGCONT)
+            time.sleep(0.02)
+        return None
 
     def _running_workers(self):
         """(pid, program) of those that run; the server's own has no program."""

@@ -62,6 +62,11 @@ ERROR_LINE = re.compile(
 
 AUTOFLUSHED = re.compile(r": \(raised as a result of [^\n]*\)\n")  # SQLAlchemy's word before the database's own
 
+# with which a meal fails when the machine was in trouble for too long: no storm is so long for any meal
+PASSING_CODES = frozenset(
+    {"estimate_killed", "estimate_timed_out", "estimate_out_of_memory", "internal_error", "job_gave_up"}
+)
+
 AFTER_ANSWERS = ("estimated", "needs_review")  # both follow from such pictures: whose leftover it is may be in doubt
 
 
@@ -74,6 +79,7 @@ class Checker:
         self._database = Database(settings.resolved_database_url)
         self._blobs = open_blob_store(settings.resolved_blob_url, settings)
         self.orphans = self.orphans_before = 0
+        self.failed_for_passing_trouble = []
 
     def close(self):
         self._database.dispose()
@@ -85,6 +91,16 @@ class Checker:
                 sa.or_(Meal.status.in_(WAITING), Meal.after_status.in_(WAITING))
             )
             return [tuple(row) for row in session.execute(query)]
+
+    def moving(self):
+        """Workflows under way: (id, status). One may end a moment after its meal, or after its meal was erased."""
+        schema = "" if self._database.is_sqlite else f"{jobs.DBOS_SCHEMA}."
+        query = sa.text(f"SELECT workflow_uuid, status FROM {schema}workflow_status WHERE status IN :moving")
+        with self._database.read() as session:
+            rows = session.execute(
+                query.bindparams(sa.bindparam("moving", expanding=True)), {"moving": list(jobs.MOVING_STATUSES)}
+            )
+            return [tuple(row) for row in rows]
 
     def problems(self, logs):
         """All that is wrong; `lost` and `duplicated` are its first two lists."""
@@ -154,13 +170,7 @@ class Checker:
             found += [f"meal {meal} waits without a job" for meal, _ in jobs.waiting_without_live_job(session)]
             live = session.scalars(sa.select(Job.id).where(Job.state.in_(jobs.LIVE_STATES)))
             found += [f"job {job} is not finished" for job in live]
-            schema = "" if self._database.is_sqlite else f"{jobs.DBOS_SCHEMA}."
-            moving = sa.text(f"SELECT workflow_uuid, status FROM {schema}workflow_status WHERE status IN :moving")
-            rows = session.execute(
-                moving.bindparams(sa.bindparam("moving", expanding=True)), {"moving": list(jobs.MOVING_STATUSES)}
-            )
-            found += [f"workflow {workflow} is {status}" for workflow, status in rows]
-        return found
+        return found + [f"workflow {workflow} is {status}" for workflow, status in self.moving()]
 
     def _answers(self):
         """Each meal has the answer of its own pictures: volumes that follow from their bytes, or its failure."""
@@ -171,6 +181,8 @@ class Checker:
                 meal = meals.get((code, planned.meal_id))
                 if meal is None:
                     continue
+                if meal.failure_code in PASSING_CODES:
+                    self.failed_for_passing_trouble.append(planned.meal_id)
                 if meal.failure_code != planned.expects or (meal.status == "failed") != (planned.expects is not None):
                     found.append(f"meal {planned.meal_id} is {meal.status} ({meal.failure_code})")
                 if planned.meal_id in self._journal.after_acknowledged and meal.after_status not in AFTER_ANSWERS:

@@ -22,6 +22,7 @@ from app.jobs.process_life import die_with_parent
 STUB_TASKS = "tests.e2e.faults.stub_tasks:TASKS"
 ORPHAN_GRACE = timedelta(seconds=1)
 ORPHAN_ROUND_SECONDS = 2.0
+WAIT_FOR_ROOM_SECONDS = 1.0  # and four, before an estimate whose child was killed is tried again
 
 
 def main(folder, *command, parent):
@@ -29,11 +30,12 @@ def main(folder, *command, parent):
     if "FAULT_VERSION" in os.environ:
         app.__version__ = os.environ["FAULT_VERSION"]  # before whoever takes it from there
     from app import cli, serving, worker
-    from app.jobs import engine
+    from app.jobs import engine, job_worker
 
     engine.JOB_PROTOCOL_VERSION = int(os.environ.get("FAULT_PROTOCOL", engine.JOB_PROTOCOL_VERSION))
     worker.TASKS = STUB_TASKS
     delete_orphans_soon()
+    job_worker.WorkerTimes = functools.partial(job_worker.WorkerTimes, wait_for_room=WAIT_FOR_ROOM_SECONDS)
     own = [sys.executable, "-m", "tests.e2e.faults.launch", folder, "worker"]
     serving.WorkerProcess = functools.partial(serving.WorkerProcess, command=own)
     os.fsync = faulty_fsync(os.fsync, pathlib.Path(folder))

@@ -35,6 +35,10 @@ def has_store(deployment):
     return deployment.has_s3
 
 
+class NothingToHitError(Exception):
+    """What the fault is to break does not run just now."""
+
+
 def nothing():
     """A fault that passes by itself: the service manager starts what was killed."""
 
@@ -57,12 +61,13 @@ def stop_api(deployment, rng, witness):
 def kill_worker(deployment, rng, witness):
     pid, program = deployment.worker_pid(rng, witness)
     down = rng.uniform(0.2, 5.0)
-    if pid is not None:
-        witness.worker_dies(pid)
-        if program is None:
-            send(pid, signal.SIGKILL)
-        else:
-            program.kill(down)
+    if pid is None:
+        raise NothingToHitError
+    witness.worker_dies(pid)
+    if program is None:
+        send(pid, signal.SIGKILL)
+    else:
+        program.kill(down)
     return 0.0, nothing
 
 
@@ -71,7 +76,7 @@ def stop_worker(deployment, rng, witness):
     pid, _ = deployment.worker_pid(rng, witness)
     seconds = rng.choice((1.0, 9.0))  # less than a lease, and more
     if pid is None:
-        return 0.0, nothing
+        raise NothingToHitError
     send(pid, signal.SIGSTOP)
     if seconds > 6.0 and not deployment.is_embedded:  # on SQLite it keeps its jobs
         witness.worker_dies(pid)
@@ -81,10 +86,32 @@ def stop_worker(deployment, rng, witness):
 @fault("worker asked to end")
 def end_worker(deployment, rng, witness):
     pid, _ = deployment.worker_pid(rng, witness)
-    if pid is not None:
-        witness.worker_dies(pid)
-        send(pid, signal.SIGTERM)
+    if pid is None:
+        raise NothingToHitError
+    witness.worker_dies(pid)
+    send(pid, signal.SIGTERM)
     return 0.0, nothing
+
+
+@fault("estimate's child killed")
+def kill_child(deployment, rng, witness):
+    """As by the kernel for want of memory; no estimate's children so often that its tries are used up."""
+    child = deployment.stop_child(rng, to_kill=True)
+    if child is None:
+        raise NothingToHitError
+    pid, estimate = child
+    deployment.children_killed[estimate] += 1
+    send(pid, signal.SIGKILL)
+    return 0.0, nothing
+
+
+@fault("estimate's child stopped")
+def stop_child(deployment, rng, witness):
+    child = deployment.stop_child(rng, to_kill=False)
+    if child is None:
+        raise NothingToHitError
+    pid, _ = child
+    return rng.uniform(0.5, 9.0), lambda: send(pid, signal.SIGCONT)
 
 
 @fault("database killed", has_database)
@@ -254,34 +281,33 @@ def older_worker(deployment, rng, witness):
 
 
 class Schedule(threading.Thread):
-    """Brings the faults and undoes them. rounds: of every kind."""
+    """Brings the faults and undoes them. rounds: of every kind whose name holds the word `kinds`."""
 
-    def __init__(self, deployment, witness, rng, *, rounds, longest_gap):
+    def __init__(self, deployment, witness, rng, *, rounds, longest_gap, kinds=""):
         super().__init__(name="faults", daemon=True)
         self._deployment = deployment
         self._witness = witness
         self._rng = rng
         self._rounds = rounds
         self._longest_gap = longest_gap
+        self.names = [name for name, (_, where) in FAULTS.items() if kinds in name and where(deployment)]
         self._undo = []
         self._order = itertools.count()
         self._ending = threading.Event()
         self._is_over = threading.Event()
         self._begun = 0
         self.injected = Counter()
+        self.without_effect = Counter()
         self.trouble = []
 
     def progress(self):
         """How much of it has been, 0 to 1."""
-        return 1.0 if self._is_over.is_set() else self._begun / (self._rounds * len(self._names()))
-
-    def _names(self):
-        return [name for name, (_, where) in FAULTS.items() if where(self._deployment)]
+        return 1.0 if self._is_over.is_set() else self._begun / (self._rounds * len(self.names))
 
     def run(self):
         try:
             for _ in range(self._rounds):
-                names = self._names()
+                names = list(self.names)
                 self._rng.shuffle(names)
                 for name in names:
                     self._wait(self._rng.uniform(0.1, self._longest_gap))
@@ -312,6 +338,10 @@ class Schedule(threading.Thread):
         self._witness.note(name)
         try:
             seconds, undo = function(self._deployment, self._rng, self._witness)
+        except NothingToHitError:
+            self.without_effect[name] += 1
+            self._witness.passed(name)
+            return
         except Exception as error:  # noqa: BLE001  # the database that it asked was away, which is a fault already
             self.trouble.append(f"{name}: {error!r}")
             self._witness.passed(name)

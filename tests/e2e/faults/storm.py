@@ -24,17 +24,24 @@ PAIR = pathlib.Path(__file__).parents[3] / "app" / "demo_data"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a storm. lost, duplicated, others: sentences; empty is good."""
+    """What came of a storm. lost, duplicated, others: sentences; empty is good.
+
+    injected: faults by name. kinds: of faults that were to come.
+    """
 
     lost: list
     duplicated: list
     others: list
     table: str
     injected: dict
+    kinds: int
 
 
-def storm(folder, database, store, *, seed, meals, rounds, longest_gap):
-    """Run it. The seed draws meals and faults; when they meet is up to the machine."""
+def storm(folder, database, store, *, seed, meals, rounds, longest_gap, kinds=""):
+    """Run it. The seed draws meals and faults; when they meet is up to the machine.
+
+    rounds: of each fault whose name holds `kinds`.
+    """
     real_pair = {slot: (PAIR / f"{slot}.jpg").read_bytes() for slot in ("left", "right")}
     rng = random.Random(seed)
     planned = plan_meals(rng, meals, real_pair)
@@ -47,7 +54,9 @@ def storm(folder, database, store, *, seed, meals, rounds, longest_gap):
         cleanup.callback(journal.close)
         witness = Witness(settings.resolved_database_url, journal)
         began = time.monotonic()
-        schedule = Schedule(deployment, witness, random.Random(seed), rounds=rounds, longest_gap=longest_gap)
+        schedule = Schedule(
+            deployment, witness, random.Random(seed), rounds=rounds, longest_gap=longest_gap, kinds=kinds
+        )
         phones = [
             Phone(
                 code,
@@ -76,7 +85,7 @@ def storm(folder, database, store, *, seed, meals, rounds, longest_gap):
         checker = Checker(settings, journal)
         calm = wait_for_calm(checker)
         stormy = len(witness.takeovers)
-        deaths(deployment, phones[0], witness, checker, rng, count=max(2, rounds // 2))
+        deaths(deployment, phones[0], witness, checker, rng, count=min(4, max(2, rounds // 2)))
         witness.stop()
         ends = {program.name: program.ends for program in [*deployment.apis, *deployment.workers]}
         deployment.manager.close_but(deployment.database, deployment.store)
@@ -90,7 +99,7 @@ def storm(folder, database, store, *, seed, meals, rounds, longest_gap):
         if "0 differ" not in (rebuilt := deployment.tada("records", "rebuild", "--check")):
             others.append(f"records are not what their runs say: {rebuilt}")
         table = describe(deployment, journal, witness, schedule, checker, lost, duplicated, stormed, calm, ends, stormy)
-        return Outcome(lost, duplicated, others, table, dict(schedule.injected))
+        return Outcome(lost, duplicated, others, table, dict(schedule.injected), len(schedule.names))
 
 
 def deaths(deployment, phone, witness, checker, rng, *, count):
@@ -113,11 +122,11 @@ def deaths(deployment, phone, witness, checker, rng, *, count):
 
 
 def wait_for_calm(checker):
-    """Seconds until no meal waits any more, at most CALM_SECONDS."""
+    """Seconds until no meal waits any more and no workflow is under way, at most CALM_SECONDS."""
     began = time.monotonic()
     while time.monotonic() - began < CALM_SECONDS:
         try:
-            if not checker.waiting():
+            if not checker.waiting() and not checker.moving():
                 break
         except Exception:  # noqa: BLE001  # the database is just being started
             pass
@@ -135,6 +144,10 @@ def describe(deployment, journal, witness, schedule, checker, lost, duplicated, 
     rows = [(name, count) for name, count in sorted(schedule.injected.items())]
     rows += [
         ("faults injected", schedule.injected.total()),
+        ("faults that found nothing to break", schedule.without_effect.total() + len(schedule.trouble)),
+        ("estimates whose child was killed", len(deployment.children_killed)),
+        ("of these twice", sum(count > 1 for count in deployment.children_killed.values())),
+        ("meals failed for passing trouble", len(checker.failed_for_passing_trouble)),
         ("disk full by", disk),
         ("meals acknowledged", len(journal.acknowledged)),
         ("after-meal pairs acknowledged", len(journal.after_acknowledged)),

@@ -7,6 +7,7 @@ import signal
 import time
 
 from app.services.child_tasks import TASKS as REAL_TASKS
+from tests.e2e.faults.child_at_work import named_after
 from tests.e2e.faults.pictures import note_of, volumes_ml
 from tests.estimates import answer, found_item
 
@@ -16,6 +17,11 @@ STAGES = ("read", "marker", "match", "depth", "volume")
 
 def estimate(request, on_stage):
     left, right = (pathlib.Path(request[side]).read_bytes() for side in ("left", "right"))
+    with named_after(left):
+        return _estimate(request, on_stage, left, right)
+
+
+def _estimate(request, on_stage, left, right):
     note = note_of(left)
     if note is None:
         return REAL_TASKS["estimate"](request, on_stage)

@@ -46,6 +46,7 @@ def test_costly_photograph_of_one_phone_takes_no_picture_of_another_study_away(e
     It was sealed before scans were limited.
     """
     monkeypatch.setattr(jpeg, "MAX_SCANS", 10 * SCANS)
+    monkeypatch.setattr(jpeg, "MAX_SCAN_PIXELS", 10 * SCANS * SIDE_PX**2)
     attacker, others = enrol("P001", "pilot"), enrol("P001", "other")
     costly = sent(attacker, {"left": costly_photograph(), "right": photograph(1)})
     pictures = [sent(others, pair()) for _ in range(7)]

@@ -4,6 +4,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.errors import ConflictError, UnavailableError
+from app.jobs.child_pool import ChildStartError
 from app.jobs.faults import is_passing
 
 
@@ -15,6 +16,7 @@ from app.jobs.faults import is_passing
         ConnectionResetError(),
         TimeoutError(),
         UnavailableError("later"),
+        ChildStartError("killed for want of memory while it was starting"),
         sa.exc.OperationalError("SELECT 1", {}, Exception("gone")),
         sa.exc.TimeoutError(),
     ],

@@ -59,7 +59,8 @@ def code(result: PhotoFacts | Failure) -> str:
 
 @pytest.mark.parametrize("options", [{}, {"progressive": True}, {"restart_marker_blocks": 2}, {"optimize": True}])
 def test_jpeg_of_every_coding_is_whole(inspect, options):
-    assert inspect(jpeg(**options)) == PhotoFacts("image/jpeg", WIDTH, HEIGHT, 1, WIDTH * HEIGHT)
+    scans = 10 if options.get("progressive") else 1
+    assert inspect(jpeg(**options)) == PhotoFacts("image/jpeg", WIDTH, HEIGHT, 1, WIDTH * HEIGHT, scans)
 
 
 @pytest.mark.parametrize("mode", ["RGB", "L", "I;16", "P", "RGBA"])
@@ -131,6 +132,25 @@ def test_jpeg_of_thousands_of_scans_is_refused(inspect):
     assert isinstance(inspect(whole[:-2] + last_scan * 50 + b"\xff\xd9"), PhotoFacts)
     failure = inspect(whole[:-2] + last_scan * 2000 + b"\xff\xd9")
     assert (failure.code, "more than 100 scans" in failure.message) == ("image_unreadable", True)
+
+
+def test_large_jpeg_of_a_hundred_scans_is_refused_and_one_of_ten_is_not(inspect):
+    """98 scans of 59 megapixels, within the limit of scans, held a decoder for seconds at each request."""
+    assert inspect(progressive_of_size(7680, 7680, scans=10)).scans == 10
+    assert inspect(progressive_of_size(640, 480, scans=98)).scans == 98
+    failure = inspect(progressive_of_size(7680, 7680, scans=98))
+    assert (failure.code, "more scans than" in failure.message) == ("image_unreadable", True)
+
+
+def progressive_of_size(width, height, *, scans):
+    """The structure of such a JPEG; its frame header's size is not that of what was encoded."""
+    stream = io.BytesIO()
+    picture().save(stream, "JPEG", progressive=True)
+    whole = bytearray(stream.getvalue())
+    frame = whole.index(b"\xff\xc2")
+    whole[frame + 5 : frame + 9] = height.to_bytes(2, "big") + width.to_bytes(2, "big")
+    last_scan = whole[whole.rindex(b"\xff\xda") : -2]
+    return bytes(whole[:-2] + last_scan * (scans - whole.count(b"\xff\xda")) + b"\xff\xd9")
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

@@ -17,17 +17,17 @@ class Crowd:
         self.ends = {}
         self.threads = []
 
-    def come(self, name, study, caller=None):
+    def come(self, name, study, caller=None, *, is_costly=False):
         before = len(self.line._waiting) + len(self.served) + len(self.refused)
         self.ends[name] = threading.Event()
-        thread = threading.Thread(target=self._hold, args=(name, study, caller or name))
+        thread = threading.Thread(target=self._hold, args=(name, study, caller or name, is_costly))
         thread.start()
         self.threads.append(thread)
         wait_until(lambda: len(self.line._waiting) + len(self.served) + len(self.refused) > before)
 
-    def _hold(self, name, study, caller):
+    def _hold(self, name, study, caller, is_costly):
         try:
-            with self.line.place(study, caller):
+            with self.line.place(study, caller, is_costly=is_costly):
                 self.served.append(name)
                 assert self.ends[name].wait(30)
         except LineFullError:
@@ -96,6 +96,28 @@ def test_caller_has_one_place_at_a_time_though_others_are_free(crowd_of):
     assert crowd.served == ["a1", "b1"]
     crowd.let_go("a1")
     assert crowd.served == ["a1", "b1", "a2"]
+
+
+def test_costly_work_of_one_study_leaves_a_place_for_another(crowd_of):
+    crowd = crowd_of(places=2)
+    for name in ("a1", "a2", "a3"):
+        crowd.come(name, "a", is_costly=True)
+    crowd.come("b1", "b")
+    wait_until(lambda: len(crowd.served) == 2)
+    assert crowd.served == ["a1", "b1"]
+    crowd.ends["b1"].set()
+    crowd.threads[-1].join(30)
+    assert crowd.served == ["a1", "b1"]  # the place stays free
+    crowd.come("b2", "b")
+    assert crowd.served == ["a1", "b1", "b2"]
+    crowd.let_go("a1")
+    assert crowd.served == ["a1", "b1", "b2", "a2"]
+
+
+def test_costly_work_has_the_place_where_there_is_only_one(crowd_of):
+    crowd = crowd_of(places=1)
+    crowd.come("a1", "a", is_costly=True)
+    wait_until(lambda: crowd.served == ["a1"])
 
 
 def test_one_caller_and_one_study_leave_room_in_the_line_for_others(crowd_of):
