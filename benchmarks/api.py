@@ -303,10 +303,10 @@ def look_for(server: Deployment, sent: dict[str, list[str]]) -> tuple[int, int]:
         return lost, sum(pool.map(lambda pair: is_wrong(*pair), pairs))
 
 
-def enrol(server: Deployment, count: int) -> list[str]:
-    """Tokens of so many phones, each of a participant of its own, by the command and the API."""
+def enrol(server: Deployment, count: int, study: str = "b") -> list[str]:
+    """Tokens of so many phones, each of a participant of its own in a new study, by the command and the API."""
     admin = subprocess.run(
-        [sys.executable, "-m", "app.cli", "admin", "create", "bench"],
+        [sys.executable, "-m", "app.cli", "admin", "create", f"bench-{study}"],
         env=server.environment | {"TADA_LOG_LEVEL": "WARNING"},
         stdout=subprocess.PIPE,
         cwd=ROOT,
@@ -314,11 +314,11 @@ def enrol(server: Deployment, count: int) -> list[str]:
     ).stdout.decode()
     tokens, headers = [], {"Authorization": f"Bearer {admin.strip()}"}
     with httpx2.Client(base_url=f"http://127.0.0.1:{server.port}", headers=headers, timeout=60) as client:
-        client.post("/v1/studies", json={"code": "b", "name": "b", "marker": "plain:9x7:11"}).raise_for_status()
+        client.post("/v1/studies", json={"code": study, "name": study, "marker": "plain:9x7:11"}).raise_for_status()
         for number in range(count):
             code = f"P{number:03}"
-            client.post("/v1/studies/b/participants", json={"code": code}).raise_for_status()
-            issued = client.post(f"/v1/studies/b/participants/{code}/enrolment-codes").raise_for_status().json()
+            client.post(f"/v1/studies/{study}/participants", json={"code": code}).raise_for_status()
+            issued = client.post(f"/v1/studies/{study}/participants/{code}/enrolment-codes").raise_for_status().json()
             device = {"code": issued["code"], "device_name": "bench"}
             tokens.append(client.post("/v1/enrolments", json=device).raise_for_status().json()["token"])
     return tokens

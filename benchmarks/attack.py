@@ -1,0 +1,156 @@
+"""How long ordinary pictures of one study take while four callers of another ask for the costliest photograph there is.
+
+    python -m benchmarks.attack [--rounds 5] [--seconds 12]
+
+A fresh `tada serve` on SQLite with files and its default number of decoding children. The costly photograph: a
+progressive JPEG of 59 megapixels whose last scan is repeated as often as upload takes it, at most 98 scans in all. Two
+callers of the other study each ask for ordinary pictures (12 megapixels, baseline), with a pause between two as of
+people who page through a gallery. Quiet and attacked rounds alternate; p95 is the median of the rounds' p95.
+
+Bar: the attacked p95 is at most twice the quiet one, and every ordinary picture is served.
+"""
+
+import argparse
+import io
+import os
+import tempfile
+import threading
+import time
+from pathlib import Path
+from statistics import median
+
+from PIL import Image
+
+from app.photos.jpeg import MAX_SCAN_PIXELS
+from benchmarks.api import Deployment, deployment, enrol
+from benchmarks.api_load import BOUNDARY, Phone, meal_parts, percentiles
+
+SIDE_PX = 7680
+WANTED_SCANS = 98
+ATTACKERS, OTHERS = 4, 2
+PAUSE_SECONDS = 0.3
+WIDTH_PX = 640
+RATIO_BAR = 2.0
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--seconds", type=float, default=12.0, help="Of each quiet and each attacked round.")
+    arguments = parser.parse_args()
+    print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors before")
+    with (
+        tempfile.TemporaryDirectory(prefix="tada-attack-") as name,
+        deployment("sqlite", Path(name)) as server,
+    ):
+        return 0 if measure(server, arguments.rounds, arguments.seconds) else 1
+
+
+def measure(server: Deployment, rounds: int, seconds: float) -> bool:
+    """Print the table; whether the bar holds."""
+    attackers, others = enrol(server, ATTACKERS, "attack"), enrol(server, OTHERS, "others")
+    costly, scans = costly_photograph()
+    print(f"costly: {SIDE_PX} x {SIDE_PX}, {scans} scans, {len(costly) / 1e6:.1f} MB")
+    attacks = [(token, uploaded(server, token, costly)) for token in attackers]
+    gallery = [(token, uploaded(server, token, ordinary_photograph())) for token in others]
+    asked(server, gallery, seconds=3.0)  # warm
+    quiet, attacked, statuses = [], [], []
+    print("| round | quiet p50 ms | quiet p95 ms | attacked p50 ms | attacked p95 ms | costly answered |")
+    print("|---|---|---|---|---|---|")
+    for number in range(rounds):
+        quiet.append(percentiles(asked(server, gallery, seconds=seconds))[:2])
+        ending = threading.Event()
+        answers: list[int] = []
+        threads = [threading.Thread(target=attack, args=(server, *each, ending, answers)) for each in attacks]
+        for thread in threads:
+            thread.start()
+        time.sleep(1.0)
+        attacked.append(percentiles(asked(server, gallery, seconds=seconds))[:2])
+        ending.set()
+        for thread in threads:
+            thread.join()
+        statuses += answers
+        cells = [f"{value:.0f}" for value in (*quiet[-1], *attacked[-1])]
+        print(f"| {number + 1} | {' | '.join(cells)} | {answers.count(200)} of {len(answers)} |", flush=True)
+    (quiet_p50, quiet_p95), (attacked_p50, attacked_p95) = (
+        [median(column) for column in zip(*each, strict=True)] for each in (quiet, attacked)
+    )
+    ratio = attacked_p95 / quiet_p95
+    print(
+        f"quiet p50 {quiet_p50:.0f} p95 {quiet_p95:.0f} ms; attacked p50 {attacked_p50:.0f} p95 {attacked_p95:.0f} ms"
+    )
+    print(f"ratio of p95 {ratio:.2f} (bar: {RATIO_BAR}); load {os.getloadavg()[0]:.1f} after")
+    return ratio <= RATIO_BAR
+
+
+def asked(server: Deployment, gallery: list[tuple[str, str]], *, seconds: float) -> list[float]:
+    """Latencies (s) of the ordinary pictures, asked for by all callers for so long. Raises if one is not served."""
+    latencies: list[float] = []
+    errors: list[str] = []
+    deadline = time.monotonic() + seconds
+
+    def page(token: str, path: str) -> None:
+        phone = Phone(server.port, token)
+        while time.monotonic() < deadline and not errors:
+            started = time.perf_counter()
+            status, body = phone.ask("GET", path)
+            latencies.append(time.perf_counter() - started)
+            if status != 200:
+                errors.append(f"{status}: {body[:200]!r}")
+            time.sleep(PAUSE_SECONDS)
+
+    threads = [threading.Thread(target=page, args=each) for each in gallery]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    if errors:
+        raise SystemExit(f"an ordinary picture was not served: {errors[0]}")
+    return latencies
+
+
+def attack(server: Deployment, token: str, path: str, ending: threading.Event, answers: list[int]) -> None:
+    """Ask for the costly picture again and again."""
+    phone = Phone(server.port, token)
+    while not ending.is_set():
+        status, _ = phone.ask("GET", path)
+        answers.append(status)
+        if status != 200:
+            ending.wait(0.2)
+
+
+def uploaded(server: Deployment, token: str, photo: bytes) -> str:
+    """Send a meal of this photograph: the address of its left picture."""
+    client_id = os.urandom(16).hex()
+    client_id = f"{client_id[:8]}-{client_id[8:12]}-4{client_id[13:16]}-8{client_id[17:20]}-{client_id[20:]}"
+    content_type = f"multipart/form-data; boundary={BOUNDARY.decode()}"
+    status, body = Phone(server.port, token).ask(
+        "POST", "/v1/meals", *meal_parts(client_id, photo), content_type=content_type
+    )
+    if status != 202:
+        raise SystemExit(f"{status}: {body[:300]!r}")
+    return f"/v1/meals/{client_id}/images/left?width={WIDTH_PX}"
+
+
+def costly_photograph() -> tuple[bytes, int]:
+    """The JPEG and its number of scans."""
+    stream = io.BytesIO()
+    Image.effect_noise((SIDE_PX // 8, SIDE_PX // 8), 40).convert("RGB").resize((SIDE_PX, SIDE_PX)).save(
+        stream, "JPEG", progressive=True, quality=60
+    )
+    whole = stream.getvalue()
+    last_scan = whole[whole.rindex(b"\xff\xda") : -2]
+    own_scans = whole.count(b"\xff\xda")
+    scans = min(WANTED_SCANS, MAX_SCAN_PIXELS // SIDE_PX**2)
+    return whole[:-2] + last_scan * (scans - own_scans) + b"\xff\xd9", scans
+
+
+def ordinary_photograph() -> bytes:
+    """12 megapixels, as a phone takes them."""
+    stream = io.BytesIO()
+    Image.effect_noise((1000, 750), 40).convert("RGB").resize((4000, 3000)).save(stream, "JPEG", quality=90)
+    return stream.getvalue()
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
