@@ -4,10 +4,11 @@ Reads requests from standard input, a JSON object a line, and answers on what wa
 {"ready": true} once; then, for each request, {"taken": true}, any number of {"stage": name} and one of {"ok": result},
 {"out_of_memory": words}, {"raised": words}. TASKS is "module:NAME" of a mapping from a task's name to its function.
 What libraries print goes to standard error. The parent (child_pool.py) holds the clock and the kill switch; a
-request's `cpu_seconds` are watched by the kernel.
+request's `cpu_seconds` are watched by the kernel. One that `is_costly` is performed at a low priority.
 """
 
 import faulthandler
+import functools
 import importlib
 import json
 import math
@@ -15,14 +16,17 @@ import os
 import resource
 import signal
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TextIO
 
 from app.jobs.process_life import die_with_parent
 
 Task = Callable[[Mapping[str, Any], Callable[[str], None]], Mapping[str, Any]]
 
+COSTLY_NICENESS = 15  # next to an ordinary request some 3 % of a core, and all of it while nobody else wants it
 OPENCV_NO_MEMORY = -4  # cv::Error::StsNoMem
 
 
@@ -41,7 +45,18 @@ def main(arguments: list[str]) -> None:
         request = json.loads(line)
         _send(answers, {"taken": True})
         _limit_processor_time(float(request["cpu_seconds"]))
-        _send(answers, _perform(tasks, request["task"], request["arguments"], answers))
+        perform = functools.partial(_perform, tasks, request["task"], request["arguments"], answers)
+        _send(answers, _at_low_priority(perform) if request["is_costly"] else perform())
+
+
+def _at_low_priority(perform: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """In a thread of its own: Linux gives each thread its priority, and a lowered one cannot be raised again."""
+
+    def lower() -> None:
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), COSTLY_NICENESS)
+
+    with ThreadPoolExecutor(1, initializer=lower) as thread:
+        return thread.submit(perform).result()
 
 
 def _take_pipes() -> tuple[TextIO, TextIO]:

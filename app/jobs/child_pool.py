@@ -57,10 +57,14 @@ FAILURES: Mapping[Outcome, Failure] = {  # each message with the limit that was 
 
 @dataclass(frozen=True, slots=True)
 class ChildRequest:
-    """task: a name in the registry. arguments: JSON; pictures and what is made of them travel as paths of files."""
+    """task: a name in the registry. arguments: JSON; pictures and what is made of them travel as paths of files.
+
+    is_costly: it takes long and gives way to all else on the machine.
+    """
 
     task: str
     arguments: Mapping[str, Any]
+    is_costly: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -335,7 +339,12 @@ class _Child:
         cpu_seconds: of processor time, which the child has its kernel watch.
         """
         self.uses += 1
-        sent = {"task": request.task, "arguments": dict(request.arguments), "cpu_seconds": cpu_seconds}
+        sent = {
+            "task": request.task,
+            "arguments": dict(request.arguments),
+            "cpu_seconds": cpu_seconds,
+            "is_costly": request.is_costly,
+        }
         line = json.dumps(sent, allow_nan=False) + "\n"
         stdin = self._process.stdin
         if stdin is None:

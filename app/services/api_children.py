@@ -84,7 +84,7 @@ class ApiChildren:
         with self._admitted(whose, is_costly=is_costly):
             try:
                 ended = self._pool.run(
-                    ChildRequest(task, arguments), lambda _: None, seconds=seconds, patience=PATIENCE
+                    ChildRequest(task, arguments, is_costly), lambda _: None, seconds=seconds, patience=PATIENCE
                 )
             except (ChildPoolClosedError, ChildStartError) as error:
                 raise _busy() from error

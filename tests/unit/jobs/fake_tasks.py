@@ -3,6 +3,7 @@
 import os
 import pathlib
 import signal
+import threading
 import time
 
 
@@ -68,7 +69,8 @@ def _stages(arguments, on_stage):
 
 
 def _describe(arguments, on_stage):
-    return {"pid": os.getpid(), "environment": sorted(os.environ), "echo": arguments}
+    niceness = os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+    return {"pid": os.getpid(), "environment": sorted(os.environ), "echo": arguments, "niceness": niceness}
 
 
 def _garble(arguments, on_stage):

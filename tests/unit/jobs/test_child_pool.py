@@ -282,3 +282,11 @@ def is_running(pid):
         return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:
         return False
+
+
+def test_costly_request_gives_way_and_the_next_one_in_its_child_does_not(pool):
+    before = run(pool, "describe").result
+    costly = pool.run(ChildRequest("describe", {}, is_costly=True), lambda _: None).result
+    after = run(pool, "describe").result
+    assert before["pid"] == costly["pid"] == after["pid"]
+    assert costly["niceness"] > before["niceness"] == after["niceness"]
