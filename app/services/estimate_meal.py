@@ -184,8 +184,8 @@ class EstimateMeal:
         """Let the phone see that the meal waits again: its estimate was broken off, and no fault of its photographs."""
         try:
             with self._database.write() as session:
-                job = session.get_one(Job, job_id)
-                if job.purpose == "meal":
+                job = session.get(Job, job_id)  # None: erased meanwhile
+                if job is not None and job.purpose == "meal":
                     meals.set_progress(session, job.meal_id, status="processing", stage=AWAITS_ROOM)
         except sqlalchemy.exc.SQLAlchemyError:
             log.warning("stage_not_told", job_id=str(job_id), stage=AWAITS_ROOM, exc_info=True)
