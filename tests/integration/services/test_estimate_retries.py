@@ -1,6 +1,9 @@
 """What an estimate's child may come to, and which of it is worth another try."""
 
+import uuid
+
 import pytest
+from structlog.testing import capture_logs
 
 from app.jobs.child_pool import ChildResult
 from app.jobs.faults import BrokenOff
@@ -58,3 +61,11 @@ def test_estimate_that_its_photographs_ended_is_not_tried_again(state, sent, out
     answer = EstimateMeal(state.database, state.blobs, children, state.settings).load(key).answer
     assert answer["failure"]["code"] == code
     assert "{limit}" not in answer["failure"]["message"]
+
+
+def test_waiting_for_room_with_a_meal_that_was_erased_meanwhile_leaves_no_traceback(state):
+    """A storm of killed children: the worker logged NoResultFound."""
+    work = EstimateMeal(state.database, state.blobs, Children(None), state.settings)
+    with capture_logs() as logs:
+        work.await_room(uuid.uuid4())
+    assert logs == []
