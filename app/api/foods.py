@@ -23,7 +23,9 @@ from app.api.schemas.foods import (
     RejectedDensityOut,
     UnknownComponentOut,
 )
+from app.api.stored_words import stored_word
 from app.nutrition.density import DensityChoice
+from app.nutrition.foods import FOOD_STATES
 from app.services.caller import DeviceCaller
 from app.services.foods import FoodView, read_food
 from app.services.recipes import RecipeView
@@ -117,7 +119,7 @@ def _recipe(recipe: RecipeView | None) -> RecipeOut | None:
                 key=part.food.key,
                 name=part.food.name,
                 version=part.food.version,
-                state=part.food.state,
+                state=stored_word(part.food.state, FOOD_STATES),
                 mass_g=part.mass_g,
                 retention=dict(part.retention),
                 retention_source=part.retention_source,

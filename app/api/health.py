@@ -1,5 +1,7 @@
 """/healthz: the process answers. /readyz: it can take meals; how the workers are is told, but refuses nothing."""
 
+from typing import Literal
+
 from fastapi import APIRouter, Response
 from pydantic import BaseModel, Field
 
@@ -12,7 +14,7 @@ router = APIRouter(tags=["health"])
 class Health(BaseModel):
     """The process is alive."""
 
-    status: str = Field(default="ok", description="ok: the process answers.")
+    status: Literal["ok"] = Field(default="ok", description="ok: the process answers.")
 
 
 class Ready(BaseModel):

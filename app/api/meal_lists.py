@@ -30,6 +30,7 @@ from app.api.schemas.meal_lists import (
     MealPage,
     StatusCountOut,
 )
+from app.db.models.meal import AfterStatus, MealOrigin, MealStatus
 from app.db.queries.meal_pages import MealFilter
 from app.db.queries.meal_rows import MealRow
 from app.errors import InvalidInputError
@@ -41,8 +42,6 @@ from app.services.studies import read_study
 
 router = APIRouter(prefix="/v1", tags=["meals"])
 
-MealStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"]
-AfterStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "nothing_left"]
 FoodKey = Annotated[str, StringConstraints(max_length=100)]
 Word = Annotated[str, StringConstraints(max_length=64, pattern="^[a-z0-9_]+$")]
 Known = Annotated[str, StringConstraints(max_length=50, pattern=r"^[0-9A-Fa-f-]{32,36}:[0-9]{1,9}$")]
@@ -69,7 +68,7 @@ def get_meals(
         list[MealStatus] | None, Query(max_length=7, description="The meals' status; any of several.")
     ] = None,
     origin: Annotated[
-        Literal["photographed", "declared"] | None,
+        MealOrigin | None,
         Query(description="Whether the meal was photographed, or declared without photographs."),
     ] = None,
     failure: Annotated[

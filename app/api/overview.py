@@ -24,6 +24,8 @@ from app.api.schemas.overview import (
     PersonDayOut,
     PlaceOut,
 )
+from app.db.models.meal import MealStatus
+from app.db.queries.overview import CountedStatus
 from app.errors import InvalidInputError
 from app.exports.flat_rows import encode_flat, flat_paths
 from app.services.distribution import Distribution
@@ -159,7 +161,7 @@ def _day_out(day: OverviewDay) -> OverviewDayOut:
     )
 
 
-def _statuses_out(counts: Mapping[str, int]) -> list[OverviewStatusOut]:
+def _statuses_out(counts: Mapping[CountedStatus, int] | Mapping[MealStatus, int]) -> list[OverviewStatusOut]:
     return [OverviewStatusOut(status=status, meals=meals) for status, meals in counts.items()]
 
 

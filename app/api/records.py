@@ -1,6 +1,6 @@
 """/v1/records: what participants ate, for researchers and scripts: JSON pages, or all as one streamed file."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import JSONResponse, Response
@@ -21,6 +21,7 @@ from app.api.parameters import FirstDay, LastDay, OfParticipant, OfStudy
 from app.api.problems import problem_responses
 from app.api.render import render_record
 from app.api.schemas.records import RecordPage
+from app.db.models.record import RecordStatus
 from app.db.queries.record_pages import RecordFilter
 from app.services.day_order import require_order
 from app.services.export_spec import ExportFilters, ExportSpec
@@ -28,7 +29,6 @@ from app.services.list_records import list_records
 
 router = APIRouter(prefix="/v1/records", tags=["records"])
 
-RecordStatus = Literal["proposed", "needs_review", "confirmed", "corrected", "rejected"]
 FoodKey = Annotated[str, StringConstraints(max_length=100)]
 MOST_FOODS = 10  # in one filter: each is found in an index by itself
 

@@ -18,8 +18,8 @@ from app.api.schemas.releases import (
     ReleaseIn,
     ReleaseList,
     ReleaseOut,
-    ReleaseState,
 )
+from app.db.models.release import ReleaseState
 from app.db.queries.releases import NamedRelease
 from app.services import releases
 from app.services.freeze_release import ReleaseFilters

@@ -18,11 +18,13 @@ from app.api.schemas.meals import (
     TotalsOut,
 )
 from app.api.schemas.records import RecordOut
+from app.api.stored_words import stored_word
 from app.db.models import Component, EffectiveRecord, Food, RunArtefact
 from app.db.models.meal import AFTER_SLOTS, SLOTS
 from app.db.models.record import HEADLINE_COLUMNS
 from app.db.queries.records import FoodName, RecordRow
 from app.nutrition.doubt import Estimate
+from app.nutrition.foods import DENSITY_BASES, FOOD_FORMS
 from app.nutrition.nutrients import amount_interval
 from app.services.food_amounts import FoodAmounts
 from app.services.meal_clock import time_flags
@@ -133,6 +135,7 @@ def food_ref(food: Food | FoodName | None) -> FoodRef | None:
 def _leftover(view: LeftoverView) -> LeftoverOut:
     leftover, state = view.state, view.state.state
     mass = view.mass.as_seen_g if view.mass is not None else None
+    of_class: dict[str, Any] = {"class": leftover.leftover_class}  # no name for an argument in Python
     return LeftoverOut(
         id=state.item.id,
         item=leftover.of_item_id,
@@ -144,7 +147,7 @@ def _leftover(view: LeftoverView) -> LeftoverOut:
         mass_g=mass.value if mass is not None else None,
         mass_interval_g=(mass.low, mass.high) if mass is not None else None,
         flags=[*state.flags, *leftover.flags],
-        **{"class": leftover.leftover_class},
+        **of_class,
     )
 
 
@@ -166,7 +169,7 @@ def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
         origin=record.origin,
         polygon=[list(ring) for ring in view.state.rings],
         food=food_ref(view.food),
-        lies_as=its.lies_as if its else None,
+        lies_as=stored_word(its.lies_as, FOOD_FORMS) if its else None,
         candidates=[
             CandidateOut(food=FoodRef(key=food.key, name=food.name), probability=probability, source=source)
             for food, probability, source in view.candidates
@@ -177,7 +180,7 @@ def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
         volume_interval_ml=_interval(record.volume_low_ml, record.volume_high_ml),
         density_g_per_ml=record.density_g_per_ml,
         density_sd_g_per_ml=density.density_sd_g_per_ml if density else None,
-        density_basis=density.density_basis if density else None,
+        density_basis=stored_word(density.density_basis, DENSITY_BASES) if density else None,
         density_source=record.density_source,
         mass_g=record.mass_g,
         mass_interval_g=_interval(record.mass_low_g, record.mass_high_g),

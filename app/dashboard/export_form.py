@@ -9,11 +9,11 @@ from pydantic import ValidationError
 from starlette.datastructures import ImmutableMultiDict
 
 from app.api.exports import NAMES
-from app.api.meal_lists import AfterStatus, MealStatus
-from app.api.records import RecordStatus
 from app.api.schemas.exports import ExportIn
 from app.dashboard.flag_words import FLAGS
 from app.dashboard.refusals import sentence
+from app.db.models.meal import AfterStatus, MealStatus
+from app.db.models.record import RecordStatus
 from app.errors import InvalidInputError
 from app.services.export_spec import FILTERS, ExportFilters, ExportSpec, Rows, check_spec
 

@@ -9,8 +9,9 @@ from typing import Annotated, Any, Literal
 from fastapi import Depends, Query
 from pydantic import BeforeValidator
 
-from app.api.meal_lists import MOST_VALUES, AfterStatus, FoodKey, MealStatus, Word
+from app.api.meal_lists import MOST_VALUES, FoodKey, Word
 from app.api.schemas.text import LocalDay
+from app.db.models.meal import AfterStatus, MealStatus
 from app.db.queries.meal_pages import MealFilter
 from app.services.day_order import told_reversed
 from app.services.export_spec import FILTERS, ExportFilters, Rows

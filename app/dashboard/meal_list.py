@@ -12,7 +12,6 @@ from pydantic import StringConstraints
 from starlette.responses import Response
 
 from app.api.export_files import answer_file
-from app.api.meal_lists import AfterStatus, MealStatus
 from app.api.pages import PREFIX
 from app.api.paging import Cursor
 from app.dashboard.addresses import study_address
@@ -21,6 +20,7 @@ from app.dashboard.meal_filters import Filters, MealFilters, View
 from app.dashboard.meal_list_views import FAILURES, ListedMeal, element_of, listed
 from app.dashboard.one_study import in_study
 from app.dashboard.page import CurrentPage, Page
+from app.db.models.meal import AfterStatus, MealStatus
 from app.errors import InvalidInputError
 from app.services.export_spec import ExportSpec, Output, Rows
 from app.services.food_names import food_names

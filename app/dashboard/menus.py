@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from app.db.models.people import ROLES
-from app.services.caller import Role
+from app.db.models.people import ROLES, Role
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,8 @@ from app.dashboard import overview_charts as charts
 from app.dashboard.addresses import study_address
 from app.dashboard.headline import HEADLINES
 from app.dashboard.page import CurrentPage
+from app.db.models.meal import MealStatus
+from app.db.queries.overview import CountedStatus
 from app.errors import InvalidInputError
 from app.services.study_overview import (
     USUAL_DAYS,
@@ -33,7 +35,7 @@ PRESETS = (("7", "7 days"), ("28", "28 days"), ("90", "90 days"), ("all", "All")
 DAYS = {"7": 7, "28": 28, "90": 90, "all": None}
 USUAL = "28"
 PLACES_LISTED = 200
-MOVING = ("receiving", "queued", "processing")
+MOVING: tuple[MealStatus, ...] = ("receiving", "queued", "processing")
 
 # a form sends a field that says nothing as ""
 Blank = BeforeValidator(lambda told: None if isinstance(told, str) and not told.strip() else told)
@@ -134,7 +136,7 @@ def _persons(found: StudyOverview) -> dict[str, dict[date, DayOfPerson]]:
     return persons
 
 
-def _is_moving(waiting: Mapping[str, int]) -> bool:
+def _is_moving(waiting: Mapping[CountedStatus, int]) -> bool:
     return any(waiting[status] for status in MOVING)
 
 

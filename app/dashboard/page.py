@@ -12,9 +12,9 @@ from app.api.pages import PREFIX, is_https
 from app.api.state import ApiState
 from app.dashboard.templates import render
 from app.db.models import Study
-from app.db.models.people import ROLES
+from app.db.models.people import ROLES, Role
 from app.services.access import role_in
-from app.services.caller import Role, StaffCaller
+from app.services.caller import StaffCaller
 from app.services.studies import read_study
 
 TOLD_COOKIE = "tada_told"  # one sentence for the next page: "The device was revoked."

@@ -12,10 +12,11 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from app.db.models import Meal, Participant, Study, Webhook, WebhookDelivery
-from app.db.models.webhook import ALL_EVENTS
+from app.db.models.meal import MealStatus
+from app.db.models.webhook import ALL_EVENTS, DeliveredEvent, Event
 from app.db.queries import webhooks
 
-EVENT_OF_STATUS: Mapping[str, str] = {
+EVENT_OF_STATUS: Mapping[MealStatus, Event] = {
     "queued": "meal.received",
     "estimated": "meal.estimated",
     "needs_review": "meal.needs_review",
@@ -27,7 +28,7 @@ EVENT_OF_STATUS: Mapping[str, str] = {
 def announce(
     session: Session,
     study_id: uuid.UUID,
-    event: str,
+    event: Event,
     data: Mapping[str, Any],
     *,
     meal_id: uuid.UUID | None = None,
@@ -61,7 +62,7 @@ def announce_meal(session: Session, meal: Meal) -> None:
 def deliver_to(
     session: Session,
     hooks: Iterable[Webhook],
-    event: str,
+    event: DeliveredEvent,
     data: Mapping[str, Any],
     *,
     meal_id: uuid.UUID | None = None,

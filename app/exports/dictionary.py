@@ -4,11 +4,12 @@ From the columns that the files are written by; as rows, and as a Table Schema (
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 from app.exports.columns import Column, ColumnType, Part
 
-TYPES: dict[ColumnType, str] = {  # in words of the dictionary
+DictionaryType = Literal["id", "text", "list of words", "instant", "day", "number", "integer", "boolean"]
+TYPES: dict[ColumnType, DictionaryType] = {  # in words of the dictionary
     "id": "id",
     "word": "text",
     "words": "list of words",

@@ -32,6 +32,7 @@ PAL: Mapping[Activity, float] = {  # IOM 2002/2005: the levels that stand for it
 }
 
 Verdict = Literal["low", "plausible", "high", "unknown"]
+WhyUnknown = Literal["profile_unknown", "no_whole_day", "basal_rate_unknown", "not_an_adult"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +47,7 @@ class Plausibility:
     ratio: float | None = None
     low: float | None = None
     high: float | None = None
-    reason: str | None = None
+    reason: WhyUnknown | None = None
 
 
 def cut_offs(days: int, pal: float = USUAL_PAL) -> tuple[float, float]:

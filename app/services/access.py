@@ -6,9 +6,9 @@ all does not exist for them: 404. One where the role is too low says so: 403. An
 
 import uuid
 
-from app.db.models.people import ROLES
+from app.db.models.people import ROLES, Role
 from app.errors import NotAllowedError, NotFoundError
-from app.services.caller import Caller, DeviceCaller, Role, StaffCaller
+from app.services.caller import Caller, DeviceCaller, StaffCaller
 
 
 def role_in(caller: StaffCaller, study_id: uuid.UUID) -> Role | None:

@@ -3,11 +3,11 @@
 import uuid
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Literal
 
 from sqlalchemy.orm import Session
 
 from app.db.models import AccessToken, Staff
+from app.db.models.people import Scope
 from app.db.queries import people
 from app.db.session import Database
 from app.errors import ConflictError, NotFoundError
@@ -17,8 +17,6 @@ from app.services.caller import StaffCaller, new_token, sha256_hex
 
 MAX_DAYS = 365
 MAX_TOKENS = 50  # valid ones of one person; also keeps the list short
-
-Scope = Literal["read", "write"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ import hashlib
 from sqlalchemy.orm import Session
 
 from app.db.models import DiaryDay, Meal, Participant
+from app.db.models.webhook import Event
 from app.db.outbox import announce, announce_meal
 
 __all__ = ["announce", "announce_day", "announce_meal", "meal_deleted", "participant_withdrawn"]
@@ -40,5 +41,5 @@ def participant_withdrawn(session: Session, participant: Participant, policy: st
 def announce_day(session: Session, participant: Participant, day: DiaryDay) -> None:
     """Something was said about a participant's day: it is closed now, or open again."""
     data = {"participant": participant.code, "local_date": day.local_date.isoformat(), "ate_nothing": day.ate_nothing}
-    event = "day.closed" if day.status == "closed" else "day.reopened"
+    event: Event = "day.closed" if day.status == "closed" else "day.reopened"
     announce(session, participant.study_id, event, data, participant_id=participant.id)

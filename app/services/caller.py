@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Literal
 
+from app.db.models.people import Role
 from app.db.queries import people
 from app.db.session import Database
 from app.errors import GoneError, NotAllowedError, UnauthenticatedError
@@ -16,8 +17,6 @@ from app.services.secret_box import SecretBox
 TOKEN_BYTES = 32  # 256 bits
 CODE_BYTES = 16  # 128 bits
 SESSION_IDLE = timedelta(hours=2)  # a session that is not used for so long has ended; its use is noted every 5 minutes
-
-Role = Literal["viewer", "reviewer", "owner"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from app.db.models import Study
+from app.db.models.people import Locale
 from app.db.session import Database
 from app.errors import InvalidInputError
 from app.photos.inspect import PhotoFacts, inspect_photo
@@ -14,7 +15,7 @@ from app.services.caller import DeviceCaller
 from app.services.camera_choice import Size, choose_camera
 from app.services.camera_json import camera_to_json
 from app.services.decoding_cost import is_costly
-from app.services.messages.catalogue import Locale, choose_locale, sentence
+from app.services.messages.catalogue import choose_locale, sentence
 from app.services.receive_photo import SIDEWAYS, ReceivedFile
 from app.settings import Settings
 from app.vision.marker_spec import parse_marker

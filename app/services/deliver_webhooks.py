@@ -218,12 +218,13 @@ class DeliverWebhooks:
                 delivery.state, delivery.delivered_at, delivery.next_try_at = "delivered", self._now(), None
                 _forget_who_left(delivery)
                 return
-            if answer.status == GONE or claimed.attempt >= MOST_ATTEMPTS:
+            is_given_up = answer.status == GONE or claimed.attempt >= MOST_ATTEMPTS
+            if is_given_up:
                 _give_up(delivery)
             else:
                 delivery.next_try_at = self._now() + self._pause(claimed.attempt, answer)
             session.flush()
-            if hook.disabled_at is not None or delivery.state != "given_up":
+            if hook.disabled_at is not None or not is_given_up:
                 return
             outcomes = webhooks.last_outcomes(session, hook.id, GIVEN_UP_IN_A_ROW)
             in_a_row = len(outcomes) == GIVEN_UP_IN_A_ROW and set(outcomes) == {"given_up"}

@@ -13,6 +13,7 @@ from typing import Literal
 from sqlalchemy.orm import Session
 
 from app.db.models import EffectiveRecord, Participant, Study
+from app.db.models.people import Locale
 from app.db.models.record import HEADLINE_COLUMNS
 from app.db.queries import days, diary
 from app.db.queries.day_definition import FULL
@@ -27,7 +28,6 @@ from app.nutrition.reference_intakes import reference_intakes
 from app.services.caller import Caller, DeviceCaller
 from app.services.diary import Whose, find_participant
 from app.services.food_amounts import RECORD_COLUMNS
-from app.services.messages.catalogue import Locale
 from app.services.messages.feedback_sentences import feedback_sentence, locale_of
 from app.services.record_amounts import eaten_g
 from app.services.study_days import StudyDay, number_days, person_on

@@ -124,10 +124,10 @@ def density_value(row: FoodDensity | StudyDensity) -> Density:
         g_per_ml=row.g_per_ml,
         sd_g_per_ml=row.sd_g_per_ml,
         state=row.state,
-        kind=row.kind,  # type: ignore[arg-type]  # Density checks all three
-        basis=row.basis if isinstance(row, FoodDensity) else "study",  # type: ignore[arg-type]
+        kind=row.kind,
+        basis=row.basis if isinstance(row, FoodDensity) else "study",  # type: ignore[arg-type]  # Density checks it
         source=row.source,
-        weighs=row.weighs,  # type: ignore[arg-type]
+        weighs=row.weighs,
     )
 
 

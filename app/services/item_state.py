@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from app.db.models import Item, ItemFood, ItemMeasure, Leftover, MealEvent
+from app.db.models.record import RecordStatus
 from app.db.models.review import LAYERS
 from app.db.queries.meal_parts import FROM_HINT, FROM_INDEX, MealParts
 from app.nutrition.doubt import Doubt, estimate
@@ -73,7 +74,7 @@ class ItemState:
     taken_for: ItemFood | None
     amount: Amount
     share: float
-    word: str | None
+    word: RecordStatus | None
     reviewed: bool
     food_is_told: bool
     flags: tuple[str, ...]
@@ -344,7 +345,7 @@ def _rings(event: MealEvent, item: Item) -> Sequence[Any]:
     return rings_of(event.new["polygon"]) if event.kind == "redraw" else item.rings
 
 
-def _word(spoken: Sequence[MealEvent]) -> str | None:
+def _word(spoken: Sequence[MealEvent]) -> RecordStatus | None:
     """What people have made of an item: the last one of the highest layer decides whether it is there."""
     if not spoken:
         return None

@@ -12,7 +12,8 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from app.db.models import Component, EffectiveRecord, Food, ItemFood, Meal
-from app.db.models.meal import AFTER_SLOTS
+from app.db.models.meal import AFTER_SLOTS, AfterStatus, MealStatus
+from app.db.models.record import RecordStatus
 from app.db.queries import foods, meals, records
 from app.db.queries.meal_parts import MealParts, parts_of, records_of
 from app.db.queries.meals import UNESTIMATED
@@ -61,7 +62,7 @@ class MealProjection:
     parts: MealParts
     state: MealState
     items: tuple[ItemProjection, ...]
-    status: str | None
+    status: MealStatus | None
 
 
 class Projector:
@@ -269,7 +270,7 @@ def _doubt(probability: float, amounts: FoodAmounts | None, flags: Sequence[str]
     return review_doubt(probability, amounts.consumed_g, amounts.mass.edible_g.value * amounts.share, flags)
 
 
-def _record_status(state: ItemState, amounts: FoodAmounts | None) -> str:
+def _record_status(state: ItemState, amounts: FoodAmounts | None) -> RecordStatus:
     if state.word == "rejected":
         return "rejected"
     if amounts is None or amounts.consumed_g is None:
@@ -277,7 +278,7 @@ def _record_status(state: ItemState, amounts: FoodAmounts | None) -> str:
     return state.word or "proposed"
 
 
-def _status(parts: MealParts, state: MealState, items: Sequence[ItemProjection]) -> str | None:
+def _status(parts: MealParts, state: MealState, items: Sequence[ItemProjection]) -> MealStatus | None:
     """The meal's status where a run or a person has spoken: it is confirmed when a person has settled all of it."""
     meal, run = parts.meal, parts.run
     if meal.status in UNESTIMATED and meal.origin == "photographed" and (run is None or parts.waits_for_run):
@@ -311,7 +312,7 @@ def _with_after_pair_settled(session: Session, parts: MealParts) -> MealParts:
     return parts
 
 
-def _after_status(session: Session, meal: Meal, state: MealState) -> str | None:
+def _after_status(session: Session, meal: Meal, state: MealState) -> AfterStatus | None:
     """Where the after-meal pair stands: a run or an upload has moved it, what people say may end the wait for it."""
     if meal.after_status in AFTER_MEASURED:
         is_open = any(_is_open(each) for each in state.leftovers if each.state.is_live)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from sqlalchemy.orm import Session
 
 from app.db.models import Component, EffectiveRecord, Food, Meal, MealImage, Run, RunArtefact
+from app.db.models.record import CandidateSource
 from app.db.queries import meals, records
 from app.db.queries.meal_parts import parts_of, records_of
 from app.db.session import Database
@@ -37,7 +38,7 @@ class ItemView:
     state: ItemState
     record: EffectiveRecord
     food: Food | None
-    candidates: tuple[tuple[Food, float | None, str], ...]
+    candidates: tuple[tuple[Food, float | None, CandidateSource], ...]
     none_probability: float | None
     index_version: str | None
     amounts: FoodAmounts | None

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 from app.db.models import AccessToken, Staff
+from app.db.models.people import Role
 from app.db.queries import people
 from app.db.session import Database
 from app.errors import InvalidInputError, UnauthenticatedError
 from app.services.access_tokens import EndedAccess, end_access
 from app.services.audit import note
-from app.services.caller import SESSION_IDLE, Role, StaffCaller, new_token, sha256_hex
+from app.services.caller import SESSION_IDLE, StaffCaller, new_token, sha256_hex
 from app.services.passwords import Passwords
 from app.services.staff import normal_name
 

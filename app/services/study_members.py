@@ -7,11 +7,12 @@ from datetime import UTC, datetime
 from sqlalchemy.orm import Session
 
 from app.db.models import Staff, Study, StudyMember
+from app.db.models.people import Role
 from app.db.queries import people
 from app.db.session import Database
 from app.errors import ConflictError, NotFoundError
 from app.services.audit import note
-from app.services.caller import Role, StaffCaller
+from app.services.caller import StaffCaller
 from app.services.cursors import TEXT, Page, decode_cursor, encode_cursor
 from app.services.staff import known_staff, normal_name
 from app.services.studies import known_study

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, timedelta
 
 from app.db.models import Study
-from app.db.models.meal import MEAL_STATUSES
+from app.db.models.meal import MEAL_STATUSES, MealStatus
 from app.db.models.record import HEADLINE_COLUMNS
 from app.db.queries import overview, people
-from app.db.queries.overview import PeopleCounts, Place, Span
+from app.db.queries.overview import CountedStatus, PeopleCounts, Place, Span
 from app.db.queries.study_day_sums import CountedDay, DayCounts
 from app.db.session import Database
 from app.db.sorted_values import Runs
@@ -95,8 +95,8 @@ class StudyOverview:
     people: PeopleCounts
     completeness: Completeness
     days: tuple[OverviewDay, ...]
-    by_status: Mapping[str, int]
-    waiting: Mapping[str, int]
+    by_status: Mapping[MealStatus, int]
+    waiting: Mapping[CountedStatus, int]
     failures: Mapping[str, int]
     nutrients: tuple[Distribution, ...]
     person_days: tuple[DayOfPerson, ...] | None
@@ -152,7 +152,9 @@ def study_overview(
         )
 
 
-def study_waiting(database: Database, caller: Caller, study_code: str) -> tuple[dict[str, int], dict[str, int]]:
+def study_waiting(
+    database: Database, caller: Caller, study_code: str
+) -> tuple[dict[CountedStatus, int], dict[str, int]]:
     """(waiting, failures) of an overview at this moment. Raises NotFoundError."""
     with database.read() as session:
         study = enter_study(session, caller, study_code)

@@ -5,6 +5,7 @@ from typing import Literal
 from pydantic import BaseModel, Field
 
 from app.api.schemas.descriptions import NUMBER
+from app.nutrition.life_stage import LifeStage
 
 
 class VariancesOut(BaseModel):
@@ -20,7 +21,7 @@ class VariancesOut(BaseModel):
 class StageAdequacyOut(BaseModel):
     """A life stage's group; `reason` says why no share is told."""
 
-    life_stage: str = Field(
+    life_stage: LifeStage = Field(
         description="The group by age, sex, pregnancy and lactation, as the reference intakes have it."
     )
     persons: int = Field(description="Participants whose days were used.")

@@ -8,6 +8,7 @@ from pydantic import BaseModel, Field
 
 from app.api.schemas.descriptions import CHANGE_SEQ, PARTICIPANT
 from app.api.schemas.records import RecordOfItem
+from app.db.models.diary import DayStatus
 
 
 class ChangedDayOut(BaseModel):
@@ -16,7 +17,7 @@ class ChangedDayOut(BaseModel):
     id: uuid.UUID = Field(description="The day's id: a row that changes again comes again with it.")
     participant: str = Field(description=PARTICIPANT)
     local_date: date = Field(description="The participant's local day.")
-    status: str = Field(description="closed: all that was eaten on the day is recorded. open: not so.")
+    status: DayStatus = Field(description="closed: all that was eaten on the day is recorded. open: not so.")
     ate_nothing: bool = Field(description="The word as it was said: a meal on that day says more (GET /v1/days).")
     change_seq: int = Field(description=CHANGE_SEQ)
 

@@ -6,6 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.schemas.meals import CameraIn
 from app.api.schemas.text import Text
+from app.db.models.people import Locale
 
 
 class CheckMetadataIn(BaseModel):
@@ -15,7 +16,7 @@ class CheckMetadataIn(BaseModel):
 
     marker: Text | None = Field(default=None, max_length=64, description="KIND:COLSxROWS:MM; default: the study's.")
     camera: CameraIn | None = Field(default=None, description="Default: as for a meal of this phone.")
-    locale: Literal["en", "de", "es", "zh"] | None = Field(
+    locale: Locale | None = Field(
         default=None, description="Of the sentences; default: Accept-Language, or else the study's."
     )
 
@@ -57,5 +58,5 @@ class CheckOut(BaseModel):
     ok: bool = Field(description="Nothing stops this pair from being measured.")
     problems: list[CheckProblemOut] = Field(description="What could be done better; empty: nothing.")
     measures: dict[str, float] = Field(description="Numbers that could be had, each with its unit in the name.")
-    locale: Literal["en", "de", "es", "zh"] = Field(description="Of the sentences.")
+    locale: Locale = Field(description="Of the sentences.")
     seconds: float = Field(description="What the judgement took, without the upload.")

@@ -4,15 +4,16 @@ from typing import Any
 
 from pydantic import BaseModel, Field
 
+from app.exports.dictionary import DictionaryType
+from app.services.export_spec import Components, Layout, Rows
+
 
 class DictionaryColumn(BaseModel):
     """A column of a table."""
 
     position: int = Field(description="The column's place, 1 the first.")
     name: str = Field(description="The column's name in CSV, Parquet and NDJSON files.")
-    type: str = Field(
-        description="The values' type: id, word, instant, day, number, integer, boolean, or words (a list)."
-    )
+    type: DictionaryType = Field(description="The type of the values; an instant is RFC 3339, a day YYYY-MM-DD.")
     unit: str | None = Field(description="1: a share or a ratio; null: the values have none.")
     meaning: str = Field(description="What the value says.")
     values: list[str] = Field(description="All that there can be, where they are few.")
@@ -22,9 +23,9 @@ class DictionaryColumn(BaseModel):
 class DataDictionary(BaseModel):
     """A table's columns from left to right, and those that tell one row from all others."""
 
-    rows: str = Field(description="The table: items, meals, days or photographs.")
-    layout: str = Field(description="wide: one column per component. long: one row per component.")
-    components: str = Field(
+    rows: Rows = Field(description="The table: items, meals, days or photographs.")
+    layout: Layout = Field(description="wide: one column per component. long: one row per component.")
+    components: Components = Field(
         description="headline: the ten components of every record. all: every component of the food tables as well."
     )
     key: list[str] = Field(description="Names of the columns that together identify a row.")

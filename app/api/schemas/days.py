@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.api.schemas.descriptions import DAY, NEXT, PAGE, PARTICIPANT
+from app.db.models.diary import DayStatus
+from app.nutrition.plausible_energy import WhyUnknown
 
 COVERAGE = "The share of the eaten grams for which it is known, 0 to 1; null: grams of something are not known."
 UNMEASURED_MEALS = (
@@ -22,9 +24,7 @@ class DayIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"status": "closed", "ate_nothing": False}})
 
-    status: Literal["closed", "open"] = Field(
-        description="closed: all that was eaten on the day is recorded. open: not so."
-    )
+    status: DayStatus = Field(description="closed: all that was eaten on the day is recorded. open: not so.")
     ate_nothing: bool = Field(default=False, description="With closed: nothing was eaten on the day.")
 
     @model_validator(mode="after")
@@ -39,7 +39,7 @@ class DayOut(BaseModel):
 
     date: Annotated[date, Field(description="The participant's local day.")]
     study_day: int | None = Field(description="1 on the participant's first day.")
-    status: Literal["closed", "open"] = Field(
+    status: DayStatus = Field(
         description="closed: all that was eaten on the day is recorded. open: not so, or nobody has said."
     )
     ate_nothing: bool = Field(description="Closed, and nothing was eaten: no meal says otherwise.")
@@ -66,7 +66,7 @@ class PlausibilityOut(BaseModel):
     ratio: float | None = Field(description="Mean energy intake over basal metabolic rate; null: not known.")
     low: float | None = Field(description="Lower limit of a plausible ratio; null: not known.")
     high: float | None = Field(description="Upper limit of a plausible ratio; null: not known.")
-    reason: str | None = Field(description="Why it is unknown.")
+    reason: WhyUnknown | None = Field(description="Why it is unknown.")
 
 
 class DaySummaryOut(BaseModel):
@@ -76,7 +76,7 @@ class DaySummaryOut(BaseModel):
     participant: str = Field(description=DAY["participant"])
     local_date: date = Field(description=DAY["local_date"])
     study_day: int | None = Field(description=DAY["study_day"])
-    day_status: Literal["closed", "open"] = Field(description="Leave open days out of means.")
+    day_status: DayStatus = Field(description="Leave open days out of means.")
     ate_nothing: bool = Field(description=DAY["ate_nothing"])
     decided_by: Literal["participant", "reviewer"] | None = Field(description=DAY["decided_by"])
     meals: int = Field(description=DAY["meals"])

@@ -8,11 +8,16 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.schemas.descriptions import NEXT, PAGE
 from app.api.schemas.text import LocalDay, Text
+from app.db.models.export import ExportState
+from app.db.models.meal import AfterStatus, MealOrigin, MealStatus
+from app.db.models.record import RecordStatus
+from app.db.queries.meal_pages import Needs
 from app.services.export_spec import Components, Layout, Output, Rows
 
 Word = Annotated[Text, Field(min_length=1, max_length=100)]
 Words = Annotated[list[Word], Field(max_length=10)]
-ExportState = Literal["queued", "running", "done", "failed", "cancelled", "expired"]
+Statuses = Annotated[list[Literal[RecordStatus, MealStatus]], Field(max_length=10)]
+AfterStatuses = Annotated[list[AfterStatus], Field(max_length=10)]
 
 
 class ExportFiltersIn(BaseModel):
@@ -26,17 +31,17 @@ class ExportFiltersIn(BaseModel):
     first_day: LocalDay | None = Field(default=None, alias="from", description="First local day, included.")
     last_day: LocalDay | None = Field(default=None, alias="to", description="Last local day, included.")
     food: Words = Field(default=[], description="Keys of foods; any of several.")
-    status: Words = Field(
+    status: Statuses = Field(
         default=[], description="Statuses: of the item or of the meal, by what a row is; any of several."
     )
     flag: Words = Field(default=[], description="Only meals with an item that has this flag; any of several.")
-    origin: Word | None = Field(default=None, description="Only meals of this origin.")
-    needs: Word | None = Field(
+    origin: MealOrigin | None = Field(default=None, description="Only meals of this origin.")
+    needs: Needs | None = Field(
         default=None,
         description="review: an item is in the review queue. answer: a question to the participant is open.",
     )
     failure: Words = Field(default=[], description="Only meals that failed with this code; any of several.")
-    after_status: Words = Field(default=[], description="How the after-meal pair stands; any of several.")
+    after_status: AfterStatuses = Field(default=[], description="How the after-meal pair stands; any of several.")
 
 
 class ExportIn(BaseModel):

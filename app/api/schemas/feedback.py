@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, Field
 
 from app.api.schemas.descriptions import CAPTURED_AT, MEAL_ID, STUDY_DAY
+from app.db.models.diary import DayStatus
+from app.db.models.people import Locale
 
 
 class EatenAmountOut(BaseModel):
@@ -74,9 +76,7 @@ class SummaryOut(BaseModel):
 
     date: Annotated[date, Field(description="The participant's local day.")]
     study_day: int | None = Field(description=STUDY_DAY)
-    status: Literal["closed", "open"] = Field(
-        description="closed: all that was eaten on the day is recorded. open: not so."
-    )
+    status: DayStatus = Field(description="closed: all that was eaten on the day is recorded. open: not so.")
     ate_nothing: bool = Field(description="Whether the day is closed and nothing was eaten on it.")
     meals: list[EatenMealOut] = Field(description="The day's meals.")
     components: dict[str, EatenAmountOut] = Field(description="Of the whole day: amounts, compared with nothing.")
@@ -87,6 +87,6 @@ class SummaryOut(BaseModel):
         description="Counted as eaten up: nobody has looked what was left, where the study expects an after-meal pair."
     )
     comparison: ComparisonOut = Field(description="Means of the last days beside reference intakes.")
-    locale: str = Field(description="The language of the sentences.")
+    locale: Locale = Field(description="The language of the sentences.")
     sentences: list[str] = Field(description="To be shown as they stand, in this order.")
     disclaimer: str = Field(description="To be shown beside them, always.")

@@ -16,6 +16,7 @@ from app.api.schemas.descriptions import (
     IS_MIXED_DISH,
     NUMBER,
 )
+from app.nutrition.foods import DensityBasis, DensityKind, FoodForm, FoodState, WeighedPart
 
 
 class FoodRef(BaseModel):
@@ -67,10 +68,10 @@ class DensityOut(BaseModel):
     g_per_ml: float = Field(description=DENSITY)
     sd_g_per_ml: float = Field(description=DENSITY_SD)
     state: str = Field(description=DENSITY_STATE)
-    kind: str = Field(description=DENSITY_KIND)
-    basis: str = Field(description=DENSITY_BASIS)
+    kind: DensityKind = Field(description=DENSITY_KIND)
+    basis: DensityBasis = Field(description=DENSITY_BASIS)
     source: str = Field(description="Who measured or published it.")
-    weighs: str = Field(description=DENSITY_WEIGHS)
+    weighs: WeighedPart = Field(description=DENSITY_WEIGHS)
 
 
 class RejectedDensityOut(DensityOut):
@@ -108,7 +109,7 @@ class FoodSummary(FoodRef):
 
     aliases: list[str] = Field(description=ALIASES)
     group: str = Field(description=FOOD_GROUP)
-    form: str = Field(description=FOOD_FORM)
+    form: FoodForm = Field(description=FOOD_FORM)
 
 
 class IngredientOut(FoodRef):
@@ -118,7 +119,7 @@ class IngredientOut(FoodRef):
     """
 
     version: int = Field(description="The food's version that the recipe holds.")
-    state: str | None = Field(description=FOOD_STATE)
+    state: FoodState | None = Field(description=FOOD_STATE)
     mass_g: float = Field(description="Edible grams that go into the dish.")
     retention: dict[str, float] = Field(
         description="Component number -> share of it that cooking leaves, 0 to 1; 1 where not named."
@@ -147,7 +148,7 @@ class FoodOut(FoodSummary):
     """A food with all that the tables in force know of it; a component that is not listed is not known, not 0."""
 
     version: int = Field(description="The food's version in its table's release: above 1, it was corrected.")
-    state: str | None = Field(description=FOOD_STATE)
+    state: FoodState | None = Field(description=FOOD_STATE)
     is_mixed_dish: bool = Field(description=IS_MIXED_DISH)
     refuse: list[RefuseOut] = Field(description="Parts that are not eaten.")
     edible_share: float = Field(description="Of an item as it is usually seen.")
@@ -166,7 +167,7 @@ class FoodOut(FoodSummary):
 class FoodMatch(FoodSummary):
     """A food in a list, and why it is there."""
 
-    state: str | None = Field(description="raw (dry goods too), cooked or as_eaten; null: not told.")
+    state: FoodState | None = Field(description="raw (dry goods too), cooked or as_eaten; null: not told.")
     is_mixed_dish: bool = Field(description=IS_MIXED_DISH)
     release: str = Field(description="The food table that it is of, and its version.")
     matched: str | None = Field(description="The name, alias or code that the words were found in; null without words.")

@@ -16,6 +16,7 @@ from app.api.schemas.descriptions import (
     TIME_ZONE,
 )
 from app.api.schemas.foods import FoodRef
+from app.db.models.meal import AfterStatus, MealOrigin, MealStatus
 
 
 class MealLinks(BaseModel):
@@ -31,7 +32,9 @@ class MealListItem(BaseModel):
     id: uuid.UUID = Field(description="The id that the phone made.")
     study: str = Field(description=STUDY)
     participant: str = Field(description=PARTICIPANT)
-    status: str = Field(description="receiving, queued, processing, estimated, needs_review, failed or confirmed")
+    status: MealStatus = Field(
+        description="receiving, queued, processing, estimated, needs_review, failed or confirmed"
+    )
     stage: str | None = Field(description="The pipeline's step while processing; `waits_for_room` between two tries.")
     failure_code: str | None = Field(
         description="Why it could not be measured (docs/errors.md); null: it has not failed."
@@ -41,8 +44,8 @@ class MealListItem(BaseModel):
     local_date: date = Field(description=LOCAL_DATE)
     received_at: datetime = Field(description=RECEIVED_AT)
     upload_delay_seconds: float = Field(description="From eating to the first of the meal on the server.")
-    origin: str = Field(description="photographed or declared")
-    after_status: str | None = Field(description="How its after-meal pair stands; null: nothing has come.")
+    origin: MealOrigin = Field(description="photographed or declared")
+    after_status: AfterStatus | None = Field(description="How its after-meal pair stands; null: nothing has come.")
     provisional: bool = Field(description="An after-meal pair may still come.")
     version: int = Field(description=MEAL_VERSION)
     item_count: int = Field(description="Items that count (not rejected).")
@@ -68,7 +71,7 @@ class MealPage(BaseModel):
 class StatusCountOut(BaseModel):
     """How many meals have a status. `is_more`: there are more than `count`."""
 
-    status: str = Field(description="The meals' status.")
+    status: MealStatus = Field(description="The meals' status.")
     count: int = Field(description="How many meals have it, up to 1,000.")
     is_more: bool = Field(description="Whether there are more than `count`.")
 

@@ -22,8 +22,11 @@ from app.api.schemas.foods import FoodRef, NutrientAmount, NutrientTotal
 from app.api.schemas.meal_example import MEAL_EXAMPLE
 from app.api.schemas.outline import Pixel, Polygon
 from app.api.schemas.text import Instant, JsonNumber, Text
-from app.nutrition.foods import FoodForm
-from app.services.messages.catalogue import LOCALES, sentence
+from app.db.models.meal import AfterStatus, MealStatus
+from app.db.models.people import LOCALES
+from app.db.models.record import CandidateSource, ItemOrigin, LeftoverClass, RecordStatus
+from app.nutrition.foods import DensityBasis, FoodForm
+from app.services.messages.catalogue import sentence
 
 MAX_HINTS = 20
 
@@ -210,20 +213,20 @@ class CandidateOut(BaseModel):
 
     food: FoodRef = Field(description="The food that it may be.")
     probability: float | None = Field(description="By the index; null: a hint's.")
-    source: str = Field(description="hint, the phone's; or index")
+    source: CandidateSource = Field(description="hint, the phone's; or index")
 
 
 class ItemOut(BaseModel):
     """One food on the plate. Without a food or a volume, mass and nutrients are null and the meal needs review."""
 
     id: uuid.UUID = Field(description="The item's id: events name it.")
-    status: str = Field(description="proposed, needs_review, confirmed, corrected or rejected")
-    origin: str = Field(description="pipeline, declared, added, split or merged")
+    status: RecordStatus = Field(description="proposed, needs_review, confirmed, corrected or rejected")
+    origin: ItemOrigin = Field(description="pipeline, declared, added, split or merged")
     polygon: list[list[tuple[float, float]]] = Field(
         description="Rings in the left photograph's upright pixels, holes by the even-odd rule."
     )
     food: FoodRef | None = Field(description=FOOD)
-    lies_as: str | None = Field(description="How it was said to lie; null: as it usually does.")
+    lies_as: FoodForm | None = Field(description="How it was said to lie; null: as it usually does.")
     candidates: list[CandidateOut] = Field(
         description="A hint's, then the index's, best first: choose one by the event `set_food` with its key."
     )
@@ -237,7 +240,7 @@ class ItemOut(BaseModel):
         description="Turned the volume into grams; null where a person set the grams."
     )
     density_sd_g_per_ml: float | None = Field(description="What the next item of this food may differ from it.")
-    density_basis: str | None = Field(description="study, measured, fao, portion, related or group.")
+    density_basis: DensityBasis | None = Field(description="study, measured, fao, portion, related or group.")
     density_source: str | None = Field(description="Who measured or published the density; null: none was used.")
     mass_g: float | None = Field(description="As seen, with peel, core and bone.")
     mass_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
@@ -270,7 +273,7 @@ class LeftoverOut(BaseModel):
     model_config = ConfigDict(serialize_by_alias=True, validate_by_name=True)
 
     id: uuid.UUID = Field(description="The piece's id: the event `set_leftover` names it.")
-    leftover_class: str = Field(alias="class", description="food_left, refuse or unmatched")
+    leftover_class: LeftoverClass = Field(alias="class", description="food_left, refuse or unmatched")
     item: uuid.UUID | None = Field(description="The item of the meal that it was left of.")
     is_by_person: bool = Field(description="A person has said so; else it is the server's own match.")
     polygon: list[list[tuple[float, float]]] = Field(
@@ -287,7 +290,7 @@ class LeftoverOut(BaseModel):
 class AfterOut(BaseModel):
     """The after-meal pair. It never moves the meal's own status."""
 
-    status: str | None = Field(
+    status: AfterStatus | None = Field(
         description="null: nothing has come yet; receiving, queued, processing, estimated, needs_review, failed, or "
         "nothing_left, as a person said"
     )
@@ -309,7 +312,9 @@ class MealOut(BaseModel):
     id: uuid.UUID = Field(description=MEAL_ID)
     study: str = Field(description=STUDY)
     participant: str = Field(description=PARTICIPANT)
-    status: str = Field(description="receiving, queued, processing, estimated, needs_review, failed or confirmed")
+    status: MealStatus = Field(
+        description="receiving, queued, processing, estimated, needs_review, failed or confirmed"
+    )
     stage: str | None = Field(description="The pipeline's step while processing; `waits_for_room` between two tries.")
     captured_at: datetime = Field(description=CAPTURED_AT)
     time_zone: str = Field(description=TIME_ZONE)

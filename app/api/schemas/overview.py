@@ -7,6 +7,7 @@ from pydantic import BaseModel, Field
 
 from app.api.schemas.days import UNMEASURED_MEALS
 from app.api.schemas.descriptions import CAPTURED_AT, LOCAL_DATE, MEAL_ID, PARTICIPANT, STUDY
+from app.db.queries.overview import CountedStatus
 
 WHOLE = "Closed, and everything eaten is measured and final, or nothing was eaten; with all of its energy known."
 LATE = "Arrived more than 24 hours after they were eaten."
@@ -73,7 +74,7 @@ class OverviewDayOut(BaseModel):
 class OverviewStatusOut(BaseModel):
     """Meals of a status, or whose after-meal pair is waited for (after_awaited) or has failed (after_failed)."""
 
-    status: str = Field(description="A meal's status, or after_awaited or after_failed.")
+    status: CountedStatus = Field(description="A meal's status, or after_awaited or after_failed.")
     meals: int = Field(description="How many meals there are.")
 
 

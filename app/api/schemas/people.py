@@ -2,13 +2,14 @@
 
 import uuid
 from datetime import date, datetime
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.schemas.descriptions import APP_VERSION, LOCALE, NEXT, PAGE, PARTICIPANT, PHONE_MODEL, STUDY
 from app.api.schemas.meals import CameraIn
 from app.api.schemas.text import LocalDay, Number, Text, unless_named
+from app.db.models.people import Locale, LocationPolicy, WithdrawalPolicy
 from app.nutrition.energy_requirement import HEIGHT_LIMITS_M, WEIGHT_LIMITS_KG, Activity, Trimester
 from app.nutrition.life_stage import Sex
 
@@ -37,7 +38,7 @@ class ProtocolIn(BaseModel):
     )
     expects_after_pair: bool = Field(default=False, description="Whether a second pair is taken after the meal.")
     after_window_minutes: int = Field(default=240, ge=5, le=2880, description="How long it is waited for.")
-    location_policy: Literal["drop", "round", "keep"] = Field(
+    location_policy: LocationPolicy = Field(
         default="drop",
         description="What is kept of where a meal was. With `drop` places of before are told no more, and exports with "
         "them expire; a release that was frozen with them keeps them.",
@@ -48,10 +49,10 @@ class ProtocolIn(BaseModel):
     retention_days: int | None = Field(
         default=None, ge=1, le=36_500, description="Photographs go so many days after upload; null: they stay."
     )
-    withdrawal_policy: Literal["keep", "anonymise", "erase"] = Field(
+    withdrawal_policy: WithdrawalPolicy = Field(
         default="erase", description="What happens to the data of a participant who leaves."
     )
-    locale: Literal["en", "de", "es", "zh"] = Field(default="en", description="The participants' language.")
+    locale: Locale = Field(default="en", description="The participants' language.")
     gives_feedback: bool = Field(
         default=False, description="Whether participants see what they ate; it changes what people eat."
     )
@@ -105,7 +106,7 @@ class StudyOut(BaseModel):
     after_window_minutes: int = Field(
         description="How long the after-meal pair is waited for, from when the meal was eaten."
     )
-    location_policy: str = Field(
+    location_policy: LocationPolicy = Field(
         description="What is kept of where a meal was: nothing (drop), a rounded place, or the place (keep)."
     )
     location_decimals: int | None = Field(
@@ -114,8 +115,8 @@ class StudyOut(BaseModel):
     retention_days: int | None = Field(
         description="Photographs are deleted so many days after upload; null: they stay."
     )
-    withdrawal_policy: str = Field(description="What happens to the data of a participant who leaves.")
-    locale: str = Field(description=LOCALE)
+    withdrawal_policy: WithdrawalPolicy = Field(description="What happens to the data of a participant who leaves.")
+    locale: Locale = Field(description=LOCALE)
     gives_feedback: bool = Field(description="Whether participants see what they ate.")
     day_starts: str = Field(description="HH:MM: a meal before it belongs to the day before.")
     shares_index: bool = Field(
@@ -279,7 +280,7 @@ class PhoneProtocol(BaseModel):
     after_window_minutes: int = Field(
         description="How long the after-meal pair is waited for, from when the meal was eaten."
     )
-    locale: str = Field(description=LOCALE)
+    locale: Locale = Field(description=LOCALE)
     gives_feedback: bool = Field(description="Whether the participant may see what they ate (GET /v1/me/summary).")
     day_starts: str = Field(description="HH:MM: a meal before it belongs to the day before.")
     version: int = Field(description="Grows with every change of the study.")

@@ -7,14 +7,17 @@ from typing import Any
 from pydantic import BaseModel, Field
 
 from app.api.schemas.descriptions import NEXT, PAGE
+from app.db.models.privacy import ActorKind, ErasedWhat, ErasurePolicy
 
 
 class ReceiptOut(BaseModel):
     """What an erasure removed, in numbers; it names nobody. Keep its id: whoever has it may ask for it again."""
 
     id: uuid.UUID = Field(description="The receipt's id.")
-    what: str = Field(description="participant, meal or photographs")
-    policy: str = Field(description="keep, anonymise, erase; or retention: the study's time for photographs was over.")
+    what: ErasedWhat = Field(description="participant, meal or photographs")
+    policy: ErasurePolicy = Field(
+        description="keep, anonymise, erase; or retention: the study's time for photographs was over."
+    )
     counts: dict[str, int] = Field(description="How many of each kind of row were removed, or changed by their name.")
     erased_at: datetime = Field(description="When it was erased.")
 
@@ -25,7 +28,7 @@ class AuditEventOut(BaseModel):
     id: int = Field(description="Grows with each event.")
     at: datetime = Field(description="When it happened.")
     study: str | None = Field(description="The study's code; null: the event is of no study, or the study is gone.")
-    actor_kind: str = Field(description="staff, device or system")
+    actor_kind: ActorKind = Field(description="staff, device or system")
     actor: str = Field(description="A staff member's name, a participant's alias, or system.")
     action: str = Field(description="What was done, such as photograph.read or study.change.")
     subject: str | None = Field(description="Alias or name of what it was done to; null: of nothing in particular.")

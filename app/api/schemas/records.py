@@ -7,6 +7,8 @@ from pydantic import BaseModel, Field
 
 from app.api.schemas.descriptions import CHANGE_SEQ, FLAGS, FOOD, PAGE, RECORD
 from app.api.schemas.foods import FoodRef
+from app.db.models.diary import DayStatus
+from app.db.models.record import ItemOrigin, RecordStatus
 
 
 class RecordOfItem(BaseModel):
@@ -23,8 +25,8 @@ class RecordOfItem(BaseModel):
     time_zone: str = Field(description=RECORD["time_zone"])
     local_date: date = Field(description=RECORD["local_date"])
     upload_delay_seconds: float = Field(description="From eating to the first of the meal on the server.")
-    status: str = Field(description=RECORD["status"])
-    origin: str = Field(description=RECORD["origin"])
+    status: RecordStatus = Field(description=RECORD["status"])
+    origin: ItemOrigin = Field(description=RECORD["origin"])
     provisional: bool = Field(description=RECORD["provisional"])
     reviewed: bool = Field(description=RECORD["reviewed"])
     food: FoodRef | None = Field(description=FOOD)
@@ -66,7 +68,9 @@ class RecordOfItem(BaseModel):
 class RecordOut(RecordOfItem):
     """The same with what is known of its day when it is asked for."""
 
-    day_status: str = Field(description="closed: all that was eaten on the day is told; open: leave it out of means.")
+    day_status: DayStatus = Field(
+        description="closed: all that was eaten on the day is told; open: leave it out of means."
+    )
     study_day: int | None = Field(description="1 on the participant's first day.")
 
 

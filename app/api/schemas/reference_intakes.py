@@ -1,5 +1,7 @@
 """Reference intakes over the wire. What a source does not set is null, never 0."""
 
+from typing import Literal
+
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.schemas.descriptions import NUMBER
@@ -46,7 +48,7 @@ class DistributionRangeOut(BaseModel):
 class LeftOutOut(BaseModel):
     """Why there is no figure: inputs that are missing, or outside what the equation was made for."""
 
-    reason: str = Field(description="missing or outside")
+    reason: Literal["missing", "outside"] = Field(description="missing or outside")
     inputs: list[str] = Field(description="Names of the inputs.")
     message: str = Field(description="The same in a sentence.")
 

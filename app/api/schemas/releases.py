@@ -7,9 +7,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.schemas.descriptions import FILTERS, NEXT, PAGE
 from app.api.schemas.text import LocalDay, Text
+from app.db.models.record import RecordStatus
+from app.db.models.release import ReleaseState
 
-RecordStatus = Literal["proposed", "needs_review", "confirmed", "corrected", "rejected"]
-ReleaseState = Literal["queued", "running", "ready", "changing", "failed"]
 Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,63}$", description="Unique in the study, for ever.")]
 
 

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from app.api.schemas.descriptions import EVENT_KIND, PAGE
 from app.api.schemas.outline import Pixel, Polygon
 from app.api.schemas.text import Number, Text
+from app.db.models.review import EventKind, Layer
 from app.nutrition.foods import FoodForm
 
 SHARES_SUM = 0.005  # how far off 1 the shares of a split may be: three thirds of 0.333
@@ -341,8 +342,8 @@ class EventOut(BaseModel):
 
     id: uuid.UUID = Field(description="The event's id, as its client made it.")
     sequence: int = Field(description="Its number in the meal, from 1.")
-    kind: str = Field(description="What kind of event it is.")
-    layer: str = Field(description="participant or reviewer: the reviewer's word goes over the participant's.")
+    kind: EventKind = Field(description="What kind of event it is.")
+    layer: Layer = Field(description="participant or reviewer: the reviewer's word goes over the participant's.")
     author: str = Field(description="Staff see who it was; a participant sees `participant` or `reviewer`.")
     item: uuid.UUID | None = Field(description="The item that it is about; null: the meal as a whole.")
     old: dict[str, Any] = Field(

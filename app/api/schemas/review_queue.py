@@ -8,6 +8,7 @@ from pydantic import BaseModel, Field
 from app.api.schemas.descriptions import CAPTURED_AT, FLAGS, FOOD, LOCAL_DATE, MEAL_ID, PAGE, PARTICIPANT
 from app.api.schemas.foods import FoodRef
 from app.api.schemas.meals import CandidateOut
+from app.db.models.record import ItemOrigin, RecordStatus
 
 
 class QueuedItemOut(BaseModel):
@@ -17,8 +18,8 @@ class QueuedItemOut(BaseModel):
     meal: uuid.UUID = Field(description=MEAL_ID)
     participant: str = Field(description=PARTICIPANT)
     doubt: float = Field(description="0 to 1; 1 where food or amount are not known (docs/review.md).")
-    status: str = Field(description="What people have made of the item.")
-    origin: str = Field(description="Where the item comes from.")
+    status: RecordStatus = Field(description="What people have made of the item.")
+    origin: ItemOrigin = Field(description="Where the item comes from.")
     provisional: bool = Field(description="Whether an after-meal pair may still change what was eaten.")
     food: FoodRef | None = Field(description=FOOD)
     candidates: list[CandidateOut] = Field(description="Best first: choose one by `set_food`.")

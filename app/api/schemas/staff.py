@@ -2,16 +2,16 @@
 
 import uuid
 from datetime import datetime
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, SecretStr
 
 from app.api.schemas.descriptions import NEXT, PAGE, STAFF_NAME
 from app.api.schemas.text import Text
+from app.db.models.people import Role, Scope
 from app.services.access_tokens import MAX_DAYS
 from app.services.passwords import MAX_LENGTH, MIN_LENGTH
 
-RoleName = Literal["viewer", "reviewer", "owner"]
 StaffName = Annotated[Text, Field(min_length=1, max_length=200)]
 NewPassword = Annotated[SecretStr, Field(max_length=1000, description=f"{MIN_LENGTH} to {MAX_LENGTH} characters.")]
 Password = Annotated[SecretStr, Field(max_length=1000)]
@@ -41,7 +41,7 @@ class SessionOut(BaseModel):
 
     name: str = Field(description=STAFF_NAME)
     is_admin: bool = Field(description="Whether they may do everything in every study.")
-    roles: dict[str, str] = Field(description="Study code -> role.")
+    roles: dict[str, Role] = Field(description="Study code -> role.")
     expires_at: datetime = Field(description="When the session or token ends at the latest.")
 
 
@@ -116,14 +116,14 @@ class MemberIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"role": "reviewer"}})
 
-    role: RoleName = Field(description="viewer reads; reviewer also reviews meals; owner also manages the study.")
+    role: Role = Field(description="viewer reads; reviewer also reviews meals; owner also manages the study.")
 
 
 class MemberOut(BaseModel):
     """Somebody's role in a study."""
 
     name: str = Field(description=STAFF_NAME)
-    role: str = Field(description="viewer reads; reviewer also reviews meals; owner also manages the study.")
+    role: Role = Field(description="viewer reads; reviewer also reviews meals; owner also manages the study.")
     is_disabled: bool = Field(description="Whether the staff member may not sign in.")
     since: datetime = Field(description="When they were given the role.")
 
@@ -143,9 +143,7 @@ class TokenIn(BaseModel):
     )
 
     name: Text = Field(min_length=1, max_length=100, description="What it is for.")
-    scope: Literal["read", "write"] = Field(
-        default="read", description="read: only to read. write: all that its maker may do."
-    )
+    scope: Scope = Field(default="read", description="read: only to read. write: all that its maker may do.")
     study: Text | None = Field(
         default=None, max_length=64, description="Code of the only study that it reaches; null: all of its maker's."
     )
@@ -157,7 +155,7 @@ class TokenOut(BaseModel):
 
     id: uuid.UUID = Field(description="The token's id.")
     name: str = Field(description="What it is for.")
-    scope: str = Field(description="read: only to read. write: all that its maker may do.")
+    scope: Scope = Field(description="read: only to read. write: all that its maker may do.")
     study: str | None = Field(description="Code of the only study that it reaches; null: all of its maker's.")
     created_at: datetime = Field(description="When it was made.")
     expires_at: datetime | None = Field(description="When it ends; null: it does not end by itself.")

@@ -8,19 +8,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.api.schemas.descriptions import NEXT, PAGE
 from app.api.schemas.text import Text
+from app.db.models.webhook import DeliveredEvent, DeliveryState, Event
 
-EventName = Literal[
-    "*",
-    "meal.received",
-    "meal.estimated",
-    "meal.needs_review",
-    "meal.failed",
-    "meal.confirmed",
-    "meal.deleted",
-    "day.closed",
-    "day.reopened",
-    "participant.withdrawn",
-]
+EventName = Literal["*", Event]
 Url = Annotated[Text, Field(min_length=1, max_length=500, description="https, to a public address.")]
 Events = Annotated[list[EventName], Field(min_length=1, max_length=20, description="`*`: all, later ones too.")]
 
@@ -60,7 +50,7 @@ class WebhookOut(BaseModel):
 
     id: uuid.UUID = Field(description="The webhook's id.")
     url: str = Field(description="Where deliveries are sent.")
-    events: list[str] = Field(description="Events that it is sent; `*`: all, later ones too.")
+    events: list[EventName] = Field(description="Events that it is sent; `*`: all, later ones too.")
     author: str = Field(description="Name of the staff member who made it.")
     version: int = Field(description="Grows with every change of the webhook; the ETag names it.")
     created_at: datetime = Field(description="When it was made.")
@@ -85,11 +75,9 @@ class DeliveryOut(BaseModel):
     """One event for one webhook, and how far its delivery is."""
 
     id: uuid.UUID = Field(description="The header Webhook-Id; the same at every try.")
-    event: str = Field(description="The event's name, such as meal.estimated; `ping` for a test.")
+    event: DeliveredEvent = Field(description="The event's name, such as meal.estimated; `ping` for a test.")
     payload: dict[str, Any] = Field(description="The body that is sent.")
-    state: Literal["waiting", "delivered", "given_up"] = Field(
-        description="waiting: to be sent, or tried again. given_up: it failed too often."
-    )
+    state: DeliveryState = Field(description="waiting: to be sent, or tried again. given_up: it failed too often.")
     attempts: int = Field(description="How often it was tried.")
     next_try_at: datetime | None = Field(description="When it is tried next; null: it is not.")
     last_status: int | None = Field(description="HTTP status of the last answer; null: there was none.")

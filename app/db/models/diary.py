@@ -5,6 +5,7 @@ A forgotten meal looks like an open day.
 
 import uuid
 from datetime import date, datetime
+from typing import Literal, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
@@ -13,7 +14,8 @@ from app.db.models.base import Base, one_of
 from app.db.models.privacy import BigId
 from app.db.models.review import LAYERS
 
-DAY_STATUSES = ("open", "closed")
+DayStatus = Literal["open", "closed"]
+DAY_STATUSES: tuple[DayStatus, ...] = get_args(DayStatus)
 DAY_EVENT_KINDS = ("closed", "ate_nothing", "reopened")
 
 
@@ -52,7 +54,7 @@ class DiaryDay(Base):
     local_date: Mapped[date] = mapped_column(primary_key=True)
     id: Mapped[uuid.UUID] = mapped_column(unique=True, default=uuid.uuid4)
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
-    status: Mapped[str] = mapped_column(sa.String(16))
+    status: Mapped[DayStatus] = mapped_column(sa.String(16))
     ate_nothing: Mapped[bool]
     version: Mapped[int] = mapped_column(default=1)
     changed_at: Mapped[datetime]
@@ -83,7 +85,7 @@ class DaySum(Base):
     )
     local_date: Mapped[date] = mapped_column(primary_key=True)
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
-    status: Mapped[str] = mapped_column(sa.String(16))
+    status: Mapped[DayStatus] = mapped_column(sa.String(16))
     said_nothing: Mapped[bool]
     meals: Mapped[int]
     receiving_meals: Mapped[int]

@@ -2,14 +2,15 @@
 
 import uuid
 from datetime import datetime
-from typing import Any
+from typing import Any, Literal, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.models.base import Base, one_of
 
-EXPORT_STATES = ("queued", "running", "done", "failed", "cancelled", "expired")
+ExportState = Literal["queued", "running", "done", "failed", "cancelled", "expired"]
+EXPORT_STATES: tuple[ExportState, ...] = get_args(ExportState)
 UNDER_WAY = ("queued", "running")
 _IS_UNDER_WAY = sa.text("state IN ('queued', 'running')")
 

@@ -6,15 +6,17 @@ imported ones; which release of a table is in force is a row of its own (FoodAct
 
 import uuid
 from datetime import date, datetime
-from typing import Any
+from typing import Any, Literal, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.models.base import Base, one_of
 
-DENSITY_KINDS = ("solid", "bulk")
-WEIGHED_PARTS = ("as_seen", "edible")
+DensityKind = Literal["solid", "bulk"]
+DENSITY_KINDS: tuple[DensityKind, ...] = get_args(DensityKind)
+WeighedPart = Literal["as_seen", "edible"]
+WEIGHED_PARTS: tuple[WeighedPart, ...] = get_args(WeighedPart)
 
 
 class FoodRelease(Base):
@@ -117,10 +119,10 @@ class FoodDensity(Base):
     g_per_ml: Mapped[float]
     sd_g_per_ml: Mapped[float]
     state: Mapped[str] = mapped_column(sa.String(32))
-    kind: Mapped[str] = mapped_column(sa.String(8))
+    kind: Mapped[DensityKind] = mapped_column(sa.String(8))
     basis: Mapped[str] = mapped_column(sa.String(32))
     source: Mapped[str] = mapped_column(sa.String(300))
-    weighs: Mapped[str] = mapped_column(sa.String(8))
+    weighs: Mapped[WeighedPart] = mapped_column(sa.String(8))
 
     __table_args__ = (
         one_of("kind", DENSITY_KINDS),
@@ -182,8 +184,8 @@ class StudyDensity(Base):
     g_per_ml: Mapped[float]
     sd_g_per_ml: Mapped[float]
     state: Mapped[str] = mapped_column(sa.String(32))
-    kind: Mapped[str] = mapped_column(sa.String(8))
-    weighs: Mapped[str] = mapped_column(sa.String(8))
+    kind: Mapped[DensityKind] = mapped_column(sa.String(8))
+    weighs: Mapped[WeighedPart] = mapped_column(sa.String(8))
     source: Mapped[str] = mapped_column(sa.String(300))
     specimens: Mapped[list[Any] | None]
     author: Mapped[str] = mapped_column(sa.String(200))

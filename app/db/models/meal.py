@@ -2,16 +2,19 @@
 
 import uuid
 from datetime import date, datetime
-from typing import Any
+from typing import Any, Literal, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.models.base import Base, one_of
 
-MEAL_STATUSES = ("receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed")
-MEAL_ORIGINS = ("photographed", "declared")
-AFTER_STATUSES = ("receiving", "queued", "processing", "estimated", "needs_review", "failed", "nothing_left")
+MealStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"]
+MEAL_STATUSES: tuple[MealStatus, ...] = get_args(MealStatus)
+MealOrigin = Literal["photographed", "declared"]
+MEAL_ORIGINS: tuple[MealOrigin, ...] = get_args(MealOrigin)
+AfterStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "nothing_left"]
+AFTER_STATUSES: tuple[AfterStatus, ...] = get_args(AfterStatus)
 SLOTS = ("left", "right")
 AFTER_SLOTS = ("after_left", "after_right")
 
@@ -33,18 +36,18 @@ class Meal(Base):
     participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"))
     device_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("device.id"), index=True)
     alias: Mapped[uuid.UUID] = mapped_column(unique=True, default=uuid.uuid4)
-    origin: Mapped[str] = mapped_column(sa.String(16), default="photographed")
+    origin: Mapped[MealOrigin] = mapped_column(sa.String(16), default="photographed")
     captured_at: Mapped[datetime]
     utc_offset_minutes: Mapped[int]
     time_zone: Mapped[str] = mapped_column(sa.String(64))
     local_date: Mapped[date]
     details: Mapped[dict[str, Any]]
-    status: Mapped[str] = mapped_column(sa.String(16))
+    status: Mapped[MealStatus] = mapped_column(sa.String(16))
     stage: Mapped[str | None] = mapped_column(sa.String(32))
     failure_code: Mapped[str | None] = mapped_column(sa.String(64))
     failure_message: Mapped[str | None] = mapped_column(sa.Text)
     failure_advice: Mapped[str | None] = mapped_column(sa.Text)
-    after_status: Mapped[str | None] = mapped_column(sa.String(16), index=True)
+    after_status: Mapped[AfterStatus | None] = mapped_column(sa.String(16), index=True)
     after_details: Mapped[dict[str, Any] | None]
     after_failure_code: Mapped[str | None] = mapped_column(sa.String(64))
     after_failure_message: Mapped[str | None] = mapped_column(sa.Text)

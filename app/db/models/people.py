@@ -2,19 +2,24 @@
 
 import uuid
 from datetime import date, datetime
-from typing import Any
+from typing import Any, Literal, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.models.base import Base, one_of
 
-LOCATION_POLICIES = ("drop", "round", "keep")
-WITHDRAWAL_POLICIES = ("keep", "anonymise", "erase")
-LOCALES = ("en", "de", "es", "zh")
-ROLES = ("viewer", "reviewer", "owner")  # each may do all that the one before it may
+LocationPolicy = Literal["drop", "round", "keep"]
+LOCATION_POLICIES: tuple[LocationPolicy, ...] = get_args(LocationPolicy)
+WithdrawalPolicy = Literal["keep", "anonymise", "erase"]
+WITHDRAWAL_POLICIES: tuple[WithdrawalPolicy, ...] = get_args(WithdrawalPolicy)
+Locale = Literal["en", "de", "es", "zh"]
+LOCALES: tuple[Locale, ...] = get_args(Locale)
+Role = Literal["viewer", "reviewer", "owner"]  # each may do all that the one before it may
+ROLES: tuple[Role, ...] = get_args(Role)
 TOKEN_KINDS = ("device", "session", "personal")
-SCOPES = ("read", "write")
+Scope = Literal["read", "write"]
+SCOPES: tuple[Scope, ...] = get_args(Scope)
 
 
 class Study(Base):
@@ -36,11 +41,11 @@ class Study(Base):
     camera: Mapped[dict[str, Any] | None]
     expects_after_pair: Mapped[bool] = mapped_column(default=False)
     after_window_minutes: Mapped[int] = mapped_column(default=240)
-    location_policy: Mapped[str] = mapped_column(sa.String(16), default="drop")
+    location_policy: Mapped[LocationPolicy] = mapped_column(sa.String(16), default="drop")
     location_decimals: Mapped[int | None]  # of degrees; set with "round" only
     retention_days: Mapped[int | None]
-    withdrawal_policy: Mapped[str] = mapped_column(sa.String(16), default="erase")
-    locale: Mapped[str] = mapped_column(sa.String(8), default="en")
+    withdrawal_policy: Mapped[WithdrawalPolicy] = mapped_column(sa.String(16), default="erase")
+    locale: Mapped[Locale] = mapped_column(sa.String(8), default="en")
     gives_feedback: Mapped[bool] = mapped_column(default=False)
     day_starts_minutes: Mapped[int] = mapped_column(default=0)
     shares_index: Mapped[bool] = mapped_column(default=False)
@@ -114,7 +119,7 @@ class StudyMember(Base):
 
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"), primary_key=True)
     staff_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("staff.id"), primary_key=True, index=True)
-    role: Mapped[str] = mapped_column(sa.String(16))
+    role: Mapped[Role] = mapped_column(sa.String(16))
     created_at: Mapped[datetime]
 
     __table_args__ = (one_of("role", ROLES),)
@@ -146,7 +151,7 @@ class AccessToken(Base):
     token_sha256: Mapped[str] = mapped_column(sa.String(64), unique=True)
     kind: Mapped[str] = mapped_column(sa.String(16))
     name: Mapped[str | None] = mapped_column(sa.String(200))
-    scope: Mapped[str] = mapped_column(sa.String(16), default="write")
+    scope: Mapped[Scope] = mapped_column(sa.String(16), default="write")
     study_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("study.id"))
     device_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("device.id"), index=True)
     staff_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("staff.id"), index=True)

@@ -2,17 +2,20 @@
 
 import uuid
 from datetime import datetime
-from typing import Any
+from typing import Any, Literal, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.models.base import Base, one_of
 
-ACTOR_KINDS = ("staff", "device", "system")
+ActorKind = Literal["staff", "device", "system"]
+ACTOR_KINDS: tuple[ActorKind, ...] = get_args(ActorKind)
 TOMBSTONE_KINDS = ("participant", "meal", "token", "record", "day")
 BACKUP_MADE = "backup.make"  # the action of an event: a `tada backup` is whole and on disk
-ERASED_WHATS = ("participant", "meal", "photographs")
+ErasedWhat = Literal["participant", "meal", "photographs"]
+ErasurePolicy = Literal["keep", "anonymise", "erase", "retention"]
+ERASED_WHATS: tuple[ErasedWhat, ...] = get_args(ErasedWhat)
 
 IS_BACKUP = sa.text(f"action = '{BACKUP_MADE}'")  # a parameter in its place would not meet the index's condition
 
@@ -31,7 +34,7 @@ class AuditEvent(Base):
     id: Mapped[int] = mapped_column(BigId, primary_key=True)
     at: Mapped[datetime]
     study_id: Mapped[uuid.UUID | None]
-    actor_kind: Mapped[str] = mapped_column(sa.String(16))
+    actor_kind: Mapped[ActorKind] = mapped_column(sa.String(16))
     actor: Mapped[str] = mapped_column(sa.String(200))  # a staff member's name, a participant's alias, or "system"
     action: Mapped[str] = mapped_column(sa.String(64))  # such as "photograph.read", "study.change"
     subject: Mapped[str | None] = mapped_column(sa.String(200))  # alias of whom or what it was done to
@@ -83,8 +86,8 @@ class ErasureReceipt(Base):
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"), index=True)
-    what: Mapped[str] = mapped_column(sa.String(16))
-    policy: Mapped[str] = mapped_column(sa.String(16))
+    what: Mapped[ErasedWhat] = mapped_column(sa.String(16))
+    policy: Mapped[ErasurePolicy] = mapped_column(sa.String(16))
     counts: Mapped[dict[str, Any]]
     erased_at: Mapped[datetime]
 

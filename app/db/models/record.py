@@ -2,7 +2,7 @@
 
 import uuid
 from datetime import date, datetime
-from typing import Any
+from typing import Any, Literal, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
@@ -23,9 +23,13 @@ HEADLINE_COLUMNS = (  # the components that a record holds itself, units in thei
     "potassium_mg",
     "vitamin_c_mg",
 )
-RECORD_STATUSES = ("proposed", "needs_review", "confirmed", "corrected", "rejected")
-ITEM_ORIGINS = ("pipeline", "after", "declared", "added", "split", "merged")
-LEFTOVER_CLASSES = ("food_left", "refuse", "unmatched")
+RecordStatus = Literal["proposed", "needs_review", "confirmed", "corrected", "rejected"]
+RECORD_STATUSES: tuple[RecordStatus, ...] = get_args(RecordStatus)
+ItemOrigin = Literal["pipeline", "after", "declared", "added", "split", "merged"]
+ITEM_ORIGINS: tuple[ItemOrigin, ...] = get_args(ItemOrigin)
+LeftoverClass = Literal["food_left", "refuse", "unmatched"]
+CandidateSource = Literal["hint", "index"]  # the phone's hint, or the index of looks
+LEFTOVER_CLASSES: tuple[LeftoverClass, ...] = get_args(LeftoverClass)
 
 
 class Run(Base):
@@ -84,7 +88,7 @@ class Item(Base):
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
     run_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("run.id"))
-    origin: Mapped[str] = mapped_column(sa.String(16), default="pipeline")
+    origin: Mapped[ItemOrigin] = mapped_column(sa.String(16), default="pipeline")
     parent_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("item.id"), index=True)
     event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
     position: Mapped[int]
@@ -137,7 +141,7 @@ class Leftover(Base):
     after_item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
     version: Mapped[int] = mapped_column(primary_key=True)
     item_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("item.id"), index=True)
-    leftover_class: Mapped[str] = mapped_column(sa.String(16))
+    leftover_class: Mapped[LeftoverClass] = mapped_column(sa.String(16))
     layer: Mapped[str] = mapped_column(sa.String(16), default="automatic")
     event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
     flags: Mapped[list[Any]]
@@ -163,7 +167,7 @@ class ItemCandidate(Base):
     position: Mapped[int] = mapped_column(primary_key=True)
     food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"))
     probability: Mapped[float | None]
-    source: Mapped[str] = mapped_column(sa.String(16))
+    source: Mapped[CandidateSource] = mapped_column(sa.String(16))
     run_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("run.id"), index=True)
 
 
@@ -229,8 +233,8 @@ class EffectiveRecord(Base):
     participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"))
     captured_at: Mapped[datetime]
     local_date: Mapped[date]
-    status: Mapped[str] = mapped_column(sa.String(16))
-    origin: Mapped[str] = mapped_column(sa.String(16), default="pipeline")
+    status: Mapped[RecordStatus] = mapped_column(sa.String(16))
+    origin: Mapped[ItemOrigin] = mapped_column(sa.String(16), default="pipeline")
     provisional: Mapped[bool] = mapped_column(default=False)
     reviewed: Mapped[bool] = mapped_column(default=False)  # a reviewer has had the last word
     food_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food.id"))

@@ -2,7 +2,7 @@
 
 import uuid
 from datetime import datetime
-from typing import Any
+from typing import Any, Literal, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
@@ -10,7 +10,8 @@ from sqlalchemy.orm import Mapped, mapped_column
 from app.db.models.base import Base, one_of
 from app.db.models.export import FileWork
 
-RELEASE_STATES = ("queued", "running", "ready", "changing", "failed")
+ReleaseState = Literal["queued", "running", "ready", "changing", "failed"]
+RELEASE_STATES: tuple[ReleaseState, ...] = get_args(ReleaseState)
 CHANGES = ("meal", "erase", "anonymise")
 
 

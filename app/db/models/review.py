@@ -6,18 +6,20 @@ What holds now is a projection (services/item_state.py); an event is never chang
 
 import uuid
 from datetime import datetime
-from typing import Any
+from typing import Any, Literal, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.models.base import Base, one_of
 
-LAYERS = ("automatic", "participant", "reviewer")  # each goes before the one before it
-EVENT_KINDS = (
+Layer = Literal["automatic", "participant", "reviewer"]  # each goes before the one before it
+LAYERS: tuple[Layer, ...] = get_args(Layer)
+EventKind = Literal[
     "confirm", "reject", "set_food", "set_volume", "set_mass", "set_share", "set_leftover", "add", "declare", "split",
-    "merge", "redraw", "nothing_left", "confirm_meal", "comment", "question", "answer", "undo",
-)  # fmt: skip
+    "merge", "redraw", "nothing_left", "confirm_meal", "comment", "question", "answer", "undo"
+]  # fmt: skip
+EVENT_KINDS: tuple[EventKind, ...] = get_args(EventKind)
 
 
 class MealEvent(Base):
@@ -34,8 +36,8 @@ class MealEvent(Base):
     meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"))
     sequence: Mapped[int]
     item_id: Mapped[uuid.UUID | None] = mapped_column(index=True)
-    kind: Mapped[str] = mapped_column(sa.String(16))
-    layer: Mapped[str] = mapped_column(sa.String(16))
+    kind: Mapped[EventKind] = mapped_column(sa.String(16))
+    layer: Mapped[Layer] = mapped_column(sa.String(16))
     device_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("device.id"), index=True)
     staff_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("staff.id"))
     old: Mapped[dict[str, Any]]

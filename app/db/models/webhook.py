@@ -2,17 +2,18 @@
 
 import uuid
 from datetime import datetime
-from typing import Any
+from typing import Any, Literal, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.models.base import Base, one_of
 
-DELIVERY_STATES = ("waiting", "delivered", "given_up")
-PING = "ping"  # a test; it cannot be subscribed to
+DeliveryState = Literal["waiting", "delivered", "given_up"]
+DELIVERY_STATES: tuple[DeliveryState, ...] = get_args(DeliveryState)
+PING: Literal["ping"] = "ping"  # a test; it cannot be subscribed to
 ALL_EVENTS = "*"
-EVENTS = (
+Event = Literal[
     "meal.received",
     "meal.estimated",
     "meal.needs_review",
@@ -22,7 +23,9 @@ EVENTS = (
     "day.closed",
     "day.reopened",
     "participant.withdrawn",
-)
+]
+EVENTS: tuple[Event, ...] = get_args(Event)
+DeliveredEvent = Literal[Event, "ping"]
 
 
 class Webhook(Base):
@@ -54,11 +57,11 @@ class WebhookDelivery(Base):
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     webhook_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("webhook.id"))
-    event: Mapped[str] = mapped_column(sa.String(64))
+    event: Mapped[DeliveredEvent] = mapped_column(sa.String(64))
     payload: Mapped[dict[str, Any]]
     meal_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal.id"), index=True)
     participant_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("participant.id"), index=True)
-    state: Mapped[str] = mapped_column(sa.String(16))
+    state: Mapped[DeliveryState] = mapped_column(sa.String(16))
     attempts: Mapped[int] = mapped_column(default=0)
     next_try_at: Mapped[datetime | None]
     last_status: Mapped[int | None]

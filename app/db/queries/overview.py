@@ -6,12 +6,13 @@ instant, and is right at any moment.
 
 import uuid
 from datetime import UTC, date, datetime, time
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.models import DayMark, DaySum, DiaryDay, Meal, Participant
+from app.db.models.meal import MealStatus
 from app.db.queries import privacy
 from app.db.queries.day_definition import has_place
 from app.db.queries.days import sums_of_days
@@ -19,8 +20,16 @@ from app.db.queries.intakes import within
 from app.db.queries.record_pages import CALENDAR, EASTERNMOST, LATEST_END
 from app.db.queries.study_day_sums import CountedDay, days_of_study
 
-WAITING = ("receiving", "queued", "processing", "needs_review", "failed")  # somebody or something must act
-AFTER_PAIRS = ("after_awaited", "after_failed")  # of meals that stand in any status
+CountedStatus = Literal[MealStatus, "after_awaited", "after_failed"]
+# somebody or something must act
+WAITING: tuple[MealStatus, ...] = (
+    "receiving",
+    "queued",
+    "processing",
+    "needs_review",
+    "failed",
+)
+AFTER_PAIRS: tuple[CountedStatus, ...] = ("after_awaited", "after_failed")  # of meals that stand in any status
 AFTER_WAITED_FOR = ("receiving", "queued", "processing")
 LONG_AGO = datetime(1970, 1, 1, tzinfo=UTC)
 
@@ -171,14 +180,14 @@ class Window:
         return [Place(*row) for row in self._session.execute(query)]
 
 
-def waiting_of(session: Session, study_id: uuid.UUID) -> dict[str, int]:
+def waiting_of(session: Session, study_id: uuid.UUID) -> dict[CountedStatus, int]:
     """WAITING, then AFTER_PAIRS -> how many meals of a study wait so at this moment, whenever they were eaten."""
     query = (
         sa.select(Meal.status, sa.func.count())
         .where(Meal.study_id == study_id, Meal.status.in_(WAITING))
         .group_by(Meal.status)
     )
-    found = {row[0]: row[1] for row in session.execute(query)}
+    found: dict[CountedStatus, int] = {row[0]: row[1] for row in session.execute(query)}
     # few meals have a term, of all studies together: coalesce keeps SQLite from looking through all of this study's,
     # and IS NOT NULL would not be looked up in an index
     is_of_study = sa.func.coalesce(Meal.study_id, study_id) == study_id

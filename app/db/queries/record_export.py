@@ -247,7 +247,7 @@ def _meal_finder(session: Session, *, with_point: bool) -> Callable[[Collection[
 
 def _meals(*, is_on_sqlite: bool, with_point: bool) -> sa.Select[*tuple[Any, ...]]:
     of_day = sa.and_(DiaryDay.participant_id == Meal.participant_id, DiaryDay.local_date == Meal.local_date)
-    query = (
+    query: sa.Select[*tuple[Any, ...]] = (
         sa.select(
             stored_id(Meal.id),
             stored_id(Meal.client_id),

@@ -20,6 +20,7 @@ from app.db.models import (
     RunArtefact,
     Study,
 )
+from app.db.models.diary import DayStatus
 from app.db.queries import diary
 from app.db.queries.record_pages import Key, RecordFilter, search_of
 
@@ -45,7 +46,7 @@ class RecordRow:
     participant_code: str
     food_release: str | None
     received_at: datetime
-    day_status: str
+    day_status: DayStatus
     food: FoodName | None
     first_day: date | None
 

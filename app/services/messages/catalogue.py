@@ -4,10 +4,10 @@ import functools
 import tomllib
 from collections.abc import Mapping
 from importlib import resources
-from typing import Literal, cast, get_args
+from typing import Literal, cast
 
-Locale = Literal["en", "de", "es", "zh"]
-LOCALES: tuple[Locale, ...] = get_args(Locale)
+from app.db.models.people import LOCALES, Locale
+
 FALLBACK: Locale = "en"
 ANY_PHOTO = "any"  # where the code alone is known: which of the two is not
 
@@ -42,8 +42,9 @@ def choose_locale(asked: str | None, accept_language: str | None, of_study: str)
     """
     for wanted in (asked, *_by_preference(accept_language or ""), of_study):
         primary = (wanted or "").strip().lower().replace("_", "-").partition("-")[0]
-        if primary in LOCALES:
-            return primary
+        for locale in LOCALES:
+            if locale == primary:
+                return locale
     return FALLBACK
 
 

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from importlib import resources
 from typing import cast
 
-from app.services.messages.catalogue import FALLBACK, LOCALES, Locale
+from app.db.models.people import LOCALES, Locale
+from app.services.messages.catalogue import FALLBACK
 
 
 @functools.cache

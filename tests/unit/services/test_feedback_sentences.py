@@ -5,9 +5,9 @@ import string
 import pytest
 
 from app.db.models import EffectiveRecord
+from app.db.models.people import LOCALES
 from app.nutrition.compare_intake import Verdict
 from app.services.feedback import COMPARED, sum_amounts
-from app.services.messages.catalogue import LOCALES
 from app.services.messages.feedback_sentences import feedback_catalogue, feedback_sentence, locale_of
 
 

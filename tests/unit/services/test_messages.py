@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from app.services.messages.catalogue import LOCALES, choose_locale, known_codes, sentence
+from app.db.models.people import LOCALES
+from app.services.messages.catalogue import choose_locale, known_codes, sentence
 
 ROOT = Path(__file__).parents[3]
 CATALOGUE = tomllib.loads((ROOT / "app" / "services" / "messages" / "sentences.toml").read_text(encoding="utf-8"))
