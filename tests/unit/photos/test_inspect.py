@@ -256,6 +256,23 @@ def test_broken_jpeg_is_unreadable(inspect, damage):
     assert code(inspect(damage(jpeg()))) == "image_unreadable"
 
 
+def test_png_with_pixels_altered_on_the_way_is_unreadable(inspect):
+    data = bytearray(png())
+    data[data.index(b"IDAT") + 40] ^= 1
+    assert code(inspect(bytes(data))) == "image_unreadable"
+
+
+@pytest.mark.parametrize("kind", [b"acTL", b"fcTL", b"fdAT"])
+def test_animated_png_is_unreadable(inspect, kind):
+    assert code(inspect(png(png_chunk(kind, bytes(8))))) == "image_unreadable"
+
+
+def test_png_with_a_broken_text_is_whole(inspect):
+    broken = bytearray(png_chunk(b"tEXt", b"Comment\0lunch"))
+    broken[-1] ^= 1
+    assert isinstance(inspect(png(bytes(broken))), PhotoFacts)
+
+
 def test_png_with_a_false_header_is_unreadable(inspect):
     data = bytearray(png())
     data[19] ^= 1  # the width; its checksum no longer fits
