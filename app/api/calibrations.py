@@ -43,7 +43,7 @@ MULTIPART_BODY: dict[str, Any] = {
                             "type": "array",
                             "minItems": calibrate_device.MIN_PHOTOGRAPHS,
                             "maxItems": MAX_PHOTOGRAPHS,
-                            "items": {"type": "string", "format": "binary", "description": "JPEG, PNG or HEIC"},
+                            "items": {"type": "string", "format": "binary", "description": "JPEG, PNG, WebP or HEIC"},
                         },
                     },
                 },

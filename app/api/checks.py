@@ -26,8 +26,8 @@ MULTIPART_BODY: dict[str, Any] = {
                     "required": ["left", "right"],
                     "properties": {
                         "metadata": {"$ref": "#/components/schemas/CheckMetadataIn"},
-                        "left": {"type": "string", "format": "binary", "description": "JPEG, PNG or HEIC"},
-                        "right": {"type": "string", "format": "binary", "description": "JPEG, PNG or HEIC"},
+                        "left": {"type": "string", "format": "binary", "description": "JPEG, PNG, WebP or HEIC"},
+                        "right": {"type": "string", "format": "binary", "description": "JPEG, PNG, WebP or HEIC"},
                     },
                 },
                 "encoding": {"metadata": {"contentType": "application/json"}},

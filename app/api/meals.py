@@ -51,8 +51,8 @@ MULTIPART_BODY = {
                     "required": ["metadata", "left", "right"],
                     "properties": {
                         "metadata": {"$ref": "#/components/schemas/NewMealMetadataIn"},
-                        "left": {"type": "string", "format": "binary", "description": "JPEG, PNG or HEIC"},
-                        "right": {"type": "string", "format": "binary", "description": "JPEG, PNG or HEIC"},
+                        "left": {"type": "string", "format": "binary", "description": "JPEG, PNG, WebP or HEIC"},
+                        "right": {"type": "string", "format": "binary", "description": "JPEG, PNG, WebP or HEIC"},
                     },
                 },
                 "encoding": {"metadata": {"contentType": "application/json"}},
@@ -77,7 +77,7 @@ METADATA_BODY = {
 PHOTO_BODY = {
     "requestBody": {
         "required": True,
-        "description": "The bytes of a JPEG, PNG or HEIC, which tell what they are; `image/jpeg` is taken as well.",
+        "description": "Bytes of a JPEG, PNG, WebP or HEIC, which tell what they are; `image/jpeg` is taken, too.",
         "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
     }
 }

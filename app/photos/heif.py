@@ -342,4 +342,6 @@ def _cropped(reader: _Reader, size: tuple[int, int]) -> tuple[int, int]:
 
 def _other_coding(kind: bytes) -> Failure:
     what = "an AVIF picture" if kind == b"av01" else "a HEIF picture in another coding than HEVC"
-    return Failure("not_an_image", f"The file looks like {what}, which is not read.", "Send a JPEG, PNG or HEIC file.")
+    return Failure(
+        "not_an_image", f"The file looks like {what}, which is not read.", "Send a JPEG, PNG, WebP or HEIC file."
+    )

@@ -1,4 +1,4 @@
-"""What an uploaded file is: JPEG, PNG or HEIC, its size, how it is turned, and whether it is whole. path -> facts.
+"""What an uploaded file is (JPEG, PNG, WebP, HEIC), its size, how it is turned, whether it is whole. path -> facts.
 
 Only structure is read. Whether the pixels decode shows later, in a child process; limits on the size are the caller's.
 """
@@ -10,15 +10,23 @@ from app.errors import Failure
 from app.photos.byte_file import Data, Extent, open_bytes, read_extents
 from app.photos.heif import read_heif_layout
 from app.photos.jpeg import read_jpeg_layout
-from app.photos.metadata import jpeg_exif_blocks, jpeg_xmp_packets, png_exif_blocks, png_xmp_packets
+from app.photos.metadata import (
+    jpeg_exif_blocks,
+    jpeg_xmp_packets,
+    png_exif_blocks,
+    png_xmp_packets,
+    webp_exif_blocks,
+    webp_xmp_packets,
+)
 from app.photos.png import SIGNATURE as PNG_SIGNATURE
 from app.photos.png import read_png_layout
 from app.photos.tiff import read_orientation
+from app.photos.webp import is_webp, read_webp_layout
 from app.photos.xmp import read_orientation as read_xmp_orientation
 
-JPEG, PNG, HEIC = "image/jpeg", "image/png", "image/heic"
+JPEG, PNG, HEIC, WEBP = "image/jpeg", "image/png", "image/heic", "image/webp"
 HEIF_BRANDS = frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"})
-ADVICE = "Send a JPEG, PNG or HEIC file."
+ADVICE = "Send a JPEG, PNG, WebP or HEIC file."
 
 # What else people send, by its first bytes.
 OTHER_KINDS = (
@@ -78,6 +86,12 @@ def inspect_photo(path: Path) -> PhotoFacts | Failure:
                 data, jpeg_exif_blocks(data, jpeg.segments), jpeg_xmp_packets(data, jpeg.segments)[0]
             )
             return PhotoFacts(JPEG, jpeg.width, jpeg.height, orientation, jpeg.width * jpeg.height, jpeg.scans)
+        if media_type == WEBP:
+            webp = read_webp_layout(data)
+            if webp.damage is not None:
+                return webp.damage
+            orientation = _orientation(data, webp_exif_blocks(data, webp.chunks), webp_xmp_packets(webp.chunks))
+            return PhotoFacts(WEBP, webp.width, webp.height, orientation, webp.width * webp.height)
         png = read_png_layout(data)
         if png.damage is not None:
             return png.damage
@@ -94,6 +108,8 @@ def sniff(data: Data) -> str | Failure:
         return PNG
     if start[4:8] == b"ftyp" and start[8:12] in HEIF_BRANDS:
         return HEIC
+    if is_webp(start):
+        return WEBP
     what = _other_kind(start)
     message = f"The file looks like {what}, not like a photograph." if what else "The file is no photograph."
     return Failure("not_an_image", message, ADVICE)
@@ -111,5 +127,5 @@ def _other_kind(start: bytes) -> str | None:
     if start[4:8] == b"ftyp":
         return "an AVIF picture" if start[8:12] in {b"avif", b"avis"} else "a video"
     if start.startswith(b"RIFF"):
-        return "a WebP picture" if start[8:12] == b"WEBP" else "a video or sound"
+        return "a video or sound"
     return next((what for magic, what in OTHER_KINDS if start.startswith(magic)), None)

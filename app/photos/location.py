@@ -14,7 +14,7 @@ from app.photos.byte_file import Data, Edits, Extent, edit_bytes, length_of, ope
 from app.photos.embedded import clean_embedded, clean_opaque, clean_samsung_trailer
 from app.photos.gps import Location, read_gps, without_gps
 from app.photos.heif import read_heif_layout
-from app.photos.inspect import HEIC, JPEG, PNG, PhotoFacts
+from app.photos.inspect import HEIC, JPEG, PNG, WEBP, PhotoFacts
 from app.photos.iptc import resources_without_places
 from app.photos.jpeg import APP0, APP1, APP2, APP13, APP14, APP15, COM, JpegSegment, read_jpeg_layout
 from app.photos.metadata import (
@@ -24,14 +24,18 @@ from app.photos.metadata import (
     jpeg_photoshop_blocks,
     jpeg_xmp_packets,
     png_exif_blocks,
+    webp_exif_blocks,
+    webp_xmp_packets,
 )
 from app.photos.png import PngChunk, read_png_layout, renew_checksum
 from app.photos.png_text import emptied_text, holds_xmp
 from app.photos.png_text import without_places as text_without_places
+from app.photos.webp import read_webp_layout
 from app.photos.xmp import emptied_packet, without_places
 
 # ICC profiles and MPF's index are binary and tell no place; a chance match in them would cost colours.
 PLAIN_PNG_CHUNKS = frozenset({b"IHDR", b"PLTE", b"IDAT", b"IEND", b"iCCP", b"eXIf", b"tRNS", b"fdAT"})
+PLAIN_WEBP_CHUNKS = frozenset({b"VP8X", b"VP8 ", b"VP8L", b"ALPH", b"ICCP", b"EXIF", b"XMP "})
 PLAIN_HEIF_BOXES = frozenset({b"ftyp", b"meta", b"mdat"})
 
 
@@ -49,6 +53,8 @@ def remove_location(path: Path, facts: PhotoFacts) -> bool:
             _clean_png(edits)
         elif facts.media_type == HEIC:
             _clean_heif(edits)
+        elif facts.media_type == WEBP:
+            _clean_webp(edits)
         return bool(edits.changed)
 
 
@@ -64,6 +70,8 @@ def _exif_blocks(data: Data, media_type: str) -> list[list[Extent]]:
         return jpeg_exif_blocks(data, read_jpeg_layout(data).segments)
     if media_type == PNG:
         return png_exif_blocks(data, read_png_layout(data).chunks)
+    if media_type == WEBP:
+        return webp_exif_blocks(data, read_webp_layout(data).chunks)
     return heif_exif_blocks(data, read_heif_layout(data).items)
 
 
@@ -132,6 +140,17 @@ def _clean_png_chunk(edits: Edits, chunk: PngChunk) -> None:
         edits.write([extent], text_without_places(text) if may_keep else emptied_text(len(text)))
     elif chunk.kind not in PLAIN_PNG_CHUNKS:
         clean_opaque(edits, chunk.start, chunk.end)
+
+
+def _clean_webp(edits: Edits) -> None:
+    layout = read_webp_layout(edits.data)
+    _clean_exif(edits, webp_exif_blocks(edits.data, layout.chunks))
+    _clean_xmp(edits, webp_xmp_packets(layout.chunks))
+    for chunk in layout.chunks:
+        if chunk.kind not in PLAIN_WEBP_CHUNKS:
+            clean_opaque(edits, chunk.start, chunk.end)
+    clean_samsung_trailer(edits, layout.end, len(edits.data))
+    clean_embedded(edits, layout.end, len(edits.data))
 
 
 def _clean_heif(edits: Edits) -> None:

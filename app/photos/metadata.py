@@ -1,4 +1,4 @@
-"""Where metadata stand in JPEG, PNG and HEIC: layout -> the extents of each block of EXIF, XMP or Photoshop."""
+"""Where metadata stand in JPEG, PNG, WebP and HEIC: layout -> the extents of each block of EXIF, XMP or Photoshop."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -8,6 +8,7 @@ from app.photos.heif import HeifItem
 from app.photos.jpeg import APP1, APP13, JpegSegment
 from app.photos.png import PngChunk
 from app.photos.tiff import HEADERS
+from app.photos.webp import WebpChunk
 
 EXIF_MARK = b"Exif\0"  # and one more byte: 0, or FF by some writers
 XMP_MARK = b"http://ns.adobe.com/xap/1.0/\0"
@@ -84,6 +85,20 @@ def png_xmp_packets(data: Data, chunks: Iterable[PngChunk]) -> list[list[Extent]
             if translated_end >= 0:
                 packets.append([(translated_end + 1, chunk.end)])
     return packets
+
+
+def webp_exif_blocks(data: Data, chunks: Iterable[WebpChunk]) -> list[list[Extent]]:
+    """EXIF blocks; some writers put JPEG's mark before them."""
+    return [
+        [(chunk.start + 6 if data[chunk.start : chunk.start + 5] == EXIF_MARK else chunk.start, chunk.end)]
+        for chunk in chunks
+        if chunk.kind == b"EXIF"
+    ]
+
+
+def webp_xmp_packets(chunks: Iterable[WebpChunk]) -> list[list[Extent]]:
+    """XMP packets."""
+    return [[(chunk.start, chunk.end)] for chunk in chunks if chunk.kind == b"XMP "]
 
 
 def heif_exif_blocks(data: Data, items: Iterable[HeifItem]) -> list[list[Extent]]:

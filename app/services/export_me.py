@@ -31,7 +31,7 @@ NOT_TOLD = frozenset({"token_sha256", "code_sha256", "blob_key", "result_key", "
 OPEN_A_PERSON = 2  # one more than is needed: a download that broke may look open for some minutes
 OPEN_AT_ONCE = 8
 RETRY_AFTER_SECONDS = 60
-EXTENSIONS = {"image/jpeg": "jpg", "image/png": "png", "image/heic": "heic"}
+EXTENSIONS = {"image/jpeg": "jpg", "image/png": "png", "image/heic": "heic", "image/webp": "webp"}
 README = """\
 This is all that the study's server holds on you, made on {when}.
 

@@ -1,4 +1,4 @@
-"""Decode one photograph: JPEG, PNG or HEIC bytes -> upright 8-bit BGR pixels, and what EXIF tells of lens and time.
+"""Decode one photograph: bytes of JPEG, PNG, WebP or HEIC -> upright 8-bit BGR pixels, and EXIF's lens and time.
 
 Orientation is applied here, once. Limits are checked on the header, before any pixel is decoded. Colour profiles are
 left alone: the marker calibrates colour. Location is never read.
@@ -15,7 +15,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from PIL import ExifTags, Image, JpegImagePlugin, PngImagePlugin
+from PIL import ExifTags, Image, JpegImagePlugin, PngImagePlugin, WebPImagePlugin
 from pillow_heif import HeifImageFile
 
 from app.errors import Failure
@@ -99,10 +99,12 @@ def _read(
 ) -> ReducedPhoto | Failure:
     opener = _opener(data)
     if opener is None:
-        return Failure("not_an_image", "The file is no photograph.", "Send a JPEG, PNG or HEIC file.")
+        return Failure("not_an_image", "The file is no photograph.", "Send a JPEG, PNG, WebP or HEIC file.")
     try:
         image = opener(io.BytesIO(data))
     except DECODE_ERRORS:
+        return _damaged(data)
+    if getattr(image, "is_animated", False) and isinstance(image, WebPImagePlugin.WebPImageFile):
         return _damaged(data)
     width, height = image.size
     if width * height > max_pixels:
@@ -145,16 +147,18 @@ def _reduction(long_side_px: int, least_long_side_px: int | None) -> int:
     return max(factor for factor in (1, 2, 4, 8) if factor == 1 or long_side_px >= factor * least_long_side_px)
 
 
-def _opener(data: bytes) -> type[JpegImagePlugin.JpegImageFile | PngImagePlugin.PngImageFile | HeifImageFile] | None:
+def _opener(data: bytes) -> Callable[[io.BytesIO], Image.Image] | None:
     """The class that reads such bytes, by their first ones.
 
-    Classes instead of Image.open: of Pillow's many formats these three only, and its own pixel limit stays out of the
+    Classes instead of Image.open: of Pillow's many formats these few only, and its own pixel limit stays out of the
     way.
     """
     if data.startswith(b"\xff\xd8\xff"):
         return JpegImagePlugin.JpegImageFile
     if data.startswith(b"\x89PNG\r\n\x1a\n"):
         return PngImagePlugin.PngImageFile
+    if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
+        return WebPImagePlugin.WebPImageFile
     if data[4:8] == b"ftyp" and data[8:12] in HEIF_BRANDS:
         return HeifImageFile
     return None
@@ -167,11 +171,13 @@ def _damaged(data: bytes) -> Failure:
 
 
 def _is_complete(data: bytes) -> bool:
-    """Whether the file has its end: JPEG's and PNG's end marks, all of HEIC's boxes."""
+    """Whether the file has its end: JPEG's and PNG's end marks, all of WebP's bytes and of HEIC's boxes."""
     if data.startswith(b"\xff\xd8"):
         return data.rfind(b"\xff\xd9", _jpeg_scan_offset(data) or 2) > 2
     if data.startswith(b"\x89PNG"):
         return b"IEND" in data[-64:]
+    if data.startswith(b"RIFF"):
+        return len(data) >= 8 + int.from_bytes(data[4:8], "little")
     position = 0
     while position + 8 <= len(data):
         size = int.from_bytes(data[position : position + 4])

@@ -202,3 +202,16 @@ def test_failed_pairs_correction_is_not_laid_on_the_pair_that_is_sent_in_its_pla
     assert middle(phone.get(path)).tolist() == [102, 102, 102]
     table.put("after_right", grey_photograph(103))
     assert middle(phone.get(path)).tolist() == [102, 102, 102]
+
+
+def test_webp_pair_is_taken_and_shown(phone):
+    body = meal_metadata()
+    sent = phone.post(pair(kind="WEBP"), body)
+    assert sent.status_code == 202, sent.text
+    assert sent.json()["images"]["left"]["media_type"] == "image/webp"
+    shown = phone.get(f"/v1/meals/{body['id']}/images/left", width=64)
+    assert (shown.status_code, shown.headers["content-type"]) == (200, "image/jpeg")
+    whole = phone.client.put(
+        f"/v1/meals/{uuid.uuid4()}/images/left", headers=phone.headers | {"Content-Type": "image/webp"}, content=b"RIFF"
+    )
+    assert (whole.status_code, whole.json()["code"]) == (415, "not_an_image")

@@ -204,3 +204,24 @@ def grid_heic(columns: int, rows: int, tile: int, turn: int = 0, *, names: int =
 
     ftyp = box(b"ftyp", b"heic\0\0\0\0mif1heic")
     return ftyp + meta(len(ftyp) + len(meta(0)) + 8) + box(b"mdat", bytes(16 * len(tiles)))
+
+
+def webp(*, exif: bytes = b"", xmp: bytes = b"", **options) -> bytes:
+    stream = io.BytesIO()
+    picture().save(stream, "WEBP", exif=exif, xmp=xmp, **options)
+    return stream.getvalue()
+
+
+def webp_chunk(kind: bytes, data: bytes) -> bytes:
+    return kind + len(data).to_bytes(4, "little") + data + b"\0" * (len(data) % 2)
+
+
+def riff(*chunks: bytes) -> bytes:
+    body = b"WEBP" + b"".join(chunks)
+    return b"RIFF" + len(body).to_bytes(4, "little") + body
+
+
+def animated_webp() -> bytes:
+    stream = io.BytesIO()
+    picture().save(stream, "WEBP", save_all=True, append_images=[picture().transpose(Image.Transpose.ROTATE_180)])
+    return stream.getvalue()

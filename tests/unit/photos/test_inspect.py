@@ -11,6 +11,7 @@ from photo_files import (
     HEIGHT,
     WIDTH,
     XMP,
+    animated_webp,
     box,
     exif_block,
     exif_segment,
@@ -23,8 +24,11 @@ from photo_files import (
     png,
     png_chunk,
     png_itxt,
+    riff,
     segment,
     video,
+    webp,
+    webp_chunk,
     xmp_segment,
 )
 from PIL import ExifTags, Image
@@ -185,7 +189,6 @@ def test_exif_orientation_does_not_turn_a_heic(inspect):
     [
         (b"%PDF-1.7 and so on", "PDF"),
         (b"GIF89a and so on", "GIF"),
-        (b"RIFF\0\0\0\0WEBPVP8 ", "WebP"),
         (b"RIFF\0\0\0\0AVI LIST", "video"),
         (video(), "video"),
         (box(b"ftyp", b"qt  \0\0\0\0qt  "), "video"),
@@ -205,6 +208,38 @@ def test_file_of_another_kind_is_named(inspect, data, word):
     assert word in result.message
 
 
+@pytest.mark.parametrize(
+    "options", [{}, {"lossless": True}, {"quality": 10, "exif": b"Exif\0\0" + exif_block(orientation=6)}]
+)
+def test_webp_of_every_coding_is_whole(inspect, options):
+    facts = inspect(webp(**options))
+    assert (facts.media_type, facts.width, facts.height) == ("image/webp", 96, 64)
+    assert facts.orientation == (6 if "exif" in options else 1)
+
+
+@pytest.mark.parametrize(
+    ("data", "what"),
+    [
+        (animated_webp(), "animation"),
+        (riff(), "no picture"),
+        (riff(webp_chunk(b"EXIF", b"II*\0")), "no picture"),
+        (riff(webp_chunk(b"VP8 ", b"\0" * 20)), "no header"),
+        (riff(webp_chunk(b"VP8L", b"\x2f\0")), "no header"),
+        (riff(*[webp_chunk(b"VP8L", b"\x2f\0\0\0\0\0")] * 2), "more than one picture"),
+        (riff(*[webp_chunk(b"JUNK", b"")] * 2000), "more than 1000 chunks"),
+    ],
+)
+def test_webp_that_is_no_photograph_is_refused(inspect, data, what):
+    result = inspect(data)
+    assert code(result) == "image_unreadable"
+    assert what in result.message
+
+
+def test_every_cut_of_a_webp_is_seen(inspect):
+    data = webp(exif=b"Exif\0\0" + exif_block())
+    assert {code(inspect(data[:length])) for length in range(12, len(data), 7)} == {"image_truncated"}
+
+
 @pytest.mark.parametrize("make", [jpeg, lambda: jpeg(progressive=True), png])
 def test_every_cut_of_a_file_is_seen(inspect, make):
     data = make()
@@ -217,7 +252,7 @@ def test_every_cut_of_a_heic_is_seen(inspect, data):
     assert {code(inspect(data[:length])) for length in range(16, len(data) - 1, 7)} == {"image_truncated"}
 
 
-@pytest.mark.parametrize("data", [jpeg(), png(), heic()])
+@pytest.mark.parametrize("data", [jpeg(), png(), heic(), webp()])
 def test_trailing_bytes_are_no_damage(inspect, data):
     for trailer in (b"\0" * 100, b"SEFH and so on SEFT", jpeg(), jpeg()[:-50], video(), video()[:-9], b"\xff" * 9):
         assert inspect(data + trailer) == inspect(data)

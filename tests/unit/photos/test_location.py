@@ -34,6 +34,8 @@ from photo_files import (
     png_itxt,
     segment,
     video,
+    webp,
+    webp_chunk,
     xmp_segment,
 )
 from PIL import ExifTags, Image
@@ -130,6 +132,24 @@ def test_only_the_location_of_a_heic_goes(path, order):
     assert_only_the_location_went(data, result)
     assert not any(gone in result for gone in (*coordinate_bytes(order), *GPS_TEXTS, *PLACE_WORDS))
     assert b'xmp:Rating="3"' in result
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_only_the_location_of_a_webp_goes(path, order):
+    data = webp(exif=b"Exif\0\0" + exif_block(order, orientation=6), xmp=XMP)
+    result = cleaned(path, data)
+    assert_only_the_location_went(data, result)
+    assert opened(result).getexif()[ExifTags.Base.Orientation] == 6
+    assert not any(gone in result for gone in (*coordinate_bytes(order), *GPS_TEXTS, *PLACE_WORDS))
+    assert b'xmp:Rating="3"' in result
+
+
+def test_webp_chunk_of_unknown_form_that_speaks_of_coordinates_goes_whole(path):
+    data = webp()
+    size = int.from_bytes(data[4:8], "little")
+    more = webp_chunk(b"GEO ", b'{"latitude": 40.428, "longitude": -86.913}')
+    result = cleaned(path, data[:4] + (size + len(more)).to_bytes(4, "little") + data[8:] + more)
+    assert b"latitude" not in result
 
 
 def test_heic_metadata_in_idat_go(path):

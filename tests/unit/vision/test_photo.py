@@ -56,13 +56,13 @@ def assert_alike(photo: Photo, picture: Image.Image, tolerance: float = 4.0) -> 
     assert np.abs(photo.pixels_bgr.astype(float) - expected).mean() < tolerance
 
 
-@pytest.mark.parametrize("kind", ["JPEG", "PNG", "HEIF"])
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "WEBP", "HEIF"])
 def test_every_format_gives_the_same_pixels(picture, kind):
     assert_alike(read(encoded(picture, kind)), picture)
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
-@pytest.mark.parametrize("kind", ["JPEG", "PNG"])
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "WEBP"])
 def test_each_exif_orientation_is_applied_once(picture, orientation, kind):
     undo = {
         2: Image.Transpose.FLIP_LEFT_RIGHT,
