@@ -4,16 +4,28 @@ VENV := .venv
 BIN := $(VENV)/bin
 IN_TWO := -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: venv demo browse test test-slow check format serve clean
+.PHONY: venv lock audit demo browse test test-slow check format serve clean
 
 venv: $(VENV)/.installed  ## the virtual environment .venv, nothing else
 
-$(VENV)/.installed: pyproject.toml
+$(VENV)/.installed: pyproject.toml tools/lock/dev.txt
 	@echo "== setting up $(VENV) (first time: a minute or two)"
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "tada-server needs Python 3.11 or newer: make PYTHON=python3.11 ...")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --require-hashes --requirement tools/lock/dev.txt
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
+
+LOCK := $(VENV)/bin/uv pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes --no-annotate \
+	--no-header --no-emit-index-url pyproject.toml tools/lock/build.in
+
+lock: venv  ## tools/lock anew: every package with the hashes of all its files, for what pyproject.toml asks
+	$(BIN)/python -m pip install --quiet uv==0.13.9
+	$(LOCK) --extra dev --output-file tools/lock/dev.txt
+	$(LOCK) --constraint tools/lock/dev.txt --output-file tools/lock/runtime.txt
+
+audit: venv  ## known faults of the locked packages, where a list of them can be reached
+	$(BIN)/python tools/audit_packages.py
 
 demo: venv  ## one meal, from upload to record, on throwaway data
 	$(BIN)/tada demo
