@@ -53,6 +53,8 @@ def _at_low_priority(perform: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """In a thread of its own: Linux gives each thread its priority, and a lowered one cannot be raised again."""
 
     def lower() -> None:
+        if sys.platform != "linux":  # elsewhere the number may be another process's
+            return
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), COSTLY_NICENESS)
 
     with ThreadPoolExecutor(1, initializer=lower) as thread:

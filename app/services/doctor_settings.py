@@ -14,6 +14,7 @@ from app.services.finding import Finding
 from app.services.secret_box import KEY_FILE, open_secret_box
 from app.settings import Settings
 
+VERIFIED = frozenset({"verify-ca", "verify-full"})  # other sslmodes speak to whoever answers
 LOCAL_HOSTS = frozenset({"127.0.0.1", "::1", "localhost"})
 
 
@@ -22,6 +23,7 @@ def look_at_settings(settings: Settings) -> Iterator[Finding]:
     yield _secret_key(settings)
     yield from _private_files(settings)
     yield from _public_url(settings)
+    yield from _ways_inside(settings)
     yield from _proxies(settings)
     yield from _doors(settings)
 
@@ -84,6 +86,35 @@ def _public_url(settings: Settings) -> Iterator[Finding]:
         )
     else:
         yield Finding(subject, "ok", url)
+
+
+def _ways_inside(settings: Settings) -> Iterator[Finding]:
+    """To database and store: what is told to them is as private as what phones send."""
+    database = sa.make_url(settings.resolved_database_url)
+    if not settings.is_embedded and _is_elsewhere(database.host):
+        mode = database.query.get("sslmode", "prefer")
+        if mode in VERIFIED:
+            yield Finding("way to the database", "ok", f"TLS, sslmode={mode}")
+        else:
+            yield Finding(
+                "way to the database",
+                "bad",
+                f"records and passwords may go to {database.host} in the clear, or to somebody else (sslmode={mode}).",
+                "Add ?sslmode=verify-full&sslrootcert=FILE (or =system) to TADA_DATABASE_URL.",
+            )
+    endpoint = urlsplit(settings.s3_endpoint or "")
+    if endpoint.scheme == "http" and _is_elsewhere(endpoint.hostname):
+        yield Finding(
+            "way to the store",
+            "bad",
+            f"photographs go to {endpoint.hostname} in the clear.",
+            "Give TADA_S3_ENDPOINT an https address.",
+        )
+
+
+def _is_elsewhere(host: str | None) -> bool:
+    """Whether a host is beyond this machine and the network of its containers, whose names have no dot."""
+    return host is not None and host not in LOCAL_HOSTS and ("." in host or ":" in host)
 
 
 def _proxies(settings: Settings) -> Iterator[Finding]:

@@ -136,6 +136,32 @@ def test_pods_run_as_nobody_and_have_time_to_stop():
             assert "memory" in container["resources"]["limits"]
 
 
+def test_network_of_the_cluster_is_closed_but_for_what_each_pod_needs():
+    policies = {one["metadata"]["name"]: one["spec"] for one in kubernetes() if one["kind"] == "NetworkPolicy"}
+    assert policies["tada-nothing"] == {"podSelector": {}, "policyTypes": ["Ingress", "Egress"]}
+    labels = {
+        one["spec"]["template"]["metadata"]["labels"]["app"]: one["spec"]["template"]["spec"]
+        for one in kubernetes()
+        if one["kind"] == "Deployment"
+    }
+    for name, pod in labels.items():
+        (rule,) = policies[name]["ingress"]
+        assert policies[name]["podSelector"]["matchLabels"] == {"app": name}
+        ports = {port.get("name"): port["containerPort"] for port in pod["containers"][0]["ports"]}
+        assert {port["port"] for port in rule["ports"]} <= {*ports, *ports.values()}
+        assert rule["from"]
+    assert {port["port"] for rule in policies["tada-out"]["egress"] for port in rule["ports"]} == {53, 443, 5432}
+
+
+def test_no_service_of_compose_writes_to_its_image_or_keeps_rights_that_it_does_not_need(services):
+    kept = {name: set(service.get("cap_add", ())) for name, service in services.items()}
+    assert kept == {name: {"NET_BIND_SERVICE"} if name == "proxy" else set() for name in services}
+    for name, service in services.items():
+        assert service["read_only"] is True, name
+        assert service["cap_drop"] == ["ALL"], name
+        assert service["security_opt"] == ["no-new-privileges:true"], name
+
+
 def test_metric_that_scales_workers_is_one_that_is_told():
     scaled = next(one for one in kubernetes() if one["kind"] == "ScaledObject")
     query = scaled["spec"]["triggers"][0]["metadata"]["query"]

@@ -1,0 +1,45 @@
+"""What the doctor says of the ways to database and store: nothing goes in the clear beyond this machine."""
+
+import pytest
+
+from app.services.doctor_settings import look_at_settings
+from app.settings import Settings
+
+
+def ways(tmp_path, **settings):
+    found = look_at_settings(Settings(data_dir=tmp_path, secret_key="k" * 40, **settings))
+    return {finding.subject: finding.level for finding in found if finding.subject.startswith("way to")}
+
+
+@pytest.mark.parametrize(
+    ("query", "level"),
+    [
+        ("", "bad"),
+        ("?sslmode=disable", "bad"),
+        ("?sslmode=require", "bad"),  # encrypted, and to whoever answers
+        ("?sslmode=verify-ca&sslrootcert=ca.pem", "ok"),
+        ("?sslmode=verify-full&sslrootcert=system", "ok"),
+    ],
+)
+@pytest.mark.parametrize("host", ["db.example.org", "10.0.0.7"])
+def test_database_elsewhere_wants_tls_that_looks_at_the_certificate(tmp_path, host, query, level):
+    url = f"postgresql://tada:secret@{host}/tada{query}"
+    assert ways(tmp_path, database_url=url) == {"way to the database": level}
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "postgres", ""])
+def test_database_of_this_machine_needs_none(tmp_path, host):
+    assert ways(tmp_path, database_url=f"postgresql://tada@{host}/tada") == {}
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "found"),
+    [
+        ("http://s3.example.org", {"way to the store": "bad"}),
+        ("https://s3.example.org", {}),
+        ("http://s3:8333", {}),
+        ("http://127.0.0.1:8333", {}),
+    ],
+)
+def test_store_elsewhere_wants_https(tmp_path, endpoint, found):
+    assert ways(tmp_path, s3_endpoint=endpoint) == found
