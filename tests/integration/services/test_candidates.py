@@ -142,8 +142,14 @@ def test_hint_that_the_index_is_sure_against_is_doubtful_until_somebody_vouches(
     assert meal.items()[0]["flags"] == []
 
 
-def test_hint_of_an_unknown_food_is_not_overruled(meal_of):
-    (item,) = meal_of(identified_item(SURE, hint=0), hints=[{"point": [3, 3], "food": "no-such-food"}]).items()
+def test_hint_of_a_food_that_is_gone_by_now_is_not_overruled(phone, state, client):
+    body = meal_metadata(hints=[{"point": [3, 3], "food": "apple"}])
+    assert phone.post(pair(), body).status_code == 202
+    with state.database.write() as session:
+        meal = session.scalars(sa.select(Meal)).one()
+        meal.details = meal.details | {"hints": [{"point": [3, 3], "food": "no-such-food"}]}
+    estimates.save(state, body["id"], identified_item(SURE, hint=0))
+    (item,) = Speaker(client, phone.headers, body["id"]).items()
     assert (item["food"], item["status"]) == (None, "needs_review")
     assert [key for key, *_ in shown(item)] == ["apple", "pear"]
 
