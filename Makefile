@@ -16,13 +16,14 @@ $(VENV)/.installed: pyproject.toml tools/lock/dev.txt
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
-LOCK := $(VENV)/bin/uv pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes --no-annotate \
-	--no-header --no-emit-index-url pyproject.toml tools/lock/build.in
+LOCK := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate --no-header \
+	--no-emit-index-url $(UPGRADE)
 
-lock: venv  ## tools/lock anew: every package with the hashes of all its files, for what pyproject.toml asks
+lock: venv  ## tools/lock for what pyproject.toml asks, with the hashes of all files; UPGRADE=--upgrade: the newest of all others
 	$(BIN)/python -m pip install --quiet uv==0.13.9
-	$(LOCK) --extra dev --output-file tools/lock/dev.txt
-	$(LOCK) --constraint tools/lock/dev.txt --output-file tools/lock/runtime.txt
+	$(LOCK) tools/lock/build.in --output-file tools/lock/build.txt
+	$(LOCK) pyproject.toml tools/lock/build.in --extra dev --constraint tools/lock/build.txt --output-file tools/lock/dev.txt
+	$(LOCK) pyproject.toml --constraint tools/lock/dev.txt --output-file tools/lock/runtime.txt
 
 audit: venv  ## known faults of the locked packages, where a list of them can be reached
 	$(BIN)/python tools/audit_packages.py

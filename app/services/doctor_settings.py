@@ -1,6 +1,7 @@
 """What `tada doctor` says of the settings themselves: what would let others in, or tell phones a wrong address."""
 
 import ipaddress
+import os
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -91,15 +92,16 @@ def _public_url(settings: Settings) -> Iterator[Finding]:
 def _ways_inside(settings: Settings) -> Iterator[Finding]:
     """To database and store: what is told to them is as private as what phones send."""
     database = sa.make_url(settings.resolved_database_url)
-    if not settings.is_embedded and _is_elsewhere(database.host):
-        mode = database.query.get("sslmode", "prefer")
+    host = str(database.query.get("host", database.host or ""))
+    if not settings.is_embedded and host and host not in LOCAL_HOSTS and not host.startswith("/"):
+        mode = database.query.get("sslmode", os.environ.get("PGSSLMODE", "prefer"))
         if mode in VERIFIED:
             yield Finding("way to the database", "ok", f"TLS, sslmode={mode}")
         else:
             yield Finding(
                 "way to the database",
-                "bad",
-                f"records and passwords may go to {database.host} in the clear, or to somebody else (sslmode={mode}).",
+                "bad" if _is_elsewhere(host) else "note",
+                f"records and passwords may go to {host} in the clear, or to somebody else (sslmode={mode}).",
                 "Add ?sslmode=verify-full&sslrootcert=FILE (or =system) to TADA_DATABASE_URL.",
             )
     endpoint = urlsplit(settings.s3_endpoint or "")

@@ -128,10 +128,14 @@ def test_kubernetes_page_is_yaml_with_settings_that_there_are():
 def test_pods_run_as_nobody_and_have_time_to_stop():
     for name, pod in pods().items():
         assert pod["securityContext"]["runAsNonRoot"] is True, name
+        assert pod["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}, name
         assert pod.get("terminationGracePeriodSeconds", 30) >= 15, name
         mounted = {volume["name"] for volume in pod["volumes"]}
         for container in pod["containers"]:
-            assert container["securityContext"]["readOnlyRootFilesystem"] is True
+            rights = container["securityContext"]
+            assert rights["readOnlyRootFilesystem"] is True
+            assert rights["allowPrivilegeEscalation"] is False
+            assert rights["capabilities"] == {"drop": ["ALL"]}
             assert {mount["name"] for mount in container["volumeMounts"]} == mounted
             assert "memory" in container["resources"]["limits"]
 
@@ -155,7 +159,8 @@ def test_network_of_the_cluster_is_closed_but_for_what_each_pod_needs():
 
 def test_no_service_of_compose_writes_to_its_image_or_keeps_rights_that_it_does_not_need(services):
     kept = {name: set(service.get("cap_add", ())) for name, service in services.items()}
-    assert kept == {name: {"NET_BIND_SERVICE"} if name == "proxy" else set() for name in services}
+    needed = {"proxy": {"NET_BIND_SERVICE"}, "s3": {"DAC_OVERRIDE"}}
+    assert kept == {name: needed.get(name, set()) for name in services}
     for name, service in services.items():
         assert service["read_only"] is True, name
         assert service["cap_drop"] == ["ALL"], name

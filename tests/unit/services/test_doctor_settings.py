@@ -27,9 +27,24 @@ def test_database_elsewhere_wants_tls_that_looks_at_the_certificate(tmp_path, ho
     assert ways(tmp_path, database_url=url) == {"way to the database": level}
 
 
-@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "postgres", ""])
+@pytest.mark.parametrize("url", ["postgresql:///tada?host=db.example.org", "postgresql://tada@/tada?host=10.0.0.7"])
+def test_host_may_stand_in_the_query(tmp_path, url):
+    assert ways(tmp_path, database_url=url) == {"way to the database": "bad"}
+
+
+def test_sslmode_may_stand_in_the_environment(tmp_path, monkeypatch):
+    monkeypatch.setenv("PGSSLMODE", "verify-full")
+    assert ways(tmp_path, database_url="postgresql://tada@db.example.org/tada") == {"way to the database": "ok"}
+
+
+def test_host_of_one_word_may_be_a_container_next_door_or_another_machine(tmp_path):
+    assert ways(tmp_path, database_url="postgresql://tada@postgres/tada") == {"way to the database": "note"}
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", ""])
 def test_database_of_this_machine_needs_none(tmp_path, host):
     assert ways(tmp_path, database_url=f"postgresql://tada@{host}/tada") == {}
+    assert ways(tmp_path, database_url="postgresql:///tada?host=/run/postgresql") == {}
 
 
 @pytest.mark.parametrize(
