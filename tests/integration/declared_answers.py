@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import httpx
+import httpx2
 
 HEADERS = frozenset(
     {
@@ -19,14 +19,14 @@ ALWAYS_SENT = frozenset(
 OF_ANY_ADDRESS = frozenset({405, 414, 431, 500})
 
 
-def declared_answers(document: Mapping[str, Any]) -> Callable[[httpx.Response], None]:
-    """Return a hook for httpx that raises AssertionError where an answer is not what the document declares.
+def declared_answers(document: Mapping[str, Any]) -> Callable[[httpx2.Response], None]:
+    """Return a hook for httpx2 that raises AssertionError where an answer is not what the document declares.
 
     Answers of addresses and methods that are no operation of the document pass.
     """
     patterns = [(_pattern(path), path) for path in sorted(document["paths"], key=lambda path: path.count("{"))]
 
-    def require_declared(response: httpx.Response) -> None:
+    def require_declared(response: httpx2.Response) -> None:
         address, method = response.request.url.raw_path.partition(b"?")[0].decode(), response.request.method.lower()
         path = next((path for pattern, path in patterns if pattern.fullmatch(address)), None)
         if path is None or method not in document["paths"][path] or response.status_code in OF_ANY_ADDRESS:
