@@ -157,6 +157,11 @@ class ChildPool:
                 return result
         raise ChildStartError("child processes ended before they took the request")
 
+    @property
+    def is_started(self) -> bool:
+        """Whether there is any child."""
+        return bool(self._alive)
+
     def cancel(self, name: str) -> bool:
         """Kill the child that works on the request of this name, whose `run` raises. False: none does just now."""
         with self._lock:

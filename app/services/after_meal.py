@@ -21,6 +21,7 @@ from app.db.session import Database
 from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundError
 from app.logs import tell
 from app.services import audit
+from app.services.api_children import ApiChildren
 from app.services.caller import DeviceCaller
 from app.services.check_hints import require_known_foods, require_within
 from app.services.erase import erase_failed_pair, is_meal_deleted, meal_deleted
@@ -30,6 +31,7 @@ from app.services.meal_time import MealTime
 from app.services.meal_vessels import require_known_vessels
 from app.services.project_records import project_meal
 from app.services.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
+from app.services.require_whole import require_whole
 from app.services.seal_photos import image_row, require_unspent, seal_photos, unspent_keys
 from app.services.secret_box import SecretBox
 from app.services.submit_meal import ASIDE, Submitted, aside, meal_id_of
@@ -87,10 +89,17 @@ class SubmitAfterPair:
     """The use case; one a process."""
 
     def __init__(
-        self, database: Database, blobs: BlobStore, queue: JobQueue, settings: Settings, box: SecretBox
+        self,
+        database: Database,
+        blobs: BlobStore,
+        queue: JobQueue,
+        settings: Settings,
+        box: SecretBox,
+        children: ApiChildren,
     ) -> None:
         self._database = database
         self._box = box
+        self._children = children
         self._blobs = blobs
         self._queue = queue
         self._settings = settings
@@ -141,6 +150,7 @@ class SubmitAfterPair:
                 {slot: _blob_key(caller.study_id, meal_id, slot, known.attempt, p) for slot, p in photos.items()},
             )
         there = set() if known.is_anew else set(known.stored)
+        require_whole(self._children, caller, photos, there)
         seal_photos(self._blobs, photos, keys, there)
         sealed = _Sealed(known.attempt, keys, frozenset(set(photos) - there))
         try:

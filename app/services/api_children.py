@@ -56,6 +56,11 @@ class ApiChildren:
         self._warming = threading.Timer(WARM_UP_AFTER_SECONDS, self._warm_up)
         self._warming.daemon = True
 
+    @property
+    def are_up(self) -> bool:
+        """Whether any child was started: what can do without does not wait for a start."""
+        return self._pool.is_started
+
     def start_soon(self) -> None:
         """Have a child ready in a few seconds, without keeping the server's start waiting."""
         self._warming.start()

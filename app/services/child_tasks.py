@@ -19,7 +19,7 @@ from app.vision import precheck
 from app.vision.calibration import calibrate
 from app.vision.color import apply_colour
 from app.vision.model import Artefact, ColourCorrection, EstimateOptions, ImageArray, MealEstimate, Photo, PhotoPair
-from app.vision.photo import read_photo, read_reduced_photo
+from app.vision.photo import read_photo, read_reduced_photo, why_not_whole
 from app.vision.pipeline import PIPELINE_VERSION, estimate_meal
 
 StageListener = Callable[[str], None]
@@ -127,6 +127,12 @@ def check_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]:
     }
 
 
+def whole_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]:
+    """Whether a JPEG gives all of its pixels. request: photo (path)."""
+    failure = why_not_whole(Path(request["photo"]).read_bytes())
+    return {"failure": failure_to_json(failure) if failure is not None else None}
+
+
 def calibrate_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]:
     """A camera from photographs of a board. request: photos (paths), marker, max_pixels."""
     photos = _PhotosOnDisk([Path(path) for path in request["photos"]], int(request["max_pixels"]))
@@ -219,6 +225,7 @@ def _jpeg(pixels_bgr: ImageArray, width_px: int, colour: ColourCorrection | None
 TASKS: Mapping[str, Callable[[Mapping[str, Any], StageListener], dict[str, Any]]] = {
     "estimate": estimate_task,
     "check": check_task,
+    "whole": whole_task,
     "calibrate": calibrate_task,
     "picture": picture_task,
     "describe": describe_task,

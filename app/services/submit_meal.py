@@ -24,6 +24,7 @@ from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundErro
 from app.logs import tell
 from app.services import audit
 from app.services.announce import announce_meal
+from app.services.api_children import ApiChildren
 from app.services.caller import DeviceCaller
 from app.services.check_hints import require_known_foods, require_within
 from app.services.erase import is_meal_deleted, meal_deleted
@@ -33,6 +34,7 @@ from app.services.meal_time import MealTime
 from app.services.meal_vessels import require_known_vessels
 from app.services.read_meal import MealView, view_of_new_meal
 from app.services.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
+from app.services.require_whole import require_whole
 from app.services.seal_photos import image_row, require_unspent, seal_photos, storage_full, unspent_keys
 from app.services.secret_box import SecretBox
 from app.services.withdraw import require_in_study
@@ -78,10 +80,17 @@ class SubmitMeal:
     """The use case; one a process."""
 
     def __init__(
-        self, database: Database, blobs: BlobStore, queue: JobQueue, settings: Settings, box: SecretBox
+        self,
+        database: Database,
+        blobs: BlobStore,
+        queue: JobQueue,
+        settings: Settings,
+        box: SecretBox,
+        children: ApiChildren,
     ) -> None:
         self._database = database
         self._box = box
+        self._children = children
         self._blobs = blobs
         self._queue = queue
         self._settings = settings
@@ -132,6 +141,7 @@ class SubmitMeal:
             keys = unspent_keys(
                 session, {slot: f"{study.id}/{meal_id}/{slot}/{photo.stored_sha256}" for slot, photo in photos.items()}
             )
+        require_whole(self._children, caller, photos, stored)
         seal_photos(self._blobs, photos, keys, stored)
         meal = _Arriving(study, client_id, meal_id, metadata, details, location)
         try:

@@ -20,6 +20,7 @@ from pillow_heif import HeifImageFile
 
 from app.errors import Failure
 from app.vision.board_grid import reduce_by
+from app.vision.jpeg_pixels import lacks_pixels
 from app.vision.model import ImageArray, Photo
 
 MIN_SHORT_SIDE_PX = 480  # a marker that is an eighth of the photograph has squares of 7 px there; smaller ones are lost
@@ -27,6 +28,7 @@ DIAGONAL_35MM = math.hypot(36.0, 24.0)
 FOCAL_35MM_RANGE = (8.0, 400.0)  # outside, the tag is unset (0) or nonsense
 MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # EXIF FocalPlaneResolutionUnit
 MAX_NAME_LENGTH = 100
+JPEG_START = b"\xff\xd8\xff"
 HEIF_BRANDS = frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"})
 # What Pillow and libheif raise on bytes that lie; anything else is a fault of ours and should be seen.
 DECODE_ERRORS = (
@@ -94,6 +96,11 @@ def read_reduced_photo(
         return _read(data, max_pixels, least_long_side_px, least_short_side_px)
 
 
+def why_not_whole(data: bytes) -> Failure | None:
+    """The failure of a JPEG that lacks part of its pixels, or None. Failures: image_truncated, image_unreadable."""
+    return _damaged(data) if data.startswith(JPEG_START) and lacks_pixels(data) else None
+
+
 def _read(
     data: bytes, max_pixels: int, least_long_side_px: int | None, least_short_side_px: int
 ) -> ReducedPhoto | Failure:
@@ -119,6 +126,8 @@ def _read(
             f"The photograph has only {width} x {height} pixels; the shorter needs {least_short_side_px} at least.",
             "Send the photograph itself, not its preview.",
         )
+    if (failure := why_not_whole(data)) is not None:
+        return failure
     try:
         factor = _reduction(max(width, height), least_long_side_px)
         pixels_bgr = _pixels_of_sound_jpeg(image, data, factor)
@@ -153,7 +162,7 @@ def _opener(data: bytes) -> Callable[[io.BytesIO], Image.Image] | None:
     Classes instead of Image.open: of Pillow's many formats these few only, and its own pixel limit stays out of the
     way.
     """
-    if data.startswith(b"\xff\xd8\xff"):
+    if data.startswith(JPEG_START):
         return JpegImagePlugin.JpegImageFile
     if data.startswith(b"\x89PNG\r\n\x1a\n"):
         return PngImagePlugin.PngImageFile

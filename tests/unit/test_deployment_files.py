@@ -44,6 +44,14 @@ def test_dockerfile_passes_hadolint():
     assert done.returncode == 0, done.stdout
 
 
+def test_images_of_others_are_pinned_by_digest(services):
+    begin = re.findall(r"^FROM (\S+)", (ROOT / "docker" / "Dockerfile").read_text(), re.MULTILINE)
+    images = {*begin, *(service["image"] for service in services.values())}
+    others = {image for image in images if not image.startswith("tada-server:")}
+    assert len(others) > 4
+    assert {image for image in others if not re.fullmatch(r"\S+:[\w.-]+@sha256:[0-9a-f]{64}", image)} == set()
+
+
 def test_compose_does_not_begin_without_the_servers_name():
     done = compose()
     assert done.returncode != 0

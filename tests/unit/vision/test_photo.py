@@ -13,6 +13,7 @@ from PIL import Image, TiffImagePlugin
 from app.errors import Failure
 from app.vision.model import Photo
 from app.vision.photo import MIN_SHORT_SIDE_PX, read_photo
+from tests.photographs import photograph, with_hole
 
 MAX_PIXELS = 50_000_000
 WIDTH, HEIGHT = 640, 480
@@ -205,6 +206,25 @@ def test_thumbnails_end_mark_does_not_make_a_cut_file_whole(picture):
     data = encoded(picture, "JPEG")
     assert isinstance(read(data[:2] + comment + data[2:]), Photo)
     assert failure_code(data[:2] + comment + data[2 : len(data) // 2]) == "image_truncated"
+
+
+@pytest.mark.parametrize("progressive", [False, True])
+@pytest.mark.parametrize("at", [0.3, 0.6, 0.9])
+def test_jpeg_that_lost_bytes_in_its_middle_is_unreadable(progressive, at):
+    """It was decoded with grey where the bytes were lost, and measured."""
+    whole = photograph(3, size=(WIDTH, HEIGHT), progressive=progressive)
+    assert isinstance(read(whole), Photo)
+    assert failure_code(with_hole(whole, at, 2000)) == "image_unreadable"
+
+
+def test_few_bytes_too_many_before_a_jpegs_end_cost_nothing():
+    whole = photograph(3, size=(WIDTH, HEIGHT))
+    padded = read(whole[:-2] + bytes(16) + whole[-2:])
+    assert (padded.pixels_bgr == read(whole).pixels_bgr).all()
+
+
+def test_jpeg_in_cmyk_is_read():
+    assert read(photograph(3, size=(WIDTH, HEIGHT), mode="CMYK")).pixels_bgr.shape == (HEIGHT, WIDTH, 3)
 
 
 def test_damaged_png_is_unreadable(picture):
