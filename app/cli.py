@@ -169,8 +169,8 @@ def identify(
 ) -> None:
     """Tell which food a photograph shows, by the index that ships with the program."""
     from app.services.identify_photo import identified_to_json, identify_photo, parse_box
+    from app.vision.looks.vcm_region import SIDE_PX
     from app.vision.marker_spec import parse_marker
-    from app.vision.vcm_region import SIDE_PX
 
     where = parse_box(box) if box is not None else None
     spec = parse_marker(marker) if marker is not None else None
@@ -192,7 +192,7 @@ def calibrate(
 ) -> None:
     """Intrinsics of a camera from photographs of a board: the camera file's keys and rms_px."""
     from app.services.camera_json import camera_to_json
-    from app.vision.calibration import calibrate as run
+    from app.vision.board.calibration import calibrate as run
     from app.vision.marker_spec import parse_marker
 
     found = run([read_photo_or_fail(path) for path in photos], parse_marker(marker))
@@ -217,8 +217,8 @@ def marker_command(
 ) -> None:
     """Write the printable board at true size (-o), or look for it in a photograph (--find)."""
     from app.services.estimate_json import colour_to_json
-    from app.vision.color import measure_colour
-    from app.vision.marker import find_marker
+    from app.vision.board.colour_correction import measure_colour
+    from app.vision.board.marker import find_marker
     from app.vision.marker_spec import parse_marker
 
     spec = parse_marker(marker)

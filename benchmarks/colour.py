@@ -25,14 +25,14 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from app.errors import Failure  # noqa: E402  # found from the checkout, installed or not
-from app.vision.board_grid import grid_homography, map_points  # noqa: E402
-from app.vision.ciede2000 import ciede2000  # noqa: E402
-from app.vision.color import apply_colour, measure_colour  # noqa: E402
-from app.vision.colour_board import COLOUR_SQUARES  # noqa: E402
-from app.vision.colour_fit import PAPER_WHITE, fit_matrix, reference_linear  # noqa: E402
-from app.vision.colour_samples import find_white, sample_board  # noqa: E402
-from app.vision.colour_space import LINEAR_OF_BYTE, encode_srgb, lab_of, linear_rgb  # noqa: E402
-from app.vision.marker import find_marker  # noqa: E402
+from app.vision.board.ciede2000 import ciede2000  # noqa: E402
+from app.vision.board.colour_board import COLOUR_SQUARES  # noqa: E402
+from app.vision.board.colour_correction import apply_colour, measure_colour  # noqa: E402
+from app.vision.board.colour_fit import PAPER_WHITE, fit_matrix, reference_linear  # noqa: E402
+from app.vision.board.colour_samples import find_white, sample_board  # noqa: E402
+from app.vision.board.colour_space import LINEAR_OF_BYTE, encode_srgb, lab_of, linear_rgb  # noqa: E402
+from app.vision.board.grid import grid_homography, map_points  # noqa: E402
+from app.vision.board.marker import find_marker  # noqa: E402
 from app.vision.marker_spec import parse_marker  # noqa: E402
 from app.vision.model import ColourCorrection, MarkerObservation, Photo  # noqa: E402
 from app.vision.photo import read_photo  # noqa: E402

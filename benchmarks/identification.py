@@ -49,9 +49,9 @@ from app.identification.held_out import (  # noqa: E402
 from app.identification.identifier import Identifier  # noqa: E402
 from app.identification.kernel_classifier import KernelClassifier, fit_classifier  # noqa: E402
 from app.services.build_index import LabelledFood, boxes_of, labelled_foods  # noqa: E402
-from app.vision.food_boxes import propose_boxes  # noqa: E402
-from app.vision.vcm import describe  # noqa: E402
-from app.vision.vcm_region import region_of_box  # noqa: E402
+from app.vision.looks.food_boxes import propose_boxes  # noqa: E402
+from app.vision.looks.vcm import describe  # noqa: E402
+from app.vision.looks.vcm_region import region_of_box  # noqa: E402
 
 LUNCH = 750  # minutes after midnight
 TAKEN = 0.8  # the probability from which a food is proposed without being asked about

@@ -20,9 +20,9 @@ from app.identification.food_index import FoodIndex, KnownFood
 from app.identification.held_out import scores_of_unseen_classes, scores_of_unseen_specimens
 from app.identification.metric import BlockLayout, Vectors, fit_metric
 from app.nutrition.importers.ecustfd import read_specimens
+from app.vision.looks.vcm import BLOCKS, VCM_VERSION, describe
+from app.vision.looks.vcm_region import SIDE_PX, Box, region_of_box
 from app.vision.photo import read_photo
-from app.vision.vcm import BLOCKS, VCM_VERSION, describe
-from app.vision.vcm_region import SIDE_PX, Box, region_of_box
 
 SOURCE = "ecustfd"
 NAME = re.compile(r"(?P<label>[a-z_]+?)(?P<specimen>\d+)[ST]\(\d+\)", re.ASCII)

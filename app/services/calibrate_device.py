@@ -25,7 +25,7 @@ from app.vision.marker_spec import parse_marker
 
 MIN_PHOTOGRAPHS, MAX_PHOTOGRAPHS = 3, 30
 SECONDS = 90.0  # thirty photographs of 12 megapixels take some twenty
-MAX_RMS_PX_AT_12MP = 1.0  # twice what phones and printed boards leave (vision/calibration.py); beyond, it bends
+MAX_RMS_PX_AT_12MP = 1.0  # twice what phones and printed boards leave (vision/board/calibration.py); beyond, it bends
 LONG_SIDE_12MP = 4000.0
 MIN_REACH = 0.5  # half diagonals; a plate beside the marker fills more than the middle quarter of the picture
 MAX_OF_DEVICE = 100

@@ -16,8 +16,8 @@ from app.services.describe_task import describe_task
 from app.services.estimate_json import colour_from_json, estimate_to_json, failure_to_json, options_from_json
 from app.services.thumbnails import SIDES, THUMBNAIL_PX, thumbnail_name
 from app.vision import precheck
-from app.vision.calibration import calibrate
-from app.vision.color import apply_colour
+from app.vision.board.calibration import calibrate
+from app.vision.board.colour_correction import apply_colour
 from app.vision.model import Artefact, ColourCorrection, EstimateOptions, ImageArray, MealEstimate, Photo, PhotoPair
 from app.vision.photo import read_photo, read_reduced_photo, why_not_whole
 from app.vision.pipeline import PIPELINE_VERSION, estimate_meal

@@ -9,12 +9,12 @@ import numpy as np
 from app.errors import Failure
 from app.services.estimate_json import colour_from_json, failure_to_json
 from app.services.vcm_json import vcm_to_json
-from app.vision.color import measure_colour
-from app.vision.marker import find_marker
+from app.vision.board.colour_correction import measure_colour
+from app.vision.board.marker import find_marker
+from app.vision.looks.vcm import describe_rings
 from app.vision.marker_spec import parse_marker
 from app.vision.model import ColourCorrection, Photo
 from app.vision.photo import read_photo
-from app.vision.vcm import describe_rings
 
 
 def describe_task(request: Mapping[str, Any], _: Callable[[str], None]) -> dict[str, Any]:

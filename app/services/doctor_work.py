@@ -19,7 +19,7 @@ from app.services.finding import Finding
 from app.services.project_records import project_meal
 from app.services.secret_box import SecretBox, SecretKeyError
 from app.services.webhook_signature import open_secrets
-from app.vision.vcm import VCM_VERSION
+from app.vision.looks.vcm import VCM_VERSION
 
 WAITING_TOO_LONG_SECONDS = 600
 LATELY = timedelta(days=7)

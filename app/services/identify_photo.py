@@ -15,13 +15,13 @@ from app.identification.food_index import shipped_index
 from app.identification.identifier import Circumstances, Identification, Identifier
 from app.nutrition.foods import load_starter_table
 from app.services.vcm_json import vcm_from_json
-from app.vision.color import apply_colour, measure_colour
-from app.vision.food_boxes import propose_boxes
-from app.vision.marker import find_marker
+from app.vision.board.colour_correction import apply_colour, measure_colour
+from app.vision.board.marker import find_marker
+from app.vision.looks.food_boxes import propose_boxes
+from app.vision.looks.vcm import describe
+from app.vision.looks.vcm_region import Box, region_of_box
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Photo
-from app.vision.vcm import describe
-from app.vision.vcm_region import Box, region_of_box
 
 UNPOINTED_NONE_PRIOR = 0.5  # of a box that nobody has pointed at: it may as well hold the plate
 

@@ -6,7 +6,7 @@ Beside the vision steps, since writing a page is none; which square is dark or c
 from fpdf import FPDF
 
 from app.errors import InvalidInputError
-from app.vision.colour_board import COLOUR_SQUARES
+from app.vision.board.colour_board import COLOUR_SQUARES
 from app.vision.marker_spec import MarkerSpec
 
 PAPERS_MM = {"A4": (210.0, 297.0), "A3": (297.0, 420.0)}  # width, height, upright

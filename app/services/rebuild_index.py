@@ -28,7 +28,7 @@ from app.services.receive_photo import sha256_of_file
 from app.services.vcm_json import vcm_from_json
 from app.settings import Settings
 from app.storage.blob_store import BlobMissingError, BlobStore
-from app.vision.vcm import VCM_VERSION
+from app.vision.looks.vcm import VCM_VERSION
 
 log = structlog.get_logger()
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from app.identification.metric import Vectors
+from app.vision.looks.vcm import VCM_VERSION
 from app.vision.model import Float32Array
-from app.vision.vcm import VCM_VERSION
 
 FLOAT = np.dtype("<f2")
 

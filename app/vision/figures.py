@@ -7,9 +7,8 @@ reach have no picture.
 import cv2
 import numpy as np
 
-from app.vision.color import apply_colour
-from app.vision.features import undistort_to_pinhole
-from app.vision.measure import MeasuredItem
+from app.vision.board.colour_correction import apply_colour
+from app.vision.geometry.pointcloud import write_ply
 from app.vision.model import (
     Artefact,
     ColourCorrection,
@@ -21,11 +20,12 @@ from app.vision.model import (
     PhotoPair,
     View,
 )
-from app.vision.pointcloud import write_ply
-from app.vision.rectification import rectify_by_fundamental
 from app.vision.scene_file import SCENE_NAME, write_scene
+from app.vision.shape.measure import MeasuredItem
+from app.vision.shape.volume import Volume
+from app.vision.stereo.features import undistort_to_pinhole
+from app.vision.stereo.rectification import rectify_by_fundamental
 from app.vision.trace import Trace
-from app.vision.volume import Volume
 
 WIDTH_PX = 1600
 JPEG_QUALITY = 88

@@ -1,6 +1,6 @@
 """A camera's intrinsics as values: from a camera file's keys, and adapted to a photograph of another size.
 
-Apart from camera.py, which finds the camera of photographs: the API, which keeps and chooses cameras, needs no NumPy.
+board/camera.py finds the camera of photographs; the API, which keeps and chooses cameras, needs no NumPy for it.
 """
 
 import math

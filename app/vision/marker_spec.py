@@ -1,6 +1,6 @@
 """The announced marker: `plain:9x7:11` in -> MarkerSpec out.
 
-Apart from marker.py, which finds it in photographs: who only checks the words (the API) needs neither NumPy nor OpenCV.
+board/marker.py finds it in photographs; the API, which only checks the text, needs neither NumPy nor OpenCV.
 """
 
 import re

@@ -19,7 +19,7 @@ from PIL import ExifTags, Image, JpegImagePlugin, PngImagePlugin, WebPImagePlugi
 from pillow_heif import HeifImageFile
 
 from app.errors import Failure
-from app.vision.board_grid import reduce_by
+from app.vision.board.grid import reduce_by
 from app.vision.jpeg_pixels import lacks_pixels
 from app.vision.model import ImageArray, Photo
 

@@ -11,17 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.errors import Failure
-from app.vision.camera import camera_from_exif, estimate_views
-from app.vision.color import measure_colour
-from app.vision.disparity import DisparityMap, match_dense
-from app.vision.epipolar import Epipolar, compare_fundamentals
-from app.vision.features import Matches, match_features, shows_sheet
+from app.vision.board.camera import camera_from_exif, estimate_views
+from app.vision.board.colour_correction import measure_colour
+from app.vision.board.marker import agree_on_corners, find_marker
 from app.vision.figures import draw_artefacts
-from app.vision.focal_doubt import FLAG_SD, MOST_SD, doubt_focal, too_unsure
-from app.vision.liquids import segment_meal
-from app.vision.marker import agree_on_corners, find_marker
-from app.vision.marker_thickness import find_thickness, on_plaque
-from app.vision.measure import MeasuredItem, measure_items
+from app.vision.geometry.topview import usable_points
+from app.vision.looks.vcm import describe_rings
 from app.vision.model import (
     EstimateOptions,
     Float32Array,
@@ -33,18 +28,23 @@ from app.vision.model import (
     PhotoPair,
     View,
 )
-from app.vision.outlines import draw_hints, photograph_px, rings_of
-from app.vision.pose_doubt import volume_doubt
-from app.vision.reconstruction import back_project, fit_to_marker, plane_points
-from app.vision.rectification import RectifiedPair, is_swapped, rectify_by_poses
-from app.vision.relative_pose import refine_views
-from app.vision.segmentation import Foods
-from app.vision.shape import measure_shapes
-from app.vision.stillness import judge_heights, judge_matches, judge_table
-from app.vision.topview import usable_points
+from app.vision.scene.liquids import segment_meal
+from app.vision.scene.segmentation import Foods
+from app.vision.shape.measure import MeasuredItem, measure_items
+from app.vision.shape.outlines import draw_hints, photograph_px, rings_of
+from app.vision.shape.shape import measure_shapes
+from app.vision.stereo.disparity import DisparityMap, match_dense
+from app.vision.stereo.epipolar import Epipolar, compare_fundamentals
+from app.vision.stereo.features import Matches, match_features, shows_sheet
+from app.vision.stereo.focal_doubt import FLAG_SD, MOST_SD, doubt_focal, too_unsure
+from app.vision.stereo.marker_thickness import find_thickness, on_plaque
+from app.vision.stereo.pose_doubt import volume_doubt
+from app.vision.stereo.reconstruction import back_project, fit_to_marker, plane_points
+from app.vision.stereo.rectification import RectifiedPair, is_swapped, rectify_by_poses
+from app.vision.stereo.relative_pose import refine_views
+from app.vision.stereo.stillness import judge_heights, judge_matches, judge_table
 from app.vision.trace import Trace
 from app.vision.traits import traits_of
-from app.vision.vcm import describe_rings
 
 PIPELINE_VERSION = "6"  # changes whenever the same photographs may give another answer
 

@@ -13,19 +13,19 @@ from typing import Literal
 import numpy as np
 
 from app.errors import Failure
-from app.vision.board_grid import shortest_step_px, square_means
-from app.vision.board_search import find_grids
-from app.vision.camera import estimate_views, view_angle_deg
-from app.vision.epipolar import GOOD_PX_AT_12MP, MIN_BESIDE_BOARD, near_epipolar_lines
-from app.vision.features import FOOD_MAX_HEIGHT_MM, match_features, triangulate
+from app.vision.board.camera import estimate_views, view_angle_deg
+from app.vision.board.grid import shortest_step_px, square_means
+from app.vision.board.marker import agree_on_corners, contrast_image, find_marker
+from app.vision.board.quality import clipped_share, edge_width_limit_px, marker_edge_width_px
+from app.vision.board.search import find_grids
 from app.vision.intrinsics import Camera
-from app.vision.marker import agree_on_corners, contrast_image, find_marker
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import EstimateOptions, Float64Array, ImageArray, MarkerObservation, PhotoPair, View
 from app.vision.photo import ReducedPhoto
-from app.vision.quality import clipped_share, edge_width_limit_px, marker_edge_width_px
-from app.vision.relative_pose import refine_views
-from app.vision.stillness import AT_MARKER_MM, MIN_JUDGED_MATCHES, judge_matches
+from app.vision.stereo.epipolar import GOOD_PX_AT_12MP, MIN_BESIDE_BOARD, near_epipolar_lines
+from app.vision.stereo.features import FOOD_MAX_HEIGHT_MM, match_features, triangulate
+from app.vision.stereo.relative_pose import refine_views
+from app.vision.stereo.stillness import AT_MARKER_MM, MIN_JUDGED_MATCHES, judge_matches
 
 LEAST_LONG_SIDE_PX = 1600  # where matches are aligned (features.ALIGNED_SIDE_PX); a 12 MP photograph is read at 2016
 NEAR_BLUR_SHARE = 0.75  # of the width where measuring ends

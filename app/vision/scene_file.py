@@ -14,10 +14,9 @@ import cv2
 import numpy as np
 
 from app.units import ml_from_mm3
-from app.vision.color import apply_colour
-from app.vision.colour_board import COLOUR_SQUARES
-from app.vision.measure import MeasuredItem
-from app.vision.mesh import IntArray, enclosed_mm3
+from app.vision.board.colour_board import COLOUR_SQUARES
+from app.vision.board.colour_correction import apply_colour
+from app.vision.geometry.mesh import IntArray, enclosed_mm3
 from app.vision.model import (
     Float64Array,
     ImageArray,
@@ -28,16 +27,17 @@ from app.vision.model import (
     PhotoPair,
     View,
 )
-from app.vision.outlines import (
+from app.vision.shape.measure import MeasuredItem
+from app.vision.shape.outlines import (
     photograph_px,
     points_in_photograph,
     rings_of,
     rings_of_faces,
     second_grid_in_photograph,
 )
-from app.vision.rectification import RectifiedPair
+from app.vision.shape.volume import Volume
+from app.vision.stereo.rectification import RectifiedPair
 from app.vision.trace import Trace
-from app.vision.volume import Volume
 
 HELD_FLAGS = frozenset({"inside_guessed", "vessel_library"})  # of what a vessel holds
 SCENE_NAME = "scene.json"
@@ -242,7 +242,7 @@ def _points(trace: Trace, pair: RectifiedPair, most: int) -> tuple[dict[str, Any
 def _over_the_table(trace: Trace, pair: RectifiedPair, index: IntArray) -> Float64Array:
     """(n, 3) mm of the grid's pixels at index (n,). Where the shapes' heights count from the table, so do these.
 
-    That is, without the drift that sight.py takes out of the parallax around each food.
+    That is, without the drift that stereo/sight.py takes out of the parallax around each food.
     """
     if trace.points_table is None or trace.disparity is None:
         return np.empty((0, 3))

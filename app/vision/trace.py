@@ -3,16 +3,16 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from app.vision.disparity import DisparityMap
-from app.vision.epipolar import Epipolar
-from app.vision.features import Matches
-from app.vision.focal_doubt import FocalDoubt
-from app.vision.measure import MeasuredItem
+from app.vision.geometry.topview import TableTrend
 from app.vision.model import ColourCorrection, Float32Array, MarkerObservation, View
-from app.vision.reconstruction import DepthModel
-from app.vision.rectification import RectifiedPair
-from app.vision.relative_pose import RefinedViews
-from app.vision.topview import TableTrend
+from app.vision.shape.measure import MeasuredItem
+from app.vision.stereo.disparity import DisparityMap
+from app.vision.stereo.epipolar import Epipolar
+from app.vision.stereo.features import Matches
+from app.vision.stereo.focal_doubt import FocalDoubt
+from app.vision.stereo.reconstruction import DepthModel
+from app.vision.stereo.rectification import RectifiedPair
+from app.vision.stereo.relative_pose import RefinedViews
 
 
 @dataclass(slots=True)

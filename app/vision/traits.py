@@ -7,8 +7,8 @@ phone's white balance changes them little. What belongs together is for leftover
 import cv2
 import numpy as np
 
-from app.vision.color import apply_colour
-from app.vision.colour_space import lab_of, linear_rgb
+from app.vision.board.colour_correction import apply_colour
+from app.vision.board.colour_space import lab_of, linear_rgb
 from app.vision.model import ColourCorrection, Float32Array, ImageArray, ItemTraits, MaskArray
 
 OUTLINE_PX = 2  # of a region is mixed with what lies behind it

@@ -43,7 +43,7 @@ from app.services.export_spec import ExportFilters, ExportSpec, spec_as_json
 from app.services.file_runner import FileRunner
 from app.services.freeze_release import ReleaseFilters
 from app.services.rebuild_records import rebuild_records
-from app.vision.vcm import LENGTH, VCM_VERSION
+from app.vision.looks.vcm import LENGTH, VCM_VERSION
 from tests import estimates
 from tests.estimates import found_item
 from tests.integration.conftest import meal_metadata

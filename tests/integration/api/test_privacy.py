@@ -37,7 +37,7 @@ from app.services.delete_blobs import BlobDeleter
 from app.services.devices import read_phone, sign_out_phone
 from app.services.erase import public_digest
 from app.services.retention import erase_old_pictures
-from app.vision.vcm import VCM_VERSION
+from app.vision.looks.vcm import VCM_VERSION
 from tests.integration.conftest import meal_metadata
 from tests.integration.persons import Person, database_bytes
 from tests.photographs import pair, photograph

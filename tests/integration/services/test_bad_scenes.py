@@ -10,7 +10,7 @@ from PIL import Image
 
 from app.services.child_tasks import run_estimate
 from app.services.estimate_json import options_from_json
-from app.vision.marker import find_marker
+from app.vision.board.marker import find_marker
 from app.vision.marker_spec import parse_marker
 from app.vision.model import Photo
 

@@ -17,9 +17,9 @@ from app.services.doctor import examine
 from app.services.estimate_json import colour_to_json
 from app.services.rebuild_index import Described, check_index, rebuild_index
 from app.services.retention import erase_old_pictures
+from app.vision.looks.vcm import VCM_VERSION, describe_rings
 from app.vision.model import ColourCorrection
 from app.vision.photo import read_photo
-from app.vision.vcm import VCM_VERSION, describe_rings
 from app.worker import TASKS
 from tests import estimates
 from tests.estimates import found_item, vcm

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from app.services.camera_choice import median_camera
-from app.vision.calibration import calibrate
+from app.vision.board.calibration import calibrate
 from app.vision.model import EstimateOptions
 from app.vision.pipeline import estimate_meal
 from tests.scenes import load_scene

@@ -76,7 +76,7 @@ def test_no_code_is_told_twice():
 def flags_in_the_source():
     """Every flag that an item can carry: the words in what is assigned to `flags`, or appended to it."""
     flags = set()
-    for path in (DOCS.parent / "app" / "vision").glob("*.py"):
+    for path in (DOCS.parent / "app" / "vision").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Assign) and [ast.unparse(target) for target in node.targets] == ["flags"]:
                 told = node.value

@@ -12,7 +12,7 @@ from app.cli import cli
 from app.errors import InvalidInputError
 from app.identification.food_index import shipped_foods
 from app.services.identify_photo import identified_to_json, identify_photo, parse_box
-from app.vision.food_boxes import overlap, propose_boxes
+from app.vision.looks.food_boxes import overlap, propose_boxes
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Photo
 

@@ -13,11 +13,12 @@ from app.cli import print_estimate
 from app.nutrition.foods import load_starter_table
 from app.services.estimate_json import estimate_to_json
 from app.services.food_amounts import amounts_of
-from app.vision import liquids, pipeline
+from app.vision import pipeline
 from app.vision.model import EstimateOptions, Hint, PhotoPair
-from app.vision.segmentation import segment_foods
-from app.vision.support import Support
-from app.vision.vessel import Vessel
+from app.vision.scene import liquids
+from app.vision.scene.segmentation import segment_foods
+from app.vision.scene.support import Support
+from app.vision.scene.vessel import Vessel
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
 
 BALL = Ball((115.0, 15.0), 33.0)

@@ -7,7 +7,7 @@ import pytest
 
 from app.errors import InvalidInputError
 from app.services.print_marker import render_marker_pdf
-from app.vision.colour_board import COLOUR_SQUARES
+from app.vision.board.colour_board import COLOUR_SQUARES
 from app.vision.marker_spec import parse_marker
 
 MM_PER_POINT = 25.4 / 72

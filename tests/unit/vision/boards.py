@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from app.vision.colour_board import COLOUR_SQUARES
-from app.vision.colour_space import LINEAR_OF_BYTE, encode_srgb, linear_rgb
+from app.vision.board.colour_board import COLOUR_SQUARES
+from app.vision.board.colour_space import LINEAR_OF_BYTE, encode_srgb, linear_rgb
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import MarkerObservation, Photo
 

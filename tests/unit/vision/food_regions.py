@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from app.vision.vcm_region import Region
+from app.vision.looks.vcm_region import Region
 
 SIDE = 160
 LOPSIDED = np.array([[20.0, 30], [90, 15], [140, 60], [100, 80], [120, 140], [40, 120]])  # px, of SIDE

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from app.vision.board.pose import board_points
 from app.vision.intrinsics import Camera
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float64Array, ImageArray, MarkerObservation, Photo, View
-from app.vision.pose import board_points
 
 SPEC = MarkerSpec("plain", 9, 7, 11.0)
 CAMERA = Camera(1200, 900, 1150.0, 1150.0, 599.5, 449.5)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from app.vision.colour_board import COLOUR_SQUARES
+from app.vision.board.colour_board import COLOUR_SQUARES
 from app.vision.intrinsics import Camera
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float64Array, ImageArray, Photo

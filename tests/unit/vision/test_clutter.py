@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from app.vision.measure import MIN_VOLUME_ML, MeasuredItem, without_clutter
-from app.vision.mesh import ClosedShape
-from app.vision.segmentation import Region
-from app.vision.symmetry import SymmetryAxis
-from app.vision.volume import Volume
+from app.vision.geometry.mesh import ClosedShape
+from app.vision.geometry.symmetry import SymmetryAxis
+from app.vision.scene.segmentation import Region
+from app.vision.shape.measure import MIN_VOLUME_ML, MeasuredItem, without_clutter
+from app.vision.shape.volume import Volume
 
 NO_SHAPE = ClosedShape(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
 

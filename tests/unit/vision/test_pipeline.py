@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from app.vision.color import apply_colour
-from app.vision.colour_space import encode_srgb, linear_rgb
+from app.vision.board.colour_correction import apply_colour
+from app.vision.board.colour_space import encode_srgb, linear_rgb
 from app.vision.model import EstimateOptions, Hint, Photo, PhotoPair
 from app.vision.pipeline import PIPELINE_VERSION, estimate_meal
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from app.errors import Failure
-from app.vision.camera import camera_from_exif
+from app.vision.board.camera import camera_from_exif
+from app.vision.board.marker import find_marker
 from app.vision.intrinsics import Camera
-from app.vision.marker import find_marker
 from app.vision.marker_spec import parse_marker
 from app.vision.model import Photo
 from app.vision.photo import ReducedPhoto, read_photo, read_reduced_photo

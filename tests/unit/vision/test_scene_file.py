@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from app.vision.measure import MeasuredItem
-from app.vision.mesh import enclosed_mm3
+from app.vision.geometry.mesh import enclosed_mm3
 from app.vision.model import EstimateOptions, ItemEstimate, Photo, PhotoPair
 from app.vision.pipeline import estimate_meal
+from app.vision.scene.segmentation import Region
 from app.vision.scene_file import MAX_BYTES, write_scene
-from app.vision.segmentation import Region
+from app.vision.shape.measure import MeasuredItem
 from app.vision.trace import Trace
 from tests.unit.vision.meshes import assert_watertight
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.vision.relative_pose import RefinedViews
+from app.vision.stereo.relative_pose import RefinedViews
 from app.vision.trace import Trace
 from tests.unit.vision.stereo_scene import blank_views
 

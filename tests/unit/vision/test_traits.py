@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.vision.colour_space import encode_srgb, lab_of
+from app.vision.board.colour_space import encode_srgb, lab_of
 from app.vision.model import ColourCorrection
 from app.vision.traits import traits_of
 

@@ -8,15 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from app.vision.vcm import BLOCKS, LENGTH, VCM_VERSION, describe, describe_rings
-from app.vision.vcm_region import Region, region_of_rings
+from app.vision.looks.vcm import BLOCKS, LENGTH, VCM_VERSION, describe, describe_rings
+from app.vision.looks.vcm_region import Region, region_of_rings
 from tests.unit.vision.food_regions import LOPSIDED, lopsided_mask, plain, speckled, speckled_region, turned
 
 TURNS_WITH_THE_FOOD = {"oriented_gradients"}
 IN_ANOTHER_PROCESS = """
 import hashlib
-from app.vision.vcm import describe
-from app.vision.vcm_region import region_of_box
+from app.vision.looks.vcm import describe
+from app.vision.looks.vcm_region import region_of_box
 from tests.unit.vision.food_regions import speckled, speckled_region
 print(hashlib.sha256(describe(speckled_region()).tobytes()).hexdigest())
 print(hashlib.sha256(describe(region_of_box(speckled(), (30, 40, 90, 80))).tobytes()).hexdigest())

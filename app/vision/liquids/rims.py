@@ -1,0 +1,260 @@
+"""Horizontal circles over the table, found by their edges in both views: rims of vessels, surfaces of liquids.
+
+Both rectified views -> circles (centre, radius, height). Dense parallax misses thin rims, glass and mirroring liquids;
+their edges do not: seen from above at its own height, a horizontal circle is the same circle in both views.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
+from app.vision.stereo.rectification import RectifiedPair
+from app.vision.stereo.sight import Sight
+
+CELL_MM = 1.5
+REACH_MM = 420.0  # of the searched square, from the middle of what is seen
+NEAR_MM = 50.0  # from a camera: nothing that near is in focus
+MAX_SHARE_OF_CAMERA_HEIGHT = 0.7  # of a circle's height: higher ones are not seen from above
+HEIGHTS_MM = (20.0, 170.0)  # lower circles are plates, saucers and what is printed on them
+HEIGHT_STEP_MM = 6.0  # of the search; starts of neighbouring heights reach the same rim
+RADII_MM = (24.0, 140.0)
+RADIUS_STEP_MM = 2.5
+SAME_DIRECTION = 0.9  # cosine between the views' gradients at one place
+LEAST_STEP = 5.0  # grey levels over a cell, of an edge
+MIN_VOTES = 0.22  # of a circle's cells, in the search
+KEPT_CIRCLES = 60
+NEXT_TO_CIRCLE_MM = (8.0, 8.0, 6.0, 8.0)  # x, y, radius, height: starts that near to one that led to a circle are left
+NEXT_TO_NONE_MM = (5.0, 5.0, 2.0, 5.0)  # to one that led to none; less than a step of height, for its neighbour may
+SAMPLES = 120  # directions of a circle
+SEARCH_PX = 5  # across the circle, at most, for its edge
+ROUNDS = 6
+RESTARTS_MM = (-6.0, -3.0, 3.0, 6.0)  # of the height
+ON_EDGE_PX = 1.2
+MIN_COVER = 0.5  # of a circle's directions with an edge on it, in each view
+
+
+@dataclass(frozen=True, slots=True)
+class Circle:
+    """centre_mm: (2,) x, y in the table frame; height_mm over the marker's plane.
+
+    cover: share of its directions with an edge on it in the view that shows less of it.
+    height_sd_mm: of the fit. is_edge: (2, SAMPLES) by view and direction.
+    """
+
+    centre_mm: Float64Array
+    radius_mm: float
+    height_mm: float
+    cover: float
+    height_sd_mm: float
+    is_edge: MaskArray
+
+
+def find_circles(pair: RectifiedPair, sight: Sight, is_usable: MaskArray) -> list[Circle]:
+    """Circles parallel to the table, best seen first. is_usable: (H, W) pixels of the first view that may show one."""
+    grey = [
+        np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.float32) for image in (pair.first_bgr, pair.second_bgr)
+    ]
+    spread = max(0.4 * CELL_MM / pair.pixel_mm, 0.5)
+    smooth = [np.asarray(cv2.GaussianBlur(image, (0, 0), spread), np.float32) for image in grey]
+    usable = is_usable.astype(np.uint8)
+    middle = _middle_mm(sight, is_usable)
+    candidates: list[tuple[float, Float64Array]] = []
+    for height_mm in np.arange(*HEIGHTS_MM, HEIGHT_STEP_MM).tolist():
+        if height_mm < MAX_SHARE_OF_CAMERA_HEIGHT * pair.first_centre_mm[2]:
+            candidates += _vote(sight, smooth, usable, height_mm, middle)
+    candidates.sort(key=lambda each: -each[0])
+    fine = [np.asarray(cv2.GaussianBlur(image, (0, 0), 1.0), np.float32) for image in grey]
+    circles: list[Circle] = []
+    tried: list[tuple[Float64Array, tuple[float, ...]]] = []
+    for _, start in candidates:
+        if len(tried) >= KEPT_CIRCLES:
+            break
+        if any(np.all(np.abs(start - other) < apart) for other, apart in tried):
+            continue
+        circle = _best_near(sight, fine, start)
+        tried.append((start, NEXT_TO_NONE_MM if circle is None else NEXT_TO_CIRCLE_MM))
+        if circle is not None and not any(_is_same(circle, other) for other in circles):
+            circles.append(circle)
+    return sorted(circles, key=lambda circle: -circle.cover)
+
+
+def _best_near(sight: Sight, grey: list[Float32Array], start: Float64Array) -> Circle | None:
+    """The best covered circle of those that the search from neighbouring heights ends at: a rim has two edges."""
+    circle = refine_circle(sight, grey, start)
+    if circle is None:
+        return None
+    at = np.array([*circle.centre_mm, circle.radius_mm, circle.height_mm])
+    others = [refine_circle(sight, grey, at + np.array([0.0, 0.0, 0.0, lift])) for lift in RESTARTS_MM]
+    return max([circle, *(other for other in others if other is not None)], key=lambda each: each.cover)
+
+
+def _middle_mm(sight: Sight, is_usable: MaskArray) -> Float64Array:
+    """(2,) of the table that is seen."""
+    pixels = np.argwhere(is_usable[::8, ::8])[:, ::-1].astype(np.float64) * 8
+    points = sight.points(pixels, np.zeros(len(pixels)))  # the marker's plane has no parallax
+    points = points[np.linalg.norm(points, axis=1) < 2 * REACH_MM]
+    return np.asarray(np.median(points[:, :2], axis=0) if len(points) else np.zeros(2), np.float64)
+
+
+def _is_same(circle: Circle, other: Circle) -> bool:
+    return (
+        float(np.linalg.norm(circle.centre_mm - other.centre_mm)) < 3.0
+        and abs(circle.radius_mm - other.radius_mm) < 1.5
+        and abs(circle.height_mm - other.height_mm) < 3.0
+    )
+
+
+def _vote(
+    sight: Sight, grey: list[Float32Array], usable: ImageArray, height_mm: float, middle_mm: Float64Array
+) -> list[tuple[float, Float64Array]]:
+    """(share of the circle, (x, y, radius, height)) at one height, by the gradients that both views agree on."""
+    side = int(2 * REACH_MM / CELL_MM)
+    corner_mm = middle_mm - REACH_MM
+    # The map is fixed by four places near the middle, which lie before both cameras; cells behind them are left out.
+    cells = (side - 1) / 2 + np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * NEAR_MM / CELL_MM
+    points = np.column_stack([cells * CELL_MM + corner_mm, np.full(4, height_mm)])
+    pixels, parallax = sight.project(points)
+    corners = cells
+    maps = [
+        cv2.getPerspectiveTransform(
+            corners.astype(np.float32), sight.in_view(pixels, parallax, view).astype(np.float32)
+        )
+        for view in (0, 1)
+    ]
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    seen = cv2.warpPerspective(usable, maps[0], (side, side), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
+    left, top, width, height = cv2.boundingRect(seen)
+    if min(width, height) < 3:
+        return []
+    cut = np.array([[1.0, 0.0, left], [0.0, 1.0, top], [0.0, 0.0, 1.0]])
+    seen = cv2.erode(seen[top : top + height, left : left + width], np.ones((3, 3), np.uint8))
+    above = [
+        np.asarray(cv2.warpPerspective(image, matrix @ cut, (width, height), flags=flags), np.float32)
+        for image, matrix in zip(grey, maps, strict=True)
+    ]
+    rows, columns, towards = _shared_edges(above, seen > 0)
+    rows, columns = rows + top, columns + left
+    places = np.column_stack([columns, rows]) * CELL_MM + corner_mm
+    forward, camera = sight.pair.rotation[2], sight.pair.first_centre_mm
+    before = (places - camera[:2]) @ forward[:2] + (height_mm - camera[2]) * forward[2] > NEAR_MM
+    rows, columns, (towards_x, towards_y) = rows[before], columns[before], towards[before].T
+    if len(rows) < 20:
+        return []
+    out = []
+    for radius in np.arange(*RADII_MM, RADIUS_STEP_MM).tolist():
+        cells = radius / CELL_MM
+        centre_x = np.concatenate([columns + cells * towards_x, columns - cells * towards_x]).astype(np.int64) // 2
+        centre_y = np.concatenate([rows + cells * towards_y, rows - cells * towards_y]).astype(np.int64) // 2
+        half = side // 2
+        inside = (centre_x >= 0) & (centre_x < half) & (centre_y >= 0) & (centre_y < half)
+        votes = np.bincount(centre_y[inside] * half + centre_x[inside], minlength=half * half)
+        field = cv2.blur(votes.astype(np.float32).reshape(half, half), (3, 3)) * 9
+        share = field / (2 * np.pi * cells)
+        for _ in range(3):
+            _, best, _, place = cv2.minMaxLoc(share)
+            if best < MIN_VOTES:
+                break
+            centre = (np.array(place) * 2 + 1.0) * CELL_MM + corner_mm
+            out.append((best, np.array([*centre, radius, height_mm])))
+            cv2.circle(share, place, 4, 0.0, -1)
+    return out
+
+
+def _shared_edges(
+    above: list[Float32Array], is_seen: MaskArray
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Float64Array]:
+    """Rows, columns and (n, 2) unit gradients where both views from above have a like edge, thinned to its crest."""
+    x, y = (
+        [cv2.Sobel(image, cv2.CV_32F, *order, ksize=3, scale=1 / 8) for image in above] for order in ((1, 0), (0, 1))
+    )
+    size = [cv2.magnitude(*each) for each in zip(x, y, strict=True)]
+    rows, columns = np.nonzero((np.minimum(*size) > LEAST_STEP / 2) & is_seen)
+    (x0, x1), (y0, y1), (size0, size1) = ([each[rows, columns] for each in pair] for pair in (x, y, size))
+    is_like = x0 * x1 + y0 * y1 > SAME_DIRECTION * size0 * size1
+    rows, columns = rows[is_like], columns[is_like]
+    agreed = np.zeros(is_seen.shape, np.float32)
+    agreed[rows, columns] = np.minimum(size0, size1)[is_like]
+    crest = cv2.dilate(agreed, np.ones((3, 3), np.uint8))
+    both = np.column_stack([x0 + x1, y0 + y1])[is_like].astype(np.float64)
+    is_thin = agreed[rows, columns] >= 0.9 * crest[rows, columns]
+    towards = both[is_thin] / np.linalg.norm(both[is_thin], axis=1)[:, None]
+    return rows[is_thin], columns[is_thin], towards
+
+
+def circle_points(unknowns: Float64Array, samples: int = SAMPLES) -> Float64Array:
+    """(samples, 3) mm on the circle (x, y, radius, height)."""
+    angle = np.arange(samples) * (2 * np.pi / samples)
+    x, y, radius, height = unknowns
+    return np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle), np.full(samples, height)])
+
+
+def refine_circle(sight: Sight, grey: list[Float32Array], start: Float64Array) -> Circle | None:
+    """Gauss-Newton of centre, radius and height on the edges beside the projected circle in both views."""
+    unknowns = start.astype(np.float64).copy()
+    for turn in range(ROUNDS + 1):
+        reach = SEARCH_PX if turn < 3 else 3
+        rows, rests, edges = [], [], []
+        for view in (0, 1):
+            jacobian, offset, step, _ = across(sight, grey[view], unknowns, view, reach)
+            is_edge = (step > LEAST_STEP) & np.isfinite(offset)
+            edges.append(is_edge & (np.abs(offset) < ON_EDGE_PX))
+            weight = is_edge / (1.0 + (np.nan_to_num(offset) / 1.0) ** 2)
+            rows.append(jacobian * np.sqrt(weight)[:, None])
+            rests.append(np.nan_to_num(offset) * np.sqrt(weight))
+        design, rest = np.vstack(rows), np.concatenate(rests)
+        normal = design.T @ design + np.diag([1e-4] * 4)
+        if turn == ROUNDS:
+            break
+        unknowns = unknowns + np.clip(np.linalg.solve(normal, design.T @ rest), -6.0, 6.0)
+        if not (0.8 * RADII_MM[0] < unknowns[2] < 1.1 * RADII_MM[1]) or not 8.0 < unknowns[3] < 200.0:
+            return None
+    is_edge = np.stack(edges)
+    cover = float(is_edge.mean(axis=1).min())
+    if cover < MIN_COVER:
+        return None
+    sd = np.sqrt(np.diag(np.linalg.inv(normal)))
+    return Circle(unknowns[:2], float(unknowns[2]), float(unknowns[3]), cover, float(max(sd[3], 0.3)), is_edge)
+
+
+def across(
+    sight: Sight, grey: Float32Array, unknowns: Float64Array, view: int, reach_px: int
+) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
+    """Return what lies across a circle's projection, for n directions.
+
+    (n, 4) derivative of the offset by the unknowns, px/mm; (n,) offset of the strongest edge along the outward normal,
+    px, NaN without one; (n,) its step over two pixels, grey levels; (n,) its sign, positive if it is brighter outside.
+    """
+    points = circle_points(unknowns)
+    pixels = sight.in_view(*sight.project(points), view)
+    gradient = sight.pixel_gradient(points, view)
+    radial = np.column_stack([(points[:, :2] - unknowns[:2]) / unknowns[2], np.zeros(len(points))])
+    tangent = np.column_stack([-radial[:, 1], radial[:, 0], radial[:, 2]])
+    along = np.einsum("nij,nj->ni", gradient, tangent)
+    normal = np.column_stack([along[:, 1], -along[:, 0]])
+    outward = np.einsum("nij,nj->ni", gradient, radial)
+    normal *= np.where(np.einsum("ni,ni->n", normal, outward) < 0, -1.0, 1.0)[:, None]
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    by_point = np.einsum("ni,nij->nj", normal, gradient)
+    jacobian = np.column_stack(
+        [by_point[:, 0], by_point[:, 1], np.einsum("nj,nj->n", by_point, radial), by_point[:, 2]]
+    )
+    shifts = np.arange(-reach_px - 1, reach_px + 2)
+    where = pixels[:, None] + shifts[None, :, None] * normal[:, None]
+    profile = cv2.remap(
+        grey, where[..., 0].astype(np.float32), where[..., 1].astype(np.float32), cv2.INTER_LINEAR, borderValue=np.nan
+    )
+    steps = profile[:, 2:] - profile[:, :-2]
+    size = np.nan_to_num(np.abs(steps))
+    # Nearer edges win against somewhat stronger ones farther off.
+    best = np.argmax(size / (1.0 + 0.15 * np.abs(shifts[1:-1])), axis=1)
+    index = np.arange(len(points))
+    middle = np.clip(best, 1, size.shape[1] - 2)
+    low, peak, high = size[index, middle - 1], size[index, middle], size[index, middle + 1]
+    bend = low - 2 * peak + high
+    shift = np.where(bend < -1e-6, 0.5 * (low - high) / np.minimum(bend, -1e-6), 0.0)
+    is_peak = (best == middle) & (np.abs(shift) <= 1.0)
+    offset = np.where(is_peak, shifts[1:-1][middle] + np.clip(shift, -1, 1), np.nan)
+    return jacobian, offset, size[index, best], np.sign(steps[index, best])

@@ -1,0 +1,469 @@
+"""The dishes under the food, found from above: plates, bowls and boards, whose rims stand out from the table.
+
+Top view -> each dish's outline, the height of its rim, and, where the outline is a circle, its centre and radius.
+Nothing is assumed of its size or profile: a rim is a closed line of one height that is higher than what lies outside
+it and no lower than most of what lies just inside.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.vision.geometry.masks import filled
+from app.vision.geometry.sectors import sector_of
+from app.vision.geometry.topview import TopView
+from app.vision.model import Float32Array, Float64Array, MaskArray
+
+RADII_MM = (50.0, 260.0)  # of a round dish: a dessert bowl to a serving platter
+RIM_RANGE_MM = (4.0, 90.0)  # over the table
+RIM_NOISE = 2.5  # standard deviations of a cell of table, which a rim must exceed
+SAME_HEIGHT_MM = 4.0  # of the rim's plane
+MAX_SLOPE = 0.05  # of the rim's plane: what small errors of the poses may make of a level rim
+MAX_STEP_MM = 12.0  # between three places of one rim
+ON_RIM_MM = 5.0
+EDGE_MM = 12.0  # within which a rim's outer edge falls, widened by a window
+EDGE_FALL = 0.5  # of its height
+OUTSIDE_MM = (8.0, 28.0)  # beyond the rim, where the table should be seen and not another, higher rim
+INSIDE_MM = (12.0, 30.0)  # within the rim, where a dish does not rise
+RISE_MM = 3.0
+MIN_MEASURED = 0.3  # of a sector's cells, to say that it rises
+SECTORS = 48
+MIN_COVER = 0.55  # of the sectors in which the rim is seen
+MIN_WALL_CELLS = 4  # of some 30 that a sector has outside: fewer are noise
+MIN_EDGE_COVER = 0.4  # of the sectors in which it is seen and nothing as high lies outside
+# Share of the sectors in which the inside does not rise, least and full; food near a rim lowers it.
+MIN_HOLLOW, FULL_HOLLOW = 0.5, 0.6
+MAX_CLIMBING = 0.45  # of the sectors in which the rim is seen: where the surface climbs on just within, it is a flank
+ROUND_EDGE_COVER = 0.75  # of a filled bowl's rim; a circle in a square touches its sides and leaves the corners
+BOWL_MM = 30.0  # least height of a bowl's rim; slices, cakes and boards are lower
+LEVEL_SHARE = 0.5  # of what is measured within the circle and as high as its edge: a flat top
+HOLLOW_WEIGHT = 2.0
+SLOPE_WEIGHT = 10.0
+REFINEMENTS = 3
+TRIALS = 2000
+LEVELS = 8  # parts of the cells by their height: three of one rim come from two neighbouring ones at most
+MAX_CELLS = 700
+MAX_CANDIDATES, MAX_TRIED = 12, 20
+SAME_RADIUS_MM, SAME_PLACE_MM = 6.0, 8.0  # within which two circles are one
+MIN_DETERMINANT_MM2 = 800.0
+MIN_DENSITY = 0.15  # of the points that a cell facing the camera would show
+MIN_SLAB_MM2 = 15000.0  # larger than a slice of bread or a steak
+BEYOND_CIRCLE = 1.15  # times a circle's area: a slab so much larger is not that circle
+MIN_STANDING, MAX_STANDING = 0.02, 0.9  # of a board: what stands on it; of its inside: what would hide it all
+MIN_TOP_OF_HULL = 0.85  # of a board's outline, which is its hull: a hull around a board and a telephone shows less top
+TOP_BAND_MM = (6.0, 35.0)  # inward from the outline, where a board is as high as at its edge
+MIN_TOP_SHARE = 0.2  # of that band's cells
+MAX_LOW_SHARE = 0.15  # of a board's measured cells that no food stands on: a plate's floor lies lower than its rim
+MAX_SEARCHES = 8  # for dishes of one table
+MAX_SHARED = 0.25  # of the smaller of two dishes, which may lie within the other's outline
+APART_MM = 4.0  # beyond a dish's outline, up to which what stands out is still its rim
+DEEP_SHARE = 0.3  # of the radius: a dish whose rim is higher over the table is a bowl
+
+
+@dataclass(frozen=True, slots=True)
+class Dish:
+    """inward_mm: (rows, columns) of the top view, distance inward from the outline, negative outside.
+
+    rim_mm: the rim's height over the table. floor_mm: of the flat part, where it is known to be as high as the rim (a
+    board's top), else 0, for a plate's plain floor is seldom measured. centre_mm: (2,), radius_mm: of a round
+    dish, else None.
+    """
+
+    inward_mm: Float32Array
+    rim_mm: float
+    floor_mm: float = 0.0
+    centre_mm: Float64Array | None = None
+    radius_mm: float | None = None
+
+    @property
+    def is_deep(self) -> bool:
+        """A bowl rather than a plate or board."""
+        return self.radius_mm is not None and self.rim_mm > DEEP_SHARE * self.radius_mm
+
+    def inward_at(self, view: TopView, xy_mm: Float64Array | Float32Array) -> Float32Array:
+        """(H, W) distance inward at (H, W, 2) mm; far outside: -100; NaN positions give -100."""
+        cells = np.nan_to_num(view.cells_px(xy_mm), nan=-1e4)
+        return np.asarray(
+            cv2.remap(
+                self.inward_mm,
+                np.ascontiguousarray(cells[..., 0]),
+                np.ascontiguousarray(cells[..., 1]),
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_CONSTANT,
+                borderValue=-100.0,
+            ),
+            np.float32,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Ring:
+    x_mm: float
+    y_mm: float
+    radius_mm: float
+    height_mm: float
+    slope: tuple[float, float]
+    cover: float
+    edge_cover: float
+
+    @property
+    def circle(self) -> tuple[float, float, float]:
+        return self.x_mm, self.y_mm, self.radius_mm
+
+    def holds(self, other: "_Ring") -> bool:
+        """Whether the other lies within this one, and lower: as what fills a bowl lies within its rim."""
+        apart = float(np.hypot(self.x_mm - other.x_mm, self.y_mm - other.y_mm))
+        is_within = apart + other.radius_mm < self.radius_mm + SAME_RADIUS_MM
+        return is_within and self.radius_mm > other.radius_mm and self.height_mm > other.height_mm + RISE_MM
+
+
+def solid_cells(view: TopView, points_per_mm2: float) -> MaskArray:
+    """(rows, columns) cells with enough points to be a surface. points_per_mm2: of one that faces the camera."""
+    least = max(1.0, MIN_DENSITY * points_per_mm2 * view.cell_mm**2)
+    return np.asarray(np.isfinite(view.height_mm) & (view.count >= least), np.bool_)
+
+
+def find_dishes(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator) -> list[Dish]:
+    """The dishes with closed rims, the best first; heights of the view are over the table.
+
+    What belongs to one dish has no part in the next one: a rim beside it counts as table there.
+    """
+    dishes: list[Dish] = []
+    remaining = is_solid
+    for _ in range(MAX_SEARCHES):
+        dish = _best_dish(view, remaining, noise_mm, rng)
+        if dish is None:
+            break
+        if not any(_overlap(dish, other) for other in dishes):
+            dishes.append(dish)
+        remaining = remaining & (dish.inward_mm < -APART_MM)
+    return dishes
+
+
+def _overlap(dish: Dish, other: Dish) -> bool:
+    """Whether two outlines cover so much of each other that they belong to one dish: its rim and a fringe of it."""
+    areas = [np.count_nonzero(each.inward_mm > 0) for each in (dish, other)]
+    shared = np.count_nonzero((dish.inward_mm > 0) & (other.inward_mm > 0))
+    return bool(shared > MAX_SHARED * min(areas))
+
+
+def _best_dish(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator) -> Dish | None:
+    round_dish, slab = _find_round(view, is_solid, noise_mm, rng), _find_slab(view, is_solid, noise_mm)
+    if round_dish is None or slab is None:
+        return round_dish or slab
+    # A circle fits into any board: it is one only if nothing much of the board lies outside. A round rim is not flat.
+    areas = [np.count_nonzero(dish.inward_mm > 0) for dish in (slab, round_dish)]
+    return slab if slab.floor_mm > 0 and areas[0] > BEYOND_CIRCLE * areas[1] else round_dish
+
+
+def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator) -> Dish | None:
+    low = max(RIM_RANGE_MM[0], RIM_NOISE * noise_mm)
+    with np.errstate(invalid="ignore"):
+        raised = is_solid & (view.height_mm > low) & (view.height_mm < RIM_RANGE_MM[1])
+    raised = cv2.morphologyEx(raised.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
+    cells = np.column_stack([view.centres_mm()[raised], view.height_mm[raised]])
+    if len(cells) < SECTORS // 2:
+        return None
+    edge = raised & _is_edge(view, raised)
+    at_edge = np.column_stack([view.centres_mm()[edge], view.height_mm[edge]])
+    rims: list[tuple[float, _Ring]] = []
+    for ring in _candidates(cells, cells, rng) + _candidates(at_edge, cells, rng):
+        is_rim = ring.cover >= MIN_COVER and ring.edge_cover >= MIN_EDGE_COVER
+        hollow = _hollow_share(view, is_solid, ring) if is_rim else 0.0
+        merit = (
+            ring.cover + ring.edge_cover + HOLLOW_WEIGHT * min(hollow, FULL_HOLLOW) + ring.radius_mm / (2 * RADII_MM[1])
+        )
+        merit -= SLOPE_WEIGHT * float(np.hypot(*ring.slope))
+        if hollow < MIN_HOLLOW or _climbing_share(view, is_solid, ring) > MAX_CLIMBING:
+            continue
+        if not _is_flat_top(view, is_solid, ring):
+            rims.append((merit, ring))
+    if not rims:
+        return None
+    ring = max(rims, key=lambda rim: rim[0])[1]
+    # What fills a bowl may show a whole edge, where the rim around it shows only parts.
+    ring = max((rim for rim in rims if rim[1].holds(ring)), default=(0.0, ring), key=lambda rim: rim[0])[1]
+    centre = np.array([ring.x_mm, ring.y_mm])
+    inward = ring.radius_mm - np.linalg.norm(view.centres_mm() - centre, axis=-1)
+    dish = _with_floor(inward.astype(np.float32), ring.height_mm, view, is_solid, centre, ring.radius_mm)
+    # A flat top no larger than a slice of bread or a steak is food, not a board.
+    return None if dish.floor_mm > 0 and np.pi * ring.radius_mm**2 < MIN_SLAB_MM2 else dish
+
+
+def _with_floor(
+    inward_mm: Float32Array,
+    rim_mm: float,
+    view: TopView,
+    is_solid: MaskArray,
+    centre_mm: Float64Array | None = None,
+    radius_mm: float | None = None,
+) -> Dish:
+    with np.errstate(invalid="ignore"):
+        is_level = is_solid & (np.abs(view.height_mm - rim_mm) < RISE_MM)
+        is_low = is_solid & (view.height_mm < rim_mm - RISE_MM)
+    band, inside = (inward_mm > TOP_BAND_MM[0]) & (inward_mm < TOP_BAND_MM[1]), inward_mm > INSIDE_MM[0]
+    low, level = np.count_nonzero(is_low & inside), np.count_nonzero(is_level & inside)
+    is_flat = (
+        np.count_nonzero(is_level & band) > MIN_TOP_SHARE * np.count_nonzero(band)
+        and low <= MAX_LOW_SHARE * (low + level)
+        # a bowl filled to its rim is none
+        and not (radius_mm is not None and rim_mm > DEEP_SHARE * radius_mm)
+    )
+    return Dish(inward_mm, rim_mm, rim_mm if is_flat else 0.0, centre_mm, radius_mm)
+
+
+def _is_edge(view: TopView, raised: MaskArray) -> MaskArray:
+    """(rows, columns) where the surface falls to less than half near by, and which nothing near by overtops.
+
+    A full board has as many circles in its top as a rim has at its edge; only those at the edge bound it.
+    """
+    height = np.where(raised, view.height_mm, np.float32(0.0)).astype(np.float32)
+    side = 2 * round(EDGE_MM / view.cell_mm) + 1
+    near = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    falls = cv2.erode(height, near) < EDGE_FALL * height
+    return np.asarray(falls & (cv2.dilate(height, near) < height + SAME_HEIGHT_MM), np.bool_)
+
+
+def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generator) -> list[_Ring]:
+    """Circles through three cells of one height, those that most sectors support, each fitted to its cells.
+
+    cells: (n, 3) through which circles are drawn. every: (m, 3) all that is raised, which says what lies outside.
+    """
+    if len(cells) < SECTORS // 2:
+        return []
+    few = cells if len(cells) <= MAX_CELLS else cells[rng.choice(len(cells), MAX_CELLS, replace=False)]
+    by_height = cells[np.argsort(cells[:, 2])]
+    first = rng.integers(len(cells), size=(TRIALS, 1))
+    others = first + rng.integers(-len(cells) // LEVELS, len(cells) // LEVELS + 1, size=(TRIALS, 2))
+    picks = by_height[np.clip(np.hstack([first, others]), 0, len(cells) - 1)]
+    picks = picks[np.ptp(picks[..., 2], axis=1) < MAX_STEP_MM]
+    one, two = picks[:, 1, :2] - picks[:, 0, :2], picks[:, 2, :2] - picks[:, 0, :2]
+    determinant = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
+    kept = np.abs(determinant) > MIN_DETERMINANT_MM2
+    picks, one, two, determinant = picks[kept], one[kept], two[kept], determinant[kept]
+    squares_one, squares_two = 0.5 * (one**2).sum(1), 0.5 * (two**2).sum(1)
+    centre_x = (squares_one * two[:, 1] - squares_two * one[:, 1]) / determinant
+    centre_y = (squares_two * one[:, 0] - squares_one * two[:, 0]) / determinant
+    radius = np.hypot(centre_x, centre_y)
+    rise_one, rise_two = picks[:, 1, 2] - picks[:, 0, 2], picks[:, 2, 2] - picks[:, 0, 2]
+    slope_x = (rise_one * two[:, 1] - rise_two * one[:, 1]) / determinant
+    slope_y = (rise_two * one[:, 0] - rise_one * two[:, 0]) / determinant
+    kept = (radius > RADII_MM[0]) & (radius < RADII_MM[1]) & (np.hypot(slope_x, slope_y) < MAX_SLOPE)
+    if not kept.any():
+        return []
+    rings = np.column_stack([picks[:, 0, :2] + np.column_stack([centre_x, centre_y]), radius])[kept]
+    slopes = np.column_stack([slope_x, slope_y])[kept]
+    heights = picks[kept, 0, 2] + (slopes * np.column_stack([centre_x, centre_y])[kept]).sum(axis=1)
+    dx = few[None, :, 0] - rings[:, :1]
+    dy = few[None, :, 1] - rings[:, 1:2]
+    beyond = np.hypot(dx, dy) - rings[:, 2:]
+    over = few[None, :, 2] - heights[:, None] - slopes[:, :1] * dx - slopes[:, 1:] * dy
+    on_rim = (np.abs(beyond) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
+    sector = sector_of(dx, dy, SECTORS)
+    hits = np.zeros((len(rings), SECTORS), np.bool_)
+    which, where = np.nonzero(on_rim)
+    hits[which, sector[which, where]] = True
+    outside = (
+        (beyond > OUTSIDE_MM[0]) & (beyond < OUTSIDE_MM[1]) & (few[None, :, 2] > heights[:, None] - SAME_HEIGHT_MM)
+    )
+    walled = np.zeros((len(rings), SECTORS), np.bool_)
+    which, where = np.nonzero(outside)
+    walled[which, sector[which, where]] = True
+    score = hits.sum(axis=1) + (hits & ~walled).sum(axis=1)
+    found: list[_Ring] = []
+    tried: list[tuple[float, float, float]] = []
+    for place in np.argsort(-score):
+        x, y, r = (float(value) for value in rings[place])
+        if _is_among((x, y, r), tried):
+            continue
+        tried.append((x, y, r))
+        ring = _refined(cells, every, (x, y, r), np.array([heights[place], *slopes[place]]))
+        if ring is not None and not _is_among(ring.circle, [other.circle for other in found]):
+            found.append(ring)
+        if len(found) >= MAX_CANDIDATES or len(tried) >= MAX_TRIED:
+            break
+    return found
+
+
+def _is_among(circle: tuple[float, float, float], others: list[tuple[float, float, float]]) -> bool:
+    """Whether a circle (x, y, radius, mm) is nearly one of the others."""
+    return any(
+        abs(circle[2] - other[2]) < SAME_RADIUS_MM
+        and np.hypot(circle[0] - other[0], circle[1] - other[1]) < SAME_PLACE_MM
+        for other in others
+    )
+
+
+def _refined(
+    cells: Float64Array, every: Float64Array, circle: tuple[float, float, float], plane: Float64Array
+) -> _Ring | None:
+    """Least squares circle through the cells on the rim, and how much of it every cell shows; None if it runs away.
+
+    circle: x, y, radius, mm. plane: (3,) height at its centre, mm, and slopes.
+    """
+    x, y, radius = circle
+    for _ in range(REFINEMENTS):
+        delta = cells[:, :2] - [x, y]
+        distance = np.hypot(delta[:, 0], delta[:, 1])
+        over = cells[:, 2] - plane[0] - delta @ plane[1:]
+        near = (np.abs(distance - radius) < 1.2 * ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
+        if np.count_nonzero(near) < SECTORS // 4:
+            return None
+        on_rim = cells[near]
+        design = np.column_stack([2 * on_rim[:, :2], np.ones(len(on_rim))])
+        (x, y, rest), *_ = np.linalg.lstsq(design, (on_rim[:, :2] ** 2).sum(axis=1), rcond=None)
+        radius = float(np.sqrt(max(rest + x * x + y * y, 0.0)))
+        levels = np.column_stack([np.ones(len(on_rim)), on_rim[:, :2] - [x, y]])
+        plane = np.linalg.lstsq(levels, on_rim[:, 2], rcond=None)[0]
+    if not RADII_MM[0] < radius < RADII_MM[1] or np.hypot(plane[1], plane[2]) > MAX_SLOPE:
+        return None
+    delta = every[:, :2] - [x, y]
+    distance = np.hypot(delta[:, 0], delta[:, 1])
+    over = every[:, 2] - plane[0] - delta @ plane[1:]
+    sector = sector_of(delta[:, 0], delta[:, 1], SECTORS)
+    is_rim = (np.abs(distance - radius) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
+    is_outside = (distance > radius + OUTSIDE_MM[0]) & (distance < radius + OUTSIDE_MM[1])
+    is_high = over > -SAME_HEIGHT_MM
+    seen = np.bincount(sector[is_rim], minlength=SECTORS) > 0
+    walled = np.bincount(sector[is_outside & is_high], minlength=SECTORS) >= MIN_WALL_CELLS
+    return _Ring(
+        float(x),
+        float(y),
+        radius,
+        float(plane[0]),
+        (float(plane[1]), float(plane[2])),
+        float(seen.mean()),
+        float((seen & ~walled).mean()),
+    )
+
+
+def _hollow_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
+    """Share of the sectors in which the surface within the rim is unmeasured or not higher: a mound's is."""
+    delta = view.centres_mm() - [ring.x_mm, ring.y_mm]
+    inward = ring.radius_mm - np.hypot(delta[..., 0], delta[..., 1])
+    within = (inward > INSIDE_MM[0]) & (inward < INSIDE_MM[1])
+    sectors = SECTORS // 2
+    sector = sector_of(delta[within, 0], delta[within, 1], sectors)
+    with np.errstate(invalid="ignore"):
+        rim_mm = ring.height_mm + delta @ np.array(ring.slope)
+        is_high = (view.height_mm > rim_mm + RISE_MM)[within] & is_solid[within]
+    total, measured, high = (
+        np.bincount(sector[chosen], minlength=sectors)
+        for chosen in (np.ones(sector.shape, bool), is_solid[within], is_high)
+    )
+    is_mound = (measured > MIN_MEASURED * total) & (high > 0.5 * measured)
+    return 1.0 - float(is_mound.mean())
+
+
+def _climbing_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
+    """Share of the sectors in which the rim is seen where the surface climbs on within: a circle around three foods."""
+    delta = view.centres_mm() - [ring.x_mm, ring.y_mm]
+    inward = ring.radius_mm - np.hypot(delta[..., 0], delta[..., 1])
+    sector = sector_of(delta[..., 0], delta[..., 1], SECTORS)
+    over = view.height_mm - ring.height_mm - delta @ np.array(ring.slope)
+    within = is_solid & (inward > ON_RIM_MM) & (inward < INSIDE_MM[0])
+    with np.errstate(invalid="ignore"):
+        on_rim = is_solid & (np.abs(inward) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
+        is_higher = within & (over > RISE_MM)
+    seen, measured, higher = (np.bincount(sector[chosen], minlength=SECTORS) for chosen in (on_rim, within, is_higher))
+    climbs = (higher > 0.5 * measured)[seen > 0]
+    return float(climbs.mean()) if climbs.size else 0.0
+
+
+def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
+    """Whether a circle lies in the flat top of a block; a filled bowl is high and round, a board carries something."""
+    apart = view.centres_mm() - [ring.x_mm, ring.y_mm]
+    inward = ring.radius_mm - np.hypot(apart[..., 0], apart[..., 1])
+    is_like_bowl = ring.edge_cover >= ROUND_EDGE_COVER and ring.height_mm >= BOWL_MM
+    area_mm2 = np.pi * ring.radius_mm**2
+    standing_mm2 = np.count_nonzero(_higher(view, is_solid, ring.height_mm) & (inward > 0)) * view.cell_mm**2
+    is_like_board = ring.height_mm < BOWL_MM and area_mm2 >= MIN_SLAB_MM2 and standing_mm2 >= MIN_STANDING * area_mm2
+    inside = is_solid & (inward > OUTSIDE_MM[0])
+    if is_like_bowl or is_like_board or not inside.any():
+        return False
+    over_rim = view.height_mm[inside] - ring.height_mm - apart[inside] @ np.array(ring.slope)
+    # Neither a soft pack nor a slice of bread has a level top; a bowl's and a saucer's inside lies lower than the rim.
+    may_bulge = ring.height_mm >= BOWL_MM or area_mm2 < MIN_SLAB_MM2
+    is_top = over_rim > -RISE_MM if may_bulge else np.abs(over_rim) < RISE_MM
+    return float(np.mean(is_top)) > LEVEL_SHARE
+
+
+def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | None:
+    """A dish that is not round: the hull of a large cluster at one height, which its border holds all round."""
+    low = max(RIM_RANGE_MM[0], RIM_NOISE * noise_mm)
+    with np.errstate(invalid="ignore"):
+        raised = is_solid & (view.height_mm > low) & (view.height_mm < RIM_RANGE_MM[1])
+    raised = cv2.morphologyEx(raised.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
+    link = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9))
+    count, clusters = cv2.connectedComponents(cv2.dilate(raised.astype(np.uint8), link))
+    best: tuple[float, Dish] | None = None
+    for label in range(1, count):
+        cluster = raised & (clusters == label)
+        if np.count_nonzero(cluster) < SECTORS:
+            continue
+        level = _commonest(view.height_mm[cluster])
+        at_level = cluster & (np.abs(view.height_mm - level) < SAME_HEIGHT_MM)
+        higher = _higher(view, is_solid, level)
+        at_level &= cv2.dilate(higher.astype(np.uint8), link) == 0  # without flanks of what stands on it, or beside it
+        rows, columns = np.nonzero(at_level)
+        if len(rows) < SECTORS:
+            continue
+        hull = np.asarray(cv2.convexHull(np.column_stack([columns, rows]).astype(np.int32)), np.int32)
+        area = float(cv2.contourArea(hull)) * view.cell_mm**2
+        if area < MIN_SLAB_MM2 or (best is not None and area < best[0]):
+            continue
+        inward = _inward_mm(hull, view)
+        border = (inward > 0) & (inward < INSIDE_MM[0])
+        inside = inward > INSIDE_MM[1]
+        if _sector_share(at_level, border) < MIN_COVER + 0.1:
+            continue
+        standing = higher & (inward > 0)
+        if np.count_nonzero(standing) * view.cell_mm**2 < MIN_STANDING * area:
+            continue
+        if np.count_nonzero(standing & inside) > MAX_STANDING * np.count_nonzero(inside):
+            continue
+        dish = _with_floor(inward, level, view, is_solid)
+        if dish.floor_mm > 0:
+            top = _closed(at_level | standing, link) & (inward > 0)
+            if np.count_nonzero(top) < MIN_TOP_OF_HULL * np.count_nonzero(inward > 0):
+                continue
+        best = area, dish
+    return best[1] if best else None
+
+
+def _closed(mask: MaskArray, element: cv2.typing.MatLike) -> MaskArray:
+    """The mask without gaps narrower than the element and without holes: a plain top is measured at its edge alone."""
+    return filled(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, element) > 0)
+
+
+def _higher(view: TopView, is_solid: MaskArray, level_mm: float) -> MaskArray:
+    """(rows, columns) cells that are clearly higher than a level."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(is_solid & (view.height_mm > level_mm + 2 * RISE_MM), np.bool_)
+
+
+def _commonest(heights_mm: Float32Array) -> float:
+    """The height at which most cells lie within SAME_HEIGHT_MM / 2."""
+    sorted_mm = np.sort(heights_mm)
+    above = np.searchsorted(sorted_mm, sorted_mm + SAME_HEIGHT_MM)
+    start = int(np.argmax(above - np.arange(len(sorted_mm))))
+    return float(np.median(sorted_mm[start : above[start]]))
+
+
+def _inward_mm(hull: NDArray[np.int32], view: TopView) -> Float32Array:
+    picture = np.zeros(view.height_mm.shape, np.uint8)
+    cv2.fillConvexPoly(picture, hull, 1)
+    inside = cv2.distanceTransform(picture, cv2.DIST_L2, 5)
+    outside = cv2.distanceTransform(1 - picture, cv2.DIST_L2, 5)
+    return np.asarray((inside - outside) * view.cell_mm, np.float32)
+
+
+def _sector_share(at_level: MaskArray, border: MaskArray) -> float:
+    """Share of the border's sectors, seen from its middle, in which a quarter of the cells are at the level."""
+    rows, columns = np.nonzero(border)
+    sector = sector_of(columns - columns.mean(), rows - rows.mean(), SECTORS)
+    total = np.bincount(sector, minlength=SECTORS)
+    held = np.bincount(sector[at_level[border]], minlength=SECTORS)
+    return float((held >= 0.25 * total)[total > 0].mean())

@@ -1,0 +1,152 @@
+"""Each food's outline once more, from its own colours against those just around it.
+
+Masks of foods -> the same, corrected: a hole through which the dish shows, a shadow at the foot, a strip of the dish
+that hung on. What all foods together could not tell, one food's colours against its surroundings can.
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from app.vision.geometry.masks import components, filled, largest_part, solidity
+from app.vision.geometry.min_cut import cut_in_two
+from app.vision.model import Float32Array, MaskArray
+from app.vision.scene.colour_bins import SHADES, colour_bins, colour_histogram, contrast_features, shaded_lab
+from app.vision.scene.scene import FINE_REACH_PX, Scene
+
+MARGIN_MM = 12.0  # around the mask, whose colours are the surroundings'
+GROWTH_MM = 6.0  # by which a mask may grow
+INNER_PX = 3.0  # from the outline, within which a mask's colours may be mixed
+COLOUR_NATS = 5.0
+UNSEEN = 3e-5  # probability of a colour that a model has not seen
+PLACE_MM = 4.0  # of distance from the former outline that count for one nat
+PLACE_NATS = (-2.0, 1.0)
+ALIEN_NATS = -0.5  # a pixel inside whose colour speaks so much for the surroundings does not teach the food's colours
+MAX_ALIEN_SHARE = 0.25  # of the pixels inside; where more are, food and surroundings look alike
+MIN_HOLE_MM2 = 60.0
+HOLE_DEPTH = 0.6  # of the food's height around it, below which a hole is one and not gloss or a pale spot
+MIN_HOLE_POINTS = 8
+RAISED_MM = 5.0
+RAISED_NATS = 1.5
+FLAT_MM = 2.5  # about the support: it shows there, whatever its colour
+MAX_LOST = 0.07  # of the mask that colours alone may take away: a shadow, a strip of the dish; more is a shaded side
+MORE_SOLID = 0.02  # of its convex hull that the outline fills, where several pieces together may be more
+ROUNDS = 2
+
+
+def correct_outlines(masks: Sequence[MaskArray], scene: Scene, floor_mm: float) -> list[MaskArray]:
+    """(h, w) masks of the scene's grid, in their order; none of them comes to overlap another.
+
+    floor_mm: of a board over the table, else 0.
+    """
+    taken = np.zeros(scene.is_ignored.shape, np.uint8)
+    for mask in masks:
+        taken += mask
+    corrected = []
+    for mask in masks:
+        others = (taken - mask) > 0
+        own = _recut(mask, others, scene, floor_mm)
+        lost = _lost(mask, own, scene, floor_mm)
+        if np.count_nonzero(lost) > MAX_LOST * np.count_nonzero(mask) and not _is_tidied(mask, own, lost):
+            own = mask
+        taken = taken - mask + own
+        corrected.append(own)
+    return corrected
+
+
+def tidy_outlines(foods: MaskArray, scene: Scene, floor_mm: float) -> MaskArray:
+    """(h, w) all foods, not yet told apart, without checks of a cloth that hung on and would look like notches."""
+    tidied = np.zeros(foods.shape, np.bool_)
+    for mask in components(foods):
+        own = _recut(mask, foods & ~mask, scene, floor_mm, is_by_difference=True)
+        tidied |= own if _is_tidied(mask, own, _lost(mask, own, scene, floor_mm)) else mask
+    return tidied
+
+
+def _recut(
+    mask: MaskArray, others: MaskArray, scene: Scene, floor_mm: float, *, is_by_difference: bool = False
+) -> MaskArray:
+    """(h, w) the mask's outline by its own colours against those around it.
+
+    is_by_difference: contrast counts along the difference of both, which no pattern of the support has; without it,
+    along the most chroma of all, to which a pack's prints belong but not its grey sides.
+    """
+    margin = round((MARGIN_MM + GROWTH_MM) / scene.pixel_mm)
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    if len(rows) == 0:
+        return mask
+    window = (
+        slice(max(0, int(rows[0]) - margin), int(rows[-1]) + margin + 1),
+        slice(max(0, int(columns[0]) - margin), int(columns[-1]) + margin + 1),
+    )
+    image = np.ascontiguousarray(scene.image_bgr[window])
+    lab = cv2.cvtColor(image, cv2.COLOR_BGR2LAB).astype(np.float32)
+    bins = colour_bins(lab)
+    shaded = [colour_bins(shaded_lab(image, share)) for share in SHADES]
+    is_never = others[window] | scene.is_ignored[window]
+    place = _signed_depth_px(mask[window]) * scene.pixel_mm
+    is_never |= place < -GROWTH_MM
+    place = np.clip(place / PLACE_MM, *PLACE_NATS)
+    # A side in shade looks like the shaded support; where a fine window saw that it is raised, it stays.
+    height = np.nan_to_num(scene.height_mm[window], nan=-99.0)
+    is_raised = (height > floor_mm + RAISED_MM) & (scene.reach_px[window] < FINE_REACH_PX)
+    place += np.where(is_raised & mask[window], RAISED_NATS, 0.0)
+    found = mask[window]
+    nothing = np.zeros(found.shape, np.bool_)
+    for _ in range(ROUNDS):
+        depth = _signed_depth_px(found)
+        inner = depth > min(INNER_PX, 0.5 * float(depth.max()))
+        outer = (depth < -2) & (depth > -MARGIN_MM / scene.pixel_mm) & ~others[window] & ~scene.is_ignored[window]
+        if not (inner.any() and outer.any()):
+            return mask
+        around = colour_histogram([bins, *shaded], outer)
+        ratio = np.log((colour_histogram([bins], inner) + UNSEEN) / (around + UNSEEN))[bins]
+        is_alien = inner & (ratio < ALIEN_NATS)
+        if np.count_nonzero(is_alien) < MAX_ALIEN_SHARE * np.count_nonzero(inner):
+            ratio = np.log((colour_histogram([bins], inner & ~is_alien) + UNSEEN) / (around + UNSEEN))[bins]
+        ratio = np.clip(ratio, -COLOUR_NATS, COLOUR_NATS)
+        features = contrast_features(lab, (inner, outer) if is_by_difference else None)
+        found = cut_in_two((ratio + place).astype(np.float32), features, is_never, nothing)
+        if not found.any():
+            return mask
+    out = np.zeros(mask.shape, np.bool_)
+    out[window] = _with_true_holes(largest_part(found), scene.height_mm[window], scene.pixel_mm)
+    return out
+
+
+def _lost(mask: MaskArray, corrected: MaskArray, scene: Scene, floor_mm: float) -> MaskArray:
+    """(h, w) what a correction takes away by colour alone, where no height says that it is the support."""
+    is_support = (np.abs(scene.height_mm - floor_mm) < FLAT_MM) & (scene.reach_px < FINE_REACH_PX)
+    return np.asarray(mask & ~corrected & ~is_support, np.bool_)
+
+
+def _is_tidied(mask: MaskArray, corrected: MaskArray, lost: MaskArray) -> bool:
+    """Whether small pieces go, without which the outline is more convex: checks of a cloth that hung on all around."""
+    is_in_pieces = np.count_nonzero(largest_part(lost)) <= MAX_LOST * np.count_nonzero(mask)
+    return bool(is_in_pieces and solidity(corrected) > solidity(mask) + MORE_SOLID)
+
+
+def _with_true_holes(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) -> MaskArray:
+    """The mask with only those holes through which something much lower is seen: a ring's, not gloss."""
+    whole = filled(mask)
+    own = height_mm[mask]
+    own = own[np.isfinite(own)]
+    count, labels, stats, _ = cv2.connectedComponentsWithStats((whole & ~mask).astype(np.uint8))
+    out = whole
+    for label in range(1, count):
+        hole = labels == label
+        low = height_mm[hole]
+        low = low[np.isfinite(low)]
+        if stats[label, cv2.CC_STAT_AREA] * pixel_mm**2 < MIN_HOLE_MM2 or min(len(low), len(own)) < MIN_HOLE_POINTS:
+            continue
+        if float(np.quantile(low, 0.25)) < HOLE_DEPTH * float(np.median(own)):
+            out = out & ~hole
+    return out
+
+
+def _signed_depth_px(mask: MaskArray) -> Float32Array:
+    """(H, W) distance to the outline, px, negative outside."""
+    inside = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 3)
+    outside = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3)
+    return np.asarray(inside - outside, np.float32)

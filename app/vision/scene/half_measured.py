@@ -1,0 +1,89 @@
+"""Smooth or glossy food of which only the edges could be measured: an orange on a cloth, tofu on a newspaper.
+
+Heights and colours -> blobs that stand out although their middle shows no parallax: of colours that no support has, or
+enclosed by raised edges.
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from app.vision.geometry.masks import opened
+from app.vision.geometry.sectors import sector_of
+from app.vision.model import Float32Array, MaskArray
+from app.vision.scene.colour_bins import SHADES, colour_bins, colour_histogram, shaded_lab
+from app.vision.scene.scene import FINE_REACH_PX, Scene
+
+FLAT_MM = 3.0  # from a support's height: its surface
+RAISED_MM = 15.0  # over the support: no plate's rim, no telephone, no cutlery
+MIN_RAISED_MM2 = 20.0
+MAX_FLAT_SHARE = 0.2  # of what is measured in a blob; where more is flat, it is a picture on the support
+MIN_BLOB_MM2 = 250.0
+MAX_BLOB_MM2 = 40_000.0  # larger than any food: the background beyond the table
+MIN_SUPPORT_PX = 500
+FAMILIAR = 1e-5  # probability of a colour bin; a quarter of what it would be if all colours were alike
+BESIDE_PX = 3
+MIN_WIDTH_PX = 9  # of an unmeasured blob: what the second view does not see beside a food is narrower
+AROUND_PX = 6
+SECTORS = 24
+MIN_ENCLOSED = 0.65  # of the directions from its middle; the side of a block that faces the camera ends at the table
+
+MIN_RAISED_SHARE = 0.33  # of the measured surface that such a blob borders on
+
+
+def enclosed_by_raised(scene: Scene, over_support_mm: Float32Array) -> MaskArray:
+    """(h, w) unmeasured blobs with something raised most of the way round. over_support_mm: see unlike_support.
+
+    What a food hides from the second view is unmeasured as well, and has the food on one side only; plain paper around
+    a food has it in many directions, but borders more on what lies flat.
+    """
+    is_measured = np.isfinite(over_support_mm) | scene.is_ignored
+    blobs = opened(~is_measured, MIN_WIDTH_PX)
+    count, labels, stats, middles = cv2.connectedComponentsWithStats(blobs.astype(np.uint8))
+    around = cv2.dilate(labels.astype(np.uint16), np.ones((2 * AROUND_PX + 1,) * 2, np.uint8))
+    with np.errstate(invalid="ignore"):
+        is_raised = (over_support_mm > RAISED_MM) & ~scene.is_ignored
+        is_flat = (np.abs(over_support_mm) < FLAT_MM) & ~scene.is_ignored
+    raised, flat = (np.bincount(around[mask], minlength=count) for mask in (is_raised, is_flat))
+    rows, columns = np.nonzero(is_raised & (around > 0))
+    blob = around[rows, columns].astype(np.int64)
+    sector = sector_of(columns - middles[blob, 0], rows - middles[blob, 1], SECTORS)
+    directions = np.zeros((count, SECTORS), np.bool_)
+    directions[blob, sector] = True
+    area_mm2 = stats[:, cv2.CC_STAT_AREA] * scene.pixel_mm**2
+    kept = (area_mm2 > MIN_BLOB_MM2) & (area_mm2 < MAX_BLOB_MM2) & (directions.mean(axis=1) >= MIN_ENCLOSED)
+    kept &= raised > MIN_RAISED_SHARE * (raised + flat)
+    kept[0] = False
+    return np.asarray(kept[labels], np.bool_)
+
+
+def unlike_support(scene: Scene, over_support_mm: Float32Array, shows_dish: Sequence[MaskArray]) -> MaskArray:
+    """(h, w) blobs of unfamiliar colour that stand out.
+
+    over_support_mm: (h, w) height over the table, a board or a plate's floor, NaN where unmeasured. shows_dish: parts
+    that show the dishes' own colours.
+    """
+    with np.errstate(invalid="ignore"):
+        is_flat = (np.abs(over_support_mm) < FLAT_MM) & (scene.reach_px < FINE_REACH_PX) & ~scene.is_ignored
+        is_raised = (over_support_mm > RAISED_MM) & ~scene.is_ignored
+    is_support = np.any([is_flat, *shows_dish], axis=0)
+    if np.count_nonzero(is_support) < MIN_SUPPORT_PX:
+        return np.zeros(is_support.shape, np.bool_)
+    bins = colour_bins(cv2.cvtColor(scene.image_bgr, cv2.COLOR_BGR2LAB).astype(np.float32))
+    shaded = [colour_bins(shaded_lab(scene.image_bgr, share)) for share in SHADES]
+    is_unfamiliar = colour_histogram([bins, *shaded], is_support)[bins] < FAMILIAR
+    blobs = opened(is_unfamiliar & ~is_support & ~scene.is_ignored, BESIDE_PX)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(blobs.astype(np.uint8))
+    near = cv2.dilate(labels.astype(np.uint16), np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8))
+    raised, flat, measured = (
+        np.bincount(near[mask], minlength=count)
+        for mask in (is_raised, is_flat & is_unfamiliar, np.isfinite(over_support_mm))
+    )
+    square_mm = scene.pixel_mm**2
+    area_mm2 = stats[:, cv2.CC_STAT_AREA] * square_mm
+    kept = (area_mm2 > MIN_BLOB_MM2) & (area_mm2 < MAX_BLOB_MM2) & (raised * square_mm > MIN_RAISED_MM2)
+    kept &= flat <= MAX_FLAT_SHARE * np.maximum(measured, 1)
+    kept[np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))] = False  # goes on unseen
+    kept[0] = False
+    return np.asarray(kept[labels], np.bool_)

@@ -1,0 +1,125 @@
+"""The table laid out: the picture on a reduced grid with heights over the table alone, seen from above, and its dishes.
+
+The rectified pair with its points -> Scene and Layout, in which foods are looked for.
+"""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from app.vision.geometry.topview import TableTrend, TopView, fit_table_trend, usable_points, view_from_above
+from app.vision.model import Float32Array, MaskArray
+from app.vision.scene.colour_bins import fine_texture
+from app.vision.scene.dish import Dish, find_dishes, solid_cells
+from app.vision.scene.scene import Scene
+from app.vision.stereo.disparity import DisparityMap
+from app.vision.stereo.rectification import RectifiedPair
+
+REDUCTION = 2  # of the rectified grid, on which foods are found; outlines are carried back by a smooth field
+LOWEST_MM = -30.0  # below the table: strays
+CLEAR_OF_DISH_MM = 10.0  # beyond its outline, where the table is seen
+TABLE_WINDOW_PX = 15
+TABLE_TEXTURE = 4.0  # grey levels, standard deviation in a window, from which on the views can be compared
+MOST_OF_IT = 0.5  # of what a mask shows, that lies over a dish
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """The scene with heights over a table that no dish has a part in, seen from above, and its dishes."""
+
+    scene: Scene
+    trend: TableTrend
+    view: TopView
+    dishes: list[Dish]
+
+
+def reduced_scene(
+    pair: RectifiedPair, disparity: DisparityMap, points_table: Float32Array, ignored: MaskArray
+) -> tuple[Scene, TableTrend]:
+    """The scene with heights over the table as all points show it, and that table. ignored: (H, W) sheet, unseen."""
+    every = slice(None, None, REDUCTION)
+    points = np.ascontiguousarray(points_table[every, every])
+    is_ignored = np.ascontiguousarray(ignored[every, every])
+    height, width = is_ignored.shape
+    trend = fit_table_trend(points[usable_points(points, is_ignored)])
+    return (
+        Scene(
+            image_bgr=np.asarray(cv2.resize(pair.first_bgr, (width, height), interpolation=cv2.INTER_AREA), np.uint8),
+            height_mm=(points[..., 2] - trend.height_mm(points[..., :2])).astype(np.float32),
+            points_table=points,
+            reach_px=np.ascontiguousarray(disparity.reach_px[every, every]) / np.float32(REDUCTION),
+            is_ignored=is_ignored,
+            plane_xy_mm=_plane_xy(pair),
+            camera_mm=pair.first_centre_mm,
+            pixel_mm=REDUCTION * pair.pixel_mm,
+            texture=np.ascontiguousarray(fine_texture(pair.first_bgr)[every, every]),
+            table_correlation=np.ascontiguousarray(_table_correlation(pair)[every, every]),
+        ),
+        trend,
+    )
+
+
+def _table_correlation(pair: RectifiedPair) -> Float32Array:
+    """(H, W) normalised cross correlation of both views at parallax zero, the marker's plane; NaN where it is plain."""
+    first, second = (
+        np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.float32) for image in (pair.first_bgr, pair.second_bgr)
+    )
+    window = (TABLE_WINDOW_PX, TABLE_WINDOW_PX)
+    mean, mean_second = cv2.boxFilter(first, -1, window), cv2.boxFilter(second, -1, window)
+    variance = cv2.boxFilter(first * first, -1, window) - mean * mean
+    variance_second = cv2.boxFilter(second * second, -1, window) - mean_second * mean_second
+    covariance = cv2.boxFilter(first * second, -1, window) - mean * mean_second
+    correlation = covariance / np.sqrt(np.maximum(variance, 1.0) * np.maximum(variance_second, 1.0))
+    return np.where(variance > TABLE_TEXTURE**2, correlation, np.float32(np.nan)).astype(np.float32)
+
+
+def _plane_xy(pair: RectifiedPair) -> Float32Array:
+    """(h, w, 2) where the rays of the reduced grid meet the marker's plane, mm; far away above the horizon."""
+    height, width = pair.shape
+    u = ((np.arange(0, width, REDUCTION) - pair.centre_px[0]) / pair.focal_px).astype(np.float32)
+    v = ((np.arange(0, height, REDUCTION) - pair.centre_px[1]) / pair.focal_px).astype(np.float32)
+    x, y, z = (row[0] * u[None, :] + row[1] * v[:, None] + row[2] for row in pair.rotation.T.astype(np.float32))
+    reach = np.float32(pair.first_centre_mm[2]) / np.maximum(-z, np.float32(1e-3))
+    centre = pair.first_centre_mm.astype(np.float32)
+    return np.asarray(np.stack([centre[0] + reach * x, centre[1] + reach * y], axis=-1), np.float32)
+
+
+def lay_out(scene: Scene, trend: TableTrend) -> Layout | None:
+    """None where nothing was measured."""
+    usable = usable_points(scene.points_table, scene.is_ignored)
+    raised = usable & (np.nan_to_num(scene.height_mm) > LOWEST_MM)
+    view = view_from_above(scene.points_table[raised], scene.height_mm[raised])
+    if view is None:
+        return None
+    dishes = find_dishes(view, solid_cells(view, 1.0 / scene.pixel_mm**2), trend.noise_mm, np.random.default_rng(0))
+    if not dishes:
+        return Layout(scene, trend, view, dishes)
+    inward = np.max([dish.inward_at(view, scene.points_table[..., :2]) for dish in dishes], axis=0)
+    better = fit_table_trend(scene.points_table[usable & (inward < -CLEAR_OF_DISH_MM)])
+    height = scene.points_table[..., 2] - better.height_mm(scene.points_table[..., :2])
+    lifted = [_lifted(dish, view, trend, better) for dish in dishes]
+    return Layout(replace(scene, height_mm=height.astype(np.float32)), better, view, lifted)
+
+
+def _lifted(dish: Dish, view: TopView, trend: TableTrend, better: TableTrend) -> Dish:
+    """The dish with its heights over the better table."""
+    middle = view.centres_mm()[dish.inward_mm > 0].mean(axis=0)
+    step = float(trend.height_mm(middle) - better.height_mm(middle))
+    floor_mm = max(dish.floor_mm + step, 0.0) if dish.floor_mm > 0 else 0.0
+    return replace(dish, rim_mm=max(dish.rim_mm + step, 1.0), floor_mm=floor_mm)
+
+
+def dish_under(mask: MaskArray, layout: Layout) -> Dish | None:
+    """The dish over which most of what a mask (h, w) shows lies; None for the table."""
+    points = layout.scene.points_table[..., :2]
+    measured = mask & np.isfinite(layout.scene.points_table[..., 2])
+    shares = [
+        float(np.mean(dish.inward_at(layout.view, points)[measured] > 0))
+        if measured.any()
+        else float(np.mean(dish.inward_at(layout.view, layout.scene.xy_at(dish.rim_mm))[mask] > 0))
+        for dish in layout.dishes
+    ]
+    if not shares or max(shares) < MOST_OF_IT:
+        return None
+    return layout.dishes[int(np.argmax(shares))]

@@ -1,0 +1,230 @@
+"""Which pixels are food, and which food: dishes from above, food by heights and colour, touching foods told apart.
+
+The rectified first view with its points, hints -> one mask per food on the same grid. Dishes, shadows, the sheet,
+cutlery and napkins are not food.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import compress
+
+import cv2
+import numpy as np
+
+from app.errors import Failure
+from app.vision.geometry.masks import distance_px, opened, touching
+from app.vision.geometry.topview import TableTrend
+from app.vision.liquids.filled_vessel import FilledVessel
+from app.vision.model import Float32Array, MaskArray
+from app.vision.scene.dish import Dish
+from app.vision.scene.food_checks import is_food
+from app.vision.scene.food_outline import correct_outlines, tidy_outlines
+from app.vision.scene.food_pixels import find_food_pixels
+from app.vision.scene.foods_apart import tell_apart
+from app.vision.scene.hinted import hinted_masks
+from app.vision.scene.layout import Layout, dish_under, lay_out, reduced_scene
+from app.vision.scene.places import Place, find_places
+from app.vision.scene.scene import Scene
+from app.vision.scene.support import Support, find_support
+from app.vision.scene.upright_sides import with_sides
+from app.vision.scene.vessel import Vessel, describe_vessel
+from app.vision.stereo.disparity import DisparityMap
+from app.vision.stereo.rectification import RectifiedPair
+
+BLACK_LEVEL = 4  # grey levels: black, and what JPEG makes of it
+CANVAS_WIDTH_PX = 9  # of the rectified grid: a window of the finest disparity
+HINTED_DISH_SHARE = 0.8  # of a dish's outline within a person's box or polygon: what looks like a dish is the food
+OTHER_FOOD_SHARE = 0.4  # of a region beyond what hints point at, from which on it is another food than theirs
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """One food's mask on the rectified grid, (H, W), the hint that it answers, what it rests on and what it lies in.
+
+    support: None where nothing was measured at all. vessel: the bowl that holds it, else None.
+    liquid: the filled vessel whose liquid it is, else None. is_unread: a vessel in which no liquid's surface is seen.
+    """
+
+    mask: MaskArray
+    hint: int | None = None
+    support: Support | None = None
+    vessel: Vessel | None = None
+    liquid: FilledVessel | None = None
+    is_unread: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Foods:
+    """The foods of a meal, and the table they stand on, which has no part of any dish."""
+
+    regions: list[Region]
+    table: TableTrend
+
+    @property
+    def mask(self) -> MaskArray:
+        """(H, W) all of them."""
+        return np.asarray(np.any([region.mask for region in self.regions], axis=0), np.bool_)
+
+
+@dataclass(frozen=True, slots=True)
+class HintMask:
+    """A hint drawn on the rectified grid. index: into the hints. is_exact: the mask is the food (polygon).
+
+    is_box: the food lies within the mask; otherwise the mask (a point) lies within the food. is_in_vessel: it fills a
+    vessel, as a person says.
+    """
+
+    mask: MaskArray
+    index: int
+    is_exact: bool = False
+    is_box: bool = False
+    is_in_vessel: bool = False
+
+
+def segment_foods(
+    pair: RectifiedPair,
+    disparity: DisparityMap,
+    points_table: Float32Array,
+    ignored: MaskArray,
+    hints: Sequence[HintMask] = (),
+    vessels: MaskArray | None = None,
+    *,
+    is_complete: bool = False,
+) -> Foods | Failure:
+    """Foods in the order of their size, those of hints first.
+
+    points_table: (H, W, 3) mm, NaN. ignored: (H, W) marker sheet and what is not seen. vessels: (H, W) those that are
+    measured by themselves. is_complete: only what the hints point at is returned. Failure "no_food_found".
+    """
+    unseen = ignored | _canvas(pair)
+    ignored = unseen if vessels is None else unseen | vessels
+    drawn = [Region(hint.mask, hint.index) for hint in hints if hint.is_exact]
+    sought = [hint for hint in hints if not hint.is_exact]
+    taken = ignored.copy()
+    for region in drawn:
+        taken |= region.mask
+    scene, trend = reduced_scene(pair, disparity, points_table, ignored)
+    layout = lay_out(scene, trend)
+    if layout is None:
+        return Foods(drawn, trend) if drawn else no_food_found()
+    layout = replace(layout, dishes=[dish for dish in layout.dishes if not _is_hinted_food(dish, layout, hints)])
+    seen: list[Region] = []
+    if sought or not is_complete:
+        around = replace(layout, scene=replace(layout.scene, is_ignored=_reduced(taken, scene)))
+        seen = _find_foods(around, sought, _reduced(unseen, scene), is_complete=is_complete)
+    seen = [replace(region, mask=_enlarged(region.mask, pair.shape) & ~taken) for region in seen]
+    regions = _supported([region for region in drawn + seen if region.mask.any()], layout)
+    return Foods(regions, layout.trend) if regions else no_food_found()
+
+
+def _canvas(pair: RectifiedPair) -> MaskArray:
+    """(H, W) black that reaches the border of what is seen: a canvas around a turned photograph, or nothing lit.
+
+    Widened by a window of the disparity, which sees the canvas's edge as if something stood there.
+    """
+    is_black = opened(pair.first_bgr.max(axis=-1) <= BLACK_LEVEL, CANVAS_WIDTH_PX)
+    unseen = np.pad(~pair.is_seen[1:-1, 1:-1], 1, constant_values=True)
+    canvas = touching(is_black, cv2.dilate(unseen.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+    canvas &= pair.is_seen
+    return distance_px(canvas) < CANVAS_WIDTH_PX
+
+
+def _supported(regions: Sequence[Region], layout: Layout) -> list[Region]:
+    """The regions with what each of them rests on and lies in."""
+    masks = [_reduced(region.mask, layout.scene) for region in regions]
+    foods = np.any(masks, axis=0) if masks else np.zeros(layout.scene.is_ignored.shape, np.bool_)
+    return [
+        replace(
+            region,
+            support=find_support(layout.scene, layout.view, dish, layout.trend, mask, foods),
+            vessel=describe_vessel(layout.scene, layout.view, dish, layout.trend),
+        )
+        for region, mask in zip(regions, masks, strict=True)
+        if mask.any()
+        for dish in (dish_under(mask, layout),)
+    ]
+
+
+def _is_hinted_food(dish: Dish, layout: Layout, hints: Sequence[HintMask]) -> bool:
+    """Whether a box or polygon is drawn around all of a dish: then it is the food, or its pack, that looks like one."""
+    silhouette = dish.inward_at(layout.view, layout.scene.xy_at(dish.rim_mm)) > 0
+    drawn = [hint.mask for hint in hints if (hint.is_exact or hint.is_box) and not hint.is_in_vessel]
+    area = np.count_nonzero(silhouette)
+    return any(np.count_nonzero(silhouette & _reduced(mask, layout.scene)) > HINTED_DISH_SHARE * area for mask in drawn)
+
+
+def _find_foods(layout: Layout, hints: Sequence[HintMask], is_unseen: MaskArray, *, is_complete: bool) -> list[Region]:
+    """Foods on the scene's grid: those that hints point at, and unless they are all, the others.
+
+    is_unseen: (h, w), unlike what other foods hide.
+    """
+    scene = layout.scene
+    drawn = [_reduced(hint.mask, scene) for hint in hints]
+    points = [mask for mask, hint in zip(drawn, hints, strict=True) if not hint.is_box]
+    places = find_places(scene, layout.dishes, layout.view, points)
+    seen: list[_Seen] = []
+    taken = scene.is_ignored
+    for place in places:
+        own = _in_place(replace(scene, is_ignored=taken), place, is_unseen, is_hinted=bool(hints))
+        for each in own:
+            taken = taken | each.mask
+        seen += own
+    masks = hinted_masks(drawn, [hint.is_box for hint in hints], [each.mask for each in seen], scene, places)
+    hinted = [Region(mask, hint.index) for mask, hint in zip(masks, hints, strict=True) if mask.any()]
+    others = [] if is_complete else _others(seen, [region.mask for region in hinted])
+    return hinted + sorted(others, key=lambda region: -int(np.count_nonzero(region.mask)))
+
+
+def _others(seen: Sequence["_Seen"], answered: Sequence[MaskArray]) -> list[Region]:
+    """The foods that no hint points at. answered: (h, w) masks of those that one does."""
+    taken = np.any(answered, axis=0) if answered else np.False_
+    rests = [(each.mask & ~taken, np.count_nonzero(each.mask)) for each in seen if each.is_food]
+    return [Region(rest) for rest, area in rests if np.count_nonzero(rest) > OTHER_FOOD_SHARE * area]
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What was seen, (h, w). is_food: whether it is large, solid and raised enough to be a food that nobody names."""
+
+    mask: MaskArray
+    is_food: bool
+
+
+def _in_place(scene: Scene, place: Place, is_unseen: MaskArray, *, is_hinted: bool) -> list[_Seen]:
+    """The foods of one place, and where there are hints also what only a person would take for one."""
+    food = find_food_pixels(scene, place)
+    beside = replace(scene, is_ignored=scene.is_ignored | place.is_elsewhere)
+    # A gap stays in it, for foods are told apart by their outer outlines.
+    whole = tidy_outlines(food.is_food, beside, place.floor_mm) | (food.is_food & food.is_gap)
+    masks = tell_apart(whole, scene, place.floor_mm)
+    if place.is_measured:
+        masks = with_sides(masks, beside, place.floor_mm)
+    are_foods = [is_food(mask, food.is_core, scene, is_unseen) for mask in masks]
+    if not is_hinted:
+        masks, are_foods = list(compress(masks, are_foods)), [True] * sum(are_foods)
+    # Gaps are opened only now, and stay open: each outline alone knows less of them than all heights did.
+    masks = [mask & ~food.is_gap for mask in masks]
+    beside = replace(beside, is_ignored=beside.is_ignored | food.is_gap)
+    corrected = correct_outlines(masks, beside, place.floor_mm)
+    return [_Seen(mask, is_one) for mask, is_one in zip(corrected, are_foods, strict=True) if mask.any()]
+
+
+def no_food_found() -> Failure:
+    """The failure where nothing stands on the support."""
+    return Failure(
+        "no_food_found",
+        "Nothing that stands out from the table or plate could be found beside the marker.",
+        "Photograph the meal at a slant of about 45 degrees with the whole plate in both views, or mark the food.",
+    )
+
+
+def _reduced(mask: MaskArray, scene: Scene) -> MaskArray:
+    """A mask of the full grid on the scene's; any part of it counts, for a point may be small."""
+    height, width = scene.is_ignored.shape
+    return cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA) > 0.25
+
+
+def _enlarged(mask: MaskArray, shape: tuple[int, int]) -> MaskArray:
+    """The mask on the full grid, its stairs smoothed; the grids' borders agree."""
+    field = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 1.0)
+    return cv2.resize(field, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR) > 0.5

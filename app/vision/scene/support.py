@@ -1,0 +1,107 @@
+"""How high the surface lies that a food rests on, and how surely: table, board's top, plate's floor, bowl's inside.
+
+Points of the rectified view, the dish, a food's mask -> height over the marker's plane and standard deviation, mm.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from app.vision.geometry.topview import TableTrend, TopView
+from app.vision.model import Float32Array, MaskArray
+from app.vision.scene.dish import Dish
+from app.vision.scene.scene import FINE_REACH_PX, Scene
+
+RING_PX = (18.0, 60.0)  # from the mask's outline: beyond what a food's height spreads over plain surroundings
+RANGE_MM = (-4.0, 20.0)  # what a support may measure; other points belong to other foods or are strays
+QUANTILE = 0.3  # of the ring's heights: rims and neighbours lie higher, nothing lies lower
+MIN_POINTS = 100
+
+NEAR_MM = (4.0, 60.0)  # from the food's outline, where a table or a board's top is looked for
+LEVEL_STEP_MM = 4.0  # from where it should be; what lies farther is no table
+TABLE_SD_MM = 0.5  # of a table about its trend: unevenness, and what the poses leave
+BOARD_SD_MM = 2.0  # of a board's top about its edge, whose windows see the table beside it as well
+LEVEL_SD_MM = 0.4  # that measuring leaves beside the heights' spread
+FLOOR_INWARD_MM = 35.0  # from the dish's outline, where a plate is flat
+FLOOR_CLEAR_MM = 5.0  # from any food
+FLOOR_LEAST_MM = -3.0
+FLOOR_SD_MM = 1.2  # as LEVEL_SD_MM: a plain glossy floor mirrors what stands on it
+LOW_QUANTILE = 0.35  # of the heights: windows that lie across what stands on a support lift it, nothing lowers it
+PIXELS_PER_FACT = 50.0  # neighbouring heights come of overlapping windows and err alike
+SHARED_SHARE = 0.5  # of the spread of heights that no number of them averages away
+FLOOR_PRIOR = (0.3, 0.17)  # mean and spread of a plate's floor, shares of its rim's height: anywhere in the lower half
+BOWL_PRIOR = (0.125, 0.07)  # the same of a bowl's inside, which its food hides
+
+
+@dataclass(frozen=True, slots=True)
+class Support:
+    """height_mm over the marker's plane, sd_mm its standard deviation.
+
+    source: "table" and "board" are measured around the food; "floor" is a plate's, measured as far as it can be and
+    otherwise guessed from the rim; "bowl" is guessed: the food hides it.
+    """
+
+    height_mm: float
+    sd_mm: float
+    source: Literal["table", "board", "floor", "bowl"]
+
+
+def find_support(
+    scene: Scene, view: TopView, dish: Dish | None, trend: TableTrend, mask: MaskArray, foods: MaskArray
+) -> Support:
+    """The support of one food. mask, foods: (h, w) this food and all foods, on the scene's grid."""
+    inside = mask & np.isfinite(scene.points_table[..., 2])
+    middle = np.median(scene.points_table[inside][:, :2] if inside.any() else scene.plane_xy_mm[mask], axis=0)
+    table_mm = float(trend.height_mm(middle))
+    clear_mm = scene.pixel_mm * cv2.distanceTransform((~foods).astype(np.uint8), cv2.DIST_L2, 3)
+    if dish is not None and dish.is_deep:
+        return Support(table_mm + BOWL_PRIOR[0] * dish.rim_mm, BOWL_PRIOR[1] * dish.rim_mm, "bowl")
+    heights = np.nan_to_num(scene.height_mm, nan=np.inf)
+    if dish is not None and dish.floor_mm == 0.0:
+        inward = dish.inward_at(view, scene.points_table[..., :2])
+        is_floor = (heights > FLOOR_LEAST_MM) & (heights < dish.rim_mm)
+        is_floor &= (inward > FLOOR_INWARD_MM) & (clear_mm > FLOOR_CLEAR_MM)
+        prior_mm, prior_sd = (share * dish.rim_mm for share in FLOOR_PRIOR)
+        floor_mm, sd = _reconciled(heights[is_floor], prior_mm, prior_sd, FLOOR_SD_MM)
+        return Support(table_mm + max(0.0, floor_mm), sd, "floor")
+    expected_mm = 0.0 if dish is None else dish.floor_mm
+    own_mm = scene.pixel_mm * cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3)
+    is_near = ~scene.is_ignored & (np.abs(heights - expected_mm) < LEVEL_STEP_MM) & (own_mm < NEAR_MM[1])
+    is_near &= clear_mm > NEAR_MM[0]
+    if dish is None:
+        is_near &= scene.reach_px < FINE_REACH_PX
+        level_mm, sd = _reconciled(heights[is_near], expected_mm, TABLE_SD_MM, LEVEL_SD_MM)
+        return Support(table_mm + level_mm, sd, "table")
+    # Across a board's edge windows see the table as well; a plain top has wide ones.
+    room_mm = np.minimum(clear_mm, dish.inward_at(view, scene.points_table[..., :2]))
+    is_near &= scene.pixel_mm * scene.reach_px < room_mm
+    level_mm, sd = _reconciled(heights[is_near], expected_mm, BOARD_SD_MM, LEVEL_SD_MM, 0.5)
+    return Support(table_mm + level_mm, sd, "board")
+
+
+def _reconciled(
+    heights_mm: Float32Array, expected_mm: float, expected_sd: float, least_sd: float, quantile: float = LOW_QUANTILE
+) -> tuple[float, float]:
+    """Level and its sd, mm, of what was expected and what was measured. heights_mm: (n,). least_sd: of measuring."""
+    if len(heights_mm) < MIN_POINTS:
+        return expected_mm, expected_sd
+    measured_mm = float(np.quantile(heights_mm, quantile))
+    spread = 1.48 * float(np.median(np.abs(heights_mm - np.median(heights_mm))))
+    variance = spread**2 * (PIXELS_PER_FACT / len(heights_mm) + SHARED_SHARE**2) + least_sd**2
+    weight = expected_sd**2 / (expected_sd**2 + variance)
+    return weight * measured_mm + (1.0 - weight) * expected_mm, float(np.sqrt(weight * variance))
+
+
+def support_height_mm(points_table: Float32Array, mask: MaskArray, others: MaskArray) -> float | None:
+    """Height of the support around a food, mm, at least 0; None where too little of it was measured.
+
+    points_table: (H, W, 3) mm, NaN. mask: (H, W) the food. others: (H, W) other foods, the sheet, what is not seen.
+    """
+    distance = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
+    heights = points_table[..., 2][(distance > RING_PX[0]) & (distance < RING_PX[1]) & ~others]
+    heights = heights[(heights > RANGE_MM[0]) & (heights < RANGE_MM[1])]
+    if len(heights) < MIN_POINTS:
+        return None
+    return max(0.0, float(np.quantile(heights, QUANTILE)))

@@ -1,0 +1,189 @@
+"""The sides of what has a flat top: they stand upright on the support, whatever their shade or print.
+
+A mask with level heights -> the same with the side that the camera sees below the top. Seen from above a slant, the
+side of a pack or slice is plain and in shade, so that neither heights nor colours show it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from app.vision.geometry.masks import distance_px, largest_part, opened
+from app.vision.model import Float32Array, MaskArray
+from app.vision.scene.scene import FINE_REACH_PX, Scene
+
+LEVEL_MM = 3.0  # about a flat top's height
+MIN_LEVEL_SHARE, LEVEL_SHARE = 0.25, 0.65  # of a top, and of what is measured of it, that lies at its level
+BESIDE_LEVEL_PX = 8  # from what is at the level: unmeasured parts of a plain top
+EXPLAINED_SHARE = 0.8  # of a mask by the top and an upright side below it; a dome's top explains less
+WINDOW_PX = 5  # by which windows widen a top
+AROUND_SHARE, SPECK_PX = 0.8, 3  # of a mask by the hull of all that lies at its level, specks apart
+MIN_SIDE_SHARE = 0.15  # of a mask: a smaller side is the outline's own doubt
+MIN_HEIGHT_MM = 8.0  # over the support; a lower side is no wider than an outline is unsure
+MIN_TOP_MM2 = 400.0
+STEP_MM = 3.0  # of height, at which the top is carried down
+CELL_MM = 2.0  # of the top seen from above
+SIDE_SHARE = 0.7  # of a mask below another one's top: it is a side of that
+MARGIN_CELLS = 12
+FAR_MM = 100.0
+CONVEX_SHARE = 0.88  # of a mask's convex hull: a banana's bow or two foods fill less
+MAX_HIGHER_SHARE = 0.15  # of what is measured in a mask: more, and something else stands there
+BESIDE_MM = 5.0  # from the top seen from above; a side's points lie nearer
+MAX_SLOPE_SHARE = 0.3  # of the points below the top
+MIN_SLOPE_SHARE = 0.05  # of a mask: fewer such points say nothing
+FLAT_MM = 2.5  # about the support: it shows there
+MAX_FLAT_SHARE = 0.3  # of the side that shows the support: more, and the top overhangs
+
+
+@dataclass(frozen=True, slots=True)
+class FlatTop:
+    """level_mm: over the table. below: (h, w) the mask with what an upright side below its top would cover.
+
+    The mask alone where the support shows there: it has its side already, or its top overhangs.
+    """
+
+    level_mm: float
+    below: MaskArray
+
+
+def with_sides(masks: Sequence[MaskArray], scene: Scene, floor_mm: float) -> list[MaskArray]:
+    """The masks (h, w), each flat top with the side below it; parts that are a side of another one are merged."""
+    tops = [flat_top(mask, scene, floor_mm) for mask in masks]
+    levels = [0.0 if top is None else top.level_mm for top in tops]
+    order = sorted(range(len(masks)), key=lambda each: -levels[each])
+    taken = np.asarray(np.any([np.zeros(scene.is_ignored.shape, np.bool_), *masks], axis=0), np.bool_)
+    merged: set[int] = set()
+    out: list[MaskArray] = []
+    for each in order:
+        top = tops[each]
+        if each in merged:
+            continue
+        if top is None:
+            out.append(masks[each])
+            continue
+        sides = [
+            other
+            for other in range(len(masks))
+            if other != each and other not in merged and _is_side_of(masks[other], top, scene)
+        ]
+        merged.update(sides)
+        own = np.asarray(np.any([masks[each], *(masks[other] for other in sides)], axis=0), np.bool_)
+        side = top.below & ~taken & ~scene.is_ignored
+        if np.count_nonzero(side) > MIN_SIDE_SHARE * np.count_nonzero(own):
+            own = own | side
+        taken |= own
+        out.append(own)
+    return out
+
+
+def _is_side_of(mask: MaskArray, top: FlatTop, scene: Scene) -> bool:
+    """Whether a mask lies below a flat top and nothing of it rises beyond."""
+    heights = scene.height_mm[mask]
+    heights = heights[np.isfinite(heights)]
+    is_below = bool(np.count_nonzero(mask & top.below) > SIDE_SHARE * np.count_nonzero(mask))
+    return is_below and (len(heights) == 0 or float(np.quantile(heights, 0.9)) < top.level_mm + LEVEL_MM)
+
+
+def flat_top(mask: MaskArray, scene: Scene, floor_mm: float) -> FlatTop | None:
+    """The flat top of a mask (h, w); None for what is round, low or hardly measured. floor_mm: over the table."""
+    heights = scene.height_mm[mask]
+    heights = heights[np.isfinite(heights) & (heights > floor_mm + FLAT_MM)]
+    if len(heights) * scene.pixel_mm**2 < MIN_TOP_MM2:
+        return None
+    level = _commonest(heights)
+    if np.count_nonzero(mask) < CONVEX_SHARE * np.count_nonzero(_hull(mask)):
+        return None
+    is_higher = np.count_nonzero(heights > level + LEVEL_MM) > MAX_HIGHER_SHARE * len(heights)
+    if level - floor_mm < MIN_HEIGHT_MM or is_higher:
+        return None
+    top = _top(mask, scene, level)
+    if top is None:
+        return None
+    seen_from_above = _Footprint(top, scene, level)
+    if seen_from_above.slope_share(mask, scene, level, floor_mm) > MAX_SLOPE_SHARE:
+        return None
+    below = seen_from_above.carried_down(scene, level, floor_mm)
+    side = below & ~mask
+    if np.count_nonzero(mask & below) < EXPLAINED_SHARE * np.count_nonzero(mask):
+        return None
+    is_flat = (np.abs(scene.height_mm - floor_mm) < FLAT_MM) & (scene.reach_px < FINE_REACH_PX)
+    is_complete = np.count_nonzero(side & is_flat) > MAX_FLAT_SHARE * np.count_nonzero(side)
+    return FlatTop(level, mask if is_complete else largest_part(below | mask))
+
+
+def _top(mask: MaskArray, scene: Scene, level_mm: float) -> MaskArray | None:
+    """(h, w) the convex part of a mask that lies at a level or was not measured; None if too little is at the level."""
+    with np.errstate(invalid="ignore"):
+        at_level = np.abs(scene.height_mm - level_mm) < LEVEL_MM
+    is_beside = distance_px(at_level & mask) < BESIDE_LEVEL_PX
+    possible = opened(mask & (at_level | (is_beside & ~np.isfinite(scene.height_mm))), WINDOW_PX)
+    inner = cv2.erode(possible.astype(np.uint8), np.ones((WINDOW_PX, WINDOW_PX), np.uint8)) > 0
+    top = _hull(inner) & mask
+    # A plain top, blown out by the light, is measured along its edge and here and there.
+    around = _hull_of_all(opened(mask & at_level, SPECK_PX)) & mask
+    if np.count_nonzero(around) > AROUND_SHARE * np.count_nonzero(mask):
+        top = around
+    area, level = np.count_nonzero(top), np.count_nonzero(top & at_level)
+    measured = np.count_nonzero(top & np.isfinite(scene.height_mm))
+    if area * scene.pixel_mm**2 < MIN_TOP_MM2 or level < MIN_LEVEL_SHARE * area or level < LEVEL_SHARE * measured:
+        return None
+    return top
+
+
+def _commonest(heights_mm: np.ndarray) -> float:
+    """The height about which most values lie within LEVEL_MM."""
+    ordered = np.sort(heights_mm)
+    end = np.searchsorted(ordered, ordered + 2 * LEVEL_MM)
+    start = int(np.argmax(end - np.arange(len(ordered))))
+    return float(np.median(ordered[start : end[start]]))
+
+
+def _hull(mask: MaskArray) -> MaskArray:
+    """The convex hull of the largest part."""
+    return _hull_of_all(largest_part(mask))
+
+
+def _hull_of_all(mask: MaskArray) -> MaskArray:
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    out = np.zeros(mask.shape, np.uint8)
+    if contours:
+        cv2.fillConvexPoly(out, np.asarray(cv2.convexHull(np.concatenate(contours)), np.int32), 1)
+    return out > 0
+
+
+class _Footprint:
+    """A flat top seen from above, on a grid of CELL_MM."""
+
+    def __init__(self, top: MaskArray, scene: Scene, level_mm: float) -> None:
+        places = scene.xy_at(level_mm)[top]
+        self._low = places.min(axis=0) - MARGIN_CELLS * CELL_MM
+        columns, rows = np.ceil((places.max(axis=0) - self._low) / CELL_MM).astype(int) + MARGIN_CELLS
+        cells = np.zeros((int(rows), int(columns)), np.uint8)
+        column, row = ((places - self._low) / CELL_MM).astype(int).T
+        cells[row, column] = 1
+        closed = cv2.morphologyEx(cells, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+        outside = cv2.distanceTransform(1 - closed, cv2.DIST_L2, 5)
+        self._outside_mm = np.asarray(outside * CELL_MM, np.float32)
+
+    def outside_mm(self, xy_mm: Float32Array) -> Float32Array:
+        """(h, w) distance from the footprint, 0 within it, at (h, w, 2); FAR_MM where it is far or not known."""
+        cells = np.nan_to_num((xy_mm - self._low) / CELL_MM - 0.5, nan=-1e4).astype(np.float32)
+        found = cv2.remap(self._outside_mm, cells[..., 0], cells[..., 1], cv2.INTER_LINEAR, borderValue=(FAR_MM,))
+        return np.asarray(found, np.float32)
+
+    def carried_down(self, scene: Scene, level_mm: float, floor_mm: float) -> MaskArray:
+        """(h, w) pixels whose rays pass below the top, anywhere between its level and the floor."""
+        out = np.zeros(scene.is_ignored.shape, np.bool_)
+        for height in np.linspace(floor_mm, level_mm, max(2, int((level_mm - floor_mm) / STEP_MM) + 1)):
+            out |= self.outside_mm(scene.xy_at(float(height))) < CELL_MM / 2
+        return out
+
+    def slope_share(self, mask: MaskArray, scene: Scene, level_mm: float, floor_mm: float) -> float:
+        """Share of a mask's points between floor and top that lie well beside the top: on a slope, not on a side."""
+        with np.errstate(invalid="ignore"):
+            between = mask & (scene.height_mm > floor_mm + LEVEL_MM) & (scene.height_mm < level_mm - LEVEL_MM)
+        if np.count_nonzero(between) < MIN_SLOPE_SHARE * np.count_nonzero(mask):
+            return 0.0
+        return float(np.mean(self.outside_mm(scene.points_table[..., :2])[between] > BESIDE_MM))

@@ -1,0 +1,399 @@
+"""A form fitted to what both views show of one food: outlines, parallax, the support; maximum a posteriori.
+
+Evidence (Seen) + a family with its start (forms.py) -> unknowns, their covariance, the volume. Gauss-Newton with
+Levenberg's damping; every misfit counts by a Cauchy loss, so that a shadow taken for food or a highlight bends little.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from app.units import ml_from_mm3
+from app.vision.geometry.mesh import (
+    IntArray,
+    Topology,
+    enclosed_gradient_mm2,
+    enclosed_mm3,
+    face_normals,
+    normals_towards,
+    outline_vertices,
+    unit,
+)
+from app.vision.model import Float32Array, Float64Array, MaskArray
+from app.vision.shape.forms import COARSE, EXACT, FINE, Form
+from app.vision.shape.surface_match import WINDOW_PX, SurfaceParallax, draw_mask
+from app.vision.stereo.disparity import DisparityMap
+from app.vision.stereo.outline_snap import STEP_PX, Outline
+from app.vision.stereo.sight import Sight
+
+OUTLINE_SD_PX = 0.7  # of the working grid
+WIDE_OUTLINE_SD_PX = 4 * OUTLINE_SD_PX  # for a form that still lies beyond the loss's reach of the outline
+OUTLINE_RUN_PX = 10.0  # along an outline, over which its errors are one
+DENSE_SD_PX, DENSE_AREA_PX = 0.5, 100.0  # of the dense parallax, and the area over which its errors are one
+SURFACE_SD_PX = 0.12  # that parallax along a surface has beside its noise: interpolation, gloss, the poses' rest
+MAX_SD_PX = 1.0
+UNMEASURED_LOSS = 2.0  # of an observation that could not be made: more than a good one's, less than a bad one's
+LOSS_SCALE = 2.5  # sd, beyond which a misfit counts less and less
+FACING = 0.2  # cosine of the slant up to which parallax is compared
+FACING_SECOND = 0.15
+FOOT_MM = 0.5  # over the support, from which on a point is not the foot's
+HIDDEN_PX = 3.0  # within its own outline, a crossing line is hidden by the form itself
+HULL_PX = 1.0  # within the hull of its outline, up to which a point lies on the outline of the whole
+NEAR_PX = HIDDEN_PX + 2.0  # of a point, beyond which it does not matter what the form covers
+MIN_OUTLINE = 8
+DAMPING = (0.1, 1e-4, 1e4)  # start, least, most
+TRIES = 5
+CONVERGED = {COARSE: 1e-2, FINE: 2e-3}  # relative fall of the cost in a round; a coarse fit only ranks families
+COVERAGE_WEIGHT = 0.5  # of a point of the food's outline against one of the form's
+UNEXPLAINED_PX = 4.0  # from the form's outline, beyond which a point of the food's is not explained
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What the views show of a food. mask: (H, W). inward_px: (H, W) distance to the mask's outline.
+
+    outlines: in the first and the second view. dense: from the whole pair, where no surface is known yet. surface:
+    measured along a form that is near the food's.
+    """
+
+    sight: Sight
+    mask: MaskArray
+    inward_px: Float32Array
+    outlines: tuple[Outline | None, Outline | None]
+    dense: DisparityMap
+    surface: SurfaceParallax | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FormFit:
+    """unknowns: (k,) at the maximum. cost: -2 log of the posterior there.
+
+    observations: how many independent ones took part. volume_ml, volume_sd_ml: with the covariance's sd.
+    log_occam: log of the determinant of precision times prior variance, the price of what had to be fitted.
+    """
+
+    form: Form
+    unknowns: Float64Array
+    cost: float
+    observations: float
+    volume_ml: float
+    volume_sd_ml: float
+    log_occam: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Terms:
+    """Misfits that hang on one vertex each. vertex: (n,). by_point: (n, 3) derivative by its place, px/mm.
+
+    unmeasured: how many observations more the form would show if parallax were known everywhere.
+    """
+
+    vertex: IntArray
+    by_point: Float64Array
+    residual_px: Float64Array
+    sd_px: Float64Array
+    weight: Float64Array
+    unmeasured: float = 0.0
+
+    @property
+    def loss(self) -> float:
+        scaled = (self.residual_px / self.sd_px / LOSS_SCALE) ** 2
+        return float(LOSS_SCALE**2 * (self.weight * np.log1p(scaled)).sum()) + UNMEASURED_LOSS * self.unmeasured
+
+    @property
+    def precision(self) -> Float64Array:
+        """(n,) of each term as the loss leaves it (iteratively reweighted least squares)."""
+        scaled = (self.residual_px / self.sd_px / LOSS_SCALE) ** 2
+        return np.asarray(self.weight / self.sd_px**2 / (1 + scaled), np.float64)
+
+
+def fit_form(
+    form: Form,
+    seen: Seen,
+    cells: int,
+    rounds: int,
+    start: Float64Array | None = None,
+    outline_sd_px: float = OUTLINE_SD_PX,
+) -> FormFit | None:
+    """Fit from `start` (or the form's own); None where nothing of the food meets the form. cells: COARSE or FINE."""
+    first = _misfit(form, form.start if start is None else start, cells, seen, outline_sd_px)
+    if first is None:
+        return None
+    found = _linearised(form, first, cells)
+    damping, least, most = DAMPING
+    for _ in range(rounds):
+        before = found
+        for _ in range(TRIES):
+            step = -_solved(before.normal + damping * np.diag(np.diag(before.normal)), before.slope)
+            step /= max(1.0, float(np.abs(step / form.stride).max()))
+            trial = _misfit(form, form.bounded(before.unknowns + step), cells, seen, outline_sd_px)
+            if trial is not None and trial.cost < before.cost:
+                found = _linearised(form, trial, cells)
+                break
+            damping = min(damping * 5, most)
+        damping = max(damping / 4, least)
+        if before.cost - found.cost < CONVERGED[cells] * before.cost:
+            break
+    by_vertex = enclosed_gradient_mm2(form.vertices(found.unknowns, cells), form.topology(cells))
+    gradient = np.tensordot(form.jacobian(found.unknowns, cells), by_vertex, 2)
+    variance = float(gradient @ _solved(found.normal, gradient))
+    return FormFit(
+        form=form,
+        unknowns=found.unknowns,
+        cost=found.cost,
+        observations=found.observations,
+        volume_ml=ml_from_mm3(enclosed_mm3(form.vertices(found.unknowns, EXACT), form.topology(EXACT).faces)),
+        volume_sd_ml=ml_from_mm3(float(np.sqrt(max(variance, 0.0)))),
+        log_occam=float(np.linalg.slogdet(found.normal)[1]) - form.prior_log_determinant,
+    )
+
+
+def _solved(normal: Float64Array, right: Float64Array) -> Float64Array:
+    """Solve normal @ x = right, for the shortest x where the food shows too little of the form to tell some unknown."""
+    try:
+        return np.asarray(np.linalg.solve(normal, right), np.float64)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(normal, right, rcond=None)[0], np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class _Misfit:
+    """cost: -2 log of the posterior at the unknowns, all that a step is judged by."""
+
+    unknowns: Float64Array
+    terms: _Terms
+    cost: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Posterior:
+    """cost: see _Misfit. normal: (k, k) Gauss-Newton's matrix. slope: (k,) gradient / 2."""
+
+    unknowns: Float64Array
+    cost: float
+    normal: Float64Array
+    slope: Float64Array
+    observations: float
+
+
+def _misfit(form: Form, unknowns: Float64Array, cells: int, seen: Seen, outline_sd_px: float) -> _Misfit | None:
+    terms = _terms(form, unknowns, cells, seen, outline_sd_px)
+    if terms is None:
+        return None
+    apart = unknowns - form.expected
+    return _Misfit(unknowns, terms, terms.loss + float(apart @ form.prior_precision @ apart))
+
+
+def _linearised(form: Form, misfit: _Misfit, cells: int) -> _Posterior:
+    """With derivatives, which take longer than the misfit itself and only accepted steps need."""
+    terms, prior = misfit.terms, form.prior_precision
+    used, place = np.unique(terms.vertex, return_inverse=True)
+    moves = form.jacobian(misfit.unknowns, cells, used)[:, place]
+    jacobian = np.einsum("knb,nb->kn", moves, terms.by_point)
+    weighted = jacobian * terms.precision
+    return _Posterior(
+        unknowns=misfit.unknowns,
+        cost=misfit.cost,
+        normal=weighted @ jacobian.T + prior,
+        slope=weighted @ terms.residual_px + prior @ (misfit.unknowns - form.expected),
+        observations=float(terms.weight.sum()),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Placed:
+    """A form's mesh where the unknowns place it, as both views see it.
+
+    normals: (m, 3) see face_normals. pixels: (n, 2) of either view. parallax_px: (n,). is_facing: (m,) towards either.
+    """
+
+    mesh: Topology
+    vertices: Float64Array
+    normals: Float64Array
+    pixels: tuple[Float64Array, Float64Array]
+    parallax_px: Float64Array
+    is_facing: tuple[MaskArray, MaskArray]
+
+
+def _placed(form: Form, unknowns: Float64Array, cells: int, sight: Sight) -> _Placed:
+    mesh, vertices = form.topology(cells), form.vertices(unknowns, cells)
+    normals, corners = face_normals(vertices, mesh.faces), vertices[mesh.faces[:, 0]]
+    first, second = (normals_towards(normals, corners, camera) for camera in sight.cameras_mm)
+    pixels, parallax = sight.project(vertices)
+    return _Placed(mesh, vertices, normals, (pixels, sight.in_view(pixels, parallax, 1)), parallax, (first, second))
+
+
+def _terms(form: Form, unknowns: Float64Array, cells: int, seen: Seen, outline_sd_px: float) -> _Terms | None:
+    placed = _placed(form, unknowns, cells, seen.sight)
+    parts = [_parallax_terms(placed, seen)]
+    for view in (0, 1):
+        index, share = outline_vertices(placed.vertices, placed.mesh, placed.is_facing[view])
+        if len(index) < MIN_OUTLINE:
+            continue
+        parts.append(_outline_terms(placed, index, share, seen, view, outline_sd_px, is_folded=form.is_folded))
+        if view == 0:
+            parts.append(_coverage_terms(placed, index, seen, is_flat=form.is_flat))
+    kept = [part for part in parts if part is not None]
+    if not kept:
+        return None
+    return _Terms(
+        np.concatenate([part.vertex for part in kept]),
+        np.concatenate([part.by_point for part in kept]),
+        np.concatenate([part.residual_px for part in kept]),
+        np.concatenate([part.sd_px for part in kept]),
+        np.concatenate([part.weight for part in kept]),
+        sum(part.unmeasured for part in kept),
+    )
+
+
+def _outline_terms(
+    placed: _Placed,
+    index: IntArray,
+    share: Float64Array,
+    seen: Seen,
+    view: int,
+    sd_px: float,
+    *,
+    is_folded: bool,
+) -> _Terms | None:
+    """Distance of the form's outline from the nearest point of the food's, along that point's normal, px."""
+    line = seen.outlines[view]
+    if line is None:
+        return None
+    pixels = placed.pixels[view][index]
+    _, nearest = line.tree.query(pixels)
+    towards = line.normals[nearest]
+    residual = ((pixels - line.points_px[nearest]) * towards).sum(axis=1)
+    by_point = np.einsum("na,nab->nb", towards, seen.sight.pixel_gradient(placed.vertices[index], view))
+    length = cv2.arcLength(cv2.convexHull(pixels.astype(np.float32)), closed=True)
+    weight = line.weights[nearest] * share * length / OUTLINE_RUN_PX
+    if is_folded:
+        weight = np.where(_is_hidden(placed, seen, view, pixels), 0.0, weight)
+    return _Terms(index, by_point, residual, np.full(len(residual), sd_px), weight)
+
+
+def _coverage_terms(placed: _Placed, index: IntArray, seen: Seen, *, is_flat: bool) -> _Terms | None:
+    """Points of the food's outline in the first view, px, that the form's does not come near: a banana's end, a hole.
+
+    They draw the nearest point of the form's outline towards them. is_flat: the outline has long straight edges, along
+    which it comes near, too, and not only at its vertices.
+    """
+    line = seen.outlines[0]
+    if line is None:
+        return None
+    if is_flat:
+        index, pixels = _sampled_edges(placed)
+    else:
+        pixels = placed.pixels[0][index]
+    squared = cdist(line.points_px, pixels, "sqeuclidean")  # the form's outline has too few points for a tree to pay
+    nearest = squared.argmin(axis=1)
+    distance = np.sqrt(squared[np.arange(len(squared)), nearest])
+    apart = np.flatnonzero((distance > UNEXPLAINED_PX) & (line.weights > 0))
+    if len(apart) == 0:
+        return None
+    towards = (pixels[nearest[apart]] - line.points_px[apart]) / distance[apart][:, None]
+    gradient = seen.sight.pixel_gradient(placed.vertices[index], 0)[nearest[apart]]
+    weight = COVERAGE_WEIGHT * line.weights[apart] * STEP_PX / OUTLINE_RUN_PX
+    return _Terms(
+        index[nearest[apart]],
+        np.einsum("na,nab->nb", towards, gradient),
+        distance[apart] - UNEXPLAINED_PX,
+        np.full(len(apart), OUTLINE_SD_PX),
+        weight,
+    )
+
+
+def _sampled_edges(placed: _Placed) -> tuple[IntArray, Float64Array]:
+    """(n, 2) px, evenly along the outline's edges in the first view, and (n,) the end of its edge nearest to each."""
+    is_facing, edges = placed.is_facing[0], placed.mesh.edges
+    edges = edges[is_facing[placed.mesh.edge_faces[:, 0]] != is_facing[placed.mesh.edge_faces[:, 1]]]
+    start, end = (placed.pixels[0][edges[:, side]] for side in (0, 1))
+    steps = np.maximum(np.ceil(np.linalg.norm(end - start, axis=1) / UNEXPLAINED_PX), 1).astype(np.int64)
+    edge = np.repeat(np.arange(len(edges)), steps)
+    first = np.repeat(np.cumsum(steps) - steps, steps)
+    share = (np.arange(len(edge)) - first + 0.5) / steps[edge]
+    return edges[edge, (share > 0.5).astype(np.int64)], start[edge] + share[:, None] * (end - start)[edge]
+
+
+def _is_hidden(placed: _Placed, seen: Seen, view: int, pixels: Float64Array) -> MaskArray:
+    """(n,) whether points of the contour generator lie well within what the form covers.
+
+    What lies at its convex hull cannot, and of the others only the triangles near them tell: drawing takes longest.
+    """
+    out = np.zeros(len(pixels), np.bool_)
+    corners = placed.pixels[view]
+    low = np.floor(corners.min(axis=0)) - 3
+    size = np.ceil(np.ptp(corners, axis=0)).astype(np.int64) + 8
+    inner = np.flatnonzero(_depth_in_hull_px(pixels) > HULL_PX)
+    if len(inner) == 0 or (size > max(seen.mask.shape)).any():
+        return out
+    faces = placed.mesh.faces[placed.is_facing[view]]
+    faces = faces[_is_near(corners[faces], pixels[inner])]
+    covered = draw_mask(corners - low, faces, (int(size[1]), int(size[0])))
+    depth = cv2.distanceTransform(covered.astype(np.uint8), cv2.DIST_L2, 3)
+    column, row = np.rint(pixels[inner] - low).astype(np.int64).T
+    out[inner] = depth[row, column] > HIDDEN_PX
+    return out
+
+
+def _depth_in_hull_px(pixels: Float64Array) -> Float64Array:
+    """(n,) distance of each point from the convex hull of all."""
+    hull = cv2.convexHull(pixels.astype(np.float32)).reshape(-1, 2).astype(np.float64)
+    along = unit(np.roll(hull, -1, axis=0) - hull)
+    square = np.column_stack([along[:, 1], -along[:, 0]])
+    apart = pixels @ square.T - (hull * square).sum(axis=1)
+    return np.asarray(np.abs(apart).min(axis=1), np.float64)
+
+
+def _is_near(triangles: Float64Array, pixels: Float64Array) -> MaskArray:
+    """(m,) whether the box around each triangle (m, 3, 2) comes within reach of any of the points (n, 2)."""
+    low, high = triangles.min(axis=1) - NEAR_PX, triangles.max(axis=1) + NEAR_PX
+    near = [(low[:, axis, None] < pixels[:, axis]) & (pixels[:, axis] < high[:, axis, None]) for axis in (0, 1)]
+    return np.asarray((near[0] & near[1]).any(axis=1), np.bool_)
+
+
+def _parallax_terms(placed: _Placed, seen: Seen) -> _Terms | None:
+    """Parallax of the form's points less the measured one, px; each point speaks for the area around it."""
+    sight, vertices = seen.sight, placed.vertices
+    normals = np.asarray(placed.mesh.around @ placed.normals, np.float64)
+    support_mm = float(vertices[:, 2].min())
+    first, second = sight.cameras_mm
+    ray = vertices - first
+    depth = ray @ sight.pair.rotation[2]
+    ray = ray / depth[:, None]
+    outward = unit(normals)
+    slant = np.einsum("ij,ij->i", outward, ray)
+    slant_second = np.einsum("ij,ij->i", outward, unit(vertices - second))
+    is_open = (slant < -FACING) & (slant_second < -FACING_SECOND) & (vertices[:, 2] > support_mm + FOOT_MM)
+    index = np.flatnonzero(is_open)
+    if len(index) == 0:
+        return None
+    measured, sd, area_px = _measured(seen, placed.pixels[0][index])
+    # A vertex speaks for a third of the triangles around it.
+    seen_mm2 = np.abs(np.einsum("ij,ij->i", normals[index], ray[index])) / 6
+    weight = seen_mm2 * (sight.pair.focal_px / depth[index]) ** 2 / area_px
+    known = np.isfinite(measured) & (sd < MAX_SD_PX)
+    if not known.any():
+        return None
+    unmeasured = float(weight[~known].sum())
+    index, measured, sd = index[known], measured[known], sd[known]
+    # A surface that moves by its normals' component changes the depth along a ray by that over the slant.
+    per_mm = sight.parallax_per_mm(depth[index]) / slant[index]
+    by_point = outward[index] * per_mm[:, None]
+    return _Terms(index, by_point, placed.parallax_px[index] - measured, sd, weight[known], unmeasured)
+
+
+def _measured(seen: Seen, pixels: Float64Array) -> tuple[Float64Array, Float64Array, float]:
+    """(n,) parallax, (n,) its sd, and the area over which its errors are one, px."""
+    column, row = np.rint(pixels).astype(np.int64).T
+    height, width = seen.mask.shape
+    row, column = np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)
+    inward = seen.inward_px[row, column]
+    if seen.surface is not None:
+        value, sd = seen.surface.at(pixels)
+        return np.where(inward > 1, value, np.nan), np.hypot(sd, SURFACE_SD_PX), float(WINDOW_PX**2)
+    value = np.asarray(seen.dense.parallax_px[row, column], np.float64)
+    is_own = inward > seen.dense.reach_px[row, column] + 1
+    return np.where(is_own, value, np.nan), np.full(len(value), DENSE_SD_PX), DENSE_AREA_PX

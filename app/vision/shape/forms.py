@@ -1,0 +1,399 @@
+"""The families of form that a food may have, as closed surfaces with few parameters and a smooth rest.
+
+A superellipsoid (Barr, 1981) that may taper, bend (Solina and Bajcsy, 1990) and be sunk into its support, so that a
+heap has a flat foot; and a ring. Both rest on the support. A smooth displacement along the normals takes up what the
+parameters cannot: spherical harmonics on the one, Fourier terms on the other, with spreads that fall with the degree.
+Terms that are the same all round the form's axis are the freest: a food turned like a lathe's work shows on its
+visible side what the hidden one is like (Thrun and Wegbreit, 2005).
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from scipy.special import sph_harm_y
+
+from app.vision.geometry.mesh import IntArray, Topology, ring, sphere, unit, vertex_normals
+from app.vision.model import Float64Array
+
+COARSE, FINE, EXACT = 6, 12, 24  # cells a side of the cube: to find a form, to fit it, to take its volume
+DEGREE = 6  # of the spherical harmonics: features of a sixth of the circumference
+# Of the displacement in mean radii at degree one, all round the axis or not.
+LATHE_SD, REST_SD, HEAP_SD = 0.06, 0.03, 0.08
+ROUND_SD = 0.04  # of a round section: the ratio of its half-axes, logarithm
+ROUND_EXPONENT_SD = 0.15
+RING_SD = 0.04
+RING_WAVES = 3
+DEGREE_ONE = 0.3  # of the spread that the degree would have
+WEIGHT_STEP, WEIGHT_STRIDE = 1e-3, 0.05
+
+# Indices into a form's parameters. Lengths mm, angles radians, exponents and half-axes as logarithms.
+X, Y, SUPPORT, SUNK, A, B, C, E1, E2, TURN_X, TURN_Y, TURN_Z, TAPER, BEND = range(14)
+STEP = np.full(14, 1e-3)  # of the finite differences
+STEP[[X, Y, SUPPORT, SUNK]] = 0.05
+STRIDE = np.array([3, 3, 1, 3, 0.15, 0.15, 0.15, 0.3, 0.3, 0.15, 0.15, 0.15, 0.1, 0.2])  # the most at one step
+SPREAD = np.array([np.inf, np.inf, 1, 20, np.inf, np.inf, np.inf, 0.35, 0.35, 0.5, 0.5, 0.5, 0.25, 0.5])  # prior
+SUPPORT_BOUND = 2.0  # sd, within which the support stays
+AT_FOOT = 1e-6  # of a unit direction's height: on the equator
+LEAST_CUT = 0.98  # of half the height: the cut stays between both ends
+LOG_EXPONENTS = (np.log(0.1), np.log(1.5))  # a box with rounded edges to a form pointed like a lemon
+
+
+@dataclass(frozen=True, slots=True)
+class Form(ABC):
+    """A family with its start. Unknowns are a vector (k,): the free parameters, then weights of the displacement.
+
+    parameters: (p,) start, see the indices above or those of the family's own module; X, Y and SUPPORT are the same in
+    all. free: those that are fitted. support_sd_mm: spread of SUPPORT.
+    axes: (3, 3) the form's own axes as columns, table frame. is_round: whether its section across C is, as of what
+    grows round a stalk; the side that nobody sees is as deep as the one that is seen is wide.
+    """
+
+    name: str
+    parameters: Float64Array
+    free: tuple[int, ...]
+    axes: Float64Array
+    support_sd_mm: float
+    has_displacement: bool = True
+    is_round: bool = False
+
+    @property
+    @abstractmethod
+    def is_folded(self) -> bool:
+        """Whether one part of it may hide another's outline."""
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether it has long straight edges, at whose ends alone its mesh has vertices."""
+        return False
+
+    @property
+    @abstractmethod
+    def weight_sd(self) -> Float64Array:
+        """Prior spread of the displacement's weights."""
+
+    @abstractmethod
+    def topology(self, cells: int) -> Topology:
+        """The mesh at a resolution: COARSE, FINE or EXACT."""
+
+    @abstractmethod
+    def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
+        """(n, 3) vertices, mm, table frame, of (p,) parameters and weights, which may be none."""
+
+    @property
+    def start(self) -> Float64Array:
+        """(k,) where fitting begins."""
+        return np.concatenate([self.parameters[list(self.free)], np.zeros(len(self._weight_sd))])
+
+    @property
+    def expected(self) -> Float64Array:
+        """(k,) the prior's middle; places and sizes have none of their own."""
+        out = self.start
+        if self.is_round:
+            section = [self.free.index(A), self.free.index(B)]
+            out[section] = out[section].mean()
+        return out
+
+    @property
+    def prior_precision(self) -> Float64Array:
+        """(k, k) inverse covariance of the prior; places and sizes are free, but for a round section's ratio."""
+        out = np.diag(1.0 / self._prior_sd**2)
+        if self.is_round:
+            tie = np.zeros(len(out))
+            tie[self.free.index(A)], tie[self.free.index(B)] = 1.0 / ROUND_SD, -1.0 / ROUND_SD
+            out += np.outer(tie, tie)
+        return out
+
+    @property
+    def prior_log_determinant(self) -> float:
+        """Of prior_precision, over what is not free."""
+        spread = self._prior_sd
+        bound = -2 * float(np.log(spread[np.isfinite(spread)]).sum())
+        return bound - 2 * float(np.log(ROUND_SD)) if self.is_round else bound
+
+    @property
+    def parameter_sd(self) -> Float64Array:
+        """(p,) prior spread of the parameters, infinite for what has none; SUPPORT's is support_sd_mm."""
+        spread = SPREAD.copy()
+        if self.is_round:
+            spread[E2] = ROUND_EXPONENT_SD
+        return spread
+
+    @property
+    def parameter_stride(self) -> Float64Array:
+        """(p,) the most that a parameter may change at one step."""
+        return STRIDE
+
+    @property
+    def _prior_sd(self) -> Float64Array:
+        spread = self.parameter_sd
+        spread[SUPPORT] = self.support_sd_mm
+        return np.concatenate([spread[list(self.free)], self._weight_sd])
+
+    @property
+    def stride(self) -> Float64Array:
+        """(k,) the most that an unknown may change at one step."""
+        return np.concatenate([self.parameter_stride[list(self.free)], np.full(len(self._weight_sd), WEIGHT_STRIDE)])
+
+    @property
+    def _weight_sd(self) -> Float64Array:
+        return self.weight_sd if self.has_displacement else np.empty(0)
+
+    def bounded(self, unknowns: Float64Array) -> Float64Array:
+        """The unknowns with support, exponents and depth within what they may be."""
+        p, weights = self.split(unknowns)
+        p[SUPPORT] = self._bounded_support(p[SUPPORT])
+        p[[E1, E2]] = np.clip(p[[E1, E2]], *LOG_EXPONENTS)
+        p[SUNK] = np.clip(p[SUNK], 0.0, 2 * np.exp(p[C]))
+        return np.concatenate([p[list(self.free)], weights])
+
+    def _bounded_support(self, support_mm: float) -> float:
+        """What was measured beside the food bounds it: no misfit of a form may sink it into the table."""
+        apart = support_mm - self.parameters[SUPPORT]
+        limit = SUPPORT_BOUND * self.support_sd_mm
+        return float(self.parameters[SUPPORT] + np.clip(apart, -limit, limit))
+
+    def split(self, unknowns: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """(p,) all parameters, and the weights."""
+        p = self.parameters.copy()
+        p[list(self.free)] = unknowns[: len(self.free)]
+        return p, unknowns[len(self.free) :]
+
+    def vertices(self, unknowns: Float64Array, cells: int) -> Float64Array:
+        """(n, 3) mm, table frame."""
+        return self.shaped(*self.split(unknowns), cells)
+
+    @abstractmethod
+    def jacobian(self, unknowns: Float64Array, cells: int, index: IntArray | None = None) -> Float64Array:
+        """(k, n, 3) derivatives of the vertices, or (k, m, 3) of those at index (m,)."""
+
+
+@lru_cache
+def harmonics(cells: int) -> Float64Array:
+    """(n, (DEGREE + 1)^2 - 1) real spherical harmonics of degree 1 and up at the sphere's vertices, mean square one."""
+    return real_harmonics(sphere(cells).places, harmonic_orders())
+
+
+def real_harmonics(directions: Float64Array, orders: Sequence[tuple[int, int]]) -> Float64Array:
+    """(n, len(orders)) real spherical harmonics of degree and order at unit directions (n, 3), mean square one."""
+    polar, azimuth = np.arccos(np.clip(directions[:, 2], -1, 1)), np.arctan2(directions[:, 1], directions[:, 0])
+    columns = []
+    for degree, order in orders:
+        value = sph_harm_y(degree, abs(order), polar, azimuth)
+        real = value.real if order == 0 else np.sqrt(2) * (value.real if order > 0 else value.imag)
+        columns.append(np.sqrt(4 * np.pi) * real)
+    return np.column_stack(columns)
+
+
+def harmonic_orders(least: int = 1, most: int = DEGREE) -> list[tuple[int, int]]:
+    """Degree and order of all harmonics from one degree to another."""
+    return [(degree, order) for degree in range(least, most + 1) for order in range(-degree, degree + 1)]
+
+
+@dataclass(frozen=True, slots=True)
+class Superellipsoid(Form):
+    """SUPPORT is the height that it rests at; where SUNK is free, it is cut flat that deep over its lowest point.
+
+    TAPER: relative change of the section from the middle to the end of the C axis. BEND: the angle by which each half
+    of that axis is bent towards A. rest_sd: see REST_SD.
+    """
+
+    rest_sd: float = REST_SD
+
+    @property
+    def is_folded(self) -> bool:
+        """A bent one may, and a heap whose far foot lies behind it."""
+        return BEND in self.free or self._is_cut
+
+    @property
+    def weight_sd(self) -> Float64Array:
+        """Falls with the degree; degree one would only move or tilt what the parameters already move and tilt."""
+        return np.array(
+            [
+                (LATHE_SD if order == 0 else self.rest_sd) / degree * (DEGREE_ONE if degree == 1 else 1.0)
+                for degree, order in harmonic_orders()
+            ]
+        )
+
+    def topology(self, cells: int) -> Topology:
+        """A sphere's."""
+        return sphere(cells)
+
+    def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
+        """See Form. Displaced along the normals, by the weights in mean radii, and let down on the support."""
+        plain = self._plain(p, cells)
+        return self._displaced(p, weights, plain.at, self._normals(plain, cells), cells) if len(weights) else plain.at
+
+    def jacobian(self, unknowns: Float64Array, cells: int, index: IntArray | None = None) -> Float64Array:
+        """See Form. What the displacement moves along counts as fixed, and the vertex that rests stays the same one."""
+        p, weights = self.split(unknowns)
+        plain = self._plain(p, cells)
+        normals = self._normals(plain, cells) if len(weights) else np.empty_like(plain.at)
+        at = self._displaced(p, weights, plain.at, normals, cells) if len(weights) else plain.at
+        lowest = int(np.argmin(at[:, 2]))
+        places = sphere(cells).places
+        chosen = np.append(np.arange(len(places)) if index is None else index, lowest)
+        directions, turned = places[chosen], plain.turned[chosen]
+        out = np.zeros((len(unknowns), len(chosen), 3))
+        for row, free in enumerate(self.free):
+            if free in (X, Y, SUPPORT):
+                out[row, :, (X, Y, SUPPORT).index(free)] = 1.0
+                continue
+            moved = p.copy()
+            moved[free] += STEP[free]
+            own = plain.own[chosen] if free in (TURN_X, TURN_X + 1, TURN_Z) else self._own(moved, directions)
+            out[row] = (own @ self._turn(moved).T - turned) / STEP[free]
+            out[row, :, 2] -= out[row, -1, 2]
+        if len(weights):
+            moves = harmonics(cells)[chosen].T[:, :, None] * (_mean_radius(p) * normals[chosen])
+            moves[:, :, 2] -= moves[:, -1, 2, None]
+            out[len(self.free) :] = moves
+        return out[:, :-1]
+
+    def _displaced(
+        self, p: Float64Array, weights: Float64Array, plain_at: Float64Array, normals: Float64Array, cells: int
+    ) -> Float64Array:
+        at = plain_at + normals * (_mean_radius(p) * (harmonics(cells) @ weights))[:, None]
+        at[:, 2] += p[SUPPORT] - at[:, 2].min()
+        return at
+
+    def _plain(self, p: Float64Array, cells: int) -> "_Plain":
+        own = self._own(p, sphere(cells).places)
+        turned = own @ self._turn(p).T
+        return _Plain(own, turned, turned + np.array([p[X], p[Y], p[SUPPORT] - turned[:, 2].min()]))
+
+    def _normals(self, plain: "_Plain", cells: int) -> Float64Array:
+        """(n, 3) outward directions, along which the form is displaced."""
+        mesh = sphere(cells)
+        normals = unit(vertex_normals(plain.at, mesh))
+        if self._is_cut:  # the foot moves on its support, the base within it does not matter
+            normals[mesh.places[:, 2] < AT_FOOT] *= np.array([1.0, 1.0, 0.0])
+            normals[mesh.places[:, 2] < -AT_FOOT] = 0.0
+        return normals
+
+    def _own(self, p: Float64Array, directions: Float64Array) -> Float64Array:
+        return (_cut if self._is_cut else _whole)(p, directions)
+
+    def _turn(self, p: Float64Array) -> Float64Array:
+        return np.asarray(cv2.Rodrigues(p[TURN_X : TURN_Z + 1])[0] @ self.axes, np.float64)
+
+    @property
+    def _is_cut(self) -> bool:
+        return SUNK in self.free
+
+
+@dataclass(frozen=True, slots=True)
+class _Plain:
+    """A form without displacement, (n, 3) each: in its own axes, turned, and in its place."""
+
+    own: Float64Array
+    turned: Float64Array
+    at: Float64Array
+
+
+def _mean_radius(p: Float64Array) -> float:
+    return float(np.exp(p[A : C + 1].mean()))
+
+
+def _cut(p: Float64Array, directions: Float64Array) -> Float64Array:
+    """(n, 3) what stands above the level SUNK over the form's lowest point, closed by a flat base.
+
+    The sphere's upper half becomes the surface, its equator the foot, its lower half the base, so that the foot is a
+    line of edges.
+    """
+    e1, e2 = np.exp(p[[E1, E2]])
+    a, b, c = np.exp(p[A : C + 1])
+    level = np.clip(p[SUNK] / c - 1, -LEAST_CUT, LEAST_CUT)
+    lowest = np.sign(level) * np.arcsin(np.abs(level) ** (1 / e1))
+    latitude = np.arcsin(np.clip(directions[:, 2], 0, 1)) * 2 / np.pi
+    latitude = lowest + (np.pi / 2 - lowest) * latitude
+    flat = np.hypot(directions[:, 0], directions[:, 1])
+    around = directions[:, :2] / np.maximum(flat, 1e-12)[:, None]
+    out = np.empty_like(directions)
+    share = np.where(directions[:, 2] < 0, flat, 1.0) * _power(np.cos(latitude), e1)
+    out[:, 0], out[:, 1] = a * share * _power(around[:, 0], e2), b * share * _power(around[:, 1], e2)
+    out[:, 2] = c * _power(np.sin(latitude), e1)
+    return out
+
+
+def _power(base: Float64Array, exponent: float) -> Float64Array:
+    """Signed power, as in Barr's parametrisation."""
+    return np.asarray(np.sign(base) * np.abs(base) ** exponent, np.float64)
+
+
+def _whole(p: Float64Array, directions: Float64Array) -> Float64Array:
+    """(n, 3) the superellipsoid in its own axes, tapered, then bent."""
+    x, y, z = np.abs(directions.T) + 1e-9
+    e1, e2 = np.exp(p[[E1, E2]])
+    scale = ((x ** (2 / e2) + y ** (2 / e2)) ** (e2 / e1) + z ** (2 / e1)) ** (-e1 / 2)
+    on_unit = directions * scale[:, None]
+    a, b, c = np.exp(p[A : C + 1])
+    section = 1 + p[TAPER] * on_unit[:, 2]
+    out = np.column_stack([on_unit[:, 0] * a * section, on_unit[:, 1] * b * section, on_unit[:, 2] * c])
+    if abs(p[BEND]) > 1e-6:
+        radius = c / p[BEND]
+        angle, reach = out[:, 2] / radius, radius - out[:, 0]
+        out[:, 0], out[:, 2] = radius - reach * np.cos(angle), reach * np.sin(angle)
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class Ring(Form):
+    """A ring that lies on its support: A is its tube's middle line, B and C the tube's half width and half height.
+
+    E1 stretches it along its first axis against the second (logarithm of the ratio). E2, SUNK, TAPER and BEND do not
+    exist.
+    """
+
+    @property
+    def is_folded(self) -> bool:
+        """Its far side may be hidden by the near one."""
+        return True
+
+    @property
+    def weight_sd(self) -> Float64Array:
+        """Falls with the waves."""
+        terms = [wave + 0.5 * term for wave in range(1, RING_WAVES + 1) for _ in range(2) for term in range(3)]
+        return RING_SD / np.array(terms)
+
+    def topology(self, cells: int) -> Topology:
+        """A ring's, with about as many vertices as a sphere's."""
+        return ring(int(3.3 * cells), int(1.7 * cells))
+
+    def bounded(self, unknowns: Float64Array) -> Float64Array:
+        """The unknowns with the support within what it may be."""
+        p, weights = self.split(unknowns)
+        p[SUPPORT] = self._bounded_support(p[SUPPORT])
+        return np.concatenate([p[list(self.free)], weights])
+
+    def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
+        """See Form. The weights change the tube's width."""
+        turn, tube = self.topology(cells).places.T
+        width = np.ones_like(turn)
+        if len(weights):
+            across = (np.ones_like(tube), np.cos(tube), np.sin(tube))
+            waves = range(1, RING_WAVES + 1)
+            terms = [f(wave * turn) * term for wave in waves for f in (np.cos, np.sin) for term in across]
+            width += np.column_stack(terms) @ weights
+        middle, half_width, half_height = np.exp(p[A : C + 1])
+        stretch, radius = np.exp(p[E1] / 2), middle + half_width * width * np.cos(tube)
+        own = np.column_stack(
+            [radius * np.cos(turn) * stretch, radius * np.sin(turn) / stretch, half_height * width * np.sin(tube)]
+        )
+        at = np.asarray(own @ (cv2.Rodrigues(p[TURN_X : TURN_Z + 1])[0] @ self.axes).T, np.float64)
+        at += np.array([p[X], p[Y], p[SUPPORT] - at[:, 2].min()])
+        return at
+
+    def jacobian(self, unknowns: Float64Array, cells: int, index: IntArray | None = None) -> Float64Array:
+        """See Form. By differences."""
+        at = self.vertices(unknowns, cells)
+        steps = np.concatenate([STEP[list(self.free)], np.full(len(unknowns) - len(self.free), WEIGHT_STEP)])
+        out = np.empty((len(unknowns), *at.shape))
+        for row, step in enumerate(steps):
+            moved = unknowns.copy()
+            moved[row] += step
+            out[row] = (self.vertices(moved, cells) - at) / step
+        return out if index is None else out[:, index]

@@ -1,0 +1,145 @@
+"""From a food's mask to its volume: the points that are surely its own, its support, its outline as a limit.
+
+Regions of the rectified grid and its points -> measured items. Slices and doubt are for volume.py, pixels for
+segmentation.py.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from app.errors import Failure
+from app.vision.model import Float32Array, Float64Array, Hint, MaskArray
+from app.vision.scene.segmentation import Region
+from app.vision.scene.support import support_height_mm
+from app.vision.shape.volume import Volume, estimate_volume
+from app.vision.stereo.disparity import DisparityMap
+from app.vision.stereo.rectification import RectifiedPair
+from app.vision.stereo.sight import Sight
+
+FINE_REACH_SHARE = 0.5  # of half a fine window: it follows the surface, and shows the outline's points best
+FINEST_REACH_PX = 5.0
+OUTLINE_MARGIN_PX = 2  # by which a mask may be too small
+MIN_VOLUME_ML = 3.0  # less than half a cherry tomato, and not pointed at: clutter
+UNEXPLAINED_SD = 0.5  # relative: no form explains what was cut out, and nobody pointed at it: a part of a dish
+LOW_COVER = 0.5  # share of the mask that was measured, below which the estimate is flagged
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredItem:
+    """A food with its mask on the rectified grid, the points measured, its support's height and its volume.
+
+    volume: None where the food is there and how much of it is not to be seen. sight: how the views see points about
+    it, if it was measured by that; None: by the poses alone.
+    """
+
+    region: Region
+    points_table: Float64Array
+    support_mm: float
+    volume: Volume | None
+    flags: tuple[str, ...]
+    sight: Sight | None = None
+
+
+def measure_items(
+    regions: Sequence[Region],
+    pair: RectifiedPair,
+    disparity: DisparityMap,
+    points_table: Float32Array,
+    ignored: MaskArray,
+    hints: Sequence[Hint],
+    *,
+    pose_sd: float,
+) -> list[MeasuredItem] | Failure:
+    """Volumes of the foods that can be measured, in the regions' order. Failure "food_not_measured" if there is none.
+
+    ignored: (H, W) the sheet and what is not seen. pose_sd: see volume.estimate_volume.
+    """
+    foods = np.zeros(ignored.shape, np.bool_)
+    for region in regions:
+        foods |= region.mask
+    items = []
+    for region in regions:
+        item = _measure(region, pair, disparity, points_table, ignored | (foods & ~region.mask), hints, pose_sd)
+        items.append(item)
+    return without_clutter(items)
+
+
+def without_clutter(found: Sequence[MeasuredItem | None]) -> list[MeasuredItem] | Failure:
+    """The foods that were measured, less what is too small to be one and nobody pointed at; or why there are none."""
+    items = [item for item in found if item is not None and not _is_clutter(item)]
+    if not items and all(item is not None for item in found):
+        return Failure(
+            "no_food_found",
+            f"Nothing larger than {MIN_VOLUME_ML:g} ml was found beside the marker.",
+            "If food lies there, photograph it at a slant of about 45 degrees with the whole plate in both views, or "
+            "mark it.",
+        )
+    return items or Failure(
+        "food_not_measured",
+        "Food was found, but its surface could not be measured: it looks too plain or too different in the two views.",
+        "Take both photographs closer together, sharp, in even light, and avoid glare on the food.",
+    )
+
+
+def is_low_texture(is_measured: MaskArray, mask: MaskArray) -> bool:
+    """Whether so little of a food's mask was measured that its volume is flagged. Both (H, W)."""
+    return bool(np.count_nonzero(is_measured & mask) < LOW_COVER * np.count_nonzero(mask))
+
+
+def _is_clutter(item: MeasuredItem) -> bool:
+    if item.region.hint is not None or item.volume is None:
+        return False
+    return item.volume.volume_ml < MIN_VOLUME_ML or item.volume.relative_sd.get("item", 0.0) > UNEXPLAINED_SD
+
+
+def _measure(
+    region: Region,
+    pair: RectifiedPair,
+    disparity: DisparityMap,
+    points_table: Float32Array,
+    others: MaskArray,
+    hints: Sequence[Hint],
+    pose_sd: float,
+) -> MeasuredItem | None:
+    is_measured = np.isfinite(points_table[..., 2])
+    # Near the outline a window may have matched what lies behind; the larger the window, the further in.
+    reach = np.where(disparity.reach_px < FINEST_REACH_PX, FINE_REACH_SHARE, 1.0) * disparity.reach_px
+    depth_px = cv2.distanceTransform(region.mask.astype(np.uint8), cv2.DIST_L2, 5)
+    points = points_table[is_measured & (depth_px > reach)].astype(np.float64)
+    support = support_height_mm(points_table, region.mask, others)
+    form = hints[region.hint].slice_form if region.hint is not None else None
+    volume = estimate_volume(
+        points,
+        support or 0.0,
+        form,
+        pair.first_centre_mm,
+        outline_test(pair, region.mask),
+        pose_sd=pose_sd,
+    )
+    if volume is None:
+        return None
+    flags = []
+    if support is None:
+        flags.append("support_not_measured")
+    if is_low_texture(is_measured, region.mask):
+        flags.append("low_texture")
+    return MeasuredItem(region, points, support or 0.0, volume, tuple(flags))
+
+
+def outline_test(pair: RectifiedPair, mask: MaskArray) -> Callable[[Float64Array], MaskArray]:
+    """A test whether points (n, 3), table frame, mm, project into the mask; outside the grid nothing is known: True."""
+    kernel = np.ones((2 * OUTLINE_MARGIN_PX + 1, 2 * OUTLINE_MARGIN_PX + 1), np.uint8)
+    grown = cv2.dilate(mask.astype(np.uint8), kernel) > 0
+    height, width = mask.shape
+
+    def is_in_outline(points: Float64Array) -> MaskArray:
+        columns, rows = np.rint(pair.project(points)[:, :2]).astype(np.int64).T
+        on_grid = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+        inside = np.ones(len(points), np.bool_)
+        inside[on_grid] = grown[rows[on_grid], columns[on_grid]]
+        return inside
+
+    return is_in_outline

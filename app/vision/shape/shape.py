@@ -1,0 +1,416 @@
+"""The default method's volume: closed forms of several families fitted to both views, averaged by their evidence.
+
+Regions of the rectified grid, its parallax and points -> measured items with their volume and its doubt. See
+docs/decisions/0007-closed-forms-in-both-views.md.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from app.errors import Failure
+from app.vision.geometry.mesh import ClosedShape, Topology, faces_towards
+from app.vision.geometry.sections import cut_sections
+from app.vision.geometry.slices import Slice
+from app.vision.geometry.symmetry import SymmetryAxis
+from app.vision.geometry.topview import TableTrend
+from app.vision.liquids.filled_vessel import FilledVessel
+from app.vision.model import Float32Array, Float64Array, Hint, MaskArray
+from app.vision.scene.segmentation import Foods, Region
+from app.vision.scene.vessel import Vessel
+from app.vision.shape.bowl import measure_content
+from app.vision.shape.families import families
+from app.vision.shape.form_fit import WIDE_OUTLINE_SD_PX, FormFit, Seen, fit_form
+from app.vision.shape.form_prior import FormPrior, form_prior
+from app.vision.shape.forms import COARSE, EXACT, FINE, Form
+from app.vision.shape.measure import MeasuredItem, is_low_texture, without_clutter
+from app.vision.shape.prism_starts import begin_prisms
+from app.vision.shape.surface_match import draw_mask, measure_along
+from app.vision.shape.volume import NORMAL_90, SCALE_SD, Volume
+from app.vision.stereo.disparity import DisparityMap
+from app.vision.stereo.outline_snap import (
+    Outline,
+    colours_beside,
+    lab_of,
+    outline,
+    rings_of_mask,
+    snap,
+)
+from app.vision.stereo.reconstruction import plane_points
+from app.vision.stereo.rectification import RectifiedPair
+from app.vision.stereo.sight import Sight, sight_of
+
+TOP_QUANTILE = 0.98  # of the points' heights: strays lie above it
+MARGIN_PX = 25  # around a food's mask
+FIRST_ROUNDS, WIDE_ROUNDS, ROUNDS = 12, 6, 10
+KEPT = 4  # families that are fitted finely
+KEPT_RATIO = 2.0  # of the best one's cost: a family that fits so much worse coarsely is not fitted finely
+MAX_PASSES = 3  # of fine fits along the best one
+SETTLED = 0.03  # change of the best volume in a pass, relative, below which no further one is needed
+SNAP_PX, SNAP_SECOND_PX = 4.0, 5.0
+SECOND_WEIGHT = 0.5  # of the second view's outline, which was sought where the form was
+TEMPER = 4.0  # by which differences of evidence count less: what no family can be errs alike all over a food
+OCCAM_WEIGHT = 0.25  # in the evidence: of the price of what had to be fitted, since priors of weights are wide
+TOUCHING_PX = 7  # within which two foods' outlines are one
+IN_FRONT_MM = 2.0  # by which the farther of two touching foods may still seem nearer
+BEYOND_PX = 3.0  # across an outline, where the other food is looked for
+SUPPORT_UNKNOWN_MM, SUPPORT_UNKNOWN_SD_MM = 1.5, 2.0  # over the table: a plate or none
+LEAST_SUPPORT_SD_MM = 0.3  # crumbs, cloth
+UNKNOWN_INSIDE_SD = 0.25  # of a volume, relative: more, and a bowl's inside would be imagined, so no volume is given
+# Of a volume, what families and their spreads leave out; chosen on 255 foods, dev and other seeds.
+REST_SD = 0.02  # relative
+FLAT_REST_SD = 0.036  # the same of blocks and wedges, whose rounded edges and slopes are little seen
+FOOT_SD_MM = 0.5  # of the foot, which a contact shadow hides: the flatter the food, the more it is of its height
+
+
+@dataclass(frozen=True, slots=True)
+class _Food:
+    """What fitting needs of one region. hidden_by: (H, W) foods in front of it, in the first and second view."""
+
+    sight: Sight
+    seen: Seen
+    grey: tuple[Float32Array, Float32Array]
+    lab: tuple[Float32Array, Float32Array]
+    hidden_by: tuple[MaskArray, MaskArray]
+    points: Float64Array
+    support_mm: float
+    support_sd_mm: float
+
+
+def measure_shapes(
+    foods: Foods,
+    pair: RectifiedPair,
+    disparity: DisparityMap,
+    points_table: Float32Array,
+    *,
+    pose_sd: float,
+    hints: Sequence[Hint] = (),
+) -> list[MeasuredItem] | Failure:
+    """Volumes of the foods that can be measured, in the regions' order. Failure "food_not_measured" if there is none.
+
+    points_table: (H, W, 3) mm, NaN. pose_sd: relative, of a volume, see pose_doubt.py. hints: those that the regions'
+    indices are of; what they say of a food's form counts as form_prior.py tells.
+    """
+    scene = _scene_of(foods, pair, disparity, points_table)
+    found: list[MeasuredItem | None] = []
+    for number, region in enumerate(foods.regions):
+        if region.liquid is not None:
+            found.append(_of_liquid(region, region.liquid, float(np.hypot(3 * SCALE_SD, pose_sd))))
+            continue
+        if region.is_unread:
+            flags = ("not_measurable",)  # a glass of water: what parallax says there is chance
+            found.append(MeasuredItem(region, np.empty((0, 3)), 0.0, None, flags))
+            continue
+        food = scene.food(number)
+        hint = hints[region.hint] if hints and region.hint is not None else None
+        found.append(None if food is None else _measured(region, food, scene, pose_sd, form_prior(hint)))
+    return without_clutter(found)
+
+
+@dataclass(frozen=True, slots=True)
+class _Scene:
+    regions: Sequence[Region]
+    pair: RectifiedPair
+    disparity: DisparityMap
+    points_table: Float32Array
+    table: TableTrend
+    plane_xy_mm: Float32Array
+    grey: tuple[Float32Array, Float32Array]
+    lab: tuple[Float32Array, Float32Array]
+
+    def food(self, number: int) -> _Food | None:
+        mask = self.regions[number].mask
+        rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+        window = (
+            slice(max(rows[0] - MARGIN_PX, 0), min(rows[-1] + MARGIN_PX, mask.shape[0] - 1) + 1),
+            slice(max(columns[0] - MARGIN_PX, 0), min(columns[-1] + MARGIN_PX, mask.shape[1] - 1) + 1),
+        )
+        sight = sight_of(self.pair, self.table, self.plane_xy_mm, window)
+        rings = rings_of_mask(mask)
+        if not rings:
+            return None
+        hidden_by = self._in_front(number)
+        line = _without(snap(self.lab[0], rings, SNAP_PX), hidden_by[0])
+        inward = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
+        measured = np.argwhere(np.isfinite(self.disparity.parallax_px) & (inward > self.disparity.reach_px))
+        if len(measured) == 0:
+            return None
+        parallax = self.disparity.parallax_px[measured[:, 0], measured[:, 1]].astype(np.float64)
+        points = sight.points(measured[:, ::-1].astype(np.float64), parallax)
+        support_mm, support_sd_mm = self._support(number, points)
+        seen = Seen(sight, mask, np.asarray(inward, np.float32), (line, None), self.disparity)
+        return _Food(sight, seen, self.grey, self.lab, hidden_by, points, support_mm, support_sd_mm)
+
+    def _support(self, number: int, points: Float64Array) -> tuple[float, float]:
+        """Height over the table of what the food rests on, and its sd, mm."""
+        support = self.regions[number].support
+        if support is None:
+            return SUPPORT_UNKNOWN_MM, SUPPORT_UNKNOWN_SD_MM
+        table_mm = float(self.table.height_mm(np.median(points[:, :2], axis=0)))
+        return support.height_mm - table_mm, max(support.sd_mm, LEAST_SUPPORT_SD_MM)
+
+    def _in_front(self, number: int) -> tuple[MaskArray, MaskArray]:
+        """(H, W) in either view: foods that touch this one in the first view and lie nearer to the camera there."""
+        mask = self.regions[number].mask
+        first = np.zeros(mask.shape, np.bool_)
+        kernel = np.ones((2 * TOUCHING_PX + 1, 2 * TOUCHING_PX + 1), np.uint8)
+        beside = cv2.dilate(mask.astype(np.uint8), kernel) > 0
+        for other, region in enumerate(self.regions):
+            shared = region.mask & beside
+            if other == number or not shared.any():
+                continue
+            own = mask & (cv2.dilate(region.mask.astype(np.uint8), kernel) > 0)
+            if self._distance_mm(shared) < self._distance_mm(own) + IN_FRONT_MM:
+                first |= region.mask
+        second = np.zeros(mask.shape, np.uint8)
+        rows, columns = np.nonzero(first & np.isfinite(self.disparity.parallax_px))
+        moved = np.rint(columns - self.disparity.parallax_px[rows, columns]).astype(np.int64)
+        inside = (moved >= 0) & (moved < mask.shape[1])
+        second[rows[inside], moved[inside]] = 1
+        return first, cv2.dilate(second, np.ones((5, 5), np.uint8)) > 0
+
+    def _distance_mm(self, where: MaskArray) -> float:
+        points = self.points_table[where]
+        points = points[np.isfinite(points[:, 2])]
+        if len(points) == 0:
+            return np.inf
+        return float(np.median(np.linalg.norm(points - self.pair.first_centre_mm, axis=1)))
+
+
+def _scene_of(foods: Foods, pair: RectifiedPair, disparity: DisparityMap, points_table: Float32Array) -> _Scene:
+    images = (pair.first_bgr, pair.second_bgr)
+    grey = [np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.float32) for image in images]
+    lab = [lab_of(image) for image in images]
+    return _Scene(
+        regions=foods.regions,
+        pair=pair,
+        disparity=disparity,
+        points_table=points_table,
+        table=foods.table,
+        plane_xy_mm=plane_points(pair)[..., :2],
+        grey=(grey[0], grey[1]),
+        lab=(lab[0], lab[1]),
+    )
+
+
+def _without(line: Outline, hidden_by: MaskArray) -> Outline:
+    """The outline without weight where another food in front of this one ends it."""
+    beyond = np.rint(line.points_px + BEYOND_PX * line.normals).astype(np.int64)
+    height, width = hidden_by.shape
+    column, row = np.clip(beyond[:, 0], 0, width - 1), np.clip(beyond[:, 1], 0, height - 1)
+    return replace(line, weights=np.where(hidden_by[row, column], 0.0, line.weights))
+
+
+def _fit_families(food: _Food, prior: FormPrior | None) -> list[tuple[FormFit, float]]:
+    """Fits with their evidence as a cost (-2 log), best first: all families coarsely, the better ones finely.
+
+    Of the form that is known beforehand, the best one is among these unless it fits hopelessly.
+    """
+    mask_mm2 = float(np.count_nonzero(food.seen.mask)) * food.sight.pair.pixel_mm**2
+    camera = food.sight.cameras_mm[0]
+    forms = families(food.points, mask_mm2, food.support_mm, food.support_sd_mm, camera)
+    if forms:
+        height_mm = float(np.quantile(food.points[:, 2], TOP_QUANTILE)) - food.support_mm
+        forms += begin_prisms(food.sight, food.seen.mask, height_mm, food.support_mm, food.support_sd_mm)
+    coarse = []
+    for form in forms:
+        fit = begin_fit(replace(form, has_displacement=False), food.seen)
+        if fit is not None:
+            coarse.append((fit.cost, fit, form))
+    coarse.sort(key=lambda each: each[0])
+    usable = [(form, fit) for cost, fit, form in coarse if cost < KEPT_RATIO * coarse[0][0]]
+    of_form = [each for each in usable[KEPT:] if prior is not None and each[0].name in prior.families]
+    fits = usable[:KEPT] + of_form[:1]
+    # First each family as it is seen along itself; then all along the best one, so that their evidence compares.
+    fits = _settled(food, _pass(food, fits, None))
+    for runner_up in fits[1:2]:
+        # What is measured along a form favours it: one that does better along itself is the better one.
+        own = _pass(food, [runner_up], None)
+        if own and _evidence(own[0][1]) < _evidence(fits[0][1]):
+            fits = _settled(food, [*own, fits[0], *fits[2:]])
+    return [(fit, _evidence(fit)) for _, fit in fits]
+
+
+def begin_fit(form: Form, seen: Seen) -> FormFit | None:
+    """Return the better of two coarse fits: from the form's own start, and from a fit with a wide outline tolerance.
+
+    The loss is flat far from the outline, so that a form that starts there is not drawn towards it.
+    """
+    wide = fit_form(form, seen, COARSE, WIDE_ROUNDS, outline_sd_px=WIDE_OUTLINE_SD_PX)
+    starts = [form.start] if wide is None else [form.start, wide.unknowns]
+    fits = [fit_form(form, seen, COARSE, FIRST_ROUNDS, start) for start in starts]
+    return min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost, default=None)
+
+
+def _pass(food: _Food, fits: Sequence[tuple[Form, FormFit]], common: Seen | None) -> list[tuple[Form, FormFit]]:
+    """All fitted finely from where they are, to what is seen along one form or each along itself; the best first."""
+    refitted = [(form, _refit(food, common, form, fit)) for form, fit in fits]
+    return sorted(((form, fit) for form, fit in refitted if fit is not None), key=lambda each: _evidence(each[1]))
+
+
+def _settled(food: _Food, fits: list[tuple[Form, FormFit]]) -> list[tuple[Form, FormFit]]:
+    """All fitted along the best one, again while its volume changes: parallax along a wrong form is wrong as well."""
+    for _ in range(MAX_PASSES):
+        if not fits:
+            break
+        before_ml = fits[0][1].volume_ml
+        fits = _pass(food, fits, _seen_along(food, fits[0][1]))
+        if fits and abs(np.log(fits[0][1].volume_ml / before_ml)) < SETTLED:
+            break
+    return fits
+
+
+def _evidence(fit: FormFit) -> float:
+    """As a cost, -2 log."""
+    return fit.cost + OCCAM_WEIGHT * fit.log_occam
+
+
+def _refit(food: _Food, seen: Seen | None, form: Form, before: FormFit) -> FormFit | None:
+    """The form fitted finely from where it was found before, to what is seen along that or along another form."""
+    start = np.zeros(len(form.start))
+    start[: len(before.unknowns)] = before.unknowns
+    return fit_form(form, seen or _seen_along(food, before), FINE, ROUNDS, start)
+
+
+def _seen_along(food: _Food, near: FormFit) -> Seen:
+    """The food with its parallax along a form near it, and its outline in the second view around that form's."""
+    vertices, mesh = near.form.vertices(near.unknowns, FINE), near.form.topology(FINE)
+    covered = _covered_in_second(food, vertices, mesh)
+    surface = measure_along(food.sight, food.grey, (food.seen.mask, covered), vertices, mesh)
+    return replace(food.seen, surface=surface, outlines=(food.seen.outlines[0], _second_outline(food, covered)))
+
+
+def _covered_in_second(food: _Food, vertices: Float64Array, mesh: Topology) -> MaskArray:
+    """(H, W) what the form covers in the second view."""
+    pixels = food.sight.in_view(*food.sight.project(vertices), 1)
+    faces = mesh.faces[faces_towards(vertices, mesh.faces, food.sight.cameras_mm[1])]
+    return draw_mask(pixels, faces, food.seen.mask.shape)
+
+
+def _second_outline(food: _Food, covered: MaskArray) -> Outline | None:
+    """The food's outline in the second view, sought around the form's, by the colours beside the first view's.
+
+    covered: (H, W) by the form.
+    """
+    first = food.seen.outlines[0]
+    rings = rings_of_mask(covered)
+    if not rings or first is None:
+        return None
+    inside, outside = colours_beside(food.lab[0], first)
+    shift = first.points_px.mean(axis=0) - outline(rings, np.empty(0)).points_px.mean(axis=0)
+
+    def reference(points: Float64Array) -> tuple[Float64Array, Float64Array]:
+        _, nearest = first.tree.query(points + shift)
+        return inside[nearest], outside[nearest]
+
+    line = _without(snap(food.lab[1], rings, SNAP_SECOND_PX, reference), food.hidden_by[1])
+    return replace(line, weights=SECOND_WEIGHT * line.weights)
+
+
+def _measured(
+    region: Region, food: _Food, scene: _Scene, pose_sd: float, prior: FormPrior | None
+) -> MeasuredItem | None:
+    """One food: what fills a bowl by the bowl, everything else by its form."""
+    pair_sd = float(np.hypot(3 * SCALE_SD, pose_sd))
+    found = _of_bowl(region, food, scene, pair_sd) if region.vessel is not None else None
+    if found is None:
+        fits = _fit_families(food, prior)
+        if not fits:
+            return None
+        found = _of_forms(fits, pair_sd, prior)
+    volume, support_mm, flags = found
+    if is_low_texture(np.isfinite(scene.disparity.parallax_px), region.mask):
+        flags = (*flags, "low_texture")
+    return MeasuredItem(region, food.points, support_mm, volume, flags, food.sight)
+
+
+def _of_forms(
+    fits: Sequence[tuple[FormFit, float]], pair_sd: float, prior: FormPrior | None = None
+) -> tuple[Volume, float, tuple[str, ...]]:
+    """The families' volumes averaged by their evidence and what is known of the form; the likeliest one's slices."""
+    costs = np.array([cost for _, cost in fits])
+    misfit = max(1.0, costs[0] / max(fits[0][0].observations, 1.0))  # its own size tells what a difference is worth
+    log_evidence = -0.5 * (costs - costs[0]) / (TEMPER * misfit)
+    weights = np.exp(log_evidence)
+    flags: tuple[str, ...] = ()
+    if prior is not None:
+        names = [fit.form.name for fit, _ in fits]
+        weights *= [prior.factor(name) for name in names]
+        best_last = zip(names[::-1], log_evidence[::-1].tolist(), strict=True)
+        flags = ("form_unlikely",) if prior.is_unlikely(dict(best_last)) else ()
+    weights /= weights.sum()
+    best = fits[int(weights.argmax())][0]
+    logs = np.log([fit.volume_ml for fit, _ in fits])
+    spreads = np.array([fit.volume_sd_ml / fit.volume_ml for fit, _ in fits]) * np.sqrt(misfit)
+    mean = float(weights @ logs)
+    vertices, mesh = best.form.vertices(best.unknowns, EXACT), best.form.topology(EXACT)
+    support_mm = float(vertices[:, 2].min())
+    rest = np.array([FLAT_REST_SD if fit.form.is_flat else REST_SD for fit, _ in fits])
+    variance = float(weights @ (spreads**2 + (logs - mean) ** 2 + rest**2))
+    item_sd = float(np.hypot(np.sqrt(variance), FOOT_SD_MM / np.ptp(vertices[:, 2])))
+    slices = cut_sections(vertices, mesh.faces, support_mm)
+    middle, rest = vertices[:, :2].mean(axis=0), vertices - [0.0, 0.0, support_mm]
+    shape = ClosedShape(rest, mesh.faces)
+    return _volume(float(np.exp(mean)), pair_sd, item_sd, slices, middle, rest, shape), support_mm, flags
+
+
+def _of_bowl(
+    region: Region, food: _Food, scene: _Scene, pair_sd: float
+) -> tuple[Volume | None, float, tuple[str, ...]] | None:
+    """What fills the bowl that holds the food, without a volume where that would be a guess; None for one beside it."""
+    vessel = region.vessel
+    if vessel is None:
+        return None
+    table_mm = float(scene.table.height_mm(vessel.centre_mm))
+    content = measure_content(food.points, vessel, table_mm, food.support_mm, food.support_sd_mm)
+    if content is None and _is_beside(food.points, vessel):
+        return None
+    is_known = content is not None and content.sd_ml < UNKNOWN_INSIDE_SD * content.volume_ml
+    is_known &= len(vessel.wall_mm) > 0  # with no wall in view, what is like bowls alone would speak
+    flags = ("inside_guessed",) if is_known else ("not_measurable",)
+    if content is None or not is_known:
+        return None, food.support_mm, flags
+    rest = food.points - [0.0, 0.0, food.support_mm]
+    item_sd = content.sd_ml / content.volume_ml
+    volume = _volume(content.volume_ml, pair_sd, item_sd, content.slices, vessel.centre_mm, rest, content.shape)
+    return volume, food.support_mm, flags
+
+
+def _of_liquid(region: Region, vessel: FilledVessel, pair_sd: float) -> MeasuredItem:
+    """A liquid as its vessel measured it, without a volume where that would be a guess."""
+    liquid, points = vessel.liquid, vessel.surface_points()
+    volume = None
+    if liquid.is_measurable:
+        item_sd = liquid.sd_ml / liquid.volume_ml
+        middle, rest = vessel.rim.centre_mm, points - [0.0, 0.0, liquid.floor_mm]
+        volume = _volume(liquid.volume_ml, pair_sd, item_sd, liquid.slices, middle, rest, liquid.shape)
+    return MeasuredItem(region, points, liquid.floor_mm, volume, vessel.flags)
+
+
+def _is_beside(points_table: Float64Array, vessel: Vessel) -> bool:
+    """Whether most of a food lies outside the bowl's rim."""
+    return bool(np.median(np.linalg.norm(points_table[:, :2] - vessel.centre_mm, axis=1)) >= vessel.radius_mm)
+
+
+def _volume(
+    volume_ml: float,
+    pair_sd: float,
+    item_sd: float,
+    slices: tuple[Slice, ...],
+    middle_mm: Float64Array,
+    completed_mm: Float64Array,
+    shape: ClosedShape,
+) -> Volume:
+    volume_ml, factor = float(volume_ml), float(np.exp(NORMAL_90 * np.hypot(pair_sd, item_sd)))
+    return Volume(
+        volume_ml=volume_ml,
+        interval_ml=(volume_ml / factor, volume_ml * factor),
+        relative_sd={"pair": pair_sd, "item": item_sd},
+        form="ellipse",
+        axis=SymmetryAxis(middle_mm, 0.0, 1.0),
+        slices=slices,
+        completed_mm=completed_mm,
+        shape=shape,
+    )

@@ -1,0 +1,168 @@
+"""Parallax measured along a form's own surface: windows follow it, stop at its outline, and tell how sure they are.
+
+A form's vertices and both rectified views -> the parallax that the photographs show there, with its spread. A window
+that follows the surface needs no slant of its own and never mixes the food with what lies behind it, so that it reads
+right up to the rim, where volume is (surface-induced correlation).
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.vision.geometry.mesh import IntArray, Topology, faces_towards
+from app.vision.model import Float32Array, Float64Array, MaskArray
+from app.vision.stereo.sight import Sight
+
+WINDOW_PX = 21
+REACH_PX = 4  # of the search about the surface
+CLEAR_PX = 3  # of the food's outline, which blur, resampling and compression spread
+MIN_CORRELATION = 0.5
+MIN_SHARE = 0.35  # of a window that must lie on the food
+MIN_VARIANCE = 0.05  # grey levels squared: below it is rounding
+MIN_NOISE = 0.15  # grey levels squared
+SUBPIXEL_BITS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceParallax:
+    """parallax_px, sd_px: (h, w) of a window of the grid whose first pixel is origin (x, y); NaN where unmeasured."""
+
+    parallax_px: Float32Array
+    sd_px: Float32Array
+    origin: tuple[int, int]
+
+    def at(self, pixels: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """(n,) parallax and its sd at the nearest pixels; NaN outside."""
+        column, row = (np.rint(pixels).astype(np.int64) - self.origin).T
+        height, width = self.parallax_px.shape
+        inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
+        out = np.full((2, len(pixels)), np.nan)
+        out[0, inside] = self.parallax_px[row[inside], column[inside]]
+        out[1, inside] = self.sd_px[row[inside], column[inside]]
+        return out[0], out[1]
+
+
+def measure_along(
+    sight: Sight,
+    grey: tuple[Float32Array, Float32Array],
+    masks: tuple[MaskArray, MaskArray],
+    vertices: Float64Array,
+    mesh: Topology,
+) -> SurfaceParallax | None:
+    """The parallax near the surface; None where it is out of sight. grey, masks: both views, (H, W).
+
+    Only what lies clear of the food's outline in both views takes part: a horizon is another place in either, but it
+    is what correlates best.
+    """
+    drawn = draw_parallax(sight, vertices, mesh, masks[0].shape)
+    if drawn is None:
+        return None
+    surface, (left, top) = drawn
+    height, width = surface.shape
+    window = (slice(top, top + height), slice(left, left + width))
+    clear = _eroded(masks[0][window], CLEAR_PX), _eroded(masks[1], CLEAR_PX + REACH_PX)
+    offset, sd = _correlate(grey[0][window], grey[1], surface, clear, (left, top))
+    return SurfaceParallax(surface + offset, sd, (left, top))
+
+
+def draw_parallax(
+    sight: Sight, vertices: Float64Array, mesh: Topology, shape: tuple[int, ...]
+) -> tuple[Float32Array, tuple[int, int]] | None:
+    """(h, w) parallax of the surface as the first view sees it, NaN beside it, and the window's origin (x, y).
+
+    Parallax is affine over a plane triangle, as inverse depth is.
+    """
+    pixels, parallax = sight.project(vertices)
+    low = np.maximum(np.floor(pixels.min(axis=0)).astype(np.int64) - 1, 0)
+    high = np.minimum(np.ceil(pixels.max(axis=0)).astype(np.int64) + 2, [shape[1], shape[0]])
+    faces = mesh.faces[faces_towards(vertices, mesh.faces, sight.cameras_mm[0])]
+    if len(faces) == 0 or (high - low < 4).any():
+        return None
+    faces = faces[np.argsort(parallax[faces].mean(axis=1))]  # the nearest are drawn last
+    corners = pixels[faces] - low
+    number = np.full((int(high[1] - low[1]), int(high[0] - low[0])), -1, np.int32)
+    for index, corner in enumerate(_fixed(corners)):
+        cv2.fillConvexPoly(number, corner, index, cv2.LINE_8, SUBPIXEL_BITS)
+    system = np.concatenate([corners, np.ones((len(faces), 3, 1))], axis=2)
+    system[np.abs(np.linalg.det(system)) < 1e-6] = np.eye(3)
+    planes = np.linalg.solve(system, parallax[faces][:, :, None])[:, :, 0]
+    rows, columns = np.nonzero(number >= 0)
+    which = number[rows, columns]
+    value = planes[which, 0] * columns + planes[which, 1] * rows + planes[which, 2]
+    of_corners = parallax[faces][which]
+    out = np.full(number.shape, np.nan, np.float32)
+    out[rows, columns] = np.clip(value, of_corners.min(axis=1), of_corners.max(axis=1))
+    return out, (int(low[0]), int(low[1]))
+
+
+def _eroded(mask: MaskArray, across_px: int) -> MaskArray:
+    """The mask less CLEAR_PX above and below, and across_px along the rows, which are searched."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * across_px + 1, 2 * CLEAR_PX + 1))
+    return cv2.erode(mask.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+
+
+def draw_mask(pixels: Float64Array, faces: IntArray, shape: tuple[int, ...]) -> MaskArray:
+    """(H, W) what triangles with corners at (n, 2) px cover."""
+    out = np.zeros(shape, np.uint8)
+    for corner in _fixed(pixels[faces]):
+        cv2.fillConvexPoly(out, corner, 1, cv2.LINE_8, SUBPIXEL_BITS)
+    return out > 0
+
+
+def _fixed(pixels: Float64Array) -> NDArray[np.int32]:
+    return np.rint(pixels * (1 << SUBPIXEL_BITS)).astype(np.int32)
+
+
+def _correlate(
+    first: Float32Array,
+    second: Float32Array,
+    surface: Float32Array,
+    masks: tuple[MaskArray, MaskArray],
+    origin: tuple[int, int],
+) -> tuple[Float32Array, Float32Array]:
+    """(h, w) by how much the parallax differs from the surface's, and its sd, by masked NCC and a parabola.
+
+    The sd is what noise of the size that the correlation shows makes of the place of a peak so sharp. masks: of the
+    first view's window and of the whole second view.
+    """
+    height, width = surface.shape
+    rows, columns = (
+        np.ascontiguousarray(each, np.float32)
+        for each in np.meshgrid(np.arange(height) + origin[1], np.arange(width) + origin[0], indexing="ij")
+    )
+    columns -= np.nan_to_num(surface)
+    on_second = cv2.remap(masks[1].astype(np.uint8), columns, rows, cv2.INTER_NEAREST) > 0
+    on_food = (np.isfinite(surface) & masks[0] & on_second).astype(np.float32)
+    share = np.maximum(_sum(on_food), np.float32(1e-3))
+    mean = _sum(first * on_food) / share
+    variance = _sum(first * first * on_food) / share - mean * mean
+    scores = []
+    for shift in range(-REACH_PX, REACH_PX + 1):
+        moved = cv2.remap(second, columns - np.float32(shift), rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        mean_moved = _sum(moved * on_food) / share
+        variance_moved = _sum(moved * moved * on_food) / share - mean_moved * mean_moved
+        covariance = _sum(first * moved * on_food) / share - mean * mean_moved
+        scores.append(
+            covariance / np.sqrt(np.maximum(variance, MIN_VARIANCE) * np.maximum(variance_moved, MIN_VARIANCE))
+        )
+    stack = np.stack(scores)
+    best = stack.argmax(axis=0)
+    peak = np.clip(best, 1, 2 * REACH_PX - 1)
+    less, here, more = (np.take_along_axis(stack, (peak + side)[None], axis=0)[0] for side in (-1, 0, 1))
+    curvature = np.minimum(less - 2 * here + more, -1e-6)
+    offset = peak - REACH_PX + np.clip(0.5 * (less - more) / curvature, -1, 1)
+    # How sharp the peak is tells of the gradients that both views share; those of noise alone make no peak.
+    noise = np.maximum((1 - np.clip(here, 0, 1)), MIN_NOISE / np.maximum(variance, MIN_VARIANCE))
+    sd = 2 * np.sqrt(noise / (share * -curvature))
+    is_good = (on_food > 0) & (best == peak) & (here > MIN_CORRELATION) & (share > MIN_SHARE * WINDOW_PX**2)
+    nan = np.float32(np.nan)
+    return np.where(is_good, offset, nan).astype(np.float32), np.where(is_good, sd, nan).astype(np.float32)
+
+
+def _sum(image: Float32Array) -> Float32Array:
+    side = (WINDOW_PX, WINDOW_PX)
+    return np.asarray(
+        cv2.boxFilter(image, cv2.CV_32F, side, normalize=False, borderType=cv2.BORDER_CONSTANT), np.float32
+    )

@@ -1,0 +1,102 @@
+"""Volume of one food: V = sum of V_k over its slices (paper, eq. 15), and the doubt about it.
+
+Points of the visible side in the table frame and the support's height -> ml with a 90 % interval.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.units import ml_from_mm3
+from app.vision.geometry.mesh import ClosedShape
+from app.vision.geometry.slices import Slice, carve, cut_slices, slice_thickness_mm
+from app.vision.geometry.solids import stack_of_slices
+from app.vision.geometry.symmetry import SymmetryAxis, complete, fit_axis, main_body
+from app.vision.model import Float64Array, MaskArray, SliceForm
+
+METHOD_SD = 0.077 * 1.2533  # the paper's mean error over six fruit (Table I); times sqrt(pi / 2) a mean error is an sd
+SCALE_SD = 0.005  # of the print's side, relative; cubed in a volume
+HIDDEN_SD = 0.15  # of the volume that no view shows, relative
+SUPPORT_SD_MM = 1.5  # height of the support under a food
+NORMAL_90 = 1.645
+MIN_POINTS = 60
+MIN_SLICES = 3
+TOP_QUANTILE = 0.999  # of heights; higher points are strays
+
+
+@dataclass(frozen=True, slots=True)
+class Volume:
+    """A food's volume and how it came about. relative_sd: see ItemEstimate. form: that its slices were fitted with.
+
+    shape: the closed surface that stands for it. It holds volume_ml but where that is an average over several shapes
+    (the default method), of which it is the likeliest.
+    """
+
+    volume_ml: float
+    interval_ml: tuple[float, float]
+    relative_sd: dict[str, float]
+    form: SliceForm
+    axis: SymmetryAxis
+    slices: tuple[Slice, ...]
+    completed_mm: Float64Array
+    shape: ClosedShape
+
+
+def estimate_volume(
+    points_table: Float64Array,
+    support_mm: float,
+    form: SliceForm | None,
+    camera_mm: Float64Array,
+    is_in_outline: Callable[[Float64Array], MaskArray] | None = None,
+    *,
+    pose_sd: float = 0.0,
+) -> Volume | None:
+    """Volume over the support by symmetric completion and slices. points_table: (n, 3) mm, z up; None if too few.
+
+    camera_mm: (3,) first camera's centre. is_in_outline: (n, 3) mm, table frame -> (n,) whether the points project into
+    the food's mask; None: not known. pose_sd: relative, see pose_doubt.py. The interval is 90 %,
+    log-normal: sd by part, "pair" (the print's scale, cubed; the poses) and "item": the slices' residuals, the hidden
+    share, the support's height over the food's, and the method's own error, which is taken from the paper's Table I.
+    """
+    points = np.asarray(points_table, np.float64) - [0.0, 0.0, support_mm]
+    points = points[points[:, 2] > 0]
+    if len(points) < MIN_POINTS:
+        return None
+    points = main_body(points)
+    top = float(np.quantile(points[:, 2], TOP_QUANTILE))
+    points = points[points[:, 2] <= top]
+    thickness = slice_thickness_mm(top)
+    towards_camera = np.asarray(camera_mm[:2], np.float64) - np.median(points[:, :2], axis=0)
+    towards_camera /= max(float(np.linalg.norm(towards_camera)), 1e-9)
+    axis = fit_axis(points, thickness, form, towards_camera)
+    chosen: SliceForm = form or ("ellipse" if axis.aspect > 1.0 else "circle")
+    completed = complete(points, thickness, axis)
+    slices = cut_slices(completed, thickness, axis, chosen, towards_camera)
+    if is_in_outline is not None and slices:
+        slices = carve(slices, lambda above: is_in_outline(above + np.array([0.0, 0.0, support_mm])))
+    if len(slices) < MIN_SLICES:
+        return None
+    volume_ml = sum(each.volume_ml for each in slices)
+    relative_sd = {"pair": float(np.hypot(3 * SCALE_SD, pose_sd)), "item": _item_sd(slices, volume_ml)}
+    spread = float(np.exp(NORMAL_90 * np.hypot(relative_sd["pair"], relative_sd["item"])))
+    return Volume(
+        volume_ml=volume_ml,
+        interval_ml=(volume_ml / spread, volume_ml * spread),
+        relative_sd=relative_sd,
+        form=chosen,
+        axis=axis,
+        slices=tuple(slices),
+        completed_mm=completed,
+        shape=stack_of_slices(slices),
+    )
+
+
+def _item_sd(slices: list[Slice], volume_ml: float) -> float:
+    hidden_ml = sum(each.volume_ml for each in slices if each.source in ("mirrored", "continued"))
+    # A radius' relative error counts twice in an area. Half of it is the form's misfit, whose area is kept.
+    residual = float(np.average([each.residual for each in slices], weights=[each.area_mm2 for each in slices]))
+    foot_ml = ml_from_mm3(slices[0].area_mm2 * SUPPORT_SD_MM)
+    return float(
+        np.sqrt(METHOD_SD**2 + residual**2 + (HIDDEN_SD * hidden_ml / volume_ml) ** 2 + (foot_ml / volume_ml) ** 2)
+    )

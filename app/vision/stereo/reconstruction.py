@@ -1,0 +1,69 @@
+"""From disparity to points: depth by tie points on the checkerboard, back-projection, the table frame.
+
+Disparity on the row-aligned pair (px) -> depth Z = p + q / disparity (paper, eq. 14) -> points (mm), z up.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.vision.board.pose import bent_points
+from app.vision.model import Float32Array, Float64Array
+from app.vision.stereo.rectification import RectifiedPair, to_rectified_px
+from app.vision.stereo.relative_pose import RefinedViews
+
+
+@dataclass(frozen=True, slots=True)
+class DepthModel:
+    """Z = p + q / disparity (eq. 14). p_mm: mm; 0 for ideal views. q_mm_px: mm px; f B for ideal views (eq. 11, 13)."""
+
+    p_mm: float
+    q_mm_px: float
+
+    def depth_mm(self, disparity_px: Float32Array) -> Float32Array:
+        """Depth along the rectified optical axis, mm; NaN where the disparity is NaN or <= 0."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = np.float32(self.p_mm) + np.float32(self.q_mm_px) / np.asarray(disparity_px, np.float32)
+            return np.where(disparity_px > 0, depth, np.float32(np.nan))
+
+
+def fit_depth_model(disparity_px: Float64Array, depth_mm: Float64Array) -> DepthModel:
+    """Fit p and q by least squares over tie points (eq. 14).
+
+    disparity_px, depth_mm: (n,), n >= 2, of more than one depth.
+
+    Minimises the error in disparity rather than in depth, which is where a corner's noise is: d (Z - p) = q. Raises
+    ValueError for fewer than two distinct tie points.
+    """
+    if len(disparity_px) < 2 or np.ptp(disparity_px) <= 0:
+        raise ValueError("Two tie points of different disparity are needed.")
+    design = np.column_stack([np.ones_like(disparity_px), 1.0 / disparity_px]) * disparity_px[:, None]
+    (p_mm, q_mm_px), *_ = np.linalg.lstsq(design, depth_mm * disparity_px, rcond=None)
+    return DepthModel(float(p_mm), float(q_mm_px))
+
+
+def fit_to_marker(pair: RectifiedPair, views: RefinedViews) -> DepthModel:
+    """The depth model with the checkerboard's corners as tie points: disparities as seen, depths by the poses."""
+    first_px = to_rectified_px(pair, views.first, views.first.marker.corners_px)
+    second_px = to_rectified_px(pair, views.second, views.second.marker.corners_px)
+    corners = bent_points(views.first.marker.spec, views.bend_mm)
+    return fit_depth_model(first_px[:, 0] - second_px[:, 0], pair.project(corners)[:, 2])
+
+
+def plane_points(pair: RectifiedPair) -> Float32Array:
+    """(H, W, 3) where each pixel's ray meets the marker's plane, table frame, mm; NaN above the horizon."""
+    ideal = DepthModel(0.0, pair.focal_px * pair.baseline_mm)
+    return back_project(pair, ideal.depth_mm(pair.plane_disparity_px()))
+
+
+def back_project(pair: RectifiedPair, depth_mm: Float32Array) -> Float32Array:
+    """(H, W, 3) points in the table frame, mm, from depth (H, W) along the rectified axis (eq. 12-13); NaN kept."""
+    height, width = depth_mm.shape
+    u = (np.arange(width) - pair.centre_px[0]) / pair.focal_px
+    v = ((np.arange(height) - pair.centre_px[1]) / pair.focal_px)[:, None]
+    points = np.empty((height, width, 3), np.float32)
+    for axis in range(3):  # a ray's part along a table axis is linear in u and v; no (H, W, 3) of float64 is needed
+        along_x, along_y, along_z = pair.rotation[:, axis]
+        ray = (along_x * u).astype(np.float32) + (along_y * v + along_z).astype(np.float32)
+        np.add(ray * depth_mm, np.float32(pair.first_centre_mm[axis]), out=points[..., axis])
+    return points

@@ -1,0 +1,88 @@
+"""Whether nothing moved between the two photographs: the table must lie at the marker, the matches on their lines.
+
+A marker that was pushed along the line between the cameras leaves every match on its epipolar line, and lifts or sinks
+all that is measured; pushed in any other way, it leaves few matches there. Either way volumes would be nonsense.
+"""
+
+import numpy as np
+
+from app.errors import Failure
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import Float32Array, MaskArray
+from app.vision.stereo.epipolar import surely_on_epipolar_lines
+from app.vision.stereo.features import Matches, sheet_half_mm
+from app.vision.stereo.relative_pose import RefinedViews
+from app.vision.stereo.table_matches import points_of_matches
+
+RING_MM = (0.0, 50.0)  # around the sheet: on the table, and seldom much of a plate
+AT_MARKER_MM = 8.0  # over or under its plane: a bent sheet, or one on a place mat
+MIN_SHARE_AT_MARKER = 0.4  # of what is measured in the ring; a plate's rim beside the sheet takes some of it
+MIN_MEASURED = 500  # pixels of the ring
+MIN_SHARE_ON_LINES = 0.25  # of the matches beside the board; repeated patterns make wrong ones
+MIN_JUDGED_MATCHES = 20
+UNDER_MM, UNDER_SD = 14.0, 3.0  # more than a plaque is thick, and standard deviations of a match's height beyond it
+SURE_HEIGHT_MM = 2.0  # standard deviation up to which a height is sure
+MAX_SHARE_UNDER = 0.2  # of the matches: on a cloth whose pattern repeats some are wrong
+ADVICE = "Lay the marker flat on the table beside the plate, and move nothing between the two photographs."
+
+
+def judge_matches(matches: Matches, is_good: MaskArray) -> Failure | None:
+    """Failure "scene_moved" if hardly a match beside the board lies on its epipolar line; None if enough do.
+
+    is_good: (n,) whether a match does.
+    """
+    beside = ~matches.is_board
+    judged, good = int(np.count_nonzero(beside)), int(np.count_nonzero(beside & is_good))
+    if judged < MIN_JUDGED_MATCHES or good >= MIN_SHARE_ON_LINES * judged:
+        return None
+    return Failure(
+        "scene_moved",
+        f"The marker and the rest of the meal moved against each other: {judged} points were found again in the other "
+        f"photograph, but only {good} of them where the marker puts them.",
+        ADVICE,
+    )
+
+
+def judge_heights(views: RefinedViews, matches: Matches) -> Failure | None:
+    """Failure "scene_moved" if much lies under the marker's plane, where nothing can be; None if hardly anything does.
+
+    A marker pushed by some millimetres leaves the table tilted under it. Poses that are unsure tilt it as well: only
+    matches whose heights are sure are judged.
+    """
+    sure = surely_on_epipolar_lines(views.first, views.second, matches)
+    if np.count_nonzero(sure) < MIN_JUDGED_MATCHES:
+        return None
+    points, doubt_mm = points_of_matches(
+        views.first, views.second, views.doubts, matches.first_px[sure], matches.second_px[sure]
+    )
+    heights, doubt_mm = points[doubt_mm < SURE_HEIGHT_MM, 2], doubt_mm[doubt_mm < SURE_HEIGHT_MM]
+    is_under = heights < -UNDER_MM - UNDER_SD * doubt_mm
+    if len(heights) < MIN_JUDGED_MATCHES or np.mean(is_under) < MAX_SHARE_UNDER:
+        return None
+    return Failure(
+        "scene_moved",
+        f"Much of the scene seems to lie {-float(np.median(heights[is_under])):.0f} mm under the marker: one of them "
+        "was moved between the two photographs, or the marker does not lie on the table.",
+        ADVICE,
+    )
+
+
+def judge_table(spec: MarkerSpec, plane_mm: Float32Array, points_table: Float32Array) -> Failure | None:
+    """Failure "scene_moved" if what surrounds the sheet does not lie at its height; None if it does or is not seen.
+
+    plane_mm: (H, W, 3) where each line of sight meets the marker's plane. points_table: (H, W, 3) mm, NaN.
+    """
+    half = sheet_half_mm(spec)
+    x, y = (np.maximum(np.abs(plane_mm[..., axis]) - np.float32(half[axis]), 0) for axis in (0, 1))
+    beyond = np.sqrt(x * x + y * y)
+    height = points_table[..., 2]
+    around = height[(beyond > RING_MM[0]) & (beyond < RING_MM[1]) & np.isfinite(height)]
+    if len(around) < MIN_MEASURED or np.mean(np.abs(around) < AT_MARKER_MM) >= MIN_SHARE_AT_MARKER:
+        return None
+    middle = float(np.median(around))
+    return Failure(
+        "scene_moved",
+        f"The table around the marker seems to lie {abs(middle):.0f} mm {'over' if middle > 0 else 'under'} it: one of "
+        "them was moved between the two photographs, or the marker does not lie on the table.",
+        ADVICE,
+    )

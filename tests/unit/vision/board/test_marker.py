@@ -1,0 +1,272 @@
+"""Finding the board: corners against the projection of true ones, order, agreement of two views, and every refusal."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from app.errors import Failure, InvalidInputError
+from app.vision.board.marker import agree_on_corners, find_marker, readings
+from app.vision.intrinsics import Camera
+from app.vision.marker_spec import MarkerSpec, parse_marker
+from app.vision.model import MarkerObservation, Photo, PhotoPair
+from app.vision.photo import read_photo
+from tests.unit.vision.synthetic import (
+    PHONE,
+    Pose,
+    corner_points,
+    look_at,
+    noise_texture,
+    paint_over,
+    project,
+    render_board,
+)
+
+PLAIN, ODD, COLOUR = parse_marker("plain:9x7:11"), parse_marker("plain:10x7:11"), parse_marker("colour:4x5:12")
+# Sub-pixel detectors leave 0.05 to 0.1 px under this noise and blur; the colour board's squares differ in contrast.
+CORNER_RMS_PX = {"plain": 0.15, "colour": 0.2}
+
+
+def observe(photo: Photo, spec: MarkerSpec) -> MarkerObservation:
+    seen = find_marker(photo, spec)
+    assert isinstance(seen, MarkerObservation), seen
+    return seen
+
+
+def rms(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.sum((a - b) ** 2, axis=1))))
+
+
+def refusal(photo: Photo, spec: MarkerSpec) -> Failure:
+    failure = find_marker(photo, spec, "left")
+    assert isinstance(failure, Failure)
+    assert "left" in failure.message
+    assert failure.advice
+    return failure
+
+
+@pytest.mark.parametrize("text", ["plain:9x7:11", "colour:4x5:12", "plain:20x14:6.5", "plain:9x7:11:thick=8.7"])
+def test_marker_text_is_read_and_written_back(text):
+    assert str(parse_marker(text)) == text
+
+
+BAD_TEXTS = (
+    "|plain|plain:9x7|plain:9x7:0|plain:9x7:-1|plain:3x7:11|plain:9x41:11|plain:9x7:201|dots:9x7:11|colour:9x7:11"
+    "|plain:9x7:11:thick=51|plain:9x7:11:thick=|plain:9x7:11:thick=-2|plain:9x7:11:8.7"
+    "|plain:9x7:nan|plain:9x7:1e2|plain:9x7:11\n|plain:9×7:11|plain:٩x7:11"
+)
+
+
+@pytest.mark.parametrize("text", BAD_TEXTS.split("|"))
+def test_bad_marker_text_is_refused_with_a_sentence(text):
+    with pytest.raises(InvalidInputError) as refused:
+        parse_marker(text)
+    assert refused.value.code == "marker_invalid"
+    assert refused.value.message.endswith(".")
+
+
+@pytest.mark.parametrize("spec", [ODD, COLOUR], ids=str)
+@pytest.mark.parametrize(
+    ("elevation_deg", "azimuth_deg", "roll_deg"), [(50, -90, 0), (70, 30, 90), (40, 150, -135), (30, -60, 20)]
+)
+def test_corners_are_where_they_are_and_in_the_prints_order(spec, elevation_deg, azimuth_deg, roll_deg):
+    pose = look_at(elevation_deg, azimuth_deg, roll_deg=roll_deg)
+    photo = render_board(spec, PHONE, pose, table=noise_texture(1))
+    seen = observe(photo, spec)
+    assert rms(seen.corners_px, project(PHONE, pose, corner_points(spec))) < CORNER_RMS_PX[spec.kind]
+
+
+def test_lens_distortion_does_not_hide_the_board():
+    camera = replace(PHONE, distortion=(-0.25, 0.1, 0.001, -0.001, 0.0))
+    pose = look_at(55, -70, 250.0, target_mm=(60, 30, 0))
+    seen = observe(render_board(ODD, camera, pose, table=noise_texture(2)), ODD)
+    assert rms(seen.corners_px, project(camera, pose, corner_points(ODD))) < CORNER_RMS_PX["plain"]
+
+
+def test_corners_come_through_a_hard_shadow():
+    pose = look_at(50, -80)
+    seen = observe(render_board(ODD, PHONE, pose, shadow=0.3, table=noise_texture(3)), ODD)
+    # A shadow's edge as sharp as a print's moves the corners that it runs through; they may stay within half a pixel.
+    assert rms(seen.corners_px, project(PHONE, pose, corner_points(ODD))) < 0.4
+
+
+def test_ambiguous_board_is_never_mirrored():
+    pose = look_at(50, 20, roll_deg=70)
+    seen = observe(render_board(PLAIN, PHONE, pose), PLAIN)
+    truth = project(PHONE, pose, corner_points(PLAIN))
+    assert min(rms(seen.corners_px, truth), rms(seen.corners_px, truth[::-1])) < CORNER_RMS_PX["plain"]
+
+
+@pytest.mark.parametrize(
+    ("marker", "ways"), [("plain:9x7:11", 2), ("plain:10x7:11", 1), ("plain:8x8:11", 2), ("plain:7x7:11", 4)]
+)
+def test_readings_are_those_that_the_looks_allow(marker, ways):
+    spec = parse_marker(marker)
+    observation = MarkerObservation(spec, corner_points(spec)[:, :2])
+    assert len(readings(observation)) == ways
+    assert readings(observation)[0].corners_px == pytest.approx(observation.corners_px)
+
+
+@pytest.mark.parametrize(
+    ("spec", "right_roll_deg"), [(PLAIN, 0), (PLAIN, 90), (PLAIN, 180), (parse_marker("plain:7x7:12"), -90)], ids=str
+)
+def test_views_agree_whichever_way_the_phone_is_rolled(spec, right_roll_deg):
+    poses = look_at(50, -97), look_at(47, -83, roll_deg=right_roll_deg)
+    assert_agree(spec, poses, (5, 5))
+
+
+@pytest.mark.parametrize("right_roll_deg", [0, 90])
+def test_views_from_straight_above_agree_by_what_lies_around(right_roll_deg):
+    poses = look_at(88, -97), look_at(86, 60, roll_deg=right_roll_deg)
+    assert_agree(PLAIN, poses, (6, 6))
+
+
+def test_views_from_straight_above_of_a_bare_table_agree_by_the_smaller_roll():
+    poses = look_at(88, -97), look_at(87, -85, roll_deg=10)
+    assert_agree(PLAIN, poses, (None, None))
+
+
+def assert_agree(spec: MarkerSpec, poses: tuple[Pose, Pose], textures: tuple[int | None, int | None]) -> None:
+    tables = [None if seed is None else noise_texture(seed) for seed in textures]
+    photos = [render_board(spec, PHONE, pose, table=table) for pose, table in zip(poses, tables, strict=True)]
+    seen = [observe(photo, spec) for photo in photos]
+    for way in readings(seen[1]):  # whatever the detector chose
+        left, right = agree_on_corners(PhotoPair(*photos), seen[0], way)
+        truth = [MarkerObservation(spec, project(PHONE, pose, corner_points(spec))) for pose in poses]
+        turns = [
+            int(np.argmin([rms(reading.corners_px, observed.corners_px) for reading in readings(true)]))
+            for true, observed in zip(truth, (left, right), strict=True)
+        ]
+        assert turns[0] == turns[1]
+
+
+def test_blank_photograph_has_no_marker():
+    assert refusal(Photo(np.full((900, 1200, 3), 128, np.uint8)), PLAIN).code in {"marker_not_found", "image_blurred"}
+
+
+@pytest.mark.parametrize("spec", [PLAIN, COLOUR], ids=str)
+def test_textured_table_has_no_marker(spec):
+    table = cv2.resize((255 * noise_texture(4, 300)).astype(np.uint8), (1200, 900), interpolation=cv2.INTER_NEAREST)
+    assert refusal(Photo(table), spec).code == "marker_not_found"
+
+
+def test_chequered_cloth_is_not_the_announced_board():
+    squares = (np.add.outer(np.arange(900) // 40, np.arange(1200) // 40) % 2 * 180 + 30).astype(np.uint8)
+    photo = Photo(np.repeat(squares[..., None], 3, axis=2))
+    assert refusal(photo, PLAIN).code in {"marker_mismatch", "marker_covered", "marker_not_found"}
+
+
+@pytest.mark.parametrize(
+    ("printed", "announced"),
+    [
+        ("plain:7x5:14", "plain:9x7:11"),
+        ("plain:9x7:11", "plain:7x5:11"),
+        ("plain:10x7:11", "plain:9x7:11"),
+        ("colour:4x5:12", "plain:9x7:11"),
+        ("plain:9x7:11", "colour:4x5:12"),
+        ("plain:4x5:12", "colour:4x5:12"),
+        ("colour:4x5:12", "plain:4x5:12"),
+    ],
+)
+def test_another_board_than_announced_is_a_mismatch(printed, announced):
+    photo = render_board(parse_marker(printed), PHONE, look_at(55, -70), table=noise_texture(7))
+    assert refusal(photo, parse_marker(announced)).code == "marker_mismatch"
+
+
+@pytest.mark.parametrize(
+    ("printed", "announced", "seen"),
+    [("plain:9x7:11", "plain:8x6:11", "9x7"), ("plain:7x10:11", "plain:6x9:11", "7x10")],
+)
+def test_announced_inner_corners_are_told_from_squares(printed, announced, seen):
+    photo = render_board(parse_marker(printed), PHONE, look_at(55, -70), table=noise_texture(7))
+    failure = refusal(photo, parse_marker(announced))
+    assert failure.code == "marker_mismatch"
+    assert f"{seen} squares" in failure.message
+    assert "count squares, not inner corners" in failure.message
+    assert printed in failure.advice
+
+
+def test_other_size_is_told_with_what_was_announced():
+    photo = render_board(parse_marker("plain:7x5:14"), PHONE, look_at(55, -70), table=noise_texture(7))
+    message = refusal(photo, PLAIN).message
+    assert "7x5 squares" in message
+    assert "plain:9x7:11" in message
+    assert "inner corners" not in message
+
+
+def test_board_that_fills_the_photograph_is_found():
+    pose = look_at(70, -90, 110.0)
+    photo = render_board(parse_marker("plain:7x6:11"), PHONE, pose)
+    spec = parse_marker("plain:7x6:11")
+    assert rms(observe(photo, spec).corners_px, project(PHONE, pose, corner_points(spec))) < CORNER_RMS_PX["plain"]
+
+
+@pytest.mark.slow
+def test_board_among_aruco_tags_is_found():
+    assert isinstance(find_marker(Photo(board_among_tags()), parse_marker("plain:9x7:9")), MarkerObservation)
+
+
+def board_among_tags():
+    """A slanted sheet with a frame of ArUco tags, all corners of squares, and a 9x7 board of squares that small."""
+    tags = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
+    sheet = np.full((1120, 800), 245, np.uint8)
+    for row, column in np.ndindex(7, 5):
+        if row in (0, 6) or column in (0, 4):
+            y, x = 20 + 157 * row, 15 + 157 * column
+            sheet[y : y + 137, x : x + 137] = cv2.aruco.generateImageMarker(tags, 5 * row + column, 137)
+    squares = np.pad(np.where(np.indices((9, 7)).sum(axis=0) % 2, 250, 20), 1, constant_values=250)
+    sheet[400:785, 30:345] = np.kron(squares, np.ones((35, 35)))
+    corners = np.array([[0, 0], [800, 0], [800, 1120], [0, 1120]], np.float32)
+    seen = np.array([[820, 40], [1065, 410], [305, 690], [175, 200]], np.float32)
+    image = cv2.warpPerspective(sheet, cv2.getPerspectiveTransform(corners, seen), (1280, 720), borderValue=130)
+    return cv2.cvtColor(cv2.GaussianBlur(image, (0, 0), 1.0), cv2.COLOR_GRAY2BGR)
+
+
+def test_partly_covered_board_is_told():
+    pose = look_at(60, -90)
+    photo = render_board(PLAIN, PHONE, pose)
+    lying = np.array([[15.0, -80, 0], [90, -80, 0], [90, 80, 0], [15, 80, 0]])
+    assert refusal(paint_over(photo, project(PHONE, pose, lying)), PLAIN).code == "marker_covered"
+
+
+def test_board_half_outside_the_photograph_is_told():
+    photo = render_board(PLAIN, PHONE, look_at(60, -90, 250.0, target_mm=(140, 0, 0)))
+    assert refusal(photo, PLAIN).code in {"marker_covered", "marker_not_found"}
+
+
+def test_dark_photograph_is_called_dark():
+    photo = render_board(PLAIN, PHONE, look_at(), exposure=0.005, noise=1.0)
+    assert refusal(photo, PLAIN).code == "image_too_dark"
+
+
+@pytest.mark.parametrize("blur_px", [5.0, 12.0, 25.0])
+def test_blurred_photograph_is_called_blurred(blur_px):
+    photo = render_board(PLAIN, PHONE, look_at(), blur_px=blur_px, table=noise_texture(8))
+    assert refusal(photo, PLAIN).code == "image_blurred"
+
+
+def test_dim_but_readable_board_is_found():
+    photo = render_board(COLOUR, PHONE, look_at(), exposure=0.08, noise=2.5, table=noise_texture(9))
+    assert find_marker(photo, COLOUR)
+
+
+def test_warm_light_leaves_the_colour_board_readable():
+    photo = render_board(COLOUR, PHONE, look_at(), table=noise_texture(10))
+    warm = (photo.pixels_bgr * np.array([0.6, 0.85, 1.0])).astype(np.uint8)
+    assert find_marker(replace(photo, pixels_bgr=warm), COLOUR)
+
+
+def test_twelve_megapixels_are_found_on_the_reduced_image_and_refined_on_the_whole():
+    camera = Camera(4032, 3024, 3100.0, 3100.0, 2015.5, 1511.5)
+    pose = look_at(45, -60, 450.0, target_mm=(80, 40, 0))
+    photo = render_board(ODD, camera, pose, blur_px=1.0)
+    assert rms(observe(photo, ODD).corners_px, project(camera, pose, corner_points(ODD))) < CORNER_RMS_PX["plain"]
+
+
+def test_every_photograph_of_a_real_board_is_found(shared_data):
+    spec = parse_marker("plain:10x7:25")
+    files = sorted((shared_data / "photos" / "chessboards").glob("*.jpg"))
+    assert len(files) == 26
+    missing = [file.name for file in files if not find_marker(read_photo(file.read_bytes(), max_pixels=10**7), spec)]
+    assert missing == []

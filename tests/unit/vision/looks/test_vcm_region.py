@@ -1,0 +1,222 @@
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.vision.looks.vcm_region import MARGIN, SIDE_PX, region_of_box, region_of_rings
+from tests.unit.vision.food_regions import plain, speckled
+
+HUGE = 1e12
+
+
+def square(low: float, high: float) -> np.ndarray:
+    return np.array([[low, low], [high, low], [high, high], [low, high]], np.float64)
+
+
+def circle(x: float, y: float, radius: float, corners: int = 90) -> np.ndarray:
+    angles = np.linspace(0.0, 2.0 * np.pi, corners, endpoint=False)
+    return np.stack([x + radius * np.cos(angles), y + radius * np.sin(angles)], axis=1)
+
+
+def disc_on_a_ground(side: int, x: float, y: float, radius: float) -> np.ndarray:
+    """A red disc on a grey ground, both with a little noise."""
+    rows, columns = np.mgrid[:side, :side]
+    picture = np.where((np.hypot(columns - x, rows - y) <= radius)[..., None], (40, 40, 190), (150, 150, 150))
+    noise = np.random.default_rng(0).normal(0.0, 4.0, picture.shape)
+    return np.clip(picture + noise, 0, 255).astype(np.uint8)
+
+
+def overlap(a: np.ndarray, b: np.ndarray) -> float:
+    return np.count_nonzero(a & b) / np.count_nonzero(a | b)
+
+
+def inside_by_crossings(rings: list[np.ndarray], x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The even-odd rule by its definition: edges crossed by a ray to the right."""
+    crossed = np.zeros(x.shape, int)
+    for ring in rings:
+        for (ax, ay), (bx, by) in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+            if ay != by:
+                crossed += ((ay > y) != (by > y)) & (x < ax + (y - ay) * (bx - ax) / (by - ay))
+    return crossed % 2 == 1
+
+
+# ---- outlines
+
+
+def test_mask_of_rings_is_that_of_the_even_odd_rule_with_its_hole():
+    photo = speckled(300)
+    star = circle(150, 140, 1.0, corners=14)
+    star = (star - (150, 140)) * np.where(np.arange(14) % 2, 60.0, 110.0)[:, None] + (150, 140)
+    rings = [star, circle(150, 140, 25)]
+    region = region_of_rings(photo, rings)
+    low, high = star.min(axis=0), star.max(axis=0)
+    scale = SIDE_PX / (high - low).max()
+    origin = np.maximum(0.0, np.floor(low - MARGIN * (high - low)))
+    rows, columns = np.mgrid[: region.mask.shape[0], : region.mask.shape[1]]
+    truth = inside_by_crossings(rings, columns / scale + origin[0], rows / scale + origin[1])
+    assert overlap(region.mask, truth) > 0.94  # OpenCV draws the outline's own pixels too
+    assert not region.mask[round((140 - origin[1]) * scale), round((150 - origin[0]) * scale)]
+
+
+def test_longer_side_of_a_region_has_the_one_size_whatever_the_photographs():
+    for side in (90, 700):
+        region = region_of_rings(speckled(side), [square(side * 0.3, side * 0.6)])
+        rows, columns = np.nonzero(region.mask)
+        assert abs(np.ptp(rows) + 1 - SIDE_PX) <= 2
+        assert abs(np.ptp(columns) + 1 - SIDE_PX) <= 2
+
+
+def test_rings_of_less_than_three_corners_bound_nothing():
+    photo = speckled(100)
+    for rings in ([], [np.zeros((0, 2))], [np.array([[9.0, 9]])], [np.array([[9.0, 9], [60, 60]])]):
+        assert region_of_rings(photo, rings) is None
+    alone = region_of_rings(photo, [square(20, 60)])
+    beside = region_of_rings(photo, [square(20, 60), np.array([[9.0, 9], [90, 90]])])
+    assert np.array_equal(alone.mask, beside.mask)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_corner_that_is_no_number_gives_no_region(bad):
+    ring = square(20, 60)
+    ring[2, 1] = bad
+    assert region_of_rings(speckled(100), [ring]) is None
+
+
+def test_outline_outside_the_photograph_gives_no_region():
+    photo = speckled(100)
+    for ring in (square(-60, -20), square(100, 160), square(-1.0, 0.4)):
+        assert region_of_rings(photo, [ring]) is None
+
+
+def test_bounding_box_in_view_with_nothing_of_the_outline_gives_no_region():
+    around_the_corner = np.array([[-50.0, 20.0], [-50, -50], [20, -50]])
+    assert region_of_rings(speckled(100), [around_the_corner]) is None
+
+
+def test_outline_far_beyond_the_photograph_covers_it_all():
+    for far in (1e4, 1e9, 1e300):
+        assert region_of_rings(speckled(100), [square(-far, far)]).mask.all()
+
+
+def test_sliver_in_view_of_a_large_region_stays_small():
+    region = region_of_rings(speckled(120), [square(-999.0, 1.5)])
+    assert max(region.mask.shape) <= SIDE_PX * (1.0 + 2.0 * MARGIN) + 2.0 * SIDE_PX
+
+
+def test_picture_that_is_not_in_colour_raises():
+    for picture in (np.zeros((9, 9), np.uint8), np.zeros((9, 9, 4), np.uint8), np.zeros((9, 9, 3), np.float32)):
+        with pytest.raises(ValueError, match="uint8"):
+            region_of_rings(picture, [square(1, 8)])
+        with pytest.raises(ValueError, match="uint8"):
+            region_of_box(picture, (1, 1, 7, 7))
+
+
+# ---- boxes
+
+
+@pytest.mark.parametrize(("side", "x", "y", "radius"), [(120, 60, 60, 30), (400, 130, 260, 60), (1500, 700, 500, 300)])
+def test_disc_on_a_plain_ground_is_found_in_its_box(side, x, y, radius):
+    photo = disc_on_a_ground(side, x, y, radius)
+    region = region_of_box(photo, (x - radius * 1.1, y - radius * 1.1, radius * 2.2, radius * 2.2))
+    truth = cv2.inRange(region.pixels_bgr, (0, 0, 150), (95, 95, 255)) > 0
+    assert overlap(region.mask, truth) > 0.9
+
+
+def test_disc_off_the_middle_of_its_box_is_found():
+    photo = disc_on_a_ground(400, 150, 180, 50)
+    region = region_of_box(photo, (95, 125, 160, 170))
+    truth = cv2.inRange(region.pixels_bgr, (0, 0, 150), (95, 95, 255)) > 0
+    assert overlap(region.mask, truth) > 0.9
+
+
+def test_larger_of_two_pieces_in_a_box_is_the_food():
+    photo = disc_on_a_ground(400, 150, 200, 60)
+    crumb = disc_on_a_ground(400, 250, 200, 30)
+    photo[:, 215:] = crumb[:, 215:]
+    region = region_of_box(photo, (80, 130, 200, 140))
+    reds = cv2.inRange(region.pixels_bgr, (0, 0, 150), (95, 95, 255))
+    count, pieces = cv2.connectedComponents(cv2.morphologyEx(reds, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)))
+    areas = [np.count_nonzero(pieces == piece) for piece in range(1, count)]
+    assert len(areas) == 2
+    assert overlap(region.mask, pieces == 1 + int(np.argmax(areas))) > 0.9
+
+
+def test_nothing_that_stands_out_gives_an_ellipse_in_the_box():
+    region = region_of_box(plain((90, 120, 150), 200), (50, 60, 100, 80))
+    assert abs(np.count_nonzero(region.mask) / (np.pi / 4 * SIDE_PX * SIDE_PX * 0.8) - 1.0) < 0.05
+
+
+@pytest.mark.parametrize(
+    "box",
+    [
+        (10, 10, 0, 0),
+        (10, 10, -5, 20),
+        (10, 10, 0.5, 0.5),
+        (-50, 0, 40, 40),
+        (100, 0, 40, 40),
+        (-99.5, 0, 100, 50),
+        (math.nan, 0, 9, 9),
+        (0, 0, math.nan, 9),
+        (0, 0, math.inf, 9),
+        (-math.inf, 0, math.inf, 9),
+        (HUGE, HUGE, HUGE, HUGE),
+    ],
+)
+def test_box_that_shows_nothing_gives_no_region(box):
+    assert region_of_box(speckled(100), box) is None
+
+
+@pytest.mark.parametrize("box", [(-HUGE, -HUGE, 2 * HUGE, 2 * HUGE), (0, 0, 1e308, 1e308), (0, 0, 100, 100)])
+def test_box_around_the_whole_photograph_is_the_photograph(box):
+    assert region_of_box(speckled(100), box).mask.shape == (SIDE_PX, SIDE_PX)
+
+
+@pytest.mark.parametrize("box", [(99, 99, 900, 900), (-999, -999, 1000, 1000), (-990, 40, 1000, 3), (99, 0, 500, 100)])
+def test_sliver_in_view_of_a_large_box_stays_small(box):
+    region = region_of_box(speckled(100), box)
+    assert region.mask.any()
+    assert max(region.mask.shape) <= 3 * SIDE_PX
+
+
+@pytest.mark.parametrize("shape", [(8, 8), (1, 1), (1, 200), (200, 1), (2, 3)])
+def test_tiny_photographs_have_regions(shape):
+    picture = np.random.default_rng(1).integers(0, 256, (*shape, 3)).astype(np.uint8)
+    region = region_of_box(picture, (0, 0, shape[1], shape[0]))
+    assert region.mask.any()
+    assert max(region.mask.shape) == SIDE_PX
+
+
+def test_box_gives_the_same_mask_twice_whatever_was_drawn_before_and_on_any_number_of_threads():
+    photo = speckled(300, grain_px=6.0)
+    box = (60, 80, 150, 120)
+    first = region_of_box(photo, box)
+    threads = cv2.getNumThreads()
+    try:
+        for count in (1, 2, 4):
+            cv2.setNumThreads(count)
+            cv2.setRNGSeed(count * 77)
+            again = region_of_box(photo, box)
+            assert np.array_equal(again.mask, first.mask)
+            assert np.array_equal(again.pixels_bgr, first.pixels_bgr)
+    finally:
+        cv2.setNumThreads(threads)
+
+
+sides = st.one_of(st.floats(-300.0, 300.0), st.floats())
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.tuples(sides, sides, sides, sides))
+def test_any_box_gives_a_small_region_with_something_in_it_or_none(box):
+    region = region_of_box(speckled(60), box)
+    assert region is None or (region.mask.any() and max(region.mask.shape) <= 3 * SIDE_PX)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.lists(st.tuples(sides, sides), max_size=6), max_size=3))
+def test_any_rings_give_a_small_region_with_something_in_it_or_none(rings):
+    region = region_of_rings(speckled(60), [np.array(ring, np.float64).reshape(-1, 2) for ring in rings])
+    assert region is None or (region.mask.any() and max(region.mask.shape) <= 3 * SIDE_PX)

@@ -1,0 +1,200 @@
+import cv2
+import numpy as np
+import pytest
+
+from app.vision.geometry.topview import view_from_above
+from app.vision.scene.dish import find_dishes, solid_cells
+
+
+def view_of(height_of, noise_mm=0.4, seed=0):
+    """A square metre of a quarter seen from above, three points to a cell's side."""
+    rng = np.random.default_rng(seed)
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(-250, 250, 1.0), np.arange(-250, 250, 1.0)))
+    z = height_of(x, y) + rng.normal(0, noise_mm, x.size)
+    points = np.column_stack([x, y, z])[np.isfinite(z)].astype(np.float32)
+    return view_from_above(points, points[:, 2])
+
+
+def found_in(view, noise_mm=0.4):
+    """The best dish, or None."""
+    return next(iter(find_dishes(view, solid_cells(view, 1.0), noise_mm, np.random.default_rng(0))), None)
+
+
+def plate(x, y, radius=110.0, rim=14.0, floor=3.0):
+    r = np.hypot(x - 20, y + 30)
+    return np.where(r < radius - 10, floor, np.where(r < radius, rim, 0.0))
+
+
+def test_plates_rim_is_found_with_its_circle():
+    dish = found_in(view_of(plate))
+    assert dish.centre_mm == pytest.approx([20, -30], abs=3)
+    assert dish.radius_mm == pytest.approx(105, abs=6)  # the rim is 10 mm wide
+    assert dish.rim_mm == pytest.approx(14, abs=1)
+    assert dish.floor_mm == 0
+    assert not dish.is_deep
+
+
+def test_plate_with_an_unmeasured_floor_is_found():
+    def heights(x, y):
+        return np.where(np.hypot(x - 20, y + 30) < 100, np.nan, plate(x, y))
+
+    assert found_in(view_of(heights)).radius_mm == pytest.approx(105, abs=6)
+
+
+def test_rim_that_wrong_poses_tilt_is_found():
+    assert found_in(view_of(lambda x, y: plate(x, y) + 0.03 * x * (np.hypot(x, y) < 160))).radius_mm is not None
+
+
+def test_filled_bowl_is_deep_and_its_rim_not_its_content_is_found():
+    def heights(x, y):
+        r = np.hypot(x, y)
+        return np.where(r < 60, 38.0, np.where(r < 68, np.nan, np.where(r < 73, 48.0, np.where(r < 80, np.nan, 0.0))))
+
+    dish = found_in(view_of(heights))
+    assert dish.is_deep
+    assert dish.radius_mm == pytest.approx(70, abs=4)
+    assert dish.rim_mm == pytest.approx(48, abs=1)
+
+
+def test_rim_that_is_seen_in_part_holds_a_content_that_is_seen_whole():
+    def heights(x, y):
+        r = np.hypot(x, y)
+        rim = np.where(np.abs(np.arctan2(y, x)) < 0.65 * np.pi, 48.0, np.nan)
+        return np.where(r < 55, 27.0, np.where(r < 68, np.nan, np.where(r < 73, rim, np.where(r < 80, np.nan, 0.0))))
+
+    dish = found_in(view_of(heights))
+    assert dish.radius_mm == pytest.approx(70, abs=4)
+    assert dish.rim_mm == pytest.approx(48, abs=1)
+
+
+def test_board_with_something_on_it_is_a_slab_with_its_floor():
+    def heights(x, y):
+        board = np.where((np.abs(x) < 90) & (np.abs(y) < 120), 15.0, 0.0)
+        return np.where(np.hypot(x, y) < 30, 50.0, board)
+
+    dish = found_in(view_of(heights))
+    assert dish.radius_mm is None
+    assert dish.floor_mm == pytest.approx(15, abs=0.5)
+
+
+def test_hull_around_a_board_and_a_telephone_is_no_board():
+    """An egg between them links both; it would rest on a board that is not there."""
+
+    def heights(x, y):
+        flat = (np.hypot(x + 110, y) < 100) | ((np.abs(x - 50) < 38) & (np.abs(y - 60) < 78))
+        egg = np.hypot(x, y + 30) < 23
+        return np.where(egg, 40.0 - (x**2 + (y + 30) ** 2) / 20, np.where(flat, 11.0, 0.0))
+
+    view = view_of(heights, noise_mm=0.6)
+    dishes = find_dishes(view, solid_cells(view, 1.0), 0.6, np.random.default_rng(0))
+    column, row = view.cells_px(np.array([0.0, -30.0])).round().astype(int)
+    assert all(dish.inward_mm[row, column] < 0 for dish in dishes if dish.floor_mm > 0)
+
+
+def test_slice_of_bread_with_a_bulge_is_no_saucer():
+    def heights(x, y):
+        edge = np.maximum(np.abs(x) / 57, np.abs(y) / 52)
+        return np.where(edge < 1, 22.0 - 8.0 * edge**4, 0.0)
+
+    assert found_in(view_of(heights, noise_mm=0.8), noise_mm=0.8) is None
+
+
+def test_wide_rimmed_plate_is_no_board_since_its_floor_lies_lower():
+    def heights(x, y):
+        r = np.hypot(x, y)
+        plain = np.where(r < 70, 3.0, np.where(r < 120, 15.0, 0.0))
+        return np.where(np.hypot(x - 20, y) < 35, 50.0, plain)
+
+    dish = found_in(view_of(heights))
+    assert dish.floor_mm == 0
+    assert dish.radius_mm is not None
+
+
+def test_boards_that_stand_edge_to_edge_are_found_each():
+    """Most circles in a board's top have as high a surface outside; only the one at its edge bounds it."""
+    places = ((-120, 90), (97, 100), (0, -92))
+
+    def heights(x, y):
+        boards = np.any([np.hypot(x - a, y - b) < 108 for a, b in places], axis=0)
+        foods = np.any([np.hypot(x - a - 10, y - b) < 30 for a, b in places], axis=0)
+        return np.where(foods, 50.0, np.where(boards, 11.0, 0.0))
+
+    def blurred(x, y):
+        grid = heights(x, y).reshape(500, 500).astype(np.float32)
+        return cv2.blur(grid, (13, 13)).ravel()  # a window of the disparity widens every edge
+
+    view = view_of(blurred, noise_mm=1.5)
+    dishes = find_dishes(view, solid_cells(view, 1.0), 1.5, np.random.default_rng(0))
+    centres = sorted(tuple(dish.centre_mm) for dish in dishes)
+    assert centres == [pytest.approx(place, abs=8) for place in sorted(places)]
+
+
+def test_lying_pack_is_no_dish_although_a_circle_fits_into_its_top():
+    def heights(x, y):
+        return np.where((np.abs(x) < 150) & (np.abs(y) < 95), 60.0, 0.0)
+
+    assert found_in(view_of(heights, noise_mm=1.0), noise_mm=1.0) is None
+
+
+def test_round_flat_food_on_the_bare_table_is_no_dish():
+    assert found_in(view_of(lambda x, y: np.where(np.hypot(x, y) < 55, 15.0, 0.0))) is None
+
+
+def test_flat_block_larger_than_a_slice_is_no_dish_while_nothing_stands_on_it():
+    def heights(x, y):
+        return np.where(np.maximum(np.abs(x), np.abs(y)) < 72, 30.0, 0.0)
+
+    assert found_in(view_of(heights)) is None
+
+
+def test_soft_pack_whose_top_bulges_is_no_bowl():
+    def heights(x, y):
+        edge = np.maximum(np.abs(x) / 70, np.abs(y) / 50)
+        return np.where(edge < 1, 62.0 + 8.0 * (1 - edge**2), 0.0)
+
+    assert found_in(view_of(heights)) is None
+
+
+def test_round_board_with_something_on_it_is_a_dish_with_its_floor():
+    def heights(x, y):
+        board = np.where(np.hypot(x, y) < 110, 18.0, 0.0)
+        return np.where(np.hypot(x - 20, y) < 30, 60.0, board)
+
+    assert found_in(view_of(heights)).floor_mm == pytest.approx(18, abs=1)
+
+
+def test_mound_is_no_dish():
+    assert found_in(view_of(lambda x, y: 40 * np.sqrt(np.clip(1 - (x**2 + y**2) / 70**2, 0, 1)))) is None
+
+
+def test_bare_table_has_no_dish():
+    assert found_in(view_of(lambda x, y: 0 * x)) is None
+
+
+def test_noisy_table_has_no_dish():
+    assert found_in(view_of(lambda x, y: 0 * x, noise_mm=4.0), noise_mm=2.0) is None
+
+
+def test_distance_inward_is_negative_outside_and_far_where_nothing_is_known():
+    view = view_of(plate)
+    dish = found_in(view)
+    inward = dish.inward_at(view, np.array([[[20.0, -30.0], [20.0, 100.0], [np.nan, 0.0], [5000.0, 0.0]]]))
+    assert inward[0, 0] == pytest.approx(dish.radius_mm, abs=4)
+    assert inward[0, 1] == pytest.approx(dish.radius_mm - 130, abs=4)
+    assert inward[0, 2] == inward[0, 3] == -100
+
+
+def test_circle_through_three_foods_on_a_plain_table_is_no_rim():
+    """It follows a banana's back, crosses a heap at half its width and runs along an egg's flank."""
+
+    def heights(x, y):
+        r, turn = np.hypot(x, y), np.arctan2(y, x)
+        across = ((r - 68) / 18) ** 2
+        is_banana = (turn > -0.4) & (turn < 1.8) & (across < 1)
+        banana = np.where(is_banana, 18 * (1 + np.sqrt(np.maximum(1 - across, 0))), 0.0)
+        heap = 21 - ((x + 80) ** 2 + y**2) / 120
+        egg = 45 - ((x + 5) ** 2 + (y + 85) ** 2) / 25
+        height = np.maximum.reduce([banana, heap, egg])
+        return np.where(height > 0, height, np.nan)
+
+    assert found_in(view_of(heights, noise_mm=1.0), noise_mm=1.0) is None

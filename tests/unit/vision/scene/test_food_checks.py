@@ -1,0 +1,23 @@
+"""What ends at another food or a vessel is whole; what ends at the border of what is seen is not."""
+
+import numpy as np
+
+from app.vision.scene.food_checks import is_food
+from tests.unit.vision.scene.test_half_measured import COLUMNS, ROWS, SHAPE, scene_of
+
+DISC = (ROWS - 100) ** 2 + (COLUMNS - 60) ** 2 < 40**2
+CUT = DISC & (COLUMNS < 75)  # a third of it lies behind what begins there
+BEYOND = COLUMNS >= 75
+
+
+def judged(is_unseen):
+    heights = np.where(CUT, 50.0, 0.0)
+    return is_food(CUT, CUT, scene_of(heights), is_unseen)
+
+
+def test_food_that_ends_at_a_vessel_is_food():
+    assert judged(np.zeros(SHAPE, bool))
+
+
+def test_food_that_ends_where_nothing_is_seen_is_none():
+    assert not judged(BEYOND)

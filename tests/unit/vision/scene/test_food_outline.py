@@ -1,0 +1,89 @@
+"""Outlines corrected by colour: what of the cloth hung on goes, what only looks like the support stays."""
+
+import cv2
+import numpy as np
+
+from app.vision.scene.food_outline import correct_outlines, tidy_outlines
+from app.vision.scene.scene import Scene
+
+SHAPE = (160, 220)
+CHECK_PX = 12
+WHITE, PINK, RED = (215, 220, 222), (150, 158, 190), (50, 52, 165)
+CHEESE, RIND = (115, 185, 215), (65, 115, 150)
+
+
+def gingham():
+    rows, columns = (index // CHECK_PX % 2 for index in np.indices(SHAPE))
+    return np.array([WHITE, PINK, RED], np.float64)[rows + columns]
+
+
+def polygon(*corners):
+    picture = np.zeros(SHAPE, np.uint8)
+    cv2.fillPoly(picture, [np.array(corners, np.int32)], 1)
+    return picture > 0
+
+
+def scene(image, height_mm=np.nan):
+    noisy = image + np.random.default_rng(0).normal(0, 4, image.shape)
+    rows, columns = np.indices(SHAPE)
+    nothing = np.full(SHAPE, np.nan, np.float32)
+    return Scene(
+        image_bgr=np.clip(noisy, 0, 255).astype(np.uint8),
+        height_mm=np.full(SHAPE, height_mm, np.float32),
+        points_table=np.full((*SHAPE, 3), np.nan, np.float32),
+        reach_px=np.full(SHAPE, 9.0, np.float32),
+        is_ignored=np.zeros(SHAPE, bool),
+        plane_xy_mm=np.stack([columns, rows], -1).astype(np.float32),
+        camera_mm=np.array([0.0, 0.0, 500.0]),
+        pixel_mm=1.0,
+        texture=np.zeros(SHAPE, np.float32),
+        table_correlation=nothing,
+    )
+
+
+def iou(a, b):
+    return np.count_nonzero(a & b) / np.count_nonzero(a | b)
+
+
+def with_checks(food, least_share=0.3):
+    """The food with the checks of the cloth that it covers in part."""
+    out = food.copy()
+    for row in range(0, SHAPE[0], CHECK_PX):
+        for column in range(0, SHAPE[1], CHECK_PX):
+            check = (slice(row, row + CHECK_PX), slice(column, column + CHECK_PX))
+            out[check] |= food[check].mean() > least_share
+    return out
+
+
+def test_checks_of_a_cloth_that_hung_on_to_a_cheese_go():
+    image = gingham()
+    top, front = polygon((50, 80), (120, 25), (175, 80)), polygon((50, 80), (175, 80), (170, 118), (55, 118))
+    image[top], image[front] = CHEESE, RIND
+    food = top | front
+    hung_on = with_checks(food)
+    assert iou(hung_on, food) < 0.9
+    assert iou(tidy_outlines(hung_on, scene(image), 0.0), food) > 0.98
+    (corrected,) = correct_outlines([hung_on], scene(image), 0.0)
+    assert iou(corrected, food) > 0.96
+
+
+def test_side_in_shade_that_looks_like_the_shaded_table_stays():
+    image = np.full((*SHAPE, 3), (150, 170, 190), np.float64)
+    top, front = polygon((60, 40), (160, 40), (160, 85), (60, 85)), polygon((60, 85), (160, 85), (160, 115), (60, 115))
+    image[top], image[front] = (90, 110, 235), (85, 96, 107)
+    (corrected,) = correct_outlines([top | front], scene(image), 0.0)
+    assert np.count_nonzero(tidy_outlines(top | front, scene(image), 0.0) & front) > 0.95 * np.count_nonzero(front)
+    assert np.count_nonzero(corrected & front) > 0.95 * np.count_nonzero(front)
+
+
+def test_food_beside_a_larger_one_is_not_tidied_away():
+    """Both together are less convex than the larger alone, and the smaller has the table's colours."""
+    image = np.full((*SHAPE, 3), (150, 170, 190), np.float64)
+    large, small = (
+        polygon((30, 40), (110, 40), (110, 120), (30, 120)),
+        polygon((111, 95), (150, 95), (150, 120), (111, 120)),
+    )
+    image[large], image[small] = (90, 110, 235), (140, 160, 180)
+    foods = large | small
+    tidied = tidy_outlines(foods, scene(image), 0.0)
+    assert np.count_nonzero(tidied & small) > 0.9 * np.count_nonzero(small)

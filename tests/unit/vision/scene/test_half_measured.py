@@ -1,0 +1,43 @@
+"""Blobs whose middle shows no parallax: food where raised edges enclose them, paper where they enclose food."""
+
+import numpy as np
+
+from app.vision.scene.half_measured import enclosed_by_raised
+from app.vision.scene.scene import Scene
+
+SHAPE = (200, 240)
+ROWS, COLUMNS = np.indices(SHAPE)
+PIXEL_MM = 1.0
+
+
+def scene_of(height_mm):
+    return Scene(
+        image_bgr=np.full((*SHAPE, 3), 200, np.uint8),
+        height_mm=height_mm.astype(np.float32),
+        points_table=np.zeros((*SHAPE, 3), np.float32),
+        reach_px=np.full(SHAPE, 2.0, np.float32),
+        is_ignored=np.zeros(SHAPE, bool),
+        plane_xy_mm=np.zeros((*SHAPE, 2), np.float32),
+        camera_mm=np.array([0.0, 0.0, 400.0]),
+        pixel_mm=PIXEL_MM,
+        texture=np.zeros(SHAPE, np.float32),
+        table_correlation=np.full(SHAPE, np.nan, np.float32),
+    )
+
+
+def box(left, top, right, bottom):
+    return (left <= COLUMNS) & (right > COLUMNS) & (top <= ROWS) & (bottom > ROWS)
+
+
+def test_plain_top_within_raised_edges_is_food():
+    block, plain = box(60, 50, 140, 120), box(68, 58, 132, 112)
+    heights = np.where(plain, np.nan, np.where(block, 40.0, 0.0))
+    enclosed = enclosed_by_raised(scene_of(heights), heights.astype(np.float32))
+    assert np.count_nonzero(enclosed & plain) > 0.95 * np.count_nonzero(plain)
+    assert not (enclosed & ~block).any()
+
+
+def test_plain_paper_around_a_food_is_not_food():
+    sheet, food = box(30, 30, 200, 170), box(90, 70, 140, 120)
+    heights = np.where(food, 60.0, np.where(sheet, np.nan, 0.0))  # the food in the middle of it, raised on all sides
+    assert not enclosed_by_raised(scene_of(heights), heights.astype(np.float32)).any()

@@ -1,0 +1,344 @@
+import numpy as np
+import pytest
+
+from app.errors import Failure
+from app.vision.scene.segmentation import HintMask, segment_foods
+from app.vision.scene.support import support_height_mm
+from app.vision.stereo.disparity import DisparityMap
+from app.vision.stereo.rectification import RectifiedPair
+
+SHAPE = (420, 560)
+PIXEL_MM = 0.5
+CAMERA_MM = 500.0  # over the table, looking straight down
+PLATE_BGR, TABLE_BGR, FOOD_BGR = (215, 220, 222), (90, 120, 150), (40, 60, 190)
+OTHER_BGR = (60, 200, 220)
+
+
+def disc(row, column, radius):
+    rows, columns = np.indices(SHAPE)
+    return np.hypot(rows - row, columns - column) < radius
+
+
+class Meal:
+    """Seen from straight above: heights and colours on a grid of half a millimetre of the table."""
+
+    def __init__(self, seed=0):
+        self.height = np.zeros(SHAPE, np.float32)
+        self.image = np.zeros((*SHAPE, 3), np.float64) + TABLE_BGR
+        self.rng = np.random.default_rng(seed)
+
+    def plate(self, flat_mm=3.0, rim_mm=14.0):
+        self.height[disc(210, 280, 190)] = rim_mm
+        self.height[disc(210, 280, 170)] = flat_mm
+        self.image[disc(210, 280, 190)] = PLATE_BGR
+        return self
+
+    def board(self, top_mm=15.0):
+        self.height[20:400, 60:500] = top_mm
+        self.image[20:400, 60:500] = (120, 160, 190)
+        return self
+
+    def food(self, row, column, radius, top_mm, colour=FOOD_BGR):
+        rows, columns = np.indices(SHAPE)
+        reach = np.hypot(rows - row, columns - column) / radius
+        dome = top_mm * np.sqrt(np.clip(1 - reach**2, 0, 1))
+        self.height = np.maximum(self.height, dome.astype(np.float32))
+        self.image[reach < 1] = colour
+        return self
+
+    def pair(self):
+        focal = CAMERA_MM / PIXEL_MM
+        rows, columns = np.indices(SHAPE)
+        image = np.clip(self.image + self.rng.normal(0, 4, self.image.shape), 0, 255).astype(np.uint8)
+        beside = np.roll(image, 7, axis=1)  # what stands has a parallax, the table none
+        return RectifiedPair(
+            first_bgr=image,
+            second_bgr=np.where(self.height[..., None] > 0, beside, image),
+            is_seen=np.ones(SHAPE, bool),
+            first_map_px=np.stack([columns, rows], -1).astype(np.float32),
+            focal_px=focal,
+            centre_px=(SHAPE[1] / 2, SHAPE[0] / 2),
+            rotation=np.diag([1.0, -1.0, -1.0]),
+            first_centre_mm=np.array([0.0, 0.0, CAMERA_MM]),
+            baseline_mm=50.0,
+            plane_px=(0.0, 0.0, focal * 50.0 / CAMERA_MM),
+            parallax_range_px=(-5.0, 60.0),
+        )
+
+    def points(self, pair):
+        rows, columns = np.indices(SHAPE)
+        heights = self.height + self.rng.normal(0, 0.4, SHAPE)
+        depth = CAMERA_MM - heights
+        x = (columns - pair.centre_px[0]) / pair.focal_px * depth
+        y = -(rows - pair.centre_px[1]) / pair.focal_px * depth
+        return np.stack([x, y, heights], -1).astype(np.float32)
+
+    def segment(self, hints=(), ignored=None, unmeasured=None, *, is_complete=False):
+        pair = self.pair()
+        disparity = DisparityMap(np.zeros(SHAPE, np.float32), np.full(SHAPE, 4.5, np.float32))
+        ignored = np.zeros(SHAPE, bool) if ignored is None else ignored
+        points = self.points(pair)
+        if unmeasured is not None:
+            points[unmeasured] = np.nan
+        found = segment_foods(pair, disparity, points, ignored, hints, is_complete=is_complete)
+        return found if isinstance(found, Failure) else found.regions
+
+
+def iou(a, b):
+    return np.count_nonzero(a & b) / np.count_nonzero(a | b)
+
+
+def test_food_on_a_plate_is_found_and_the_rim_is_not():
+    found = Meal().plate().food(200, 260, 60, 45.0).segment()
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(200, 260, 60)) > 0.97
+
+
+def test_food_on_a_board_is_found_and_the_board_is_not():
+    found = Meal().board().food(200, 260, 60, 45.0).segment()
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(200, 260, 60)) > 0.97
+
+
+def test_low_food_within_a_high_rim_is_found():
+    found = Meal().plate(rim_mm=18.0).food(210, 280, 70, 14.0).segment()
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(210, 280, 70)) > 0.9
+
+
+def test_food_of_the_dishs_colour_is_found_by_its_height():
+    found = Meal().plate().food(210, 280, 60, 45.0, PLATE_BGR).segment()
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(210, 280, 60)) > 0.8
+
+
+def test_shadow_is_no_food():
+    meal = Meal().plate().food(200, 260, 60, 45.0)
+    shadow = disc(225, 300, 55) & ~disc(200, 260, 60)
+    meal.image[shadow] *= 0.75
+    found = meal.segment()
+    assert len(found) == 1
+    assert np.count_nonzero(found[0].mask & shadow) < 0.05 * np.count_nonzero(shadow)
+
+
+def test_two_foods_on_the_bare_table_are_two():
+    found = Meal().food(150, 150, 60, 40.0).food(260, 400, 45, 30.0, OTHER_BGR).segment()
+    assert len(found) == 2
+    assert iou(found[0].mask, disc(150, 150, 60)) > 0.95
+    assert iou(found[1].mask, disc(260, 400, 45)) > 0.95
+
+
+def test_touching_foods_of_two_colours_are_two():
+    found = Meal().plate().food(210, 220, 55, 40.0).food(210, 325, 55, 40.0, OTHER_BGR).segment()
+    assert len(found) == 2
+    truth = [disc(210, 220, 55) & ~disc(210, 325, 55), disc(210, 325, 55)]
+    assert min(max(iou(region.mask, mask) for region in found) for mask in truth) > 0.93
+
+
+def test_touching_foods_of_one_colour_are_two():
+    found = Meal().plate().food(210, 220, 55, 40.0).food(210, 325, 55, 40.0).segment()
+    assert len(found) == 2
+
+
+def test_food_of_two_lobes_with_one_in_shade_is_one():
+    """Light alone differs: a face turned from the lamp, not another food, although the outline is dented."""
+    meal = Meal().plate().food(210, 236, 60, 40.0).food(210, 324, 60, 40.0)
+    lobes = disc(210, 236, 60) | disc(210, 324, 60)
+    lit = np.array((70.0, 130.0, 170.0))
+    meal.image[lobes] = lit
+    meal.image[lobes & (np.arange(SHAPE[1]) > 280)] = lit * 0.6 ** (1 / 2.2)  # 60 % of the light, gamma 2.2
+    assert len(meal.segment()) == 1
+
+
+def test_food_of_two_tones_is_one():
+    meal = Meal().plate().food(210, 280, 70, 45.0)
+    meal.image[disc(210, 280, 70) & (np.arange(SHAPE[1]) > 280)] = OTHER_BGR
+    found = meal.segment()
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(210, 280, 70)) > 0.95
+
+
+def test_black_canvas_around_a_turned_photograph_is_no_food():
+    meal = Meal().food(210, 200, 55, 40.0)
+    rows, columns = np.indices(SHAPE)
+    beyond = columns - 430 - 0.15 * rows  # px to the right of the photograph's edge
+    meal.image[beyond > 0] = -20  # darker than the noise
+    meal.height[(beyond > -6) & (beyond < 30)] = 25.0  # windows across its edge see something stand there
+    found = meal.segment()
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(210, 200, 55)) > 0.95
+
+
+def test_hole_of_a_ring_is_no_food():
+    meal = Meal().plate().food(210, 280, 80, 30.0)
+    hole = disc(210, 280, 30)
+    meal.height[hole], meal.image[hole] = 3.0, PLATE_BGR
+    found = meal.segment()
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(210, 280, 80) & ~hole) > 0.93
+
+
+def test_hole_of_a_ring_of_nearly_the_tables_colour_is_no_food():
+    meal = Meal().food(210, 280, 60, 24.0, tuple(0.8 * value for value in TABLE_BGR))
+    hole = disc(210, 280, 22)
+    meal.height[hole], meal.image[hole] = 3.0, TABLE_BGR
+    meal.image[hole] *= 0.92
+    found = meal.segment()
+    assert len(found) == 1
+    assert not found[0].mask[210, 280]
+    assert np.count_nonzero(found[0].mask & hole) < 0.3 * np.count_nonzero(hole)
+
+
+def test_dark_spot_within_a_food_is_no_hole():
+    meal = Meal().food(210, 280, 60, 40.0, tuple(0.8 * value for value in TABLE_BGR))
+    meal.image[disc(210, 280, 20)] = TABLE_BGR
+    found = meal.segment()
+    assert len(found) == 1
+    assert found[0].mask[210, 280]
+
+
+def test_empty_plate_gives_no_food_found():
+    found = Meal().plate().segment()
+    assert isinstance(found, Failure)
+    assert found.code == "no_food_found"
+
+
+def test_foods_on_two_plates_and_beside_them_are_all_found():
+    meal = Meal()
+    for column in (140, 420):
+        meal.height[disc(210, column, 130)], meal.image[disc(210, column, 130)] = 14.0, PLATE_BGR
+        meal.height[disc(210, column, 110)] = 3.0
+    meal.food(200, 140, 45, 40.0).food(215, 430, 40, 35.0, OTHER_BGR).food(385, 280, 28, 25.0)
+    truth = [disc(200, 140, 45), disc(215, 430, 40), disc(385, 280, 28)]
+    found = meal.segment()
+    assert len(found) == 3
+    assert min(max(iou(region.mask, mask) for region in found) for mask in truth) > 0.9
+
+
+def test_knife_and_napkin_beside_a_food_are_no_food():
+    meal = Meal().food(150, 150, 60, 40.0)
+    meal.height[300:320, 100:500], meal.image[300:320, 100:500] = 9.0, (180, 180, 180)
+    meal.height[50:250, 350:540], meal.image[50:250, 350:540] = 1.5, (60, 160, 60)
+    found = meal.segment()
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(150, 150, 60)) > 0.95
+
+
+def test_smooth_food_measured_at_its_edge_alone_is_found_by_its_colour():
+    meal = Meal().food(200, 260, 60, 45.0)
+    seen = meal.segment(unmeasured=disc(200, 260, 52) & (np.arange(SHAPE[1]) < 300))
+    assert len(seen) == 1
+    assert iou(seen[0].mask, disc(200, 260, 60)) > 0.9
+
+
+def test_bare_table_gives_no_food_found():
+    assert Meal().segment().code == "no_food_found"
+
+
+def test_polygon_is_taken_as_it_is():
+    drawn = disc(100, 100, 30)
+    found = Meal().segment([HintMask(drawn, 4, is_exact=True)])
+    assert found[0].hint == 4
+    assert np.array_equal(found[0].mask, drawn)
+
+
+def test_point_chooses_the_food_under_it():
+    meal = Meal().food(150, 150, 60, 40.0).food(260, 400, 45, 30.0, OTHER_BGR)
+    found = meal.segment([HintMask(disc(260, 400, 4), 0)], is_complete=True)
+    assert len(found) == 1
+    assert iou(found[0].mask, disc(260, 400, 45)) > 0.93
+
+
+def test_point_on_one_of_two_foods_does_not_lose_the_other():
+    meal = Meal().food(150, 150, 60, 40.0).food(260, 400, 45, 30.0, OTHER_BGR)
+    found = meal.segment([HintMask(disc(260, 400, 4), 0)])
+    assert [region.hint for region in found] == [0, None]
+    assert iou(found[0].mask, disc(260, 400, 45)) > 0.93
+    assert iou(found[1].mask, disc(150, 150, 60)) > 0.93
+
+
+def test_outline_of_one_of_two_foods_does_not_lose_the_other_nor_find_it_twice():
+    meal = Meal().food(150, 150, 60, 40.0).food(260, 400, 45, 30.0, OTHER_BGR)
+    found = meal.segment([HintMask(disc(260, 400, 42), 0, is_exact=True)])
+    assert [region.hint for region in found] == [0, None]
+    assert iou(found[1].mask, disc(150, 150, 60)) > 0.93
+
+
+def test_box_of_one_of_two_touching_foods_leaves_the_other():
+    meal = Meal().food(200, 220, 50, 40.0).food(200, 310, 50, 40.0)
+    box = np.zeros(SHAPE, bool)
+    box[150:251, 266:361] = True
+    found = meal.segment([HintMask(box, 0, is_box=True)])
+    assert [region.hint for region in found] == [0, None]
+    assert iou(found[1].mask, disc(200, 220, 50)) > 0.8
+
+
+def test_point_that_hits_nothing_leaves_what_is_found_without_it():
+    meal = Meal().food(150, 150, 60, 40.0)
+    found = meal.segment([HintMask(np.zeros(SHAPE, bool), 0)])
+    assert [region.hint for region in found] == [None]
+    assert meal.segment([HintMask(np.zeros(SHAPE, bool), 0)], is_complete=True).code == "no_food_found"
+
+
+def test_two_points_share_touching_foods():
+    meal = Meal().food(200, 220, 50, 40.0).food(200, 310, 50, 40.0)
+    found = meal.segment([HintMask(disc(200, 220, 4), 0), HintMask(disc(200, 310, 4), 1)])
+    assert [region.hint for region in found] == [0, 1]
+    assert not (found[0].mask & found[1].mask).any()
+    assert iou(found[0].mask, disc(200, 220, 50)) > 0.85
+
+
+def test_box_limits_the_food():
+    box = np.zeros(SHAPE, bool)
+    box[100:200, 100:160] = True
+    found = Meal().food(150, 150, 60, 40.0).segment([HintMask(box, 0, is_box=True)])
+    assert not (found[0].mask & ~box).any()
+
+
+def box_around(mask):
+    rows, columns = np.nonzero(mask)
+    box = np.zeros(SHAPE, bool)
+    box[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1] = True
+    return box
+
+
+def test_box_around_an_unmeasured_block_holds_that_block():
+    meal = Meal()
+    block = np.zeros(SHAPE, bool)
+    block[100:220, 200:360] = True
+    meal.height[block], meal.image[block] = 40.0, PLATE_BGR
+    found = meal.segment([HintMask(box_around(block), 0, is_box=True)], unmeasured=block)
+    assert iou(found[0].mask, block) > 0.95
+
+
+def test_box_around_what_looks_like_a_plate_holds_all_of_it_and_no_vessel():
+    meal = Meal().plate(flat_mm=3.0, rim_mm=60.0).food(200, 260, 50, 20.0)
+    found = meal.segment([HintMask(box_around(disc(210, 280, 190)), 0, is_box=True)])
+    assert found[0].vessel is None
+    assert iou(found[0].mask, disc(210, 280, 190)) > 0.9
+
+
+def test_point_on_an_unmeasured_food_lies_within_what_is_returned():
+    meal = Meal()
+    meal.image[disc(210, 280, 50)] = FOOD_BGR
+    found = meal.segment([HintMask(disc(215, 290, 4), 0)], unmeasured=disc(210, 280, 60))
+    assert iou(found[0].mask, disc(210, 280, 50)) > 0.9
+
+
+def test_what_is_ignored_is_no_food():
+    meal = Meal().food(150, 150, 60, 40.0)
+    assert meal.segment(ignored=disc(150, 150, 90)).code == "no_food_found"
+
+
+@pytest.mark.parametrize("flat_mm", [0.0, 3.0, 12.0])
+def test_support_is_the_flat_part_around_the_food(flat_mm):
+    meal = Meal().plate(flat_mm=flat_mm, rim_mm=flat_mm + 10.0).food(210, 280, 60, 45.0)
+    points = np.zeros((*SHAPE, 3), np.float32)
+    points[..., 2] = meal.height
+    found = support_height_mm(points, disc(210, 280, 60), np.zeros(SHAPE, bool))
+    assert abs(found - flat_mm) < 0.5
+
+
+def test_support_that_was_not_measured_is_none():
+    points = np.full((*SHAPE, 3), np.nan, np.float32)
+    assert support_height_mm(points, disc(210, 280, 60), np.zeros(SHAPE, bool)) is None

@@ -1,0 +1,136 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.vision.geometry.topview import TableTrend, fit_table_trend, view_from_above
+from app.vision.scene.dish import find_dishes, solid_cells
+from app.vision.scene.scene import Scene
+from app.vision.scene.support import find_support
+from app.vision.scene.vessel import describe_vessel
+
+SHAPE = (300, 400)
+PIXEL_MM = 1.0
+CAMERA_MM = np.array([0.0, 0.0, 600.0])
+
+
+def scene_of(height_of, noise_mm=0.3):
+    """Seen from so high above that every ray is nearly upright; heights of the table itself are zero."""
+    rows, columns = np.indices(SHAPE)
+    x, y = (columns - 200.0) * PIXEL_MM, (150.0 - rows) * PIXEL_MM
+    height = height_of(x, y) + np.random.default_rng(0).normal(0, noise_mm, SHAPE)
+    points = np.stack([x, y, height], -1).astype(np.float32)
+    return Scene(
+        image_bgr=np.zeros((*SHAPE, 3), np.uint8),
+        height_mm=height.astype(np.float32),
+        points_table=points,
+        reach_px=np.full(SHAPE, 2.0, np.float32),
+        is_ignored=np.zeros(SHAPE, bool),
+        plane_xy_mm=points[..., :2],
+        camera_mm=CAMERA_MM,
+        pixel_mm=PIXEL_MM,
+        table_correlation=np.full(height.shape, np.nan, np.float32),
+        texture=np.zeros(SHAPE, np.float32),
+    ), np.hypot(x, y)
+
+
+def measured(scene):
+    points = scene.points_table[np.isfinite(scene.points_table[..., 2])]
+    view = view_from_above(points, points[:, 2])
+    trend = fit_table_trend(points)
+    dishes = find_dishes(view, solid_cells(view, 1.0), 0.3, np.random.default_rng(0))
+    return view, next(iter(dishes), None), trend
+
+
+def support_of(scene, mask):
+    view, dish, _ = measured(scene)
+    return find_support(scene, view, dish, TableTrend(np.zeros(6), 0.1), mask, mask)
+
+
+def test_bare_table_is_measured_around_the_food():
+    scene, radius = scene_of(lambda x, y: np.where(np.hypot(x, y) < 30, 40.0, 0.0))
+    support = support_of(scene, radius < 30)
+    assert support.source == "table"
+    assert support.height_mm == pytest.approx(0.0, abs=0.3)
+    assert support.sd_mm < 1.0
+
+
+@pytest.mark.parametrize("floor_mm", [2.0, 5.0])
+def test_measured_floor_of_a_plate_lies_within_its_doubt(floor_mm):
+    def heights(x, y):
+        r = np.hypot(x, y)
+        return np.where(r < 30, 40.0, np.where(r < 100, floor_mm, np.where(r < 110, 14.0, 0.0)))
+
+    scene, radius = scene_of(heights)
+    support = support_of(scene, radius < 30)
+    assert support.source == "floor"
+    assert abs(support.height_mm - floor_mm) < 2 * support.sd_mm
+    assert support.sd_mm < 1.5
+
+
+def test_floor_that_was_not_measured_is_guessed_with_more_doubt():
+    def heights(x, y):
+        r = np.hypot(x, y)
+        return np.where(r < 30, 40.0, np.where(r < 100, np.nan, np.where(r < 110, 14.0, 0.0)))
+
+    scene, radius = scene_of(heights)
+    support = support_of(scene, radius < 30)
+    assert support.source == "floor"
+    assert 0 < support.height_mm < 10
+    assert support.sd_mm > 2.0
+
+
+def test_food_on_a_board_rests_on_its_top():
+    def heights(x, y):
+        board = np.where((np.abs(x) < 110) & (np.abs(y) < 90), 15.0, 0.0)
+        return np.where(np.hypot(x, y) < 30, 50.0, board)
+
+    scene, radius = scene_of(heights)
+    support = support_of(scene, radius < 30)
+    assert support.source == "board"
+    assert support.height_mm == pytest.approx(15.0, abs=0.5)
+
+
+def test_boards_top_is_not_drawn_down_by_windows_across_its_edge():
+    """A plain top has only wide windows, and the narrow ones lie at its edge, where they see the table as well."""
+
+    def heights(x, y):
+        r = np.hypot(x, y)
+        across = np.interp(r, [104.0, 118.0], [15.0, 0.0])
+        return np.where(r < 30, 50.0, across)
+
+    scene, radius = scene_of(heights, noise_mm=0.5)
+    scene.reach_px[radius < 98] = 10.0
+    view, dish, _ = measured(scene)
+    dish = replace(dish, rim_mm=13.0, floor_mm=13.0)  # as an edge seen through such windows is
+    support = find_support(scene, view, dish, TableTrend(np.zeros(6), 0.1), radius < 30, radius < 30)
+    assert support.source == "board"
+    assert support.height_mm == pytest.approx(15.0, abs=0.6)
+
+
+def bowl(x, y):
+    r = np.hypot(x, y)
+    return np.where(r < 60, 38.0, np.where(r < 68, np.nan, np.where(r < 73, 48.0, np.where(r < 80, np.nan, 0.0))))
+
+
+def test_inside_of_a_filled_bowl_is_guessed():
+    scene, radius = scene_of(bowl)
+    support = support_of(scene, radius < 60)
+    assert support.source == "bowl"
+    assert support.sd_mm > 2.0
+
+
+def test_bowl_is_described_by_its_rim():
+    scene, _ = scene_of(bowl)
+    view, dish, trend = measured(scene)
+    vessel = describe_vessel(scene, view, dish, trend)
+    assert vessel.rim_mm == pytest.approx(48.0, abs=1)
+    assert vessel.radius_mm == pytest.approx(70.0, abs=4)
+    assert vessel.wall_mm.shape[1] == 2
+
+
+def test_plate_is_no_vessel():
+    scene, _ = scene_of(lambda x, y: np.where(np.hypot(x, y) < 100, 3.0, np.where(np.hypot(x, y) < 110, 14.0, 0.0)))
+    view, dish, trend = measured(scene)
+    assert dish is not None
+    assert describe_vessel(scene, view, dish, trend) is None

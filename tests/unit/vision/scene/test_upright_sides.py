@@ -1,0 +1,128 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.vision.geometry.masks import distance_px
+from app.vision.scene.foods_apart import tell_apart
+from app.vision.scene.scene import Scene
+from app.vision.scene.upright_sides import flat_top, with_sides
+
+SHAPE = (240, 320)
+CAMERA_MM = np.array([0.0, -400.0, 400.0])
+HALF_MM, TOP_MM = np.array([45.0, 30.0]), 40.0  # of a block about the origin
+FOCAL_PX = 500.0
+
+
+def rays():
+    """(h, w, 3) directions of a camera that looks at the origin from a slant of 45 degrees."""
+    rows, columns = np.indices(SHAPE)
+    u, v = (columns - SHAPE[1] / 2) / FOCAL_PX, (rows - SHAPE[0] / 2) / FOCAL_PX
+    forward, down, right = np.array([0, 1, -1]) / np.sqrt(2), np.array([0, -1, -1]) / np.sqrt(2), np.array([1, 0, 0])
+    return forward + u[..., None] * right + v[..., None] * down
+
+
+def meets(height_mm):
+    """(h, w, 2) where the rays meet a level."""
+    direction = rays()
+    reach = (height_mm - CAMERA_MM[2]) / direction[..., 2]
+    return CAMERA_MM[:2] + reach[..., None] * direction[..., :2]
+
+
+def block(top_mm=TOP_MM):
+    """Masks of a block's top and of its side that faces the camera."""
+    top = (np.abs(meets(top_mm)) < HALF_MM).all(axis=-1)
+    direction = rays()
+    reach = (-HALF_MM[1] - CAMERA_MM[1]) / direction[..., 1]
+    x, z = reach * direction[..., 0], CAMERA_MM[2] + reach * direction[..., 2]
+    return top, (np.abs(x) < HALF_MM[0]) & (z > 0) & (z < top_mm)
+
+
+def scene_of(height_mm):
+    plane = meets(0.0).astype(np.float32)
+    points = np.concatenate([plane, height_mm[..., None]], axis=-1).astype(np.float32)
+    return Scene(
+        image_bgr=np.zeros((*SHAPE, 3), np.uint8),
+        height_mm=height_mm.astype(np.float32),
+        points_table=points,
+        reach_px=np.full(SHAPE, 2.0, np.float32),
+        is_ignored=np.zeros(SHAPE, bool),
+        plane_xy_mm=plane,
+        camera_mm=CAMERA_MM,
+        pixel_mm=1.1,
+        texture=np.zeros(SHAPE, np.float32),
+        table_correlation=np.full(SHAPE, np.nan, np.float32),
+    )
+
+
+def test_unmeasured_side_of_a_block_is_found_below_its_top():
+    top, side = block()
+    scene = scene_of(np.where(top, TOP_MM, np.where(side, np.nan, 0.0)))
+    (mask,) = with_sides([top], scene, 0.0)
+    assert np.count_nonzero(mask & side) > 0.85 * np.count_nonzero(side)  # the top is taken two pixels too small
+    assert np.count_nonzero(mask & ~top & ~side) < 0.03 * np.count_nonzero(mask)  # a pixel all round
+
+
+def test_side_that_was_taken_for_another_food_is_merged():
+    top, side = block()
+    scene = scene_of(np.where(top, TOP_MM, np.where(side, np.nan, 0.0)))
+    masks = with_sides([side, top], scene, 0.0)
+    assert len(masks) == 1
+
+
+def test_dome_has_no_flat_top():
+    x, y = np.moveaxis(meets(20.0), -1, 0)
+    heights = 45.0 * np.sqrt(np.clip(1 - (x**2 + y**2) / 45.0**2, 0, None))
+    assert flat_top(heights > 0, scene_of(heights), 0.0) is None
+
+
+def test_table_that_shows_below_a_top_is_no_side():
+    top, side = block()
+    (mask,) = with_sides([top], scene_of(np.where(top, TOP_MM, 0.0)), 0.0)
+    assert np.array_equal(mask, top)
+    assert np.count_nonzero(side) > 1000  # or the test would say nothing
+
+
+@pytest.mark.parametrize("top_mm", [15.0, 80.0])
+def test_level_of_the_top_is_measured_from_a_part_of_it(top_mm):
+    top, side = block(top_mm)
+    heights = np.where(top, top_mm, np.where(side, np.nan, 0.0))
+    heights[top & (np.indices(SHAPE)[1] % 2 == 0)] = np.nan
+    found = flat_top(top, scene_of(heights), 0.0)
+    assert found.level_mm == pytest.approx(top_mm, abs=0.1)
+
+
+def test_plain_top_that_is_measured_along_its_edge_alone_has_its_side():
+    """White tofu in bright light: nothing in the middle of its top can be matched."""
+    top, side = block()
+    plain = distance_px(~top) > 5
+    scene = scene_of(np.where(plain | side, np.nan, np.where(top, TOP_MM, 0.0)))
+    (mask,) = with_sides([top], scene, 0.0)
+    assert np.count_nonzero(plain) > 0.3 * np.count_nonzero(top)
+    assert np.count_nonzero(mask & side) > 0.85 * np.count_nonzero(side)
+
+
+def two_coloured(height_left_mm, height_right_mm):
+    """A block's top of two colours, whose outline is dented where they meet, and its scene."""
+    top, side = block()
+    columns = np.indices(SHAPE)[1]
+    left = columns < SHAPE[1] // 2
+    apart = np.abs(columns - SHAPE[1] // 2)
+    dent = (apart < 10) & top & (distance_px(~top) < 18 - 1.8 * apart)
+    mask = top & ~dent
+    heights = np.where(mask & left, height_left_mm, np.where(mask, height_right_mm, np.where(side, np.nan, 0.0)))
+    colours = np.where(
+        (mask & left)[..., None], (180, 60, 160), np.where(mask[..., None], (80, 170, 40), (200, 200, 200))
+    )
+    noise = np.random.default_rng(0).normal(0, 2, (*SHAPE, 3))
+    return mask, replace(scene_of(heights), image_bgr=np.clip(colours + noise, 0, 255).astype(np.uint8))
+
+
+def test_pack_printed_in_two_colours_is_one_food():
+    mask, scene = two_coloured(TOP_MM, TOP_MM)
+    assert len(tell_apart(mask, scene)) == 1
+
+
+def test_flat_foods_of_different_heights_are_two():
+    mask, scene = two_coloured(TOP_MM, 20.0)
+    assert len(tell_apart(mask, scene)) == 2

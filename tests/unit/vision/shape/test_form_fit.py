@@ -1,0 +1,212 @@
+"""Forms fitted to evidence that is made from a known surface, without images: its exact outlines and parallax."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from app.vision.geometry.mesh import faces_towards, ring, sphere
+from app.vision.shape.form_fit import Seen, _solved, fit_form
+from app.vision.shape.forms import (
+    COARSE,
+    E1,
+    E2,
+    FINE,
+    SUPPORT,
+    TAPER,
+    TURN_X,
+    TURN_Y,
+    TURN_Z,
+    A,
+    B,
+    C,
+    Ring,
+    Superellipsoid,
+    X,
+    Y,
+)
+from app.vision.shape.shape import FIRST_ROUNDS, begin_fit
+from app.vision.shape.surface_match import SurfaceParallax, draw_mask, draw_parallax
+from app.vision.stereo.disparity import DisparityMap
+from app.vision.stereo.outline_snap import Ring as Line
+from app.vision.stereo.outline_snap import outline, rings_of_mask
+from app.vision.stereo.rectification import rectify_by_poses
+from app.vision.stereo.sight import Sight
+from tests.unit.vision.stereo_scene import blank_views
+
+SIGHT = Sight(rectify_by_poses(*blank_views()))
+SHAPE = SIGHT.pair.shape
+SUPPORT_MM, SUPPORT_SD_MM = 2.0, 0.5
+MIDDLE_MM = np.array([60.0, 5.0])
+UPRIGHT = (X, Y, SUPPORT, A, B, C, E1, E2, TURN_X, TURN_Y, TURN_Z, TAPER)
+FLAT_RING = (X, Y, SUPPORT, A, B, C, E1, TURN_X, TURN_Y, TURN_Z)
+ROUNDS = 30
+FINER = 6
+
+
+def ellipsoid(half_mm, heading=0.0):
+    cosine, sine = np.cos(heading), np.sin(heading)
+    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    mesh = sphere(30)
+    return mesh.places * half_mm @ turn.T + np.array([*MIDDLE_MM, SUPPORT_MM + half_mm[2]]), mesh
+
+
+def torus(middle_mm=32.0, tube_mm=13.0):
+    mesh = ring(90, 40)
+    turn, tube = mesh.places.T
+    radius = middle_mm + tube_mm * np.cos(tube)
+    own = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), tube_mm * np.sin(tube)])
+    return own + np.array([*MIDDLE_MM, SUPPORT_MM + tube_mm]), mesh
+
+
+def lines_of(vertices, mesh, view):
+    """The outline in a view, from a mask drawn FINER times as large: to a tenth of a pixel."""
+    pixels = SIGHT.in_view(*SIGHT.project(vertices), view)
+    low = np.floor(pixels.min(axis=0)) - 4
+    width, height = (np.ceil(np.ptp(pixels, axis=0)).astype(int) + 8) * FINER
+    faces = mesh.faces[faces_towards(vertices, mesh.faces, SIGHT.cameras_mm[view])]
+    mask = draw_mask((pixels - low + 0.5) * FINER - 0.5, faces, (height, width))
+    rings = [
+        Line((each.points_px[::FINER] + 0.5) / FINER - 0.5 + low, each.normals[::FINER]) for each in rings_of_mask(mask)
+    ]
+    return outline(rings, np.ones(sum(len(each.points_px) for each in rings)))
+
+
+@lru_cache
+def seen_of(solid=(30.0, 30.0, 30.0), heading=0.0, *, noise_px=0.1, is_along=True, seed=0):
+    """What both views show of an ellipsoid with these half-axes, mm, or of the torus."""
+    return seen_of_mesh(
+        *(torus() if solid == "torus" else ellipsoid(solid, heading)), noise_px, seed, is_along=is_along
+    )
+
+
+def seen_of_mesh(vertices, mesh, noise_px=0.1, seed=0, *, is_along=True):
+    """What both views show of a closed surface."""
+    drawn, (left, top) = draw_parallax(SIGHT, vertices, mesh, SHAPE)
+    parallax = np.full(SHAPE, np.nan, np.float32)
+    parallax[top : top + drawn.shape[0], left : left + drawn.shape[1]] = drawn
+    mask = np.isfinite(parallax)
+    parallax += np.random.default_rng(seed).normal(0, noise_px, SHAPE).astype(np.float32)
+    return Seen(
+        sight=SIGHT,
+        mask=mask,
+        inward_px=np.asarray(cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5), np.float32),
+        outlines=(lines_of(vertices, mesh, 0), lines_of(vertices, mesh, 1)),
+        dense=DisparityMap(parallax, np.full(SHAPE, 4.5, np.float32)),
+        surface=SurfaceParallax(parallax, np.full(SHAPE, 0.1, np.float32), (0, 0)) if is_along else None,
+    )
+
+
+def ball(half_mm=(25.0, 25.0, 25.0), off_mm=(6.0, -5.0), **changes):
+    p = np.zeros(14)
+    p[[X, Y]], p[SUPPORT], p[[A, B, C]] = MIDDLE_MM + off_mm, SUPPORT_MM, np.log(half_mm)
+    return replace(Superellipsoid("ball", p, UPRIGHT, np.eye(3), SUPPORT_SD_MM), **changes)
+
+
+def flat_ring():
+    p = np.zeros(14)
+    p[[X, Y]], p[SUPPORT], p[[A, B, C]] = MIDDLE_MM + 3.0, SUPPORT_MM, np.log([28.0, 15.0, 15.0])
+    return Ring("ring", p, FLAT_RING, np.eye(3), SUPPORT_SD_MM)
+
+
+every_ellipsoid = pytest.mark.parametrize(
+    ("half_mm", "heading"),
+    [((30.0, 30.0, 30.0), 0.0), ((38.0, 27.0, 22.0), 0.3), ((25.0, 25.0, 35.0), 0.0)],
+    ids=["ball", "ellipsoid", "egg"],
+)
+
+
+def volume_ml(half_mm):
+    return 4 / 3 * np.pi * float(np.prod(half_mm)) / 1000
+
+
+@every_ellipsoid
+def test_ellipsoid_has_its_volume_from_outlines_and_parallax(half_mm, heading):
+    seen = seen_of(half_mm, heading)
+    begun = 0.85 * np.array(half_mm)
+    plain = fit_form(ball(begun, has_displacement=False), seen, FINE, ROUNDS)
+    assert np.isclose(plain.volume_ml, volume_ml(half_mm), rtol=0.015)
+    start = ball(begun).start
+    start[: len(UPRIGHT)] = plain.unknowns
+    free = fit_form(ball(begun), seen, FINE, 10, start)
+    # What no view shows, the displacement may move: its prior alone holds it.
+    assert np.isclose(free.volume_ml, volume_ml(half_mm), rtol=0.03)
+    assert abs(free.volume_ml - volume_ml(half_mm)) < 2 * free.volume_sd_ml
+    assert free.volume_sd_ml > plain.volume_sd_ml
+
+
+def test_ring_has_its_volume_from_outlines_and_parallax():
+    fit = fit_form(replace(flat_ring(), has_displacement=False), seen_of("torus"), FINE, ROUNDS)
+    assert np.isclose(fit.volume_ml, 2 * np.pi**2 * 32 * 13**2 / 1000, rtol=0.015)
+
+
+def test_dense_parallax_serves_where_no_surface_was_measured_yet():
+    seen = seen_of(is_along=False)
+    fit = fit_form(ball(has_displacement=False), seen, COARSE, ROUNDS)
+    assert np.isclose(fit.volume_ml, volume_ml((30.0, 30.0, 30.0)), rtol=0.03)
+
+
+def test_ring_explains_a_ring_better_than_a_ball():
+    seen = seen_of("torus")
+    as_ball = fit_form(ball((40.0, 40.0, 13.0), has_displacement=False), seen, COARSE, ROUNDS)
+    as_ring = fit_form(replace(flat_ring(), has_displacement=False), seen, COARSE, ROUNDS)
+    assert as_ball.cost > 2 * as_ring.cost
+
+
+def test_strayed_parallax_and_outline_hardly_change_the_volume():
+    seen = seen_of()
+    parallax = seen.surface.parallax_px.copy()
+    y, x = np.argwhere(seen.mask).mean(axis=0).astype(int)
+    parallax[y - 60 : y - 35, x - 12 : x + 12] += 3.0  # a highlight: 25 sd
+    line = seen.outlines[0]
+    points = line.points_px.copy()
+    points[: len(points) // 12] += 8.0 * line.normals[: len(points) // 12]  # a shadow taken for food
+    strayed = replace(
+        seen,
+        surface=replace(seen.surface, parallax_px=parallax),
+        outlines=(replace(line, points_px=points, tree=cKDTree(points)), seen.outlines[1]),
+    )
+    fit = fit_form(ball(has_displacement=False), strayed, FINE, ROUNDS)
+    assert np.isclose(fit.volume_ml, volume_ml((30.0, 30.0, 30.0)), rtol=0.03)
+
+
+def test_fit_that_begins_out_of_the_outlines_reach_is_drawn_in_by_the_wide_tolerance():
+    half_mm = (44.0, 20.0, 18.0)
+    seen = seen_of(half_mm, 1.4, is_along=False)
+    turned_away = ball((40.0, 15.0, 16.0), off_mm=(25.0, 15.0), has_displacement=False)
+    stuck = fit_form(turned_away, seen, COARSE, FIRST_ROUNDS)
+    assert stuck.volume_ml < 0.8 * volume_ml(half_mm)
+    assert np.isclose(begin_fit(turned_away, seen).volume_ml, volume_ml(half_mm), rtol=0.06)  # coarse cells
+
+
+def test_less_evidence_leaves_more_doubt():
+    seen = seen_of()
+    both = fit_form(ball(has_displacement=False), seen, COARSE, ROUNDS)
+    one = fit_form(ball(has_displacement=False), replace(seen, outlines=(seen.outlines[0], None)), COARSE, ROUNDS)
+    assert one.volume_sd_ml > both.volume_sd_ml
+    assert one.observations < both.observations
+
+
+def test_form_that_shows_nothing_of_the_food_is_no_fit():
+    seen = seen_of()
+    unseen = np.full(SHAPE, np.nan, np.float32)
+    blind = replace(seen, outlines=(None, None), surface=SurfaceParallax(unseen, unseen, (0, 0)))
+    assert fit_form(ball(), blind, COARSE, ROUNDS) is None
+
+
+def test_fitting_leaves_start_and_evidence_as_they_were():
+    seen = seen_of()
+    form = ball(has_displacement=False)
+    start, points = form.start, seen.outlines[0].points_px.copy()
+    before = start.copy()
+    fit_form(form, seen, COARSE, 3, start)
+    assert np.array_equal(start, before)
+    assert np.array_equal(seen.outlines[0].points_px, points)
+
+
+def test_unknown_that_nothing_tells_stays_where_it_is():
+    normal = np.diag([2.0, 0.0, 4.0])
+    assert _solved(normal, np.array([2.0, 0.0, 8.0])) == pytest.approx([1.0, 0.0, 2.0])

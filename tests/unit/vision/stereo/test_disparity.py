@@ -1,0 +1,106 @@
+import cv2
+import numpy as np
+import pytest
+
+from app.vision.stereo.disparity import correlate, match_dense
+from app.vision.stereo.rectification import rectify_by_poses
+from tests.unit.vision.stereo_scene import Ball, rendered_views, true_depth
+
+
+def texture(height=180, width=240, seed=0):
+    rng = np.random.default_rng(seed)
+    noise = cv2.GaussianBlur(rng.uniform(0, 255, (height, width)).astype(np.float32), (0, 0), 1.5)
+    return np.clip((noise - noise.mean()) * 4 + 128, 0, 255).astype(np.float32)
+
+
+def shifted(image, shift):
+    columns, rows = np.meshgrid(
+        np.arange(image.shape[1], dtype=np.float32), np.arange(image.shape[0], dtype=np.float32)
+    )
+    return cv2.remap(image, columns + np.float32(shift), rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+
+
+def as_bgr(image):
+    return np.repeat(np.clip(image + 0.5, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def test_constant_sub_pixel_shift_is_found():
+    image = texture()
+    found = match_dense(as_bgr(image), as_bgr(shifted(image, 7.3)), (-2.0, 24.0)).parallax_px
+    inner = found[30:-30, 50:-50]
+    assert np.isfinite(inner).mean() > 0.95
+    # A tenth of a pixel: linear interpolation and 8 bits.
+    assert abs(np.nanmedian(inner) - 7.3) < 0.1
+
+
+@pytest.mark.parametrize("shift", [6.0, 6.25, 6.5, 6.75])
+def test_no_part_of_a_pixel_is_preferred(shift):
+    image = texture()
+    found = match_dense(as_bgr(image), as_bgr(shifted(image, shift)), (-2.0, 24.0)).parallax_px[30:-30, 50:-50]
+    assert abs(np.nanmedian(found) - shift) < 0.03
+    assert np.nanstd(found) < 0.15
+
+
+def test_darker_second_photograph_is_matched_all_the_same():
+    image = texture()
+    found = match_dense(as_bgr(image), as_bgr(0.6 * shifted(image, 7.3) + 30), (-2.0, 24.0)).parallax_px
+    inner = found[30:-30, 50:-50]
+    assert np.isfinite(inner).mean() > 0.9
+    assert abs(np.nanmedian(inner) - 7.3) < 0.1
+
+
+def test_standard_deviation_tells_how_far_off_parallaxes_are():
+    image = texture()
+    rng = np.random.default_rng(0)
+    noisy = [picture + rng.normal(0, 8, image.shape) for picture in (image, shifted(image, 7.3))]
+    found = match_dense(as_bgr(noisy[0]), as_bgr(noisy[1]), (-2.0, 24.0))
+    inner = (slice(30, -30), slice(50, -50))
+    spread = np.nanstd(found.parallax_px[inner])
+    assert 0.3 < spread / np.nanmedian(found.sd_px[inner]) < 3.0  # a guess at how many pixels are independent is in it
+    assert np.array_equal(np.isnan(found.sd_px), np.isnan(found.parallax_px))
+
+
+def test_correlation_ignores_gain_and_offset():
+    image = texture()
+    assert correlate(image, 0.5 * image + 40)[20:-20, 20:-20].min() > 0.999
+
+
+def test_correlation_agrees_with_a_slow_reference():
+    a, b = texture(40, 40, 1), texture(40, 40, 2)
+    window = (slice(16, 25), slice(11, 20))
+    slow = np.corrcoef(a[window].ravel(), b[window].ravel())[0, 1]
+    assert abs(correlate(a, b)[20, 15] - slow) < 1e-3
+
+
+def test_featureless_region_gives_nan():
+    image = texture()
+    image[60:140, 60:180] = 128.0
+    noisy = [image + np.random.default_rng(k).normal(0, 0.2, image.shape).astype(np.float32) for k in (0, 1)]
+    found = match_dense(as_bgr(noisy[0]), as_bgr(shifted(noisy[1], 5.0)), (0.0, 16.0)).parallax_px
+    assert np.isnan(found[98:102, 110:130]).all()
+
+
+def test_pictures_of_different_things_match_hardly_anywhere():
+    found = match_dense(as_bgr(texture(seed=1)), as_bgr(texture(seed=2)), (0.0, 16.0)).parallax_px
+    assert np.isfinite(found).mean() < 0.05
+
+
+def test_inputs_are_not_modified():
+    image = as_bgr(texture())
+    before = image.copy()
+    match_dense(image, image, (0.0, 8.0))
+    assert np.array_equal(image, before)
+
+
+def test_depth_of_a_rendered_ball_and_table_is_right():
+    ball = Ball((110.0, 20.0), 35.0)
+    first, second = rendered_views(ball)
+    pair = rectify_by_poses(first, second)
+    found = match_dense(pair.first_bgr, pair.second_bgr, pair.parallax_range_px, pair.is_seen)
+    depth = pair.focal_px * pair.baseline_mm / pair.disparity_from_parallax(found.parallax_px)
+    truth = true_depth(pair.rotation, pair.first_centre_mm, pair.focal_px, pair.centre_px, pair.shape, ball)
+    error = np.abs(depth - truth)[np.isfinite(depth)]
+    assert np.isfinite(depth).mean() > 0.5
+    # 0.1 px of 150 px disparity at 400 mm is 0.3 mm; occlusions and the outline err more.
+    assert np.median(error) < 0.6
+    assert np.quantile(error, 0.9) < 3.0

@@ -1,0 +1,70 @@
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from app.vision.board.camera import camera_from_exif
+from app.vision.board.pose import FOCAL_SPREAD_UNKNOWN, board_points, project
+from app.vision.intrinsics import Camera
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import MarkerObservation, Photo, View
+from app.vision.stereo.focal_doubt import FLAG_SD, MOST_SD, doubt_focal
+from app.vision.stereo.pose_doubt import volume_doubt
+from app.vision.stereo.relative_pose import RefinedViews
+
+SPEC = MarkerSpec("plain", 9, 7, 11.0)
+PHOTO = Photo(np.zeros((960, 1280, 3), np.uint8))  # without EXIF
+GUESS = camera_from_exif(PHOTO)
+NOISE_PX = 0.05
+FOODS = np.array([[120.0, 0.0, 20.0]], np.float32)
+
+
+def view(centre, forward, camera, seed):
+    """A view of the board, its corners with the detector's noise. centre, forward: (3,) mm, table frame."""
+    forward = np.asarray(forward, float) / np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 1e-3, 1.0] if abs(forward[2]) < 0.99 else [0.0, 1.0, 0.0])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    pose = np.concatenate([cv2.Rodrigues(rotation)[0].ravel(), -rotation @ centre])
+    corners = project(camera, board_points(SPEC), pose)
+    corners = corners + np.random.default_rng(seed).normal(0.0, NOISE_PX, corners.shape)
+    return View(PHOTO, camera, MarkerObservation(SPEC, corners), rotation, pose[3:], NOISE_PX)
+
+
+def pair(where, focal_scale=0.75, source="board"):
+    """Two views 60 mm apart: from straight above, as a rig over the table takes them, or from a slant."""
+    camera = replace(GUESS, fx=GUESS.fx * focal_scale, fy=GUESS.fy * focal_scale, source=source)
+    centres = np.array([[-30.0, -60.0, 350.0], [30.0, -60.0, 350.0]])
+    if where == "slanted":
+        centres = np.array([[-30.0, -300.0, 300.0], [30.0, -300.0, 300.0]])
+    forwards = [[0.0, 0.0, -1.0]] * 2 if where == "above" else -centres
+    return tuple(
+        view(centre, forward, camera, k) for k, (centre, forward) in enumerate(zip(centres, forwards, strict=True))
+    )
+
+
+def test_board_from_straight_above_leaves_the_prior_of_the_focal_length():
+    doubt = doubt_focal(*pair("above"), GUESS)
+    assert doubt.log_sd == pytest.approx(FOCAL_SPREAD_UNKNOWN, rel=0.2)
+
+
+def test_slanted_board_tells_the_focal_length():
+    doubt = doubt_focal(*pair("slanted"), GUESS)
+    assert doubt.log_sd < 0.06  # half a step of the search and the corners' noise
+
+
+def test_volume_from_straight_above_is_too_unsure_and_a_slanted_one_is_not():
+    sds = []
+    for where in ("above", "slanted"):
+        views = pair(where)
+        refined = RefinedViews(*views, np.zeros(3), 0)
+        sds.append(volume_doubt(refined, FOODS, doubt_focal(*views, GUESS)).focal_sd)
+    assert sds[0] > MOST_SD
+    assert sds[1] < 2 * FLAG_SD
+
+
+@pytest.mark.parametrize("source", ["given", "exif"])
+def test_known_focal_length_leaves_no_such_doubt(source):
+    assert doubt_focal(*pair("above", source=source), GUESS) is None
+    assert isinstance(GUESS, Camera)

@@ -1,0 +1,103 @@
+import numpy as np
+import pytest
+
+from app.vision.stereo.epipolar import fundamental_from_points
+from app.vision.stereo.rectification import (
+    epipole_to_infinity,
+    is_swapped,
+    map_points,
+    rectify_by_fundamental,
+    rectify_by_poses,
+    to_rectified_px,
+)
+from tests.unit.vision.stereo.test_epipolar import project, scene_points
+from tests.unit.vision.stereo_scene import CAMERA, blank_views
+
+
+@pytest.mark.parametrize("roll_deg", [0.0, 35.0, 90.0, -90.0, 180.0])
+def test_rows_align_and_disparity_is_focal_times_baseline_over_depth(roll_deg):
+    views = blank_views(roll_deg=roll_deg)
+    first, second = views[::-1] if is_swapped(*views) else views
+    pair = rectify_by_poses(first, second)
+    points = scene_points(30)
+    x = to_rectified_px(pair, first, project(first, points))
+    x_second = to_rectified_px(pair, second, project(second, points))
+    depth = pair.project(points)[:, 2]
+    assert np.allclose(x[:, 1], x_second[:, 1], atol=1e-6)
+    assert np.allclose(x[:, 0] - x_second[:, 0], pair.focal_px * pair.baseline_mm / depth)
+    assert np.allclose(pair.project(points)[:, :2], x, atol=1e-6)
+
+
+def test_plane_disparity_is_that_of_points_on_the_table():
+    first, second = blank_views()
+    pair = rectify_by_poses(first, second)
+    points = scene_points(30) * [1.0, 1.0, 0.0]
+    x = pair.project(points)
+    a, b, c = pair.plane_px
+    assert np.allclose(a * x[:, 0] + b * x[:, 1] + c, pair.focal_px * pair.baseline_mm / x[:, 2])
+
+
+def test_grid_maps_back_to_the_photograph():
+    first, second = blank_views(roll_deg=20.0)
+    pair = rectify_by_poses(first, second)
+    points = scene_points(10)
+    x = np.rint(pair.project(points)[:, :2]).astype(int)
+    # Half a grid pixel of rounding, in px of the photograph.
+    step = CAMERA.fx / pair.focal_px
+    assert np.abs(pair.first_map_px[x[:, 1], x[:, 0]] - project(first, points)).max() < 1.5 * step
+
+
+def test_parallax_range_covers_what_stands_on_the_table():
+    first, second = blank_views()
+    pair = rectify_by_poses(first, second)
+    points = scene_points(50)
+    x = pair.project(points)
+    a, b, c = pair.plane_px
+    parallax = (pair.focal_px * pair.baseline_mm / x[:, 2] - a * x[:, 0] - b * x[:, 1] - c) / (1 - a)
+    assert pair.parallax_range_px[0] < parallax.min()
+    assert parallax.max() < pair.parallax_range_px[1]
+
+
+@pytest.mark.parametrize("roll_deg", [0.0, 90.0])
+def test_swapped_views_are_told_from_ordered_ones(roll_deg):
+    left, right = blank_views(roll_deg=roll_deg)
+    assert is_swapped(left, right) != is_swapped(right, left)
+    if roll_deg == 0.0:
+        assert not is_swapped(left, right)
+
+
+def test_epipole_goes_to_infinity_along_the_x_axis():
+    for epipole in ([5000.0, 900.0, 1.0], [-3000.0, -200.0, 1.0], [1.0, 0.1, 0.0]):
+        mapped = epipole_to_infinity(np.array(epipole), np.array([600.0, 450.0])) @ epipole
+        assert np.allclose(mapped[1:] / mapped[0], 0.0, atol=1e-9)
+
+
+def test_rectification_by_fundamental_aligns_rows_and_drives_disparity_through_zero():
+    first, second = blank_views()
+    points = scene_points(40)
+    x, x_second = project(first, points), project(second, points)
+    found = rectify_by_fundamental(fundamental_from_points(x, x_second), x, x_second, (1200, 900))
+    y, y_second = map_points(found[0], x), map_points(found[1], x_second)
+    disparity = y[:, 0] - y_second[:, 0]
+    # Half a second of arc at this focal length: the fundamental matrix is exact but for rounding.
+    assert np.abs(y[:, 1] - y_second[:, 1]).max() < 1e-3
+    assert disparity.min() < 0 < disparity.max()
+    assert abs(disparity.mean()) < 1e-6
+
+
+def test_least_squares_of_second_homography_cannot_be_bettered_by_a_shift_or_stretch():
+    first, second = blank_views()
+    points = scene_points(40)
+    x, x_second = project(first, points), project(second, points)
+    h, h_second = rectify_by_fundamental(fundamental_from_points(x, x_second), x, x_second, (1200, 900))
+    y, y_second = map_points(h, x), map_points(h_second, x_second)
+    cost = ((y - y_second) ** 2).sum()
+    for change in ([1.001, 0.0, 0.0], [1.0, 0.001, 0.0], [1.0, 0.0, 0.5]):
+        moved = y_second.copy()
+        moved[:, 0] = np.column_stack([y_second, np.ones(len(y))]) @ change
+        assert ((y - moved) ** 2).sum() >= cost
+
+
+def test_epipole_inside_the_image_is_refused():
+    inside = np.array([[0.0, -1.0, 450.0], [1.0, 0.0, -600.0], [-450.0, 600.0, 0.0]])  # [e]x, e = (600, 450, 1)
+    assert rectify_by_fundamental(inside, np.zeros((8, 2)), np.zeros((8, 2)), (1200, 900)) is None
