@@ -2,9 +2,10 @@
 
 Reads requests from standard input, a JSON object a line, and answers on what was standard output, a JSON object a line:
 {"ready": true} once; then, for each request, {"taken": true}, any number of {"stage": name} and one of {"ok": result},
-{"out_of_memory": words}, {"raised": words}. TASKS is "module:NAME" of a mapping from a task's name to its function.
-What libraries print goes to standard error. The parent (child_pool.py) holds the clock and the kill switch; a
-request's `cpu_seconds` are watched by the kernel. One that `is_costly` is performed at a low priority.
+{"out_of_memory": text}, {"raised": text, "errno": number where the system refused something}. TASKS is "module:NAME" of
+a mapping from a task's name to its function. What libraries print goes to standard error. The parent (child_pool.py)
+holds the clock and the kill switch; a request's `cpu_seconds` are watched by the kernel. One that `is_costly` is
+performed at a low priority.
 """
 
 import faulthandler
@@ -102,7 +103,9 @@ def _perform(tasks: Mapping[str, Task], name: str, arguments: Mapping[str, Any],
     except Exception as error:  # noqa: BLE001  # the worker's edge
         traceback.print_exc()
         words = f"{type(error).__name__}: {error}"
-        return {"out_of_memory" if _is_out_of_memory(error) else "raised": words}
+        if _is_out_of_memory(error):
+            return {"out_of_memory": words}
+        return {"raised": words, "errno": error.errno if isinstance(error, OSError) else None}
     return {"ok": result}
 
 

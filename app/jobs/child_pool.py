@@ -71,7 +71,8 @@ class ChildRequest:
 class ChildResult:
     """How it ended. result: with "ok" only. message: words for the log. signal: that ended a crashed child.
 
-    limit: that was passed, with its unit.
+    limit: that was passed, with its unit. errno: of what "raised", where the system refused something, as a full disk
+    does.
     """
 
     outcome: Outcome
@@ -79,6 +80,7 @@ class ChildResult:
     message: str = ""
     signal: int | None = None
     limit: str = ""
+    errno: int | None = None
 
     @property
     def failure(self) -> Failure | None:
@@ -369,6 +371,8 @@ class _Child:
                     return ChildResult("ok", result)
                 case {"out_of_memory": str(words)}:
                     return ChildResult("out_of_memory", message=words, limit=_in_mebibytes(self._memory_bytes))
+                case {"raised": str(words), "errno": int(errno)}:
+                    return ChildResult("raised", message=words, errno=errno)
                 case {"raised": str(words)}:
                     return ChildResult("raised", message=words)
                 case _:

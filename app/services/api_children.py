@@ -16,6 +16,7 @@ import structlog
 
 from app.errors import TadaError, UnavailableError
 from app.jobs.child_pool import ChildPool, ChildPoolClosedError, ChildRequest, ChildResult, ChildStartError
+from app.jobs.faults import PASSING_ERRNOS
 from app.services.fair_line import FairLine, LineFullError
 from app.settings import Settings
 
@@ -96,7 +97,7 @@ class ApiChildren:
         if ended.outcome == "ok":
             return ended.result
         log.error("api_child_ended_badly", task=task, outcome=ended.outcome, message=_words(ended))
-        if ended.outcome in ("stalled", "killed"):
+        if ended.outcome in ("stalled", "killed") or ended.errno in PASSING_ERRNOS:
             raise _busy()
         if ended.outcome == "raised":
             raise TadaError("The server made a mistake while it looked at the photograph; it is in its log.")

@@ -213,6 +213,8 @@ class EstimateMeal:
             _note_times(done.result)
             return dict(done.result)
         log.error("estimate_ended_badly", meal_id=str(job.meal_id), outcome=done.outcome, message=done.message)
+        if done.errno is not None:  # a full disk is no mistake of the program: faults.py tells which of these pass
+            raise OSError(done.errno, done.message)
         if done.is_passing:
             raise BrokenOff(done.failure)
         ended = MealEstimate(method=options.method, pipeline_version=PIPELINE_VERSION, stages={}, failure=done.failure)

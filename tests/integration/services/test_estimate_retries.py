@@ -1,12 +1,13 @@
 """What an estimate's child may come to, and which of it is worth another try."""
 
+import errno
 import uuid
 
 import pytest
 from structlog.testing import capture_logs
 
 from app.jobs.child_pool import ChildResult
-from app.jobs.faults import BrokenOff
+from app.jobs.faults import BrokenOff, is_passing
 from app.services.estimate_meal import AWAITS_ROOM, EstimateMeal
 from tests.integration.conftest import meal_metadata
 from tests.photographs import pair
@@ -61,6 +62,14 @@ def test_estimate_that_its_photographs_ended_is_not_tried_again(state, sent, out
     answer = EstimateMeal(state.database, state.blobs, children, state.settings).load(key).answer
     assert answer["failure"]["code"] == code
     assert "{limit}" not in answer["failure"]["message"]
+
+
+def test_disk_that_is_full_for_a_while_in_the_child_fails_no_meal(state, sent):
+    """In a storm a full disk met the child at its output: the meal was `internal_error` at once."""
+    children = Children(ChildResult("raised", message="OSError: no space left on device", errno=errno.ENOSPC))
+    with pytest.raises(OSError, match="no space left") as full:
+        EstimateMeal(state.database, state.blobs, children, state.settings).compute(job_of(state))
+    assert is_passing(full.value)
 
 
 def test_waiting_for_room_with_a_meal_that_was_erased_meanwhile_leaves_no_traceback(state):

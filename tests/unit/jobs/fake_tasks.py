@@ -1,5 +1,6 @@
 """Tasks for the child process: one for each way to end."""
 
+import errno
 import os
 import pathlib
 import signal
@@ -56,6 +57,10 @@ def _raise(arguments, on_stage):
     raise ValueError("a bug of the task")
 
 
+def _fill_disk(arguments, on_stage):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
 def _print(arguments, on_stage):
     print('{"ok": {"who": "a library"}}', flush=True)  # noqa: T201
     os.write(1, b"C code prints too\n")
@@ -102,6 +107,7 @@ TASKS = {
     "killed_twice": _killed_twice,
     "hold": _hold,
     "eat_memory": _eat_memory,
+    "fill_disk": _fill_disk,
     "raise": _raise,
     "print": _print,
     "stages": _stages,

@@ -1,3 +1,4 @@
+import errno
 import os
 import pathlib
 import signal
@@ -290,3 +291,10 @@ def test_costly_request_gives_way_and_the_next_one_in_its_child_does_not(pool):
     after = run(pool, "describe").result
     assert before["pid"] == costly["pid"] == after["pid"]
     assert costly["niceness"] > before["niceness"] == after["niceness"]
+
+
+def test_what_the_system_refused_comes_with_its_number(pool):
+    """So that a full disk is waited for, and is no mistake of the program."""
+    ended = run(pool, "fill_disk")
+    assert (ended.outcome, ended.errno) == ("raised", errno.ENOSPC)
+    assert run(pool, "raise").errno is None
