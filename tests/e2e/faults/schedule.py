@@ -159,7 +159,13 @@ def stop_store(deployment, rng, witness):
 def fill_files(deployment, rng, witness):
     disk = deployment.disks["files"]
     disk.fill()
-    return rng.uniform(0.5, 3.0), disk.free
+
+    def free():
+        disk.free()
+        if deployment.store is not None:  # SeaweedFS' index refuses writes after a full disk until it is started again
+            deployment.store.kill(0.1)
+
+    return rng.uniform(0.5, 3.0), free
 
 
 @fault("disk of database full", lambda deployment: has_database(deployment) and deployment.disks["database"].is_mounted)
