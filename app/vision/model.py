@@ -195,6 +195,6 @@ class MealEstimate:
     items: tuple[ItemEstimate, ...] = ()
     failure: Failure | None = None
     views: tuple[View, View] | None = None
-    parameters: Mapping[str, float | int | str] = field(default_factory=dict)
+    parameters: Mapping[str, object] = field(default_factory=dict)
     artefacts: Sequence[Artefact] = ()
     colours: tuple[ColourCorrection, ColourCorrection] | None = None

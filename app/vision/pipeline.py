@@ -6,7 +6,7 @@ Photographs arrive decoded (photo.py); densities and nutrients are for others.
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from app.vision.scene.segmentation import Foods
 from app.vision.shape.measure import MeasuredItem, measure_items
 from app.vision.shape.outlines import draw_hints, photograph_px, rings_of
 from app.vision.shape.shape import measure_shapes
+from app.vision.shape.tuning import TUNING
 from app.vision.stereo.disparity import DisparityMap, match_dense
 from app.vision.stereo.epipolar import Epipolar, compare_fundamentals
 from app.vision.stereo.features import Matches, match_features, shows_sheet
@@ -71,7 +72,7 @@ def estimate_meal(
         items=items,
         failure=found if isinstance(found, Failure) else None,
         views=trace.views,
-        parameters={"seed": options.seed, **trace.parameters()},
+        parameters={"seed": options.seed, **trace.parameters(), "tuning": asdict(TUNING)},
         artefacts=draw_artefacts(trace, pair, items) if want_artefacts else (),
         colours=trace.colours,
     )

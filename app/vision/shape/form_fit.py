@@ -22,32 +22,12 @@ from app.vision.geometry.mesh import (
     unit,
 )
 from app.vision.model import Float32Array, Float64Array, MaskArray
-from app.vision.shape.forms import COARSE, EXACT, FINE, Form
+from app.vision.shape.forms import COARSE, EXACT, Form
 from app.vision.shape.surface_match import WINDOW_PX, SurfaceParallax, draw_mask
+from app.vision.shape.tuning import TUNING
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.outline_snap import STEP_PX, Outline
 from app.vision.stereo.sight import Sight
-
-OUTLINE_SD_PX = 0.7  # of the working grid
-WIDE_OUTLINE_SD_PX = 4 * OUTLINE_SD_PX  # for a form that still lies beyond the loss's reach of the outline
-OUTLINE_RUN_PX = 10.0  # along an outline, over which its errors are one
-DENSE_SD_PX, DENSE_AREA_PX = 0.5, 100.0  # of the dense parallax, and the area over which its errors are one
-SURFACE_SD_PX = 0.12  # that parallax along a surface has beside its noise: interpolation, gloss, the poses' rest
-MAX_SD_PX = 1.0
-UNMEASURED_LOSS = 2.0  # of an observation that could not be made: more than a good one's, less than a bad one's
-LOSS_SCALE = 2.5  # sd, beyond which a misfit counts less and less
-FACING = 0.2  # cosine of the slant up to which parallax is compared
-FACING_SECOND = 0.15
-FOOT_MM = 0.5  # over the support, from which on a point is not the foot's
-HIDDEN_PX = 3.0  # within its own outline, a crossing line is hidden by the form itself
-HULL_PX = 1.0  # within the hull of its outline, up to which a point lies on the outline of the whole
-NEAR_PX = HIDDEN_PX + 2.0  # of a point, beyond which it does not matter what the form covers
-MIN_OUTLINE = 8
-DAMPING = (0.1, 1e-4, 1e4)  # start, least, most
-TRIES = 5
-CONVERGED = {COARSE: 1e-2, FINE: 2e-3}  # relative fall of the cost in a round; a coarse fit only ranks families
-COVERAGE_WEIGHT = 0.5  # of a point of the food's outline against one of the form's
-UNEXPLAINED_PX = 4.0  # from the form's outline, beyond which a point of the food's is not explained
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,13 +79,14 @@ class _Terms:
 
     @property
     def loss(self) -> float:
-        scaled = (self.residual_px / self.sd_px / LOSS_SCALE) ** 2
-        return float(LOSS_SCALE**2 * (self.weight * np.log1p(scaled)).sum()) + UNMEASURED_LOSS * self.unmeasured
+        scaled = (self.residual_px / self.sd_px / TUNING.loss_scale) ** 2
+        measured = float(TUNING.loss_scale**2 * (self.weight * np.log1p(scaled)).sum())
+        return measured + TUNING.unmeasured_loss * self.unmeasured
 
     @property
     def precision(self) -> Float64Array:
         """(n,) of each term as the loss leaves it (iteratively reweighted least squares)."""
-        scaled = (self.residual_px / self.sd_px / LOSS_SCALE) ** 2
+        scaled = (self.residual_px / self.sd_px / TUNING.loss_scale) ** 2
         return np.asarray(self.weight / self.sd_px**2 / (1 + scaled), np.float64)
 
 
@@ -115,17 +96,18 @@ def fit_form(
     cells: int,
     rounds: int,
     start: Float64Array | None = None,
-    outline_sd_px: float = OUTLINE_SD_PX,
+    outline_sd_px: float = TUNING.outline_sd_px,
 ) -> FormFit | None:
     """Fit from `start` (or the form's own); None where nothing of the food meets the form. cells: COARSE or FINE."""
     first = _misfit(form, form.start if start is None else start, cells, seen, outline_sd_px)
     if first is None:
         return None
     found = _linearised(form, first, cells)
-    damping, least, most = DAMPING
+    damping, least, most = TUNING.damping
+    converged = TUNING.converged_coarse if cells == COARSE else TUNING.converged_fine
     for _ in range(rounds):
         before = found
-        for _ in range(TRIES):
+        for _ in range(TUNING.tries):
             step = -_solved(before.normal + damping * np.diag(np.diag(before.normal)), before.slope)
             step /= max(1.0, float(np.abs(step / form.stride).max()))
             trial = _misfit(form, form.bounded(before.unknowns + step), cells, seen, outline_sd_px)
@@ -134,7 +116,7 @@ def fit_form(
                 break
             damping = min(damping * 5, most)
         damping = max(damping / 4, least)
-        if before.cost - found.cost < CONVERGED[cells] * before.cost:
+        if before.cost - found.cost < converged * before.cost:
             break
     by_vertex = enclosed_gradient_mm2(form.vertices(found.unknowns, cells), form.topology(cells))
     gradient = np.tensordot(form.jacobian(found.unknowns, cells), by_vertex, 2)
@@ -230,7 +212,7 @@ def _terms(form: Form, unknowns: Float64Array, cells: int, seen: Seen, outline_s
     parts = [_parallax_terms(placed, seen)]
     for view in (0, 1):
         index, share = outline_vertices(placed.vertices, placed.mesh, placed.is_facing[view])
-        if len(index) < MIN_OUTLINE:
+        if len(index) < TUNING.min_outline:
             continue
         parts.append(_outline_terms(placed, index, share, seen, view, outline_sd_px, is_folded=form.is_folded))
         if view == 0:
@@ -268,7 +250,7 @@ def _outline_terms(
     residual = ((pixels - line.points_px[nearest]) * towards).sum(axis=1)
     by_point = np.einsum("na,nab->nb", towards, seen.sight.pixel_gradient(placed.vertices[index], view))
     length = cv2.arcLength(cv2.convexHull(pixels.astype(np.float32)), closed=True)
-    weight = line.weights[nearest] * share * length / OUTLINE_RUN_PX
+    weight = line.weights[nearest] * share * length / TUNING.outline_run_px
     if is_folded:
         weight = np.where(_is_hidden(placed, seen, view, pixels), 0.0, weight)
     return _Terms(index, by_point, residual, np.full(len(residual), sd_px), weight)
@@ -290,17 +272,17 @@ def _coverage_terms(placed: _Placed, index: IntArray, seen: Seen, *, is_flat: bo
     squared = cdist(line.points_px, pixels, "sqeuclidean")  # the form's outline has too few points for a tree to pay
     nearest = squared.argmin(axis=1)
     distance = np.sqrt(squared[np.arange(len(squared)), nearest])
-    apart = np.flatnonzero((distance > UNEXPLAINED_PX) & (line.weights > 0))
+    apart = np.flatnonzero((distance > TUNING.unexplained_px) & (line.weights > 0))
     if len(apart) == 0:
         return None
     towards = (pixels[nearest[apart]] - line.points_px[apart]) / distance[apart][:, None]
     gradient = seen.sight.pixel_gradient(placed.vertices[index], 0)[nearest[apart]]
-    weight = COVERAGE_WEIGHT * line.weights[apart] * STEP_PX / OUTLINE_RUN_PX
+    weight = TUNING.coverage_weight * line.weights[apart] * STEP_PX / TUNING.outline_run_px
     return _Terms(
         index[nearest[apart]],
         np.einsum("na,nab->nb", towards, gradient),
-        distance[apart] - UNEXPLAINED_PX,
-        np.full(len(apart), OUTLINE_SD_PX),
+        distance[apart] - TUNING.unexplained_px,
+        np.full(len(apart), TUNING.outline_sd_px),
         weight,
     )
 
@@ -310,7 +292,7 @@ def _sampled_edges(placed: _Placed) -> tuple[IntArray, Float64Array]:
     is_facing, edges = placed.is_facing[0], placed.mesh.edges
     edges = edges[is_facing[placed.mesh.edge_faces[:, 0]] != is_facing[placed.mesh.edge_faces[:, 1]]]
     start, end = (placed.pixels[0][edges[:, side]] for side in (0, 1))
-    steps = np.maximum(np.ceil(np.linalg.norm(end - start, axis=1) / UNEXPLAINED_PX), 1).astype(np.int64)
+    steps = np.maximum(np.ceil(np.linalg.norm(end - start, axis=1) / TUNING.unexplained_px), 1).astype(np.int64)
     edge = np.repeat(np.arange(len(edges)), steps)
     first = np.repeat(np.cumsum(steps) - steps, steps)
     share = (np.arange(len(edge)) - first + 0.5) / steps[edge]
@@ -326,7 +308,7 @@ def _is_hidden(placed: _Placed, seen: Seen, view: int, pixels: Float64Array) -> 
     corners = placed.pixels[view]
     low = np.floor(corners.min(axis=0)) - 3
     size = np.ceil(np.ptp(corners, axis=0)).astype(np.int64) + 8
-    inner = np.flatnonzero(_depth_in_hull_px(pixels) > HULL_PX)
+    inner = np.flatnonzero(_depth_in_hull_px(pixels) > TUNING.hull_px)
     if len(inner) == 0 or (size > max(seen.mask.shape)).any():
         return out
     faces = placed.mesh.faces[placed.is_facing[view]]
@@ -334,7 +316,7 @@ def _is_hidden(placed: _Placed, seen: Seen, view: int, pixels: Float64Array) -> 
     covered = draw_mask(corners - low, faces, (int(size[1]), int(size[0])))
     depth = cv2.distanceTransform(covered.astype(np.uint8), cv2.DIST_L2, 3)
     column, row = np.rint(pixels[inner] - low).astype(np.int64).T
-    out[inner] = depth[row, column] > HIDDEN_PX
+    out[inner] = depth[row, column] > TUNING.hidden_px
     return out
 
 
@@ -349,7 +331,7 @@ def _depth_in_hull_px(pixels: Float64Array) -> Float64Array:
 
 def _is_near(triangles: Float64Array, pixels: Float64Array) -> MaskArray:
     """(m,) whether the box around each triangle (m, 3, 2) comes within reach of any of the points (n, 2)."""
-    low, high = triangles.min(axis=1) - NEAR_PX, triangles.max(axis=1) + NEAR_PX
+    low, high = triangles.min(axis=1) - TUNING.near_px, triangles.max(axis=1) + TUNING.near_px
     near = [(low[:, axis, None] < pixels[:, axis]) & (pixels[:, axis] < high[:, axis, None]) for axis in (0, 1)]
     return np.asarray((near[0] & near[1]).any(axis=1), np.bool_)
 
@@ -366,7 +348,8 @@ def _parallax_terms(placed: _Placed, seen: Seen) -> _Terms | None:
     outward = unit(normals)
     slant = np.einsum("ij,ij->i", outward, ray)
     slant_second = np.einsum("ij,ij->i", outward, unit(vertices - second))
-    is_open = (slant < -FACING) & (slant_second < -FACING_SECOND) & (vertices[:, 2] > support_mm + FOOT_MM)
+    is_facing = (slant < -TUNING.facing) & (slant_second < -TUNING.facing_second)
+    is_open = is_facing & (vertices[:, 2] > support_mm + TUNING.foot_mm)
     index = np.flatnonzero(is_open)
     if len(index) == 0:
         return None
@@ -374,7 +357,7 @@ def _parallax_terms(placed: _Placed, seen: Seen) -> _Terms | None:
     # A vertex speaks for a third of the triangles around it.
     seen_mm2 = np.abs(np.einsum("ij,ij->i", normals[index], ray[index])) / 6
     weight = seen_mm2 * (sight.pair.focal_px / depth[index]) ** 2 / area_px
-    known = np.isfinite(measured) & (sd < MAX_SD_PX)
+    known = np.isfinite(measured) & (sd < TUNING.max_sd_px)
     if not known.any():
         return None
     unmeasured = float(weight[~known].sum())
@@ -393,7 +376,7 @@ def _measured(seen: Seen, pixels: Float64Array) -> tuple[Float64Array, Float64Ar
     inward = seen.inward_px[row, column]
     if seen.surface is not None:
         value, sd = seen.surface.at(pixels)
-        return np.where(inward > 1, value, np.nan), np.hypot(sd, SURFACE_SD_PX), float(WINDOW_PX**2)
+        return np.where(inward > 1, value, np.nan), np.hypot(sd, TUNING.surface_sd_px), float(WINDOW_PX**2)
     value = np.asarray(seen.dense.parallax_px[row, column], np.float64)
     is_own = inward > seen.dense.reach_px[row, column] + 1
-    return np.where(is_own, value, np.nan), np.full(len(value), DENSE_SD_PX), DENSE_AREA_PX
+    return np.where(is_own, value, np.nan), np.full(len(value), TUNING.dense_sd_px), TUNING.dense_area_px

@@ -22,12 +22,13 @@ from app.vision.scene.segmentation import Foods, Region
 from app.vision.scene.vessel import Vessel
 from app.vision.shape.bowl import measure_content
 from app.vision.shape.families import families
-from app.vision.shape.form_fit import WIDE_OUTLINE_SD_PX, FormFit, Seen, fit_form
+from app.vision.shape.form_fit import FormFit, Seen, fit_form
 from app.vision.shape.form_prior import FormPrior, form_prior
 from app.vision.shape.forms import COARSE, EXACT, FINE, Form
 from app.vision.shape.measure import MeasuredItem, is_low_texture, without_clutter
 from app.vision.shape.prism_starts import begin_prisms
 from app.vision.shape.surface_match import draw_mask, measure_along
+from app.vision.shape.tuning import TUNING
 from app.vision.shape.volume import NORMAL_90, SCALE_SD, Volume
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.outline_snap import (
@@ -41,28 +42,6 @@ from app.vision.stereo.outline_snap import (
 from app.vision.stereo.reconstruction import plane_points
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.sight import Sight, sight_of
-
-TOP_QUANTILE = 0.98  # of the points' heights: strays lie above it
-MARGIN_PX = 25  # around a food's mask
-FIRST_ROUNDS, WIDE_ROUNDS, ROUNDS = 12, 6, 10
-KEPT = 4  # families that are fitted finely
-KEPT_RATIO = 2.0  # of the best one's cost: a family that fits so much worse coarsely is not fitted finely
-MAX_PASSES = 3  # of fine fits along the best one
-SETTLED = 0.03  # change of the best volume in a pass, relative, below which no further one is needed
-SNAP_PX, SNAP_SECOND_PX = 4.0, 5.0
-SECOND_WEIGHT = 0.5  # of the second view's outline, which was sought where the form was
-TEMPER = 4.0  # by which differences of evidence count less: what no family can be errs alike all over a food
-OCCAM_WEIGHT = 0.25  # in the evidence: of the price of what had to be fitted, since priors of weights are wide
-TOUCHING_PX = 7  # within which two foods' outlines are one
-IN_FRONT_MM = 2.0  # by which the farther of two touching foods may still seem nearer
-BEYOND_PX = 3.0  # across an outline, where the other food is looked for
-SUPPORT_UNKNOWN_MM, SUPPORT_UNKNOWN_SD_MM = 1.5, 2.0  # over the table: a plate or none
-LEAST_SUPPORT_SD_MM = 0.3  # crumbs, cloth
-UNKNOWN_INSIDE_SD = 0.25  # of a volume, relative: more, and a bowl's inside would be imagined, so no volume is given
-# Of a volume, what families and their spreads leave out; chosen on 255 foods, dev and other seeds.
-REST_SD = 0.02  # relative
-FLAT_REST_SD = 0.036  # the same of blocks and wedges, whose rounded edges and slopes are little seen
-FOOT_SD_MM = 0.5  # of the foot, which a contact shadow hides: the flatter the food, the more it is of its height
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,15 +103,15 @@ class _Scene:
         mask = self.regions[number].mask
         rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
         window = (
-            slice(max(rows[0] - MARGIN_PX, 0), min(rows[-1] + MARGIN_PX, mask.shape[0] - 1) + 1),
-            slice(max(columns[0] - MARGIN_PX, 0), min(columns[-1] + MARGIN_PX, mask.shape[1] - 1) + 1),
+            slice(max(rows[0] - TUNING.margin_px, 0), min(rows[-1] + TUNING.margin_px, mask.shape[0] - 1) + 1),
+            slice(max(columns[0] - TUNING.margin_px, 0), min(columns[-1] + TUNING.margin_px, mask.shape[1] - 1) + 1),
         )
         sight = sight_of(self.pair, self.table, self.plane_xy_mm, window)
         rings = rings_of_mask(mask)
         if not rings:
             return None
         hidden_by = self._in_front(number)
-        line = _without(snap(self.lab[0], rings, SNAP_PX), hidden_by[0])
+        line = _without(snap(self.lab[0], rings, TUNING.snap_px), hidden_by[0])
         inward = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
         measured = np.argwhere(np.isfinite(self.disparity.parallax_px) & (inward > self.disparity.reach_px))
         if len(measured) == 0:
@@ -147,22 +126,22 @@ class _Scene:
         """Height over the table of what the food rests on, and its sd, mm."""
         support = self.regions[number].support
         if support is None:
-            return SUPPORT_UNKNOWN_MM, SUPPORT_UNKNOWN_SD_MM
+            return TUNING.support_unknown_mm, TUNING.support_unknown_sd_mm
         table_mm = float(self.table.height_mm(np.median(points[:, :2], axis=0)))
-        return support.height_mm - table_mm, max(support.sd_mm, LEAST_SUPPORT_SD_MM)
+        return support.height_mm - table_mm, max(support.sd_mm, TUNING.least_support_sd_mm)
 
     def _in_front(self, number: int) -> tuple[MaskArray, MaskArray]:
         """(H, W) in either view: foods that touch this one in the first view and lie nearer to the camera there."""
         mask = self.regions[number].mask
         first = np.zeros(mask.shape, np.bool_)
-        kernel = np.ones((2 * TOUCHING_PX + 1, 2 * TOUCHING_PX + 1), np.uint8)
+        kernel = np.ones((2 * TUNING.touching_px + 1, 2 * TUNING.touching_px + 1), np.uint8)
         beside = cv2.dilate(mask.astype(np.uint8), kernel) > 0
         for other, region in enumerate(self.regions):
             shared = region.mask & beside
             if other == number or not shared.any():
                 continue
             own = mask & (cv2.dilate(region.mask.astype(np.uint8), kernel) > 0)
-            if self._distance_mm(shared) < self._distance_mm(own) + IN_FRONT_MM:
+            if self._distance_mm(shared) < self._distance_mm(own) + TUNING.in_front_mm:
                 first |= region.mask
         second = np.zeros(mask.shape, np.uint8)
         rows, columns = np.nonzero(first & np.isfinite(self.disparity.parallax_px))
@@ -197,7 +176,7 @@ def _scene_of(foods: Foods, pair: RectifiedPair, disparity: DisparityMap, points
 
 def _without(line: Outline, hidden_by: MaskArray) -> Outline:
     """The outline without weight where another food in front of this one ends it."""
-    beyond = np.rint(line.points_px + BEYOND_PX * line.normals).astype(np.int64)
+    beyond = np.rint(line.points_px + TUNING.beyond_px * line.normals).astype(np.int64)
     height, width = hidden_by.shape
     column, row = np.clip(beyond[:, 0], 0, width - 1), np.clip(beyond[:, 1], 0, height - 1)
     return replace(line, weights=np.where(hidden_by[row, column], 0.0, line.weights))
@@ -212,7 +191,7 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[tuple[FormFit, f
     camera = food.sight.cameras_mm[0]
     forms = families(food.points, mask_mm2, food.support_mm, food.support_sd_mm, camera)
     if forms:
-        height_mm = float(np.quantile(food.points[:, 2], TOP_QUANTILE)) - food.support_mm
+        height_mm = float(np.quantile(food.points[:, 2], TUNING.top_quantile)) - food.support_mm
         forms += begin_prisms(food.sight, food.seen.mask, height_mm, food.support_mm, food.support_sd_mm)
     coarse = []
     for form in forms:
@@ -220,9 +199,9 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[tuple[FormFit, f
         if fit is not None:
             coarse.append((fit.cost, fit, form))
     coarse.sort(key=lambda each: each[0])
-    usable = [(form, fit) for cost, fit, form in coarse if cost < KEPT_RATIO * coarse[0][0]]
-    of_form = [each for each in usable[KEPT:] if prior is not None and each[0].name in prior.families]
-    fits = usable[:KEPT] + of_form[:1]
+    usable = [(form, fit) for cost, fit, form in coarse if cost < TUNING.kept_ratio * coarse[0][0]]
+    of_form = [each for each in usable[TUNING.kept :] if prior is not None and each[0].name in prior.families]
+    fits = usable[: TUNING.kept] + of_form[:1]
     # First each family as it is seen along itself; then all along the best one, so that their evidence compares.
     fits = _settled(food, _pass(food, fits, None))
     for runner_up in fits[1:2]:
@@ -238,9 +217,9 @@ def begin_fit(form: Form, seen: Seen) -> FormFit | None:
 
     The loss is flat far from the outline, so that a form that starts there is not drawn towards it.
     """
-    wide = fit_form(form, seen, COARSE, WIDE_ROUNDS, outline_sd_px=WIDE_OUTLINE_SD_PX)
+    wide = fit_form(form, seen, COARSE, TUNING.wide_rounds, outline_sd_px=TUNING.wide_outline_sd_px)
     starts = [form.start] if wide is None else [form.start, wide.unknowns]
-    fits = [fit_form(form, seen, COARSE, FIRST_ROUNDS, start) for start in starts]
+    fits = [fit_form(form, seen, COARSE, TUNING.first_rounds, start) for start in starts]
     return min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost, default=None)
 
 
@@ -252,26 +231,26 @@ def _pass(food: _Food, fits: Sequence[tuple[Form, FormFit]], common: Seen | None
 
 def _settled(food: _Food, fits: list[tuple[Form, FormFit]]) -> list[tuple[Form, FormFit]]:
     """All fitted along the best one, again while its volume changes: parallax along a wrong form is wrong as well."""
-    for _ in range(MAX_PASSES):
+    for _ in range(TUNING.max_passes):
         if not fits:
             break
         before_ml = fits[0][1].volume_ml
         fits = _pass(food, fits, _seen_along(food, fits[0][1]))
-        if fits and abs(np.log(fits[0][1].volume_ml / before_ml)) < SETTLED:
+        if fits and abs(np.log(fits[0][1].volume_ml / before_ml)) < TUNING.settled:
             break
     return fits
 
 
 def _evidence(fit: FormFit) -> float:
     """As a cost, -2 log."""
-    return fit.cost + OCCAM_WEIGHT * fit.log_occam
+    return fit.cost + TUNING.occam_weight * fit.log_occam
 
 
 def _refit(food: _Food, seen: Seen | None, form: Form, before: FormFit) -> FormFit | None:
     """The form fitted finely from where it was found before, to what is seen along that or along another form."""
     start = np.zeros(len(form.start))
     start[: len(before.unknowns)] = before.unknowns
-    return fit_form(form, seen or _seen_along(food, before), FINE, ROUNDS, start)
+    return fit_form(form, seen or _seen_along(food, before), FINE, TUNING.rounds, start)
 
 
 def _seen_along(food: _Food, near: FormFit) -> Seen:
@@ -305,8 +284,8 @@ def _second_outline(food: _Food, covered: MaskArray) -> Outline | None:
         _, nearest = first.tree.query(points + shift)
         return inside[nearest], outside[nearest]
 
-    line = _without(snap(food.lab[1], rings, SNAP_SECOND_PX, reference), food.hidden_by[1])
-    return replace(line, weights=SECOND_WEIGHT * line.weights)
+    line = _without(snap(food.lab[1], rings, TUNING.snap_second_px, reference), food.hidden_by[1])
+    return replace(line, weights=TUNING.second_weight * line.weights)
 
 
 def _measured(
@@ -332,7 +311,7 @@ def _of_forms(
     """The families' volumes averaged by their evidence and what is known of the form; the likeliest one's slices."""
     costs = np.array([cost for _, cost in fits])
     misfit = max(1.0, costs[0] / max(fits[0][0].observations, 1.0))  # its own size tells what a difference is worth
-    log_evidence = -0.5 * (costs - costs[0]) / (TEMPER * misfit)
+    log_evidence = -0.5 * (costs - costs[0]) / (TUNING.temper * misfit)
     weights = np.exp(log_evidence)
     flags: tuple[str, ...] = ()
     if prior is not None:
@@ -347,9 +326,9 @@ def _of_forms(
     mean = float(weights @ logs)
     vertices, mesh = best.form.vertices(best.unknowns, EXACT), best.form.topology(EXACT)
     support_mm = float(vertices[:, 2].min())
-    rest = np.array([FLAT_REST_SD if fit.form.is_flat else REST_SD for fit, _ in fits])
+    rest = np.array([TUNING.flat_rest_sd if fit.form.is_flat else TUNING.rest_sd for fit, _ in fits])
     variance = float(weights @ (spreads**2 + (logs - mean) ** 2 + rest**2))
-    item_sd = float(np.hypot(np.sqrt(variance), FOOT_SD_MM / np.ptp(vertices[:, 2])))
+    item_sd = float(np.hypot(np.sqrt(variance), TUNING.foot_sd_mm / np.ptp(vertices[:, 2])))
     slices = cut_sections(vertices, mesh.faces, support_mm)
     middle, rest = vertices[:, :2].mean(axis=0), vertices - [0.0, 0.0, support_mm]
     shape = ClosedShape(rest, mesh.faces)
@@ -367,7 +346,7 @@ def _of_bowl(
     content = measure_content(food.points, vessel, table_mm, food.support_mm, food.support_sd_mm)
     if content is None and _is_beside(food.points, vessel):
         return None
-    is_known = content is not None and content.sd_ml < UNKNOWN_INSIDE_SD * content.volume_ml
+    is_known = content is not None and content.sd_ml < TUNING.unknown_inside_sd * content.volume_ml
     is_known &= len(vessel.wall_mm) > 0  # with no wall in view, what is like bowls alone would speak
     flags = ("inside_guessed",) if is_known else ("not_measurable",)
     if content is None or not is_known:

@@ -1,6 +1,6 @@
 """The whole way on a rendered ball, whose volume is known; and what scenes that cannot be measured answer."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import cv2
 import numpy as np
@@ -10,6 +10,7 @@ from app.vision.board.colour_correction import apply_colour
 from app.vision.board.colour_space import encode_srgb, linear_rgb
 from app.vision.model import EstimateOptions, Hint, Photo, PhotoPair
 from app.vision.pipeline import PIPELINE_VERSION, estimate_meal
+from app.vision.shape.tuning import TUNING
 from tests.unit.vision.stereo_scene import CAMERA, SPEC, Ball, rendered_views
 
 BALL = Ball((115.0, 15.0), 33.0)
@@ -91,6 +92,7 @@ def test_same_seed_gives_the_same_answer(estimate, pair):
     again = estimate_meal(pair, OPTIONS)
     assert again.items[0].volume_ml == estimate.items[0].volume_ml
     assert again.parameters == estimate.parameters
+    assert again.parameters["tuning"] == asdict(TUNING)
 
 
 def test_swapped_photographs_give_the_same_volume(estimate, pair):

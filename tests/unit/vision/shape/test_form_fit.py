@@ -28,8 +28,9 @@ from app.vision.shape.forms import (
     X,
     Y,
 )
-from app.vision.shape.shape import FIRST_ROUNDS, begin_fit
+from app.vision.shape.shape import begin_fit
 from app.vision.shape.surface_match import SurfaceParallax, draw_mask, draw_parallax
+from app.vision.shape.tuning import TUNING
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.outline_snap import Ring as Line
 from app.vision.stereo.outline_snap import outline, rings_of_mask
@@ -177,7 +178,7 @@ def test_fit_that_begins_out_of_the_outlines_reach_is_drawn_in_by_the_wide_toler
     half_mm = (44.0, 20.0, 18.0)
     seen = seen_of(half_mm, 1.4, is_along=False)
     turned_away = ball((40.0, 15.0, 16.0), off_mm=(25.0, 15.0), has_displacement=False)
-    stuck = fit_form(turned_away, seen, COARSE, FIRST_ROUNDS)
+    stuck = fit_form(turned_away, seen, COARSE, TUNING.first_rounds)
     assert stuck.volume_ml < 0.8 * volume_ml(half_mm)
     assert np.isclose(begin_fit(turned_away, seen).volume_ml, volume_ml(half_mm), rtol=0.06)  # coarse cells
 
