@@ -16,7 +16,6 @@ import structlog
 
 from app.errors import TadaError, UnavailableError
 from app.jobs.child_pool import ChildPool, ChildPoolClosedError, ChildRequest, ChildResult, ChildStartError
-from app.jobs.faults import PASSING_ERRNOS
 from app.services.fair_line import FairLine, LineFullError
 from app.settings import Settings
 
@@ -81,7 +80,8 @@ class ApiChildren:
         photograph_sha256: of the one that is decoded; if it broke a child before, it is refused at once.
         is_costly: it takes long (decoding_cost.py); one child stays free for others.
 
-        Raises UnavailableError (`server_busy`: also where the machine, not the photograph, took too long),
+        Raises UnavailableError (`server_busy`: also where the machine, not the photograph, took too long, or where the
+        system refused the child something, such as a file on a full disk or one that was removed as abandoned),
         PhotographError (it crashed, wanted too much memory or processor time), TadaError (`internal_error`: a mistake
         of ours).
         """
@@ -97,7 +97,7 @@ class ApiChildren:
         if ended.outcome == "ok":
             return ended.result
         log.error("api_child_ended_badly", task=task, outcome=ended.outcome, message=_words(ended))
-        if ended.outcome in ("stalled", "killed") or ended.errno in PASSING_ERRNOS:
+        if ended.outcome in ("stalled", "killed") or ended.errno is not None:  # as problems.py answers an OSError
             raise _busy()
         if ended.outcome == "raised":
             raise TadaError("The server made a mistake while it looked at the photograph; it is in its log.")

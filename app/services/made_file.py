@@ -1,6 +1,6 @@
 """A file in the making: bytes are counted and hashed on their way, signs of life are given, and the disk keeps room.
 
-It lies in the store's staging folder under a name that `remove_abandoned` clears an hour after its maker died.
+It lies in the store's staging folder, which is removed once its process has died.
 """
 
 import contextlib

@@ -1,13 +1,13 @@
 """A received photograph is decoded before it is acknowledged: afterwards the phone deletes its own.
 
 receive_photo.py has seen that the file has its beginning and its end. A hole between them shows only when the pixels
-are decoded, which a child does. Where no child can do it now, the photograph is kept as it is: the estimate will tell.
+are decoded, which a child does. Where no child can tell, the photograph is kept as it is: the estimate will tell.
 """
 
 from collections.abc import Container, Mapping
 
-from app.errors import InvalidInputError, UnavailableError
-from app.services.api_children import ApiChildren, PhotographError, Whose
+from app.errors import InvalidInputError, TadaError
+from app.services.api_children import ApiChildren, Whose
 from app.services.caller import DeviceCaller
 from app.services.decoding_cost import is_costly
 from app.services.receive_photo import SealablePhoto
@@ -40,7 +40,7 @@ def _require_whole(children: ApiChildren, caller: DeviceCaller, slot: str, photo
             photograph_sha256=photo.stored_sha256,
             is_costly=is_costly([photo.path]),
         )
-    except (UnavailableError, PhotographError):
+    except TadaError:  # of no child, or of our own mistake in it, which is in the log: neither may cost a meal
         return
     if found["failure"] is not None:
         raise InvalidInputError(

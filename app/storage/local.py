@@ -22,7 +22,7 @@ from app.storage.blob_store import (
     require_valid_key,
     require_valid_prefix,
 )
-from app.storage.staging import open_staging, remove_abandoned
+from app.storage.staging import Staging
 
 STAGING = ".incoming"  # no key starts with a full stop (KEY_PATTERN)
 PIECE_BYTES = 256 * 1024
@@ -35,12 +35,12 @@ class LocalBlobStore:
 
     def __init__(self, root: Path) -> None:
         self._root = root
-        self._staging = open_staging(root / STAGING)
+        self._staging = Staging(root / STAGING)
         self._syncs = ThreadPoolExecutor(SYNCS_AT_ONCE, thread_name_prefix="fsync")
 
     def staging_folder(self) -> Path:
         """The folder of files in the making, on the store's own file system."""
-        return self._staging
+        return self._staging.folder
 
     def put_file(self, key: str, source: Path) -> None:
         """Sync the file, rename it to its place, sync the folders."""
@@ -59,7 +59,7 @@ class LocalBlobStore:
 
     def put_bytes(self, key: str, content: bytes) -> None:
         """Write to a staged file first, then as put_file."""
-        handle, name = tempfile.mkstemp(dir=self._staging)
+        handle, name = tempfile.mkstemp(dir=self._staging.folder)
         staged = Path(name)
         try:
             with os.fdopen(handle, "wb") as file:
@@ -163,7 +163,7 @@ class LocalBlobStore:
 
     def check(self) -> None:
         """Write, sync and remove a small file."""
-        probe = self._staging / f"probe-{uuid.uuid4().hex}"
+        probe = self._staging.folder / f"probe-{uuid.uuid4().hex}"
         try:
             with probe.open("wb") as file:
                 file.write(b"ok")
@@ -187,8 +187,8 @@ class LocalBlobStore:
             raise error
 
     def remove_abandoned(self) -> None:
-        """Remove what nobody has touched for an hour."""
-        remove_abandoned(self._staging)
+        """Remove the folders of processes that died."""
+        self._staging.remove_abandoned()
 
 
 def _move(source: Path, target: Path) -> None:

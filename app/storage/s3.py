@@ -34,7 +34,7 @@ from app.storage.blob_store import (
     require_valid_prefix,
 )
 from app.storage.s3_errors import is_empty_range, is_missing, store_error
-from app.storage.staging import open_staging, remove_abandoned
+from app.storage.staging import Staging
 
 if TYPE_CHECKING:
     from obstore.store import S3Config  # not there at run time
@@ -88,7 +88,7 @@ class S3BlobStore:
 
     def __init__(self, place: S3Place, staging: Path, patience: Patience = PATIENCE) -> None:
         self._place = place
-        self._staging = open_staging(staging)
+        self._staging = Staging(staging)
         self._patience = patience
         self._store = _open(place, patience)
         self._turns = threading.BoundedSemaphore(PUTS_AT_ONCE)
@@ -100,7 +100,7 @@ class S3BlobStore:
 
     def staging_folder(self) -> Path:
         """A folder of this machine."""
-        return self._staging
+        return self._staging.folder
 
     def put_file(self, key: str, source: Path) -> None:
         """Send the file, in parts if it is large; then remove it."""
@@ -199,7 +199,7 @@ class S3BlobStore:
 
     def free_bytes(self) -> int:
         """What the staging folder's file system has left; a bucket tells no limit."""
-        return shutil.disk_usage(self._staging).free
+        return shutil.disk_usage(self._staging.folder).free
 
     def check(self) -> None:
         """Put and delete a probe that no listing shows."""
@@ -211,7 +211,7 @@ class S3BlobStore:
 
     def remove_abandoned(self) -> None:
         """Remove what nobody has touched for an hour; parts of uploads that were cut are the bucket's own business."""
-        remove_abandoned(self._staging)
+        self._staging.remove_abandoned()
 
     @cached_property
     def _probed(self) -> S3Store:

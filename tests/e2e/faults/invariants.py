@@ -50,7 +50,6 @@ EXPECTED_ERRORS = re.compile(
     rf"|(sqlalchemy\.exc\.TimeoutError|psycopg\.(OperationalError|errors\.({AWAY_OR_IN_THE_WAY})))\b"
     r"|((ConnectionError|ConnectionResetError|ConnectionRefusedError|BrokenPipeError|TimeoutError|OSError)"
     r"|obstore\.exceptions\.\w+|app\.storage\.blob_store\.StoreRefusesError"  # a clock that jumped is refused
-    r"|FileNotFoundError: [^']*'[^']*/(staging|\.incoming)/"  # a clock that jumped took it for abandoned: 503
     r"|dbos\._error\.DBOSNonExistentWorkflowError"  # its rows are gone: erased meanwhile, or pruned
     r"|app\.errors\.(UnavailableError|StorageFullError)"
     r"|app\.jobs\.child_pool\.ChildPoolClosedError)\b)"

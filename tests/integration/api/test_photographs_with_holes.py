@@ -2,6 +2,7 @@
 
 import pytest
 
+from app.jobs.child_pool import ChildResult
 from app.services.api_children import ApiChildren
 from app.services.fair_line import LineFullError
 from tests.integration.conftest import meal_metadata
@@ -53,6 +54,14 @@ def test_meal_is_kept_where_all_children_are_busy(phone, monkeypatch):
         raise LineFullError
 
     monkeypatch.setattr("app.services.fair_line.FairLine.place", no_place)
+    assert phone.post(pair()).status_code == 202
+
+
+def test_meal_is_kept_where_the_child_makes_a_mistake(phone, monkeypatch):
+    def mistake(*_, **__):
+        return ChildResult("raised", message="KeyError: 'photo'")
+
+    monkeypatch.setattr("app.jobs.child_pool.ChildPool.run", mistake)
     assert phone.post(pair()).status_code == 202
 
 

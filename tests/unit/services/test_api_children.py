@@ -61,7 +61,7 @@ def test_photograph_that_takes_too_much_processor_time_is_told_to_be_at_fault(ch
     assert describe(children, "next") == "next"
 
 
-@pytest.mark.parametrize("task", ["hang", "killed", "fill_disk"])
+@pytest.mark.parametrize("task", ["hang", "killed", "fill_disk", "read_removed"])
 def test_slow_or_full_machine_does_not_blame_the_photograph(children, task):
     """Of 22 good pairs under load 4 were answered 422, take another photograph."""
     describe(children, "warm")

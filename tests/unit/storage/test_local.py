@@ -2,14 +2,12 @@
 
 import errno
 import os
-import time
 
 import pytest
 
 from app.settings import Settings
-from app.storage.local import LocalBlobStore
+from app.storage.local import STAGING, LocalBlobStore
 from app.storage.opening import open_blob_store
-from app.storage.staging import ABANDONED_SECONDS
 
 KEY = "study/meal/left/0123"
 
@@ -33,7 +31,7 @@ def test_file_and_every_changed_folder_are_synced_before_put_returns(store, monk
     )
     store.put_file(KEY, staged(store))
     root = str(store._root)
-    assert synced[0] == f"{root}/.incoming/file"
+    assert synced[0] == f"{store.staging_folder()}/file"
     assert {root, f"{root}/study", f"{root}/study/meal", f"{root}/study/meal/left"} <= set(synced)
     assert synced.index(f"{root}/.incoming/file") < min(synced.index(folder) for folder in (root, f"{root}/study/meal"))
 
@@ -84,19 +82,9 @@ def test_disk_that_fails_to_sync_any_of_them_is_told(store, monkeypatch):
         store.put_files(files)
 
 
-def test_abandoned_staged_files_go_at_the_next_start_and_young_ones_stay(store):
-    old, young = store.staging_folder() / "old", store.staging_folder() / "young"
-    old.write_bytes(b"x")
-    young.write_bytes(b"x")
-    past = time.time() - ABANDONED_SECONDS - 60
-    os.utime(old, (past, past))
-    LocalBlobStore(store._root)
-    assert not old.exists()
-    assert young.exists()
-
-
 def test_url_opens_a_local_store_and_others_are_refused(tmp_path):
-    assert open_blob_store(f"file://{tmp_path}/a%20b", Settings()).staging_folder() == tmp_path / "a b" / ".incoming"
+    store = open_blob_store(f"file://{tmp_path}/a%20b", Settings())
+    assert store.staging_folder().parent == tmp_path / "a b" / STAGING
     with pytest.raises(Exception, match="TADA_BLOB_URL"):
         open_blob_store("ftp://somewhere", Settings())
 
@@ -105,7 +93,12 @@ def test_deleting_the_last_blob_of_a_folder_removes_the_empty_folders(store):
     store.put_bytes(KEY, b"x")
     store.put_bytes("study/other/left/0123", b"x")
     store.delete(KEY)
-    assert sorted(path.name for path in store._root.rglob("*")) == [".incoming", "0123", "left", "other", "study"]
+    assert sorted(path.name for path in store._root.rglob("*") if STAGING not in path.parts) == [
+        "0123",
+        "left",
+        "other",
+        "study",
+    ]
 
 
 def test_blob_is_put_though_its_folder_was_removed_as_empty_meanwhile(store, monkeypatch):
