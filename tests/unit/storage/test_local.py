@@ -33,7 +33,7 @@ def test_file_and_every_changed_folder_are_synced_before_put_returns(store, monk
     root = str(store._root)
     assert synced[0] == f"{store.staging_folder()}/file"
     assert {root, f"{root}/study", f"{root}/study/meal", f"{root}/study/meal/left"} <= set(synced)
-    assert 0 < min(synced.index(folder) for folder in (root, f"{root}/study/meal"))
+    assert min(synced.index(folder) for folder in (root, f"{root}/study/meal")) > 0
 
 
 def test_folders_that_another_upload_made_and_may_not_have_synced_are_synced_too(store, monkeypatch):
