@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import asdict
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -11,20 +10,6 @@ from app.cli_database import JsonOption, opened_database
 from app.settings import Settings
 
 index_cli = typer.Typer(no_args_is_help=True, help="The index of how foods look.")
-
-
-@index_cli.command("build")
-def index_build(
-    folder: Annotated[Path, typer.Argument(help="Labelled photographs, laid out as ECUSTFD is.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The archive to write.")] = Path("index.npz"),
-) -> None:
-    """Build an index that ships with the program from labelled photographs (needs the dev extra, for density.xls)."""
-    from app.identification.food_index import shipped_foods, write_index
-    from app.services.build_index import build_index
-
-    index = build_index(folder, shipped_foods())
-    write_index(output, index)
-    print(f"{len(index.vectors)} regions of {len(set(index.specimens))} specimens, {len(index.foods)} foods: {output}")
 
 
 @index_cli.command("rebuild")

@@ -18,7 +18,7 @@ from pathlib import Path
 from app.nutrition.density import resolve_density
 from app.nutrition.doubt import Doubt, estimate
 from app.nutrition.foods import Density, load_starter_table
-from app.nutrition.importers.ecustfd import WHOLE_FRUIT, Specimen, is_possible, read_specimens
+from tools.ecustfd import WHOLE_FRUIT, Specimen, is_possible, read_specimens
 
 ROOT = Path(__file__).resolve().parents[1]
 BAR_PERCENT = 9.0  # mean over the foods below that are whole fruit or eggs

@@ -35,23 +35,22 @@ sys.path.insert(0, str(ROOT))
 
 from app.identification.calibrate import (  # noqa: E402  # found from the checkout, installed or not
     NONE_PRIOR,
-    expected_calibration_error,
-    fit_calibration,
     posterior,
 )
 from app.identification.food_index import FoodIndex, shipped_index  # noqa: E402
 from app.identification.habits import Eaten, log_prior  # noqa: E402
-from app.identification.held_out import (  # noqa: E402
+from app.identification.identifier import Identifier  # noqa: E402
+from app.identification.kernel_classifier import KernelClassifier, fit_classifier  # noqa: E402
+from app.vision.looks.food_boxes import propose_boxes  # noqa: E402
+from app.vision.looks.vcm import describe  # noqa: E402
+from app.vision.looks.vcm_region import region_of_box  # noqa: E402
+from tools.food_index.build import LabelledFood, boxes_of, labelled_foods  # noqa: E402
+from tools.food_index.calibration import expected_calibration_error, fit_calibration  # noqa: E402
+from tools.food_index.held_out import (  # noqa: E402
     scores_of_unseen_classes,
     scores_of_unseen_specimens,
     specimen_folds,
 )
-from app.identification.identifier import Identifier  # noqa: E402
-from app.identification.kernel_classifier import KernelClassifier, fit_classifier  # noqa: E402
-from app.services.build_index import LabelledFood, boxes_of, labelled_foods  # noqa: E402
-from app.vision.looks.food_boxes import propose_boxes  # noqa: E402
-from app.vision.looks.vcm import describe  # noqa: E402
-from app.vision.looks.vcm_region import region_of_box  # noqa: E402
 
 LUNCH = 750  # minutes after midnight
 TAKEN = 0.8  # the probability from which a food is proposed without being asked about

@@ -7,7 +7,6 @@ table is a table of its own beside it, to be read and corrected by people.
 import csv
 import hashlib
 import io
-import re
 import zipfile
 import zlib
 from collections.abc import Mapping, Sequence
@@ -15,7 +14,6 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from importlib.resources.abc import Traversable
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -43,7 +41,6 @@ ARRAYS = (
     "volume_labels",
     "volumes_ml",
 )
-DIGEST = re.compile(r" [0-9a-f]{12}$")  # of the content, at a version's end
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,32 +92,8 @@ def read_labels(text: str) -> tuple[KnownFood, ...]:
     return foods
 
 
-def write_index(path: Path, index: FoodIndex) -> None:
-    """The archive that read_index reads; the same index gives the same bytes. Vectors are kept in half precision."""
-    sizes = [(food.label, volume) for food in index.foods for volume in index.volumes_ml.get(food.label, ())]
-    np.savez_compressed(
-        path,
-        allow_pickle=False,
-        source=np.array(DIGEST.sub("", index.version)),
-        vcm_version=np.array(index.vcm_version),
-        label_names=np.array([food.label for food in index.foods]),
-        vectors=index.vectors.astype(np.float16),
-        labels=index.labels.astype(np.uint8 if len(index.foods) < 256 else np.uint16),
-        specimens=np.array(index.specimens),
-        block_names=np.array([block.name for block in index.layout]),
-        block_sizes=np.array([block.size for block in index.layout], np.int32),
-        block_is_histogram=np.array([block.is_histogram for block in index.layout]),
-        centre=index.metric.centre,
-        sd=index.metric.sd,
-        weight=index.metric.weight,
-        calibration=np.array([index.calibration.temperature, index.calibration.none_score]),
-        volume_labels=np.array([label for label, _ in sizes]),
-        volumes_ml=np.array([volume for _, volume in sizes], np.float64),
-    )
-
-
 def read_index(file: BinaryIO, known: Sequence[KnownFood]) -> FoodIndex:
-    """An archive of write_index. known: what its labels are.
+    """Return the index of an archive that tools/food_index wrote. known: what its labels are.
 
     Raises ValueError if it is none of that kind, damaged, or has a label that is not known.
     """
@@ -156,7 +129,7 @@ def read_index(file: BinaryIO, known: Sequence[KnownFood]) -> FoodIndex:
 
 
 def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
-    """The archive's arrays by name. Raises ValueError where they are not what write_index wrote."""
+    """The archive's arrays by name. Raises ValueError where they do not make up an index."""
     try:
         with np.lib.npyio.NpzFile(file, allow_pickle=False) as archive:
             held = {name: archive[name] for name in ARRAYS}

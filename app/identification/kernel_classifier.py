@@ -7,7 +7,6 @@ items join by solving it again. A class of five examples stands beside one of se
 the root of its class's size, and scores are raised by what a small class is known to lack.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,24 +40,6 @@ def fit_classifier(examples: Vectors, labels: NDArray[np.intp], classes: int) ->
     members = np.eye(classes)[labels]
     coefficients = cho_solve(cho_factor(kernel, lower=True), members) * _raised(labels, classes)
     return KernelClassifier(examples, np.asarray(coefficients, np.float64))
-
-
-def held_out_scores(
-    examples: Vectors, labels: NDArray[np.intp], classes: int, folds: Sequence[NDArray[np.intp]]
-) -> Vectors:
-    """(n, classes): each example's scores by a classifier without its fold; 0 for what is in no fold.
-
-    folds: rows to hold out together, not all of them.
-    """
-    kernel = likeness(examples, examples)
-    scores = np.zeros((len(examples), classes))
-    for held in folds:
-        kept = np.setdiff1d(np.arange(len(examples)), held)
-        own = kernel[np.ix_(kept, kept)].copy()
-        own[np.diag_indices_from(own)] += RIDGE * _noise(labels[kept], classes)
-        coefficients = cho_solve(cho_factor(own, lower=True), np.eye(classes)[labels[kept]])
-        scores[held] = kernel[np.ix_(held, kept)] @ coefficients * _raised(labels[kept], classes)
-    return scores
 
 
 def likeness(a: Vectors, b: Vectors) -> Vectors:

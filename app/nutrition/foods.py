@@ -1,6 +1,6 @@
 """The values of the food table: foods, their refuse, densities and nutrients; and the starter table in the package.
 
-Values only, validated when they are made; choosing a density is density.py's business. Made by build_starter.py.
+Values only, validated when they are made; choosing a density is density.py's business. Made by tools/starter_table.
 """
 
 import csv
@@ -167,7 +167,7 @@ def _checksum(foods_json: bytes, nutrients_csv: bytes) -> str:
 
 
 def parse_table(foods_json: bytes, nutrients_csv: bytes) -> FoodTable:
-    """The two files of a table as build_starter.py writes them -> the table.
+    """Return the table of the two files that tools/starter_table/build.py writes.
 
     Raises ValueError, KeyError or TypeError where they are not such files.
     """

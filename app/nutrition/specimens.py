@@ -1,6 +1,6 @@
 """Weighed and measured specimens of a food -> its density and spread.
 
-As ECUSTFD's are read (importers/ecustfd.py), and as a study measures its own foods.
+As a study measures its own foods, and as those of ECUSTFD are read (tools/ecustfd.py).
 """
 
 import math

@@ -7,12 +7,13 @@ import zipfile
 import numpy as np
 import pytest
 
-from app.identification.calibrate import expected_calibration_error, fit_calibration, posterior
+from app.identification.calibrate import posterior
 from app.identification.food_index import shipped_index
-from app.identification.held_out import scores_of_unseen_classes, scores_of_unseen_specimens, specimen_folds
 from app.nutrition.foods import load_starter_table
-from app.services.build_index import LAYOUT, build_index, describe_food, labelled_foods
 from app.vision.looks.vcm import LENGTH, VCM_VERSION
+from tools.food_index.build import LAYOUT, build_index, describe_food, labelled_foods
+from tools.food_index.calibration import expected_calibration_error, fit_calibration
+from tools.food_index.held_out import scores_of_unseen_classes, scores_of_unseen_specimens, specimen_folds
 
 NOT_IN_THE_STARTER_TABLE = {"mooncake", "sachima"}  # no public table at hand has figures for them
 SAMPLE = 25

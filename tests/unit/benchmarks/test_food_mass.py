@@ -3,8 +3,8 @@
 import pytest
 
 from app.nutrition.foods import Density
-from app.nutrition.importers.ecustfd import Specimen, read_specimens
 from benchmarks.food_mass import BAR_PERCENT, all_errors, food_errors, lines, over_the_bar
+from tools.ecustfd import Specimen, read_specimens
 
 DENSITY = Density(1.0, 0.1, "raw", "solid", "measured", "somewhere")
 

@@ -12,10 +12,10 @@ from app.identification.food_index import (
     read_labels,
     shipped_foods,
     shipped_index,
-    write_index,
 )
 from app.identification.identifier import Identifier
 from tests.unit.identification.small_index import pictures_of, small_index
+from tools.food_index.build import write_index
 
 VOLUMES = {"apple": (150.0, 180.0), "egg": (55.0,)}
 

@@ -3,24 +3,15 @@ import math
 import numpy as np
 import pytest
 
-from app.identification.held_out import scores_of_unseen_classes, scores_of_unseen_specimens, specimen_folds
 from app.identification.kernel_classifier import (
     MISSING,
     MOST_RAISED,
     RIDGE,
     WIDTH,
     fit_classifier,
-    held_out_scores,
     likeness,
 )
-
-MIDDLES = np.array([[0.0, 0.0, 0.0], [1.2, 0.0, 0.0], [0.0, 1.2, 0.0]])
-
-
-def clouds(counts: tuple[int, ...], spread: float = 0.2, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    labels = np.repeat(np.arange(len(counts)), counts)
-    rng = np.random.default_rng(seed)
-    return MIDDLES[labels] + rng.normal(0.0, spread, (len(labels), 3)), labels
+from tests.unit.identification.clouds import MIDDLES, clouds
 
 
 def direct_scores(examples: np.ndarray, labels: np.ndarray, classes: int, asked: np.ndarray) -> np.ndarray:
@@ -46,16 +37,6 @@ def test_scores_are_those_of_a_direct_dense_solve():
     asked = clouds((3, 3, 3), seed=9)[0]
     fitted = fit_classifier(examples, labels, 3).scores(asked)
     assert fitted == pytest.approx(direct_scores(examples, labels, 3, asked), abs=1e-8)
-
-
-def test_held_out_scores_are_those_of_fitting_again_without_the_fold():
-    examples, labels = clouds((12, 9, 6))
-    folds = [np.arange(0, 27, 3), np.arange(1, 27, 3), np.arange(2, 27, 3)]
-    scores = held_out_scores(examples, labels, 3, folds)
-    for held in folds:
-        kept = np.setdiff1d(np.arange(27), held)
-        again = fit_classifier(examples[kept], labels[kept], 3).scores(examples[held])
-        assert scores[held] == pytest.approx(again, abs=1e-9)
 
 
 def test_likeness_is_1_to_itself_and_0_to_what_is_far():
@@ -105,36 +86,3 @@ def test_order_of_examples_does_not_count():
     asked = clouds((2, 2, 2), seed=8)[0]
     one = fit_classifier(examples, labels, 3).scores(asked)
     assert fit_classifier(examples[order], labels[order], 3).scores(asked) == pytest.approx(one, abs=1e-9)
-
-
-# ---- what is held out
-
-
-def test_specimen_is_never_on_both_sides_and_each_row_is_held_out_once():
-    labels = np.repeat([0, 1], [30, 12])
-    specimens = [f"{label}-{number // 3}" for number, label in enumerate(labels)]
-    folds = specimen_folds(labels, specimens)
-    assert sorted(np.concatenate(folds).tolist()) == list(range(42))
-    for held in folds:
-        kept = set(range(42)) - set(held.tolist())
-        assert not {specimens[row] for row in held} & {specimens[row] for row in kept}
-    assert len(folds) == 10
-    assert [held.tolist() for held in specimen_folds(labels, specimens)] == [held.tolist() for held in folds]
-
-
-def test_classes_with_one_specimen_are_told():
-    examples, labels = clouds((6, 6, 4))
-    specimens = ["a1"] * 3 + ["a2"] * 3 + ["b1"] * 3 + ["b2"] * 3 + ["c1"] * 4
-    scores, has_another = scores_of_unseen_specimens(examples, labels, specimens, 3)
-    assert has_another.tolist() == [True] * 12 + [False] * 4
-    assert (scores[:12].argmax(axis=1) == labels[:12]).all()
-    assert (scores[12:, 2] == 0.0).all()  # nobody was left to know it by
-
-
-def test_scores_of_unseen_classes_are_those_of_a_classifier_without_them():
-    examples, labels = clouds((8, 7, 6))
-    scores = scores_of_unseen_classes(examples, labels, 3)
-    kept = labels != 1
-    without = fit_classifier(examples[kept], labels[kept] // 2, 2).scores(examples[labels == 1])
-    assert scores.shape == (21, 2)
-    assert scores[labels == 1] == pytest.approx(without, abs=1e-9)

@@ -1,91 +1,23 @@
-"""The starter table as it ships, and its rebuilding from the public releases."""
+"""The starter table as it ships."""
 
-import tomllib
 from collections import Counter, defaultdict
+from importlib import resources
 
 import pytest
 
-from app.nutrition.build_starter import STARTER_DIR, build, main
 from app.nutrition.components import NUMBER_BY_TAGNAME
 from app.nutrition.density import KIND_OF_FORM
 from app.nutrition.foods import load_starter_table, parse_table
-from app.nutrition.importers.ecustfd import read_measured
-from app.nutrition.importers.fao_density import read_fao_rows
-from app.nutrition.importers.sr28 import Sr28Release
 from app.nutrition.search import Candidate, Query, QueryWord, label_key, rank
-from app.nutrition.starter_densities import StarterSources
 from app.nutrition.words import split_words, word_forms
 
+STARTER = resources.files("app.nutrition") / "starter"
 COMPACT_BYTES = 620_000  # of the two built files
 
 # English muffin and steamed bun, whole and cherry tomatoes, corn on the cob and its kernels, long and short pasta,
 # cream and whipped cream, chocolate in chips and as a bar.
 SHOWN_IN_TWO_FORMS = {"11529", "11168", "20121", "01053", "19120"}
 NAMED_ALIKE = {"chocolate milk": {"milk-chocolate", "chocolate-chips"}}  # one order of the words each
-
-
-@pytest.fixture(scope="module")
-def sources(shared_data):
-    tables = shared_data / "food_tables"
-    return StarterSources(
-        Sr28Release(tables / "sr28asc.zip"),
-        read_fao_rows(tables / "fao_infoods_density_v2.xlsx"),
-        read_measured((STARTER_DIR / "ecustfd.csv").read_text()),
-        selection(),
-    )
-
-
-def selection():
-    return tomllib.loads((STARTER_DIR / "selection.toml").read_text())
-
-
-@pytest.mark.slow
-def test_rebuilding_from_the_releases_gives_what_is_committed(sources):
-    foods_json, nutrients_csv = build(sources, selection())
-    assert foods_json == (STARTER_DIR / "foods.json").read_bytes()
-    assert nutrients_csv == (STARTER_DIR / "nutrients.csv").read_bytes()
-
-
-@pytest.mark.slow
-def test_command_writes_a_table_that_loads(shared_data, tmp_path, capsys):
-    tables = shared_data / "food_tables"
-    main(
-        [
-            *("--sr28", str(tables / "sr28asc.zip")),
-            *("--fao", str(tables / "fao_infoods_density_v2.xlsx")),
-            *("-o", str(tmp_path)),
-        ]
-    )
-    table = parse_table((tmp_path / "foods.json").read_bytes(), (tmp_path / "nutrients.csv").read_bytes())
-    assert table.foods == load_starter_table().foods
-    assert f"{len(table.foods)} foods" in capsys.readouterr().out
-
-
-def only(key):
-    chosen = selection()
-    chosen["food"] = [food for food in chosen["food"] if food["key"] == key]
-    return chosen
-
-
-def test_selection_that_names_another_fao_row_is_refused(sources):
-    changed = only("rice-white-cooked")
-    changed["food"][0]["fao"][0]["row"] = 370
-    with pytest.raises(ValueError, match="FAO row 370 is 'Rice, rough'"):
-        build(sources, changed)
-
-
-def test_food_without_a_density_for_its_form_is_refused(sources):
-    changed = only("lasagna")
-    del changed["food"][0]["fao"]
-    with pytest.raises(ValueError, match="lasagna: no solid density"):
-        build(sources, changed)
-
-
-def test_selection_that_names_refuse_unknown_to_the_release_is_refused(sources):
-    changed = only("banana")
-    changed["food"][0]["served_without"] = ["crown"]
-    with pytest.raises(ValueError, match="banana: SR28 names no part"):
-        build(sources, changed)
 
 
 @pytest.mark.parametrize(
@@ -229,20 +161,6 @@ def test_dropped_portion_is_neither_a_portion_nor_a_density():
     assert {density.basis for density in jello.densities} == {"composition"}
 
 
-def test_crumb_that_leaves_no_rest_is_refused(sources):
-    changed = only("hamburger")
-    changed["food"][0]["crumb"]["share"] = 1.0
-    with pytest.raises(ValueError, match="leaves no rest"):
-        build(sources, changed)
-
-
-def test_measure_without_a_size_is_refused_as_a_piece(sources):
-    changed = only("brownie")
-    changed["food"][0]["pieces"] = [["18151", "1"]]
-    with pytest.raises(ValueError, match="gives no size"):
-        build(sources, changed)
-
-
 def test_the_papers_fruit_have_its_slice_forms():
     table = load_starter_table()
     assert {key: table.food(key).slice_form for key in ("apple", "orange", "pear")} == dict.fromkeys(
@@ -261,12 +179,12 @@ def test_release_names_itself_and_what_ships_is_compact():
     table = load_starter_table()
     assert (table.name, table.version) == ("tada-starter", "2")
     assert len(table.checksum) == 64
-    assert sum((STARTER_DIR / name).stat().st_size for name in ("foods.json", "nutrients.csv")) < COMPACT_BYTES
+    assert sum(len((STARTER / name).read_bytes()) for name in ("foods.json", "nutrients.csv")) < COMPACT_BYTES
 
 
 def test_changed_file_changes_the_checksum():
-    foods_json = (STARTER_DIR / "foods.json").read_bytes()
-    nutrients_csv = (STARTER_DIR / "nutrients.csv").read_bytes()
+    foods_json = (STARTER / "foods.json").read_bytes()
+    nutrients_csv = (STARTER / "nutrients.csv").read_bytes()
     assert parse_table(foods_json + b"\n", nutrients_csv).checksum != load_starter_table().checksum
 
 

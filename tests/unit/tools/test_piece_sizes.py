@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from app.nutrition.piece_sizes import ML_PER_CUBIC_INCH, piece_volume_ml
+from tools.starter_table.piece_sizes import ML_PER_CUBIC_INCH, piece_volume_ml
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,9 @@
-"""Builds the starter food table from public releases and the hand-kept starter/selection.toml.
+"""Builds the starter food table from public releases, selection.toml (kept by hand) and ecustfd.csv.
 
-    python -m app.nutrition.build_starter --sr28 PATH --fao PATH [--ecustfd PATH] -o app/nutrition/starter/
+    python -m tools.starter_table.build --sr28 PATH --fao PATH -o app/nutrition/starter/
 
---sr28 is the ASCII release, zip or folder; --fao the density workbook; --ecustfd its density.xls, whose medians are
-otherwise taken from starter/ecustfd.csv. Writes foods.json, nutrients.csv and, with --ecustfd, ecustfd.csv. The same
-inputs give the same bytes. --ecustfd needs the development tool xlrd.
+--sr28 is the ASCII release, zip or folder; --fao the density workbook. Writes foods.json and nutrients.csv; the same
+inputs give the same bytes. ecustfd.csv is written by tools/ecustfd.py.
 """
 
 import argparse
@@ -20,14 +19,13 @@ from typing import Any
 
 from app.nutrition.components import COMPONENTS
 from app.nutrition.foods import FoodState, RefusePart, parse_table
-from app.nutrition.importers.ecustfd import measured_density, read_measured, read_specimens
-from app.nutrition.importers.ecustfd import write_measured as ecustfd_csv
 from app.nutrition.importers.fao_density import read_fao_rows
 from app.nutrition.importers.sr28 import Sr28Food, Sr28Release, parse_refuse
-from app.nutrition.starter_densities import StarterSources, starter_densities
 from app.nutrition.usual_form import usual_state
+from tools.ecustfd import read_measured
+from tools.starter_table.densities import StarterSources, starter_densities
 
-STARTER_DIR = Path(__file__).parent / "starter"
+FOLDER = Path(__file__).parent
 
 # The components that most studies ask for; the whole release has 150 (tada foods import sr28).
 _LAST_COMPONENT = "VITK1"
@@ -37,7 +35,7 @@ _AS_EATEN_GROUPS = frozenset({"Baked Products", "Snacks", "Sweets", "Nut and See
 
 
 def build(sources: StarterSources, selection: Mapping[str, Any]) -> tuple[bytes, bytes]:
-    """The selection's foods -> foods.json and nutrients.csv.
+    """Return foods.json and nutrients.csv of the selection's foods.
 
     Raises ValueError where the selection and the releases differ.
     """
@@ -50,21 +48,16 @@ def build(sources: StarterSources, selection: Mapping[str, Any]) -> tuple[bytes,
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command."""
-    parser = argparse.ArgumentParser(prog="python -m app.nutrition.build_starter", description="Build the food table.")
+    parser = argparse.ArgumentParser(prog="python -m tools.starter_table.build", description="Build the food table.")
     parser.add_argument("--sr28", type=Path, required=True, help="USDA SR28, ASCII release: zip or folder")
     parser.add_argument("--fao", type=Path, required=True, help="FAO/INFOODS Density Database 2.0, xlsx")
-    parser.add_argument("--ecustfd", type=Path, help="ECUSTFD density.xls (needs xlrd); else starter/ecustfd.csv")
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder to write the table into")
     options = parser.parse_args(arguments)
-    measured_csv = (STARTER_DIR / "ecustfd.csv").read_text()
-    if options.ecustfd:
-        specimens = read_specimens(options.ecustfd)
-        measured_csv = ecustfd_csv([measured_density(food, pieces) for food, pieces in specimens.items()])
-        (options.output / "ecustfd.csv").write_text(measured_csv)
-    selection = tomllib.loads((STARTER_DIR / "selection.toml").read_text())
-    fao, measured = read_fao_rows(options.fao), read_measured(measured_csv)
-    foods_json, nutrients_csv = build(StarterSources(Sr28Release(options.sr28), fao, measured, selection), selection)
-    table = parse_table(foods_json, nutrients_csv)  # what cannot be loaded is not written
+    selection = tomllib.loads((FOLDER / "selection.toml").read_text())
+    measured = read_measured((FOLDER / "ecustfd.csv").read_text())
+    sources = StarterSources(Sr28Release(options.sr28), read_fao_rows(options.fao), measured, selection)
+    foods_json, nutrients_csv = build(sources, selection)
+    table = parse_table(foods_json, nutrients_csv)  # raises before anything is written
     (options.output / "foods.json").write_bytes(foods_json)
     (options.output / "nutrients.csv").write_bytes(nutrients_csv)
     sys.stdout.write(f"{table.name} {table.version}: {len(table.foods)} foods, checksum {table.checksum[:12]}\n")
@@ -93,7 +86,7 @@ def _food(sources: StarterSources, entry: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _state(group: str, entry: Mapping[str, Any]) -> FoodState:
-    """The state that the selection's words tell; of dishes and of what comes ready from the baker "as_eaten"."""
+    """Return the state that the entry names; "as_eaten" for dishes and for baked goods, snacks, sweets and nuts."""
     return "as_eaten" if entry.get("mixed_dish") or group in _AS_EATEN_GROUPS else usual_state(entry["state"])
 
 

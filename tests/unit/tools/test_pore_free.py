@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.nutrition.pore_free import pore_free_density
+from tools.starter_table.pore_free import pore_free_density
 
 WATER, PROTEIN, FAT, CARBOHYDRATE, FIBER, ALCOHOL = "255", "203", "204", "205", "291", "221"
 

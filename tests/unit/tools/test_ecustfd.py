@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.nutrition.importers.ecustfd import Specimen, measured_density, read_measured, write_measured
+from tools.ecustfd import Specimen, measured_density, read_measured, write_measured
 
 
 def specimens(*densities, volume_ml=200.0):

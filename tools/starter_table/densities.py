@@ -1,7 +1,7 @@
 """All the densities that the starter table's sources know of a food, best first, as its entry in selection.toml says.
 
-For build_starter.py only. Which row or portion fits a food is judged by hand, in the selection; here is how each kind
-of source becomes a density with its spread, and in what words it is cited.
+Which row or portion fits a food is judged by hand, in the selection; here is how each kind of source becomes a
+density with its spread, and how it is cited.
 """
 
 from collections.abc import Mapping
@@ -11,14 +11,14 @@ from typing import Any
 from app.nutrition.components import NUMBER_BY_TAGNAME
 from app.nutrition.density import KIND_OF_FORM
 from app.nutrition.foods import DENSITY_BASES, Density, DensityBasis, FoodForm
-from app.nutrition.importers.ecustfd import MeasuredDensity
 from app.nutrition.importers.fao_density import FaoRow, fao_density
 from app.nutrition.importers.imported import Skipped
 from app.nutrition.importers.sr28 import Sr28Release
-from app.nutrition.piece_sizes import piece_volume_ml
-from app.nutrition.pore_free import pore_free_density
 from app.nutrition.portion_density import group_medians, portion_densities, portion_density, usual_relative_sd
 from app.nutrition.portions import Portion
+from tools.ecustfd import MeasuredDensity
+from tools.starter_table.piece_sizes import piece_volume_ml
+from tools.starter_table.pore_free import pore_free_density
 
 # Judged, as no source publishes what the next item may differ by (docs/food-table.md, "Spread").
 RELATED_FACTOR = 2.0  # another food's figure is worth half

@@ -1,13 +1,16 @@
 """ECUSTFD (Liang and Li 2017): volume and mass of each photographed specimen -> each food's measured density.
 
-density.xls has a sheet a food: id, type, volume, weight. Its header says mm3, the figures are millilitres, rounded to
-10. Some whole fruit cannot be (oranges of 1.38 g/ml): those outside 0.65 to 1.15 are listed and left out. What is
-computed here is committed as starter/ecustfd.csv; the workbook itself is not ours to pass on.
+    python -m tools.ecustfd density.xls > tools/starter_table/ecustfd.csv
+
+density.xls has one sheet per food: id, type, volume, weight. Its header says mm3, the figures are millilitres, rounded
+to 10. Some whole fruit are impossible (oranges of 1.38 g/ml): those outside 0.65 to 1.15 are counted and left out. The
+medians are committed; the workbook itself is not ours to pass on. Reading it needs xlrd, of the dev extra.
 """
 
 import csv
 import importlib
 import io
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
@@ -91,3 +94,8 @@ def read_measured(text: str) -> Mapping[str, MeasuredDensity]:
         )
         for row in csv.DictReader(io.StringIO(text))
     }
+
+
+if __name__ == "__main__":
+    specimens_by_food = read_specimens(Path(sys.argv[1]))
+    sys.stdout.write(write_measured([measured_density(*item) for item in specimens_by_food.items()]))

@@ -1,0 +1,85 @@
+import math
+
+import numpy as np
+import pytest
+
+from app.identification.calibrate import NONE_PRIOR, posterior
+from tools.food_index.calibration import LEAST_TEMPERATURE, expected_calibration_error, fit_calibration
+
+CLASSES = 6
+
+
+def simulated_scores(spread: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Scores of known classes, their labels, and scores of unknown ones: normal around 1 in the own class and 0 else.
+
+    log p(x | k) / p(x | none) = (x_k - 1/2) / spread^2: the temperature is spread^2, the none score 1/2.
+    """
+    rng = np.random.default_rng(seed)
+    labels = rng.integers(0, CLASSES, 6000)
+    known = np.eye(CLASSES)[labels] + rng.normal(0.0, spread, (6000, CLASSES))
+    return known, labels, rng.normal(0.0, spread, (6000, CLASSES))
+
+
+@pytest.mark.parametrize("spread", [0.3, 0.45])
+def test_temperature_and_none_score_of_simulated_scores_are_found(spread):
+    found = fit_calibration(*simulated_scores(spread))
+    assert found.temperature == pytest.approx(spread**2, rel=0.06)
+    assert found.none_score == pytest.approx(0.5, abs=0.03)
+
+
+def test_probabilities_of_simulated_scores_are_calibrated():
+    found = fit_calibration(*simulated_scores(0.45))
+    known, labels, unknown = simulated_scores(0.45, seed=1)
+    unknown = unknown[: round(len(known) * NONE_PRIOR / (1.0 - NONE_PRIOR))]
+    scores = np.concatenate([known, unknown])
+    truth = np.concatenate([labels, np.full(len(unknown), CLASSES)])
+    shares, none = posterior(*found.log_likelihoods(scores), np.full(CLASSES, -math.log(CLASSES)))
+    all_shares = np.concatenate([shares, none[:, None]], axis=1)
+    error = expected_calibration_error(all_shares.max(axis=1), all_shares.argmax(axis=1) == truth)
+    assert error < 0.03
+
+
+def test_scores_that_part_all_classes_give_a_finite_calibration():
+    labels = np.arange(CLASSES)
+    found = fit_calibration(np.eye(CLASSES), labels, np.zeros((4, CLASSES - 1)))
+    assert found.temperature >= LEAST_TEMPERATURE
+    shares, none = posterior(*found.log_likelihoods(np.eye(CLASSES)), np.full(CLASSES, -math.log(CLASSES)))
+    assert np.isfinite(shares).all()
+    assert (shares[labels, labels] > 0.9).all()
+    assert np.isfinite(none).all()
+
+
+def test_calibration_without_examples_of_both_kinds_raises():
+    known, labels, unknown = simulated_scores(0.3)
+    for few in ((known[:0], labels[:0], unknown), (known, labels, unknown[:0])):
+        with pytest.raises(ValueError, match="left out"):
+            fit_calibration(*few)
+
+
+def test_calibration_error_of_a_case_by_hand():
+    probabilities = np.array([0.95, 0.97, 0.90, 0.55, 0.45, 0.41])
+    is_right = np.array([True, True, False, True, False, True])
+    # ten bins: two between 0.9 and 1 and 0.90 itself, one in 0.5, two in 0.4
+    by_hand = (3 * abs(2 / 3 - 2.82 / 3) + 1 * abs(1.0 - 0.55) + 2 * abs(0.5 - 0.43)) / 6
+    assert expected_calibration_error(probabilities, is_right, bins=10) == pytest.approx(by_hand)
+
+
+def test_calibration_error_is_0_for_certainty_that_is_right_and_1_for_one_that_is_wrong():
+    assert expected_calibration_error(np.ones(5), np.ones(5, bool)) == 0.0
+    assert expected_calibration_error(np.ones(5), np.zeros(5, bool)) == 1.0
+
+
+def test_calibration_error_of_honest_probabilities_vanishes():
+    rng = np.random.default_rng(0)
+    probabilities = rng.uniform(0.2, 1.0, 200_000)
+    assert expected_calibration_error(probabilities, rng.uniform(size=200_000) < probabilities) < 0.01
+    boasted = probabilities**0.5
+    gap = float((boasted - probabilities).mean())
+    assert expected_calibration_error(boasted, rng.uniform(size=200_000) < probabilities) == pytest.approx(
+        gap, abs=0.01
+    )
+
+
+def test_calibration_error_of_nothing_raises():
+    with pytest.raises(ValueError, match="no probability"):
+        expected_calibration_error(np.zeros(0), np.zeros(0, bool))

@@ -1,0 +1,46 @@
+import numpy as np
+import pytest
+
+from app.identification.kernel_classifier import fit_classifier
+from tests.unit.identification.clouds import clouds
+from tools.food_index.held_out import scores_of_unseen_classes, scores_of_unseen_specimens, specimen_folds
+
+
+def test_scores_of_unseen_specimens_are_those_of_fitting_again_without_the_fold():
+    examples, labels = clouds((12, 9, 6))
+    specimens = [f"{label}-{number // 3}" for number, label in enumerate(labels)]
+    scores, _ = scores_of_unseen_specimens(examples, labels, specimens, 3)
+    for held in specimen_folds(labels, specimens):
+        kept = np.setdiff1d(np.arange(27), held)
+        again = fit_classifier(examples[kept], labels[kept], 3).scores(examples[held])
+        assert scores[held] == pytest.approx(again, abs=1e-9)
+
+
+def test_specimen_is_never_on_both_sides_and_each_row_is_held_out_once():
+    labels = np.repeat([0, 1], [30, 12])
+    specimens = [f"{label}-{number // 3}" for number, label in enumerate(labels)]
+    folds = specimen_folds(labels, specimens)
+    assert sorted(np.concatenate(folds).tolist()) == list(range(42))
+    for held in folds:
+        kept = set(range(42)) - set(held.tolist())
+        assert not {specimens[row] for row in held} & {specimens[row] for row in kept}
+    assert len(folds) == 10
+    assert [held.tolist() for held in specimen_folds(labels, specimens)] == [held.tolist() for held in folds]
+
+
+def test_classes_with_one_specimen_are_told():
+    examples, labels = clouds((6, 6, 4))
+    specimens = ["a1"] * 3 + ["a2"] * 3 + ["b1"] * 3 + ["b2"] * 3 + ["c1"] * 4
+    scores, has_another = scores_of_unseen_specimens(examples, labels, specimens, 3)
+    assert has_another.tolist() == [True] * 12 + [False] * 4
+    assert (scores[:12].argmax(axis=1) == labels[:12]).all()
+    assert (scores[12:, 2] == 0.0).all()  # nobody was left to know it by
+
+
+def test_scores_of_unseen_classes_are_those_of_a_classifier_without_them():
+    examples, labels = clouds((8, 7, 6))
+    scores = scores_of_unseen_classes(examples, labels, 3)
+    kept = labels != 1
+    without = fit_classifier(examples[kept], labels[kept] // 2, 2).scores(examples[labels == 1])
+    assert scores.shape == (21, 2)
+    assert scores[labels == 1] == pytest.approx(without, abs=1e-9)

@@ -1,0 +1,1 @@
+"""Builds the index of how foods look that ships in app/identification/shipped (docs/identification.md)."""

@@ -1,0 +1,61 @@
+"""Fits the temperature and the none score of an index, and measures how honest its probabilities are.
+
+Both numbers are those under which held-out examples are likeliest: of known classes, no picture of whose specimen was
+seen; and of classes that were left out whole, which stand for all that the index does not know.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from app.identification.calibrate import NONE_PRIOR, Calibration, posterior
+from app.identification.metric import Vectors
+
+LEAST_TEMPERATURE = 0.01  # of scores that run from 0 to 1: e^100 for one class over another is certainty enough
+BINS = 15
+SEARCH_FROM = (np.log(0.1), 0.4)
+
+
+def fit_calibration(known: Vectors, labels: NDArray[np.intp], unknown: Vectors) -> Calibration:
+    """known: (n, classes) held-out scores of labels, (n,); unknown: (m, classes or fewer), of classes left out.
+
+    The known weigh 1 - NONE_PRIOR together, the unknown NONE_PRIOR. Raises ValueError without some of both.
+    """
+    if len(known) == 0 or len(unknown) == 0:
+        raise ValueError("examples of known classes and of classes left out are needed")
+
+    def loss(parameters: NDArray[np.float64]) -> float:
+        calibration = _calibration(parameters)
+        of_known, _ = _shares(known, calibration)
+        _, of_none = _shares(unknown, calibration)
+        right = of_known[np.arange(len(labels)), labels]
+        of_known_loss = -(1.0 - NONE_PRIOR) * np.log(np.maximum(right, 1e-12)).mean()
+        return float(of_known_loss - NONE_PRIOR * np.log(np.maximum(of_none, 1e-12)).mean())
+
+    return _calibration(minimize(loss, SEARCH_FROM, method="Nelder-Mead").x)
+
+
+def expected_calibration_error(probabilities: Vectors, is_right: NDArray[np.bool_], bins: int = BINS) -> float:
+    """Mean |share right - mean probability| over equal bins of the first candidate's probability, (n,), by size.
+
+    Naeini, Cooper and Hauskrecht, "Obtaining well calibrated probabilities using Bayesian binning", AAAI 2015. Raises
+    ValueError without any.
+    """
+    if len(probabilities) == 0:
+        raise ValueError("no probability is no calibration")
+    place = np.minimum((probabilities * bins).astype(int), bins - 1)
+    gaps = [
+        np.count_nonzero(place == i) * abs(is_right[place == i].mean() - probabilities[place == i].mean())
+        for i in np.unique(place)
+    ]
+    return float(np.sum(gaps) / len(probabilities))
+
+
+def _calibration(parameters: NDArray[np.float64]) -> Calibration:
+    """From log temperature and none score. Scores that part all classes would have a temperature of 0."""
+    return Calibration(max(float(np.exp(parameters[0])), LEAST_TEMPERATURE), float(parameters[1]))
+
+
+def _shares(scores: Vectors, calibration: Calibration) -> tuple[Vectors, NDArray[np.float64]]:
+    likelihoods, none = calibration.log_likelihoods(scores)
+    return posterior(likelihoods, none, np.full(scores.shape[1], -np.log(scores.shape[1])))

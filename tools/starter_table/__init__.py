@@ -1,0 +1,1 @@
+"""Builds the starter food table in app/nutrition/starter from public releases and a selection (docs/food-table.md)."""
