@@ -72,19 +72,9 @@ def ml_from_mm3(volume_mm3: float) -> float:
     return convert(volume_mm3, Unit.MM3, Unit.ML)
 
 
-def mm3_from_ml(volume_ml: float) -> float:
-    """Millilitres -> cubic millimetres."""
-    return convert(volume_ml, Unit.ML, Unit.MM3)
-
-
 def kj_from_kcal(energy_kcal: float) -> float:
     """Kilocalories -> kilojoules (x 4.184)."""
     return convert(energy_kcal, Unit.KCAL, Unit.KJ)
-
-
-def kcal_from_kj(energy_kj: float) -> float:
-    """Kilojoules -> kilocalories (/ 4.184)."""
-    return convert(energy_kj, Unit.KJ, Unit.KCAL)
 
 
 def density_from_portion(mass_g: float, measure: float, unit: Unit) -> float:

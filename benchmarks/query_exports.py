@@ -15,7 +15,7 @@ import sqlalchemy as sa
 
 from app.db.models import EffectiveRecord, Item
 from app.db.session import Database
-from app.exports.record_columns import RECORD_NAMES
+from app.exports.record_columns import RECORD_COLUMNS
 from benchmarks.query_data import DAYS, FIRST_DAY
 
 SMALL_EXPORT, LARGE_EXPORT = 100_000, 1_000_000
@@ -82,7 +82,7 @@ def days(kind: str, client: httpx2.Client, token: str) -> None:
 def bare_loop(url: str, last_day: str) -> tuple[int, float]:
     """How many records there are until this day, and the seconds in which the driver alone reads them."""
     stored = EffectiveRecord.__table__.columns
-    names = ", ".join(name for name in ("item_id", *RECORD_NAMES) if name in stored)
+    names = ", ".join(name for name in ("item_id", *(column.name for column in RECORD_COLUMNS)) if name in stored)
     query = f"SELECT {names} FROM effective_record WHERE local_date <= '{last_day}' ORDER BY captured_at, item_id"
     started, rows = time.perf_counter(), 0
     for batch in _batches_of(url, query):

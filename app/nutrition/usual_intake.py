@@ -137,16 +137,6 @@ def choose_scale(amounts: Floats) -> Scale:
     return max(scales, key=lambda scale: _straightness(np.sort(_onto(scale, amounts)), places))
 
 
-def variance_components(days_by_person: Sequence[Floats]) -> Variances:
-    """Mean, within-person and between-person variance of the days.
-
-    Raises ValueError where nobody has two days, or there is only one person.
-    """
-    if len(days_by_person) < 2 or all(person.size < 2 for person in days_by_person):
-        raise ValueError("variances need two persons, one of them with two days")
-    return PersonSums.of(*_flat(days_by_person)).variances()
-
-
 @dataclass(frozen=True, slots=True)
 class PersonSums:
     """What the analysis needs of each person: number of days, their mean, sum of squares about it; (n,) each."""

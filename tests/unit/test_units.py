@@ -8,10 +8,8 @@ from app.units import (
     content_of_mass,
     convert,
     density_from_portion,
-    kcal_from_kj,
     kj_from_kcal,
     ml_from_mm3,
-    mm3_from_ml,
 )
 
 
@@ -34,9 +32,7 @@ def test_published_sizes_of_units_are_met(value, source, target, expected):
 
 def test_named_conversions_agree_with_their_definitions():
     assert ml_from_mm3(1000.0) == pytest.approx(1.0)
-    assert mm3_from_ml(1.0) == pytest.approx(1000.0)
     assert kj_from_kcal(1.0) == pytest.approx(4.184)
-    assert kcal_from_kj(4.184) == pytest.approx(1.0)
 
 
 @given(st.floats(1e-6, 1e9), st.sampled_from(Unit), st.sampled_from(Unit))

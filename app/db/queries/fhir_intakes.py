@@ -92,16 +92,6 @@ def people_called(session: Session, code: str, studies: Collection[uuid.UUID] | 
     return participants_of(session, code, None, None if studies is None else sorted(studies)) or []
 
 
-def person_called(session: Session, study_code: str, code: str) -> Participant | None:
-    """A study's participant by code."""
-    query = (
-        sa.select(Participant)
-        .join(Study, Study.id == Participant.study_id)
-        .where(Study.code == study_code, Participant.code == code)
-    )
-    return session.scalars(query).one_or_none()
-
-
 def _keys(session: Session, chosen: IntakeFilter, after: Key | None, limit: int) -> sa.CTE | None:
     """The page's captured_at and item_id, in no order; None: nothing can be there."""
     record = EffectiveRecord

@@ -1,12 +1,11 @@
-"""Our own template for national and local tables: a CSV file, a row a food; more densities and portions beside it.
+"""Our own template for national and local tables: a CSV file, one row per food; more densities and portions beside it.
 
-What the columns mean is in docs/importers.md; template_csv() writes an example. An empty cell is "not known" and never
-0. Figures are per 100 g edible portion; each component's column says its unit, which is converted within its quantity.
+What the columns mean is in docs/importers.md; docs/food-template.csv is an example. An empty cell is "not known" and
+never 0. Figures are per 100 g edible portion; each component's column names its unit, which is converted within its
+quantity.
 """
 
-import csv
 import hashlib
-import io
 import re
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
@@ -128,25 +127,6 @@ def read_csv_table(path: Path, *, name: str, version: str, released_on: date) ->
     table = FoodTable(name, version.strip(), released_on, checksum, whole)
     given = {found.component.number: found.component for found in components.values()}
     return ImportedTable(FORMAT, table, sorted_components(given), skipped)
-
-
-def template_csv() -> str:
-    """An example of foods.csv, with every column that is not a component's and a few that are."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    components = ("ENERC_KCAL (kcal)", "PROCNT (g)", "FAT (g)", "CHOAVL (g)", "FIBTG (g)", "NA (mg)", "VITC (mg)")
-    writer.writerow((*COLUMNS, *components))
-    writer.writerow((
-        "A001", "Apple, raw, with skin", "Fruits", "apple; dessert apple", "whole", "raw", "no", "core and stem 10",
-        "0.79", "0.03", "solid", "raw, whole", "own measurement, 20 apples", "A01DJ", "", "", "",
-        "52", "0.3", "0.2", "11.4", "2.4", "1", "4.6",
-    ))  # fmt: skip
-    writer.writerow((
-        "B014", "Goulash with dumplings", "Mixed dishes", "beef goulash", "in_vessel", "as_eaten", "yes", "",
-        "", "", "", "", "", "", "", "", "",
-        "146", "9.8", "6.1", "12.7", "", "320", "tr",
-    ))  # fmt: skip
-    return text.getvalue()
 
 
 def _components(files: SourceFiles, file: str) -> dict[str, SourceComponent]:

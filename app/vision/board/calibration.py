@@ -87,32 +87,6 @@ def calibrate(photos: Sequence[Photo], spec: MarkerSpec) -> Calibration | Failur
     return Calibration(camera, rms_px, reach, tuple(found), tuple(sorted(rejected, key=lambda photo: photo.index)))
 
 
-def stereo_reprojection_rms_px(
-    cameras: tuple[Camera, Camera], views: Sequence[tuple[MarkerObservation, MarkerObservation]]
-) -> float:
-    """Rms distance of corners of a fixed stereo rig, both cameras and their relative pose refined together, px.
-
-    cameras: of the left and the right photographs, as calibrated; the start. views: the same board in both, agreeing.
-    """
-    points, left, right = [], [], []
-    for left_view, right_view in views:
-        points.append(_flat_points(left_view.spec))
-        left.append(left_view.corners_px.astype(np.float32))
-        right.append(right_view.corners_px.astype(np.float32))
-    rms = cv2.stereoCalibrate(
-        points,
-        left,
-        right,
-        cameras[0].matrix,
-        np.array(cameras[0].distortion),
-        cameras[1].matrix,
-        np.array(cameras[1].distortion),
-        (cameras[0].width, cameras[0].height),
-        flags=cv2.CALIB_USE_INTRINSIC_GUESS,
-    )[0]
-    return float(rms)
-
-
 def _flat_points(spec: MarkerSpec) -> Float32Array:
     """(n, 3) inner corners at z = 0, where OpenCV's first guess wants them; thickness has no part in intrinsics."""
     return board_points(replace(spec, thick_mm=0.0)).astype(np.float32)

@@ -19,7 +19,7 @@ from app.db.queries import record_export
 from app.exports import cells
 from app.exports.columns import columns_of
 from app.exports.csv_rows import safe_cell
-from app.exports.record_columns import PROVENANCE_PARTS, RECORD_NAMES, RECORD_PARTS
+from app.exports.record_columns import PROVENANCE_PARTS, RECORD_COLUMNS, RECORD_PARTS
 from app.exports.spool import Spool
 from app.services import day_summaries, export_days, export_tables, spooled_export
 from app.services.caller import StaffCaller
@@ -28,6 +28,7 @@ from app.services.export_spec import ExportSpec
 from tests.integration.eaten_days import add_meal, eaten_item, set_profile
 
 FILE_COLUMNS = columns_of((*RECORD_PARTS, *PROVENANCE_PARTS))
+RECORD_NAMES = [column.name for column in RECORD_COLUMNS]
 FILE_NAMES = [column.name for column in FILE_COLUMNS]
 PROVENANCE_NAMES = FILE_NAMES[len(RECORD_NAMES) :]
 
@@ -110,7 +111,7 @@ def test_exported_columns_are_the_records_of_the_api():
         if field != "nutrient_intervals"  # in a file they follow from the grams' (docs/exports.md)
         for name in ([field] if field != "food" else ["food_key", "food_name"])
     ]
-    assert list(RECORD_NAMES) == names
+    assert names == RECORD_NAMES
     ends = (("_g_per_ml", "g/ml"), ("_ml", "ml"), ("_kcal", "kcal"), ("_mg", "mg"), ("_g", "g"), ("_seconds", "s"))
     for column in FILE_COLUMNS:
         unit = next((unit for end, unit in ends if column.name.endswith(end)), None)

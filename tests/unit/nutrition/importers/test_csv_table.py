@@ -6,7 +6,7 @@ import pathlib
 import pytest
 
 from app.errors import InvalidInputError
-from app.nutrition.importers.csv_table import COLUMNS, read_csv_table, template_csv
+from app.nutrition.importers.csv_table import COLUMNS, read_csv_table
 from app.nutrition.importers.source_files import ImportFileError
 from tests.unit.nutrition.importers.release_files import write_folder, write_zip
 
@@ -33,8 +33,8 @@ def only_food(path):
     return food
 
 
-def test_template_imports_and_says_what_its_columns_say(table):
-    imported = read(table(template_csv()))
+def test_template_in_the_documents_imports_and_says_what_its_columns_say():
+    imported = read(DOCS / "food-template.csv")
     apple, goulash = imported.table.foods
     assert (apple.key, apple.name, apple.food_group) == ("cofid:A001", "Apple, raw, with skin", "Fruits")
     assert apple.aliases == ("apple", "dessert apple")
@@ -51,8 +51,9 @@ def test_template_imports_and_says_what_its_columns_say(table):
     ]  # fmt: skip
 
 
-def test_template_in_the_documents_is_the_one_that_imports():
-    assert (DOCS / "food-template.csv").read_text() == template_csv()
+def test_template_in_the_documents_has_every_column():
+    header = (DOCS / "food-template.csv").read_text().splitlines()[0].split(",")
+    assert tuple(header[: len(COLUMNS)]) == tuple(COLUMNS)
 
 
 def test_every_column_stands_in_the_documents():

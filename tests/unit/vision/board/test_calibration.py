@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from app.errors import Failure
-from app.vision.board.calibration import Calibration, calibrate, stereo_reprojection_rms_px
+from app.vision.board.calibration import Calibration, calibrate
 from app.vision.board.marker import find_marker
+from app.vision.board.pose import board_points
 from app.vision.marker_spec import parse_marker
 from app.vision.model import MarkerObservation, Photo
 from app.vision.photo import read_photo
@@ -16,6 +18,30 @@ from tests.unit.vision.synthetic import PHONE, look_at, render_board
 BOARD = parse_marker("plain:10x7:18")
 CAMERA = replace(PHONE, cx=590.0, cy=455.0, distortion=(0.08, -0.15, 5e-4, -5e-4, 0.0))
 SLANTS = [(60, -90, 0), (50, 0, 20), (55, 120, -30), (80, -90, 90), (45, 60, 10), (50, -150, 45)]
+
+
+def stereo_reprojection_rms_px(cameras, views) -> float:
+    """Rms distance of corners of a fixed stereo rig, both cameras and their relative pose refined together, px.
+
+    cameras: of the left and the right photographs, as calibrated; the start. views: the same board in both, agreeing.
+    """
+    points, left, right = [], [], []
+    for left_view, right_view in views:
+        points.append(board_points(left_view.spec).astype(np.float32))
+        left.append(left_view.corners_px.astype(np.float32))
+        right.append(right_view.corners_px.astype(np.float32))
+    rms = cv2.stereoCalibrate(
+        points,
+        left,
+        right,
+        cameras[0].matrix,
+        np.array(cameras[0].distortion),
+        cameras[1].matrix,
+        np.array(cameras[1].distortion),
+        (cameras[0].width, cameras[0].height),
+        flags=cv2.CALIB_USE_INTRINSIC_GUESS,
+    )[0]
+    return float(rms)
 
 
 @pytest.fixture(scope="module")
