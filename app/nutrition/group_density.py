@@ -6,12 +6,12 @@ are a matter of their own: a syrup says nothing about a chocolate bar of the sam
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from types import MappingProxyType
 
 from app.nutrition.density import KIND_OF_FORM
 from app.nutrition.foods import DENSITY_KINDS, Density, DensityKind, Food, FoodForm, load_starter_table
 from app.nutrition.portion_density import MIN_GROUP_FOODS, group_median, group_medians
-from app.nutrition.portions import Portion
 
 # Groups that hold the same tissue. Baked goods, snacks, sweets and dishes are like nothing else: a lasagna's density
 # says nothing about a hamburger's.
@@ -32,62 +32,58 @@ OWN_BASES = frozenset({"study", "measured", "fao", "portion"})
 _Pool = tuple[str, str]  # group, and the kind or "liquid"
 
 
-@dataclass(frozen=True, slots=True)
-class GroupMember:
-    """What one food adds to its group's medians. densities: all that is known of the food itself, best first."""
+def with_group_medians(
+    foods: Sequence[Food], source: str, starter_foods: Mapping[str, Food] = MappingProxyType({})
+) -> tuple[Food, ...]:
+    """Return the foods, behind each one's densities the medians of its group, first of the kind that its form takes.
 
-    group: str
-    form: FoodForm
-    portions: Sequence[Portion]
-    densities: Sequence[Density]
-
-
-class GroupDensities:
-    """The medians of all groups. source: whose foods they are, for a person."""
-
-    def __init__(self, members: Iterable[GroupMember], source: str) -> None:
-        members = list(members)
-        by_words = group_medians(((member.group, member.portions) for member in members), source)
-        self._medians: dict[_Pool, Density] = {(group, kind): median for (group, kind), median in by_words.items()}
-        pools: dict[_Pool, list[float]] = {}
-        for member in members:
-            for name, g_per_ml in _known(member).items():
-                pools.setdefault((member.group, name), []).append(g_per_ml)
-        kindred = {
-            (group, name): [g_per_ml for one in sorted(groups) for g_per_ml in pools.get((one, name), [])]
-            for groups in KINDRED_GROUPS
-            for group in groups
-            for name in (*DENSITY_KINDS, "liquid")
-        }
-        for wider, of in ((pools, "the group {}"), (kindred, "groups like {}")):
-            for (group, name), found in wider.items():
-                if (group, name) not in self._medians and len(found) >= MIN_GROUP_FOODS:
-                    kind: DensityKind = "bulk" if name == "bulk" else "solid"
-                    text = f"{source}: median of {len(found)} {_WHAT[name]} of {of.format(group)}"
-                    self._medians[group, name] = group_median(found, kind, text)
-
-    def of(self, group: str, form: FoodForm) -> tuple[Density, ...]:
-        """What stands in for a food of this group that lies in this form, the kind that it takes first."""
-        if form == "liquid":
-            names: Sequence[str] = ("liquid",)
-        else:
-            names = sorted(DENSITY_KINDS, key=lambda kind: kind != KIND_OF_FORM[form])
-        return tuple(self._medians[group, name] for name in names if (group, name) in self._medians)
+    source: whose foods they are, for a person. starter_foods: by NDB number; their densities count for the group too.
+    """
+    by_words = group_medians(((food.food_group, food.portions) for food in foods), source)
+    medians: dict[_Pool, Density] = {(group, kind): median for (group, kind), median in by_words.items()}
+    pools: dict[_Pool, list[float]] = {}
+    for food in foods:
+        same_food = starter_foods.get(food.source_ids.get("sr28_ndb", ""))
+        densities = (*(same_food.densities if same_food else ()), *food.densities)
+        for name, g_per_ml in _own_densities(food.form, densities).items():
+            pools.setdefault((food.food_group, name), []).append(g_per_ml)
+    kindred = {
+        (group, name): [g_per_ml for other in sorted(groups) for g_per_ml in pools.get((other, name), [])]
+        for groups in KINDRED_GROUPS
+        for group in groups
+        for name in (*DENSITY_KINDS, "liquid")
+    }
+    for wider, of in ((pools, "the group {}"), (kindred, "groups like {}")):
+        for (group, name), figures in wider.items():
+            if (group, name) not in medians and len(figures) >= MIN_GROUP_FOODS:
+                kind: DensityKind = "bulk" if name == "bulk" else "solid"
+                text = f"{source}: median of {len(figures)} {_WHAT[name]} of {of.format(group)}"
+                medians[group, name] = group_median(figures, kind, text)
+    return tuple(
+        replace(food, densities=(*food.densities, *(
+            medians[food.food_group, name] for name in _pools_of(food.form) if (food.food_group, name) in medians
+        )))
+        for food in foods
+    )  # fmt: skip
 
 
-def packaged_by_ndb() -> Mapping[str, Food]:
-    """NDB number -> that food of the packaged table, which knows measured densities and what of a food is refuse."""
+def starter_foods_by_ndb() -> Mapping[str, Food]:
+    """Return the starter table's foods by NDB number; they have measured densities, and know what is refuse."""
     return {food.source_ids["sr28_ndb"]: food for food in load_starter_table().foods if "sr28_ndb" in food.source_ids}
+
+
+def _pools_of(form: FoodForm) -> Sequence[str]:
+    return ("liquid",) if form == "liquid" else sorted(DENSITY_KINDS, key=lambda kind: kind != KIND_OF_FORM[form])
 
 
 _WHAT: Mapping[str, str] = {"solid": "pieces", "bulk": "heaps", "liquid": "liquids"}
 
 
-def _known(member: GroupMember) -> dict[str, float]:
-    """The best density of each kind; of a liquid, of the liquid."""
-    known: dict[str, float] = {}
-    for density in member.densities:
+def _own_densities(form: FoodForm, densities: Iterable[Density]) -> dict[str, float]:
+    """Return the best density of each kind; of a liquid, of the liquid."""
+    best: dict[str, float] = {}
+    for density in densities:
         if density.basis in OWN_BASES:
-            is_liquid = member.form == "liquid" and density.kind == "solid"
-            known.setdefault("liquid" if is_liquid else density.kind, density.g_per_ml)
-    return known
+            is_liquid = form == "liquid" and density.kind == "solid"
+            best.setdefault("liquid" if is_liquid else density.kind, density.g_per_ml)
+    return best

@@ -9,7 +9,7 @@ import hashlib
 import re
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from types import MappingProxyType
@@ -18,7 +18,7 @@ from typing import TypeVar
 from app.errors import InvalidInputError
 from app.nutrition.components import COMPONENTS
 from app.nutrition.foods import DENSITY_KINDS, FOOD_FORMS, FOOD_STATES, Density, Food, FoodForm, FoodTable, RefusePart
-from app.nutrition.group_density import GroupDensities, GroupMember
+from app.nutrition.group_density import with_group_medians
 from app.nutrition.importers.imported import (
     MAX_GROUP,
     MAX_KEY,
@@ -27,13 +27,10 @@ from app.nutrition.importers.imported import (
     ImportedTable,
     Skipped,
     SourceComponent,
-    key_once,
-    number_in,
     sorted_components,
-    text_in,
     unit_of,
 )
-from app.nutrition.importers.source_files import ImportFileError, SourceFiles
+from app.nutrition.importers.source_files import ImportFileError, Place, SourceFiles
 from app.nutrition.plausible import MAX_G_PER_ML, MIN_G_PER_ML, most_in_100_g
 from app.nutrition.portion_density import portion_densities, usual_relative_sd
 from app.nutrition.portions import Portion
@@ -66,12 +63,11 @@ Choice = TypeVar("Choice", bound=str)
 class _Row:
     """A line of a file, its cells by column."""
 
-    file: str
-    line: int
+    place: Place
     cells: Mapping[str, str]
 
     def cell(self, column: str) -> str:
-        return self.cells.get(column, "").strip()
+        return self.cells.get(column, "")
 
     def choice(self, column: str, choices: tuple[Choice, ...]) -> Choice | None:
         text = self.cell(column)
@@ -79,14 +75,14 @@ class _Row:
             if choice == text:
                 return choice
         if text:
-            raise self.error(f"{column} is {text!r}; give one of {', '.join(choices)}")
+            raise self.place.error(f"{column} is {text!r}; give one of {', '.join(choices)}")
         return None
 
     def number(self, column: str) -> float:
-        return number_in(self.file, self.line, column, self.cell(column))
+        return self.place.number(column, self.cell(column))
 
-    def error(self, why: str) -> ImportFileError:
-        return ImportFileError(self.file, self.line, why)
+    def text(self, column: str, limit: int, default: str = "") -> str:
+        return self.place.text(column, self.cell(column) or default, limit)
 
 
 def read_csv_table(path: Path, *, name: str, version: str, released_on: date) -> ImportedTable:
@@ -103,14 +99,14 @@ def read_csv_table(path: Path, *, name: str, version: str, released_on: date) ->
     files, skipped = SourceFiles(path), Skipped()
     foods_file = files.plain_file or FOODS
     files.require([foods_file])
-    rows = [_Row(foods_file, line, cells) for line, cells in files.csv_rows(foods_file)]
+    rows = [_Row(place, cells) for place, cells in files.csv_rows(foods_file)]
     components = _components(files, foods_file)
     keys: dict[str, None] = {}
     for row in rows:
-        key = text_in(row.file, row.line, "key", row.cell("key"), MAX_KEY - len(name) - 1)
+        key = row.text("key", MAX_KEY - len(name) - 1)
         if not _KEY.fullmatch(key):
-            raise row.error(f"key {key!r} has more in it than letters, digits, '.', '_' and '-'")
-        keys[key_once(row.file, row.line, "food", key, keys)] = None
+            raise row.place.error(f"key {key!r} has more in it than letters, digits, '.', '_' and '-'")
+        keys[row.place.new_key("food", key, keys)] = None
     if not rows:
         raise ImportFileError(foods_file, None, "it holds no food")
     portions, densities = _portions(files, keys), _densities(files, keys)
@@ -118,13 +114,9 @@ def read_csv_table(path: Path, *, name: str, version: str, released_on: date) ->
         _food(row, name, components, portions.get(row.cell("key"), []), densities.get(row.cell("key"), []), skipped)
         for row in rows
     ]
-    medians = GroupDensities(
-        (GroupMember(food.food_group, food.form, food.portions, food.densities) for food in foods), name
-    )
     _require_likely_energy(foods_file, foods)
-    whole = tuple(_with_median(food, medians) for food in foods)
     checksum = _checksum(files, foods_file, f"{name} {version} {released_on}")
-    table = FoodTable(name, version.strip(), released_on, checksum, whole)
+    table = FoodTable(name, version.strip(), released_on, checksum, with_group_medians(foods, name))
     given = {found.component.number: found.component for found in components.values()}
     return ImportedTable(FORMAT, table, sorted_components(given), skipped)
 
@@ -174,16 +166,16 @@ def _food(
     densities: list[_Row],
     skipped: Skipped,
 ) -> Food:
-    key, title = row.cell("key"), text_in(row.file, row.line, "name", row.cell("name"), MAX_NAME)
-    group = text_in(row.file, row.line, "food_group", row.cell("food_group"), MAX_GROUP)
+    key, title = row.cell("key"), row.text("name", MAX_NAME)
+    group = row.text("food_group", MAX_GROUP)
     form = row.choice("form", FOOD_FORMS) or usual_form(title, group)
     state = row.choice("state", FOOD_STATES)
     mixed = row.cell("is_mixed_dish").lower()
     if mixed not in _YES_OR_NO:
-        raise row.error(f"is_mixed_dish is {mixed!r}; give yes or no")
+        raise row.place.error(f"is_mixed_dish is {mixed!r}; give yes or no")
     measured = [_density(one, form, state or "not told") for one in (row, *densities) if one.cell("g_per_ml")]
     if not row.cell("g_per_ml") and any(row.cell(column) for column in DENSITY_COLUMNS):
-        raise row.error("there is a density's kind, spread, state or source, but no g_per_ml")
+        raise row.place.error("there is a density's kind, spread, state or source, but no g_per_ml")
     of_portions = portion_densities(
         portions,
         form,
@@ -217,22 +209,22 @@ def _contents(row: _Row, components: Mapping[str, SourceComponent], skipped: Ski
             skipped.add("traces, taken as 0", f"{row.cell('key')} {column}")
             yield found.component.number, 0.0
             continue
-        value = number_in(row.file, row.line, column, text) * found.factor
+        value = row.place.number(column, text) * found.factor
         if value > most_in_100_g(found.component):
-            raise row.error(f"{column} is {text}: more than 100 g of any food can hold; is the unit right?")
+            raise row.place.error(f"{column} is {text}: more than 100 g of any food can hold; is the unit right?")
         yield found.component.number, value
 
 
 def _density(row: _Row, form: FoodForm, usual_state: str) -> Density:
     kind = row.choice("density_kind", DENSITY_KINDS)
     if kind is None:
-        raise row.error(f"a density needs its density_kind: {' or '.join(DENSITY_KINDS)}")
+        raise row.place.error(f"a density needs its density_kind: {' or '.join(DENSITY_KINDS)}")
     g_per_ml = row.number("g_per_ml")
     if not MIN_G_PER_ML <= g_per_ml <= MAX_G_PER_ML:
-        raise row.error(f"g_per_ml is {g_per_ml:g}, which no food has")
+        raise row.place.error(f"g_per_ml is {g_per_ml:g}, which no food has")
     spread = row.number("sd_g_per_ml") if row.cell("sd_g_per_ml") else usual_relative_sd(form, kind) * g_per_ml
-    state = text_in(row.file, row.line, "density_state", row.cell("density_state") or usual_state, 32)
-    source = text_in(row.file, row.line, "density_source", row.cell("density_source"), 300)
+    state = row.text("density_state", 32, usual_state)
+    source = row.text("density_source", 300)
     return Density(g_per_ml, spread, state, kind, "measured", source)
 
 
@@ -241,12 +233,12 @@ def _refuse(row: _Row) -> Iterator[RefusePart]:
     for piece in filter(None, (piece.strip() for piece in row.cell("refuse").split(";"))):
         match = _REFUSE.fullmatch(piece)
         if match is None:
-            raise row.error(f"refuse {piece!r} is no part with its percent, such as 'peel 30; core 10'")
+            raise row.place.error(f"refuse {piece!r} is no part with its percent, such as 'peel 30; core 10'")
         total += float(match["percent"])
         part = match["part"]
         yield RefusePart(part.strip("()").strip(), float(match["percent"]), is_served=not part.startswith("("))
     if total >= 100.0:
-        raise row.error(f"a refuse of {total:g} % leaves nothing to eat")
+        raise row.place.error(f"a refuse of {total:g} % leaves nothing to eat")
 
 
 def _portions(files: SourceFiles, keys: Mapping[str, None]) -> dict[str, list[Portion]]:
@@ -255,8 +247,8 @@ def _portions(files: SourceFiles, keys: Mapping[str, None]) -> dict[str, list[Po
         of_food = portions.setdefault(row.cell("key"), [])
         amount, mass_g = row.number("amount"), row.number("mass_g")
         if amount == 0.0 or mass_g == 0.0:
-            raise row.error("amount and mass_g are more than 0")
-        measure = text_in(row.file, row.line, "measure", row.cell("measure"), MAX_MEASURE)
+            raise row.place.error("amount and mass_g are more than 0")
+        measure = row.text("measure", MAX_MEASURE)
         of_food.append(Portion(str(len(of_food) + 1), amount, measure, mass_g))
     return portions
 
@@ -266,7 +258,7 @@ def _densities(files: SourceFiles, keys: Mapping[str, None]) -> dict[str, list[_
     required = ("key", "g_per_ml", "density_kind", "density_source")
     for row in _beside(files, DENSITIES, required, ("sd_g_per_ml", "density_state"), keys):
         if not row.cell("g_per_ml"):
-            raise row.error("g_per_ml is empty")
+            raise row.place.error("g_per_ml is empty")
         densities.setdefault(row.cell("key"), []).append(row)
     return densities
 
@@ -282,10 +274,10 @@ def _beside(
         raise ImportFileError(
             file, 1, f"unknown column {', '.join(unknown)}; there are {', '.join(required + optional)}"
         )
-    for line, cells in files.csv_rows(file, required):
-        row = _Row(file, line, cells)
+    for place, cells in files.csv_rows(file, required):
+        row = _Row(place, cells)
         if row.cell("key") not in keys:
-            raise row.error(f"food {row.cell('key')!r} is none of {FOODS}")
+            raise row.place.error(f"food {row.cell('key')!r} is none of {FOODS}")
         yield row
 
 
@@ -306,10 +298,6 @@ def _require_likely_energy(file: str, foods: Sequence[Food]) -> None:
     if len(ratios) >= MIN_FOODS_FOR_ENERGY and not 0.5 < statistics.median(ratios) < 2.0:
         why = f"the energies are {statistics.median(ratios):.2g} times what protein, fat and carbohydrate hold"
         raise ImportFileError(file, 1, f"{why}: kcal under a header of kJ, or the reverse?")
-
-
-def _with_median(food: Food, medians: GroupDensities) -> Food:
-    return replace(food, densities=(*food.densities, *medians.of(food.food_group, food.form)))
 
 
 def _checksum(files: SourceFiles, foods_file: str, release: str) -> str:

@@ -8,14 +8,14 @@ Columns as in the releases of 2020 to 2026; FNDDS names its nutrients by number 
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from types import MappingProxyType
 
 from app.nutrition.components import Component
-from app.nutrition.foods import Density, Food, FoodForm, FoodState, FoodTable, RefusePart
-from app.nutrition.group_density import GroupDensities, GroupMember, packaged_by_ndb
+from app.nutrition.foods import Food, FoodForm, FoodState, FoodTable, RefusePart
+from app.nutrition.group_density import starter_foods_by_ndb, with_group_medians
 from app.nutrition.importers.fdc_portions import portion_of
 from app.nutrition.importers.imported import (
     MAX_GROUP,
@@ -23,11 +23,8 @@ from app.nutrition.importers.imported import (
     ImportedTable,
     Skipped,
     SourceComponent,
-    key_once,
-    number_in,
     sorted_components,
     source_component,
-    text_in,
     unit_of,
 )
 from app.nutrition.importers.source_files import ImportFileError, SourceFiles
@@ -95,17 +92,17 @@ class FdcRelease:
         """food.csv: FDC id -> food, for the data types that are taken."""
         file, foods = "food.csv", dict[str, FdcFood]()
         columns = ("fdc_id", "data_type", "description", "food_category_id", "publication_date")
-        for line, (fdc_id, data_type, description, category_id, published) in self._files.csv_fields(file, columns):
+        for place, (fdc_id, data_type, description, category_id, published) in self._files.csv_fields(file, columns):
             if data_type not in DATA_TYPES:
                 skipped.add(f"foods of the type {data_type}", f"{fdc_id} {description}")
                 continue
-            key_once(file, line, "food", fdc_id, foods)
+            place.new_key("food", fdc_id, foods)
             try:
                 published_on = date.fromisoformat(published)
             except ValueError:
-                raise ImportFileError(file, line, f"publication_date is {published!r}, no date") from None
-            name = text_in(file, line, "description", description, MAX_NAME)
-            foods[fdc_id] = FdcFood(fdc_id, data_type, name, category_id, published_on, line)
+                raise place.error(f"publication_date is {published!r}, no date") from None
+            name = place.text("description", description, MAX_NAME)
+            foods[fdc_id] = FdcFood(fdc_id, data_type, name, category_id, published_on, place.line)
         if not foods:
             raise ImportFileError(file, None, f"it holds no food of {', '.join(DATA_TYPES)}")
         return foods
@@ -118,8 +115,8 @@ class FdcRelease:
             dict[str, SourceComponent | None](),
         )
         columns = ("id", "name", "unit_name", "nutrient_nbr")
-        for line, (nutrient_id, name, unit, raw_number) in self._files.csv_fields(file, columns):
-            key_once(file, line, "nutrient", nutrient_id, by_id)
+        for place, (nutrient_id, name, unit, raw_number) in self._files.csv_fields(file, columns):
+            place.new_key("nutrient", nutrient_id, by_id)
             number = raw_number.removesuffix(".0")
             if not number:
                 skipped.add("nutrients without a number", f"{nutrient_id} {name}")
@@ -128,7 +125,7 @@ class FdcRelease:
                 skipped.add(f"nutrients in {unit}", f"{number} {name}")
                 by_id[nutrient_id] = by_number[number] = None
             else:
-                by_id[nutrient_id] = source_component(file, line, number, name[:200], unit)
+                by_id[nutrient_id] = source_component(place, number, name[:200], unit)
                 by_number.setdefault(number, by_id[nutrient_id])
         return {**by_number, **by_id}  # ids run from 1001, numbers stay below 1000
 
@@ -139,9 +136,9 @@ class FdcRelease:
         file, contents, used = "food_nutrient.csv", _Contents(), dict[str, Component]()
         contradicted: set[tuple[str, str]] = set()
         columns = ("fdc_id", "nutrient_id", "amount")
-        for line, (fdc_id, nutrient_id, amount) in self._files.csv_fields(file, columns, of=foods):
+        for place, (fdc_id, nutrient_id, amount) in self._files.csv_fields(file, columns, of=foods):
             if nutrient_id not in components:
-                raise ImportFileError(file, line, f"nutrient {nutrient_id} of food {fdc_id} is none of nutrient.csv")
+                raise place.error(f"nutrient {nutrient_id} of food {fdc_id} is none of nutrient.csv")
             found = components[nutrient_id]
             if found is None:
                 skipped.add("values of nutrients that are left out", f"{fdc_id} {nutrient_id}")
@@ -152,10 +149,10 @@ class FdcRelease:
                 skipped.add("values without an amount", what)
                 continue
             if amount.startswith("-"):
-                number_in(file, line, f"nutrient {nutrient_id}", amount[1:])
+                place.number(f"nutrient {nutrient_id}", amount[1:])
                 skipped.add("values below zero (by difference)", what)
                 continue
-            value = number_in(file, line, f"nutrient {nutrient_id}", amount) * found.factor
+            value = place.number(f"nutrient {nutrient_id}", amount) * found.factor
             if contents.setdefault(fdc_id, {}).setdefault(number, value) != value:
                 contradicted.add((fdc_id, number))
             used[number] = found.component
@@ -169,8 +166,8 @@ class FdcRelease:
         units = {unit_id: name for _, (unit_id, name) in self._files.csv_fields("measure_unit.csv", ("id", "name"))}
         columns = ("fdc_id", "id", "amount", "measure_unit_id", "portion_description", "modifier", "gram_weight")
         portions: dict[str, list[Portion]] = {}
-        for line, (fdc_id, portion_id, *fields) in self._files.csv_fields("food_portion.csv", columns, of=foods):
-            portion = portion_of(line, portion_id, fdc_id, fields, units, skipped)
+        for place, (fdc_id, portion_id, *fields) in self._files.csv_fields("food_portion.csv", columns, of=foods):
+            portion = portion_of(place, portion_id, fdc_id, fields, units, skipped)
             if portion is not None:
                 portions.setdefault(fdc_id, []).append(portion)
         return portions
@@ -181,9 +178,9 @@ class FdcRelease:
         for data_type, file in NDB_FILES.items():
             if not any(food.data_type == data_type for food in foods.values()):
                 continue
-            for line, (fdc_id, number) in self._files.csv_fields(file, ("fdc_id", "NDB_number"), of=foods):
+            for place, (fdc_id, number) in self._files.csv_fields(file, ("fdc_id", "NDB_number"), of=foods):
                 if number and not number.isdecimal():
-                    raise ImportFileError(file, line, f"NDB_number is {number!r}, no number")
+                    raise place.error(f"NDB_number is {number!r}, no number")
                 if number:
                     numbers[fdc_id] = number.zfill(5)
         return numbers
@@ -196,8 +193,8 @@ class FdcRelease:
             return codes
         category = self._one_of(file, ("wweia_category_code", "wweia_category_number"))
         columns = ("fdc_id", "food_code", category)
-        for line, (fdc_id, code, category_id) in self._files.csv_fields(file, columns, of=foods):
-            codes[key_once(file, line, "food", fdc_id, codes)] = (code, category_id)
+        for place, (fdc_id, code, category_id) in self._files.csv_fields(file, columns, of=foods):
+            codes[place.new_key("food", fdc_id, codes)] = (code, category_id)
         for food in wanted:
             if food.fdc_id not in codes:
                 raise ImportFileError("food.csv", food.line, f"survey food {food.fdc_id} is none of {file}")
@@ -208,8 +205,8 @@ class FdcRelease:
         if all(food.data_type == SURVEY for food in foods.values()):
             return {}
         categories: dict[str, _Category] = {}
-        for line, (category_id, description) in self._files.csv_fields("food_category.csv", ("id", "description")):
-            name = text_in("food_category.csv", line, "description", description, MAX_GROUP)
+        for place, (category_id, description) in self._files.csv_fields("food_category.csv", ("id", "description")):
+            name = place.text("description", description, MAX_GROUP)
             categories[category_id] = _Category(name, name, is_mixed=False)
         return categories
 
@@ -219,10 +216,10 @@ class FdcRelease:
             return {}
         file, categories = "wweia_food_category.csv", dict[str, _Category]()
         column = self._one_of(file, ("wweia_food_category", "wweia_food_category_code"))
-        for line, (code, description) in self._files.csv_fields(file, (column, "wweia_food_category_description")):
+        for place, (code, description) in self._files.csv_fields(file, (column, "wweia_food_category_description")):
             if not code.isdecimal():
-                raise ImportFileError(file, line, f"{column} is {code!r}, no number")
-            name = text_in(file, line, "wweia_food_category_description", description, MAX_GROUP)
+                raise place.error(f"{column} is {code!r}, no number")
+            name = place.text("wweia_food_category_description", description, MAX_GROUP)
             categories[code] = _Category(name, group_of_category(int(code)), is_mixed_category(int(code)))
         return categories
 
@@ -265,7 +262,7 @@ def read_fdc(path: Path) -> ImportedTable:
     categories = _categories_of_foods(release, foods, food_codes)
     contents, used = release.contents(foods, release.components(skipped), skipped)
     portions, aliases = release.portions(foods, skipped), release.aliases(foods)
-    packaged = packaged_by_ndb()
+    starter_foods = starter_foods_by_ndb()
     whole = []
     for food in sorted(foods.values(), key=lambda one: [*DATA_TYPES].index(one.data_type)):
         if not contents.get(food.fdc_id):
@@ -280,13 +277,14 @@ def read_fdc(path: Path) -> ImportedTable:
                 portions.get(food.fdc_id, []),
                 aliases.get(food.fdc_id, []),
                 _source_ids(food, ndb_number, food_codes.get(food.fdc_id)),
-                packaged.get(ndb_number or ""),
+                starter_foods.get(ndb_number or ""),
             )
         )
     version = release.date_in_name() or max(food.published_on for food in foods.values())
     present = [name for data_type, name in DATA_TYPES.items() if any(f.data_type == data_type for f in foods.values())]
     name = "fdc" if len(present) == len(DATA_TYPES) else "-".join(("fdc", *present))
-    table = FoodTable(name, version.isoformat(), version, release.checksum(), _with_medians(whole, packaged))
+    medians = with_group_medians(whole, "USDA FoodData Central and the starter table", starter_foods)
+    table = FoodTable(name, version.isoformat(), version, release.checksum(), medians)
     return ImportedTable(FORMAT, table, sorted_components(used), skipped)
 
 
@@ -333,12 +331,12 @@ def _food(
     portions: list[Portion],
     aliases: list[str],
     source_ids: Mapping[str, str],
-    packaged: Food | None,
+    starter_food: Food | None,
 ) -> Food:
     form: FoodForm = usual_form(food.name, category.form_group)
     # FNDDS codes foods as they are eaten; "raw" in its names is how they are eaten then.
     state: FoodState = "as_eaten" if food.data_type == SURVEY else usual_state(food.name)
-    refuse: tuple[RefusePart, ...] = () if packaged is None else packaged.refuse  # FoodData Central has none
+    refuse: tuple[RefusePart, ...] = () if starter_food is None else starter_food.refuse  # FoodData Central has none
     densities = portion_densities(
         portions, form, state, f"USDA FDC {food.fdc_id}", cup_kind=cup_kind(food.name, category.form_group, form)
     )
@@ -366,13 +364,3 @@ def _source_ids(food: FdcFood, ndb_number: str | None, codes: tuple[str, str] | 
     if codes is not None:
         ids["fndds"] = codes[0]
     return ids
-
-
-def _with_medians(foods: list[Food], packaged: Mapping[str, Food]) -> tuple[Food, ...]:
-    def known(food: Food) -> tuple[Density, ...]:
-        same = packaged.get(food.source_ids.get("sr28_ndb", ""))
-        return food.densities if same is None else (*same.densities, *food.densities)
-
-    members = (GroupMember(food.food_group, food.form, food.portions, known(food)) for food in foods)
-    medians = GroupDensities(members, "USDA FoodData Central and the starter table")
-    return tuple(replace(food, densities=(*food.densities, *medians.of(food.food_group, food.form))) for food in foods)

@@ -8,11 +8,10 @@ modifier a code.
 import re
 from collections.abc import Mapping, Sequence
 
-from app.nutrition.importers.imported import MAX_MEASURE, Skipped, number_in
-from app.nutrition.importers.source_files import ImportFileError
+from app.nutrition.importers.imported import MAX_MEASURE, Skipped
+from app.nutrition.importers.source_files import Place
 from app.nutrition.portions import Portion
 
-FILE = "food_portion.csv"
 NO_UNIT = "undetermined"
 # What the laboratory weighed: pairs of raw and cooked cuts, drippings.
 LABORATORY_UNITS = frozenset({"paired cooked w", "paired raw w", "dripping w", "orig ckd g", "orig rw g"})
@@ -22,7 +21,7 @@ _LEADING = re.compile(r"^(?:(?P<whole>\d+(?:\.\d+)?)(?![\d/]))?\s*(?:(?P<part>\d
 
 
 def portion_of(
-    line: int, portion_id: str, fdc_id: str, fields: Sequence[str], units: Mapping[str, str], skipped: Skipped
+    place: Place, portion_id: str, fdc_id: str, fields: Sequence[str], units: Mapping[str, str], skipped: Skipped
 ) -> Portion | None:
     """One row. fields: amount, measure unit's id, description, modifier, grams. units: measure_unit.csv, id -> name.
 
@@ -31,7 +30,7 @@ def portion_of(
     amount_text, unit_id, description, modifier, grams = fields
     unit = units.get(unit_id, NO_UNIT) if unit_id else NO_UNIT
     if unit_id and unit_id not in units:
-        raise ImportFileError(FILE, line, f"measure unit {unit_id} is none of measure_unit.csv")
+        raise place.error(f"measure unit {unit_id} is none of measure_unit.csv")
     what = f"{fdc_id} {description or modifier or unit}"
     if unit in LABORATORY_UNITS:
         skipped.add("portions that only the laboratory weighed", what)
@@ -42,12 +41,12 @@ def portion_of(
     if description == "Quantity not specified":
         skipped.add("portions of a quantity that is not specified", what)
         return None
-    amount = number_in(FILE, line, "amount", amount_text) if amount_text else None
+    amount = place.number("amount", amount_text) if amount_text else None
     if amount is None:
         amount, description = _leading_amount(description)
     words = [] if unit == NO_UNIT else [unit]
     words += [text for text in (description, modifier) if text and not text.isdecimal()]
-    mass_g = number_in(FILE, line, "gram_weight", grams) if grams else 0.0
+    mass_g = place.number("gram_weight", grams) if grams else 0.0
     if not amount or not mass_g or not words:
         skipped.add("portions without an amount, a measure or a weight", what)
         return None

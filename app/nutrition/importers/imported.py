@@ -1,18 +1,13 @@
-"""What every importer gives: a whole table, checked, with what was left out of it and why."""
+"""What every importer returns: a whole checked table, with what was left out of it and why."""
 
-import math
-import re
 from collections import Counter
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from app.nutrition.components import COMPONENT_BY_NUMBER, Component
 from app.nutrition.foods import FoodTable
-from app.nutrition.importers.source_files import ImportFileError
+from app.nutrition.importers.source_files import Place
 from app.units import Unit, UnitMismatchError, convert
-
-# float() also takes 1_000, inf, nan and the digits of other scripts.
-_NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*\Z", re.ASCII)
 
 _UNIT_BY_NAME = {unit.value.lower(): unit for unit in Unit} | {"\u00b5g": Unit.UG, "\u03bcg": Unit.UG, "mcg": Unit.UG}
 
@@ -72,55 +67,26 @@ def unit_of(name: str) -> Unit | None:
     return _UNIT_BY_NAME.get(name.strip().lower())
 
 
-def source_component(file: str, line: int, number: str, name: str, unit_name: str) -> SourceComponent:
-    """A source's component by its number, its unit made to fit the one that is used here.
+def source_component(place: Place, number: str, name: str, unit_name: str) -> SourceComponent:
+    """Return a source's component by its number, its unit converted to the one that is used here.
 
     A number that is not known here yet becomes a component without a tagname. Raises ImportFileError if the unit is
     unknown, or measures another quantity than the component's.
     """
     if len(number) > MAX_COMPONENT_NUMBER:
-        raise ImportFileError(file, line, f"component number {number!r} is too long to be one")
+        raise place.error(f"component number {number!r} is too long to be one")
     unit = unit_of(unit_name)
     if unit is None:
-        raise ImportFileError(file, line, f"component {number} ({name}): unknown unit {unit_name!r}")
+        raise place.error(f"component {number} ({name}): unknown unit {unit_name!r}")
     known = COMPONENT_BY_NUMBER.get(number)
     if known is None:
         return SourceComponent(Component(number, name, unit, None, None), 1.0)
     try:
         return SourceComponent(known, convert(1.0, unit, known.unit))
     except UnitMismatchError:
-        why = f"component {number} ({name}) is given in {unit_name}, which does not fit {known.unit}"
-        raise ImportFileError(file, line, why) from None
-
-
-def number_in(file: str, line: int, what: str, text: str) -> float:
-    """A finite figure >= 0 from a field. Raises ImportFileError."""
-    if not _NUMBER.match(text):
-        hint = "; write decimals with a point" if re.fullmatch(r"\s*-?\d+,\d+\s*", text) else ""
-        raise ImportFileError(file, line, f"{what} is {text!r}, no number{hint}")
-    value = float(text)
-    if not 0.0 <= value < math.inf:
-        raise ImportFileError(file, line, f"{what} is {text.strip()}, which cannot be")
-    return value
-
-
-def text_in(file: str, line: int, what: str, text: str, limit: int) -> str:
-    """A text of at most `limit` characters, in one line. Raises ImportFileError if it is empty or longer."""
-    words = " ".join(text.split())
-    if not words:
-        raise ImportFileError(file, line, f"{what} is empty")
-    if len(words) > limit:
-        raise ImportFileError(file, line, f"{what} has {len(words)} characters; at most {limit} are kept")
-    return words
-
-
-def key_once(file: str, line: int, what: str, key: str, seen: Container[str]) -> str:
-    """A row's key, as it is. Raises ImportFileError if it is empty or was seen before."""
-    if not key:
-        raise ImportFileError(file, line, f"{what} has no id")
-    if key in seen:
-        raise ImportFileError(file, line, f"{what} {key} is there twice")
-    return key
+        raise place.error(
+            f"component {number} ({name}) is given in {unit_name}, which does not fit {known.unit}"
+        ) from None
 
 
 def sorted_components(components: Mapping[str, Component]) -> tuple[Component, ...]:

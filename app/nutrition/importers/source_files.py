@@ -5,6 +5,7 @@ Whatever is wrong with a file is an ImportFileError that names the file and, whe
 
 import csv
 import hashlib
+import math
 import re
 import struct
 import zipfile
@@ -12,11 +13,14 @@ import zlib
 from collections.abc import Container, Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 from app.errors import InvalidInputError
 
 _CHUNK = 1 << 20
+
+# float() also takes 1_000, inf, nan and the digits of other scripts.
+_NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*\Z", re.ASCII)
 
 # What zipfile raises on damaged bytes: its own error mostly, but also what a wrong offset, length or flag leads to.
 DAMAGED_ZIP = (
@@ -32,6 +36,44 @@ class ImportFileError(InvalidInputError):
     def __init__(self, file: str, line: int | None, why: str) -> None:
         place = file if line is None else f"{file}, line {line}"
         super().__init__(f"{place}: {why}", file=file, line=line)
+
+
+class Place(NamedTuple):
+    """A line of a file, which every error about its fields names."""
+
+    file: str
+    line: int
+
+    def error(self, why: str) -> ImportFileError:
+        """Return the error that this line cannot be imported, and why."""
+        return ImportFileError(self.file, self.line, why)
+
+    def number(self, field: str, text: str) -> float:
+        """Return the finite figure >= 0 of a field. Raises ImportFileError."""
+        if not _NUMBER.match(text):
+            hint = "; write decimals with a point" if re.fullmatch(r"\s*-?\d+,\d+\s*", text) else ""
+            raise self.error(f"{field} is {text!r}, no number{hint}")
+        value = float(text)
+        if not 0.0 <= value < math.inf:
+            raise self.error(f"{field} is {text.strip()}, which cannot be")
+        return value
+
+    def text(self, field: str, text: str, limit: int) -> str:
+        """Return the text of a field in one line. Raises ImportFileError if it is empty or longer than `limit`."""
+        words = " ".join(text.split())
+        if not words:
+            raise self.error(f"{field} is empty")
+        if len(words) > limit:
+            raise self.error(f"{field} has {len(words)} characters; at most {limit} are kept")
+        return words
+
+    def new_key(self, row: str, key: str, seen: Container[str]) -> str:
+        """Return the key of a row. Raises ImportFileError if it is empty or already seen."""
+        if not key:
+            raise self.error(f"{row} has no id")
+        if key in seen:
+            raise self.error(f"{row} {key} is there twice")
+        return key
 
 
 class SourceFiles:
@@ -101,33 +143,24 @@ class SourceFiles:
             raise ImportFileError(name, 1, f"column {', '.join(twice)} is there twice")
         return header
 
-    def csv_rows(self, name: str, columns: Iterable[str] = ()) -> Iterator[tuple[int, dict[str, str]]]:
-        """Each row of a UTF-8 CSV file by its header, with the line that it ends in.
-
-        Raises ImportFileError as csv_header does, and if a row is longer or shorter than the header, or a quote is
-        never closed.
-        """
+    def csv_rows(self, name: str, columns: Iterable[str] = ()) -> Iterator[tuple[Place, dict[str, str]]]:
+        """Yield each row of a UTF-8 CSV file, its trimmed fields by column. Raises errors as csv_fields does."""
         header = self.csv_header(name, columns)
-        records = self._csv_records(name)
-        next(records, None)
-        for line, row in records:
-            if not row:
-                continue
-            if len(row) != len(header):
-                raise ImportFileError(name, line, f"{len(row)} fields under {len(header)} columns")
-            yield line, dict(zip(header, row, strict=True))
+        for place, fields in self.csv_fields(name, header):
+            yield place, dict(zip(header, fields, strict=True))
 
     def csv_fields(
         self, name: str, columns: Iterable[str], of: Container[str] | None = None
-    ) -> Iterator[tuple[int, tuple[str, ...]]]:
-        """Each row's fields of these columns, trimmed: csv_rows for files of millions of rows.
+    ) -> Iterator[tuple[Place, tuple[str, ...]]]:
+        """Yield each row's trimmed fields of these columns, with the line that the row ends in.
 
-        of: only the rows whose first of these fields is in it.
+        of: yield only the rows whose first of these fields is in it. Raises ImportFileError as csv_header does, and if
+        a row is longer or shorter than the header, or a quote is never closed.
         """
         columns = tuple(columns)
         header = self.csv_header(name, columns)
         wanted = [header.index(column) for column in columns]
-        first, width = wanted[0], len(header)
+        first, width = wanted[0] if wanted else 0, len(header)
         records = self._csv_records(name)
         next(records, None)
         for line, row in records:
@@ -136,7 +169,7 @@ class SourceFiles:
                     continue
                 raise ImportFileError(name, line, f"{len(row)} fields under {width} columns")
             if of is None or row[first].strip() in of:
-                yield line, tuple([row[index].strip() for index in wanted])
+                yield Place(name, line), tuple([row[index].strip() for index in wanted])
 
     def _csv_records(self, name: str) -> Generator[tuple[int, list[str]]]:
         reader = csv.reader(self._csv_lines(name), strict=True)

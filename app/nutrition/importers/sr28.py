@@ -6,14 +6,14 @@ every food has nutrient values and every value its food; anything else is a file
 """
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from types import MappingProxyType
 
-from app.nutrition.foods import Density, Food, FoodForm, FoodTable, RefusePart
-from app.nutrition.group_density import GroupDensities, GroupMember, packaged_by_ndb
+from app.nutrition.foods import Food, FoodTable, RefusePart
+from app.nutrition.group_density import starter_foods_by_ndb, with_group_medians
 from app.nutrition.importers.imported import (
     MAX_GROUP,
     MAX_MEASURE,
@@ -21,13 +21,10 @@ from app.nutrition.importers.imported import (
     ImportedTable,
     Skipped,
     SourceComponent,
-    key_once,
-    number_in,
     sorted_components,
     source_component,
-    text_in,
 )
-from app.nutrition.importers.source_files import ImportFileError, SourceFiles
+from app.nutrition.importers.source_files import ImportFileError, Place, SourceFiles
 from app.nutrition.kind_density import kind_density
 from app.nutrition.portion_density import portion_densities
 from app.nutrition.portions import Portion
@@ -72,29 +69,29 @@ class Sr28Release:
     def groups(self) -> dict[str, str]:
         """FD_GROUP.txt: code -> name of each food group."""
         name, groups = "FD_GROUP.txt", dict[str, str]()
-        for line, (code, group) in self._records(name, 2):
-            groups[key_once(name, line, "group", code, groups)] = text_in(name, line, "the group", group, MAX_GROUP)
+        for place, (code, group) in self._records(name, 2):
+            groups[place.new_key("group", code, groups)] = place.text("the group", group, MAX_GROUP)
         return groups
 
     def components(self) -> dict[str, SourceComponent]:
         """NUTR_DEF.txt: Nutr_No -> component, with the factor that its figures take."""
         name, components = "NUTR_DEF.txt", dict[str, SourceComponent]()
-        for line, fields in self._records(name, 6):
-            number = key_once(name, line, "nutrient", fields[0], components)
-            components[number] = source_component(name, line, number, fields[3], fields[1])
+        for place, fields in self._records(name, 6):
+            number = place.new_key("nutrient", fields[0], components)
+            components[number] = source_component(place, number, fields[3], fields[1])
         return components
 
     def foods(self) -> dict[str, Sr28Food]:
         """FOOD_DES.txt: NDB number -> food."""
         name, groups, foods = "FOOD_DES.txt", self.groups(), dict[str, Sr28Food]()
-        for line, fields in self._records(name, 14):
-            number = key_once(name, line, "food", fields[0], foods)
-            food_name = text_in(name, line, f"the name of food {number}", fields[2], MAX_NAME)
+        for place, fields in self._records(name, 14):
+            number = place.new_key("food", fields[0], foods)
+            food_name = place.text(f"the name of food {number}", fields[2], MAX_NAME)
             if fields[1] not in groups:
-                raise ImportFileError(name, line, f"food {number} is of group {fields[1]}, which FD_GROUP.txt lacks")
-            percent = number_in(name, line, "the refuse", fields[8] or "0")
+                raise place.error(f"food {number} is of group {fields[1]}, which FD_GROUP.txt lacks")
+            percent = place.number("the refuse", fields[8] or "0")
             if percent >= 100.0:
-                raise ImportFileError(name, line, f"a refuse of {percent:g} % leaves nothing of food {number}")
+                raise place.error(f"a refuse of {percent:g} % leaves nothing of food {number}")
             foods[number] = Sr28Food(number, fields[1], food_name, fields[4], percent, fields[7])
         return foods
 
@@ -102,19 +99,19 @@ class Sr28Release:
         """NUT_DATA.txt: NDB number -> component number -> content of 100 g edible portion, for these foods."""
         name, components, foods = "NUT_DATA.txt", self.components(), self.foods()
         contents: dict[str, dict[str, float]] = {number: {} for number in ndb_numbers}
-        for line, fields in self._records(name, 18):
+        for place, fields in self._records(name, 18):
             if fields[0] not in foods:
-                raise ImportFileError(name, line, f"food {fields[0]} is none of FOOD_DES.txt; is one of them cut off?")
+                raise place.error(f"food {fields[0]} is none of FOOD_DES.txt; is one of them cut off?")
             found = components.get(fields[1])
             if found is None:
-                raise ImportFileError(name, line, f"nutrient {fields[1]} is none of NUTR_DEF.txt")
+                raise place.error(f"nutrient {fields[1]} is none of NUTR_DEF.txt")
             of_food = contents.get(fields[0])
             if of_food is None:
                 continue
             number = found.component.number
             if number in of_food:
-                raise ImportFileError(name, line, f"nutrient {number} of food {fields[0]} is there twice")
-            of_food[number] = number_in(name, line, f"nutrient {number}", fields[2]) * found.factor
+                raise place.error(f"nutrient {number} of food {fields[0]} is there twice")
+            of_food[number] = place.number(f"nutrient {number}", fields[2]) * found.factor
         for ndb_number, of_food in contents.items():
             if not of_food:
                 raise ImportFileError(name, None, f"it has no value of food {ndb_number}; is the file cut off?")
@@ -124,30 +121,30 @@ class Sr28Release:
         """WEIGHT.txt: NDB number -> its household measures, in the file's order."""
         name, foods, seen = "WEIGHT.txt", self.foods(), set[str]()
         portions: dict[str, list[Portion]] = {}
-        for line, fields in self._records(name, 7):
+        for place, fields in self._records(name, 7):
             if fields[0] not in foods:
-                raise ImportFileError(name, line, f"food {fields[0]} is none of FOOD_DES.txt; is one of them cut off?")
-            seen.add(key_once(name, line, "portion", f"{fields[0]} {fields[1]}", seen))
-            amount = number_in(name, line, "the amount", fields[2])
-            mass_g = number_in(name, line, "the weight", fields[4])
+                raise place.error(f"food {fields[0]} is none of FOOD_DES.txt; is one of them cut off?")
+            seen.add(place.new_key("portion", f"{fields[0]} {fields[1]}", seen))
+            amount = place.number("the amount", fields[2])
+            mass_g = place.number("the weight", fields[4])
             if amount == 0.0 or mass_g == 0.0:
                 skipped.add("portions of no amount or weight", f"{fields[0]} {fields[3]}")
                 continue
-            measure = text_in(name, line, "the measure", fields[3], MAX_MEASURE)
+            measure = place.text("the measure", fields[3], MAX_MEASURE)
             portions.setdefault(fields[0], []).append(Portion(fields[1], amount, measure, mass_g))
         return portions
 
-    def _records(self, name: str, fields_per_line: int) -> Iterator[tuple[int, list[str]]]:
+    def _records(self, name: str, fields_per_line: int) -> Iterator[tuple[Place, list[str]]]:
         number = 0
         for number, line in self._files.lines(name, ENCODING):
+            place = Place(name, number)
             raw = [field.strip() for field in line.split("^")]
             if len(raw) != fields_per_line:
-                why = f"{len(raw)} fields where SR28 has {fields_per_line}; is the file cut off?"
-                raise ImportFileError(name, number, why)
+                raise place.error(f"{len(raw)} fields where SR28 has {fields_per_line}; is the file cut off?")
             # The last field of FD_GROUP.txt is a text: cut within it the count is still right.
             if raw[-1].startswith("~") and (raw[-1] == "~" or not raw[-1].endswith("~")):
-                raise ImportFileError(name, number, f"the text {raw[-1]} has no end; is the file cut off?")
-            yield number, [field.strip("~") for field in raw]
+                raise place.error(f"the text {raw[-1]} has no end; is the file cut off?")
+            yield place, [field.strip("~") for field in raw]
         if number == 0:
             raise ImportFileError(name, None, "it is empty")
 
@@ -157,53 +154,39 @@ def read_sr28(path: Path) -> ImportedTable:
     release, skipped = Sr28Release(path), Skipped()
     groups, sources = release.groups(), release.foods()
     contents, portions = release.contents(sources), release.portions(skipped)
-    own, forms = dict[str, list[Density]](), dict[str, FoodForm]()
-    for number, source in sources.items():
-        forms[number] = usual_form(source.name, groups[source.group_code])
-        own[number] = portion_densities(
-            portions.get(number, []),
-            forms[number],
-            usual_state(source.name),
-            f"USDA SR28, NDB {number}",
-            cup_kind=cup_kind(source.name, groups[source.group_code], forms[number]),
-        )
-    packaged = packaged_by_ndb()
-    medians = GroupDensities(
-        (
-            GroupMember(groups[source.group_code], forms[number], portions.get(number, []),
-                        (*(packaged[number].densities if number in packaged else ()), *own[number]))
-            for number, source in sources.items()
-        ),
-        "USDA SR28 and the starter table",
-    )  # fmt: skip
-    foods = tuple(
-        Food(
-            key=f"sr28:{number}",
-            name=source.name,
-            aliases=_aliases(source),
-            food_group=groups[source.group_code],
-            form=forms[number],
-            slice_form=None,
-            refuse=tuple(
-                RefusePart(part, percent, is_served=is_served(part, source.name, forms[number]))
-                for part, percent in _refuse(source)
-            ),
-            densities=(
-                *own[number],
-                *kind_density(source.name, groups[source.group_code], forms[number]),
-                *medians.of(groups[source.group_code], forms[number]),
-            ),
-            per_100_g=MappingProxyType(contents[number]),
-            source_ids={"sr28_ndb": number},
-            state=usual_state(source.name),
-            is_mixed_dish=is_mixed_dish(source.name, groups[source.group_code]),
-            portions=tuple(portions.get(number, [])),
-        )
+    foods = [
+        _food(source, groups[source.group_code], contents[number], portions.get(number, []))
         for number, source in sources.items()
-    )
+    ]
     components = {found.component.number: found.component for found in release.components().values()}
-    table = FoodTable("sr28", "28", RELEASED_ON, release.checksum(), foods)
+    whole = with_group_medians(foods, "USDA SR28 and the starter table", starter_foods_by_ndb())
+    table = FoodTable("sr28", "28", RELEASED_ON, release.checksum(), whole)
     return ImportedTable(FORMAT, table, sorted_components(components), skipped)
+
+
+def _food(source: Sr28Food, group: str, per_100_g: Mapping[str, float], portions: list[Portion]) -> Food:
+    form, state = usual_form(source.name, group), usual_state(source.name)
+    densities = portion_densities(
+        portions, form, state, f"USDA SR28, NDB {source.ndb_number}", cup_kind=cup_kind(source.name, group, form)
+    )
+    return Food(
+        key=f"sr28:{source.ndb_number}",
+        name=source.name,
+        aliases=_aliases(source),
+        food_group=group,
+        form=form,
+        slice_form=None,
+        refuse=tuple(
+            RefusePart(part, percent, is_served=is_served(part, source.name, form))
+            for part, percent in parse_refuse(source.refuse_words, source.refuse_percent)
+        ),
+        densities=(*densities, *kind_density(source.name, group, form)),
+        per_100_g=MappingProxyType(per_100_g),
+        source_ids={"sr28_ndb": source.ndb_number},
+        state=state,
+        is_mixed_dish=is_mixed_dish(source.name, group),
+        portions=tuple(portions),
+    )
 
 
 def parse_refuse(words: str, percent: float) -> list[tuple[str, float]]:
@@ -225,10 +208,6 @@ def parse_refuse(words: str, percent: float) -> list[tuple[str, float]]:
         return [(words.strip().lower() or "refuse", percent)]
     scale = percent / sum(share for _, share in parts)
     return [(part, round(share * scale, 2)) for part, share in parts]
-
-
-def _refuse(source: Sr28Food) -> list[tuple[str, float]]:
-    return parse_refuse(source.refuse_words, source.refuse_percent)
 
 
 def _aliases(source: Sr28Food) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ import pytest
 from app.nutrition.importers.fdc import read_fdc
 from app.nutrition.importers.fdc_portions import portion_of
 from app.nutrition.importers.imported import Skipped
-from app.nutrition.importers.source_files import ImportFileError
+from app.nutrition.importers.source_files import ImportFileError, Place
 from tests.unit.nutrition.importers.release_files import write_folder, write_zip
 
 CUP_ML = 236.5882365
@@ -331,7 +331,8 @@ def test_portions_of_the_sr_legacy_excerpt_weigh_what_sr28_says(shared_data, sr2
             if same is None or not same.portions:
                 continue
             fields = [row["amount"], "9999", row["portion_description"], row["modifier"], row["gram_weight"]]
-            portion = portion_of(line, row["id"], row["fdc_id"], fields, {"9999": "undetermined"}, Skipped())
+            place = Place("food_portion.csv", line)
+            portion = portion_of(place, row["id"], row["fdc_id"], fields, {"9999": "undetermined"}, Skipped())
             weights = {(other.amount, other.measure): other.mass_g for other in same.portions}
             if portion is not None and (portion.amount, portion.measure) in weights:
                 compared += 1

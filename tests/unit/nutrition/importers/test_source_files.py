@@ -24,7 +24,7 @@ def test_another_byte_gives_another_checksum(tmp_path):
 def test_plain_file_is_read_by_its_name(tmp_path):
     path = tmp_path / "table.csv"
     path.write_text("id\n7\n")
-    assert [*SourceFiles(path).csv_rows("table.csv")] == [(2, {"id": "7"})]
+    assert [*SourceFiles(path).csv_rows("table.csv")] == [(("table.csv", 2), {"id": "7"})]
 
 
 def test_path_without_anything_is_named(tmp_path):
@@ -87,7 +87,10 @@ def rows(tmp_path, text, columns=("id",)):
 
 def test_csv_rows_carry_the_line_that_they_end_in(tmp_path):
     found = rows(tmp_path, '\ufeffid,name\n1,"two\nlines"\n\n2,b\n')
-    assert found == [(3, {"id": "1", "name": "two\nlines"}), (5, {"id": "2", "name": "b"})]
+    assert [(place.line, cells) for place, cells in found] == [
+        (3, {"id": "1", "name": "two\nlines"}),
+        (5, {"id": "2", "name": "b"}),
+    ]
 
 
 @pytest.mark.parametrize(
