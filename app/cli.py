@@ -115,7 +115,7 @@ def demo(
 ) -> None:
     """A whole run on throwaway data: server, upload, estimate, record printed, pictures written."""
     if browse:
-        from app.demo_browse import browse_demo
+        from app.demo_study import browse_demo
 
         raise SystemExit(browse_demo(seed, port))
     from app.demo import run_demo

@@ -1,4 +1,4 @@
-"""What the participants of the sample study eat: plates that the bundled photographs show, and meals that are told.
+"""What the participants of the sample study eat: plates of the bundled photographs, and meals entered as text.
 
 Foods are keys of the starter table; amounts are grams as eaten. The photographs are rendered: their volumes are known.
 """
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """A participant. appetite: factor of the amounts below. keeps: of meals told, and of days closed."""
+    """A participant. appetite: factor of the amounts below. keeps: share of meals entered, and of days closed."""
 
     code: str
     profile: dict[str, object]

@@ -1,27 +1,27 @@
-"""A sample study to look at, made over HTTP as phones and staff do: people, two weeks of meals, words about them.
+"""`tada demo --browse`: a sample study on a throwaway server, to be looked at in a browser until Ctrl-C.
 
-`make_study` makes its people, `photograph_meals` uploads what is to be measured, `tell_days` fills the days with what
-is told; `settle` follows the photographs to their estimates and says what participants and reviewers say of them.
-Everything is drawn from a seed but ids and passwords.
+Made over HTTP as phones and staff do it: `make_study` makes its people, `photograph_meals` uploads what is to be
+measured, `declare_days` fills the days with meals entered as text, `settle` follows the photographs to their estimates
+and sends what participants and reviewers say. Everything is drawn from a seed but ids and passwords.
 """
 
-import importlib.resources
 import io
-import json
 import random
 import secrets
+import signal
 import time
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date, datetime, timedelta
+from types import FrameType
 from typing import Any
 from zoneinfo import ZoneInfo
 
 import httpx2
 from PIL import Image
 
-from app.demo import MARKER, answer
+from app.demo import MARKER, answer, bundled_photograph, client_of, enrol, say, send_event, throwaway_server, upload
 from app.demo_menus import APPLE, DOUGHNUT, OCCASIONS, ORANGE, PEOPLE, RICE, SALAD, Person, Plate
 
 STUDY = "sample"
@@ -31,11 +31,12 @@ SPREAD_DEGREES = 0.06
 ADMIN = "admin"  # of the server, not of a study: corrects foods
 ROLES = {"olga": "owner", "rene": "reviewer", "vera": "viewer", "ada": ADMIN}
 DAYS = 14
-AMOUNT_UNKNOWN = 0.01  # of foods told: no amount, so a reviewer looks
+AMOUNT_UNKNOWN = 0.01  # share of the declared foods without an amount, so a reviewer looks
 AFTER_MINUTES = 40
 PLATE_HOUR = 12.25  # of the photographed meals of today, and one hour more each
 WAIT_SECONDS = 25
 SETTLE_SECONDS = 900
+ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +107,49 @@ class SampleStudy:
             phone.close()
 
 
+def browse_demo(seed: int, port: int) -> int:
+    """Run it; port 0: any free one. Returns the exit status."""
+    for number in ENDINGS:
+        signal.signal(number, _interrupt)  # SIGINT too: a process that a shell starts in the background ignores it
+    try:
+        with throwaway_server(port) as admin:
+            _browse(admin, seed)
+    except KeyboardInterrupt:
+        say("Done; the folder is removed.")
+    return 0
+
+
+def _browse(admin: httpx2.Client, seed: int) -> None:
+    """Fill the server, print where to look, and wait to be interrupted."""
+    study = make_study(admin)
+    try:
+        photograph_meals(study, seed)
+        say(f"Look at it: {str(admin.base_url).rstrip('/')}/dashboard/studies/{STUDY}")
+        for account in study.accounts:
+            print(f"   {account.role:<9} {account.name:<6} password {account.password}")
+        say("Photographed meals are being measured and days filled, as phones send them; the pages show it live.")
+        declare_days(study, seed)
+        say("Two weeks of six people's days are entered.")
+        rene = next(account for account in study.accounts if account.role == "reviewer")
+        session = answer(admin.post("/v1/sessions", json={"name": rene.name, "password": rene.password}))
+        with client_of(admin.base_url, session["token"]) as reviewer:
+            meals_by_status = settle(study, reviewer)
+        measured = ", ".join(f"{count} {status}" for status, count in sorted(meals_by_status.items()))
+        say(f"Photographed meals are measured: {measured}; one waits for its other photograph.")
+        say("Ctrl-C ends the server and removes its data.")
+        while True:
+            time.sleep(3600)
+    finally:
+        study.close()
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    """End the demo as Ctrl-C does, once: a second signal must not break off the removal of the folder."""
+    for number in ENDINGS:
+        signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
 def make_study(admin: httpx2.Client, people: Sequence[Person] = PEOPLE) -> SampleStudy:
     """A study with its staff and phones; `admin` sends an admin's token.
 
@@ -128,7 +172,8 @@ def make_study(admin: httpx2.Client, people: Sequence[Person] = PEOPLE) -> Sampl
     for vessel in VESSELS:
         answer(admin.post(f"/v1/studies/{STUDY}/vessels", json=vessel))
     accounts = [make_account(admin, name, role) for name, role in ROLES.items()]
-    return SampleStudy(accounts, list(people), {person.code: enrol(admin, person) for person in people})
+    phones = {person.code: enrol(admin, STUDY, {"code": person.code, "profile": person.profile}) for person in people}
+    return SampleStudy(accounts, list(people), phones)
 
 
 def photograph_meals(study: SampleStudy, seed: int, meals: Sequence[Photographed] = PHOTOGRAPHED) -> None:
@@ -142,13 +187,13 @@ def photograph_meals(study: SampleStudy, seed: int, meals: Sequence[Photographed
             study.measured.append((meal, sent, phone))
 
 
-def tell_days(study: SampleStudy, seed: int, days: int = DAYS) -> None:
-    """What each participant tells of the last days, the newest last."""
+def declare_days(study: SampleStudy, seed: int, days: int = DAYS) -> None:
+    """Enter each participant's meals of the last days as text, the newest last."""
     chance = random.Random(seed)  # noqa: S311  which meals, nothing secret
     today = datetime.now(ZoneInfo(ZONE)).date()
     for ago in range(days - 1, -1, -1):
         for person in study.people:
-            tell_day(study.phones[person.code], person, today - timedelta(days=ago), chance, is_over=ago > 0)
+            declare_day(study.phones[person.code], person, today - timedelta(days=ago), chance, is_over=ago > 0)
 
 
 def make_account(admin: httpx2.Client, name: str, role: str) -> Account:
@@ -160,23 +205,13 @@ def make_account(admin: httpx2.Client, name: str, role: str) -> Account:
     return Account(name, role, password)
 
 
-def enrol(admin: httpx2.Client, person: Person) -> httpx2.Client:
-    """A participant's phone, enrolled."""
-    people = f"/v1/studies/{STUDY}/participants"
-    answer(admin.post(people, json={"code": person.code, "profile": person.profile}))
-    code = answer(admin.post(f"{people}/{person.code}/enrolment-codes"))["code"]
-    device = {"code": code, "device_name": f"phone of {person.code}", "model": "Sample phone"}
-    token = answer(admin.post("/v1/enrolments", json=device))["token"]
-    return httpx2.Client(base_url=admin.base_url, headers={"Authorization": f"Bearer {token}"}, timeout=60)
-
-
-def tell_day(phone: httpx2.Client, person: Person, day: date, chance: random.Random, *, is_over: bool) -> None:
-    """What a participant tells of a day without photographs, and whether they close it."""
-    told = 0
+def declare_day(phone: httpx2.Client, person: Person, day: date, chance: random.Random, *, is_over: bool) -> None:
+    """Enter a participant's meals of a day as text, and close the day if they do."""
+    declared = 0
     for hour, dishes in OCCASIONS:
-        dish, is_told = chance.choice(dishes), chance.random() < person.keeps
+        dish, is_kept = chance.choice(dishes), chance.random() < person.keeps
         at = instant(day, hour + chance.uniform(-0.6, 0.6))
-        if not is_told or at > datetime.now(ZoneInfo(ZONE)):
+        if not is_kept or at > datetime.now(ZoneInfo(ZONE)):
             continue
         items = []
         for food, grams in dish:
@@ -184,8 +219,8 @@ def tell_day(phone: httpx2.Client, person: Person, day: date, chance: random.Ran
             is_known = chance.random() >= AMOUNT_UNKNOWN
             items.append({"food": food} | ({"amount": amount} if is_known else {}))
         answer(phone.post("/v1/declared-meals", json=occasion(at, chance) | {"items": items}))
-        told += 1
-    if is_over and told and chance.random() < person.keeps:
+        declared += 1
+    if is_over and declared and chance.random() < person.keeps:
         answer(phone.put(f"/v1/me/days/{day}", headers={"If-Match": '"0"'}, json={"status": "closed"}))
 
 
@@ -218,13 +253,11 @@ def send_photographs(phone: httpx2.Client, meal: Photographed, today: date, numb
         answer(phone.put(path, json={key: metadata[key] for key in metadata if key != "id"}))
         send_part(phone, path, "left", photograph(meal, "left"))
         return str(metadata["id"])
-    files = {"metadata": ("metadata.json", json.dumps(metadata).encode(), "application/json")}
-    files |= {side: (f"{side}.jpg", photograph(meal, side), "image/jpeg") for side in ("left", "right")}
-    answer(phone.post("/v1/meals", files=files))
+    upload(phone, metadata, {side: photograph(meal, side) for side in ("left", "right")})
     if meal.plate.left_over:
         after = at + timedelta(minutes=AFTER_MINUTES)
-        told = {"captured_at": after.isoformat(timespec="seconds"), "hints": hints_at(meal.plate.left_over, names=True)}
-        answer(phone.put(f"{path}/after", json=told))
+        hints = hints_at(meal.plate.left_over, names=True)
+        answer(phone.put(f"{path}/after", json={"captured_at": after.isoformat(timespec="seconds"), "hints": hints}))
         for slot in ("after_left", "after_right"):
             send_part(phone, path, slot, photograph(meal, slot))
     return str(metadata["id"])
@@ -242,8 +275,7 @@ def send_part(phone: httpx2.Client, path: str, slot: str, content: bytes) -> Non
 
 def photograph(meal: Photographed, slot: str) -> bytes:
     """A bundled photograph; `is_cropped`: its right half, where there is no marker."""
-    folder = importlib.resources.files("app") / "demo_data"
-    content = (folder / meal.plate.folder / f"{slot}.jpg").read_bytes()
+    content = bundled_photograph(meal.plate.folder, slot)
     if not meal.is_cropped:
         return content
     buffer = io.BytesIO()
@@ -253,7 +285,7 @@ def photograph(meal: Photographed, slot: str) -> bytes:
 
 
 def settle(study: SampleStudy, reviewer: httpx2.Client) -> dict[str, int]:
-    """Wait for the estimates and say what people say of them: how many meals ended in which status.
+    """Wait for the estimates and send what people say of them: the number of meals by status.
 
     Raises SystemExit where a meal is not estimated in time.
     """
@@ -262,10 +294,10 @@ def settle(study: SampleStudy, reviewer: httpx2.Client) -> dict[str, int]:
         seen = wait_for(phone, meal_id, deadline, is_after=bool(meal.plate.left_over))
         if meal.then == "confirm":
             for item in seen["items"]:
-                say(phone, meal_id, kind="confirm", item=item["id"])
+                send_event(phone, meal_id, kind="confirm", item=item["id"])
         elif meal.then == "ask":
-            say(reviewer, meal_id, kind="question", text="Was there anything on the doughnut?")
-            say(phone, meal_id, kind="comment", text="Only the glaze that is on it.")
+            send_event(reviewer, meal_id, kind="question", text="Was there anything on the doughnut?")
+            send_event(phone, meal_id, kind="comment", text="Only the glaze that is on it.")
         status = answer(phone.get(f"/v1/meals/{meal_id}"))["status"]
         ended[status] = ended.get(status, 0) + 1
     return ended
@@ -279,10 +311,3 @@ def wait_for(phone: httpx2.Client, meal_id: str, deadline: float, *, is_after: b
         if not moving & {"queued", "processing", "receiving"}:
             return meal
     raise SystemExit(f"tada: meal {meal_id} was not estimated in {SETTLE_SECONDS} s")
-
-
-def say(speaker: httpx2.Client, meal_id: str, **event: object) -> None:
-    """One event about the meal as it stands."""
-    path = f"/v1/meals/{meal_id}"
-    tag = speaker.get(path).raise_for_status().headers["ETag"]
-    answer(speaker.post(f"{path}/events", headers={"If-Match": tag}, json={"id": str(uuid.uuid4())} | event))

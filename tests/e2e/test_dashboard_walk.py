@@ -19,7 +19,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 
 from app.demo_menus import APPLE, PEOPLE, RICE, SALAD
-from app.demo_study import STUDY, Photographed, SampleStudy, make_study, photograph_meals, settle, tell_days
+from app.demo_study import STUDY, Photographed, SampleStudy, declare_days, make_study, photograph_meals, settle
 from tests.e2e.dashboard_crawl import crawl, routes
 from tests.e2e.dashboard_server import require
 from tests.e2e.processes import Server
@@ -109,7 +109,7 @@ def world(chromium, tmp_path_factory):
         with httpx2.Client(base_url=server.address, headers=headers, timeout=60) as admin:
             study = make_study(admin, PEOPLE[:3])
             photograph_meals(study, SEED, MEALS)
-            tell_days(study, SEED, DAYS)
+            declare_days(study, SEED, DAYS)
             assert settle(study, admin) == {"confirmed": 1, "estimated": 1, "needs_review": 1, "failed": 1}
             yield World(server, admin, study)
             study.close()
