@@ -21,6 +21,7 @@ from app.db.schema_state import (
     SchemaState,
     current_revision,
     head_revision,
+    is_before_baseline,
     migrations_folder,
     revision_of,
     revisions,
@@ -58,7 +59,7 @@ class MigrationBlockedError(UnavailableError):
 
 
 class SchemaUnknownError(ConflictError):
-    """The schema was made by a newer program, which alone knows the way back."""
+    """The schema was made by a newer program, which alone can change it, or by one before 0.4."""
 
     code = "schema_unknown"
 
@@ -93,6 +94,7 @@ def _migrate(database: Database, run: Callable[[Config, str], None], revision: s
             with turn(database, patience, deadline) as connection:
                 before = revision_of(connection)
                 if before is not None and before not in revisions():
+                    _require_newer(before)
                     if revision == "head":  # a newer program was quicker
                         return
                     raise SchemaUnknownError(
@@ -115,6 +117,14 @@ def _migrate(database: Database, run: Callable[[Config, str], None], revision: s
         else:
             return
         time.sleep(patience.pause_seconds)
+
+
+def _require_newer(revision: str) -> None:
+    if is_before_baseline(revision):
+        raise SchemaUnknownError(
+            f"The schema ({revision}) was made by a version before 0.4, whose databases are not brought up to date: "
+            "start with an empty one."
+        )
 
 
 @contextmanager

@@ -1,8 +1,8 @@
 """An empty deployment's database is filled with the rows of a backup: all of them or none.
 
 Indexes and references are set aside while the rows come and made again after them, in the same transaction: several
-times as fast, and what refers to nothing is found at once. So are the triggers that mark days row by row; all days are
-marked at the end, and the workers write their sums.
+times as fast, and what refers to nothing is found at once. So are the triggers (triggers.py), which would mark days row
+by row; all days are marked at the end, and the workers write their sums.
 """
 
 import contextlib
@@ -22,6 +22,7 @@ from app.db.layout import TableLayout
 from app.db.migrate import downgrade, upgrade
 from app.db.schema_state import current_revision
 from app.db.session import Database
+from app.db.triggers import MARK_ALL_DAYS, create_triggers, drop_triggers
 from app.errors import ConflictError, InvalidInputError
 
 ROWS_AT_A_TIME = 2_000
@@ -47,17 +48,6 @@ INDEXES = """
     FROM pg_index x JOIN pg_class i ON i.oid = x.indexrelid JOIN pg_class t ON t.oid = x.indrelid
     WHERE t.relnamespace = current_schema()::regnamespace AND t.relname = ANY(:tables)
         AND NOT EXISTS (SELECT 1 FROM pg_constraint c WHERE c.conindid = x.indexrelid) ORDER BY 1
-"""
-DAY_TRIGGERS = """
-    SELECT t.relname, g.tgname FROM pg_trigger g JOIN pg_class t ON t.oid = g.tgrelid
-    WHERE t.relnamespace = current_schema()::regnamespace AND t.relname = ANY(:tables) AND g.tgname LIKE '%_marks_day'
-"""
-MARK_DAYS = """
-    INSERT INTO day_mark (participant_id, local_date, study_id)
-    SELECT participant_id, local_date, study_id FROM (
-        SELECT participant_id, local_date, study_id FROM meal
-        UNION SELECT participant_id, local_date, study_id FROM diary_day
-    ) AS day ORDER BY local_date
 """
 SEQUENCES = """
     SELECT t.relname, a.attname, pg_get_serial_sequence(quote_ident(t.relname), a.attname)
@@ -144,8 +134,11 @@ def refilling(database: Database, layout: Sequence[TableLayout]) -> Iterator[Ref
     with database.write() as session:
         connection = session.connection()
         aside = _sqlite_aside if database.is_sqlite else _postgres_aside
+        drop_triggers(connection)
         with aside(connection, [table.name for table in layout]):
             yield Refill(connection)
+        create_triggers(connection)
+        connection.exec_driver_sql(MARK_ALL_DAYS)
 
 
 @contextmanager
@@ -157,21 +150,12 @@ def _sqlite_aside(connection: sa.Connection, tables: Sequence[str]) -> Iterator[
         .bindparams(sa.bindparam("tables", tables, expanding=True))
     ).all()  # fmt: skip
     quote = connection.dialect.identifier_preparer.quote
-    marking = connection.exec_driver_sql(
-        "SELECT name, sql FROM sqlite_master WHERE type = 'trigger' AND name LIKE '%_marks_day_%'"
-    ).all()
     for index in made:
         connection.exec_driver_sql(f"DROP INDEX {quote(index.name)}")
-    for trigger in marking:
-        connection.exec_driver_sql(f"DROP TRIGGER {quote(trigger.name)}")
     yield
     for index in made:
         with _told(index.name):
             connection.exec_driver_sql(index.sql)
-    for trigger in marking:
-        connection.exec_driver_sql(trigger.sql)
-    if marking:
-        connection.exec_driver_sql(MARK_DAYS)
     broken = connection.exec_driver_sql("PRAGMA foreign_key_check").first()
     if broken is not None:
         raise _refused(broken[0], "a row refers to one that is not there")
@@ -189,9 +173,6 @@ def _postgres_aside(connection: sa.Connection, tables: Sequence[str]) -> Iterato
         connection.exec_driver_sql(f"ALTER TABLE {quote(table)} DROP CONSTRAINT {quote(name)}")
     for name, _ in indexes:
         connection.exec_driver_sql(f"DROP INDEX {quote(name)}")
-    marking = connection.execute(sa.text(DAY_TRIGGERS), names).all()
-    for table, name in marking:
-        connection.exec_driver_sql(f"ALTER TABLE {quote(table)} DISABLE TRIGGER {quote(name)}")
     yield
     for name, definition in indexes:
         with _told(name):
@@ -199,10 +180,6 @@ def _postgres_aside(connection: sa.Connection, tables: Sequence[str]) -> Iterato
     for table, name, definition in keys:
         with _told(table):
             connection.exec_driver_sql(f"ALTER TABLE {quote(table)} ADD CONSTRAINT {quote(name)} {definition}")
-    for table, name in marking:
-        connection.exec_driver_sql(f"ALTER TABLE {quote(table)} ENABLE TRIGGER {quote(name)}")
-    if marking:
-        connection.exec_driver_sql(MARK_DAYS)
     for table, column, sequence in connection.execute(sa.text(SEQUENCES), names).all():
         query = f"SELECT setval(:name, (SELECT max({quote(column)}) FROM {quote(table)}))"  # noqa: S608  # catalogue's
         connection.execute(sa.text(query), {"name": sequence})

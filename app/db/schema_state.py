@@ -42,11 +42,17 @@ def migrations_folder() -> Path:
 
 
 def schema_state(database: Database) -> SchemaState:
-    """A revision that this code does not know is a newer one: those before its own it knows all."""
-    found = current_revision(database)
-    if found == head_revision():
+    """A revision that this code does not know is a newer one, unless it is of before version 0.4."""
+    revision = current_revision(database)
+    if revision == head_revision():
         return SchemaState.CURRENT
-    return SchemaState.OLDER if found is None or found in revisions() else SchemaState.NEWER
+    is_older = revision is None or revision in revisions() or is_before_baseline(revision)
+    return SchemaState.OLDER if is_older else SchemaState.NEWER
+
+
+def is_before_baseline(revision: str) -> bool:
+    """Whether a revision is of versions 0.1 to 0.3, which no migration leads on from; ids begin with their day."""
+    return revision < revisions()[0]
 
 
 def is_current(database: Database) -> bool:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import IO, Any
 
 from app.db.layout import TableLayout, layout_at
-from app.db.schema_state import revisions
+from app.db.schema_state import is_before_baseline, revisions
 from app.db.scratch_keys import ScratchKeys, scratch_keys
 from app.services.backup import Tell, blob_namer
 from app.services.backup_blobs import is_blob_key, sha256_of_key
@@ -39,6 +39,7 @@ from app.services.backup_format import (
     read_lacking,
     read_manifest,
     too_new,
+    too_old,
 )
 from app.services.backup_tar import Member, members
 from app.services.backup_values import row_reader
@@ -244,6 +245,8 @@ class _Reading:
 
 def _layout_of(manifest: Manifest) -> tuple[TableLayout, ...]:
     """The tables of the backup's revision, which must be those that the manifest tells; in its order."""
+    if is_before_baseline(manifest.revision):
+        raise too_old(f"its schema is {manifest.revision!r}")
     if manifest.revision not in revisions():
         raise too_new(f"its schema is {manifest.revision!r}")
     tables = {table.name: table for table in layout_at(manifest.revision)}

@@ -22,7 +22,7 @@ from app.db.layout import TableLayout
 from app.errors import InvalidInputError
 from app.services.secret_box import SecretBox
 
-FORMAT = 2  # 1, of versions before 0.2, had the blobs that it lacks in its end
+FORMAT = 2
 MANIFEST, LACKING, SUMS, END = "tada-backup.json", "lacking.jsonl", "SHA256SUMS", "end.json"
 CHUNK_BYTES = 2 * 1024 * 1024  # of rows before compression: a chunk ends with the row that passes it
 MAX_CHUNK_BYTES = 64 * 1024 * 1024  # one that unpacks to more was not written by us
@@ -110,13 +110,11 @@ def key_check(box: SecretBox, backup: str) -> str:
 
 
 def read_manifest(content: bytes) -> Manifest:
-    """Raises InvalidInputError: `backup_broken`, `backup_too_new`, `backup_too_old`."""
+    """Raises InvalidInputError: `backup_broken`, `backup_too_new`."""
     document = _document(content, MANIFEST)
     number = document.get("format")
     if isinstance(number, int) and number > FORMAT:
         raise too_new(f"its format is {number}, this program reads {FORMAT}")
-    if number == 1:
-        raise too_old("its format is 1, which versions before 0.2 wrote and read")
     try:
         manifest = Manifest(**document | {"created_at": datetime.fromisoformat(document["created_at"])})
     except (TypeError, ValueError, KeyError) as error:
@@ -174,10 +172,10 @@ def too_new(why: str) -> InvalidInputError:
 
 
 def too_old(why: str) -> InvalidInputError:
-    """The backup is whole, as far as is known, and of an older format than this program reads."""
+    """The backup is whole, as far as is known, and of a version before 0.4."""
     return InvalidInputError(
-        f"The backup was made by an older program, and nothing is wrong with that: {why}. Restore it with version "
-        "0.1.0, then upgrade that deployment (docs/upgrades.md). Nothing was restored.",
+        f"The backup was made by a version before 0.4, and nothing is wrong with that: {why}. Only that version can "
+        "restore it. Nothing was restored.",
         code="backup_too_old",
     )
 

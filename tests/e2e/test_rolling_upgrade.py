@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import io
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -15,6 +16,7 @@ import pytest
 from tests.conftest import postgres_database
 from tests.e2e.processes import REPOSITORY, Program, environment_of, free_port
 from tests.e2e.test_compose import answers, estimated, send, wait_for
+from tests.next_migration import REVISION, write_next_migration
 
 OLD = "2940a41"  # the last commit before schemas of several versions were thought of
 SECONDS = 120
@@ -35,6 +37,16 @@ def old_program(tmp_path):
     with tarfile.open(archive) as files:
         files.extractall(tmp_path / "old", filter="data")
     return tmp_path / "old"
+
+
+@pytest.fixture
+def new_program(tmp_path):
+    """The folder of ours, with one more migration."""
+    folder = tmp_path / "new"
+    for part in ("app", "migrations"):
+        shutil.copytree(REPOSITORY / part, folder / part, ignore=shutil.ignore_patterns("__pycache__"))
+    write_next_migration(folder / "migrations")
+    return folder
 
 
 class Version:
@@ -88,12 +100,12 @@ def enrolled(version):
 
 @pytest.mark.slow
 def test_old_and_new_processes_share_meals_while_machines_are_upgraded_one_by_one(
-    postgres_server, old_program, tmp_path
+    postgres_server, old_program, new_program, tmp_path
 ):
     with contextlib.ExitStack() as stack:
         url = stack.enter_context(postgres_database(postgres_server))
         old = Version(tmp_path / "before", old_program, url, stack)
-        new = Version(tmp_path / "after", REPOSITORY, url, stack)
+        new = Version(tmp_path / "after", new_program, url, stack)
         old_api, old_worker = old.start("serve", "--no-worker"), old.start("worker")
         wait_for(lambda: answers(f"{old.address}/readyz"), old_api, old_worker)
         token = enrolled(old)
@@ -107,6 +119,7 @@ def test_old_and_new_processes_share_meals_while_machines_are_upgraded_one_by_on
         meals = [str(uuid.uuid4()) for _ in range(2)]
 
         new.tada("db", "upgrade")
+        assert REVISION in new.tada("db", "current")
         new_api = new.start("serve", "--no-worker")
         wait_for(lambda: answers(f"{new.address}/readyz"), new_api)
         send(phones[1], meals[0])  # to the new API, when only the old worker is there

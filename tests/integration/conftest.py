@@ -15,6 +15,9 @@ from app.services.api_children import ApiChildren
 from app.services.staff import create_admin
 from app.settings import Settings
 from tests.integration.declared_answers import declared_answers
+from tests.next_migration import next_migration
+
+__all__ = ["next_migration"]  # a fixture
 
 STUDY_MARKER = "plain:9x7:11"
 FULL_COST = {name: getattr(passwords, name) for name in ("MEMORY_KIB", "PASSES", "LANES")}

@@ -132,9 +132,9 @@ class DaySum(Base):
 class DayMark(Base):
     """A participant-day of which something has changed since its DaySum was written; one for each change.
 
-    Made by triggers (migrations, 20261122_day_sums) in the transaction of the change, so that no writer can forget it,
-    a server of 0.2 neither. Nothing is updated and nothing waits: two who change meals of one day at the same time
-    each leave a mark. Without references, since an erasure must not wait for it.
+    Made by triggers (db/triggers.py) in the transaction of the change, so that no writer can forget it. Nothing is
+    updated and nothing waits: two who change meals of one day at the same time each leave a mark. Without references,
+    since an erasure must not wait for it.
     """
 
     __tablename__ = "day_mark"
@@ -201,7 +201,7 @@ class StudyDayMark(Base):
     """A study's local day of which something has changed since its StudyDaySum was written; one for each change.
 
     Made where a DaySum is written or removed, and by a trigger where a participant's days begin or end elsewhere
-    (migrations, 20261122_study_day_sums). As with DayMark nothing is updated and nothing waits.
+    (db/triggers.py). As with DayMark nothing is updated and nothing waits.
     """
 
     __tablename__ = "study_day_mark"

@@ -275,8 +275,6 @@ class EffectiveRecord(Base):
         sa.Index(None, "food_id", "study_id", "status", "captured_at", "item_id"),
         sa.Index(None, "participant_id", "captured_at", "item_id"),
         sa.Index(None, "study_id", "change_seq"),
-        # only servers of 0.1 need the next one; a later release drops it, in a migration that builds nothing
-        sa.Index(None, "study_id", "reviewed", "doubt", "item_id"),
         sa.Index(None, "study_id", "reviewed", "status", "doubt", "item_id"),
         sa.Index("ix_effective_record_queue_of_food", "food_id", "study_id", "reviewed", "status", "doubt", "item_id"),
         sa.Index(

@@ -27,7 +27,7 @@ from tests.commands import run_tada
 
 pytestmark = pytest.mark.slow
 
-BEFORE_LAST = revisions()[-2]
+BASELINE = head_revision()
 HASTY = Patience(turn_seconds=0.3, lock_seconds=0.2, tries=2, pause_seconds=0.05)
 # A migrator that ends in the middle: at its third CREATE, or while the database is busy with one statement of its own
 MIGRATOR = """
@@ -73,11 +73,10 @@ def test_two_processes_that_migrate_at_once_both_end_well(empty):
 
 
 def test_migrator_killed_in_the_middle_leaves_the_old_schema_and_no_lock(empty):
-    upgrade(empty, revisions()[0])
     killed = start("-c", MIGRATOR, empty.url, "between")
     killed.communicate()
     assert killed.returncode == -signal.SIGKILL
-    assert current_revision(empty) == revisions()[0]
+    assert current_revision(empty) is None
     upgrade(empty, patience=Patience(turn_seconds=5))
     assert is_current(empty)
 
@@ -94,11 +93,11 @@ def test_lock_of_a_migrator_killed_during_a_long_statement_is_free_within_second
 
 
 @pytest.mark.parametrize("is_able", [True, False])
-def test_postgres_that_cannot_notice_a_dead_client_is_migrated_all_the_same(database, is_able):
+def test_postgres_that_cannot_notice_a_dead_client_is_migrated_all_the_same(database, is_able, next_migration):
     """On Windows, and before 15 on macOS, it refuses the setting: as it refuses here a time that cannot be."""
     if database.is_sqlite:
         return
-    downgrade(database, BEFORE_LAST)
+    next_migration()
     seen, name = [], "client_connection_check_interval"
 
     @sa.event.listens_for(database.write_engine, "before_cursor_execute", retval=True)
@@ -115,8 +114,8 @@ def test_postgres_that_cannot_notice_a_dead_client_is_migrated_all_the_same(data
     assert set(seen) == {"5s" if is_able else "0"}
 
 
-def test_migrator_gives_up_when_another_one_does_not_end(database):
-    downgrade(database, BEFORE_LAST)
+def test_migrator_gives_up_when_another_one_does_not_end(database, next_migration):
+    next_migration()
     with database.write_engine.connect() as other:
         if not database.is_sqlite:  # of a session, as versions before 0.2 took it
             other.execute(sa.text("SELECT pg_advisory_lock(:n)"), {"n": ADVISORY_LOCK})
@@ -127,7 +126,7 @@ def test_migrator_gives_up_when_another_one_does_not_end(database):
         other.rollback()
         if not database.is_sqlite:
             other.execute(sa.text("SELECT pg_advisory_unlock(:n)"), {"n": ADVISORY_LOCK})
-    assert current_revision(database) == BEFORE_LAST
+    assert current_revision(database) == BASELINE
     upgrade(database, patience=HASTY)
     assert is_current(database)
 
@@ -166,11 +165,19 @@ def test_code_beside_a_newer_schema_is_ready_and_migrates_nothing(database, tmp_
     blobs = open_blob_store(settings.resolved_blob_url, settings)
     assert check_readiness(database, blobs, settings).checks["database"] == "ok"
     with pytest.raises(SchemaUnknownError, match="newer program"):
-        downgrade(database, BEFORE_LAST)
+        downgrade(database, BASELINE)
 
 
-def test_code_on_an_older_schema_is_not_ready(database, tmp_path):
-    downgrade(database, BEFORE_LAST)
+def test_schema_of_before_the_first_migration_is_refused_in_words(database):
+    with database.write_engine.begin() as connection:
+        connection.execute(sa.text("UPDATE alembic_version SET version_num = '20261123_spent_codes'"))
+    assert schema_state(database) is SchemaState.OLDER
+    with pytest.raises(SchemaUnknownError, match=r"before 0\.4"):
+        upgrade(database)
+
+
+def test_code_on_an_older_schema_is_not_ready(database, tmp_path, next_migration):
+    next_migration()
     assert schema_state(database) is SchemaState.OLDER
     settings = Settings(data_dir=tmp_path / "data", min_free_bytes=0)
     blobs = open_blob_store(settings.resolved_blob_url, settings)

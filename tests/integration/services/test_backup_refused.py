@@ -145,11 +145,11 @@ def test_format_or_schema_that_is_not_known_is_told_as_newer(backup_file):
         assert refusal(forgery.to_bytes(BOX)).code == "backup_too_new"
 
 
-def test_format_of_versions_before_0_2_is_told_as_older_and_not_as_broken(forgery):
-    forgery.change_manifest(format=1)
+def test_backup_of_versions_before_0_4_is_reported_as_older_and_not_as_broken(forgery):
+    forgery.change_manifest(revision="20261123_spent_codes")
     refused = refusal(forgery.to_bytes(BOX))
     assert refused.code == "backup_too_old"
-    assert "Restore it with version 0.1.0" in refused.message
+    assert "Only that version can restore it" in refused.message
     assert "broken" not in refused.message
 
 

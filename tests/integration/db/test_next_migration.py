@@ -1,0 +1,98 @@
+"""A database with rows in all tables is brought up to date and back: rows survive, references and triggers too."""
+
+import sqlite3
+
+import pytest
+import sqlalchemy as sa
+
+from app.db.migrate import downgrade, upgrade
+from app.db.models import Base
+from app.db.schema_state import current_revision, head_revision, is_current
+from tests.integration.db.full_tables import ONE, assert_survived, fill_tables, rows_of
+
+BASELINE = head_revision()
+
+
+@pytest.fixture
+def full(database):
+    """At the newest migration of ours, with a row in each table."""
+    fill_tables(database)
+    return database
+
+
+def execute(database, statement):
+    with database.write() as session:
+        session.execute(sa.text(statement))
+
+
+def test_there_is_a_row_in_every_table(full):
+    assert {table for table, rows in rows_of(full).items() if rows} == set(Base.metadata.tables)
+
+
+def test_rows_survive_the_way_up_and_back(full, next_migration):
+    before = rows_of(full)
+    revision = next_migration()
+    upgrade(full)
+    assert current_revision(full) == revision
+    assert_survived(before, rows_of(full))
+    downgrade(full, BASELINE)
+    assert current_revision(full) == BASELINE
+    assert rows_of(full) == before
+
+
+def test_references_are_enforced_after_the_upgrade(full, next_migration):
+    next_migration()
+    upgrade(full)
+    with pytest.raises(sa.exc.IntegrityError):
+        execute(full, "DELETE FROM item")
+
+
+def test_broken_reference_stops_the_upgrade_and_nothing_is_changed(full, next_migration):
+    if not full.is_sqlite:
+        return  # PostgreSQL alters tables in place and lets no reference break
+    with sqlite3.connect(full.write_engine.url.database) as connection:  # foreign keys are off
+        connection.execute("DELETE FROM run")
+    connection.close()
+    before = rows_of(full)
+    next_migration()
+    with pytest.raises(sa.exc.IntegrityError, match="refer to none"):
+        upgrade(full)
+    assert current_revision(full) == BASELINE
+    assert rows_of(full) == before
+    with pytest.raises(sa.exc.IntegrityError):
+        execute(full, "DELETE FROM study")
+
+
+def test_days_are_marked_by_tables_that_a_migration_made_anew(full, next_migration):
+    next_migration()
+    upgrade(full)
+    execute(full, "DELETE FROM day_mark")
+    execute(full, "UPDATE diary_day SET ate_nothing = NOT ate_nothing")
+    assert [row["participant_id"] for row in rows_of(full)["day_mark"]] in ([ONE], [ONE.hex])
+
+
+def test_schema_goes_down_to_nothing_and_up_again(full):
+    downgrade(full, "base")
+    assert rows_of(full) == {}
+    with full.read() as session:
+        assert sa.inspect(session.connection()).get_table_names() in ([], ["alembic_version"])
+    upgrade(full)
+    assert is_current(full)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE item SET volume_low_ml = NULL",
+        "UPDATE effective_record SET status = 'eaten'",
+        "UPDATE meal SET status = 'eaten'",
+    ],
+)
+def test_value_that_cannot_be_is_refused_by_the_database(full, change):
+    with pytest.raises(sa.exc.IntegrityError):
+        execute(full, change)
+
+
+def test_volume_may_be_unknown_with_its_interval(full):
+    execute(full, "UPDATE item SET volume_ml = NULL, volume_low_ml = NULL, volume_high_ml = NULL")
+    execute(full, "UPDATE effective_record SET volume_ml = NULL")
