@@ -3,20 +3,14 @@
 import json
 import sys
 import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from app.cli_database import JsonOption, opened_database
 from app.errors import InvalidInputError, TadaError
-
-if TYPE_CHECKING:
-    from app.db.session import Database
-    from app.jobs.engine import JobQueue
 
 jobs_cli = typer.Typer(no_args_is_help=True, help="Estimates that wait, run or failed.")
 
@@ -71,14 +65,15 @@ def jobs_retry(
     participant: ParticipantOption = None,
 ) -> None:
     """Have meals that failed estimated again: those named, or all that failed with --code."""
+    from app.jobs.queue import JobQueue
     from app.services.look_after_jobs import Failures, retry_failed, retry_named
 
     if bool(meals) == (code is not None):
         raise InvalidInputError("Name meals, or say with --code which failures.")
     if meals and (since is not None or study is not None):
         raise InvalidInputError("--since and --study go with --code.")
-    instant = _instant(since)
-    with opened_database() as database, _queue(database) as queue:
+    instant, queue = _instant(since), JobQueue()
+    with opened_database() as database:
         if not meals:
             done = retry_failed(database, queue, Failures(study, code, instant))
             print(f"{done.queued} meals queued again")
@@ -116,17 +111,6 @@ def jobs_cancel(
             else:
                 print(f"{meal}: {'cancelled' if is_new else 'was cancelled before'}")
     raise SystemExit(1 if refused else 0)
-
-
-@contextmanager
-def _queue(database: "Database") -> Iterator["JobQueue"]:
-    from app.jobs.engine import JobQueue
-
-    queue = JobQueue(database)
-    try:
-        yield queue
-    finally:
-        queue.close()
 
 
 def _instant(text: str | None) -> datetime | None:

@@ -20,7 +20,7 @@ from structlog.typing import EventDict, Processor, WrappedLogger
 from app.log_causes import OneTracebackACause
 from app.settings import Settings
 
-QUIET = ("python_multipart", "uvicorn.access", "dbos", "alembic", "PIL", "httpx2")  # a line a step or a request each
+QUIET = ("python_multipart", "uvicorn.access", "alembic", "PIL", "httpx2")  # a line a step or a request each
 UUID_PATTERN = re.compile(r"[0-9a-f]{8}(-?)[0-9a-f]{4}\1[0-9a-f]{4}\1[0-9a-f]{4}\1[0-9a-f]{12}", re.IGNORECASE)
 
 # one mapping for a whole request or job: threads that work for it copy the context, and share what is in it

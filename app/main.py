@@ -72,7 +72,7 @@ from app.dashboard import routes as dashboard
 from app.dashboard.answers import DashboardAnswers
 from app.dashboard.static_files import DashboardFiles
 from app.db.session import open_database
-from app.jobs.engine import JobQueue
+from app.jobs.queue import JobQueue
 from app.metrics.instruments import tell_build
 from app.services.after_meal import SubmitAfterPair
 from app.services.api_children import ApiChildren
@@ -112,7 +112,7 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
     except BaseException:
         database.dispose()
         raise
-    queue = JobQueue(database)
+    queue = JobQueue()
     waiter = MealWaiter(database)
     last_use = LastUse(database)
     children = ApiChildren(settings)
@@ -144,7 +144,6 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
         await anyio.to_thread.run_sync(children.close)
         await waiter.close()
         await anyio.to_thread.run_sync(last_use.close)
-        queue.close()
         database.dispose()
 
 

@@ -97,9 +97,6 @@ class Settings(BaseSettings):
     export_min_free_bytes: int = Field(
         default=1024 * MEBIBYTE, ge=0, description="Below it no file is made in the background; uploads go on."
     )
-    job_history_days: int = Field(
-        default=7, ge=1, description="How long the job engine's own rows of ended jobs are kept; ours stay."
-    )
     api_children: int = Field(default=2, ge=1, description="Processes of one server that decode photographs at once.")
     enrolment_attempts_per_minute: int = Field(default=20, ge=1, description="Tries a minute and address, enrolment.")
     sign_in_attempts_per_minute: int = Field(

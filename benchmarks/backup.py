@@ -70,7 +70,7 @@ def fill(settings: Settings, meals: int, photo_bytes: int) -> int:
                             received_at=NOW,
                         )
                     )  # fmt: skip
-                session.add(Job(id=run, meal_id=meal, state="done", enqueued_at=NOW))
+                session.add(Job(id=run, meal_id=meal, state="done", enqueued_at=NOW, finished_at=NOW))
                 session.flush()
                 answer = json.dumps({"run": str(run)}).encode()
                 key = f"{study}/{meal}/runs/{run}/result.json/{hashlib.sha256(answer).hexdigest()}"

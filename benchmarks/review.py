@@ -22,7 +22,7 @@ from typing import Any
 
 from app.db.models import Device, Job, Meal, Participant, Staff, Study
 from app.db.session import Database
-from app.jobs.engine import JobQueue
+from app.jobs.queue import JobQueue
 from app.services.caller import StaffCaller
 from app.services.event_rules import EVENT_RULES
 from app.services.meal_events import MealEvents, NewEvent
@@ -61,7 +61,7 @@ def main() -> int:
 def time_words(database: Database, items: int, events: int, words: int) -> list[tuple[float, float]]:
     """(wall, CPU) milliseconds of each of the last words."""
     reviewer, client_id = lay_table(database, items)
-    queue = JobQueue(database)
+    queue = JobQueue()
     use_case = MealEvents(database, queue, EVENT_RULES)
     drawn = random.Random(1)
     view = say(use_case, reviewer, client_id, NewEvent(uuid.uuid4(), "comment", None, {"text": "Good."}))
@@ -75,7 +75,6 @@ def time_words(database: Database, items: int, events: int, words: int) -> list[
         say(use_case, reviewer, client_id, event)
         if number >= events - 1:
             took.append((1e3 * (time.perf_counter() - wall), 1e3 * (time.thread_time() - cpu)))
-    queue.close()
     return took
 
 

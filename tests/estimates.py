@@ -4,10 +4,12 @@ import base64
 import hashlib
 import json
 import uuid
+from datetime import UTC, datetime
 
 import numpy as np
 
 from app.db.models import Job, Meal
+from app.db.queries import jobs
 from app.services.save_estimate import save_estimate
 
 
@@ -88,5 +90,5 @@ def save(state, meal_client_id, *items, purpose="meal", **changes):
         )
         assert job is not None, f"the meal has no job for {purpose}"
         save_estimate(session, job.id, body, key)
-        job.state = "done"
+        jobs.finish_job(job, datetime.now(UTC))
         return job.id

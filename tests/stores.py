@@ -12,6 +12,7 @@ from app.settings import Settings
 from app.storage.local import STAGING, LocalBlobStore
 from app.storage.opening import open_blob_store
 from app.storage.s3 import S3BlobStore
+from app.storage.staging import LOCK_SUFFIX
 
 TWO_DAYS = timedelta(days=2)
 LEDGER = ".erasures/"  # where it stands when the blobs are in S3 (app/settings.py)
@@ -40,7 +41,9 @@ def _stored(blobs) -> dict[str, bytes]:
 
 
 def _files(folder) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+    """But no lock of a folder of files in the making, which holds nothing."""
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file() and path.suffix != LOCK_SUFFIX)
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def make_old(blobs, keys=None) -> None:

@@ -9,13 +9,13 @@ from app.api.rate_limit import RateLimit
 from app.api.sign_in_limits import SignInLimits
 from app.api.waiting import MealWaiter
 from app.db.session import Database
+from app.jobs.queue import JobQueue
 from app.services.after_meal import SubmitAfterPair
 from app.services.api_children import ApiChildren
 from app.services.declare_meal import DeclareMeal
 from app.services.erase import Eraser
 from app.services.export_me import ExportPlaces
 from app.services.figures import DeploymentFigures
-from app.services.job_queue import JobQueue
 from app.services.last_use import LastUse
 from app.services.meal_events import MealEvents
 from app.services.passwords import Passwords

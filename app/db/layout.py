@@ -1,7 +1,7 @@
 """Which tables and columns a schema has, by name and plain type: the same for SQLite and PostgreSQL, for any revision.
 
 Asked of an empty scratch database that is brought to the revision: so a backup reads a database that is not upgraded
-yet, and knows our tables from DBOS's, which on SQLite stand beside them.
+yet, and knows our tables from others that stand beside them.
 """
 
 import tempfile

@@ -158,7 +158,7 @@ def normalise_url(url: str) -> str:
 
 
 def sqlite_connection_pragmas(connection: sqlite3.Connection) -> None:
-    """What every SQLite connection of ours has, DBOS's own engine included."""
+    """What every SQLite connection has."""
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = FULL")  # an acknowledged meal survives a power cut
     connection.execute("PRAGMA foreign_keys = ON")

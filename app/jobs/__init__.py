@@ -1,4 +1,4 @@
 """Durable jobs: the queue in the database, its workers' lives, takeover, and the limited child processes.
 
-jobs knows how work is claimed, tried again, handed over and given up; what the work is, services tell (workflows.py).
+jobs knows how work is claimed, tried again, handed over and given up; what the work is, services tell (job_runner.py).
 """

@@ -70,12 +70,8 @@ class BrokenOff(Exception):  # noqa: N818  # it carries a Failure
 class JobLeft(BaseException):
     """This worker lets go of a job and leaves it as it is: it stops, or has lost its lease.
 
-    No Exception, so that neither DBOS nor a use case records it as the job's result: another worker takes the job over.
+    No Exception, so that no use case takes it for the job's result: another worker takes the job over.
     """
-
-
-class TryAgain(BaseException):
-    """A passing fault inside a transaction; no Exception, so that DBOS does not record it as the step's result."""
 
 
 def is_passing(error: Exception) -> bool:

@@ -1,6 +1,6 @@
 """The life of one worker: lease, heartbeats, claimed jobs, takeover from the dead, sweeps, and an orderly end.
 
-Two threads beside DBOS's: heartbeats must never wait for anything else, so takeover and sweep have their own.
+Heartbeats must never wait for anything else, so takeover and sweep have a thread of their own.
 """
 
 import threading
@@ -12,11 +12,12 @@ import structlog
 
 from app.db.queries import jobs
 from app.db.session import Database
-from app.jobs.engine import APPLICATION, Engine, JobQueue
+from app.jobs.claims import Claims
+from app.jobs.job_runner import EstimateUseCases, JobRunner
 from app.jobs.leases import open_lease
+from app.jobs.queue import JOB_PROTOCOL_VERSION, JobQueue
 from app.jobs.sweep import sweep
 from app.jobs.times import WorkerTimes
-from app.jobs.workflows import EstimateUseCases, EstimateWorkflow
 from app.metrics import instruments
 
 log = structlog.get_logger()
@@ -43,12 +44,18 @@ class JobWorker:
         self._database = database
         self._times = times or WorkerTimes()
         self._lease = open_lease(database, self._times)
-        self._workflow = EstimateWorkflow(database, self._lease, use_cases, self._times)
-        self._engine = Engine(database, self._lease.executor_id, concurrency=concurrency, protocol=protocol)
-        self._queue = JobQueue(database, protocol=protocol)
+        self._runner = JobRunner(database, self._lease, use_cases, self._times)
+        self._claims = Claims(
+            database,
+            self._lease,
+            self._runner.run,
+            concurrency=concurrency,
+            protocol=JOB_PROTOCOL_VERSION if protocol is None else protocol,
+        )
+        self._queue = JobQueue(protocol=protocol)
         self._use_cases = use_cases
         self._ending = threading.Event()
-        self._claimed_but_idle: Counter[str] = Counter()
+        self._claimed_but_idle: Counter[uuid.UUID] = Counter()
         self._threads: list[threading.Thread] = []
         self.lost = threading.Event()
 
@@ -61,53 +68,43 @@ class JobWorker:
         """Live, then claim jobs."""
         self._lease.acquire()
         self._begin(self._beat, "heartbeat")
-        try:
-            self._engine.launch(self._workflow.bind)
-        except BaseException:
-            self._ending.set()
-            self._lease.release()
-            raise
+        self._claims.start()
         self._begin(self._look_after_others, "takeover")
         log.info("worker_started", executor_id=self.executor_id)
 
     def note_computing(self, job_id: str) -> None:
         """The job needs a child, maybe again, if what it had found could not be sealed."""
-        self._engine.note_computing(job_id)
+        self._claims.note_computing(uuid.UUID(job_id))
 
     def note_computed(self, job_id: str) -> None:
         """The job needs no child any more: the next may be claimed while it is sealed and saved."""
-        self._engine.note_computed(job_id)
+        self._claims.note_computed(uuid.UUID(job_id))
 
     def drain(self) -> bool:
         """Claim nothing more and give running jobs a while to end; then let go of them. False: some still run."""
-        self._engine.stop_claiming()
-        is_idle = self._workflow.wait_until_idle(self._times.drain)
-        self._workflow.leave()
+        self._claims.stop()
+        is_idle = self._runner.wait_until_idle(self._times.drain)
+        self._runner.leave()
         return is_idle
 
     def stop(self) -> bool:
         """End, and leave what still runs to others, at once. False: a thread does not let go of its job."""
-        self._workflow.leave()
-        is_idle = self._workflow.wait_until_idle(LEFT_SECONDS)
+        self._runner.leave()
+        is_idle = self._runner.wait_until_idle(LEFT_SECONDS)
         self._ending.set()
         self._hand_back()
         for thread in self._threads:
             thread.join(LEFT_SECONDS)
         self._lease.release()
-        self._engine.shut_down()
-        self._queue.close()
         log.info("worker_stopped", executor_id=self.executor_id, is_idle=is_idle)
         return is_idle
 
     def _hand_back(self) -> None:
-        """Put what was claimed and has been let go of back into the queue, for others to begin at once."""
+        """Let what was claimed and has been let go of wait again, for others to begin at once."""
         try:
-            with self._database.read() as session:
-                claimed = jobs.pending_workflows_of(session, self.executor_id)
-            for job_id in sorted(claimed - self._workflow.running):
-                with self._database.write() as session:
-                    jobs.forgive_claim(session, job_id, self.executor_id)
-                self._engine.requeue(job_id, self.executor_id)
+            with self._database.write() as session:
+                idle = jobs.claimed_jobs(session, self.executor_id) - self._runner.running
+                jobs.release_claims(session, self.executor_id, idle, is_takeover=False)
         except Exception as error:  # the worker's edge: others take them over once the lease is gone
             log.warning("hand_back_failed", exc_info=error)
 
@@ -127,7 +124,7 @@ class JobWorker:
             instruments.HEARTBEAT.set_to_current_time()
             if not is_held and not self._ending.is_set():
                 log.error("lease_lost", executor_id=self.executor_id)
-                self._workflow.leave()
+                self._runner.leave()
                 self.lost.set()
                 return
 
@@ -147,38 +144,37 @@ class JobWorker:
                 return
 
     def _take_over(self) -> None:
-        """Everything anew at each look: one call of recovery may be lost with the database's restart."""
+        """Everything anew at each look: one takeover may be lost with the database's restart."""
         with self._database.read() as session:
-            pending = jobs.executors_with_pending_work(session, APPLICATION) - {self.executor_id}
-        dead = self._lease.bury(pending)
-        if dead:
-            log.warning("jobs_taken_over", dead_executors=sorted(dead))
-            instruments.TAKEOVERS.inc(len(dead))
-            self._requeue_jobs_of(dead)
+            holders = jobs.executors_with_claims(session) - {self.executor_id}
+        dead = self._lease.bury(holders)
+        if not dead:
+            return
+        log.warning("jobs_taken_over", dead_executors=sorted(dead))
+        instruments.TAKEOVERS.inc(len(dead))
+        for executor_id in sorted(dead):
+            with self._database.write() as session:
+                jobs.release_claims(session, executor_id, is_takeover=True)
 
     def _abandon_unwanted(self) -> None:
         """Spare the rest of estimates whose meals were cancelled or erased."""
-        running = self._workflow.running
+        running = self._runner.running
         if not running:
             return
         with self._database.read() as session:
             unwanted = jobs.unwanted_jobs(session, running)
         for job_id in unwanted:
-            self._use_cases.abandon(uuid.UUID(job_id))
-
-    def _requeue_jobs_of(self, dead: set[str]) -> None:
-        for executor_id in sorted(dead):
-            with self._database.read() as session:
-                claimed = jobs.pending_workflows_of(session, executor_id)
-            for job_id in sorted(claimed):
-                self._engine.requeue(job_id, executor_id)
+            self._use_cases.abandon(job_id)
 
     def _find_lost(self) -> None:
+        """Queue again what we have claimed and do not run: the answer to the claim was lost, or its run broke off."""
         with self._database.read() as session:
-            claimed = jobs.pending_workflows_of(session, self.executor_id)
-        idle = claimed - self._workflow.running
-        self._claimed_but_idle = Counter({job: self._claimed_but_idle[job] + 1 for job in idle})
-        for job, looks in self._claimed_but_idle.items():
-            if looks >= LOOKS_BEFORE_LOST and not self._ending.is_set() and self._engine.requeue(job, self.executor_id):
-                log.warning("lost_job_queued_again", job_id=job)
-                instruments.LOST_JOBS.inc()
+            idle = jobs.claimed_jobs(session, self.executor_id) - self._runner.running
+        self._claimed_but_idle = Counter({job_id: self._claimed_but_idle[job_id] + 1 for job_id in idle})
+        lost = [job_id for job_id, looks in self._claimed_but_idle.items() if looks >= LOOKS_BEFORE_LOST]
+        if not lost or self._ending.is_set():
+            return
+        with self._database.write() as session:
+            released = jobs.release_claims(session, self.executor_id, lost, is_takeover=True)
+        log.warning("lost_jobs_queued_again", job_ids=[str(job_id) for job_id in lost])
+        instruments.LOST_JOBS.inc(released)

@@ -1,7 +1,7 @@
 """A worker's claim to be alive. PostgreSQL: a row with a heartbeat on the database's clock. SQLite: a lock of the OS.
 
 A lease is taken before the first job is claimed. While it is held, nobody takes this worker's jobs over; once it is
-taken away, `guard` refuses every write of the one who had it. leases know nothing of DBOS.
+taken away, `guard` refuses every write of the worker that had it.
 """
 
 import contextlib

@@ -1,7 +1,7 @@
 """Finds meals that wait for something that will never happen, and queues them again or fails them visibly.
 
-The meal's status in our tables is the truth; a workflow may be missing, dead-lettered, cancelled or ended by a bug.
-Each worker sweeps now and then; `tada doctor --requeue` does it at once.
+The meal's status is the truth; its job may be missing, taken over too often, or have ended without an answer. Each
+worker sweeps now and then; `tada doctor --requeue` does it at once.
 """
 
 import uuid
@@ -15,52 +15,40 @@ from app.db.models import Job, Meal
 from app.db.queries import jobs
 from app.db.queries.meals import WAITING, lock_meal
 from app.db.session import Database
-from app.jobs.engine import JobQueue
-from app.jobs.faults import CANCELLED, INTERNAL_ERROR, JOB_GAVE_UP
+from app.jobs.faults import INTERNAL_ERROR, JOB_GAVE_UP
+from app.jobs.queue import JobQueue
 from app.metrics import instruments
 
 log = structlog.get_logger()
 
 Settle = Callable[[Session, Meal], object]  # EstimateUseCases.settle
 
-FAILURES = {"MAX_RECOVERY_ATTEMPTS_EXCEEDED": JOB_GAVE_UP, "CANCELLED": CANCELLED}  # by DBOS's words; else a bug
-
 
 def sweep(database: Database, queue: JobQueue, settle: Settle) -> int:
     """Move every stuck meal, each in its own transaction. Returns how many there were."""
     with database.read() as session:
-        stuck = jobs.stuck_jobs(session)
+        exhausted = jobs.exhausted_jobs(session)
         orphans = jobs.waiting_without_live_job(session)
     moved = 0
-    for job_id in stuck:
+    for job_id in exhausted:
         with database.write() as session:
-            moved += _move_job(session, queue, job_id, settle)
+            moved += _give_up(session, job_id, settle)
     for meal_id, purpose in orphans:
         with database.write() as session:
             moved += _move_meal(session, queue, meal_id, purpose, settle)
     return moved
 
 
-def _move_job(session: Session, queue: JobQueue, job_id: uuid.UUID, settle: Settle) -> bool:
-    found = jobs.lock_live_job(session, job_id)
-    if found is None:
+def _give_up(session: Session, job_id: uuid.UUID, settle: Settle) -> bool:
+    live = jobs.lock_live_job(session, job_id)
+    if live is None:
         return False
-    job, meal = found
-    status = jobs.workflow_status(session, job_id)
-    if status in jobs.MOVING_STATUSES:
-        return False
-    if status is None:
-        job.state = "queued"
-        queue.enqueue(session, job)
-        instruments.SWEPT.labels("queued").inc()
-        log.warning("job_queued_again", job_id=str(job_id), meal_id=str(meal.id), reason="it had no workflow")
-        return True
-    failure = FAILURES.get(status, INTERNAL_ERROR)
-    jobs.fail_job(job, meal, failure, datetime.now(UTC))
+    job, meal = live
+    jobs.fail_job(job, meal, JOB_GAVE_UP, datetime.now(UTC))
     if job.purpose != "meal":
         settle(session, meal)
     instruments.SWEPT.labels("failed").inc()
-    log.error("job_failed", job_id=str(job_id), meal_id=str(meal.id), code=failure.code, workflow_status=status)
+    log.error("job_failed", job_id=str(job_id), meal_id=str(meal.id), code=JOB_GAVE_UP.code)
     return True
 
 

@@ -15,8 +15,6 @@ from sqlalchemy.orm import Session
 from app.db.models import Job, Meal
 from app.db.queries import jobs
 
-HIGHEST_PRIORITY_NUMBER = 2**31 - 1  # of DBOS's column; turns beyond it are first come, first served
-
 
 class Turns:
     """Gives turns; one a process.

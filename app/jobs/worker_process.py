@@ -18,11 +18,10 @@ from app.db.session import Database, open_database
 from app.jobs.child_pool import ChildPool, ChildPoolClosedError, ChildStartError
 from app.jobs.chores import Chore, ChoreThread
 from app.jobs.cores import worker_concurrency
-from app.jobs.engine import prepare_job_tables
+from app.jobs.job_runner import EstimateUseCases
 from app.jobs.job_worker import JobWorker
 from app.jobs.supervisor import LEASE_LOST
 from app.jobs.times import WorkerTimes
-from app.jobs.workflows import EstimateUseCases
 from app.settings import Settings
 
 log = structlog.get_logger()
@@ -52,7 +51,6 @@ def run_jobs(
         signal.signal(number, lambda *_: stop.set())
     with at_start():
         database = open_database(settings)
-        prepare_job_tables(database)
         concurrency = worker_concurrency(settings)
         pool = ChildPool(settings, tasks, children=concurrency)
         use_cases = make_use_cases(database, pool)

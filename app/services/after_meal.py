@@ -19,13 +19,13 @@ from app.db.models.meal import AFTER_SLOTS
 from app.db.queries import jobs, meals, privacy
 from app.db.session import Database
 from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundError
+from app.jobs.queue import JobQueue
 from app.logs import tell
 from app.services import audit
 from app.services.api_children import ApiChildren
 from app.services.caller import DeviceCaller
 from app.services.check_hints import require_known_foods, require_within
 from app.services.erase import erase_failed_pair, is_meal_deleted, meal_deleted
-from app.services.job_queue import JobQueue
 from app.services.location_policy import policy_of
 from app.services.meal_time import MealTime
 from app.services.meal_vessels import require_known_vessels

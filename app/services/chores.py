@@ -17,7 +17,6 @@ from app.services.erase import Eraser
 from app.services.erasure_ledger import ErasureLedger
 from app.services.file_work_chore import expire_exports, file_process
 from app.services.orphan_rounds import OrphanRounds
-from app.services.prune_jobs import prune_jobs
 from app.services.reapply_erasures import reapply_erasures
 from app.services.retention import erase_old_pictures
 from app.services.secret_box import SecretBox
@@ -70,5 +69,4 @@ def worker_chores(
         Chore("expire_exports", 60.0, lambda: expire_exports(database)),
         Chore("write_day_sums", 1.0, lambda: write_sums(database)),
         Chore("write_study_day_sums", 20.0, lambda: write_study_sums(database)),
-        Chore("prune_jobs", 60.0, lambda: prune_jobs(database, settings.job_history_days)),
     ]

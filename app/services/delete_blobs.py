@@ -53,8 +53,8 @@ class BlobDeleter:
         return done
 
     def delete_orphans(self, grace: timedelta = ORPHAN_GRACE) -> int:
-        """All of `orphan_batches`, then `tidy`. Returns how many blobs and rows went."""
-        return sum(self.orphan_batches(grace)) + self.tidy()
+        """All of `orphan_batches`. Returns how many blobs went."""
+        return sum(self.orphan_batches(grace))
 
     def orphan_batches(self, grace: timedelta = ORPHAN_GRACE) -> Iterator[int]:
         """Delete blobs older than the grace time that no row names; after each batch of the listing, how many.
@@ -74,20 +74,9 @@ class BlobDeleter:
         if strange:  # no study is ever deleted: this store is another database's, or the other way round
             log.error("blobs_of_no_study", count=strange)
 
-    def tidy(self) -> int:
-        """Delete DBOS's rows of jobs that are not there, and what died in this machine's staging folder."""
-        done = 0
-        while True:
-            with self._database.read() as session:
-                workflows = privacy.workflows_without_job(session, BATCH)
-            if not workflows:
-                break
-            with self._database.write() as session:
-                privacy.delete_workflows(session, workflows)
-            self._log_may_hold_erased = True
-            done += len(workflows)
+    def tidy(self) -> None:
+        """Remove what processes that died left in this machine's staging folder."""
         self._blobs.remove_abandoned()
-        return done
 
     def _delete_orphans(self, keys: Sequence[str], before: datetime) -> int:
         """Look once more: a photograph that was sent again since the batch was read is young now, or has its row.

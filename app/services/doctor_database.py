@@ -18,7 +18,6 @@ from app.services.finding import Finding
 LEAST_POSTGRES = 140_000  # server_version_num; older ones do not notice that a client has died (app/db/migrate.py)
 CLOCKS_APART_SECONDS = 5.0  # more, and tokens, retention and ages of the queue are off
 BACK_SECONDS = 60.0
-JOB_ENGINE_CONNECTIONS = 15  # DBOS's own pool in a worker: 5 and 10 for a while
 BUSY_SHARE = 0.8  # of max_connections
 MOUNTS = Path("/proc/self/mountinfo")
 NETWORK_FILE_SYSTEMS = frozenset(
@@ -44,7 +43,7 @@ def look_at_connection(database: Database) -> Finding:
 
 
 def look_at_schema(database: Database) -> Iterator[Finding]:
-    """Ours, then the jobs' tables. The first says whether the tables may be asked."""
+    """Whether it is this program's."""
     upgrade = "Run `tada db upgrade`."
     found = current_revision(database)
     state = schema_state(database)
@@ -59,10 +58,6 @@ def look_at_schema(database: Database) -> Iterator[Finding]:
         yield Finding("schema", "note", message, "Finish the upgrade: replace what still runs this version.")
     else:
         yield Finding("schema", "ok", found)
-    with database.read() as session:
-        is_there = doctor.has_job_tables(session)
-    if not is_there:
-        yield Finding("jobs' tables", "bad", "DBOS's tables are not there: no meal is estimated.", upgrade)
 
 
 def look_at_database(database: Database, *, workers_alive: int) -> Iterator[Finding]:
@@ -132,9 +127,8 @@ def _postgres(facts: PostgresFacts, database: Database, workers_alive: int) -> I
 def _connections(facts: PostgresFacts, database: Database, workers_alive: int) -> Finding:
     room = int(facts.settings["max_connections"]) - int(facts.settings["superuser_reserved_connections"])
     process = database.limits.size + database.limits.overflow
-    worker = process + JOB_ENGINE_CONNECTIONS
-    needed = process + workers_alive * worker
-    said = f"{facts.connections} of {room} in use; a server takes up to {process}, a worker {worker}"
+    needed = (1 + workers_alive) * process
+    said = f"{facts.connections} of {room} in use; a server or a worker takes up to {process}"
     advice = "Raise max_connections, or lower TADA_DATABASE_POOL_SIZE and TADA_DATABASE_POOL_OVERFLOW."
     if facts.connections > BUSY_SHARE * room:
         return Finding("connections", "bad", f"nearly none is left: {said}.", advice)

@@ -11,8 +11,8 @@ from app import __version__
 from app.db.queries import doctor, jobs, vectors
 from app.db.queries.figures import figures, first_event_at, last_backup
 from app.db.session import Database
-from app.jobs.engine import JobQueue
 from app.jobs.leases import living_workers
+from app.jobs.queue import JobQueue
 from app.jobs.sweep import sweep
 from app.metrics.instruments import SERVER_FAILURES
 from app.services.finding import Finding
@@ -65,17 +65,13 @@ def _queue(database: Database) -> Finding:
 
 def _stranded(database: Database, *, requeue: bool) -> Finding:
     with database.read() as session:
-        found = len(jobs.stuck_jobs(session)) + len(jobs.waiting_without_live_job(session))
+        found = len(jobs.exhausted_jobs(session)) + len(jobs.waiting_without_live_job(session))
     if not found:
         return Finding("meals", "ok", "none waits for what will never come")
     message = f"{found} that nothing will move"
     if not requeue:
         return Finding("meals", "bad", f"{message}.", "Queue them again with `tada doctor --requeue`.")
-    queue = JobQueue(database)
-    try:
-        return Finding("meals", "ok", f"{message}, {sweep(database, queue, project_meal)} moved (see the log)")
-    finally:
-        queue.close()
+    return Finding("meals", "ok", f"{message}, {sweep(database, JobQueue(), project_meal)} moved (see the log)")
 
 
 def _failures(database: Database) -> Finding:

@@ -1,6 +1,6 @@
 """A job's work: fetch the sealed photographs, estimate in the child, seal the answer; then save it, exactly once.
 
-Used by jobs/workflows.py, which calls `compute` as one step, then `load`, and `save` as the other step.
+Used by jobs/job_runner.py, which calls `compute`, then `load`, and `save` in the transaction that ends the job.
 """
 
 import hashlib

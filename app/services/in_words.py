@@ -11,7 +11,6 @@ from contextlib import contextmanager
 
 import psycopg
 import sqlalchemy as sa
-from dbos import error as dbos_error
 
 from app.db.session import is_disk_full
 from app.errors import StorageFullError, TadaError, UnavailableError
@@ -33,7 +32,7 @@ def told_in_words() -> Iterator[None]:
 
 
 def in_words(error: BaseException) -> TadaError | None:
-    """The sentence; None: it tells of the program. What others (DBOS) wrap and name as their cause is looked into."""
+    """The sentence; None: it tells of the program. What others wrap and name as their cause is looked into."""
     if isinstance(error, TadaError):
         return error
     if isinstance(error, sa.exc.TimeoutError):
@@ -47,8 +46,6 @@ def in_words(error: BaseException) -> TadaError | None:
         return _of_database(error, is_away=isinstance(error, AWAY), is_full=False)
     if isinstance(error, OSError):
         return _of_system(error)
-    if isinstance(error, dbos_error.DBOSInitializationError):
-        return UnavailableError(error.message)  # "Error initializing DBOS Transact: ..."
     return in_words(error.__cause__) if error.__cause__ is not None else None
 
 

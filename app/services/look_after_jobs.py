@@ -17,8 +17,8 @@ from app.db.queries import job_lists, meals, people
 from app.db.queries.job_lists import FailedFilter, JobRow
 from app.db.session import Database, despite_deadlocks
 from app.errors import ConflictError, GoneError, NotFoundError
+from app.jobs.queue import JobQueue
 from app.services.cancel_meal import cancel_locked_meal
-from app.services.job_queue import JobQueue
 from app.services.locked_meal import lock_with_person
 from app.services.retry_meal import retry_locked_meal
 

@@ -23,10 +23,10 @@ from app.db.queries import meals
 from app.db.queries.meal_parts import MealParts, parts_of
 from app.db.session import Database
 from app.errors import ConflictError, NotAllowedError, NotFoundError, PreconditionFailedError
+from app.jobs.queue import JobQueue
 from app.services import audit
 from app.services.caller import Caller, DeviceCaller, StaffCaller
 from app.services.item_state import ItemState, MealState, fold_meal
-from app.services.job_queue import JobQueue
 from app.services.locked_meal import lock_meal_of
 from app.services.project_records import Projector, project_meal
 from app.services.read_meal import MealView, meal_view

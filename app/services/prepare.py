@@ -10,7 +10,6 @@ import structlog
 
 from app.db.schema_state import is_current
 from app.db.session import Database
-from app.jobs.engine import prepare_job_tables
 from app.jobs.faults import is_passing
 from app.services.erase import Eraser
 from app.services.erasure_ledger import ErasureLedger
@@ -60,7 +59,6 @@ def prepare(database: Database, settings: Settings) -> None:
     """Bring everything up to date; what is already there stays as it is."""
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     upgrade_schema(database)
-    prepare_job_tables(database)
     load_starter(database)
     _erase_what_a_restore_brought_back(database, settings)
 

@@ -15,12 +15,13 @@ import sqlalchemy as sa
 
 from app.db.layout import TableLayout, layout_at
 from app.db.migrate import SchemaUnknownError
+from app.db.models import Job
 from app.db.refill import Refill, make_tables, refilling, require_alone, require_empty
 from app.db.schema_state import current_revision, revisions
 from app.db.scratch_keys import ScratchKeys
 from app.db.session import Database
 from app.errors import ConflictError, StorageFullError
-from app.jobs.engine import JobQueue, prepare_job_tables
+from app.jobs.queue import JobQueue
 from app.jobs.sweep import sweep
 from app.services import audit
 from app.services.backup import Tell
@@ -86,7 +87,6 @@ def restore(
         _require_store(blobs, named.blobs, checked.end.blob_bytes)
         missing_in_ledger = require_ledger(settings, named.erasures, other_ledger=other_ledger)
         make_tables(database, checked.manifest.revision, checked.layout)
-        prepare_job_tables(database)  # a role that may not is told now, and not when all blobs are there
         put_blobs(file, checked.blobs_offset, blobs, tell)
         with refilling(database, checked.layout) as refill:
             _put_rows(refill, file, checked, tell)
@@ -200,13 +200,15 @@ def _mark_release(refill: Refill, files: sa.TableClause, tables: Mapping[str, An
 
 
 def _put_to_work(database: Database, manifest: Manifest) -> int:
-    """Note the restore, and queue again what waited: no workflow of before is there any more."""
+    """Note the restore, and let what was at work wait again: nobody here works on it, and its result is not stored."""
     with database.write() as session:
+        waiting = session.execute(
+            sa.update(Job)
+            .where(Job.finished_at.is_(None))
+            .values(state="queued", executor_id=None, result_key=None)
+            .returning(Job.id)
+        ).all()
         audit.note(
             session, None, "server.restore", subject=manifest.backup, backup_made_at=manifest.created_at.isoformat()
         )
-    queue = JobQueue(database)
-    try:
-        return sweep(database, queue, project_meal)
-    finally:
-        queue.close()
+    return len(waiting) + sweep(database, JobQueue(), project_meal)

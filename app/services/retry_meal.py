@@ -17,9 +17,9 @@ from app.db.models.meal import AFTER_SLOTS, SLOTS
 from app.db.queries import meals, privacy
 from app.db.session import Database
 from app.errors import ConflictError, GoneError
+from app.jobs.queue import JobQueue
 from app.services import audit
 from app.services.caller import Caller
-from app.services.job_queue import JobQueue
 from app.services.locked_meal import lock_meal_of
 from app.services.project_records import project_meal
 from app.services.read_meal import MealView, read_meal

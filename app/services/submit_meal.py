@@ -21,6 +21,7 @@ from app.db.models.meal import SLOTS
 from app.db.queries import meals, people, privacy
 from app.db.session import Database
 from app.errors import ConflictError, GoneError, InvalidInputError, NotFoundError
+from app.jobs.queue import JobQueue
 from app.logs import tell
 from app.services import audit
 from app.services.announce import announce_meal
@@ -28,7 +29,6 @@ from app.services.api_children import ApiChildren
 from app.services.caller import DeviceCaller
 from app.services.check_hints import require_known_foods, require_within
 from app.services.erase import is_meal_deleted, meal_deleted
-from app.services.job_queue import JobQueue
 from app.services.location_policy import policy_of
 from app.services.meal_time import MealTime
 from app.services.meal_vessels import require_known_vessels

@@ -1045,12 +1045,17 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("event_id", sa.Uuid(), nullable=True),
         sa.Column("state", sa.String(length=16), nullable=False),
         sa.Column("attempts", sa.Integer(), nullable=False),
-        sa.Column("turn", sa.BigInteger(), server_default="0", nullable=False),
+        sa.Column("turn", sa.BigInteger(), nullable=False),
         sa.Column("study_id", sa.Uuid(), nullable=True),
+        sa.Column("protocol", sa.Integer(), nullable=False),
         sa.Column("executor_id", sa.String(length=64), nullable=True),
+        sa.Column("takeovers", sa.Integer(), nullable=False),
+        sa.Column("result_key", sa.String(length=300), nullable=True),
+        sa.Column("request_id", sa.String(length=32), nullable=True),
         sa.Column("enqueued_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("started_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("finished_at", sa.DateTime(timezone=True), nullable=True),
+        sa.CheckConstraint("(state IN ('done', 'failed')) = (finished_at IS NOT NULL)", name=op.f("ck_job_finished")),
         sa.CheckConstraint("purpose IN ('meal', 'after', 'remeasure')", name=op.f("ck_job_purpose")),
         sa.CheckConstraint("state IN ('queued', 'processing', 'done', 'failed')", name=op.f("ck_job_state")),
         sa.ForeignKeyConstraint(["event_id"], ["meal_event.id"], name=op.f("fk_job_event_id_meal_event")),
@@ -1058,8 +1063,16 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.ForeignKeyConstraint(["study_id"], ["study.id"], name=op.f("fk_job_study_id_study")),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_job")),
     )
-    op.create_index(op.f("ix_job_meal_id"), "job", ["meal_id"], unique=False)
+    op.create_index(
+        "ix_job_claimed",
+        "job",
+        ["executor_id"],
+        unique=False,
+        sqlite_where=sa.text("executor_id IS NOT NULL AND finished_at IS NULL"),
+        postgresql_where=sa.text("executor_id IS NOT NULL AND finished_at IS NULL"),
+    )
     op.create_index(op.f("ix_job_event_id"), "job", ["event_id"], unique=False)
+    op.create_index(op.f("ix_job_meal_id"), "job", ["meal_id"], unique=False)
     op.create_index(op.f("ix_job_state_enqueued_at"), "job", ["state", "enqueued_at"], unique=False)
     op.create_index(
         op.f("ix_job_study_id_turn"),
@@ -1074,8 +1087,16 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         "job",
         ["turn"],
         unique=False,
-        sqlite_where=sa.text("turn > 0 AND started_at IS NOT NULL"),
-        postgresql_where=sa.text("turn > 0 AND started_at IS NOT NULL"),
+        sqlite_where=sa.text("started_at IS NOT NULL"),
+        postgresql_where=sa.text("started_at IS NOT NULL"),
+    )
+    op.create_index(
+        "ix_job_waiting",
+        "job",
+        ["turn", "enqueued_at", "id"],
+        unique=False,
+        sqlite_where=sa.text("executor_id IS NULL AND finished_at IS NULL"),
+        postgresql_where=sa.text("executor_id IS NULL AND finished_at IS NULL"),
     )
     op.create_table(
         "run",

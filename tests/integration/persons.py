@@ -36,8 +36,6 @@ from app.db.models import (
     WebhookDelivery,
 )
 from app.db.queries import day_sums
-from app.db.queries.jobs import DBOS_SCHEMA
-from app.db.queries.privacy import WORKFLOW_TABLES
 from app.services.caller import sha256_hex
 from app.services.export_spec import ExportFilters, ExportSpec, spec_as_json
 from app.services.file_runner import FileRunner
@@ -146,7 +144,13 @@ class Person:
             session.add_all([artefact, event, confirmed])
             session.flush()
             job = Job(
-                id=uuid.uuid4(), meal_id=meal.id, purpose="remeasure", event_id=event.id, state="done", enqueued_at=now
+                id=uuid.uuid4(),
+                meal_id=meal.id,
+                purpose="remeasure",
+                event_id=event.id,
+                state="done",
+                enqueued_at=now,
+                finished_at=now,
             )
             session.add(job)
             session.flush()
@@ -292,7 +296,6 @@ class Person:
                     ),
                 ]
             )
-            self._fill_workflow(session, job.id)
 
     def _ask_for_files(self, state):
         """An export that names them, and a release of the whole study."""
@@ -310,27 +313,6 @@ class Person:
             filters = ReleaseFilters().told()
             session.add(
                 Release(**asked, name=f"of-{self.mark.lower()[:4]}", note="", filters=filters, former_checksums=[])
-            )
-
-    def _fill_workflow(self, session, job_id):
-        """What DBOS keeps of a job that was worked on: a row in each of its tables."""
-        prefix = "" if self.state.database.is_sqlite else f"{DBOS_SCHEMA}."
-        columns = {
-            "workflow_status": {"status": "SUCCESS"},
-            "operation_outputs": {"function_id": 1, "function_name": "compute", "output": str(self.meal_id)},
-            "datasource_outputs": {"step_id": 1, "output": "done"},
-            "workflow_events": {"key": "k", "value": "v"},
-            "workflow_events_history": {"function_id": 1, "key": "k", "value": "v"},
-            "streams": {"key": "k", "value": "v", '"offset"': 0},
-            "notifications": {"message": "m"},
-        }
-        for table in reversed(WORKFLOW_TABLES):
-            values = {WORKFLOW_TABLES[table]: str(job_id)} | columns.get(table, {})
-            names = ", ".join(values)
-            binds = ", ".join(f":p{n}" for n in range(len(values)))
-            session.execute(
-                sa.text(f"INSERT INTO {prefix}{table} ({names}) VALUES ({binds})"),
-                {f"p{n}": value for n, value in enumerate(values.values())},
             )
 
     def needles(self):

@@ -8,7 +8,6 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.models import AuditEvent, BlobDeletion, Meal, MealImage, Webhook, WebhookDelivery
-from app.db.queries.jobs import DBOS_SCHEMA
 
 PG_SETTINGS = (
     "server_version_num",
@@ -39,13 +38,6 @@ def postgres_facts(session: Session) -> PostgresFacts:
     )
     count = session.scalar(sa.text("SELECT count(*) FROM pg_stat_activity WHERE backend_type = 'client backend'"))
     return PostgresFacts({row.name: row.setting for row in rows}, count or 0)
-
-
-def has_job_tables(session: Session) -> bool:
-    """Whether DBOS's tables are there."""
-    connection = session.connection()
-    schema = DBOS_SCHEMA if connection.dialect.name == "postgresql" else None
-    return sa.inspect(connection).has_table("workflow_status", schema=schema)
 
 
 def journal_mode(session: Session) -> str:

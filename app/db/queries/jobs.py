@@ -1,6 +1,5 @@
-"""SQL of jobs, of the workers' leases, and what we read of DBOS's table of workflows; its one write: forgive_claim."""
+"""SQL of jobs, which are the workers' queue, and of the workers' leases."""
 
-import functools
 import uuid
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -15,23 +14,9 @@ from app.db.queries.meals import WAITING
 from app.errors import Failure
 
 LIVE_STATES = ("queued", "processing")
-MOVING_STATUSES = ("PENDING", "ENQUEUED", "DELAYED")  # DBOS's words for a workflow that has an end before it
-ENDED_STATUSES = ("SUCCESS", "ERROR", "CANCELLED", "MAX_RECOVERY_ATTEMPTS_EXCEEDED")  # and for one that has ended
-DBOS_SCHEMA = "dbos"  # on PostgreSQL; on SQLite its tables stand beside ours
-
-
-def _workflow_table(schema: str | None) -> sa.TableClause:
-    names = ("workflow_uuid", "status", "executor_id", "application_name")
-    texts = (sa.column(name, sa.Text()) for name in names)
-    others = (
-        sa.column("attributes", sa.JSON()),
-        sa.column("completed_at", sa.BigInteger()),
-        sa.column("recovery_attempts", sa.BigInteger()),
-    )
-    return sa.table("workflow_status", *texts, *others, schema=schema)
-
-
-_WORKFLOW = {"sqlite": _workflow_table(None), "postgresql": _workflow_table(DBOS_SCHEMA)}
+# Times that a job is taken over from dead workers; then it is given up, visibly. Generous: a photograph can end its
+# child but not the worker, so a worker's death tells of the machine and not of the job that it happened to have.
+MAX_TAKEOVERS = 25
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +31,7 @@ class Executor:
 
 
 _TURNS = sa.select(  # built once: every upload asks
-    sa.select(sa.func.max(Job.turn)).where(Job.turn > 0, Job.started_at.is_not(None)).scalar_subquery(),
+    sa.select(sa.func.max(Job.turn)).where(Job.started_at.is_not(None)).scalar_subquery(),
     sa.select(sa.func.max(Job.turn)).where(Job.study_id == sa.bindparam("study_id")).scalar_subquery(),
 )
 
@@ -73,16 +58,58 @@ class JobNames:
 
 def names_of_job(session: Session, job_id: uuid.UUID) -> JobNames | None:
     """None: there is no such job any more."""
-    workflow = _WORKFLOW[session.get_bind().dialect.name]
-    found = session.execute(
-        sa.select(Job.meal_id, Job.purpose, workflow.c.attributes, Job.enqueued_at, Job.attempts)
-        .outerjoin(workflow, workflow.c.workflow_uuid == str(job_id))
-        .where(Job.id == job_id)
-    ).one_or_none()
-    if found is None:
-        return None
-    meal_id, purpose, attributes, enqueued_at, attempts = found
-    return JobNames(meal_id, purpose, (attributes or {}).get("request_id"), enqueued_at, attempts)
+    query = sa.select(Job.meal_id, Job.purpose, Job.request_id, Job.enqueued_at, Job.attempts).where(Job.id == job_id)
+    names = session.execute(query).one_or_none()
+    return JobNames(*names) if names is not None else None
+
+
+_IS_LIVE = Job.finished_at.is_(None)  # as the indexes have it: finish_job and fail_job set it with the state
+
+
+def _is_waiting(protocol: int) -> sa.ColumnElement[bool]:
+    return sa.and_(_IS_LIVE, Job.executor_id.is_(None), Job.protocol <= protocol, Job.takeovers <= MAX_TAKEOVERS)
+
+
+def is_any_waiting(session: Session, protocol: int) -> bool:
+    """Whether there is a job that a worker of this protocol may claim."""
+    return session.scalar(sa.select(Job.id).where(_is_waiting(protocol)).limit(1)) is not None
+
+
+def claim_jobs(session: Session, executor_id: str, *, protocol: int, room: int) -> list[uuid.UUID]:
+    """Give waiting jobs to a worker: those of the lowest turns, past those that another worker is just claiming."""
+    query = sa.select(Job).where(_is_waiting(protocol)).order_by(Job.turn, Job.enqueued_at, Job.id).limit(room)
+    claimed = session.scalars(query.with_for_update(skip_locked=True)).all()
+    for job in claimed:
+        job.executor_id = executor_id
+    return [job.id for job in claimed]
+
+
+def claimed_jobs(session: Session, executor_id: str) -> set[uuid.UUID]:
+    """Jobs still to be done that this worker has claimed."""
+    return set(session.scalars(sa.select(Job.id).where(_IS_LIVE, Job.executor_id == executor_id)))
+
+
+def executors_with_claims(session: Session) -> set[str]:
+    """Workers that have claimed jobs which are not finished, dead or alive."""
+    query = sa.select(Job.executor_id).where(_IS_LIVE, Job.executor_id.is_not(None)).distinct()
+    return {executor_id for executor_id in session.scalars(query) if executor_id is not None}
+
+
+def release_claims(
+    session: Session, executor_id: str, job_ids: Collection[uuid.UUID] | None = None, *, is_takeover: bool
+) -> int:
+    """Let these jobs of a worker, or all of its jobs, wait again at their old turns. Returns how many.
+
+    One that is just being saved is passed over. is_takeover: the worker did not hand them back by itself.
+    """
+    query = sa.select(Job).where(_IS_LIVE, Job.executor_id == executor_id)
+    if job_ids is not None:
+        query = query.where(Job.id.in_(job_ids))
+    released = session.scalars(query.with_for_update(skip_locked=True)).all()
+    for job in released:
+        job.executor_id = None
+        job.takeovers += is_takeover
+    return len(released)
 
 
 def lock_live_job(session: Session, job_id: uuid.UUID) -> tuple[Job, Meal] | None:
@@ -99,13 +126,18 @@ def lock_live_job(session: Session, job_id: uuid.UUID) -> tuple[Job, Meal] | Non
     return (job, meal) if job.state in LIVE_STATES else None
 
 
-def start_attempt(session: Session, job_id: uuid.UUID, executor_id: str, now: datetime) -> bool:
-    """Note that this worker begins on the job. False: there is nothing to do any more."""
-    found = lock_live_job(session, job_id)
-    if found is None:
-        return False
-    job, meal = found
-    job.state, job.executor_id = "processing", executor_id
+def start_attempt(session: Session, job_id: uuid.UUID, executor_id: str, now: datetime) -> Job | None:
+    """Note that this worker begins on the job. None: there is nothing to do any more, or another worker has it.
+
+    A job whose result is there already is not begun again.
+    """
+    live = lock_live_job(session, job_id)
+    if live is None or live[0].executor_id != executor_id:
+        return None
+    job, meal = live
+    if job.result_key is not None:
+        return job
+    job.state = "processing"
     job.attempts += 1
     job.started_at = job.started_at or now
     if job.purpose == "meal" and meal.status == "queued":
@@ -114,18 +146,23 @@ def start_attempt(session: Session, job_id: uuid.UUID, executor_id: str, now: da
     elif job.purpose == "after" and meal.after_status == "queued":
         meal.after_status = "processing"
         meal.version += 1
-    return True
+    return job
 
 
-def unwanted_jobs(session: Session, job_ids: Collection[str]) -> set[str]:
+def keep_result(session: Session, job_id: uuid.UUID, executor_id: str, result_key: str) -> None:
+    """Note what was computed, so that whoever takes the job over need not compute it again."""
+    query = sa.update(Job).where(Job.id == job_id, Job.executor_id == executor_id, _IS_LIVE)
+    session.execute(query.values(result_key=result_key))
+
+
+def unwanted_jobs(session: Session, job_ids: Collection[uuid.UUID]) -> set[uuid.UUID]:
     """Those of the jobs that are not to be done any more: cancelled, given up, or erased with their meal."""
-    wanted = sa.select(Job.id).where(Job.id.in_([uuid.UUID(job_id) for job_id in job_ids]), Job.state.in_(LIVE_STATES))
-    return set(job_ids) - {str(job_id) for job_id in session.scalars(wanted)}
+    return set(job_ids) - set(session.scalars(sa.select(Job.id).where(Job.id.in_(job_ids), _IS_LIVE)))
 
 
 def finish_job(job: Job, now: datetime) -> None:
     """The job's result is written in this transaction."""
-    job.state, job.finished_at = "done", now
+    job.state, job.finished_at, job.result_key = "done", now, None
 
 
 def fail_job(job: Job, meal: Meal, failure: Failure, now: datetime) -> None:
@@ -133,7 +170,7 @@ def fail_job(job: Job, meal: Meal, failure: Failure, now: datetime) -> None:
 
     Records that follow from more than the meal's own pair are brought in line by the caller (EstimateUseCases.settle).
     """
-    job.state, job.finished_at = "failed", now
+    job.state, job.finished_at, job.result_key = "failed", now, None
     if job.purpose == "meal" and meal.status in WAITING:
         fail_meal(meal, failure)
     elif job.purpose == "after" and meal.after_status in WAITING:
@@ -161,24 +198,10 @@ def fail_after_pair(meal: Meal, failure: Failure) -> None:
     meal.version += 1
 
 
-def stuck_jobs(session: Session) -> list[uuid.UUID]:
-    """Jobs to be done that no workflow will do: it is not there, or it has ended."""
-    workflow = _WORKFLOW[session.get_bind().dialect.name]
-    return list(
-        session.scalars(
-            sa.select(Job.id)
-            .outerjoin(workflow, _is_workflow_of(session, workflow))
-            .where(Job.state.in_(LIVE_STATES))
-            .where(sa.or_(workflow.c.status.is_(None), workflow.c.status.not_in(MOVING_STATUSES)))
-            .order_by(Job.enqueued_at)
-        )
-    )
-
-
-def workflow_status(session: Session, job_id: uuid.UUID) -> str | None:
-    """DBOS's word on the job's workflow; None: there is no such workflow."""
-    workflow = _WORKFLOW[session.get_bind().dialect.name]
-    return session.scalar(sa.select(workflow.c.status).where(workflow.c.workflow_uuid == str(job_id)))
+def exhausted_jobs(session: Session) -> list[uuid.UUID]:
+    """Jobs to be done that no worker claims any more, since it was taken over too often."""
+    query = sa.select(Job.id).where(_IS_LIVE, Job.takeovers > MAX_TAKEOVERS)
+    return list(session.scalars(query.order_by(Job.enqueued_at)))
 
 
 def waiting_without_live_job(session: Session) -> list[tuple[uuid.UUID, str]]:
@@ -195,57 +218,6 @@ def count_jobs(session: Session, meal_id: uuid.UUID, purpose: str) -> tuple[int,
     """(all, still to be done) jobs of a meal for this purpose."""
     states = session.scalars(sa.select(Job.state).where(Job.meal_id == meal_id, Job.purpose == purpose)).all()
     return len(states), sum(state in LIVE_STATES for state in states)
-
-
-def executors_with_pending_work(session: Session, application: str) -> set[str]:
-    """Workers that have claimed workflows which are not finished, dead or alive."""
-    workflow = _WORKFLOW[session.get_bind().dialect.name]
-    return set(
-        session.scalars(
-            sa.select(workflow.c.executor_id)
-            .where(workflow.c.status == "PENDING", workflow.c.application_name == application)
-            .where(workflow.c.executor_id.is_not(None))
-            .distinct()
-        )
-    )
-
-
-def pending_workflows_of(session: Session, executor_id: str) -> set[str]:
-    """Ids of the unfinished workflows that one worker has claimed."""
-    workflow = _WORKFLOW[session.get_bind().dialect.name]
-    return set(
-        session.scalars(
-            sa.select(workflow.c.workflow_uuid).where(
-                workflow.c.status == "PENDING", workflow.c.executor_id == executor_id
-            )
-        )
-    )
-
-
-def forgive_claim(session: Session, workflow_id: str, executor_id: str) -> None:
-    """Do not count this claim towards the limit of takeovers: its worker hands the job back in good order."""
-    workflow = _WORKFLOW[session.get_bind().dialect.name]
-    session.execute(
-        sa.update(workflow)
-        .where(workflow.c.workflow_uuid == workflow_id, workflow.c.executor_id == executor_id)
-        .where(workflow.c.status == "PENDING", workflow.c.recovery_attempts > 0)
-        .values(recovery_attempts=workflow.c.recovery_attempts - 1)
-    )
-
-
-def ended_workflows(session: Session, application: str, before: datetime, limit: int) -> list[str]:
-    """Workflows that ended before that time, locked, those that ended first; none whose job is still to be done."""
-    workflow = _WORKFLOW[session.get_bind().dialect.name]
-    live = sa.exists().where(_is_workflow_of(session, workflow), Job.state.in_(LIVE_STATES))
-    query = (
-        sa.select(workflow.c.workflow_uuid)
-        .where(workflow.c.completed_at < int(before.timestamp() * 1000), workflow.c.completed_at.is_not(None))
-        .where(workflow.c.status.in_(ENDED_STATUSES), workflow.c.application_name == application, ~live)
-        .order_by(workflow.c.completed_at)
-        .limit(limit)
-        .with_for_update(skip_locked=True)  # several workers prune, each its own
-    )
-    return list(session.scalars(query))
 
 
 def insert_lease(session: Session, executor: Executor) -> None:
@@ -320,21 +292,6 @@ def fresh_leases(session: Session, lease_seconds: float) -> list[Executor]:
         sa.select(WorkerLease).where(_is_alive(lease_seconds)).order_by(WorkerLease.started_at, WorkerLease.executor_id)
     )
     return [Executor(row.executor_id, row.host, row.pid, row.version, row.started_at) for row in rows]
-
-
-def _is_workflow_of(session: Session, workflow: sa.TableClause) -> sa.ColumnElement[bool]:
-    """workflow_uuid = job.id, so written that the workflows' key is used.
-
-    DBOS writes the UUID with dashes; SQLite keeps ours as 32 hex digits.
-    """
-    if session.get_bind().dialect.name != "sqlite":
-        return workflow.c.workflow_uuid == sa.cast(Job.id, sa.Text())
-    digits = sa.type_coerce(Job.id, sa.String())
-    groups: list[sa.ColumnElement[str]] = [
-        sa.func.substr(digits, start, length) for start, length in ((1, 8), (9, 4), (13, 4), (17, 4), (21, 12))
-    ]
-    dashed = functools.reduce(lambda left, right: left.concat("-").concat(right), groups)
-    return workflow.c.workflow_uuid == dashed
 
 
 def _delete_leases(session: Session, *conditions: sa.ColumnElement[bool]) -> list[str]:

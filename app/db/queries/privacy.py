@@ -4,7 +4,6 @@ Which rows belong to a meal or a person stands here and nowhere else; a table th
 named here fails tests/integration/services/test_erasure_leaves_nothing.py.
 """
 
-import functools
 import uuid
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -49,25 +48,12 @@ from app.db.models import (
     WebhookDelivery,
 )
 from app.db.queries import study_day_sums
-from app.db.queries.jobs import DBOS_SCHEMA, LIVE_STATES
+from app.db.queries.jobs import LIVE_STATES
 
 IN_A_STATEMENT = 500  # values in one IN (...); SQLite takes 32,766
 MADE_FILES = "made"  # before the study in keys of files of a whole study (services/made_file.py)
 UUID_CHARACTERS = 36
 
-# Where DBOS 3.4 keeps what belongs to a workflow: table -> its column with the workflow's id. A contract test looks for
-# tables with such a column that are missing here.
-WORKFLOW_TABLES = {
-    "operation_outputs": "workflow_uuid",
-    "datasource_outputs": "workflow_id",
-    "workflow_input": "workflow_uuid",
-    "workflow_output": "workflow_uuid",
-    "workflow_events": "workflow_uuid",
-    "workflow_events_history": "workflow_uuid",
-    "streams": "workflow_uuid",
-    "notifications": "destination_uuid",
-    "workflow_status": "workflow_uuid",
-}
 
 Ids = sa.Select[uuid.UUID]
 
@@ -116,11 +102,9 @@ def record_ids(session: Session, meals: Ids) -> list[uuid.UUID]:
 
 
 def delete_meals(session: Session, meals: Ids) -> dict[str, int]:
-    """Remove meals and all that hangs on them; table -> rows. DBOS's rows of their jobs go too."""
+    """Remove meals and all that hangs on them; table -> rows."""
     items = sa.select(Item.id).where(Item.meal_id.in_(meals))
     runs = sa.select(Run.id).where(Run.meal_id.in_(meals))
-    job_ids = list(session.scalars(sa.select(Job.id).where(Job.meal_id.in_(meals))))
-    delete_workflows(session, [str(job_id) for job_id in job_ids])
     _delete_day_sums(session, meals)
     return _delete_in_order(
         session,
@@ -440,26 +424,6 @@ def meals_there(session: Session, keys: Sequence[str]) -> set[str]:
     return {key for key, meal_id in of_keys.items() if meal_id in there}
 
 
-def delete_workflows(session: Session, workflow_ids: Collection[str]) -> None:
-    """Remove DBOS's rows of these workflows, whatever their state."""
-    ordered = sorted(workflow_ids)
-    for table, column in _workflow_columns(session):
-        for start in range(0, len(ordered), IN_A_STATEMENT):
-            part = ordered[start : start + IN_A_STATEMENT]
-            session.execute(sa.delete(table).where(column.in_(part)))
-
-
-def workflows_without_job(session: Session, limit: int) -> list[str]:
-    """Workflows of which DBOS keeps something, and no job of that id is there: of jobs erased while they ran."""
-    found: set[str] = set()
-    for table, column in _workflow_columns(session):
-        if len(found) < limit:
-            has_job = sa.exists().where(_names_job(session, column))
-            query = sa.select(column).select_from(table).where(sa.func.length(column) == UUID_CHARACTERS, ~has_job)
-            found.update(session.scalars(query.distinct().limit(limit)))
-    return sorted(found)
-
-
 def stream_meals_of(session: Session, participant_id: uuid.UUID) -> Iterator[Meal]:
     """A participant's meals in the order of eating, a few at a time in memory."""
     query = sa.select(Meal.id).where(Meal.participant_id == participant_id).order_by(Meal.captured_at, Meal.id)
@@ -547,25 +511,6 @@ def _delete_in_order(session: Session, *steps: tuple[type[Base], sa.ColumnElemen
         counts[model.__tablename__] = done.rowcount
     session.expire_all()
     return counts
-
-
-@functools.cache
-def _workflow_table(schema: str | None, name: str, column: str) -> sa.TableClause:
-    return sa.table(name, sa.column(column, sa.Text()), schema=schema)
-
-
-def _workflow_columns(session: Session) -> Iterator[tuple[sa.TableClause, sa.ColumnElement[str]]]:
-    schema = DBOS_SCHEMA if session.get_bind().dialect.name == "postgresql" else None
-    for name, column in WORKFLOW_TABLES.items():
-        table = _workflow_table(schema, name, column)
-        yield table, table.c[column]
-
-
-def _names_job(session: Session, column: sa.ColumnElement[str]) -> sa.ColumnElement[bool]:
-    """Column = job.id, so written that SQLite uses the jobs' key: there ours are 32 hex digits without dashes."""
-    if session.get_bind().dialect.name == "sqlite":
-        return sa.type_coerce(Job.id, sa.String()) == sa.func.replace(column, "-", "")
-    return sa.cast(Job.id, sa.Text()) == column
 
 
 def _study_of(key: str) -> uuid.UUID | None:

@@ -106,7 +106,7 @@ def test_meal_that_failed_has_nothing_to_cancel_and_the_answer_tells_its_failure
 def test_meal_whose_job_was_lost_is_cancelled_all_the_same(phone, state, meal):
     """A sweep would queue it again: whoever calls it off before that is obeyed."""
     with state.database.write() as session:
-        session.execute(sa.update(Job).values(state="failed"))
+        session.execute(sa.update(Job).values(state="failed", finished_at=Job.enqueued_at))
     answer = phone.client.post(f"/v1/meals/{meal}/cancel", headers=phone.headers)
     assert answer.status_code == 200
     assert (answer.json()["status"], answer.json()["failure"]["code"]) == ("failed", "cancelled")
@@ -115,20 +115,22 @@ def test_meal_whose_job_was_lost_is_cancelled_all_the_same(phone, state, meal):
 def test_after_pair_whose_job_was_lost_is_cancelled_all_the_same(phone, state):
     table = Table(phone, state).measured().send_after()
     with state.database.write() as session:
-        session.execute(sa.update(Job).where(Job.purpose == "after").values(state="failed"))
+        session.execute(
+            sa.update(Job).where(Job.purpose == "after").values(state="failed", finished_at=Job.enqueued_at)
+        )
     assert phone.client.post(f"/v1/meals/{table.id}/cancel", headers=phone.headers).status_code == 200
     assert (table.after["status"], table.after["failure"]["code"]) == ("failed", "cancelled")
 
 
 def test_estimate_that_comes_after_the_cancelling_is_not_written(phone, state, meal):
-    """The worker's transaction asks for the job, as app/jobs/workflows.py does."""
+    """The worker's transaction asks for the job, as app/jobs/job_runner.py does."""
     job = jobs_of(state, meal)[-1]
     phone.client.post(f"/v1/meals/{meal}/cancel", headers=phone.headers)
     with state.database.write() as session:
         assert jobs.lock_live_job(session, job.id) is None
-        assert jobs.start_attempt(session, job.id, "w", datetime.now(UTC)) is False
+        assert jobs.start_attempt(session, job.id, "w", datetime.now(UTC)) is None
     with state.database.read() as session:
-        assert jobs.unwanted_jobs(session, [str(job.id)]) == {str(job.id)}
+        assert jobs.unwanted_jobs(session, [job.id]) == {job.id}
 
 
 def test_cancelled_after_pair_leaves_the_meal_as_it_is(phone, state, reviewer):

@@ -7,15 +7,14 @@ import signal
 import subprocess
 import sys
 import time
-import uuid
 
 import pytest
 import sqlalchemy as sa
 
 from app.db.models import Job, Meal
 from app.db.session import Database
-from app.jobs.engine import JobQueue
 from app.jobs.leases import living_workers
+from app.jobs.queue import JobQueue
 from app.jobs.supervisor import settings_environment
 from app.settings import Settings
 from tests.integration.jobs.fakes import TIMES, new_device, new_job
@@ -39,7 +38,7 @@ class Jobs:
     def __init__(self, database, folder):
         self.database = database
         self.folder = folder
-        self.queue = JobQueue(database)
+        self.queue = JobQueue()
         self.settings = Settings(
             database_url=database.url,
             data_dir=folder / "data",
@@ -98,14 +97,10 @@ class Jobs:
         with self.database.read() as session:
             return list(session.scalars(sa.text("SELECT pid FROM fake_save WHERE job_id = :job"), {"job": str(job_id)}))
 
-    def workflow_status(self, job_id):
-        return self.run_sql(
-            f"SELECT status FROM {self.workflow_table} WHERE workflow_uuid = '{uuid.UUID(str(job_id))}'"
-        )
-
-    @property
-    def workflow_table(self):
-        return "workflow_status" if self.database.is_sqlite else "dbos.workflow_status"
+    def change(self, job_id, **values):
+        """Set columns of a job's row."""
+        with self.database.write() as session:
+            session.execute(sa.update(Job).where(Job.id == job_id).values(values))
 
     def run_sql(self, text):
         """The first value of a statement's first row, or None."""
@@ -119,7 +114,6 @@ class Jobs:
                 worker.send_signal(signal.SIGCONT)
                 worker.kill()
             worker.wait()
-        self.queue.close()
 
 
 @pytest.fixture

@@ -132,12 +132,13 @@ def main():
 
 def new_job(session, queue, fake="quick", device_id=None):
     """A meal with its job, queued in the session's transaction; returns the job's id. device_id: whose meal it is."""
-    job, _ = new_job_without_workflow(session, fake, device_id)
+    job, _ = new_unqueued_job(session, fake, device_id)
     queue.enqueue(session, job)
     return job.id
 
 
-def new_job_without_workflow(session, fake="quick", device_id=None):
+def new_unqueued_job(session, fake="quick", device_id=None):
+    """A meal and its job that has no turn yet."""
     meal = new_meal(session, fake, device_id)
     job = Job(id=uuid.uuid4(), meal_id=meal.id, state="queued", attempts=0, enqueued_at=meal.received_at)
     session.add(job)

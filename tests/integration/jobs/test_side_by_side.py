@@ -9,16 +9,12 @@ import sqlalchemy as sa
 
 from app.db.models import Job
 from app.db.queries import jobs as job_queries
-from app.db.queries import privacy
-from app.jobs.engine import JobQueue
 from app.jobs.faults import CANCELLED
-from app.services.prune_jobs import prune_jobs
+from app.jobs.queue import JobQueue
 from tests.integration.jobs.conftest import wait_until
-from tests.integration.jobs.fakes import new_job, new_job_without_workflow
+from tests.integration.jobs.fakes import new_job
 
 pytestmark = pytest.mark.slow
-
-LONG_AGO = 1_000_000_000_000  # milliseconds since 1970: in 2001
 
 
 def computing(jobs):
@@ -89,16 +85,15 @@ def test_worker_takes_the_first_job_of_another_study_before_the_backlog_of_the_o
 
 
 def test_worker_of_an_older_version_leaves_newer_jobs_to_a_newer_worker_which_runs_both(jobs):
-    newer_queue = JobQueue(jobs.database, protocol=2)
+    newer_queue = JobQueue(protocol=2)
     with jobs.database.write() as session:
         newer = new_job(session, newer_queue)
-    newer_queue.close()
     old_worker = jobs.start_worker(protocol=1)
     older = [jobs.add() for _ in range(3)]
     for job_id in older:
         jobs.wait_for_state(job_id, "done")
     assert jobs.job(newer).state == "queued"
-    assert jobs.workflow_status(newer) == "ENQUEUED"
+    assert jobs.job(newer).executor_id is None
     new_worker = jobs.start_worker(protocol=2)
     jobs.wait_for_state(newer, "done")
     assert jobs.saves(newer) == [new_worker.pid]
@@ -135,13 +130,12 @@ def test_child_of_a_cancelled_job_is_ended_and_the_worker_goes_on(jobs):
     assert worker.poll() is None
     assert jobs.meal(job_id).failure_code == "cancelled"
     assert jobs.saves(job_id) == []
-    wait_until(lambda: jobs.workflow_status(job_id) == "SUCCESS", "DBOS to hear of it")
     assert left_behind(jobs) == []
 
 
 def left_behind(jobs):
     with jobs.database.read() as session:
-        return job_queries.stuck_jobs(session) + job_queries.waiting_without_live_job(session)
+        return job_queries.exhausted_jobs(session) + job_queries.waiting_without_live_job(session)
 
 
 def test_workers_asked_to_end_hand_several_jobs_back_and_others_begin_them_at_once(jobs):
@@ -150,68 +144,12 @@ def test_workers_asked_to_end_hand_several_jobs_back_and_others_begin_them_at_on
     first = jobs.start_worker(estimate_seconds=600, worker_concurrency=3)
     for job_id in ids:
         jobs.wait_for_file(f"computing-{job_id}-{first.pid}")
-    for job_id in ids:
-        assert attempts_counted(jobs, job_id) == 1
     first.terminate()
     assert first.wait(timeout=12) == 0
     for job_id in ids:
-        assert jobs.workflow_status(job_id) == "ENQUEUED"
-        assert attempts_counted(jobs, job_id) == 0
+        assert (jobs.job(job_id).executor_id, jobs.job(job_id).takeovers) == (None, 0)
     second = jobs.start_worker(estimate_seconds=600, worker_concurrency=3)
     for job_id in ids:
         jobs.wait_for_file(f"computing-{job_id}-{second.pid}")
     with jobs.database.read() as session:
         assert set(session.scalars(sa.select(Job.attempts))) == {2}
-
-
-def attempts_counted(jobs, job_id):
-    """What DBOS counts towards the limit of takeovers."""
-    return jobs.run_sql(f"SELECT recovery_attempts FROM {jobs.workflow_table} WHERE workflow_uuid = '{job_id}'")
-
-
-def workflow_rows(jobs, job_id):
-    with jobs.database.read() as session:
-        return sum(
-            session.scalar(sa.select(sa.func.count()).select_from(table).where(column == str(job_id)))
-            for table, column in privacy._workflow_columns(session)
-        )
-
-
-def test_rows_of_jobs_that_ended_long_ago_are_pruned_and_no_others(jobs):
-    jobs.start_worker()
-    ended, recent = jobs.add(), jobs.add()
-    for job_id in (ended, recent):
-        wait_until(lambda one=job_id: jobs.workflow_status(one) == "SUCCESS", "the workflow to end")
-    held = jobs.add("hold")
-    jobs.wait_for_file(f"computing-{held}-*")
-    waiting, unfinished, foreign = jobs.add(), jobs.add(), jobs.add()
-    table = jobs.workflow_table
-    for job_id in (ended, held, waiting):
-        jobs.run_sql(f"UPDATE {table} SET completed_at = {LONG_AGO}, created_at = 1 WHERE workflow_uuid = '{job_id}'")
-    for job_id in (unfinished, foreign):
-        jobs.run_sql(
-            f"UPDATE {table} SET status = 'SUCCESS', completed_at = {LONG_AGO} WHERE workflow_uuid = '{job_id}'"
-        )
-    jobs.run_sql(f"UPDATE {table} SET application_name = 'another' WHERE workflow_uuid = '{foreign}'")
-    jobs.run_sql(f"UPDATE job SET state = 'done' WHERE id = '{foreign.hex if jobs.database.is_sqlite else foreign}'")
-    rows = {job_id: workflow_rows(jobs, job_id) for job_id in (recent, held, waiting, foreign)}
-    assert prune_jobs(jobs.database, 7) == 1
-    assert workflow_rows(jobs, ended) == 0
-    assert jobs.job(ended).state == "done"
-    assert {job_id: workflow_rows(jobs, job_id) for job_id in rows} == rows
-    assert jobs.workflow_status(unfinished) == "SUCCESS"  # its job is not done: the sweep looks after it
-    assert prune_jobs(jobs.database, 7) == 0
-    jobs.go(held)
-    jobs.wait_for_state(held, "done")
-
-
-def test_pruning_takes_as_many_batches_as_it_needs_up_to_a_bound(jobs, monkeypatch):
-    monkeypatch.setattr("app.services.prune_jobs.BATCH", 2)
-    monkeypatch.setattr("app.services.prune_jobs.BATCHES", 3)
-    for _ in range(9):
-        with jobs.database.write() as session:
-            job, _ = new_job_without_workflow(session)
-            jobs.queue.enqueue(session, job)
-            job.state = "done"
-    jobs.run_sql(f"UPDATE {jobs.workflow_table} SET status = 'ERROR', completed_at = {LONG_AGO}")
-    assert [prune_jobs(jobs.database, 1) for _ in range(3)] == [6, 3, 0]

@@ -1,14 +1,14 @@
-"""Fair between studies: in which order workers take what waits. The order of claims is asked of DBOS's own claim."""
+"""Fair between studies: in which order workers take what waits, as their own claims do."""
 
-import uuid
 from itertools import pairwise
 
 import pytest
 import sqlalchemy as sa
 
 from app.db.models import Job
-from app.jobs.engine import JobQueue
-from tests.integration.jobs.fakes import new_job_without_workflow
+from app.db.queries.jobs import claim_jobs, release_claims
+from app.jobs.queue import JobQueue
+from tests.integration.jobs.fakes import new_unqueued_job
 
 
 @pytest.fixture
@@ -27,27 +27,18 @@ class Line:
             return [self._queue(session, phone) for _ in range(count)]
 
     def _queue(self, session, phone):
-        job, _ = new_job_without_workflow(session, device_id=phone)
+        job, _ = new_unqueued_job(session, device_id=phone)
         self.jobs.queue.enqueue(session, job)
         return job.id
 
     def take(self):
         """The job that a worker claims next, begun as a worker does; None: nothing waits."""
         with self.jobs.database.write() as session:
-            found = session.scalar(
-                sa.text(
-                    f"SELECT workflow_uuid FROM {self.jobs.workflow_table} WHERE status = 'ENQUEUED' "
-                    "ORDER BY priority, created_at, workflow_uuid LIMIT 1"
-                )
-            )
-            if found is None:
+            claimed = claim_jobs(session, "somebody", protocol=1, room=1)
+            if not claimed:
                 return None
-            session.execute(
-                sa.text(f"UPDATE {self.jobs.workflow_table} SET status = 'SUCCESS' WHERE workflow_uuid = :id"),
-                {"id": found},
-            )
-            job = session.get_one(Job, uuid.UUID(found))
-            job.state, job.started_at = "done", job.enqueued_at
+            job = session.get_one(Job, claimed[0])
+            job.state, job.started_at, job.finished_at = "done", job.enqueued_at, job.enqueued_at
             return job.id
 
     def take_up_to(self, wanted):
@@ -114,7 +105,7 @@ def test_uploads_of_one_study_that_do_not_see_each_other_get_turns_of_their_own(
     phone, given = jobs.new_study(), []
     for _ in range(5):
         with pytest.raises(RuntimeError), jobs.database.write() as session:  # noqa: PT012
-            job, _ = new_job_without_workflow(session, device_id=phone)
+            job, _ = new_unqueued_job(session, device_id=phone)
             jobs.queue.enqueue(session, job)
             given.append(job.turn)
             raise RuntimeError
@@ -124,57 +115,33 @@ def test_uploads_of_one_study_that_do_not_see_each_other_get_turns_of_their_own(
 def test_another_process_goes_on_where_the_first_is(jobs):
     phone = jobs.new_study()
     first = jobs.add(device_id=phone)
-    other = JobQueue(jobs.database)
+    other = JobQueue()
     with jobs.database.write() as session:
-        job, _ = new_job_without_workflow(session, device_id=phone)
+        job, _ = new_unqueued_job(session, device_id=phone)
         other.enqueue(session, job)
         assert job.turn == jobs.job(first).turn + 1 == 2
-    other.close()
 
 
 def test_job_that_is_queued_again_keeps_its_turn(line, jobs):
     phone = jobs.new_study()
     lost, *_ = line.send(phone, 50)
     before = jobs.job(lost).turn
-    jobs.run_sql(f"DELETE FROM {jobs.workflow_table} WHERE workflow_uuid = '{lost}'")
+    jobs.change(lost, executor_id="somebody")
+    with jobs.database.write() as session:
+        assert release_claims(session, "somebody", is_takeover=True) == 1
     with jobs.database.write() as session:
         jobs.queue.enqueue(session, session.get_one(Job, lost))
     assert jobs.job(lost).turn == before
     assert line.take() == lost
 
 
-def test_job_queued_by_the_version_before_turns_is_taken_first_and_counts_for_nobody(line, jobs):
-    """It knows neither column; DBOS's priority is 0 then."""
-    phone = jobs.new_study()
-    line.send(phone, 5)
+def test_jobs_of_one_turn_are_taken_in_the_order_in_which_they_came(line, jobs):
+    """Several processes may give a turn once each."""
+    first, second, third = (line.send(jobs.new_study())[0] for _ in range(3))
     with jobs.database.write() as session:
-        job, _ = new_job_without_workflow(session, device_id=phone)
-        jobs.queue._client.enqueue_in_transaction(
-            session,
-            {
-                "workflow_name": "estimate_meal",
-                "queue_name": "estimates",
-                "workflow_id": str(job.id),
-                "app_version": "1",
-            },
-            str(job.id),
-        )
-        old = job.id
-    assert line.take() == old
-    assert jobs.job(old).turn == 0
-    line.take()
-    assert jobs.job(line.send(jobs.new_study())[0]).turn == 1
-
-
-def test_turns_beyond_the_queues_numbers_are_first_come_first_served(line, jobs):
-    phone = jobs.new_study()
-    first = line.send(phone)[0]
-    jobs.run_sql(f"UPDATE job SET turn = {2**31 + 7}")
-    # a second ago: DBOS on SQLite notes in whole seconds when a job was queued
-    jobs.run_sql(f"UPDATE {jobs.workflow_table} SET priority = {2**31 - 1}, created_at = created_at - 1000")
-    second = line.send(phone)[0]
-    assert jobs.job(second).turn == 2**31 + 8
-    assert [line.take(), line.take()] == [first, second]
+        session.execute(sa.update(Job).values(turn=2**31 + 7))
+    assert [line.take(), line.take(), line.take()] == [first, second, third]
+    assert jobs.job(line.send(jobs.new_study())[0]).turn > 2**31
 
 
 def test_turns_are_looked_up_in_indexes(jobs):
@@ -185,9 +152,21 @@ def test_turns_are_looked_up_in_indexes(jobs):
     with jobs.database.write() as session:
         if not jobs.database.is_sqlite:
             session.execute(sa.text("SET LOCAL enable_seqscan = off"))  # with a handful of rows it would read them all
-        for condition in ("study_id = (SELECT id FROM study LIMIT 1)", "turn > 0 AND started_at IS NOT NULL"):
-            explain = "EXPLAIN QUERY PLAN" if jobs.database.is_sqlite else "EXPLAIN"
-            rows = session.execute(sa.text(f"{explain} SELECT max(turn) FROM job WHERE {condition}")).all()
+        explain = "EXPLAIN QUERY PLAN" if jobs.database.is_sqlite else "EXPLAIN"
+        for query in (
+            "SELECT max(turn) FROM job WHERE study_id = (SELECT id FROM study LIMIT 1)",
+            "SELECT max(turn) FROM job WHERE started_at IS NOT NULL",
+            (
+                "SELECT id FROM job WHERE executor_id IS NULL AND finished_at IS NULL "
+                "ORDER BY turn, enqueued_at, id LIMIT 2"
+            ),
+            "SELECT DISTINCT executor_id FROM job WHERE finished_at IS NULL AND executor_id IS NOT NULL",
+        ):
+            rows = session.execute(sa.text(f"{explain} {query}")).all()
             plans.append(" ".join(str(row) for row in rows))
     assert "ix_job_study_id_turn" in plans[0]
     assert "ix_job_turn_of_begun" in plans[1]
+    assert "ix_job_waiting" in plans[2]
+    assert "sort" not in plans[2].lower()
+    assert "TEMP B-TREE" not in plans[2]
+    assert "ix_job_claimed" in plans[3]

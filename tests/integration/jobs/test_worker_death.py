@@ -133,16 +133,13 @@ def test_two_workers_share_jobs_and_do_none_twice(jobs):
 
 
 def test_job_that_was_claimed_and_never_begun_is_queued_again(jobs):
-    """As after a restart of the database between DBOS's claim and its start of the workflow."""
+    """As after a restart of the database whose answer to the claim was lost."""
     job_id = jobs.add("hold")
     worker = jobs.start_worker()
     jobs.wait_for_file(f"computing-{job_id}-{worker.pid}")
     executor = jobs.living()[0].executor_id
     lost = jobs.add()
-    jobs.run_sql(
-        f"UPDATE {jobs.workflow_table} SET status = 'PENDING', executor_id = '{executor}', owner_xid = 'x' "
-        f"WHERE workflow_uuid = '{lost}'"
-    )
+    jobs.change(lost, executor_id=executor)
     jobs.go(job_id)
     jobs.wait_for_state(lost, "done")
     assert jobs.saves(lost) == [worker.pid]

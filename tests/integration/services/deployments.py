@@ -5,12 +5,14 @@ import hashlib
 import json
 import uuid
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 import sqlalchemy as sa
 from fastapi.testclient import TestClient
 
 from app.db.layout import OF_NO_WORTH_LATER
 from app.db.models import Base, Job, Meal, MealImage, Run, RunArtefact
+from app.db.queries import jobs
 from app.db.session import Database
 from app.main import create_app
 from app.services.backup import backup_to_file
@@ -124,4 +126,4 @@ def estimate(state, client_id):
     key = stored_under(state.blobs, f"{found.meal_id}/runs/{found.id}/result.json", json.dumps(body).encode())
     with state.database.write() as session:
         save_estimate(session, found.id, body, key)
-        session.get_one(Job, found.id).state = "done"
+        jobs.finish_job(session.get_one(Job, found.id), datetime.now(UTC))

@@ -97,7 +97,8 @@ def test_worker_that_begins_or_fails_an_after_job_moves_the_pair_only(phone, sta
     before = table.get()["status"]
     with state.database.write() as session:
         job = session.query(Job).filter(Job.purpose == "after").one()
-        jobs.start_attempt(session, job.id, "worker", job.enqueued_at)
+        job.executor_id = "worker"
+        assert jobs.start_attempt(session, job.id, "worker", job.enqueued_at) is job
     assert (table.get()["status"], table.after["status"]) == (before, "processing")
     with state.database.write() as session:
         found = jobs.lock_live_job(session, job.id)

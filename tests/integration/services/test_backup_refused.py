@@ -53,7 +53,7 @@ def add_meal(here):
                 id=ids["image"], meal_id=ids["meal"], slot="left", media_type="image/jpeg", width_px=4, height_px=3,
                 bytes=12, received_sha256="0" * 64, stored_sha256=photo[-64:], blob_key=photo, received_at=NOW,
             ),
-            Job(id=ids["job"], meal_id=ids["meal"], state="done", enqueued_at=NOW),
+            Job(id=ids["job"], meal_id=ids["meal"], state="done", enqueued_at=NOW, finished_at=NOW),
             Run(
                 id=ids["job"], meal_id=ids["meal"], method="paper", pipeline_version="test", marker="plain:9x7:11",
                 parameters={}, stages={}, seconds=0.1, food_releases=[], result_key=result, created_at=NOW,

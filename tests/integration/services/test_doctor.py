@@ -36,7 +36,7 @@ from app.settings import Settings
 from app.storage.opening import open_blob_store
 from tests.commands import run_tada
 from tests.conftest import s3_settings
-from tests.integration.jobs.fakes import new_job_without_workflow, new_meal
+from tests.integration.jobs.fakes import new_meal, new_unqueued_job
 
 KEY = "a key for tests only, of no worth"
 OTHER_KEY = "another key for tests, of no worth"
@@ -173,16 +173,6 @@ def test_newer_schema_is_a_note_since_an_upgrade_is_under_way(deployment):
     deployment.run_sql(f"UPDATE alembic_version SET version_num = '{revisions()[-1]}'")
 
 
-def test_job_tables_that_are_gone_are_told(deployment):
-    table = "workflow_status" if deployment.kind == "sqlite" else "dbos.workflow_status"
-    deployment.run_sql(f"ALTER TABLE {table} RENAME TO workflow_status_away")
-    try:
-        assert "jobs' tables" in deployment.bad()
-    finally:
-        schema = "" if deployment.kind == "sqlite" else "dbos."
-        deployment.run_sql(f"ALTER TABLE {schema}workflow_status_away RENAME TO workflow_status")
-
-
 def test_missing_secret_key_and_readable_key_file_are_told(deployment):
     if deployment.kind == "postgres":
         assert "TADA_SECRET_KEY" in deployment.bad(secret_key=None)["secret key"]
@@ -238,8 +228,9 @@ def test_failures_of_the_server_are_told_by_code_and_those_of_photographs_are_no
 
 def test_meal_that_nothing_moves_and_an_old_queue_are_told_and_requeued(deployment):
     with deployment.database.write() as session:
-        job, _ = new_job_without_workflow(session)
+        job, _ = new_unqueued_job(session)
         job.enqueued_at = datetime.now(UTC) - timedelta(hours=1)
+        new_meal(session)  # without a job
     bad = deployment.bad()
     assert bad["meals"] == "1 that nothing will move."
     assert "3600 s" in bad["queue"] or "3601 s" in bad["queue"]

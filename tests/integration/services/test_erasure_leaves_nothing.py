@@ -9,8 +9,6 @@ from fastapi.testclient import TestClient
 from pydantic import SecretStr
 
 from app.db.models import Base, StudyDayMark, StudyDaySum
-from app.db.queries.jobs import DBOS_SCHEMA
-from app.db.queries.privacy import WORKFLOW_TABLES
 from app.main import create_app
 from app.services.day_sums import write_all_sums
 from app.services.delete_blobs import BlobDeleter
@@ -107,18 +105,6 @@ def test_every_reference_to_rows_that_are_erased_has_an_index():
             if key.column.table.name in OWNERS and key.parent.name not in first:
                 missing.add((name, key.parent.name))
     assert missing == set()
-
-
-def test_every_table_of_dbos_that_names_a_workflow_is_erased(state):
-    schema = None if state.database.is_sqlite else DBOS_SCHEMA
-    inspector = sa.inspect(state.database.read_engine)
-    naming = {"workflow_uuid", "workflow_id", "destination_uuid"}
-    found = {
-        table
-        for table in inspector.get_table_names(schema=schema)
-        if naming & {column["name"] for column in inspector.get_columns(table, schema=schema)}
-    }
-    assert found == set(WORKFLOW_TABLES)
 
 
 def test_withdrawal_with_erasure_leaves_nothing_of_the_person(state, subject, bystander, client):

@@ -2,6 +2,7 @@
 
 import uuid
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import sqlalchemy as sa
 from structlog.testing import capture_logs
 
 from app.db.models import ItemIdentification, Job, Meal, Study
+from app.db.queries import jobs
 from app.db.queries.index_entries import entries_for
 from app.identification.food_index import shipped_index
 from app.identification.habits import EQUAL_WEIGHT, STUDY_WEIGHT
@@ -96,7 +98,7 @@ class Kitchen:
         key = self.worker.compute(job_id)
         with self.state.database.write() as session:
             self.worker.save(session, job_id, self.worker.load(key))
-            session.get_one(Job, job_id).state = "done"
+            jobs.finish_job(session.get_one(Job, job_id), datetime.now(UTC))
 
     def told(self, phone, food, *vectors, **fields):
         """A meal whose only food a person has named."""

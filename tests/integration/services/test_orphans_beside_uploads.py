@@ -49,7 +49,9 @@ class Sending:
         meal = self.phone.get(f"/v1/meals/{self.metadata['id']}").json()
         assert {slot: image["durable"] for slot, image in meal["images"].items()} == {"left": True, "right": True}
         with self.state.database.write() as session:
-            session.execute(sa.update(Job).values(state="done"))  # while one waits, all of its meal stays
+            session.execute(
+                sa.update(Job).values(state="done", finished_at=Job.enqueued_at)
+            )  # while one waits, all of its meal stays
         make_old(self.state.blobs)
         self.delete_orphans()
         with self.state.database.read() as session:

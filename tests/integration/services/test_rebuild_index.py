@@ -248,6 +248,7 @@ def add_measure(state, ring):
             event_id=event_id,
             state="done",
             enqueued_at=meal.received_at,
+            finished_at=meal.received_at,
         )
         session.add(job)
         session.flush()

@@ -10,14 +10,11 @@ import sys
 
 import pytest
 import sqlalchemy as sa
-from dbos import error as dbos_error
 
 import app.main
 import app.serving
 import app.worker
-from app.db.migrate import upgrade
 from app.errors import StorageFullError, TadaError, UnavailableError
-from app.jobs.engine import prepare_job_tables
 from app.services.in_words import in_words, told_in_words
 from app.services.prepare import prepare_patiently
 from app.serving import serve
@@ -73,28 +70,6 @@ def test_role_without_rights_is_told_in_a_sentence_by_processes(weak, tmp_path, 
     *log, told = ended.stderr.splitlines()
     assert told.startswith("tada: The database does not let us: permission denied for schema public")
     assert all(json.loads(line) for line in log)
-
-
-@pytest.mark.slow
-def test_role_without_rights_on_the_job_engines_tables_is_told_by_the_worker(weak, tmp_path):
-    """What DBOS raises when it launches, which it logs with a traceback besides."""
-    url, owner = weak
-    upgrade(owner)
-    prepare_job_tables(owner)
-    name = sa.make_url(url).username
-    with owner.write() as session:
-        for grant in (
-            "ALL ON ALL TABLES IN SCHEMA public",
-            "USAGE ON SCHEMA dbos",
-            "SELECT ON ALL TABLES IN SCHEMA dbos",
-        ):
-            session.execute(sa.text(f"GRANT {grant} TO {name}"))
-        session.execute(sa.text(f"GRANT USAGE ON ALL SEQUENCES IN SCHEMA public TO {name}"))
-    ended = begun("app.cli", "worker", TADA_DATABASE_URL=url, TADA_DATA_DIR=tmp_path, TADA_SECRET_KEY=KEY)
-    assert ended.returncode == 2, ended.stderr
-    assert "Traceback" not in ended.stderr
-    told = ended.stderr.splitlines()[-1]
-    assert told.startswith("tada: The database does not let us: permission denied for table application_versions")
 
 
 def test_ledger_that_is_away_is_told_by_server_and_worker(prepared_database_url, tmp_path, impatient, caplog):
@@ -194,7 +169,6 @@ def test_what_is_wrapped_is_told_by_its_cause_and_what_is_ours_is_not():
     wrapped = RuntimeError("it did not begin")
     wrapped.__cause__ = away
     assert in_words(wrapped).message == "The database does not answer: the database system is starting up"
-    assert in_words(dbos_error.DBOSInitializationError("no tables")).message.endswith(": no tables")
     full = sqlite3.OperationalError("database or disk is full")
     full.sqlite_errorcode = sqlite3.SQLITE_FULL
     assert "TMPDIR" in in_words(full).message  # a scratch file's, which no engine of SQLAlchemy wraps

@@ -1,38 +1,36 @@
-"""The workflow of one estimate: compute, then save in one transaction with the job's end. The use cases are injected.
+"""One estimate: compute, then save in one transaction with the job's end. The use cases are injected.
 
-Computing may happen twice (a worker dies after it); saving happens once: in its transaction the worker's lease is held,
-the job is locked and found unfinished, and DBOS's checkpoint is written. Passing faults are waited out, bugs are tried
-a few times and then end as a failed meal; the worker goes on.
+Computing may happen twice (a worker dies in it); saving happens once: in its transaction the worker's lease is held,
+and the job is locked, unfinished and still this worker's. What was computed is noted in the job's row, so that whoever
+takes it over goes on from there. Passing faults are waited out, bugs are tried a few times and then end as a failed
+meal; the worker goes on.
 """
 
 import threading
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Any, Literal, Protocol, TypedDict
+from typing import Any, Protocol
 
 import sqlalchemy.exc
 import structlog
-from dbos import DBOS, SQLAlchemyDatasource
 from sqlalchemy.orm import Session
 
 from app.db.models import Meal
 from app.db.queries import jobs
 from app.db.session import Database
 from app.errors import Failure
-from app.jobs.faults import INTERNAL_ERROR, BrokenOff, JobFailure, JobLeft, TryAgain, is_passing
+from app.jobs.faults import INTERNAL_ERROR, BrokenOff, JobFailure, JobLeft, is_passing
 from app.jobs.leases import Lease
 from app.jobs.times import WorkerTimes
 from app.logs import tell, telling
 from app.metrics import instruments
 
 log = structlog.get_logger()
-
-IsolationLevel = Literal["SERIALIZABLE", "READ COMMITTED"]
 
 TRIES = 3  # of what looks like a bug, in one claim of the job
 TRIES_ALONE = 2  # more, of what was killed or took too long
@@ -77,18 +75,15 @@ class EstimateUseCases(Protocol):
         ...
 
 
-class SaveError(Exception):
-    """Saving failed by what looks like a bug; the log has it whole."""
-
-
-class Computed(TypedDict):
-    """What DBOS keeps of the first step: ids, keys and codes only."""
+@dataclass(frozen=True, slots=True)
+class Computed:
+    """Either the key of the sealed result or why there is none."""
 
     result_key: str | None
-    failure: dict[str, str] | None
+    failure: Failure | None = None
 
 
-class EstimateWorkflow:
+class JobRunner:
     """One a worker process."""
 
     def __init__(self, database: Database, lease: Lease, use_cases: EstimateUseCases, times: WorkerTimes) -> None:
@@ -97,11 +92,11 @@ class EstimateWorkflow:
         self._use_cases = use_cases
         self._times = times
         self._leaving = threading.Event()
-        self._running: Counter[str] = Counter()
+        self._running: Counter[uuid.UUID] = Counter()
         self._lock = threading.Lock()
 
     @property
-    def running(self) -> frozenset[str]:
+    def running(self) -> frozenset[uuid.UUID]:
         """Ids of the jobs that this process works on now."""
         with self._lock:
             return frozenset(+self._running)
@@ -119,34 +114,21 @@ class EstimateWorkflow:
             time.sleep(0.05)
         return True
 
-    def bind(self, datasource: SQLAlchemyDatasource) -> Callable[[str], str]:
-        """The workflow's function over the datasource of its transactions. Its argument and result go into DBOS."""
-        isolation: IsolationLevel = "SERIALIZABLE" if self._database.is_sqlite else "READ COMMITTED"
-
-        @datasource.transaction(name="finish", isolation_level=isolation)
-        def finish(job_id: str, result: object | None, failure: dict[str, str] | None) -> str:
-            return self._finish(datasource.sql_session(), uuid.UUID(job_id), result, failure)
-
-        def estimate_meal(job_id: str) -> str:
-            with self._at_work_on(job_id) as facts:
-                computed = DBOS.run_step({"name": "compute"}, self._compute, job_id)
-                if computed["result_key"] is None and computed["failure"] is None:
-                    return "was finished before"
-                end = self._persist(finish, job_id, computed)
-                if end in ("done", "failed"):
-                    self._tell_end(facts)
-                return end
-
-        return estimate_meal
+    def run(self, job_id: uuid.UUID) -> None:
+        """Bring a job that this worker has claimed to its end. Raises JobLeft where the worker lets go of it."""
+        with self._at_work_on(job_id) as facts:
+            computed = self._compute(job_id)
+            if computed is not None and self._persist(job_id, computed):
+                self._tell_end(facts)
 
     @contextmanager
-    def _at_work_on(self, job_id: str) -> Iterator[dict[str, Any]]:
+    def _at_work_on(self, job_id: uuid.UUID) -> Iterator[dict[str, Any]]:
         """Count it, and name it in all that is logged meanwhile. Yields the facts that were told of it."""
         with self._lock:
             self._running[job_id] += 1
             instruments.JOBS_RUNNING.set(len(self._running))
         try:
-            with structlog.contextvars.bound_contextvars(job_id=job_id), telling() as facts:
+            with structlog.contextvars.bound_contextvars(job_id=str(job_id)), telling() as facts:
                 self._tell_names(job_id)
                 yield facts
         finally:
@@ -155,11 +137,11 @@ class EstimateWorkflow:
                 self._running = +self._running
                 instruments.JOBS_RUNNING.set(len(self._running))
 
-    def _tell_names(self, job_id: str) -> None:
+    def _tell_names(self, job_id: uuid.UUID) -> None:
         """A job runs also if its names cannot be asked for: the step after this waits for the database."""
         try:
             with self._database.read() as session:
-                names = jobs.names_of_job(session, uuid.UUID(job_id))
+                names = jobs.names_of_job(session, job_id)
         except sqlalchemy.exc.SQLAlchemyError:
             return
         if names is None:
@@ -178,104 +160,92 @@ class EstimateWorkflow:
         instruments.ESTIMATES.labels(facts.get("purpose", "unknown"), instruments.outcome_label(outcome)).inc()
         log.info("job_ended", outcome=outcome)
 
-    def _compute(self, job_id: str) -> Computed:
+    def _compute(self, job_id: uuid.UUID) -> Computed | None:
+        """None: the job is finished already, or another worker has it."""
+        result_key: str | None = None
         failed, waits, broken_off = 0, 0, 0
         while True:
             self._go_on_or_leave()
             try:
+                if result_key is None:
+                    with self._database.write() as session:
+                        self._lease.guard(session)
+                        job = jobs.start_attempt(session, job_id, self._lease.executor_id, datetime.now(UTC))
+                        if job is None:
+                            return None
+                        result_key = job.result_key
+                    if result_key is not None:
+                        return Computed(result_key)
+                    result_key = self._use_cases.compute(job_id, is_alone=broken_off > 0)
                 with self._database.write() as session:
                     self._lease.guard(session)
-                    now = datetime.now(UTC)
-                    if not jobs.start_attempt(session, uuid.UUID(job_id), self._lease.executor_id, now):
-                        return Computed(result_key=None, failure=None)
-                key = self._use_cases.compute(uuid.UUID(job_id), is_alone=broken_off > 0)
-                return Computed(result_key=key, failure=None)
+                    jobs.keep_result(session, job_id, self._lease.executor_id, result_key)
+                return Computed(result_key)
             except JobFailure as error:
-                return Computed(result_key=None, failure=asdict(error.failure))
+                return Computed(None, error.failure)
             except BrokenOff as error:
                 self._go_on_or_leave()  # we killed it, since we stop
                 if broken_off >= TRIES_ALONE:
-                    return Computed(result_key=None, failure=asdict(_after_tries(error.failure, 1 + broken_off)))
-                self._use_cases.await_room(uuid.UUID(job_id))
+                    return Computed(None, _after_tries(error.failure, 1 + broken_off))
+                self._use_cases.await_room(job_id)
                 self._leaving.wait(self._times.wait_for_room * 4**broken_off)
                 broken_off += 1
                 continue
             except Exception as error:  # noqa: BLE001  # the worker's edge: _note_failed_step logs it whole
                 self._go_on_or_leave()  # a child that was killed because we stop looks like a fault
                 failed += not is_passing(error)
-                _note_failed_step("compute", error, passing=is_passing(error))
+                _note_failed_step("compute", error)
                 if failed >= TRIES:
-                    return Computed(result_key=None, failure=asdict(INTERNAL_ERROR))
+                    return Computed(None, INTERNAL_ERROR)
             self._wait(waits)
             waits += 1
 
-    def _persist(
-        self, finish: Callable[[str, object | None, dict[str, str] | None], str], job_id: str, computed: Computed
-    ) -> str:
-        """Run the transaction until it is committed; a result that cannot be saved ends as a failed meal.
+    def _persist(self, job_id: uuid.UUID, computed: Computed) -> bool:
+        """Try until the job's end is committed; a result that cannot be saved ends as a failed meal.
 
-        DBOS records each exception as a step's outcome and replays it after a takeover, so the count goes on there.
+        False: it was committed before, or another worker has the job.
         """
-        result_key, failure = computed["result_key"], computed["failure"]
         result: object | None = None
         failed, waits = 0, 0
         while True:
             self._go_on_or_leave()
             try:
-                if result_key is not None and result is None:
-                    result = self._load(result_key)
-                return finish(job_id, result, failure)
-            except TryAgain as error:
-                _note_failed_step("save", error.__cause__, passing=True)
-            except Exception:
-                failed += 1
+                if computed.result_key is not None and result is None:
+                    # before the transaction: one that waits for the store would hold up all others
+                    result = self._use_cases.load(computed.result_key)
+                with self._database.write() as session:
+                    return self._finish(session, job_id, result, computed.failure)
+            except Exception as error:
+                failed += not is_passing(error)
+                _note_failed_step("save", error)
                 if failed >= 2 * TRIES:
-                    raise  # not even the failure can be saved: the sweep finds the ended workflow
+                    raise  # not even the failure can be saved: the job is queued again, and given up after a while
                 if failed >= TRIES:
-                    result_key, result, failure = None, None, asdict(INTERNAL_ERROR)
+                    computed, result = Computed(None, INTERNAL_ERROR), None
             self._wait(waits)
             waits += 1
 
-    def _load(self, result_key: str) -> object:
-        """Before the transaction: one that waits for the store would lose its connection, and hold up all others."""
-        try:
-            return self._use_cases.load(result_key)
-        except Exception as error:
-            if is_passing(error):
-                raise TryAgain from error
-            _note_failed_step("load", error, passing=False)
-            raise
-
-    def _finish(
-        self, session: Session, job_id: uuid.UUID, result: object | None, failure: dict[str, str] | None
-    ) -> str:
-        try:
-            self._lease.guard(session)
-            found = jobs.lock_live_job(session, job_id)
-            if found is None:  # committed before, by a worker that died before it could tell DBOS
-                return "was finished before"
-            job, meal = found
-            if result is not None:
-                try:
-                    with session.begin_nested():
-                        self._use_cases.save(session, job_id, result)
-                except JobFailure as error:
-                    failure = asdict(error.failure)
-            now = datetime.now(UTC)
-            if failure is not None:
-                tell(outcome=failure["code"])
-                jobs.fail_job(job, meal, Failure(**failure), now)
-                if job.purpose != "meal":
-                    self._use_cases.settle(session, meal)
-                return "failed"
+    def _finish(self, session: Session, job_id: uuid.UUID, result: object | None, failure: Failure | None) -> bool:
+        self._lease.guard(session)
+        live = jobs.lock_live_job(session, job_id)
+        if live is None or live[0].executor_id != self._lease.executor_id:
+            return False
+        job, meal = live
+        if result is not None:
+            try:
+                with session.begin_nested():
+                    self._use_cases.save(session, job_id, result)
+            except JobFailure as error:
+                failure = error.failure
+        now = datetime.now(UTC)
+        if failure is None:
             jobs.finish_job(job, now)
-        except Exception as error:
-            if is_passing(error):
-                raise TryAgain from error
-            _note_failed_step("save", error, passing=False)
-            # DBOS keeps what is raised here, and a database's error quotes the row: the name is all that it gets
-            raise SaveError(type(error).__name__) from None
-        return "done"
+            return True
+        tell(outcome=failure.code)
+        jobs.fail_job(job, meal, failure, now)
+        if job.purpose != "meal":
+            self._use_cases.settle(session, meal)
+        return True
 
     def _go_on_or_leave(self) -> None:
         if self._leaving.is_set():
@@ -289,7 +259,8 @@ def _after_tries(failure: Failure, tries: int) -> Failure:
     return replace(failure, message=f"{failure.message} It was tried {tries} times.")
 
 
-def _note_failed_step(step: str, error: BaseException | None, *, passing: bool) -> None:
+def _note_failed_step(step: str, error: Exception) -> None:
     """Into the log, whole, and the figures."""
+    passing = is_passing(error)
     log.warning("job_step_failed", step=step, passing=passing, exc_info=error)
     instruments.JOB_STEPS_FAILED.labels(step, "yes" if passing else "no").inc()
