@@ -166,7 +166,7 @@ def test_erased_photographs_that_a_restored_store_brings_back_go_again(person, s
 def test_what_a_job_under_way_has_sealed_is_no_orphan_however_old(person, state, settings):
     sealed = seal_stray(state, f"runs/{uuid.uuid4()}/topview.jpg")
     with state.database.write() as session:
-        session.execute(sa.update(Job).values(state="queued"))
+        session.execute(sa.update(Job).values(state="queued", finished_at=None))
     make_old(state.blobs)
     assert BlobDeleter(state.database, state.blobs).delete_orphans() == 0
     assert state.blobs.has(sealed)
