@@ -30,9 +30,10 @@ def main(folder, *command, parent):
     if "FAULT_VERSION" in os.environ:
         app.__version__ = os.environ["FAULT_VERSION"]  # before whoever takes it from there
     from app import cli, serving, worker
-    from app.jobs import engine, job_worker
+    from app.jobs import job_worker, queue
 
-    engine.JOB_PROTOCOL_VERSION = int(os.environ.get("FAULT_PROTOCOL", engine.JOB_PROTOCOL_VERSION))
+    for module in (queue, job_worker):
+        module.JOB_PROTOCOL_VERSION = int(os.environ.get("FAULT_PROTOCOL", queue.JOB_PROTOCOL_VERSION))
     worker.TASKS = STUB_TASKS
     delete_orphans_soon()
     job_worker.WorkerTimes = functools.partial(job_worker.WorkerTimes, wait_for_room=WAIT_FOR_ROOM_SECONDS)
