@@ -45,6 +45,7 @@ check: venv  ## lint, format, types, import rule
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python tools/check_private_names.py
 
 format: venv
 	$(BIN)/ruff format .

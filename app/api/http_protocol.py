@@ -24,9 +24,7 @@ from typing import Any
 
 import h11
 import structlog
-from h11._readers import ContentLengthReader  # private, as what `skim_body` reads of it: h11's version is pinned
 from uvicorn.config import Config
-from uvicorn.protocols.http.flow_control import HIGH_WATER_LIMIT
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.server import ServerState
 
@@ -170,21 +168,6 @@ class WatchedConnection(h11.Connection):
         self.error: TadaError | None = None
         self._chunks = 0
 
-    def skim_body(self, data: bytes) -> bool:
-        """Whether these are bytes from the middle of a body of known length; then they are counted.
-
-        h11 would copy them four times, which was a third of an upload's processor time. A body's first and last bytes
-        go its way, with all that it checks.
-        """
-        reader = self._reader
-        if not self.is_reading_body or not self.body_bytes or self._receive_buffer:
-            return False
-        if not isinstance(reader, ContentLengthReader) or len(data) >= reader._remaining:  # noqa: SLF001
-            return False
-        reader._remaining -= len(data)  # noqa: SLF001
-        self.body_bytes += len(data)
-        return True
-
     def next_event(self) -> Any:
         """As h11's. Raises h11.RemoteProtocolError, with `error` set to what the caller is told."""
         if self.their_state is h11.IDLE and _is_lenient(self.trailing_data[0]):
@@ -271,21 +254,7 @@ class WatchedProtocol(H11Protocol):
         is_idle = self.cycle is None or self.cycle.response_complete
         if self._head_since is None and is_idle and not self.conn.is_reading_body:
             self._head_since = self.loop.time()
-        if self.conn.skim_body(data):
-            self._unset_keepalive_if_required()
-            self._pass_on(data)
-        else:
-            super().data_received(data)
-
-    def _pass_on(self, data: bytes) -> None:
-        """Bytes of a body to the app, as `handle_events` does it; they are not copied where none wait already."""
-        if self.conn.our_state is not h11.DONE:
-            waiting = self.cycle.body
-            self.cycle.body = waiting + data if waiting else data  # type: ignore[assignment]  # bytes do as well
-            if len(self.cycle.body) > HIGH_WATER_LIMIT:
-                self.flow.pause_reading()
-            self.cycle.message_event.set()
-        self._look_at_rest_of_body()
+        super().data_received(data)
 
     def handle_events(self) -> None:
         """As uvicorn's, noting when a head was complete, and how much of a body nobody wanted has come."""
@@ -405,7 +374,9 @@ class WatchedProtocol(H11Protocol):
         head = [f"HTTP/1.1 {error.status} {json.loads(bytes(response.body))['title']}", "connection: close"]
         head += [f"{name.decode()}: {value.decode()}" for name, value in response.raw_headers]
         self._closes_at = self.loop.time() + LINGER_SECONDS
-        self._unset_keepalive_if_required()
+        if self.timeout_keep_alive_task is not None:
+            self.timeout_keep_alive_task.cancel()
+            self.timeout_keep_alive_task = None
         self.flow.resume_reading()
         self.transport.write("\r\n".join([*head, "", ""]).encode() + bytes(response.body))
         self._write_eof()

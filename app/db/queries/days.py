@@ -214,14 +214,14 @@ def _rows_of(session: Session, page: sa.CTE) -> list[DayRow]:
     by_reviewer = sa.exists().where(_same_day(DayEvent, page.c), DayEvent.layer == "reviewer")
     query = (
         sa.select(
-            Participant.code,
-            Study.code,
+            Participant.code.label("participant_code"),
+            Study.code.label("study_code"),
             Participant.profile,
             Study.expects_after_pair,
-            sa.func.coalesce(DiaryDay.version, 0),
+            sa.func.coalesce(DiaryDay.version, 0).label("version"),
             DiaryDay.changed_at,
-            by_reviewer,
-            sa.or_(DaySum.participant_id.is_(None), _is_marked(page.c)),
+            by_reviewer.label("is_by_reviewer"),
+            sa.or_(DaySum.participant_id.is_(None), _is_marked(page.c)).label("is_stale"),
             page.c.participant_id,
             page.c.local_date,
             *(DaySum.__table__.c[name] for name in COLUMNS if name not in ("participant_id", "local_date")),
@@ -233,9 +233,9 @@ def _rows_of(session: Session, page: sa.CTE) -> list[DayRow]:
         .outerjoin(DaySum, _same_day(DaySum, page.c))
         .order_by(page.c.local_date, page.c.participant_id)
     )
-    rows = session.execute(query).all()
+    rows = session.execute(query).mappings().all()
     counted: dict[DayKey, sa.RowMapping] = {}
-    if any(row[7] for row in rows):
+    if any(row["is_stale"] for row in rows):
         is_stale = sa.or_(DaySum.participant_id.is_(None), _is_marked(page.c))
         stale = (
             sa.select(page.c.participant_id, page.c.local_date)
@@ -245,7 +245,7 @@ def _rows_of(session: Session, page: sa.CTE) -> list[DayRow]:
         )
         anew = session.execute(counted_days(stale)).mappings()
         counted = {(each["local_date"], each["participant_id"]): each for each in anew}
-    return [_day_row(row, counted.get((row.local_date, row.participant_id), row._mapping)) for row in rows]  # noqa: SLF001  # a row by name
+    return [_day_row(row, counted.get((row["local_date"], row["participant_id"]), row)) for row in rows]
 
 
 def _is_marked(of: Any) -> sa.ColumnElement[bool]:
@@ -257,19 +257,18 @@ def _same_day(table: Any, of: Any) -> sa.ColumnElement[bool]:
     return sa.and_(table.participant_id == of.participant_id, table.local_date == of.local_date)
 
 
-def _day_row(row: sa.Row[*tuple[Any, ...]], sums: sa.RowMapping) -> DayRow:
-    participant_code, study_code, profile, expects_after_pair, version, changed_at, is_by_reviewer = row[:7]
+def _day_row(row: sa.RowMapping, sums: sa.RowMapping) -> DayRow:
     return DayRow(
         participant_id=sums["participant_id"],
-        participant_code=participant_code,
-        study_code=study_code,
-        profile=profile,
+        participant_code=row["participant_code"],
+        study_code=row["study_code"],
+        profile=row["profile"],
         local_date=sums["local_date"],
         status=sums["status"],
         said_nothing=bool(sums["said_nothing"]),
-        version=version,
-        changed_at=changed_at,
-        is_by_reviewer=bool(is_by_reviewer),
+        version=row["version"],
+        changed_at=row["changed_at"],
+        is_by_reviewer=bool(row["is_by_reviewer"]),
         meals=sums["meals"],
         meals_after_closing=sums["meals_after_closing"],
         unmeasured_meals=sums["unmeasured_meals"],
@@ -277,7 +276,7 @@ def _day_row(row: sa.Row[*tuple[Any, ...]], sums: sa.RowMapping) -> DayRow:
         items=sums["items"],
         unmeasured_items=sums["unmeasured_items"],
         provisional_items=sums["provisional_items"],
-        leftovers_unknown_items=sums["unseen_leftovers_items"] if expects_after_pair else 0,
+        leftovers_unknown_items=sums["unseen_leftovers_items"] if row["expects_after_pair"] else 0,
         consumed_g=sums["consumed_g"],
         amounts={column: Amount(sums[column], sums[f"{column}_coverage"]) for column in HEADLINE_COLUMNS},
     )

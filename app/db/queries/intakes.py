@@ -108,7 +108,7 @@ def page_of_intakes(
         sa.func.avg(whole_kcal).label("whole_kcal"),
         *means,
     ).group_by(day.c.participant_id)
-    rows = {row.participant_id: row for row in session.execute(query)}
+    rows = {row["participant_id"]: row for row in session.execute(query).mappings()}
     return [
         _intake_row(rows[person.id], person, expects_after_pair=bool(expects_after_pair))
         for person in session.scalars(
@@ -178,8 +178,7 @@ def _page_of_people(
     return list(session.scalars(some.order_by(Participant.code).limit(limit)))
 
 
-def _intake_row(row: sa.Row[*tuple[Any, ...]], person: Participant, *, expects_after_pair: bool) -> IntakeRow:
-    values = row._mapping  # noqa: SLF001  # SQLAlchemy's own way to a row by name
+def _intake_row(values: sa.RowMapping, person: Participant, *, expects_after_pair: bool) -> IntakeRow:
     return IntakeRow(
         participant_id=person.id,
         participant_code=person.code,
