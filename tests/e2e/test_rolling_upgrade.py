@@ -18,7 +18,7 @@ from tests.e2e.processes import REPOSITORY, Program, environment_of, free_port
 from tests.e2e.test_compose import answers, estimated, send, wait_for
 from tests.next_migration import REVISION, write_next_migration
 
-OLD = "7f91f83"  # the first commit with this schema and with jobs in our own table
+OLD = "3d5ae13"  # the first commit with this schema and with jobs in our own table
 SECONDS = 120
 
 
