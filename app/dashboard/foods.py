@@ -16,8 +16,7 @@ from app.dashboard.flat_file import csv_file
 from app.dashboard.food_history import differences_of
 from app.dashboard.page import CurrentPage, Page
 from app.db.queries.foods import NutrientRow
-from app.nutrition.component_groups import by_component_group
-from app.nutrition.components import COMPONENTS, HEADLINE_NUMBERS
+from app.nutrition.components import COMPONENTS, HEADLINE_NUMBERS, by_component_group
 from app.services.edit_food import list_changes
 from app.services.food_uses import COUNTED, read_uses
 from app.services.foods import FoodView, read_food

@@ -16,7 +16,6 @@ from typing import Literal
 
 from app.nutrition.energy_requirement import Activity, Energy, LeftOut
 
-SOURCE = "Goldberg et al. 1991, with the variations of Black 2000"
 CV_ENERGY_WITHIN_PERCENT = 23.0  # CVwEI: of one person's energy intake, day to day
 CV_BASAL_RATE_PERCENT = 8.5  # CVwB: of a basal metabolic rate by equation
 CV_ACTIVITY_PERCENT = 15.0  # CVtP: of the physical activity level between people

@@ -13,13 +13,12 @@ Factors are the caller's; none is made up here. Figures that an ingredient lacks
 """
 
 import math
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
 from app.errors import InvalidInputError
-from app.nutrition.components import COMPONENT_BY_NUMBER, ENERGY_NUMBERS, NUMBER_BY_TAGNAME
+from app.nutrition.components import COMPONENT_BY_NUMBER, ENERGY_NUMBERS, NUMBER_BY_TAGNAME, is_fatty_acid
 from app.nutrition.foods import Food, FoodState
 from app.units import content_of_mass, kj_from_kcal
 
@@ -39,7 +38,6 @@ _KCAL_PER_G = MappingProxyType(
         NUMBER_BY_TAGNAME["ASH"]: 0.0,
     }
 )
-_FATTY_ACID = re.compile(r"Fatty acids|\d+:\d")  # by the name in components.csv
 _WATER_SLACK_G = 1.0  # in 100 g: published figures do not add up to 100 exactly
 
 
@@ -190,8 +188,8 @@ def _share_kept(ingredient: Ingredient, number: str) -> float:
     if share is not None:
         return share
     component = COMPONENT_BY_NUMBER.get(number)
-    is_fatty_acid = component is not None and _FATTY_ACID.match(component.name) is not None
-    return ingredient.retention.get(FAT, 1.0) if is_fatty_acid else 1.0
+    shares_fate_of_fat = component is not None and is_fatty_acid(component.name)
+    return ingredient.retention.get(FAT, 1.0) if shares_fate_of_fat else 1.0
 
 
 def _lost_g(ingredient: Ingredient) -> dict[str, float] | None:

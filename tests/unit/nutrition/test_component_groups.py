@@ -1,7 +1,13 @@
 """Components by group: each that we know has a place, and the order is a reader's."""
 
-from app.nutrition.component_groups import COMPONENT_GROUPS, OTHERS, by_component_group, component_group
-from app.nutrition.components import COMPONENT_BY_NUMBER, COMPONENTS
+from app.nutrition.components import (
+    COMPONENT_BY_NUMBER,
+    COMPONENT_GROUPS,
+    COMPONENTS,
+    OTHERS,
+    by_component_group,
+    component_group,
+)
 
 
 def test_every_component_has_a_group_and_each_named_one_is_known():
