@@ -6,14 +6,13 @@ how a figure was arrived at, so neighbours stay apart: CHOCDF (carbohydrate by d
 (available), FOL (total folate, by mass) is not FOLDFE (dietary folate equivalents), VITA_RAE is not RETOL.
 """
 
-import csv
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from importlib import resources
 from types import MappingProxyType
 from typing import Final, TypeVar
 
+from app.nutrition.packaged_rows import packaged_rows
 from app.units import Unit
 
 T = TypeVar("T")
@@ -33,15 +32,10 @@ class Component:
     expression: str | None
 
 
-def _read() -> tuple[Component, ...]:
-    text = (resources.files("app.nutrition") / "components.csv").read_text(encoding="utf-8")
-    return tuple(
-        Component(row["number"], row["name"], Unit(row["unit"]), row["tagname"] or None, row["expression"] or None)
-        for row in csv.DictReader(text.splitlines())
-    )
-
-
-COMPONENTS: tuple[Component, ...] = _read()
+COMPONENTS: tuple[Component, ...] = tuple(
+    Component(row["number"], row["name"], Unit(row["unit"]), row["tagname"] or None, row["expression"] or None)
+    for row in packaged_rows("components.csv")
+)
 COMPONENT_BY_NUMBER = MappingProxyType({component.number: component for component in COMPONENTS})
 
 # Where two numbers share a tagname (VITD), the file names the one in ug first.

@@ -6,18 +6,17 @@ apart. A food that no rule places with certainty (a mixed dish, a breaded or swe
 unassigned: its grams are reported, and a recommendation that they could decide stays open.
 """
 
-import csv
 import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from types import MappingProxyType
 from typing import Literal, get_args
 
 from app.nutrition.foods import Food
 from app.nutrition.life_stage import check_age
+from app.nutrition.packaged_rows import packaged_rows
 
 FoodGroup = Literal[
     "fruit", "fruit_juice", "dried_fruit", "vegetables", "vegetable_juice", "starchy_tubers", "legumes", "soy", "nuts",
@@ -231,10 +230,9 @@ def compare(totals: GroupTotals, recommendation: Recommendation, days: float) ->
 
 @cache
 def _all() -> tuple[tuple[float, float, Recommendation], ...]:
-    path = resources.files("app.nutrition") / "reference" / "food_group_recommendations.csv"
     return tuple(
         (float(row["from_years"]), float(row["below_years"] or "inf"), _recommendation(row))
-        for row in csv.DictReader(path.read_text(encoding="utf-8").splitlines())
+        for row in packaged_rows("reference", "food_group_recommendations.csv")
     )
 
 

@@ -6,13 +6,12 @@ its UL counts, and with which component of the food table its figures compare. K
 (components.py).
 """
 
-import csv
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from typing import Literal, get_args
 
 from app.nutrition.life_stage import LifeStage, check_age
+from app.nutrition.packaged_rows import packaged_rows
 from app.units import Unit
 
 Per = Literal["day", "kg_day"]
@@ -75,16 +74,16 @@ def distribution_ranges(age_years: float) -> tuple[DistributionRange, ...]:
         DistributionRange(
             row["number"], row["name"], float(row["low_percent"]), float(row["high_percent"]), AMDR_SOURCE
         )
-        for row in _rows("amdr.csv")
+        for row in packaged_rows("reference", "amdr.csv")
         if float(row["from_years"]) <= age_years < float(row["below_years"] or "inf")
     )
 
 
 @cache
 def _by_stage() -> dict[LifeStage, tuple[ReferenceIntake, ...]]:
-    nutrients = {row["number"]: row for row in _rows("dri_nutrients.csv")}
+    nutrients = {row["number"]: row for row in packaged_rows("reference", "dri_nutrients.csv")}
     found: dict[LifeStage, list[ReferenceIntake]] = {stage: [] for stage in LifeStage}
-    for row in _rows("dri.csv"):
+    for row in packaged_rows("reference", "dri.csv"):
         intake = _intake(nutrients[row["number"]], row)
         if any(figure is not None for figure in (intake.ear, intake.rda, intake.ai, intake.ul, intake.cdrr)):
             found[LifeStage(row["stage"])].append(intake)
@@ -113,9 +112,3 @@ def _intake(nutrient: dict[str, str], row: dict[str, str]) -> ReferenceIntake:
 
 def _figure(text: str) -> float | None:
     return float(text) if text else None
-
-
-@cache
-def _rows(name: str) -> tuple[dict[str, str], ...]:
-    text = (resources.files("app.nutrition") / "reference" / name).read_text(encoding="utf-8")
-    return tuple(csv.DictReader(text.splitlines()))

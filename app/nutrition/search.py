@@ -5,13 +5,12 @@ ranks by which the index keeps a word's best foods side by side. Pure: the datab
 costs what, and why: docs/food-search.md.
 """
 
-import csv
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import resources
 
+from app.nutrition.packaged_rows import packaged_rows
 from app.nutrition.words import is_unspaced, singular, split_words, word_forms
 
 MAX_QUERY_WORDS = 10  # the rest of a query is not looked at
@@ -50,12 +49,7 @@ CLASSES = frozenset(
 )  # fmt: skip
 
 # What a word that nobody asked for makes of a food: nothing else, the usual sort, a part, a variant, another food.
-_KIND_OF_WORD = {
-    row["word"]: row["kind"]
-    for row in csv.DictReader(
-        (resources.files("app.nutrition") / "descriptors.csv").read_text(encoding="utf-8").splitlines()
-    )
-}
+_KIND_OF_WORD = {row["word"]: row["kind"] for row in packaged_rows("descriptors.csv")}
 
 _EATEN_RAW_GROUPS = ("fruit", "vegetable")
 _EATEN_COOKED_GROUPS = re.compile(

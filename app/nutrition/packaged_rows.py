@@ -1,0 +1,10 @@
+"""The tables that ship beside this package's modules, as CSV."""
+
+import csv
+from importlib import resources
+
+
+def packaged_rows(*path: str) -> list[dict[str, str]]:
+    """Return the rows of a CSV file by column. path: below app/nutrition."""
+    text = resources.files("app.nutrition").joinpath(*path).read_text(encoding="utf-8")
+    return list(csv.DictReader(text.splitlines()))
