@@ -11,11 +11,12 @@ from app.photos.byte_file import Data, Extent, open_bytes, read_extents
 from app.photos.heif import read_heif_layout
 from app.photos.jpeg import read_jpeg_layout
 from app.photos.metadata import (
+    PNG_EXIF,
+    WEBP_EXIF,
+    chunk_exif_blocks,
     jpeg_exif_blocks,
     jpeg_xmp_packets,
-    png_exif_blocks,
     png_xmp_packets,
-    webp_exif_blocks,
     webp_xmp_packets,
 )
 from app.photos.png import SIGNATURE as PNG_SIGNATURE
@@ -86,17 +87,14 @@ def inspect_photo(path: Path) -> PhotoFacts | Failure:
                 data, jpeg_exif_blocks(data, jpeg.segments), jpeg_xmp_packets(data, jpeg.segments)[0]
             )
             return PhotoFacts(JPEG, jpeg.width, jpeg.height, orientation, jpeg.width * jpeg.height, jpeg.scans)
-        if media_type == WEBP:
-            webp = read_webp_layout(data)
-            if webp.damage is not None:
-                return webp.damage
-            orientation = _orientation(data, webp_exif_blocks(data, webp.chunks), webp_xmp_packets(webp.chunks))
-            return PhotoFacts(WEBP, webp.width, webp.height, orientation, webp.width * webp.height)
-        png = read_png_layout(data)
-        if png.damage is not None:
-            return png.damage
-        orientation = _orientation(data, png_exif_blocks(data, png.chunks), png_xmp_packets(data, png.chunks))
-        return PhotoFacts(PNG, png.width, png.height, orientation, png.width * png.height)
+        is_webp_photo = media_type == WEBP
+        layout = read_webp_layout(data) if is_webp_photo else read_png_layout(data)
+        if layout.damage is not None:
+            return layout.damage
+        packets = webp_xmp_packets(layout.chunks) if is_webp_photo else png_xmp_packets(data, layout.chunks)
+        blocks = chunk_exif_blocks(data, layout.chunks, WEBP_EXIF if is_webp_photo else PNG_EXIF)
+        orientation = _orientation(data, blocks, packets)
+        return PhotoFacts(media_type, layout.width, layout.height, orientation, layout.width * layout.height)
 
 
 def sniff(data: Data) -> str | Failure:

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from app.photos.byte_file import Data, Edits, Extent, edit_bytes, length_of, open_bytes, read_extents
+from app.photos.chunks import Chunk
 from app.photos.embedded import clean_embedded, clean_opaque, clean_samsung_trailer
 from app.photos.gps import Location, read_gps, without_gps
 from app.photos.heif import read_heif_layout
@@ -18,16 +19,17 @@ from app.photos.inspect import HEIC, JPEG, PNG, WEBP, PhotoFacts
 from app.photos.iptc import resources_without_places
 from app.photos.jpeg import APP0, APP1, APP2, APP13, APP14, APP15, COM, JpegSegment, read_jpeg_layout
 from app.photos.metadata import (
+    PNG_EXIF,
+    WEBP_EXIF,
+    chunk_exif_blocks,
     heif_exif_blocks,
     heif_xmp_packets,
     jpeg_exif_blocks,
     jpeg_photoshop_blocks,
     jpeg_xmp_packets,
-    png_exif_blocks,
-    webp_exif_blocks,
     webp_xmp_packets,
 )
-from app.photos.png import PngChunk, read_png_layout, renew_checksum
+from app.photos.png import read_png_layout, renew_checksum
 from app.photos.png_text import emptied_text, holds_xmp
 from app.photos.png_text import without_places as text_without_places
 from app.photos.webp import read_webp_layout
@@ -69,9 +71,9 @@ def _exif_blocks(data: Data, media_type: str) -> list[list[Extent]]:
     if media_type == JPEG:
         return jpeg_exif_blocks(data, read_jpeg_layout(data).segments)
     if media_type == PNG:
-        return png_exif_blocks(data, read_png_layout(data).chunks)
+        return chunk_exif_blocks(data, read_png_layout(data).chunks, PNG_EXIF)
     if media_type == WEBP:
-        return webp_exif_blocks(data, read_webp_layout(data).chunks)
+        return chunk_exif_blocks(data, read_webp_layout(data).chunks, WEBP_EXIF)
     return heif_exif_blocks(data, read_heif_layout(data).items)
 
 
@@ -130,9 +132,9 @@ def _clean_png(edits: Edits) -> None:
     clean_embedded(edits, layout.end, len(edits.data))
 
 
-def _clean_png_chunk(edits: Edits, chunk: PngChunk) -> None:
-    if chunk.kind == b"eXIf":
-        _clean_exif(edits, png_exif_blocks(edits.data, [chunk]))
+def _clean_png_chunk(edits: Edits, chunk: Chunk) -> None:
+    if chunk.kind == PNG_EXIF:
+        _clean_exif(edits, chunk_exif_blocks(edits.data, [chunk], PNG_EXIF))
     elif chunk.kind in {b"tEXt", b"zTXt", b"iTXt"}:
         extent = (chunk.start - 4, chunk.end)
         text = edits.read([extent])
@@ -144,7 +146,7 @@ def _clean_png_chunk(edits: Edits, chunk: PngChunk) -> None:
 
 def _clean_webp(edits: Edits) -> None:
     layout = read_webp_layout(edits.data)
-    _clean_exif(edits, webp_exif_blocks(edits.data, layout.chunks))
+    _clean_exif(edits, chunk_exif_blocks(edits.data, layout.chunks, WEBP_EXIF))
     _clean_xmp(edits, webp_xmp_packets(layout.chunks))
     for chunk in layout.chunks:
         if chunk.kind not in PLAIN_WEBP_CHUNKS:

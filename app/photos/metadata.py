@@ -4,12 +4,12 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 
 from app.photos.byte_file import Data, Extent
+from app.photos.chunks import Chunk
 from app.photos.heif import HeifItem
 from app.photos.jpeg import APP1, APP13, JpegSegment
-from app.photos.png import PngChunk
 from app.photos.tiff import HEADERS
-from app.photos.webp import WebpChunk
 
+PNG_EXIF, WEBP_EXIF = b"eXIf", b"EXIF"  # kinds of chunks
 EXIF_MARK = b"Exif\0"  # and one more byte: 0, or FF by some writers
 XMP_MARK = b"http://ns.adobe.com/xap/1.0/\0"
 EXTENDED_XMP_MARK = b"http://ns.adobe.com/xmp/extension/\0"
@@ -66,16 +66,16 @@ def jpeg_photoshop_blocks(data: Data, segments: Iterable[JpegSegment]) -> list[l
     return [extents] if extents else []
 
 
-def png_exif_blocks(data: Data, chunks: Iterable[PngChunk]) -> list[list[Extent]]:
-    """EXIF blocks of eXIf chunks; some writers put JPEG's mark before them."""
+def chunk_exif_blocks(data: Data, chunks: Iterable[Chunk], kind: bytes) -> list[list[Extent]]:
+    """EXIF blocks of a PNG's or WebP's chunks of this kind; some writers put JPEG's mark before them."""
     return [
         [(chunk.start + 6 if data[chunk.start : chunk.start + 5] == EXIF_MARK else chunk.start, chunk.end)]
         for chunk in chunks
-        if chunk.kind == b"eXIf"
+        if chunk.kind == kind
     ]
 
 
-def png_xmp_packets(data: Data, chunks: Iterable[PngChunk]) -> list[list[Extent]]:
+def png_xmp_packets(data: Data, chunks: Iterable[Chunk]) -> list[list[Extent]]:
     """XMP packets of iTXt chunks that are not compressed."""
     packets: list[list[Extent]] = []
     for chunk in chunks:
@@ -87,16 +87,7 @@ def png_xmp_packets(data: Data, chunks: Iterable[PngChunk]) -> list[list[Extent]
     return packets
 
 
-def webp_exif_blocks(data: Data, chunks: Iterable[WebpChunk]) -> list[list[Extent]]:
-    """EXIF blocks; some writers put JPEG's mark before them."""
-    return [
-        [(chunk.start + 6 if data[chunk.start : chunk.start + 5] == EXIF_MARK else chunk.start, chunk.end)]
-        for chunk in chunks
-        if chunk.kind == b"EXIF"
-    ]
-
-
-def webp_xmp_packets(chunks: Iterable[WebpChunk]) -> list[list[Extent]]:
+def webp_xmp_packets(chunks: Iterable[Chunk]) -> list[list[Extent]]:
     """XMP packets."""
     return [[(chunk.start, chunk.end)] for chunk in chunks if chunk.kind == b"XMP "]
 

@@ -5,10 +5,10 @@ is acknowledged. Other chunks may be broken; nothing is decompressed.
 """
 
 import zlib
-from dataclasses import dataclass
 
 from app.errors import Failure
 from app.photos.byte_file import STEP_BYTES, Data, Edits
+from app.photos.chunks import Chunk, ChunkLayout
 from app.photos.damage import truncated, unreadable
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -19,35 +19,15 @@ ANIMATION = frozenset({b"acTL", b"fcTL", b"fdAT"})  # APNG: each frame is anothe
 MAX_CHUNKS = 65_536  # 60 MB in the smallest pieces that encoders write (4 KiB) make 15,000
 
 
-@dataclass(frozen=True, slots=True)
-class PngChunk:
-    """A chunk's type and data: start and end without length, type and checksum."""
-
-    kind: bytes
-    start: int
-    end: int
-
-
-@dataclass(frozen=True, slots=True)
-class PngLayout:
-    """What was read, up to the end chunk or the damage; `end` is the first byte that was not read."""
-
-    chunks: tuple[PngChunk, ...]
-    width: int
-    height: int
-    end: int
-    damage: Failure | None
-
-
-def read_png_layout(data: Data) -> PngLayout:
+def read_png_layout(data: Data) -> ChunkLayout:
     """Walk the chunks to IEND. The file begins with the signature."""
-    chunks: list[PngChunk] = []
+    chunks: list[Chunk] = []
     size = (0, 0)
     position = len(SIGNATURE)
     has_pixels = False
 
-    def layout(damage: Failure | None) -> PngLayout:
-        return PngLayout(tuple(chunks), *size, position, damage)
+    def layout(damage: Failure | None) -> ChunkLayout:
+        return ChunkLayout(tuple(chunks), *size, position, damage)
 
     for _ in range(MAX_CHUNKS):
         start = position + 8
@@ -59,7 +39,7 @@ def read_png_layout(data: Data) -> PngLayout:
             return layout(unreadable("there is no PNG chunk where one must stand"))
         if end + 4 > len(data):
             return layout(truncated("a PNG chunk is cut"))
-        chunk = PngChunk(kind, start, end)
+        chunk = Chunk(kind, start, end)
         damage = _damage_of_chunk(data, chunk) if chunks else _damage_of_header(data, chunk)
         if damage is not None:
             return layout(damage)
@@ -73,19 +53,19 @@ def read_png_layout(data: Data) -> PngLayout:
     return layout(unreadable(f"the PNG has more than {MAX_CHUNKS} chunks"))
 
 
-def renew_checksum(edits: Edits, chunk: PngChunk) -> None:
+def renew_checksum(edits: Edits, chunk: Chunk) -> None:
     """Make the chunk's checksum fit its edited type and data."""
     edits.write([(chunk.end, chunk.end + 4)], _checksum(edits.data, chunk.start, chunk.end).to_bytes(4))
 
 
-def _damage_of_header(data: Data, chunk: PngChunk) -> Failure | None:
+def _damage_of_header(data: Data, chunk: Chunk) -> Failure | None:
     """Why the file's first chunk gives no size."""
     if chunk.kind != b"IHDR" or chunk.end - chunk.start != HEADER_BYTES or not _fits_checksum(data, chunk):
         return unreadable("the PNG's header is broken")
     return unreadable("the PNG's header gives no size") if 0 in _size(data, chunk) else None
 
 
-def _damage_of_chunk(data: Data, chunk: PngChunk) -> Failure | None:
+def _damage_of_chunk(data: Data, chunk: Chunk) -> Failure | None:
     """Why the picture cannot be used with this chunk, which is not the header."""
     if chunk.kind in ANIMATION:
         return unreadable("the PNG is animated")
@@ -102,11 +82,11 @@ def _checksum(data: Data, start: int, end: int) -> int:
     return checksum
 
 
-def _fits_checksum(data: Data, chunk: PngChunk) -> bool:
+def _fits_checksum(data: Data, chunk: Chunk) -> bool:
     return _checksum(data, chunk.start, chunk.end) == int.from_bytes(data[chunk.end : chunk.end + 4])
 
 
-def _size(data: Data, header: PngChunk) -> tuple[int, int]:
+def _size(data: Data, header: Chunk) -> tuple[int, int]:
     """Width and height, px."""
     start = header.start
     return int.from_bytes(data[start : start + 4]), int.from_bytes(data[start + 4 : start + 8])

@@ -1,9 +1,8 @@
 """The layout of a WebP file (RFC 9649): its RIFF chunks and the size of its one picture. Animations are refused."""
 
-from dataclasses import dataclass
-
 from app.errors import Failure
 from app.photos.byte_file import Data
+from app.photos.chunks import Chunk, ChunkLayout
 from app.photos.damage import truncated, unreadable
 
 HEADER_BYTES = 12  # RIFF, the size of what follows, WEBP
@@ -15,40 +14,20 @@ LOSSLESS_MARK = b"\x2f"
 SIDE_BITS = 0x3FFF
 
 
-@dataclass(frozen=True, slots=True)
-class WebpChunk:
-    """A chunk's type and data: start and end without type, size and padding."""
-
-    kind: bytes
-    start: int
-    end: int
-
-
-@dataclass(frozen=True, slots=True)
-class WebpLayout:
-    """What was read, up to the end or the damage; `end` is the first byte that was not read."""
-
-    chunks: tuple[WebpChunk, ...]
-    width: int
-    height: int
-    end: int
-    damage: Failure | None
-
-
 def is_webp(start: bytes) -> bool:
     """Whether a file that begins so is one."""
     return start.startswith(b"RIFF") and start[8:12] == b"WEBP"
 
 
-def read_webp_layout(data: Data) -> WebpLayout:
+def read_webp_layout(data: Data) -> ChunkLayout:
     """Walk the chunks to the end that the file's header gives. The file begins as is_webp asks."""
-    chunks: list[WebpChunk] = []
+    chunks: list[Chunk] = []
     size = (0, 0)
     position = HEADER_BYTES
     end_of_file = 8 + int.from_bytes(data[4:8], "little")
 
-    def layout(damage: Failure | None) -> WebpLayout:
-        return WebpLayout(tuple(chunks), *size, position, damage)
+    def layout(damage: Failure | None) -> ChunkLayout:
+        return ChunkLayout(tuple(chunks), *size, position, damage)
 
     if end_of_file > len(data):
         return layout(truncated("the WebP is shorter than it says"))
@@ -67,7 +46,7 @@ def read_webp_layout(data: Data) -> WebpLayout:
             size = _lossy_size(data, start, end) if kind == b"VP8 " else _lossless_size(data, start, end)
             if 0 in size:
                 return layout(unreadable("the WebP's picture has no header"))
-        chunks.append(WebpChunk(kind, start, end))
+        chunks.append(Chunk(kind, start, end))
         position = end + length % 2
     return layout(unreadable("the WebP has no picture") if 0 in size else None)
 
