@@ -9,7 +9,7 @@ FLAGS: Mapping[str, str] = {
     "vessel_library": "It is a liquid in a vessel of the study's library: only its level was measured.",
     "inside_guessed": "It lies in a bowl: its top is measured, what lies below is taken from the bowl's outer wall. "
     "The interval is wide for that.",
-    "not_measurable": "It was looked at and its volume cannot be told. Set the amount, or count it as "
+    "not_measurable": "It was looked at and its volume cannot be measured. Set the amount, or count it as "
     "missing, never as 0.",
     "hint_missed": "The phone pointed at a food where nothing could be measured. Draw it, set the amount, or reject "
     "it.",

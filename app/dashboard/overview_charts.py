@@ -22,14 +22,14 @@ def meals_chart(days: Sequence[OverviewDay]) -> Chart:
 
 
 def completeness_chart(days: Sequence[OverviewDay]) -> Chart:
-    """Participants a day whose day it is: closed, open with a meal, silent; stacked."""
+    """Expected participants per day: closed, open with a meal, no entry; stacked."""
     return _of_days(
         days,
-        "Participants a day: closed, open with a meal, silent",
+        "Participants per day: closed, open with a meal, no entry",
         "",
         _series("Closed", [day.counts.told_closed for day in days], "series-1"),
         _series("Open with a meal", [day.counts.told_open for day in days], "series-1", fill="hatched"),
-        _series("Silent", [day.silent for day in days], "soft", fill="hollow"),
+        _series("No entry", [day.silent for day in days], "soft", fill="hollow"),
         whole=True,
         stacked=True,
     )

@@ -223,7 +223,7 @@ def test_meal_without_a_photograph_has_a_placeholder(client, state, enrol, meal_
     assert phone.put(f"/v1/meals/{half.pop('id')}", json=half).status_code == 202
     page = sign_in_browser("ann", pilot="viewer").page(PAGE)
     assert "<img src=" not in page.split("<main")[1]
-    assert all(word in page for word in ("photograph erased", "told in words", "no photograph yet"))
+    assert all(word in page for word in ("photograph erased", "entered as text", "no photograph yet"))
 
 
 def test_files_have_what_the_filters_leave(various, sign_in_browser):

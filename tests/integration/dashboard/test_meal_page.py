@@ -217,7 +217,7 @@ def test_meal_that_was_told_in_words_and_one_that_is_not_complete_have_pages(cli
     ann = sign_in_browser("ann", pilot="reviewer")
     told = meal_metadata(items=[{"food": "apple"}])
     assert client.post("/v1/declared-meals", headers=phone.headers, json=told).status_code == 201
-    assert "told in words" in ann.page(f"/dashboard/studies/pilot/meals/P001/{told['id']}")
+    assert "entered as text" in ann.page(f"/dashboard/studies/pilot/meals/P001/{told['id']}")
     half = meal_metadata()
     body = {key: value for key, value in half.items() if key != "id"}
     assert phone.put(f"/v1/meals/{half['id']}", json=body).status_code == 202
