@@ -1,12 +1,13 @@
 """The lock: every package that is installed, with the hashes of its files, and nothing that names where it is from."""
 
-import importlib.util
 import json
 import pathlib
 import re
 import tomllib
 
 import pytest
+
+from tools import audit_packages as audit
 
 ROOT = pathlib.Path(__file__).parents[2]
 ENTRY = re.compile(r"^([a-z0-9-]+)==([^ ;\\]+)", re.MULTILINE)
@@ -52,14 +53,6 @@ def test_image_and_environment_install_by_the_lock():
         assert all("--no-deps" in line and "--no-build-isolation" in line for line in of_program), of_program
 
 
-@pytest.fixture(scope="module")
-def audit():
-    spec = importlib.util.spec_from_file_location("audit_packages", ROOT / "tools" / "audit_packages.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def answer(*packages):
     return json.dumps({"dependencies": list(packages), "fixes": []})
 
@@ -81,13 +74,13 @@ SKIPPED = {"name": "c", "skip_reason": "not found"}
         ("Usage: pip-audit", (), 1, "could not be audited"),
     ],
 )
-def test_known_fault_fails_and_a_list_that_is_not_reached_is_told(audit, capsys, printed, excuses, code, words):
+def test_known_fault_fails_and_a_list_that_is_not_reached_is_told(capsys, printed, excuses, code, words):
     said = "error: no such option" if printed.startswith("Usage") else "requests.exceptions.ConnectionError: no route"
     assert audit.judge(printed, said, frozenset(excuses)) == code
     assert words in capsys.readouterr().out
 
 
-def test_excuse_of_a_fault_has_its_reason(audit, tmp_path):
+def test_excuse_of_a_fault_has_its_reason(tmp_path):
     listed = tmp_path / "faults.txt"
     listed.write_text("# a comment\n\nGHSA-1  # only where files are unpacked\n")
     assert audit.excused(listed) == {"GHSA-1"}
