@@ -4,18 +4,21 @@ The connection goes to the checked address itself, while `Host`, SNI and the cer
 redirect is followed, no proxy of the environment is used, no body is read: the answer is its status line and headers.
 """
 
-import io
-import socket
+import asyncio
 import ssl
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from http.client import HTTPException, HTTPResponse
+from typing import TypeVar
+
+import httpx2
 
 from app.services.safe_address import AddressError, Resolver, Target, parse_target, resolve_safely
 
 TOTAL_SECONDS = 10.0  # connecting, handshake, sending and the answer's head, together
-HEAD_BYTES = 32 * 1024  # of the answer; one that has more is none
+STEP_SHARE = 0.9  # of them, for one step
+MOST_HEADERS = 100  # of an answer; one that has more is none
+
+ErrorT = TypeVar("ErrorT", bound=BaseException)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +36,7 @@ class Answer:
 
 
 class WebhookPost:
-    """Sends; one a process, safe to share between threads. resolve, tls: others in tests."""
+    """Sends; one per process, safe to share between threads. resolve, tls, transport: others in tests."""
 
     def __init__(
         self,
@@ -42,112 +45,93 @@ class WebhookPost:
         total_seconds: float = TOTAL_SECONDS,
         resolve: Resolver | None = None,
         tls: ssl.SSLContext | None = None,
+        transport: httpx2.AsyncBaseTransport | None = None,
     ) -> None:
         self._allow_loopback = allow_loopback
         self._total_seconds = total_seconds
         self._resolve = resolve
         self._tls = tls or ssl.create_default_context()
+        self._transport = transport
 
     def send(self, url: str, headers: Mapping[str, str], body: bytes) -> Answer:
         """POST the body. Never raises for what the receiver or the way to it does."""
-        deadline = time.monotonic() + self._total_seconds
         try:
             target = parse_target(url, allow_loopback=self._allow_loopback)
             addresses = resolve_safely(target, allow_loopback=self._allow_loopback, resolve=self._resolve)
-            with self._connect(target, addresses, deadline) as connection:
-                connection.settimeout(_remaining(deadline))
-                connection.sendall(_request(target, headers, body))
-                return _read_answer(connection, deadline)
+            return asyncio.run(self._send_in_time(target, addresses, headers, body))
         except AddressError as error:
             return Answer(None, error.message)
-        except ssl.SSLCertVerificationError as error:
-            return Answer(None, f"The certificate was not accepted: {error.verify_message}."[:200])
-        except ssl.SSLError:
-            return Answer(None, "TLS could not be established.")
-        except TimeoutError:
+        except (TimeoutError, httpx2.TimeoutException):
             return Answer(None, f"No answer within {self._total_seconds:g} seconds.")
-        except ConnectionRefusedError:
-            return Answer(None, "The connection was refused.")
-        except OSError:
-            return Answer(None, "The connection failed.")
-        except (HTTPException, ValueError):
+        except httpx2.ProtocolError:
             return Answer(None, "The answer was not HTTP.")
+        except httpx2.TransportError as error:
+            return Answer(None, _why_not_connected(error))
 
-    def _connect(self, target: Target, addresses: tuple[str, ...], deadline: float) -> socket.socket:
-        """A connection to the first address that takes one; TLS is checked against the name."""
-        plain: socket.socket | None = None
-        for place, address in enumerate(addresses):
-            try:
-                plain = socket.create_connection((address, target.port), timeout=_remaining(deadline))
-                break
-            except OSError:
-                if place == len(addresses) - 1:
-                    raise
-        if plain is None:
-            raise AddressError("The name in the URL does not resolve.")
-        if target.scheme != "https":
-            return plain
-        try:
-            plain.settimeout(_remaining(deadline))
-            return self._tls.wrap_socket(plain, server_hostname=target.host)
-        except BaseException:
-            plain.close()
-            raise
+    async def _send_in_time(
+        self, target: Target, addresses: tuple[str, ...], headers: Mapping[str, str], body: bytes
+    ) -> Answer:
+        """To the first address that takes a connection."""
+        async with asyncio.timeout(self._total_seconds), self._open_transport() as transport:
+            for place, address in enumerate(addresses, 1):
+                try:
+                    response = await transport.handle_async_request(self._request(target, address, headers, body))
+                except httpx2.ConnectError as error:
+                    if place == len(addresses) or _cause(error, ssl.SSLError) is not None:
+                        raise
+                else:
+                    await response.aclose()  # its body unread
+                    return _answer(response)
+        raise AddressError("The name in the URL does not resolve.")
 
+    def _open_transport(self) -> httpx2.AsyncBaseTransport:
+        return self._transport or httpx2.AsyncHTTPTransport(verify=self._tls, trust_env=False, retries=0)
 
-class _UntilDeadline(io.RawIOBase):
-    """A connection's bytes, as long as the total time lasts: a receiver that drips bytes gains no time by it."""
-
-    def __init__(self, connection: socket.socket, deadline: float) -> None:
-        self._connection = connection
-        self._deadline = deadline
-        self._left = HEAD_BYTES
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]  # the buffer that BufferedReader gives
-        self._connection.settimeout(_remaining(self._deadline))
-        if not self._left:
-            raise HTTPException("the head does not end")
-        received = self._connection.recv_into(buffer, min(len(buffer), self._left))
-        self._left -= received
-        return received
-
-
-class _Readable:
-    """All that HTTPResponse asks of a socket."""
-
-    def __init__(self, connection: socket.socket, deadline: float) -> None:
-        self._raw = _UntilDeadline(connection, deadline)
-
-    def makefile(self, _mode: str) -> io.BufferedReader:
-        return io.BufferedReader(self._raw, 1024)
+    def _request(self, target: Target, address: str, headers: Mapping[str, str], body: bytes) -> httpx2.Request:
+        host = f"[{address}]" if ":" in address else address
+        return httpx2.Request(
+            "POST",
+            f"{target.scheme}://{host}:{target.port}{target.path}",
+            headers={
+                "Host": target.host_header,
+                "Content-Length": str(len(body)),
+                **headers,
+                "Connection": "close",
+            },
+            content=body,
+            extensions={
+                "sni_hostname": target.host,
+                # of each step, so that the library ends a stalled one itself and closes its connection
+                "timeout": dict.fromkeys(("connect", "read", "write", "pool"), STEP_SHARE * self._total_seconds),
+            },
+        )
 
 
-def _read_answer(connection: socket.socket, deadline: float) -> Answer:
-    response = HTTPResponse(_Readable(connection, deadline), method="POST")  # type: ignore[arg-type]
-    try:
-        response.begin()
-        return Answer(response.status, None, _seconds(response.getheader("Retry-After")))
-    finally:
-        response.close()
+def _answer(response: httpx2.Response) -> Answer:
+    if len(response.headers.raw) > MOST_HEADERS:
+        return Answer(None, "The answer was not HTTP.")
+    return Answer(response.status_code, None, _seconds(response.headers.get("Retry-After")))
 
 
-def _request(target: Target, headers: Mapping[str, str], body: bytes) -> bytes:
-    """The request as it goes over the wire. Neither the target nor our headers can hold a line's end."""
-    lines = [f"POST {target.path} HTTP/1.1", f"Host: {target.host_header}", f"Content-Length: {len(body)}"]
-    lines += [f"{name}: {value}" for name, value in headers.items()]
-    return "\r\n".join([*lines, "Connection: close", "", ""]).encode("ascii") + body
+def _why_not_connected(error: httpx2.TransportError) -> str:
+    certificate = _cause(error, ssl.SSLCertVerificationError)
+    if certificate is not None:
+        return f"The certificate was not accepted: {certificate.verify_message}."[:200]
+    if _cause(error, ssl.SSLError) is not None:
+        return "TLS could not be established."
+    if _cause(error, ConnectionRefusedError) is not None:
+        return "The connection was refused."
+    return "The connection failed."
+
+
+def _cause(error: BaseException, kind: type[ErrorT]) -> ErrorT | None:
+    """What of this kind it goes back to."""
+    at: BaseException | None = error
+    while at is not None and not isinstance(at, kind):
+        at = at.__cause__ or at.__context__
+    return at
 
 
 def _seconds(retry_after: str | None) -> float | None:
     """Retry-After in seconds; its other form, a date, is passed over."""
     return float(retry_after) if retry_after is not None and retry_after.isascii() and retry_after.isdigit() else None
-
-
-def _remaining(deadline: float) -> float:
-    left = deadline - time.monotonic()
-    if left <= 0:
-        raise TimeoutError
-    return left

@@ -4,6 +4,7 @@ import itertools
 import socket
 import threading
 
+import httpx2
 import pytest
 
 from app.services.safe_address import parse_target
@@ -109,17 +110,17 @@ def test_name_that_turns_inward_after_it_was_checked_is_not_called():
     assert inner.received == []
 
 
-def test_only_the_checked_addresses_are_connected_to(monkeypatch):
+def test_only_the_checked_addresses_are_connected_to():
     called = []
 
-    def connects(address, timeout):
-        called.append(address)
-        raise ConnectionRefusedError
+    def refuse(request):
+        called.append((request.url.host, request.url.port or 443, request.extensions["sni_hostname"]))
+        raise httpx2.ConnectError("refused") from ConnectionRefusedError()
 
-    monkeypatch.setattr(socket, "create_connection", connects)
-    sender = WebhookPost(allow_loopback=False, resolve=lambda *_: ["8.8.8.8", "1.1.1.1"])
+    addresses = ["8.8.8.8", "2606:4700:4700::1111"]
+    sender = WebhookPost(allow_loopback=False, resolve=lambda *_: addresses, transport=httpx2.MockTransport(refuse))
     assert sender.send("https://hooks.example.org/", {}, BODY).error == "The connection was refused."
-    assert called == [("8.8.8.8", 443), ("1.1.1.1", 443)]
+    assert called == [(address, 443, "hooks.example.org") for address in addresses]
 
 
 def test_stored_url_is_read_anew_by_the_same_rules():

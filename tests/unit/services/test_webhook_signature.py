@@ -6,10 +6,14 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from app.services.secret_box import SecretBox, SecretKeyError
-from app.services.webhook_signature import SigningSecrets, new_secret, open_secrets, seal_secrets, sign
+from app.services.webhook_signature import SigningSecrets, new_secret, open_secrets, seal_secrets
 
 NOW = datetime(2026, 11, 21, 12, 0, 0, 900_000, tzinfo=UTC)
 BOX = SecretBox("a key for tests only, of no worth")
+
+
+def sign(secret, delivery_id, timestamp_s, body):
+    return SigningSecrets(secret).signatures(delivery_id, datetime.fromtimestamp(timestamp_s, UTC), body)
 
 
 def test_signature_is_that_of_the_standards_own_libraries():
