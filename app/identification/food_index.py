@@ -1,7 +1,7 @@
 """The index that ships with the program: described regions of known foods, and how their likeness becomes probability.
 
-One compressed NumPy archive of numbers and short words: no pickle, no photograph. Where each label stands in the food
-table is a table of its own beside it, to be read and corrected by people.
+One compressed NumPy archive of numbers and short words: no pickle, no photograph. labels.csv beside it, which people
+read and correct, names the food of the food table for each label.
 """
 
 import csv
@@ -45,7 +45,7 @@ ARRAYS = (
 
 @dataclass(frozen=True, slots=True)
 class KnownFood:
-    """A label of the index: its name for people, and its food's key in the food table, which may lack it."""
+    """A label of the index: its name for people, and the key of its food, which the food table may lack."""
 
     label: str
     name: str
@@ -54,7 +54,7 @@ class KnownFood:
 
 @dataclass(frozen=True, slots=True)
 class FoodIndex:
-    """vectors: (n, d); labels: (n,) places in foods; specimens: (n,) names, which pictures show the same piece.
+    """vectors: (n, d); labels: (n,) places in foods; specimens: (n,) names, the same for pictures of one piece.
 
     volumes_ml: of each food's measured pieces. version: names the source and the content.
     """
@@ -95,13 +95,13 @@ def read_labels(text: str) -> tuple[KnownFood, ...]:
 def read_index(file: BinaryIO, known: Sequence[KnownFood]) -> FoodIndex:
     """Return the index of an archive that tools/food_index wrote. known: what its labels are.
 
-    Raises ValueError if it is none of that kind, damaged, or has a label that is not known.
+    Raises ValueError if it is no such archive, is damaged, or has an unknown label.
     """
     by_label = {food.label: food for food in known}
     held = _arrays(file)
-    strange = sorted(set(held["label_names"].tolist()) - by_label.keys())
-    if strange:
-        raise ValueError(f"labels of the index that nobody knows: {', '.join(strange)}")
+    unknown = sorted(set(held["label_names"].tolist()) - by_label.keys())
+    if unknown:
+        raise ValueError(f"labels of the index that nobody knows: {', '.join(unknown)}")
     sizes: dict[str, list[float]] = {}
     for label, volume in zip(held["volume_labels"].tolist(), held["volumes_ml"].tolist(), strict=True):
         sizes.setdefault(label, []).append(volume)

@@ -1,4 +1,4 @@
-"""Described region and circumstances -> ranked foods with probabilities; it learns by what was confirmed.
+"""Described region and circumstances -> ranked foods with probabilities; it learns from confirmed items.
 
 By Bayes' rule: how likely the looks (kernel_classifier, calibrate), how likely the size (sizes), how likely that
 somebody eats this now (habits), each for every food that the index knows and for none of them.
@@ -26,8 +26,8 @@ MOST_EXAMPLES = 1400  # learned, beside those that ship: what one linear system 
 class Example:
     """A confirmed item: vector (d,) by the index's VCM version; the rest as far as it is known.
 
-    name: unique, for the index's version. is_own: of the study itself, not of one that shares its index. day_minute:
-    after local midnight. eater: whose, by any name of theirs.
+    name: unique, for the index's version. is_own: of the study itself, not of another that shares its index.
+    day_minute: after local midnight. eater: any name of the person.
     """
 
     name: str
@@ -86,10 +86,10 @@ class _Known:
 
 
 class Identifier:
-    """An index with what was learned; immutable: what is confirmed later makes another."""
+    """An index with learned examples; immutable: later examples make another."""
 
     def __init__(self, index: FoodIndex, learned: Sequence[Example] = (), *, none_prior: float | None = None) -> None:
-        """learned: the newest last. none_prior: of a food that the index does not know; None: as own examples show.
+        """learned: the newest last. none_prior: probability of a food unknown to the index; None: from own examples.
 
         Raises ValueError if an example's vector is not of the index's length, or not finite, or none_prior is not
         between 0 and 1.
@@ -99,16 +99,16 @@ class Identifier:
         kept = newest_of_each(learned)
         self._known = _classes(index, kept)
         place = {known.food_key: number for number, known in enumerate(self._known)}
-        labels = np.concatenate([index.labels, np.array([place[one.food_key] for one in kept], np.intp)])
-        vectors = np.concatenate([index.vectors, *(one.vector.reshape(1, -1) for one in kept)])
+        labels = np.concatenate([index.labels, np.array([place[example.food_key] for example in kept], np.intp)])
+        vectors = np.concatenate([index.vectors, *(example.vector.reshape(1, -1) for example in kept)])
         self._metric, self._calibration = index.metric, index.calibration
         self._classifier = fit_classifier(index.metric.embed(vectors), labels, len(self._known))
-        own = [one for one in learned if one.is_own]  # all: shares of those kept would be alike for all foods
-        self._eaten = [(one.eater, Eaten(one.food_key, one.day_minute)) for one in own[-MOST_EATEN:]]
-        others = {one.food_key for one in kept if not one.is_own}
+        own = [example for example in learned if example.is_own]  # all: the kept ones have equal shares by design
+        self._eaten = [(example.eater, Eaten(example.food_key, example.day_minute)) for example in own[-MOST_EATEN:]]
+        others = {example.food_key for example in kept if not example.is_own}
         known_without = frozenset(others | {food.food_key for food in index.foods})
-        shown = new_food_share(known_without, [one.food_key for one in own])
-        self._none_prior = none_prior if none_prior is not None else shown
+        estimated = new_food_share(known_without, [example.food_key for example in own])
+        self._none_prior = none_prior if none_prior is not None else estimated
         self.version = _version(index, learned)
         self.vcm_version = index.vcm_version
 
@@ -119,10 +119,11 @@ class Identifier:
         """
         scores = self._classifier.scores(self._metric.embed(np.asarray(vector, np.float64).reshape(1, -1)))
         likelihoods, none = self._calibration.log_likelihoods(scores)
-        at = circumstances
-        sizes = [size_log_likelihood(each.size, at.volume_ml, at.volume_relative_sd) for each in self._known]
-        others = [eaten for eater, eaten in self._eaten if eater is None or eater != at.eater]
-        habits = log_prior([each.food_key for each in self._known], at.day_minute, at.own, others)
+        volume_ml, relative_sd = circumstances.volume_ml, circumstances.volume_relative_sd
+        sizes = [size_log_likelihood(known.size, volume_ml, relative_sd) for known in self._known]
+        others = [eaten for eater, eaten in self._eaten if eater is None or eater != circumstances.eater]
+        foods = [known.food_key for known in self._known]
+        habits = log_prior(foods, circumstances.day_minute, circumstances.own, others)
         shares, none_share = posterior(likelihoods + np.array(sizes), none, np.array(habits), self._none_prior)
         best = np.argsort(-shares[0], kind="stable")[:most]
         return Identification(
@@ -133,10 +134,10 @@ class Identifier:
 
 
 def newest_of_each(learned: Sequence[Example], most: int = MOST_EXAMPLES) -> list[Example]:
-    """At most so many examples, in their order: of each food its newest, as many as any other food has.
+    """Return at most `most` examples, in their order: the newest of each food, as many as of any other food.
 
-    learned: the newest last. Own examples go before those of others, and eaters take turns, so that nobody makes up a
-    food alone. Where there are more foods than that, those of the newest examples.
+    learned: the newest last. Own examples come before those of other studies, and eaters take turns, so that no single
+    person defines a food. If there are more foods than `most`, the foods of the newest examples are kept.
     """
     of_eater: Counter[tuple[str, str | None]] = Counter()
     turns = {}
@@ -147,24 +148,24 @@ def newest_of_each(learned: Sequence[Example], most: int = MOST_EXAMPLES) -> lis
     of_food: Counter[str] = Counter()
     ranks = {}
     for place in sorted(turns, key=lambda place: (not learned[place].is_own, turns[place], -place)):
-        one = learned[place]
-        ranks[place] = (of_food[one.food_key], not one.is_own, -place)
-        of_food[one.food_key] += 1
+        example = learned[place]
+        ranks[place] = (of_food[example.food_key], not example.is_own, -place)
+        of_food[example.food_key] += 1
     return [learned[place] for place in sorted(sorted(ranks, key=ranks.__getitem__)[:most])]
 
 
 def _classes(index: FoodIndex, learned: Sequence[Example]) -> list[_Known]:
-    """The index's foods in their order, then those that were learned beside them."""
+    """Return the index's foods in their order, then the other learned foods."""
     volumes: dict[str, list[float]] = {}
-    for one in learned:
-        if one.volume_ml is not None:
-            volumes.setdefault(one.food_key, []).append(one.volume_ml)
+    for example in learned:
+        if example.volume_ml is not None:
+            volumes.setdefault(example.food_key, []).append(example.volume_ml)
     known = []
     for food in index.foods:
         pieces = [*index.volumes_ml.get(food.label, ()), *volumes.get(food.food_key, ())]
         known.append(_Known(food.food_key, food.name, food.label, food_size(pieces)))
-    shipped = {each.food_key for each in known}
-    new = dict.fromkeys(one.food_key for one in learned if one.food_key not in shipped)
+    shipped = {food.food_key for food in index.foods}
+    new = {example.food_key for example in learned} - shipped
     return known + [_Known(key, None, None, food_size(volumes.get(key, ()))) for key in sorted(new)]
 
 
@@ -172,7 +173,9 @@ def _version(index: FoodIndex, learned: Sequence[Example]) -> str:
     if not learned:
         return index.version
     digest = hashlib.sha256()
-    for one in learned:
-        told = (one.name, one.food_key, one.volume_ml, one.day_minute, one.is_own, one.eater)
-        digest.update(repr(told).encode() + np.asarray(one.vector, np.float64).tobytes())
+    for example in learned:
+        fields = (
+            example.name, example.food_key, example.volume_ml, example.day_minute, example.is_own, example.eater,
+        )  # fmt: skip
+        digest.update(repr(fields).encode() + np.asarray(example.vector, np.float64).tobytes())
     return f"{index.version} + {len(learned)} confirmed {digest.hexdigest()[:12]}"

@@ -1,7 +1,7 @@
-"""How large a food is on the plate: what a measured volume says for and against each food.
+"""How likely a measured volume is for each food.
 
-Volumes of a food are taken as log-normal, with what a study has confirmed so far; a slice of it or two of it are as
-possible, so that no size rules a food out.
+Volumes of a food are taken as log-normal, from the shipped index and the items that a study has confirmed. A slice of
+a food, or two pieces, is always possible, so no size rules a food out.
 """
 
 import math
@@ -23,7 +23,7 @@ class FoodSize:
 
 
 def food_size(volumes_ml: Sequence[float]) -> FoodSize | None:
-    """What pieces of a food, ml, say of the next one; None without any. What is no volume (0, NaN) is left out.
+    """Return the size of a food's next piece from measured pieces, ml; None without any. 0 and NaN are left out.
 
     The spread is shrunk towards OWN_LOG_SD and widened by the doubt about the mean: the scaled inverse chi-squared
     prior of Gelman et al., Bayesian Data Analysis, 3.3, with a flat one of the mean, and a normal for the t.
@@ -33,15 +33,15 @@ def food_size(volumes_ml: Sequence[float]) -> FoodSize | None:
         return None
     count = len(logs)
     mean = sum(logs) / count
-    squares = sum((each - mean) ** 2 for each in logs)
+    squares = sum((log - mean) ** 2 for log in logs)
     variance = (OWN_WEIGHT * OWN_LOG_SD**2 + squares) / (OWN_WEIGHT + count - 1)
     return FoodSize(mean, math.sqrt(variance * (1.0 + 1.0 / count)))
 
 
 def size_log_likelihood(size: FoodSize | None, volume_ml: float | None, relative_sd: float = 0.0) -> float:
-    """Natural logarithm of how much likelier this volume is for the food than for any; 0 where either is not known.
+    """Return the log likelihood ratio of this volume, the food against any food; 0 where either is not known.
 
-    relative_sd: of the measurement. At least log(1 - AS_EXPECTED); a volume or doubt that is no number tells nothing.
+    relative_sd: of the measurement. At least log(1 - AS_EXPECTED); 0 for values that are not finite.
     """
     if size is None or volume_ml is None or not (0.0 < volume_ml < math.inf and math.isfinite(relative_sd)):
         return 0.0
