@@ -148,7 +148,7 @@ def _one_turn(session: Session, limit: int) -> int:
     there, staying = day_sums.people_among(session, {mark.participant_id for mark in marks})
     gone = [mark.id for mark in marks if mark.participant_id not in there]
     due = [mark for mark in marks if mark.participant_id in staying]
-    if gone:  # a server of 0.2 erased them
+    if gone:  # erased since
         day_sums.forget_marks(session, gone)
     if due:
         day_sums.write_sums(session, due)

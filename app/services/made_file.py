@@ -111,11 +111,7 @@ class StagedFile:
 
 
 def file_key(kind: str, study_id: uuid.UUID, work_id: uuid.UUID, claim: uuid.UUID, *rest: str) -> str:
-    """The key that a file gets in the store; another one at every try.
-
-    It does not begin with the study: a worker of 0.2, beside ours or after a way back, knows of no such files, and
-    would delete as orphans what is below a study and is a day old.
-    """
+    """The key that a file gets in the store; another one at every try."""
     return "/".join((privacy.MADE_FILES, kind, str(study_id), str(work_id), claim.hex, *rest))
 
 

@@ -79,7 +79,6 @@ class DaySum(Base):
 
     __tablename__ = "day_sum"
 
-    # a server of 0.2 erases people without knowing this table
     participant_id: Mapped[uuid.UUID] = mapped_column(
         sa.ForeignKey("participant.id", ondelete="CASCADE"), primary_key=True
     )
