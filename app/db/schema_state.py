@@ -17,6 +17,7 @@ from app.db.session import Database
 from app.errors import UnavailableError
 
 VERSION_TABLE = "alembic_version"
+DAY_DIGITS = 8  # a revision's id begins with its day: 20261124_baseline
 IDENTIFIER = re.compile(r'^(revision|down_revision) = (?:"(\w+)"|None)$', re.MULTILINE)
 
 
@@ -51,8 +52,9 @@ def schema_state(database: Database) -> SchemaState:
 
 
 def is_before_baseline(revision: str) -> bool:
-    """Whether a revision is of versions 0.1 to 0.3, which no migration leads on from; ids begin with their day."""
-    return revision < revisions()[0]
+    """Whether a revision is of versions 0.1 to 0.3, which no migration leads on from."""
+    day, baseline_day = revision[:DAY_DIGITS], revisions()[0][:DAY_DIGITS]
+    return day.isdecimal() and day < baseline_day
 
 
 def is_current(database: Database) -> bool:

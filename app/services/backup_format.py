@@ -172,10 +172,9 @@ def too_new(why: str) -> InvalidInputError:
 
 
 def too_old(why: str) -> InvalidInputError:
-    """The backup is whole, as far as is known, and of a version before 0.4."""
+    """The backup names the schema of a version before 0.4; the rest of it has not been read."""
     return InvalidInputError(
-        f"The backup was made by a version before 0.4, and nothing is wrong with that: {why}. Only that version can "
-        "restore it. Nothing was restored.",
+        f"The backup was made by a version before 0.4: {why}. Only that version can restore it. Nothing was restored.",
         code="backup_too_old",
     )
 
