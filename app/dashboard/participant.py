@@ -105,7 +105,7 @@ def _participant(
 ) -> Response:
     person = participants.read_participant(page.state.database, study, code)
     feedback = _feedback(page, study, code, last)
-    end = last or (feedback.local_date if feedback is not None else datetime.now(UTC).date())
+    end = last or (feedback.date if feedback is not None else datetime.now(UTC).date())
     first = end - min(timedelta(days=WINDOW_DAYS - 1), end - date.min)
     caller = in_study(page)
     chosen = DayFilter(study_code=study, participant_code=code, first_day=first, last_day=end)

@@ -36,6 +36,11 @@ class Comparison:
     kind: Kind
     verdict: Verdict
 
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Of the mean, 90 %: (low, high)."""
+        return self.low, self.high
+
 
 def compare_intake(daily: Sequence[float], reference: float, kind: Kind, *, is_covered: bool) -> Comparison:
     """Compare a person's days with a reference. is_covered: whether the amounts are of everything that was eaten.

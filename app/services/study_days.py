@@ -8,6 +8,7 @@ import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
+from functools import cache
 from typing import Any
 
 from sqlalchemy.orm import Session
@@ -16,6 +17,7 @@ from app.db.queries import diary
 from app.db.queries.day_definition import FULL
 from app.db.queries.days import DayRow
 from app.nutrition.energy_requirement import Person, basal_metabolic_rate
+from app.nutrition.life_stage import LifeStage, Sex, life_stage
 from app.nutrition.plausible_energy import Plausibility, judge_energy
 
 
@@ -60,6 +62,23 @@ def person_on(profile: Mapping[str, Any] | None, day: date) -> Person | None:
         )
     except ValueError:  # a profile that was possible when it was told need not be on every day
         return None
+
+
+@cache  # a study's participants are of few ages
+def stage_of(age_years: float, sex: Sex | None, is_pregnant: bool, is_lactating: bool) -> LifeStage | None:
+    """Return the life stage; None where it needs a sex that is not known."""
+    try:
+        return life_stage(age_years, sex, is_pregnant=is_pregnant, is_lactating=is_lactating)
+    except ValueError:
+        return None
+
+
+def stage_on(profile: Mapping[str, Any] | None, day: date) -> LifeStage | None:
+    """Return the life stage of a participant on a day; None where the profile does not tell it."""
+    person = person_on(profile, day)
+    if person is None:
+        return None
+    return stage_of(person.age_years, person.known_sex, person.is_pregnant, person.is_lactating)
 
 
 def judge_days(profile: Mapping[str, Any] | None, day: date, energy_kcal: float | None, days: int) -> Plausibility:

@@ -1,1 +1,1 @@
-"""Sentences for participants in their language: sentences.toml holds them, catalogue.py reads them."""
+"""Sentences for participants in four languages, and the code that reads them (catalogue.py)."""
