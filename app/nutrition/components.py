@@ -32,9 +32,10 @@ class Component:
     expression: str | None
 
 
+_ROWS = packaged_rows("components.csv")
 COMPONENTS: tuple[Component, ...] = tuple(
     Component(row["number"], row["name"], Unit(row["unit"]), row["tagname"] or None, row["expression"] or None)
-    for row in packaged_rows("components.csv")
+    for row in _ROWS
 )
 COMPONENT_BY_NUMBER = MappingProxyType({component.number: component for component in COMPONENTS})
 
@@ -54,35 +55,15 @@ HEADLINE_NUMBERS: tuple[tuple[str, ...], ...] = (
     )),
 )  # fmt: skip
 
-# As a reader looks for them.
+# As a reader looks for them; the members of a group are in the order of their `place`.
 OTHERS: Final = "Others"
-COMPONENT_GROUPS: Final = MappingProxyType(
-    {
-        "Energy and macronutrients": (
-            *("208", "958", "957", "268", "203", "257", "202", "204", "205", "205.2", "CHOAVL", "CHOAVLM", "CHOAVLDF"),
-            *("269", "539", "291", "FIB-", "606", "645", "646", "605", "601", "221", "255", "207"),
-        ),
-        "Minerals": (
-            *("307", "306", "301", "303", "304", "305", "309", "312", "315", "317", "314", "313", "310", "316", "302"),
-        ),
-        "Vitamins": (
-            *("401", "404", "405", "406", "NIAEQ", "410", "415", "416", "417", "431", "432", "435", "FOLSUM", "418"),
-            *("578", "320", "VITA", "318", "319", "321", "CARTBEQ", "322", "334", "337", "338", "328", "324", "325"),
-            *("326", "323", "VITE", "573", "341", "342", "343", "344", "345", "346", "347", "430", "428", "429"),
-            *("421", "454"),
-        ),
-        "Starch and single sugars": ("209", "210", "211", "212", "287", "213", "214"),
-        "Amino acids": (
-            *("501", "502", "503", "504", "505", "506", "507", "508", "509", "510", "511", "512", "513", "514", "515"),
-            *("516", "517", "518", "521"),
-        ),
-        "Sterols": ("636", "638", "639", "641"),
-        "Stimulants": ("262", "263"),
-    }
-)
+COMPONENT_GROUPS: Final = (
+    "Energy and macronutrients", "Minerals", "Vitamins", "Starch and single sugars", "Amino acids", "Sterols",
+    "Stimulants",
+)  # fmt: skip
 FATTY_ACIDS: Final = "Fatty acids"
 _FATTY_ACID = re.compile(r"\d+:\d|Fatty acids")  # named by carbons and double bonds: "18:3 n-3 c,c,c (ALA)"
-_PLACE = {number: (group, place) for group, numbers in COMPONENT_GROUPS.items() for place, number in enumerate(numbers)}
+_PLACE = {row["number"]: (row["group"], int(row["place"])) for row in _ROWS if row["group"]}
 
 
 def is_fatty_acid(name: str) -> bool:

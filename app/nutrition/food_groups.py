@@ -31,88 +31,7 @@ BASES: tuple[Basis, ...] = get_args(Basis)
 
 # What makes a dish of a food, or takes its water, so that its grams are no longer the food's own.
 _DISH = r"breaded|battered|au gratin|scalloped|souffle|(?<!corn)salad|sauce|gravy|candied|creamed|stuffed"
-_DRY = r"dry (mix|form)|flour"
 _TUBERS = r"^(sweet )?potato|^cassava|^(mountain )?yam\b|^taro\b|^yautia|^poi\b|^arrowhead|^winged bean tuber"
-
-_Rules = tuple[tuple[str, FoodGroup | None], ...]
-
-# SR28 food group -> (pattern of the name, group), the first that is found; None: unassigned. "" is found in any name.
-_RULES: Mapping[str, _Rules] = {
-    "Fruits and Fruit Juices": (
-        (r"smoothie|salad|(?<!apple)sauce\b|candied|maraschino|pie filling|olives", None),
-        (r"juice(?! pack)|nectar\b", "fruit_juice"),
-        (r"dried|dehydrated|^raisins|^prunes|^dates", "dried_fruit"),
-        (r"", "fruit"),
-    ),
-    "Vegetables and Vegetable Products": (
-        (rf"({_TUBERS}).*(leaves|shoots)", "vegetables"),
-        (rf"({_TUBERS}).*({_DISH}|{_DRY}|pancakes)", None),
-        (_TUBERS, "starchy_tubers"),
-        (r"smoothie|onion rings|catsup|relish|pickles|pie mix|powder|paste|dehydrated|dried|spread|^pace", None),
-        (r"(?<!packed in tomato )juice", "vegetable_juice"),
-        (rf"{_DISH}|{_DRY}", None),
-        (r"soybeans|edamame", "soy"),
-        (r"", "vegetables"),
-    ),
-    "Legumes and Legume Products": (
-        (r"sauce|hummus|baked|frankfurters|\bpork\b|meat|chili", None),
-        (r"vegetarian|worthington|morningstar|loma linda|gardenburger", None),
-        (r"peanut", "nuts"),
-        (r"^soybeans|soymilk|tofu|tempeh|natto|^mori-nu", "soy"),
-        (r"^(beans|lentils|peas|chickpeas|lima beans|cowpeas|broadbeans|mung|mothbeans|hyacinth)", "legumes"),
-        (r"^(pigeon ?peas|lupins|yardlong beans|winged beans)|refried", "legumes"),
-    ),
-    "Nut and Seed Products": (
-        (r"seed|coconut|sesame|tahini|acorn|ginkgo|chestnut|formulated|paste|glazed|honey", None),
-        (r"", "nuts"),
-    ),
-    "Cereal Grains and Pasta": ((r"chow mein|filled|starch|tapioca|arrowroot|^vital", None), (r"", "grains")),
-    "Breakfast Cereals": (
-        (r"ready-to-eat|dry$|instant oatmeal|chocolate|incaparina|with (?!water|salt)", None),
-        (r"^cereals|^millet", "grains"),
-    ),
-    "Baked Products": (
-        (r"^bread (stuffing|crumbs|sticks)|garlic|cheese|banana|sweet|dough|dry mix", None),
-        (r"^(bread|rolls|bagels|english muffins|tortillas)\b", "grains"),
-    ),
-    "Dairy and Egg Products": (
-        (r"^butter(, | oil)", "dairy_fat"),
-        (r"substitute|imitation|mix|eggnog|omelet|shake|chocolate|dry|dried|powder|condensed|evaporated|dessert", None),
-        (r"^eggs?\b", "eggs"),
-        (r"fruit|strawberry|vanilla|flavor|filled|human|frozen", None),
-        (r"^(milk|yogurt|kefir)\b", "milk"),
-        (r"^cheese, ", "cheese"),
-    ),
-    "Fats and Oils": (
-        (r"hydrogenated|margarine|shortening|spread|dressing|mayonnaise", None),
-        (r"coconut|kernel|cocoa|cupu|ucuhuba|babassu|nutmeg|shea", None),
-        (r"^oil.*\bpalm\b", "palm_oil"),
-        (r"^lard|tallow", "lard_tallow"),
-        (r"^oil, |^vegetable oil,", "unsaturated_oils"),
-    ),
-    "Beef Products": (
-        (r"cured|corned|jerky|sausage|luncheon|breakfast strips|dried", "processed_meat"),
-        (r"", "beef_lamb"),
-    ),
-    "Lamb, Veal, and Game Products": ((r"^(lamb|veal)\b", "beef_lamb"),),
-    "Pork Products": (
-        (r"separable fat|backfat|leaf fat|rendered", None),
-        (r"^(ground )?pork\b(?!, (cured|bacon|breakfast))", "pork"),
-        (r"cured|bacon|breakfast strips|canned", "processed_meat"),
-    ),
-    "Poultry Products": (
-        (r"breaded|battered|patty|patties|tenders|gravy|pate\b|\broll\b|\bsticks|salad|canned", None),
-        (r"smoked|cured", "processed_meat"),
-        (r"", "poultry"),
-    ),
-    "Sausages and Luncheon Meats": ((r"", "processed_meat"),),
-    "Finfish and Shellfish Products": (
-        (r"breaded|battered|salad|sticks|gefilte|surimi|imitation|^frog|^turtle", None),
-        (r"", "fish"),
-    ),
-    "Sweets": ((r"^(sugars?|honey|molasses)\b|^syrups?, (maple|corn|cane|table)", "sugars"),),
-    "Beverages": ((r"", "beverages"),),
-}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,10 +94,7 @@ def food_group_of(food: Food) -> FoodGroup | None:
 
 def classify(source_group: str, name: str) -> FoodGroup | None:
     """SR28's food group and name -> the group of recommendations, or None where no rule places it with certainty."""
-    for pattern, group in _RULES.get(source_group, ()):
-        if re.search(pattern, name.casefold()):
-            return group
-    return None
+    return next((group for pattern, group in _rules().get(source_group, ()) if pattern.search(name.casefold())), None)
 
 
 def total_groups(eaten: Sequence[Eaten]) -> GroupTotals:
@@ -226,6 +142,17 @@ def compare(totals: GroupTotals, recommendation: Recommendation, days: float) ->
         return Comparison(recommendation, known_g, "met", "")
     reason = "foods of unknown mass may decide it" if totals.unmeasured else "food in no group may decide it"
     return Comparison(recommendation, known_g, "open", reason)
+
+
+@cache
+def _rules() -> Mapping[str, Sequence[tuple[re.Pattern[str], FoodGroup | None]]]:
+    """SR28 food group -> (pattern of the name, group): the first that matches; None: unassigned."""
+    rules: dict[str, list[tuple[re.Pattern[str], FoodGroup | None]]] = {}
+    for row in packaged_rows("reference", "food_group_rules.csv"):
+        pattern = re.compile(row["pattern"].format(dish=_DISH, tubers=_TUBERS))
+        group = next((group for group in FOOD_GROUPS if group == row["group"]), None)
+        rules.setdefault(row["source_group"], []).append((pattern, group))
+    return rules
 
 
 @cache

@@ -10,83 +10,64 @@ from collections.abc import Callable
 from app.nutrition.foods import DensityKind, FoodForm, FoodState
 
 
-def _words(*words: str) -> re.Pattern[str]:
-    return re.compile(rf"\b(?:{'|'.join(words)})\b", re.IGNORECASE)
+def _words(alternatives: str) -> re.Pattern[str]:
+    return re.compile(rf"\b(?:{alternatives})\b", re.IGNORECASE)
 
 
-_UNCOOKED = _words("raw", "uncooked", "unprepared", "unheated", "dry", "fresh", "unpopped", "dough")
+_UNCOOKED = _words("raw|uncooked|unprepared|unheated|dry|fresh|unpopped|dough")
 _COOKED = _words(
-    "cooked", "boiled", "baked", "roasted", "fried", "broiled", "braised", "grilled", "stewed", "steamed", "microwaved",
-    "toasted", "heated", "simmered", "poached", "scrambled", "hard-boiled", "pan-fried", "pan-broiled", "barbecued",
-    "rotisserie", "prepared", "blanched", "sauteed",
-)  # fmt: skip
-_POWDER = _words("powder", "powdered", "dry", "mix", "dehydrated", "granules", "flour", "instant")
+    "cooked|boiled|baked|roasted|fried|broiled|braised|grilled|stewed|steamed|microwaved|toasted|heated|simmered|"
+    "poached|scrambled|hard-boiled|pan-fried|pan-broiled|barbecued|rotisserie|prepared|blanched|sauteed"
+)
+_POWDER = _words("powder|powdered|dry|mix|dehydrated|granules|flour|instant")
 _DRINK = _words(
-    "juices?", "nectar", "drinks?", "beverage", "coffee", "tea", "water", "beer", "wine", "ale", "cider", "shake",
-    "milkshake", "smoothie", "soda", "cola", "lemonade", "eggnog", "cocoa", "liqueur", "whiskey", "vodka",
-)  # fmt: skip
-_JUICE = _words("juices?", "smoothie", "drink")
+    "juices?|nectar|drinks?|beverage|coffee|tea|water|beer|wine|ale|cider|shake|milkshake|smoothie|soda|cola|"
+    "lemonade|eggnog|cocoa|liqueur|whiskey|vodka"
+)
+_JUICE = _words("juices?|smoothie|drink")
 # What a food was packed in, or made with, is not what it is: pineapple in juice is no juice, ham with water no water.
 _PACKED_IN = re.compile(
     r"\b(?:(?:in|with|from|plus|of)\s[^,]*|(?:juice|water|syrup) pack(?:ed)?\b|water[- ]added|added water)",
     re.IGNORECASE,
 )
 _POURED = _words(
-    "milk", "cream", "yogurt", "buttermilk", "whey", "kefir", "oil", "syrups?", "honey", "molasses", "vinegar", "sauce",
-    "gravy", "dressing", "ketchup", "catsup", "mustard", "jams?", "jelly", "jellies", "preserves", "marmalade",
-    "strained", "junior",
-)  # fmt: skip
-_FIRM = _words("cheese", "butter", "margarine", "shortening", "lard", "tallow", "chocolate", "bars?", "tofu", "tempeh")
-_ICE_CREAM = _words("ice creams?", "sherbet", "frozen yogurts?")
-_IN_THE_HAND = _words("sandwich", "bars?", "cone")
+    "milk|cream|yogurt|buttermilk|whey|kefir|oil|syrups?|honey|molasses|vinegar|sauce|gravy|dressing|ketchup|"
+    "catsup|mustard|jams?|jelly|jellies|preserves|marmalade|strained|junior"
+)
+_FIRM = _words("cheese|butter|margarine|shortening|lard|tallow|chocolate|bars?|tofu|tempeh")
+_ICE_CREAM = _words("ice creams?|sherbet|frozen yogurts?")
+_IN_THE_HAND = _words("sandwich|bars?|cone")
 _PACKS = _words(
-    "peanut butter", "almond butter", "cashew butter", "sunflower seed butter", "sesame butter", "tahini", "spread",
-    "frostings?", "icings?", "puddings?", "toppings?", "hummus", "paste", "puree", "cream cheese", "custard",
-)  # fmt: skip
-_ROUND_BREAD = _words("rolls?", "buns?", "muffins?", "bagels?", "doughnuts?", "biscuits?", "scones?", "croissants?")
+    "peanut butter|almond butter|cashew butter|sunflower seed butter|sesame butter|tahini|spread|frostings?|"
+    "icings?|puddings?|toppings?|hummus|paste|puree|cream cheese|custard"
+)
+_ROUND_BREAD = _words("rolls?|buns?|muffins?|bagels?|doughnuts?|biscuits?|scones?|croissants?")
 _HANDHELD = _words(
-    "pizza", "sandwich(?:es)?", "hamburger", "cheeseburger", "burger", "burritos?", "tacos?", "enchiladas?",
-    "quesadilla", "hotdog", "submarine", "lasagna", "pie", "pot pie", "egg rolls?", "tamales?", "pupusas?", "wrap",
-    "biscuit", "croissant", "corndog", "frankfurter", "fillet", "steak", "ribs?", "patty", "breast",
-    "drumstick", "wing", "thigh", "sub", "whopper", "big mac", "quarter pounder", "filet-o-fish",
-    "mcmuffin", "mcgriddles",
-)  # fmt: skip
+    "pizza|sandwich(?:es)?|hamburger|cheeseburger|burger|burritos?|tacos?|enchiladas?|quesadilla|hotdog|submarine|"
+    "lasagna|pie|pot pie|egg rolls?|tamales?|pupusas?|wrap|biscuit|croissant|corndog|frankfurter|fillet|steak|"
+    "ribs?|patty|breast|drumstick|wing|thigh|sub|whopper|big mac|quarter pounder|filet-o-fish|mcmuffin|mcgriddles"
+)
 _NO_DISH = re.compile(r"\bburger king\b", re.IGNORECASE)
 _SMALL_FRUIT = _words(
-    "blueberries", "raspberries", "strawberries", "blackberries", "cranberries", "grapes", "cherries", "raisins",
-    "currants", "gooseberries", "mulberries", "elderberries", "olives", "dates", "berries",
-)  # fmt: skip
-_CUT = _words(
-    "canned",
-    "frozen",
-    "dried",
-    "sliced",
-    "cut",
-    "stewed",
-    "sauce",
-    "dehydrated",
-    "chunks",
-    "salad",
-    "chopped",
-    "mashed",
-    "candied",
+    "blueberries|raspberries|strawberries|blackberries|cranberries|grapes|cherries|raisins|currants|gooseberries|"
+    "mulberries|elderberries|olives|dates|berries"
 )
-_ON_THE_COB = _words("on cob", "on the cob")
-_FREED = _words("meat only", "hard-boiled")
-_PITS = _words("pits?", "stones?")
+_CUT = _words("canned|frozen|dried|sliced|cut|stewed|sauce|dehydrated|chunks|salad|chopped|mashed|candied")
+_ON_THE_COB = _words("on cob|on the cob")
+_FREED = _words("meat only|hard-boiled")
+_PITS = _words("pits?|stones?")
 _WHOLE_VEGETABLE = re.compile(r"^(?:tomato|tomatoes|potato|potatoes|sweet potato|avocados?|corn)\b", re.IGNORECASE)
-_MINCED = _words("crumbles", "ground", "minced", "shredded", "flaked", "canned")
+_MINCED = _words("crumbles|ground|minced|shredded|flaked|canned")
 _WHOLE_EGG = re.compile(r"^egg, (?:whole|duck|goose|quail|turkey)", re.IGNORECASE)
-_LOOSE_DAIRY = _words("cottage", "ricotta", "scrambled", "grated", "shredded")
-_WHIPPED_OR_DRIED = _words("whipped", "topping", "pressurized", "dried", "whip")
+_LOOSE_DAIRY = _words("cottage|ricotta|scrambled|grated|shredded")
+_WHIPPED_OR_DRIED = _words("whipped|topping|pressurized|dried|whip")
 _DISH = _words(
-    "pizza", "sandwich(?:es)?", "hamburger", "cheeseburger", "burrito", "taco", "enchilada", "quesadilla", "lasagna",
-    "casserole", "stew", "chili", "with .* sauce", "pot pie", "egg rolls?", "fried rice", "macaroni and cheese",
-    "potato salad", "coleslaw", "chow mein", "lo mein", "tamales?", "ravioli", "submarine", "nachos", "burger",
-    "dumplings?", "chicken tenders", "curry", "paella", "risotto", "sushi",
-)  # fmt: skip
-_SOYMILK = _words("soymilk", "soy milk", "soy beverage")
-_MEATLESS = _words("meatless", "veggie", "vegetarian", "patty", "patties")
+    "pizza|sandwich(?:es)?|hamburger|cheeseburger|burrito|taco|enchilada|quesadilla|lasagna|casserole|stew|chili|"
+    "with .* sauce|pot pie|egg rolls?|fried rice|macaroni and cheese|potato salad|coleslaw|chow mein|lo mein|"
+    "tamales?|ravioli|submarine|nachos|burger|dumplings?|chicken tenders|curry|paella|risotto|sushi"
+)
+_SOYMILK = _words("soymilk|soy milk|soy beverage")
+_MEATLESS = _words("meatless|veggie|vegetarian|patty|patties")
 _DISH_GROUPS = ("fast foods", "restaurant foods")
 
 

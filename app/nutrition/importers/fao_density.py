@@ -30,18 +30,18 @@ LEAVES_RELATIVE_SD = 0.4
 SILO_SOURCE = "ASI"
 
 
-def _words(*words: str) -> re.Pattern[str]:
-    return re.compile(rf"\b(?:{'|'.join(words)})\b", re.IGNORECASE)
+def _words(alternatives: str) -> re.Pattern[str]:
+    return re.compile(rf"\b(?:{alternatives})\b", re.IGNORECASE)
 
 
 _HEADER = ("food name", "density", "specific gravity", "biblioid")
 _NUMBER_OR_RANGE = re.compile(r"^\s*(\d+(?:\.\d+)?)\s*(?:-\s*(\d+(?:\.\d+)?))?\s*$")
 
 _BULK = _words(
-    "flour", "meal", "starch", "powders?", "powdered", "flakes", "beans", "leaves", "grated", "chopped", "cubed",
-    "cubes", "rings", "dry", "dried", "chips", "puffed", "breadcrumbs", "cereal", "sugar", "table",
-)  # fmt: skip
-_POWDER = _words("powders?", "powdered")
+    "flour|meal|starch|powders?|powdered|flakes|beans|leaves|grated|chopped|cubed|cubes|rings|dry|dried|chips|"
+    "puffed|breadcrumbs|cereal|sugar|table"
+)
+_POWDER = _words("powders?|powdered")
 _CRUMB = re.compile(r"^(bread|cake)\b", re.IGNORECASE)
 _LEAVES = _words("leaves")
 _LIQUID = re.compile(
@@ -56,8 +56,8 @@ _UNCLEAR = re.compile(
     r"^(biscuits|corn/maize, ear|porridge flour .*boiled|powders$|chili\b|spinach, frozen)", re.IGNORECASE
 )
 _READY = re.compile(r"^(bread|cake|breakfast|porridge,|rice, puffed)", re.IGNORECASE)
-_COOKED = _words("boiled", "cooked", "fried", "poached")
-_UNCOOKED = _words("raw", "dry", "dried", "fresh", "flour")
+_COOKED = _words("boiled|cooked|fried|poached")
+_UNCOOKED = _words("raw|dry|dried|fresh|flour")
 
 # By how the heading opens, lower case. Fruits, meat and eggs are in no list: whole or in pieces, the sheet is silent.
 _LIQUID_SECTIONS = ("beverages", "beer", "spirits", "wine", "milk", "oils", "soups")
