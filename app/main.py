@@ -62,7 +62,7 @@ from app.api.fhir.answers import FhirErrors
 from app.api.known_parameters import require_known_parameters
 from app.api.methods import Methods
 from app.api.problems import install_problem_handlers
-from app.api.rate_limit import RateLimit
+from app.api.rate_limit import EnrolmentLimit
 from app.api.request_log import RequestLog
 from app.api.sign_in_limits import SignInLimits
 from app.api.state import ApiState
@@ -119,26 +119,27 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
     try:
         children.start_soon()
         yield ApiState(
-            settings=settings,
-            database=database,
-            blobs=blobs,
-            queue=queue,
-            submit_meal=SubmitMeal(database, blobs, queue, settings, box, children),
-            after_pairs=SubmitAfterPair(database, blobs, queue, settings, box, children),
-            meal_events=MealEvents(database, queue, EVENT_RULES),
-            declare_meal=DeclareMeal(database, box),
-            waiter=waiter,
-            upload_limiter=anyio.CapacityLimiter(settings.max_uploads),
-            call_limits=CallLimits(settings),
-            enrolment_limit=RateLimit(settings.enrolment_attempts_per_minute),
-            secrets=box,
-            children=children,
-            eraser=Eraser(database, box, ErasureLedger(open_blob_store(settings.resolved_erasure_url, settings), box)),
-            sign_in_limits=SignInLimits(settings.sign_in_attempts_per_minute),
-            passwords=Passwords(),
-            export_places=ExportPlaces(),
-            last_use=last_use,
-            figures=DeploymentFigures(database, blobs, settings),
+            settings,
+            database,
+            blobs,
+            parts=(
+                queue,
+                SubmitMeal(database, blobs, queue, settings, box, children),
+                SubmitAfterPair(database, blobs, queue, settings, box, children),
+                MealEvents(database, queue, EVENT_RULES),
+                DeclareMeal(database, box),
+                waiter,
+                CallLimits(settings),
+                EnrolmentLimit(settings.enrolment_attempts_per_minute),
+                box,
+                children,
+                Eraser(database, box, ErasureLedger(open_blob_store(settings.resolved_erasure_url, settings), box)),
+                SignInLimits(settings.sign_in_attempts_per_minute),
+                Passwords(),
+                ExportPlaces(),
+                last_use,
+                DeploymentFigures(database, blobs, settings),
+            ),
         )
     finally:
         await anyio.to_thread.run_sync(children.close)

@@ -21,6 +21,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.http_protocol import ConnectionWatch, WatchedProtocol, connection_limits
 from app.api.state import ApiState
+from app.api.waiting import MealWaiter
 from app.errors import InvalidInputError, TadaError
 from app.jobs.supervisor import WorkerProcess
 from app.logs import configure_logging
@@ -195,5 +196,5 @@ class _Server(uvicorn.Server):
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         state: ApiState | None = getattr(self._app.state, "api", None)
         if state is not None:
-            await state.waiter.close()
+            await state.part(MealWaiter).close()
         await super().shutdown(sockets)

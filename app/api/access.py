@@ -17,7 +17,7 @@ from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from starlette.datastructures import Headers
 
 from app.api import pages
-from app.api.call_limits import count_caller
+from app.api.call_limits import CallLimits, count_caller
 from app.api.state import ApiState
 from app.db.queries import people
 from app.errors import NotAllowedError, NotFoundError, UnauthenticatedError
@@ -25,7 +25,8 @@ from app.metrics.reader import may_read
 from app.services.access import require_study
 from app.services.caller import Caller, DeviceCaller, StaffCaller, authenticate
 from app.services.erase import is_meal_deleted, meal_deleted
-from app.services.last_use import clock_skew_seconds
+from app.services.last_use import LastUse, clock_skew_seconds
+from app.services.secret_box import SecretBox
 from app.services.submit_meal import meal_id_of
 
 SAFE_METHODS = frozenset({"GET", "HEAD"})
@@ -234,8 +235,8 @@ def authorise(
     if rule.scraper:
         _require_scraper(request, state)
         return None
-    caller = authenticate(state.database, state.secrets, _token(request, state, rule, credentials))
-    count_caller(request, state.call_limits, caller)
+    caller = authenticate(state.database, state.part(SecretBox), _token(request, state, rule, credentials))
+    count_caller(request, state.part(CallLimits), caller)
     if (request.method, request.scope["route"].path) not in pages.POLLED:
         _note_use(state, caller, request.headers)
     if isinstance(caller, DeviceCaller):
@@ -287,7 +288,7 @@ def _staff_by_rule(caller: StaffCaller, rule: Rule, method: str) -> StaffCaller:
 
 def _note_use(state: ApiState, caller: Caller, headers: Headers) -> None:
     """When, by which app and by which clock the token was used; phones tell the last two in their headers."""
-    state.last_use.note(
+    state.part(LastUse).note(
         caller,
         clock_skew_seconds=clock_skew_seconds(headers.get("date"), datetime.now(UTC)),
         app_version=headers.get("x-app-version"),
@@ -301,7 +302,7 @@ def _refuse_deleted_meal(state: ApiState, caller: DeviceCaller, client_id: str) 
     except ValueError:
         return  # no id: the route says so
     with state.database.read() as session:
-        if is_meal_deleted(session, state.secrets, meal_id):
+        if is_meal_deleted(session, state.part(SecretBox), meal_id):
             raise meal_deleted()
 
 

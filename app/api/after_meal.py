@@ -11,7 +11,7 @@ from app.api.meals import SUBMIT_RESPONSES, MealId, meal_response
 from app.api.metadata import read_limited, validated_with_unknown
 from app.api.problems import problem_responses
 from app.api.schemas.after import AfterMetadataIn
-from app.services.after_meal import AfterMetadata
+from app.services.after_meal import AfterMetadata, SubmitAfterPair
 from app.services.meal_time import meal_time
 from app.services.read_meal import MealView, read_meal
 
@@ -39,7 +39,7 @@ async def put_after(request: Request, meal_id: MealId, state: State, caller: Cur
     )
 
     def work() -> tuple[bool, MealView]:
-        zone = told.time_zone or state.after_pairs.zone_of(caller, meal_id)
+        zone = told.time_zone or state.part(SubmitAfterPair).zone_of(caller, meal_id)
         metadata = AfterMetadata(
             time=meal_time(told.captured_at, zone, datetime.now(UTC)),
             camera=told.camera.model_dump(mode="json") if told.camera is not None else None,
@@ -47,7 +47,7 @@ async def put_after(request: Request, meal_id: MealId, state: State, caller: Cur
             complete=told.complete,
             unknown=unknown,
         )
-        submitted = state.after_pairs.announce(caller, meal_id, metadata)
+        submitted = state.part(SubmitAfterPair).announce(caller, meal_id, metadata)
         return submitted.is_new, read_meal(state.database, caller, meal_id)
 
     is_new, view = await anyio.to_thread.run_sync(work)

@@ -24,7 +24,9 @@ from app.api.schemas.meals import CameraIn
 from app.api.upload import UploadLimits, received_parts
 from app.db.models import CameraCalibration
 from app.services import calibrate_device
+from app.services.api_children import ApiChildren
 from app.services.calibrate_device import MAX_PHOTOGRAPHS, NewCalibration
+from app.services.submit_meal import SubmitMeal
 
 router = APIRouter(tags=["calibrations"], route_class=ListRoute)
 
@@ -65,7 +67,7 @@ async def post_calibration(request: Request, state: State, caller: CurrentDevice
 
     Ten do well: tilted by 30 to 45 degrees, near the middle and near the corners. The photographs are not kept.
     """
-    await anyio.to_thread.run_sync(state.submit_meal.require_room)
+    await anyio.to_thread.run_sync(state.part(SubmitMeal).require_room)
     limits = UploadLimits(state.settings.max_photo_bytes, state.settings.max_metadata_bytes)
     staging = state.blobs.staging_folder()
     async with received_parts(request, (PHOTO,), staging, limits, state.upload_limiter, times=MAX_PHOTOGRAPHS) as parts:
@@ -74,7 +76,7 @@ async def post_calibration(request: Request, state: State, caller: CurrentDevice
 
         def work() -> NewCalibration:
             return calibrate_device.calibrate_device(
-                state.database, state.children, state.settings, caller, marker, list(parts.files.values())
+                state.database, state.part(ApiChildren), state.settings, caller, marker, list(parts.files.values())
             )
 
         made = await anyio.to_thread.run_sync(work)

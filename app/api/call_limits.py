@@ -149,7 +149,7 @@ class AddressLimit:
         if call is None:
             await self._app(scope, receive, send)
             return
-        limits: CallLimits = scope["app"].state.api.call_limits
+        limits: CallLimits = scope["app"].state.api.part(CallLimits)
         address = caller_address(Request(scope))
         is_waiting = any(name == b"expect" for name, _ in scope["headers"])
 

@@ -12,7 +12,9 @@ from app.api.schemas.checks import CheckMetadataIn, CheckOut, CheckProblemOut
 from app.api.upload import UploadLimits, received_parts
 from app.db.models.meal import SLOTS
 from app.errors import MalformedRequestError
+from app.services.api_children import ApiChildren
 from app.services.check_pair import CheckedPair, CheckRequest, check_pair
+from app.services.submit_meal import SubmitMeal
 
 router = APIRouter(prefix="/v1/checks", tags=["checks"])
 
@@ -50,7 +52,7 @@ async def post_check(
 
     A pair without a problem that stops it may still fail later; one with such a problem may be sent all the same.
     """
-    await anyio.to_thread.run_sync(state.submit_meal.require_room)
+    await anyio.to_thread.run_sync(state.part(SubmitMeal).require_room)
     limits = UploadLimits(state.settings.max_photo_bytes, state.settings.max_metadata_bytes)
     async with received_parts(request, SLOTS, state.blobs.staging_folder(), limits, state.upload_limiter) as parts:
         missing = [slot for slot in SLOTS if slot not in parts.files]
@@ -67,7 +69,7 @@ async def post_check(
         )
 
         def work() -> CheckedPair:
-            return check_pair(state.database, state.children, state.settings, caller, wanted, parts.files)
+            return check_pair(state.database, state.part(ApiChildren), state.settings, caller, wanted, parts.files)
 
         found = await anyio.to_thread.run_sync(work)
     return CheckOut(

@@ -11,7 +11,7 @@ from app.api.problems import problem_responses
 from app.api.review import tagged_meal
 from app.api.schemas.declared import DeclaredMealIn
 from app.api.schemas.meals import MealOut
-from app.services.declare_meal import DeclaredMeal
+from app.services.declare_meal import DeclaredMeal, DeclareMeal
 from app.services.meal_time import meal_time
 from app.services.read_meal import read_meal
 
@@ -34,7 +34,7 @@ def post_declared_meal(body: DeclaredMealIn, state: State, caller: CurrentDevice
         location=body.location.model_dump(exclude_none=True) if body.location else None,
         app_version=body.app_version,
     )
-    is_new = state.declare_meal.declare(caller, told)
+    is_new = state.part(DeclareMeal).declare(caller, told)
     answer = tagged_meal(read_meal(state.database, caller, body.id), 201 if is_new else 200)
     answer.headers["Location"] = f"/v1/meals/{body.id}"
     return answer

@@ -4,7 +4,7 @@ from fastapi import APIRouter, Request
 
 from app.api.deps import State
 from app.api.problems import problem_responses
-from app.api.rate_limit import caller_address
+from app.api.rate_limit import EnrolmentLimit, caller_address
 from app.api.schemas.people import EnrolmentIn, EnrolmentOut
 from app.services.enrol import NewDevice, enrol_device
 
@@ -14,7 +14,7 @@ router = APIRouter(prefix="/v1/enrolments", tags=["enrolments"])
 @router.post("", status_code=201, responses=problem_responses(404, 422, 429))
 def post_enrolment(body: EnrolmentIn, request: Request, state: State) -> EnrolmentOut:
     """Exchange a code for a device's token. A code that is unknown, used or expired gives 404, in the same words."""
-    state.enrolment_limit.take(caller_address(request))
+    state.part(EnrolmentLimit).take(caller_address(request))
     issued = enrol_device(
         state.database, code=body.code, device=NewDevice(body.device_name, body.model, body.app_version)
     )

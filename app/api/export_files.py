@@ -9,6 +9,7 @@ from app.api.state import ApiState
 from app.errors import InvalidInputError
 from app.services.caller import Caller
 from app.services.export_file import ExportFile
+from app.services.export_me import ExportPlaces
 from app.services.export_spec import Components, ExportSpec, Layout, Output
 
 MEDIA_TYPES: dict[Output, str] = {
@@ -55,7 +56,7 @@ def file_format(
 
 def answer_file(state: ApiState, caller: Caller, spec: ExportSpec, name: str) -> ClosingStream:
     """The file, to be saved under this name. Raises what ExportFile raises."""
-    file = ExportFile(state.database, state.blobs, state.settings, state.export_places)(caller, spec)
+    file = ExportFile(state.database, state.blobs, state.settings, state.part(ExportPlaces))(caller, spec)
     headers = {
         "Content-Disposition": f'attachment; filename="{name}.{spec.output}"',
     }

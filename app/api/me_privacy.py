@@ -13,7 +13,9 @@ from app.api.parameters import ParticipantCode, StudyCode
 from app.api.problems import problem_responses
 from app.api.schemas.privacy import ReceiptOut
 from app.db.models import ErasureReceipt
-from app.services.export_me import export_me
+from app.services.erase import Eraser
+from app.services.export_me import ExportPlaces, export_me
+from app.services.submit_meal import SubmitMeal
 from app.services.withdraw import withdraw_participant, withdraw_self
 
 router = APIRouter(prefix="/v1", tags=["privacy"])
@@ -35,7 +37,7 @@ def delete_meal(
     ] = None,
 ) -> ReceiptOut:
     """Erase a meal for good: photographs, what was made of them, items, records, all. Its id is used up."""
-    return _receipt_out(state.eraser.erase_meal(caller, meal_id, participant))
+    return _receipt_out(state.part(Eraser).erase_meal(caller, meal_id, participant))
 
 
 @router.post("/me/withdrawal", responses=problem_responses(401, 403, 410))
@@ -44,7 +46,7 @@ def post_my_withdrawal(state: State, caller: CurrentDevice) -> ReceiptOut:
 
     The study's policy says what becomes of the data. Show the receipt and keep its id: this call cannot be made twice.
     """
-    return _receipt_out(withdraw_self(state.eraser, caller))
+    return _receipt_out(withdraw_self(state.part(Eraser), caller))
 
 
 @router.post(
@@ -57,14 +59,14 @@ def post_participant_withdrawal(
     caller: CurrentStaff,
 ) -> ReceiptOut:
     """A participant leaves, at their word to the study's staff."""
-    return _receipt_out(withdraw_participant(state.eraser, caller, study, participant))
+    return _receipt_out(withdraw_participant(state.part(Eraser), caller, study, participant))
 
 
 @router.get("/me/export", response_class=StreamingResponse, responses=EXPORT_RESPONSES)
 def get_my_export(state: State, caller: CurrentDevice) -> StreamingResponse:
     """All that the server holds on the participant of the calling phone, as one ZIP file."""
-    state.submit_meal.require_room()
-    leave = state.export_places.take(caller.participant_id)
+    state.part(SubmitMeal).require_room()
+    leave = state.part(ExportPlaces).take(caller.participant_id)
     try:
         file, size = export_me(state.database, state.blobs, caller)
     except BaseException:

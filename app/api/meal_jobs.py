@@ -9,6 +9,7 @@ from app.api.deps import CurrentCaller, CurrentStaff, State
 from app.api.meals import MealId, ParticipantCode, meal_response
 from app.api.problems import problem_responses
 from app.api.schemas.meals import MealOut
+from app.jobs.queue import JobQueue
 from app.services.cancel_meal import cancel_meal
 from app.services.retry_meal import retry_meal
 
@@ -38,5 +39,5 @@ def post_retry(
     meal_id: MealId, state: State, caller: CurrentStaff, participant: ParticipantCode = None
 ) -> JSONResponse:
     """Have a meal, or its after-meal pair, that failed estimated again. Calls at the same time queue it once."""
-    view, is_new = retry_meal(state.database, state.queue, caller, meal_id, participant)
+    view, is_new = retry_meal(state.database, state.part(JobQueue), caller, meal_id, participant)
     return meal_response(view, 202 if is_new else 200)

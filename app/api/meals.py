@@ -17,14 +17,16 @@ from app.api.render import render_meal
 from app.api.schemas.meals import MealOut
 from app.api.state import ApiState
 from app.api.upload import UploadLimits, received_body, received_parts
+from app.api.waiting import MealWaiter
 from app.db.models.meal import AFTER_SLOTS, SLOTS
 from app.db.queries.meals import WAITING
 from app.errors import MalformedRequestError
+from app.services.after_meal import SubmitAfterPair
 from app.services.caller import DeviceCaller
 from app.services.item_state import REMEASURING
 from app.services.read_meal import MealView, open_artefact, read_meal
 from app.services.receive_photo import ReceivedFile
-from app.services.submit_meal import MealMetadata
+from app.services.submit_meal import MealMetadata, SubmitMeal
 
 router = APIRouter(prefix="/v1/meals", tags=["meals"])
 
@@ -89,7 +91,7 @@ async def post_meal(request: Request, state: State, caller: CurrentDevice) -> Re
 
     The same request again gives 200 and the same answer, so a phone that did not hear the answer just sends again.
     """
-    await anyio.to_thread.run_sync(state.submit_meal.require_room)
+    await anyio.to_thread.run_sync(state.part(SubmitMeal).require_room)
     async with received_parts(
         request, SLOTS, state.blobs.staging_folder(), _limits(state), state.upload_limiter
     ) as parts:
@@ -132,7 +134,7 @@ async def put_photograph(
 
     after_left and after_right are what was left of the meal; they may come at any time, also long after it.
     """
-    await anyio.to_thread.run_sync(state.submit_meal.require_room)
+    await anyio.to_thread.run_sync(state.part(SubmitMeal).require_room)
     staging = state.blobs.staging_folder()
     async with received_body(request, slot, staging, _limits(state), state.upload_limiter) as file:
         if slot in AFTER_SLOTS:
@@ -163,7 +165,7 @@ async def get_meal(
     view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
     known = request.headers.get("if-none-match")
     if wait and will_change(view) and (known is None or _is_known(known, view)):
-        await state.waiter.wait(view.meal.id, view.meal.version, wait)
+        await state.part(MealWaiter).wait(view.meal.id, view.meal.version, wait)
         view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
     if known is not None and _is_known(known, view):
         return Response(status_code=304, headers={"ETag": _etag(view)})
@@ -205,7 +207,7 @@ async def _submit(
     files: Mapping[str, ReceivedFile],
 ) -> Response:
     def work() -> tuple[bool, MealView]:
-        submitted = state.submit_meal.submit(caller, client_id, metadata, files)
+        submitted = state.part(SubmitMeal).submit(caller, client_id, metadata, files)
         return submitted.is_new, submitted.view or read_meal(state.database, caller, client_id)
 
     is_new, view = await anyio.to_thread.run_sync(work, limiter=state.upload_limiter)
@@ -216,7 +218,7 @@ async def _submit_after(
     state: ApiState, caller: DeviceCaller, client_id: uuid.UUID, files: Mapping[str, ReceivedFile]
 ) -> Response:
     def work() -> tuple[bool, MealView]:
-        submitted = state.after_pairs.receive(caller, client_id, files)
+        submitted = state.part(SubmitAfterPair).receive(caller, client_id, files)
         return submitted.is_new, read_meal(state.database, caller, client_id)
 
     is_new, view = await anyio.to_thread.run_sync(work, limiter=state.upload_limiter)

@@ -30,4 +30,6 @@ class _All(Collector):
 def get_metrics(state: State, accept: Annotated[str, Header()] = "") -> Response:
     """What Prometheus scrapes."""
     encode, content_type = choose_encoder(accept)
-    return Response(encode(_All(state.figures)), headers={"Content-Type": content_type, "Cache-Control": "no-store"})
+    return Response(
+        encode(_All(state.part(DeploymentFigures))), headers={"Content-Type": content_type, "Cache-Control": "no-store"}
+    )

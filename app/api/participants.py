@@ -25,6 +25,7 @@ from app.services import participants
 from app.services.enrol import issue_enrolment_code
 from app.services.enrolment_qr import enrolment_text, qr_png, qr_svg
 from app.services.participants import ParticipantChange
+from app.services.secret_box import SecretBox
 
 router = APIRouter(prefix="/v1/studies/{study}/participants", tags=["participants"], route_class=ListRoute)
 
@@ -55,7 +56,7 @@ def post_participant(
 ) -> ParticipantOut:
     """Add a participant."""
     made = participants.create_participant(
-        state.database, state.secrets, study_code=study, code=body.code, caller=caller, change=change_of(body)
+        state.database, state.part(SecretBox), study_code=study, code=body.code, caller=caller, change=change_of(body)
     )
     response.headers["Location"] = f"/v1/studies/{study}/participants/{body.code}"
     return _render(made)

@@ -8,6 +8,7 @@ from app.api.deps import CurrentCaller, State
 from app.api.meals import MealId, ParticipantCode
 from app.api.parameters import Slot
 from app.api.problems import problem_responses
+from app.services.api_children import ApiChildren
 from app.services.serve_photo import find_photo, render_photo
 
 router = APIRouter(prefix="/v1/meals", tags=["meals"])
@@ -60,5 +61,5 @@ def get_photograph(
     known = {tag.strip().removeprefix("W/") for tag in (if_none_match or "").split(",")}
     if headers["ETag"] in known:
         return Response(status_code=304, headers=headers)
-    content = render_photo(state.database, state.blobs, state.children, state.settings, caller, found, width)
+    content = render_photo(state.database, state.blobs, state.part(ApiChildren), state.settings, caller, found, width)
     return Response(content, media_type="image/jpeg", headers=headers)

@@ -79,3 +79,7 @@ def home_of(host: str) -> str:
     if address.ipv4_mapped is not None:
         return str(address.ipv4_mapped)
     return str(ipaddress.ip_network((address, IPV6_HOME), strict=False))
+
+
+class EnrolmentLimit(RateLimit):
+    """How often an address may try an enrolment code."""

@@ -14,7 +14,7 @@ from app.api.problems import problem_responses
 from app.api.render import render_meal
 from app.api.schemas.meals import MealOut
 from app.api.schemas.review import AnyEventIn, EventIn, EventList, EventOut, SetMassIn, SetVolumeIn
-from app.services.meal_events import NewEvent
+from app.services.meal_events import MealEvents, NewEvent
 from app.services.meal_history import HistoryRow, read_history
 from app.services.read_meal import MealView
 
@@ -37,7 +37,7 @@ def post_event(
     participant: ParticipantCode = None,
 ) -> JSONResponse:
     """Confirm, correct, reject, add, split, merge or ask. `If-Match` names the version of the meal that was seen."""
-    view, is_new = state.meal_events.append(
+    view, is_new = state.part(MealEvents).append(
         caller, meal_id, new_event(body), expected=expected_versions(if_match), participant_code=participant
     )
     return tagged_meal(view, 201 if is_new else 200)

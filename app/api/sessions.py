@@ -6,7 +6,9 @@ from app.api.deps import CurrentStaff, State
 from app.api.problems import problem_responses
 from app.api.rate_limit import caller_address
 from app.api.schemas.staff import EndedAccessOut, PasswordChangeIn, SessionIn, SessionIssued, SessionOut
+from app.api.sign_in_limits import SignInLimits
 from app.services import sign_in
+from app.services.passwords import Passwords
 
 router = APIRouter(prefix="/v1/sessions", tags=["sessions"])
 
@@ -14,8 +16,8 @@ router = APIRouter(prefix="/v1/sessions", tags=["sessions"])
 @router.post("", status_code=201, responses=problem_responses(401, 422, 429, 503))
 def post_session(body: SessionIn, request: Request, state: State) -> SessionIssued:
     """Sign in. A name that is unknown, a wrong password and a disabled account give 401, in the same words and time."""
-    with state.sign_in_limits.trying(body.name, caller_address(request)):
-        issued = sign_in.sign_in(state.database, state.passwords, body.name, body.password.get_secret_value())
+    with state.part(SignInLimits).trying(body.name, caller_address(request)):
+        issued = sign_in.sign_in(state.database, state.part(Passwords), body.name, body.password.get_secret_value())
     return SessionIssued(
         token=issued.token,
         name=issued.name,
@@ -41,10 +43,10 @@ def delete_current_session(state: State, caller: CurrentStaff) -> Response:
 @router.post("/current/password", responses=problem_responses(401, 403, 422, 429, 503))
 def post_password(body: PasswordChangeIn, request: Request, state: State, caller: CurrentStaff) -> EndedAccessOut:
     """Change the own password. All sessions end, this one too, and all personal tokens: sign in again."""
-    with state.sign_in_limits.trying(caller.name, caller_address(request)):
+    with state.part(SignInLimits).trying(caller.name, caller_address(request)):
         ended = sign_in.change_own_password(
             state.database,
-            state.passwords,
+            state.part(Passwords),
             caller,
             current=body.current_password.get_secret_value(),
             new=body.new_password.get_secret_value(),

@@ -11,6 +11,7 @@ from app.api.problems import problem_responses
 from app.api.schemas.staff import EndedAccessOut, StaffChangedOut, StaffIn, StaffList, StaffOut, StaffPatch
 from app.db.models import Staff
 from app.services import staff
+from app.services.passwords import Passwords
 
 router = APIRouter(prefix="/v1/staff", tags=["staff"], route_class=ListRoute)
 
@@ -27,7 +28,7 @@ def post_staff(body: StaffIn, state: State, caller: CurrentStaff) -> StaffOut:
     """Make a staff member."""
     made = staff.create_staff(
         state.database,
-        state.passwords,
+        state.part(Passwords),
         body.name,
         is_admin=body.is_admin,
         password=_secret(body.password),
@@ -50,7 +51,7 @@ def patch_staff(name: StaffName, body: StaffPatch, state: State, caller: Current
     tells which. A first password ends nothing.
     """
     change = staff.StaffChange(body.is_admin, body.is_disabled, _secret(body.password))
-    changed = staff.change_staff(state.database, state.passwords, name, change, caller)
+    changed = staff.change_staff(state.database, state.part(Passwords), name, change, caller)
     ended = EndedAccessOut(sessions=changed.ended.sessions, tokens=list(changed.ended.tokens))
     return StaffChangedOut(**_render(changed.staff).model_dump(), ended=ended)
 

@@ -1,51 +1,32 @@
 """What the endpoints of one process share; app/main.py makes it, app/api/deps.py hands it out."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from typing import TypeVar
 
 import anyio
 
-from app.api.call_limits import CallLimits
-from app.api.rate_limit import RateLimit
-from app.api.sign_in_limits import SignInLimits
-from app.api.waiting import MealWaiter
 from app.db.session import Database
-from app.jobs.queue import JobQueue
-from app.services.after_meal import SubmitAfterPair
-from app.services.api_children import ApiChildren
-from app.services.declare_meal import DeclareMeal
-from app.services.erase import Eraser
-from app.services.export_me import ExportPlaces
-from app.services.figures import DeploymentFigures
-from app.services.last_use import LastUse
-from app.services.meal_events import MealEvents
-from app.services.passwords import Passwords
-from app.services.secret_box import SecretBox
-from app.services.submit_meal import SubmitMeal
 from app.settings import Settings
 from app.storage.blob_store import BlobStore
 
+Part = TypeVar("Part")
 
-@dataclass(frozen=True, slots=True)
+
 class ApiState:
-    """Parts made once a process."""
+    """Settings, database and blob store of a process, and its other parts by their type.
 
-    settings: Settings
-    database: Database
-    blobs: BlobStore
-    queue: JobQueue
-    submit_meal: SubmitMeal
-    after_pairs: SubmitAfterPair
-    meal_events: MealEvents
-    declare_meal: DeclareMeal
-    waiter: MealWaiter
-    upload_limiter: anyio.CapacityLimiter
-    call_limits: CallLimits
-    enrolment_limit: RateLimit
-    secrets: SecretBox
-    children: ApiChildren
-    eraser: Eraser
-    sign_in_limits: SignInLimits
-    passwords: Passwords
-    export_places: ExportPlaces
-    last_use: LastUse
-    figures: DeploymentFigures
+    A domain asks for a part by its class (`state.part(Eraser)`), so that this module need not import any domain.
+    """
+
+    def __init__(self, settings: Settings, database: Database, blobs: BlobStore, parts: Iterable[object]) -> None:
+        self.settings = settings
+        self.database = database
+        self.blobs = blobs
+        self.upload_limiter = anyio.CapacityLimiter(settings.max_uploads)
+        self._parts = {type(part): part for part in parts}
+
+    def part(self, kind: type[Part]) -> Part:
+        """The part of this type. Raises KeyError if the process has none."""
+        part = self._parts[kind]
+        assert isinstance(part, kind)  # noqa: S101  # for the type checker: kept by its own type
+        return part

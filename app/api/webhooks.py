@@ -21,6 +21,7 @@ from app.api.schemas.webhooks import (
     WebhookSecretOut,
 )
 from app.db.models import Webhook
+from app.services.secret_box import SecretBox
 from app.services.webhooks import IssuedSecret, Webhooks
 
 router = APIRouter(prefix="/v1/studies/{study}/webhooks", tags=["webhooks"], route_class=ListRoute)
@@ -131,7 +132,7 @@ def post_replay(
 
 
 def _use_case(state: State) -> Webhooks:
-    return Webhooks(state.database, state.secrets, state.settings)
+    return Webhooks(state.database, state.part(SecretBox), state.settings)
 
 
 def _tagged(hook: Webhook, response: Response) -> WebhookOut:

@@ -8,10 +8,12 @@ from starlette.responses import Response
 from app.api.pages import PREFIX
 from app.api.rate_limit import caller_address
 from app.api.schemas.staff import PasswordChangeIn, TokenIn
+from app.api.sign_in_limits import SignInLimits
 from app.dashboard.forms import Fields, checked, typed
 from app.dashboard.page import CurrentPage, Page
 from app.errors import ConflictError, InvalidInputError, NotFoundError, RateLimitedError, UnauthenticatedError
 from app.services import access_tokens, sign_in
+from app.services.passwords import Passwords
 from app.services.studies import known_codes
 
 router = APIRouter(include_in_schema=False)
@@ -35,10 +37,10 @@ def post_password(page: CurrentPage, request: Request, fields: Fields) -> Respon
     if body is None:
         return _account(page, wrong=wrong, status=422)
     try:
-        with page.state.sign_in_limits.trying(page.caller.name, caller_address(request)):
+        with page.state.part(SignInLimits).trying(page.caller.name, caller_address(request)):
             sign_in.change_own_password(
                 page.state.database,
-                page.state.passwords,
+                page.state.part(Passwords),
                 page.caller,
                 current=body.current_password.get_secret_value(),
                 new=body.new_password.get_secret_value(),

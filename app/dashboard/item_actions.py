@@ -18,6 +18,7 @@ from app.dashboard.meal_timeline import TITLES
 from app.dashboard.one_study import in_study
 from app.dashboard.page import CurrentPage, Page
 from app.errors import PreconditionFailedError
+from app.services.meal_events import MealEvents
 from app.services.search_foods import search_foods
 
 router = APIRouter(include_in_schema=False)
@@ -30,7 +31,7 @@ def post_event(page: CurrentPage, participant: str, meal_id: uuid.UUID, form: An
     """Confirm, correct, reject, ask, undo: one word about the meal as it was shown."""
     event = new_event(event_of(form))
     try:
-        view, is_new = page.state.meal_events.append(
+        view, is_new = page.state.part(MealEvents).append(
             in_study(page), meal_id, event, expected=frozenset({form.version}), participant_code=participant
         )
     except PreconditionFailedError as error:

@@ -22,6 +22,7 @@ from app.dashboard.meal_timeline import TITLES, Entry, food_names, timeline, wor
 from app.dashboard.one_study import in_study
 from app.dashboard.page import CurrentPage, Page
 from app.errors import InvalidInputError
+from app.services.erase import Eraser
 from app.services.item_state import REPLACED, UNDONE
 from app.services.meal_story import MealStory, read_story
 from app.services.read_meal import read_meal
@@ -112,7 +113,7 @@ def post_erasure(
     view = read_meal(page.state.database, caller, meal_id, participant)
     if typed.strip() != view.participant_code:
         raise InvalidInputError(f"Nothing was erased. To erase the meal, type the participant's code: {participant}.")
-    receipt = page.state.eraser.erase_meal(caller, meal_id, participant)
+    receipt = page.state.part(Eraser).erase_meal(caller, meal_id, participant)
     return page.go(
         study_address(page.study.code if page.study else "", "meals"),
         told=f"The meal was erased. Receipt {receipt.id}.",

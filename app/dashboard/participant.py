@@ -23,6 +23,7 @@ from app.db.queries.days import DayFilter
 from app.db.queries.meal_pages import MealFilter
 from app.errors import ConflictError, InvalidInputError
 from app.services import day_summaries, devices, diary, participants
+from app.services.erase import Eraser
 from app.services.feedback import Feedback, read_feedback
 from app.services.list_meals import list_meals, sums_of
 from app.services.participants import PROFILE_KEYS
@@ -89,7 +90,7 @@ def post_withdrawal(page: CurrentPage, study: str, participant: str, fields: Fie
     """The participant leaves, at their word; whoever tells it types the code, so that it is nobody else's."""
     if typed(fields).get("code") != participant:
         raise InvalidInputError("Type the participant's code to confirm that they leave the study.")
-    receipt = withdraw_participant(page.state.eraser, page.caller, study, participant)
+    receipt = withdraw_participant(page.state.part(Eraser), page.caller, study, participant)
     told = f"{participant} has left the study; its policy ({receipt.policy}) was carried out. Receipt: {receipt.id}."
     return page.go(study_address(study, "participants"), told)
 

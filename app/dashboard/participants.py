@@ -20,6 +20,7 @@ from app.errors import ConflictError
 from app.services import day_summaries, participants
 from app.services.adequacy import Adequacy, find_component, judge_study
 from app.services.day_order import require_order
+from app.services.secret_box import SecretBox
 
 router = APIRouter(include_in_schema=False)
 
@@ -58,7 +59,7 @@ def post_participants(page: CurrentPage, study: str, fields: Fields) -> Response
     for code in codes:
         try:
             participants.create_participant(
-                page.state.database, page.state.secrets, study_code=study, code=code, caller=page.caller
+                page.state.database, page.state.part(SecretBox), study_code=study, code=code, caller=page.caller
             )
         except ConflictError as error:
             refused[error.code].append(code)

@@ -9,9 +9,11 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 from app.api.deps import CurrentStaff, State
 from app.api.pages import PREFIX, is_https, session_cookie
 from app.api.rate_limit import caller_address
+from app.api.sign_in_limits import SignInLimits
 from app.dashboard.templates import render
 from app.errors import RateLimitedError, UnauthenticatedError
 from app.services import sign_in
+from app.services.passwords import Passwords
 
 router = APIRouter(include_in_schema=False)
 
@@ -41,8 +43,8 @@ def post_sign_in(
     """Sign in; then to the page that was asked for."""
     target = safe_path(next)
     try:
-        with state.sign_in_limits.trying(name, caller_address(request)):
-            issued = sign_in.sign_in(state.database, state.passwords, name, password)
+        with state.part(SignInLimits).trying(name, caller_address(request)):
+            issued = sign_in.sign_in(state.database, state.part(Passwords), name, password)
     except (UnauthenticatedError, RateLimitedError) as error:
         page = render("sign_in.html", next=target, name=name, refused=error.message)
         return HTMLResponse(page, status_code=error.status)

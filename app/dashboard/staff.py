@@ -11,6 +11,7 @@ from app.dashboard.forms import Fields, checked, typed
 from app.dashboard.page import CurrentPage, Page
 from app.errors import ConflictError, InvalidInputError, UnavailableError
 from app.services import staff
+from app.services.passwords import Passwords
 
 router = APIRouter(include_in_schema=False)
 
@@ -34,7 +35,7 @@ def post_staff(page: CurrentPage, fields: Fields) -> Response:
     try:
         staff.create_staff(
             page.state.database,
-            page.state.passwords,
+            page.state.part(Passwords),
             body.name,
             is_admin=body.is_admin,
             password=body.password.get_secret_value() if body.password is not None else None,
@@ -55,7 +56,7 @@ def post_change(page: CurrentPage, fields: Fields) -> Response:
         raise InvalidInputError("; ".join(wrong.values()))
     password = body.password.get_secret_value() if body.password is not None else None
     change = staff.StaffChange(body.is_admin, body.is_disabled, password)
-    changed = staff.change_staff(page.state.database, page.state.passwords, name, change, page.caller)
+    changed = staff.change_staff(page.state.database, page.state.part(Passwords), name, change, page.caller)
     return page.go(PATH, f"{name} was changed.{changed.ended.sentence}")
 
 

@@ -13,6 +13,7 @@ from app.dashboard.forms import Fields, checked, typed
 from app.dashboard.page import CurrentPage, Page
 from app.db.models.webhook import ALL_EVENTS, EVENTS
 from app.errors import ConflictError, InvalidInputError
+from app.services.secret_box import SecretBox
 from app.services.webhooks import IssuedSecret, Webhooks
 
 router = APIRouter(include_in_schema=False)
@@ -98,7 +99,7 @@ def post_replay(page: CurrentPage, study: str, webhook: uuid.UUID, delivery: uui
 
 
 def _use_case(page: Page) -> Webhooks:
-    return Webhooks(page.state.database, page.state.secrets, page.state.settings)
+    return Webhooks(page.state.database, page.state.part(SecretBox), page.state.settings)
 
 
 def _webhooks(

@@ -41,6 +41,7 @@ from app.services.export_spec import ExportFilters, ExportSpec, spec_as_json
 from app.services.file_runner import FileRunner
 from app.services.freeze_release import ReleaseFilters
 from app.services.rebuild_records import rebuild_records
+from app.services.secret_box import SecretBox
 from app.vision.looks.vcm import LENGTH, VCM_VERSION
 from tests import estimates
 from tests.estimates import found_item
@@ -345,7 +346,9 @@ class Person:
 def make_files(state):
     """Everything that waits for a worker's side process is made: what became of each."""
     found = []
-    while ended := FileRunner(state.database, state.blobs, state.settings, state.secrets, uuid.uuid4()).run_one():
+    while ended := FileRunner(
+        state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4()
+    ).run_one():
         found.append(ended.outcome)
     return found
 

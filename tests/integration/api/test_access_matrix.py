@@ -18,6 +18,7 @@ from app.api.access_table import PAGE, page_with_table
 from app.db.models import AccessToken, Device, Meal, Participant, Staff, Study, StudyMember, Tombstone
 from app.main import create_app
 from app.services.caller import new_token, sha256_hex
+from app.services.secret_box import SecretBox
 from app.settings import Settings
 from tests.integration.api.people import bearer
 
@@ -173,7 +174,7 @@ def make_world(state):
         if role.kind == "phone":
             rows.append(token(role, device_id=people[(own if role.is_own else other).id][1].id))
         elif role.kind == "withdrawn":
-            digest = state.secrets.digest("token", sha256_hex(tokens[role.name]))
+            digest = state.part(SecretBox).digest("token", sha256_hex(tokens[role.name]))
             rows.append(Tombstone(kind="token", digest=digest, study_id=own.id, erased_at=now))
         elif role.kind in ("session", "token"):
             staff = Staff(id=uuid.uuid4(), name=f"{role.name} {number}", is_admin=role.is_admin, created_at=now)

@@ -16,6 +16,7 @@ from app.services import file_runner, made_file
 from app.services.delete_blobs import BlobDeleter
 from app.services.file_runner import FileRunner
 from app.services.file_work_chore import expire_exports
+from app.services.secret_box import SecretBox
 from tests.integration.api.people import make_staff
 from tests.integration.eaten_days import add_meal, eaten_item
 from tests.stores import make_old, stored_names
@@ -40,7 +41,9 @@ def viewer(client, admin, eaten):
 @pytest.fixture
 def run(state):
     def run(**times):
-        return FileRunner(state.database, state.blobs, state.settings, state.secrets, uuid.uuid4(), **times).run_one()
+        return FileRunner(
+            state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4(), **times
+        ).run_one()
 
     return run
 
@@ -356,7 +359,9 @@ def test_runner_that_died_is_taken_over_and_writes_nothing_when_it_comes_back(vi
     def take_over():
         assert run().outcome == "done"  # by another, since the lease of no time at all has run out
 
-    sleeping = FileRunner(state.database, state.blobs, state.settings, state.secrets, uuid.uuid4(), beat_seconds=3600.0)
+    sleeping = FileRunner(
+        state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4(), beat_seconds=3600.0
+    )
     during(lambda: run_over_dead_lease(state, take_over))
     assert sleeping.run_one().outcome == "lost"
     export = viewer.get(path).json()

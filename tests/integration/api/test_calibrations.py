@@ -11,6 +11,7 @@ import pytest
 
 from app.db.models import CameraCalibration, Device, Job, Meal, Participant, Study
 from app.jobs.child_pool import ChildResult
+from app.services.api_children import ApiChildren
 from app.services.camera_choice import choose_camera, median_camera
 from app.services.estimate_meal import EstimateMeal
 from app.services.save_estimate import save_estimate
@@ -273,7 +274,7 @@ def test_calibration_of_who_leaves_meanwhile_is_not_kept_and_no_row_holds_the_al
         alias = str(session.query(Participant).one().alias)
         (row,) = session.query(CameraCalibration).all()
     assert alias not in row.author
-    run = state.children.run
+    run = state.part(ApiChildren).run
 
     def leaves(*arguments, **named):
         found = run(*arguments, **named)
@@ -281,5 +282,7 @@ def test_calibration_of_who_leaves_meanwhile_is_not_kept_and_no_row_holds_the_al
             session.query(Participant).update({"withdrawn_at": datetime.now(UTC)})
         return found
 
-    monkeypatch.setattr(type(state.children), "run", lambda _, *arguments, **named: leaves(*arguments, **named))
+    monkeypatch.setattr(
+        type(state.part(ApiChildren)), "run", lambda _, *arguments, **named: leaves(*arguments, **named)
+    )
     assert code(calibrate(phone, photos)) == (410, "withdrawn")

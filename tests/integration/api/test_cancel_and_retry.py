@@ -12,6 +12,7 @@ import sqlalchemy as sa
 from app.db.models import AuditEvent, Job, Meal, MealImage, Run
 from app.db.queries import jobs, meals, privacy
 from app.jobs.faults import INTERNAL_ERROR, JOB_GAVE_UP
+from app.jobs.queue import JobQueue
 from app.services.look_after_jobs import Failures, failed_pairs, retry_failed
 from tests import estimates
 from tests.commands import run_tada
@@ -288,7 +289,7 @@ def test_retry_that_the_database_ends_for_anothers_sake_is_done_again(phone, sta
     other = threading.Thread(target=lock_in_the_other_order)
     other.start()
     assert has_meal.wait(10)
-    assert retry_failed(state.database, state.queue, Failures(code=INTERNAL_ERROR.code)).queued == 1
+    assert retry_failed(state.database, state.part(JobQueue), Failures(code=INTERNAL_ERROR.code)).queued == 1
     other.join()
     assert [one.state for one in jobs_of(state, meal)] == ["failed", "queued"]
 

@@ -13,7 +13,7 @@ import pillow_heif
 import pytest
 from PIL import Image
 
-from app.services.api_children import Whose
+from app.services.api_children import ApiChildren, Whose
 from app.services.fair_line import FairLine
 from app.services.messages.catalogue import sentence
 from tests.estimates import save
@@ -161,7 +161,7 @@ def test_eight_checks_at_once_are_all_answered_or_told_to_come_back(phone):
 
 def test_check_beyond_the_waiting_room_is_turned_away_at_once(phone, state):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(state.children, "_line", FairLine(1, most_waiting=0, wait_seconds=30))
+        patch.setattr(state.part(ApiChildren), "_line", FairLine(1, most_waiting=0, wait_seconds=30))
         answer = check(phone)
     assert (answer.status_code, answer.json()["code"], answer.json()["retryable"]) == (503, "server_busy", True)
     assert stops(check(phone)) == []
@@ -170,7 +170,7 @@ def test_check_beyond_the_waiting_room_is_turned_away_at_once(phone, state):
 def test_crashed_child_is_a_problem_of_the_request_and_the_next_check_works(phone, state, monkeypatch):
     check(phone)
     ended = threading.Event()
-    perform = type(next(iter(state.children._pool._alive))).perform
+    perform = type(next(iter(state.part(ApiChildren)._pool._alive))).perform
 
     def killed(self, request, on_stage, *limits):
         if not ended.is_set():
@@ -178,7 +178,7 @@ def test_crashed_child_is_a_problem_of_the_request_and_the_next_check_works(phon
             threading.Timer(0.05, self._process.kill).start()
         return perform(self, request, on_stage, *limits)
 
-    monkeypatch.setattr(type(next(iter(state.children._pool._alive))), "perform", killed)
+    monkeypatch.setattr(type(next(iter(state.part(ApiChildren)._pool._alive))), "perform", killed)
     broken = check(phone)
     assert broken.status_code in {200, 503}  # killed from outside: no fault of the photographs
     assert stops(check(phone)) == []
@@ -216,6 +216,6 @@ def test_heic_of_forty_megapixels_is_judged_within_the_limits(enrol, client, sta
     small = state.blobs.staging_folder() / "small.jpg"
     small.write_bytes(original("right"))
     asked = {"left": str(path), "right": str(small), "marker": "plain:9x7:11", "camera": None, "max_pixels": 60_000_000}
-    found = state.children.run("check", asked, seconds=60, whose=Whose(uuid.uuid4(), uuid.uuid4()))
+    found = state.part(ApiChildren).run("check", asked, seconds=60, whose=Whose(uuid.uuid4(), uuid.uuid4()))
     assert "image_unreadable" not in [one["code"] for one in found["problems"]]
     assert found["measures"]["square_px_left"] > 80

@@ -32,7 +32,7 @@ def test_last_use_app_version_and_clock_are_noted(enrol, client, admin, state):
     phone = enrol()
     ahead = format_datetime(datetime.now(UTC) + timedelta(minutes=10), usegmt=True)
     client.get("/v1/me", headers=phone.headers | {"Date": ahead, "X-App-Version": "1.4.0"})
-    state.last_use.settle()
+    state.part(LastUse).settle()
     (device,) = devices(client, admin)
     assert device["app_version"] == "1.4.0"
     assert device["clock_skew_seconds"] == pytest.approx(
@@ -45,10 +45,10 @@ def test_last_use_app_version_and_clock_are_noted(enrol, client, admin, state):
 def test_use_is_noted_once_in_five_minutes(enrol, client, admin, state):
     phone = enrol()
     phone.get("/v1/me")
-    state.last_use.settle()
+    state.part(LastUse).settle()
     first = devices(client, admin)[0]["last_used_at"]
     phone.get("/v1/me")
-    state.last_use.settle()
+    state.part(LastUse).settle()
     assert devices(client, admin)[0]["last_used_at"] == first
 
 
@@ -75,7 +75,7 @@ def test_database_that_fails_costs_the_note_and_not_the_request(enrol, state, mo
 
     monkeypatch.setattr(state.database, "write", no_write)
     assert phone.get("/v1/me").status_code == 200
-    state.last_use.settle()
+    state.part(LastUse).settle()
 
 
 def test_writer_that_holds_the_database_does_not_hold_up_the_request(enrol, state):
@@ -83,7 +83,7 @@ def test_writer_that_holds_the_database_does_not_hold_up_the_request(enrol, stat
     with state.database.write() as session:
         session.connection()  # on SQLite nobody else writes now
         assert phone.get("/v1/me").status_code == 200
-    state.last_use.settle()
+    state.part(LastUse).settle()
 
 
 def test_phone_signs_out_and_its_token_opens_nothing_any_more(enrol, client, admin):
@@ -140,7 +140,7 @@ def test_clock_skew_is_the_phones_clock_less_the_servers(header, skew):
 def test_app_version_that_no_database_keeps_is_left_out(enrol, client, admin, state):
     phone = enrol()
     client.get("/v1/me", headers=phone.headers | {"X-App-Version": "v" * 65})
-    state.last_use.settle()
+    state.part(LastUse).settle()
     assert devices(client, admin)[0]["app_version"] is None
 
 

@@ -14,6 +14,7 @@ from pydantic import SecretStr
 
 from app.db.models import Export, Release, ReleaseChange
 from app.services import figures
+from app.services.figures import DeploymentFigures
 from tests.integration.eaten_days import add_meal, eaten_item
 from tests.photographs import pair
 
@@ -225,4 +226,4 @@ def test_openmetrics_is_told_to_who_asks_for_it(local):
 
 def forget(local):
     """The figures of a moment ago."""
-    local.app.state.api.figures._answer = None
+    local.app.state.api.part(DeploymentFigures)._answer = None

@@ -36,6 +36,8 @@ from app.services.caller import DeviceCaller
 from app.services.delete_blobs import BlobDeleter
 from app.services.devices import read_phone, sign_out_phone
 from app.services.erase import public_digest
+from app.services.export_me import ExportPlaces
+from app.services.last_use import LastUse
 from app.services.retention import erase_old_pictures
 from app.vision.looks.vcm import VCM_VERSION
 from tests.integration.conftest import meal_metadata
@@ -235,7 +237,7 @@ def test_anonymised_data_lead_to_nobody_and_keep_what_was_eaten_and_when(person,
         keys = [*session.scalars(sa.select(MealImage.blob_key)), *session.scalars(sa.select(RunArtefact.blob_key))]
     client.post("/v1/me/withdrawal", headers=person.phone.headers)
     BlobDeleter(state.database, state.blobs).delete_wanted()
-    state.last_use.settle()
+    state.part(LastUse).settle()
     assert state.database.empty_log()
     with state.database.read() as session:
         meal = session.scalars(sa.select(Meal)).one()
@@ -353,7 +355,7 @@ def test_export_of_many_meals_holds_each_in_the_order_of_eating(person, state):
 
 
 def test_third_export_of_a_person_at_once_is_refused_and_let_in_once_another_has_ended(person, state, enrol):
-    leaving = [state.export_places.take(person.participant_id) for _ in range(2)]
+    leaving = [state.part(ExportPlaces).take(person.participant_id) for _ in range(2)]
     answer = person.phone.get("/v1/me/export")
     assert (answer.status_code, answer.json()["code"], answer.headers["Retry-After"]) == (503, "server_busy", "60")
     assert enrol("other").get("/v1/me/export").status_code == 200
@@ -363,12 +365,12 @@ def test_third_export_of_a_person_at_once_is_refused_and_let_in_once_another_has
 
 
 def test_exports_of_all_at_once_are_bounded_and_one_that_fails_leaves_its_place(person, state, monkeypatch):
-    others = [state.export_places.take(uuid.uuid4()) for _ in range(7)]
+    others = [state.part(ExportPlaces).take(uuid.uuid4()) for _ in range(7)]
     with monkeypatch.context() as patched:
         patched.setattr("app.services.export_me.README", None)
         assert person.phone.get("/v1/me/export").status_code == 500
     assert person.phone.get("/v1/me/export").status_code == 200
-    others.append(state.export_places.take(uuid.uuid4()))
+    others.append(state.part(ExportPlaces).take(uuid.uuid4()))
     assert person.phone.get("/v1/me/export").status_code == 503
     for leave in others:
         leave()

@@ -24,6 +24,7 @@ from app.exports.spool import Spool
 from app.services import day_summaries, export_days, export_tables, spooled_export
 from app.services.caller import StaffCaller
 from app.services.export_file import ExportFile
+from app.services.export_me import ExportPlaces
 from app.services.export_spec import ExportSpec
 from tests.integration.eaten_days import add_meal, eaten_item, set_profile
 
@@ -212,7 +213,7 @@ def test_export_by_staff_is_noted_once_in_the_studys_log(client, admin, state):
 
 def exporter(state, staff_id):
     caller = StaffCaller(staff_id=staff_id, name="admin", is_admin=True, token_id=staff_id)
-    use_case = ExportFile(state.database, state.blobs, state.settings, state.export_places)
+    use_case = ExportFile(state.database, state.blobs, state.settings, state.part(ExportPlaces))
     return lambda output="csv": use_case(caller, ExportSpec("items", output=output))
 
 

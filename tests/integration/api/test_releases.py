@@ -32,7 +32,9 @@ from app.services import release_runner
 from app.services.compare_release import compare_release
 from app.services.delete_blobs import BlobDeleter
 from app.services.file_runner import MOST_TRIES_WITHOUT_FILES, FileRunner
+from app.services.last_use import LastUse
 from app.services.release_days import NOT_DERIVABLE, day_without
+from app.services.secret_box import SecretBox
 from tests.commands import run_tada
 from tests.integration.api.people import make_staff
 from tests.integration.eaten_days import add_meal, eaten_item
@@ -112,7 +114,7 @@ def owner(client, admin, eaten):
 @pytest.fixture
 def run(state):
     def run():
-        runner = FileRunner(state.database, state.blobs, state.settings, state.secrets, uuid.uuid4())
+        runner = FileRunner(state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4())
         return runner.run_one()
 
     return run
@@ -415,7 +417,7 @@ def test_person_who_leaves_is_in_no_release_by_any_name_of_theirs(client, admin,
     BlobDeleter(state.database, state.blobs).delete_wanted()
     held = store_bytes(state.blobs)
     assert MARKED.lower().encode() not in held
-    state.last_use.settle()
+    state.part(LastUse).settle()
     assert state.database.empty_log()
     in_database = database_bytes(state.database)
     assert MARKED.lower().encode() not in in_database  # nor in what exports were asked for, nor in what is to go

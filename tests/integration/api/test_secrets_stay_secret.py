@@ -14,6 +14,7 @@ import pytest
 import sqlalchemy as sa
 import structlog
 
+from app.services.last_use import LastUse
 from tests.integration.api.people import bearer, sign_in
 from tests.photographs import pair
 
@@ -95,7 +96,7 @@ def session(client, admin, state, log):
     call("DELETE", "/v1/sessions/current", bearer(again))
     call("DELETE", "/v1/me/device", bearer(phone))
     call("GET", "/v1/me", bearer(phone))
-    state.last_use.settle()
+    state.part(LastUse).settle()
     assert len(call.errors) >= 15
     secrets |= {token, personal, ended, code, phone, again}
     return call, secrets

@@ -13,6 +13,7 @@ from app.errors import UnavailableError
 from app.main import create_app
 from app.metrics.instruments import REGISTRY
 from app.services.caller import SESSION_IDLE
+from app.services.last_use import LastUse
 from app.services.passwords import AT_ONCE, WAITING, Passwords, _hash_of_nobody, _hasher
 from tests.integration.api.people import PASSWORD, bearer, make_staff, sign_in
 
@@ -60,13 +61,13 @@ def test_unknown_wrong_and_disabled_give_the_same_answer(client, admin, olga):
 @pytest.mark.usefixtures("full_password_cost")
 def test_every_refusal_does_the_same_work(client, admin, olga, state, monkeypatch):
     checked = []
-    check = state.passwords._hasher.verify_and_update
+    check = state.part(Passwords)._hasher.verify_and_update
 
     def counted(password, stored):
         checked.append(stored.split("$")[:4])
         return check(password, stored)
 
-    monkeypatch.setattr(state.passwords._hasher, "verify_and_update", counted)
+    monkeypatch.setattr(state.part(Passwords)._hasher, "verify_and_update", counted)
     for name in ("olga", "nobody", "admin"):
         sign_in(client, name, OTHER)
     assert len(checked) == 3
@@ -88,7 +89,7 @@ def test_sign_out_ends_the_session(olga):
 
 def test_session_ends_unused_and_at_its_time(client, olga, state):
     def age(**columns):
-        state.last_use.settle()
+        state.part(LastUse).settle()
         with state.database.write() as session:
             row = session.query(AccessToken).filter_by(kind="session").one()
             for name, value in columns.items():
@@ -217,7 +218,7 @@ def crowd(settings):
     app = create_app(settings.model_copy(update={"sign_in_attempts_per_minute": 3}))
     with TestClient(app) as client:
         with client.app.state.api.database.write() as session:
-            make_person(session, "olga", client.app.state.api.passwords.hash(PASSWORD, name="olga"))
+            make_person(session, "olga", client.app.state.api.part(Passwords).hash(PASSWORD, name="olga"))
 
         def call_from(address):
             return TestClient(app, raise_server_exceptions=False, client=(address, 1))

@@ -5,6 +5,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from app.services import access_tokens
+from app.services.last_use import LastUse
 from tests.integration.api.people import bearer, make_staff
 
 
@@ -73,7 +74,7 @@ def test_token_is_made_only_for_a_study_of_ones_own(olga):
 def test_tokens_are_listed_with_last_use_and_without_secrets(client, olga, state):
     token = make(olga, study="pilot", days=30)
     client.get("/v1/studies", headers=token)
-    state.last_use.settle()
+    state.part(LastUse).settle()
     (listed,) = olga.get("/v1/tokens").json()["items"]
     assert "token" not in listed
     assert (listed["name"], listed["scope"], listed["study"]) == ("script", "read", "pilot")

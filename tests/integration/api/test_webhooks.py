@@ -21,6 +21,7 @@ from app.services.caller import DeviceCaller
 from app.services.chores import worker_chores
 from app.services.deliver_webhooks import DeliverWebhooks
 from app.services.diary import set_day
+from app.services.secret_box import SecretBox
 from app.services.webhook_post import WebhookPost
 from app.services.webhook_signature import open_secrets
 from tests.photographs import photograph
@@ -73,7 +74,7 @@ def is_address(host):
 
 
 def deliver(state):
-    chore = DeliverWebhooks(state.database, state.secrets, WebhookPost(allow_loopback=True))
+    chore = DeliverWebhooks(state.database, state.part(SecretBox), WebhookPost(allow_loopback=True))
     started = chore.run()
     assert chore.wait_until_idle(PATIENCE_SECONDS)
     return started
@@ -81,7 +82,9 @@ def deliver(state):
 
 def chores_of(state):
     """What a worker does, by name."""
-    return {chore.name: chore for chore in worker_chores(state.database, state.blobs, state.secrets, state.settings)}
+    return {
+        chore.name: chore for chore in worker_chores(state.database, state.blobs, state.part(SecretBox), state.settings)
+    }
 
 
 def audited(state):
@@ -234,7 +237,7 @@ def test_worker_that_may_not_call_the_loopback_does_not(owner, state):
     with receiver() as there:
         path = f"/{owner.made(there.url)}"
         owner.call("POST", f"{path}/test")
-        chore = DeliverWebhooks(state.database, state.secrets, WebhookPost(allow_loopback=False))
+        chore = DeliverWebhooks(state.database, state.part(SecretBox), WebhookPost(allow_loopback=False))
         assert chore.run() == 1
         assert chore.wait_until_idle(PATIENCE_SECONDS)
         (row,) = owner.call("GET", f"{path}/deliveries").json()["items"]
@@ -250,7 +253,7 @@ def test_rotated_secret_is_shown_once_and_the_old_one_signs_along(owner, state):
     assert SECRET.fullmatch(fresh["secret"])
     assert fresh["secret"] != answer["secret"]
     with state.database.read() as session:
-        known = open_secrets(state.secrets, session.scalars(sa.select(Webhook)).one().secret_sealed)
+        known = open_secrets(state.part(SecretBox), session.scalars(sa.select(Webhook)).one().secret_sealed)
     assert (known.current, known.previous) == (fresh["secret"], answer["secret"])
     assert datetime.fromisoformat(fresh["previous_until"]) == known.previous_until
 

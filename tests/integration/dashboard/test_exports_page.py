@@ -8,6 +8,7 @@ from urllib.parse import parse_qs, urlsplit
 import pytest
 
 from app.services.file_runner import FileRunner
+from app.services.secret_box import SecretBox
 from tests.integration.api.people import make_staff
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.eaten_days import add_meal, eaten_item
@@ -33,7 +34,7 @@ def viewer(eaten, sign_in_browser):
 @pytest.fixture
 def run(state):
     def run():
-        return FileRunner(state.database, state.blobs, state.settings, state.secrets, uuid.uuid4()).run_one()
+        return FileRunner(state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4()).run_one()
 
     return run
 

@@ -25,6 +25,7 @@ from app.services import backup, backup_check, restore
 from app.services.backup import write_backup
 from app.services.day_sums import compare_days, write_all_sums
 from app.services.delete_blobs import BlobDeleter
+from app.services.last_use import LastUse
 from app.services.rebuild_records import rebuild_records
 from app.services.restore import CHANGE_SEQ_JUMP
 from app.services.restore_ledger import LedgerDiffersError
@@ -89,7 +90,7 @@ def empty_machine(request, tmp_path):
 def person(state, enrol, source):
     """Somebody who has a row in every table that can hold one of theirs, and the blobs that they name."""
     person = Person(state, enrol, "somebody-7Kq", seed=3)
-    state.last_use.settle()
+    state.part(LastUse).settle()
     store_what_is_named(source.database, source.blobs)
     with state.database.write() as session:
         session.execute(sa.update(DiaryDay).values(change_seq=1))  # changes count from 1

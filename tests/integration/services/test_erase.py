@@ -15,11 +15,12 @@ from app.jobs.faults import JobFailure
 from app.services.chores import worker_chores
 from app.services.clock_jumps import ClockJumps
 from app.services.delete_blobs import BlobDeleter
-from app.services.erase import PHOTOGRAPH_ERASED
+from app.services.erase import PHOTOGRAPH_ERASED, Eraser
 from app.services.erasure_ledger import ErasureLedger, digest_of
 from app.services.estimate_meal import EstimateMeal
 from app.services.reapply_erasures import reapply_erasures
 from app.services.retention import erase_old_pictures
+from app.services.secret_box import SecretBox
 from app.storage.blob_store import BlobMissingError
 from app.storage.opening import open_blob_store
 from tests import estimates
@@ -35,37 +36,37 @@ def person(state, enrol):
 
 
 def test_erasure_that_died_before_its_transaction_is_finished_by_the_next_start(person, state, client):
-    erasure = state.eraser.intend("participant", "erase", person.participant_id)
+    erasure = state.part(Eraser).intend("participant", "erase", person.participant_id)
     assert person.phone.get(person.path).status_code == 200
-    assert reapply_erasures(state.eraser, state.blobs) == 1
+    assert reapply_erasures(state.part(Eraser), state.blobs) == 1
     assert person.phone.get(person.path).json()["code"] == "withdrawn"
     assert client.get(f"/v1/receipts/{erasure.receipt_id}").json()["counts"]["meal"] == 1
-    assert reapply_erasures(state.eraser, state.blobs) == 0
+    assert reapply_erasures(state.part(Eraser), state.blobs) == 0
 
 
 def test_erasure_asked_for_just_now_is_left_to_the_one_who_was_asked(person, state):
-    state.eraser.intend("meal", "erase", person.meal_id)
-    assert reapply_erasures(state.eraser, state.blobs, before=datetime.now(UTC) - timedelta(minutes=10)) == 0
+    state.part(Eraser).intend("meal", "erase", person.meal_id)
+    assert reapply_erasures(state.part(Eraser), state.blobs, before=datetime.now(UTC) - timedelta(minutes=10)) == 0
     assert person.phone.get(person.path).status_code == 200
 
 
 def test_erasure_of_one_who_is_in_no_row_is_looked_for_once(state):
-    erasure = state.eraser.intend("participant", "erase", uuid.uuid4())
-    assert reapply_erasures(state.eraser, state.blobs) == 0
+    erasure = state.part(Eraser).intend("participant", "erase", uuid.uuid4())
+    assert reapply_erasures(state.part(Eraser), state.blobs) == 0
     with state.database.read() as session:
         assert privacy.tombstones_among(session, "participant", [erasure.digest]) == {erasure.digest}
 
 
 def test_of_two_deeds_on_a_restored_person_both_are_done_and_the_stronger_holds(person, state):
-    state.eraser.intend("participant", "erase", person.participant_id)
-    state.eraser.intend("participant", "keep", person.participant_id)
-    assert reapply_erasures(state.eraser, state.blobs) == 2
+    state.part(Eraser).intend("participant", "erase", person.participant_id)
+    state.part(Eraser).intend("participant", "keep", person.participant_id)
+    assert reapply_erasures(state.part(Eraser), state.blobs) == 2
     with state.database.read() as session:
         assert session.get(Participant, person.participant_id) is None
 
 
 def test_ledger_holds_no_id_in_the_clear(person, state, settings):
-    state.eraser.intend("participant", "erase", person.participant_id)
+    state.part(Eraser).intend("participant", "erase", person.participant_id)
     ledger = open_blob_store(settings.resolved_erasure_url, settings)
     held = store_bytes(ledger)
     for thing in (person.participant_id, person.meal_id):
@@ -77,13 +78,15 @@ def test_ledger_holds_no_id_in_the_clear(person, state, settings):
 
 
 def test_two_who_erase_the_same_meal_get_one_receipt(person, state):
-    first = state.eraser.intend("meal", "erase", person.meal_id)
-    second = state.eraser.intend("meal", "erase", person.meal_id)
-    assert state.eraser.carry_out_on_meal(first, person.meal_id, None) is not None
-    assert state.eraser.carry_out_on_meal(second, person.meal_id, None) is None
+    first = state.part(Eraser).intend("meal", "erase", person.meal_id)
+    second = state.part(Eraser).intend("meal", "erase", person.meal_id)
+    assert state.part(Eraser).carry_out_on_meal(first, person.meal_id, None) is not None
+    assert state.part(Eraser).carry_out_on_meal(second, person.meal_id, None) is None
     with state.database.read() as session:
         receipt = session.scalars(sa.select(ErasureReceipt)).one()
-    assert state.eraser.ledger.read("meal", first.digest).receipt_id == receipt.id  # what a restore would bring back
+    assert (
+        state.part(Eraser).ledger.read("meal", first.digest).receipt_id == receipt.id
+    )  # what a restore would bring back
 
 
 def test_two_who_erase_the_same_meal_at_the_same_moment_get_one_receipt(person, state, monkeypatch):
@@ -94,17 +97,17 @@ def test_two_who_erase_the_same_meal_at_the_same_moment_get_one_receipt(person, 
 
     with monkeypatch.context() as patch:
         patch.setattr(ErasureLedger, "read", not_there_yet)
-        first, second = (state.eraser.intend("meal", "erase", person.meal_id) for _ in "ab")
-    receipt = state.eraser.carry_out_on_meal(first, person.meal_id, None)
-    assert state.eraser.carry_out_on_meal(second, person.meal_id, None) is None
+        first, second = (state.part(Eraser).intend("meal", "erase", person.meal_id) for _ in "ab")
+    receipt = state.part(Eraser).carry_out_on_meal(first, person.meal_id, None)
+    assert state.part(Eraser).carry_out_on_meal(second, person.meal_id, None) is None
     assert receipt.id == second.receipt_id
-    assert state.eraser.ledger.read("meal", first.digest).receipt_id == receipt.id
-    other = state.eraser.intend("meal", "erase", uuid.uuid4())
+    assert state.part(Eraser).ledger.read("meal", first.digest).receipt_id == receipt.id
+    other = state.part(Eraser).intend("meal", "erase", uuid.uuid4())
     assert other.receipt_id != receipt.id
 
 
 def test_erasure_that_died_before_its_transaction_keeps_its_receipt_when_it_is_asked_for_again(person, state):
-    first = state.eraser.intend("meal", "erase", person.meal_id)
+    first = state.part(Eraser).intend("meal", "erase", person.meal_id)
     answer = person.phone.client.delete(person.path, headers=person.phone.headers)
     assert answer.json()["id"] == str(first.receipt_id)
 
@@ -262,7 +265,9 @@ def test_upload_that_is_sealed_while_its_person_leaves_is_refused_and_deleted(ph
 
 def test_worker_does_the_chores_of_privacy(person, state, settings, client):
     client.delete(person.path, headers=person.phone.headers)
-    chores = {chore.name: chore for chore in worker_chores(state.database, state.blobs, state.secrets, settings)}
+    chores = {
+        chore.name: chore for chore in worker_chores(state.database, state.blobs, state.part(SecretBox), settings)
+    }
     for name in ("delete_blobs", "finish_erasures", "erase_old_pictures", "delete_orphans"):
         chores[name].run()
     assert list(state.blobs.keys()) == []
@@ -274,7 +279,9 @@ def test_photographs_past_retention_stay_while_the_clock_is_in_doubt(person, sta
         session.execute(sa.update(Meal).values(received_at=datetime.now(UTC) - timedelta(days=2)))
     wall = SimpleNamespace(seconds=0.0)
     clock = ClockJumps(lambda: wall.seconds, lambda: 0.0)
-    chores = {each.name: each for each in worker_chores(state.database, state.blobs, state.secrets, settings, clock)}
+    chores = {
+        each.name: each for each in worker_chores(state.database, state.blobs, state.part(SecretBox), settings, clock)
+    }
     wall.seconds = 1e9
     assert chores["erase_old_pictures"].run() == 0
     wall.seconds = 0.0
@@ -283,5 +290,5 @@ def test_photographs_past_retention_stay_while_the_clock_is_in_doubt(person, sta
 
 def test_digest_of_each_deed_differs(state):
     one = uuid.uuid4()
-    digests = {digest_of(state.secrets, "participant", deed, one) for deed in ("keep", "anonymise", "erase")}
-    assert len(digests | {digest_of(state.secrets, "meal", "erase", one)}) == 4
+    digests = {digest_of(state.part(SecretBox), "participant", deed, one) for deed in ("keep", "anonymise", "erase")}
+    assert len(digests | {digest_of(state.part(SecretBox), "meal", "erase", one)}) == 4

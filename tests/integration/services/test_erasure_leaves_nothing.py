@@ -12,6 +12,8 @@ from app.db.models import Base, StudyDayMark, StudyDaySum
 from app.main import create_app
 from app.services.day_sums import write_all_sums
 from app.services.delete_blobs import BlobDeleter
+from app.services.erase import Eraser
+from app.services.last_use import LastUse
 from app.services.reapply_erasures import reapply_erasures
 from app.services.rebuild_records import Rebuilt, rebuild_records
 from app.services.secret_box import SecretKeyError
@@ -54,7 +56,7 @@ def subject(state, enrol, bystander):
 
 
 def finish(state):
-    state.last_use.settle()
+    state.part(LastUse).settle()
     assert make_files(state) == ["done", "done"]  # both releases without what was erased
     BlobDeleter(state.database, state.blobs).delete_wanted()
     assert state.database.empty_log()
@@ -115,7 +117,7 @@ def test_withdrawal_with_erasure_leaves_nothing_of_the_person(state, subject, by
         assert subject.mark.lower().encode() in files_below(state, folder)
     answer = client.post("/v1/me/withdrawal", headers=subject.phone.headers)
     assert answer.status_code == 200, answer.text
-    state.last_use.settle()
+    state.part(LastUse).settle()
     BlobDeleter(state.database, state.blobs).delete_wanted()
     assert state.database.empty_log()
     assert_nothing_is_in("database", database_bytes(state.database), needles)  # while the releases still have them
@@ -169,7 +171,7 @@ def test_restored_backup_is_erased_again_before_anything_is_served(
             call = again.get(subject.path, headers=subject.phone.headers)
             assert call.json()["code"] == ("meal_deleted" if what == "meal" else "withdrawn")
             assert again.get(bystander.path, headers=bystander.phone.headers).status_code == 200
-            assert reapply_erasures(state.eraser, state.blobs) == 0
+            assert reapply_erasures(state.part(Eraser), state.blobs) == 0
 
 
 def test_ledger_under_another_key_refuses_to_start_with_a_restored_backup(

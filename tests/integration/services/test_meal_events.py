@@ -23,7 +23,7 @@ from app.db.models import (
 )
 from app.errors import PreconditionFailedError, TadaError
 from app.services.caller import DeviceCaller, StaffCaller
-from app.services.meal_events import NewEvent
+from app.services.meal_events import MealEvents, NewEvent
 from app.services.rebuild_records import rebuild_records
 from tests import estimates
 from tests.estimates import identified_item, unmeasured_item, vcm
@@ -62,7 +62,7 @@ class Table:
 
     def say(self, caller, kind, item=None, expected=None, **told):
         event = NewEvent(uuid.uuid4(), kind, item, told)
-        return self.state.meal_events.append(caller, self.client_id, event, expected=expected)[0]
+        return self.state.part(MealEvents).append(caller, self.client_id, event, expected=expected)[0]
 
     def rows(self, model):
         with self.state.database.read() as session:
@@ -198,7 +198,7 @@ def test_one_event_sent_twice_at_the_same_time_is_one(table):
 
     def send():
         start.wait()
-        news.append(table.state.meal_events.append(table.participant, table.client_id, event, expected=None)[1])
+        news.append(table.state.part(MealEvents).append(table.participant, table.client_id, event, expected=None)[1])
 
     threads = [threading.Thread(target=send) for _ in range(3)]
     for thread in threads:
