@@ -65,7 +65,7 @@ MULTIPART_BODY = {
 ARTEFACT_RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {
         "content": {"image/jpeg": {}, "application/json": {}, "application/octet-stream": {}},
-        "description": "The picture, the points, or the scene (docs/scene.md).",
+        "description": "The picture, the points, or the scene (docs/volume.md).",
     },
     **problem_responses(401, 404, 409, 422),
 }

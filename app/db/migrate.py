@@ -2,7 +2,7 @@
 
 One migrator at a time, in one transaction, which holds the lock too: whatever ends the migrator, or its connection,
 ends both, and the schema is as it was. Nothing is waited for without end. Code beside a newer schema is the rule while
-machines are upgraded one by one (docs/upgrades.md): such code goes on, and migrates nothing.
+machines are upgraded one by one (docs/deployment.md): such code goes on, and migrates nothing.
 """
 
 import sqlite3

@@ -1,6 +1,6 @@
 """Dietary Reference Intakes (US and Canada) by life stage: EAR, RDA, AI, UL and CDRR, each its own figure.
 
-What each kind says, and what may be compared with it, is in docs/reference-intakes.md. The figures are in
+What each kind says, and what may be compared with it, is in docs/feedback.md. The figures are in
 reference/dri.csv, one line a nutrient and stage; reference/dri_nutrients.csv names each nutrient's source volume, what
 its UL counts, and with which component of the food table its figures compare. Keys are component numbers
 (components.py).

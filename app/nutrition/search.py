@@ -2,7 +2,7 @@
 
 Query and labels of foods -> the foods in order, by a sum of costs that each say what speaks against a food; and the
 ranks by which the index keeps a word's best foods side by side. Pure: the database finds candidates, this decides. What
-costs what, and why: docs/food-search.md.
+costs what, and why: docs/foods.md.
 """
 
 import re

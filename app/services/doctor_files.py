@@ -13,7 +13,7 @@ from app.storage.blob_store import BlobStore
 FILES_TOO_LONG_SECONDS = 3600  # as the alert TadaFilesLate
 MANY_MARKS = 10_000  # as the alert TadaDaysMarked
 LISTED = 5  # names told of a longer list
-PUT_BACK = 'Put them back from a backup (docs/releases.md, "A file that is lost").'
+PUT_BACK = 'Put them back from a backup (docs/exports.md, "A lost file").'
 
 
 def look_at_files(database: Database) -> Iterator[Finding]:

@@ -169,7 +169,7 @@ def _photos(database: Database, blobs: BlobStore) -> Finding:
         found = find_missing(meals.blob_keys(session), blobs)
     if found.missing:
         advice = (
-            'Put them back from a backup (docs/backup.md, "Blobs that it lacks"): their meals\' records stay, their '
+            'Put them back from a backup (docs/backup.md, "Missing blobs"): their meals\' records stay, their '
             "estimates cannot be made again."
         )
         return Finding("photographs", "bad", f"{found.missing} of {found.total} missing: {_some(found.first)}.", advice)

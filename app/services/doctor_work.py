@@ -127,7 +127,7 @@ def look_at_backup(database: Database) -> Finding:
     said = f"the last `tada backup` is {age.total_seconds() / 3600:.0f} h old"
     if found.damaged:
         message = f"{said}, and lacks {found.damaged} blobs that were damaged or missing."
-        advice = 'Put them back from an earlier backup, then make another (docs/backup.md, "Blobs that it lacks").'
+        advice = 'Put them back from an earlier backup, then make another (docs/backup.md, "Missing blobs").'
         return Finding("backup", "bad", message, advice)
     if age > BACKUP_EVERY:
         return Finding("backup", "bad", f"{said}.", "Make one now, and see why the daily one was not made.")

@@ -34,7 +34,7 @@ def check_readiness(database: Database, blobs: BlobStore, settings: Settings) ->
     """Ask each part that an upload needs. Never raises for a part that is out of order."""
     workers, oldest = 0, None
     try:
-        if schema_state(database) is not SchemaState.OLDER:  # beside a newer one the code goes on (docs/upgrades.md)
+        if schema_state(database) is not SchemaState.OLDER:  # beside a newer one the code goes on (docs/deployment.md)
             state = "ok"
             workers = len(living_workers(database))
             with database.read() as session:

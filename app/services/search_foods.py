@@ -1,4 +1,4 @@
-"""Search the food tables in force: what was typed -> foods, best first (docs/food-search.md).
+"""Search the food tables in force: what was typed -> foods, best first (docs/foods.md).
 
 A few SQL statements whatever the size of the tables: how often each word stands; words like the mistyped ones; the best
 few hundred foods by the index's rank; those ranked by nutrition/search.py.

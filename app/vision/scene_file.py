@@ -2,7 +2,7 @@
 
 Trace -> JSON: points with their colours, each food's closed shape and slices, its outline in the right photograph, the
 board to scale, the cameras. Lengths in mm in the table frame, z up (CONVENTIONS.md), heights counted as the volumes'
-were. What the run did not reach is not in it. docs/scene.md tells each key.
+were. What the run did not reach is not in it. docs/volume.md, "The scene in 3D", describes each key.
 """
 
 import base64

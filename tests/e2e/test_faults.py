@@ -9,7 +9,7 @@ import pytest
 
 from tests.e2e.faults.storm import storm
 
-MEALS = int(os.environ.get("TADA_TEST_MEALS", "16"))  # 100 and more for a long storm by hand (docs/tests.md)
+MEALS = int(os.environ.get("TADA_TEST_MEALS", "16"))  # 100 and more for a long storm by hand (docs/development.md)
 SEED = int(os.environ.get("TADA_TEST_SEED", "20261122"))
 ROUNDS = int(os.environ.get("TADA_TEST_FAULTS", max(1, MEALS // 16)))  # of every fault that the deployment can have
 KINDS = os.environ.get("TADA_TEST_FAULT_KINDS", "")  # only faults whose names hold this

@@ -110,7 +110,7 @@ def test_secrets_that_compose_reads_are_drawn_once_and_kept(tmp_path):
 
 
 def kubernetes():
-    text = (ROOT / "docs" / "kubernetes.md").read_text()
+    text = (ROOT / "docs" / "deployment.md").read_text()
     return list(yaml.safe_load_all(re.search(r"```yaml\n(.*?)```", text, re.DOTALL)[1]))
 
 

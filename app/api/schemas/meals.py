@@ -233,7 +233,7 @@ class ItemOut(BaseModel):
     none_of_these: float | None = Field(
         description="Probability that it is none of the index's candidates; null: the index was not asked."
     )
-    index_version: str | None = Field(description="Which index gave the candidates (docs/candidates.md).")
+    index_version: str | None = Field(description="Which index gave the candidates (docs/identification.md).")
     volume_ml: float | None = Field(description="Null where it could not be measured: flag `not_measurable`.")
     volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
     density_g_per_ml: float | None = Field(

@@ -1,4 +1,4 @@
-// scene.json (docs/scene.md) as numbers, and as the words and the table that stand beside the picture.
+// scene.json (docs/volume.md) as numbers, and as the words and the table that stand beside the picture.
 
 export const VERSION = 1;
 export const ITEM_COLOURS = ["#dc2828", "#28aa3c", "#1e78dc", "#e6a01e", "#aa32be"]; // as in overlay.jpg

@@ -3,7 +3,7 @@
 Each filter has an index in which its meals stand in the page's order: of the meals themselves (study, status and
 origin, failure, after-meal pair, participant) or of their records (food, flags, not reviewed). The page is read along
 one of them, the one with the fewest meals, and what the other filters ask is looked up meal by meal; so a rare filter
-beside a common one is quick, and one that leaves nothing costs nothing. docs/queries.md tells which index serves what.
+beside a common one is quick, and one that leaves nothing costs nothing. docs/capacity.md tells which index serves what.
 """
 
 import itertools

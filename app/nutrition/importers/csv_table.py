@@ -1,6 +1,6 @@
 """Our own template for national and local tables: a CSV file, one row per food; more densities and portions beside it.
 
-What the columns mean is in docs/importers.md; docs/food-template.csv is an example. An empty cell is "not known" and
+What the columns mean is in docs/foods.md; docs/food-template.csv is an example. An empty cell is "not known" and
 never 0. Figures are per 100 g edible portion; each component's column names its unit, which is converted within its
 quantity.
 """

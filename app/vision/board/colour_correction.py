@@ -1,7 +1,7 @@
 """Colour calibration by the marker: white balance, exposure and, from the colour board, a linear correction.
 
 measure_colour: photograph and found marker -> ColourCorrection. apply_colour: pixels -> corrected pixels, for features
-and for eyes; geometry stays on the pixels as taken. docs/colour.md tells what is done and how well.
+and for eyes; geometry stays on the pixels as taken. docs/volume.md tells what is done and how well.
 """
 
 import cv2

@@ -50,7 +50,7 @@ def scene(found):
 
 
 def unpack(packed):
-    """As docs/scene.md says."""
+    """As docs/volume.md says."""
     values = np.frombuffer(base64.b64decode(packed["base64"]), TYPES[packed["type"]]).reshape(packed["shape"])
     return values if "scale" not in packed else values * np.array(packed["scale"]) + np.array(packed["offset"])
 
