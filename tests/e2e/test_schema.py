@@ -12,7 +12,7 @@ from app.main import create_app
 from app.services.staff import create_admin
 from app.settings import Settings
 
-EXAMPLES = int(os.environ.get("TADA_TEST_EXAMPLES", "8"))  # of an operation, sign and role; more by hand: docs/development.md
+EXAMPLES = int(os.environ.get("TADA_TEST_EXAMPLES", "8"))  # per operation, sign and role (docs/development.md)
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""The rule of docs/deployment.md: old code must be able to work on the new schema while machines are upgraded one by one.
+"""The rule of docs/development.md: old code works on the new schema while machines are upgraded one by one.
 
 So no migration takes away, renames or demands what the version before does not know, unless it says in CONTRACTS which
 release stopped using it.
@@ -69,7 +69,7 @@ def test_old_code_can_work_on_the_schema_of_each_later_step(database_url):
             after = facts(database)
             missed = what_old_code_would_miss(before, after)
             assert not missed or re.fullmatch(r"\d+\.\d+\.\d+", contracts_of(revision) or ""), (
-                f"{revision}: {missed}. See docs/deployment.md: stop using it in one release, take it away later, "
+                f"{revision}: {missed}. See docs/development.md: stop using it in one release, take it away later, "
                 'and name the first in the migration: CONTRACTS = "1.2.0"'
             )
             before = after
