@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Response
 
@@ -13,7 +13,6 @@ from app.api.problems import problem_responses
 from app.api.schemas.food_edits import (
     ChangeList,
     ChangeOut,
-    FigureIn,
     FoodFieldsIn,
     FoodIn,
     FoodPatch,
@@ -28,9 +27,8 @@ from app.nutrition.foods import Density, RefusePart
 from app.nutrition.portions import Portion
 from app.nutrition.specimens import Specimen
 from app.services import edit_food
-from app.services.caller import StaffCaller
 from app.services.component_names import Figure
-from app.services.edit_food import Editor, FoodEdit, author_of
+from app.services.edit_food import Editor, FoodEdit
 from app.services.foods import FoodView
 from app.services.recipes import NamedIngredient, NamedRecipe
 from app.services.study_densities import density_of_specimens
@@ -41,13 +39,14 @@ router = APIRouter(prefix="/v1/foods", tags=["foods"], route_class=ListRoute)
 IfMatch = Annotated[
     str | None, Header(max_length=1000, description="The ETag of the version that was read; * for whatever is there.")
 ]
+_PARTS = {"refuse": RefusePart, "densities": Density}
 _ETAG = re.compile(r'\s*(?:W/"[^"]*"|"(?P<strong>[^"]*)")\s*(?:,|\Z)')
 
 
 @router.post("", status_code=201, responses=problem_responses(401, 403, 409, 413, 422))
 def post_food(body: FoodIn, state: State, admin: CurrentStaff, response: Response) -> FoodOut:
     """Make a food; with a recipe its figures follow from the ingredients, their retention and the yield."""
-    view = edit_food.create_food(state.database, body.key, new_food_edit(body), _editor(admin, body.reason))
+    view = edit_food.create_food(state.database, body.key, new_food_edit(body), Editor.of(admin, body.reason))
     response.headers["Location"] = f"/v1/foods/{body.key}"
     return _tagged(view, response)
 
@@ -58,7 +57,7 @@ def patch_food(
 ) -> FoodOut:
     """Correct a food: only the fields that are named. `If-Match` names the version that the correction is of."""
     view = edit_food.edit_food(
-        state.database, key, food_edit(body), _editor(admin, body.reason), expected=expected_versions(if_match)
+        state.database, key, food_edit(body), Editor.of(admin, body.reason), expected=expected_versions(if_match)
     )
     return _tagged(view, response)
 
@@ -75,7 +74,7 @@ def post_density(
     """Add a measured density to a food, before its others. For one study's own use `/v1/studies/{study}/densities`."""
     density, _ = measured_density(body)
     expected = None if if_match is None else expected_versions(if_match)
-    view = edit_food.add_density(state.database, key, density, _editor(admin, body.reason), expected=expected)
+    view = edit_food.add_density(state.database, key, density, Editor.of(admin, body.reason), expected=expected)
     response.headers["Location"] = f"/v1/foods/{view.value.key}"
     return _tagged(view, response)
 
@@ -89,7 +88,7 @@ def post_restore(
         state.database,
         key,
         body.version,
-        _editor(admin, body.reason),
+        Editor.of(admin, body.reason),
         expected=expected_versions(if_match),
     )
     return _tagged(view, response)
@@ -108,15 +107,11 @@ def render_changes(changes: Sequence[Change]) -> ChangeList:
             ChangeOut(
                 version=found.food.version,
                 previous_version=found.previous.version if found.previous else None,
-                previous_release=(
-                    f"{found.previous_release.name} {found.previous_release.version}"
-                    if found.previous_release
-                    else None
-                ),
+                previous_release=found.previous_release.title if found.previous_release else None,
                 author=found.change.author,
                 reason=found.change.reason,
                 changed_at=found.change.changed_at,
-                differences={name: (old, new) for name, (old, new) in found.change.differences.items()},
+                differences=found.change.differences,
             )
             for found in changes
         ]
@@ -132,12 +127,14 @@ def new_food_edit(body: FoodIn) -> FoodEdit:
 
 def food_edit(body: FoodIn | FoodPatch) -> FoodEdit:
     """The fields that a body names, as values of the food table."""
-    named = body.model_fields_set
     return FoodEdit(
-        fields={field: value for name, (field, value) in _fields(body).items() if name in named},
-        nutrients={name: None if figure is None else _figure(figure) for name, figure in body.nutrients.items()},
+        fields=_fields(body),
+        nutrients={
+            name: None if figure is None else Figure(figure.per_100_g, Unit(figure.unit))
+            for name, figure in body.nutrients.items()
+        },
         recipe=_recipe(body.recipe) if body.recipe is not None else None,
-        without_recipe="recipe" in named and body.recipe is None,
+        without_recipe="recipe" in body.model_fields_set and body.recipe is None,
     )
 
 
@@ -173,42 +170,23 @@ def _tagged(view: FoodView, response: Response) -> FoodOut:
     return render_food(view)
 
 
-def _editor(admin: StaffCaller, reason: str) -> Editor:
-    return Editor(author_of(admin), reason, admin)
-
-
-def _fields(body: FoodFieldsIn) -> dict[str, tuple[str, object]]:
-    return {
-        "name": ("name", body.name),
-        "aliases": ("aliases", tuple(body.aliases)),
-        "group": ("food_group", body.group),
-        "form": ("form", body.form),
-        "slice_form": ("slice_form", body.slice_form),
-        "state": ("state", body.state),
-        "is_mixed_dish": ("is_mixed_dish", body.is_mixed_dish),
-        "refuse": ("refuse", tuple(RefusePart(**part.model_dump()) for part in body.refuse)),
-        "densities": ("densities", tuple(Density(**density.model_dump()) for density in body.densities)),
-        "portions": (
-            "portions",
-            tuple(
-                Portion(str(number), portion.amount, portion.measure, portion.mass_g)
-                for number, portion in enumerate(body.portions, start=1)
-            ),
-        ),
-        "probes": ("probes", tuple(body.probes)),
-        "source_ids": ("source_ids", dict(body.source_ids)),
+def _fields(body: FoodFieldsIn) -> dict[str, Any]:
+    """The fields that the body names, as a food of nutrition/foods.py has them."""
+    named = body.model_fields_set & FoodFieldsIn.model_fields.keys() - {"recipe"}
+    fields = {
+        "food_group" if name == "group" else name: tuple(value) if isinstance(value, list) else value
+        for name, value in body.model_dump(include=named).items()
     }
-
-
-def _figure(body: FigureIn) -> Figure:
-    return Figure(body.per_100_g, Unit(body.unit))
+    for name, part_of in _PARTS.items():
+        if name in fields:
+            fields[name] = tuple(part_of(**part) for part in fields[name])
+    if "portions" in fields:
+        fields["portions"] = tuple(Portion(str(n), **part) for n, part in enumerate(fields["portions"], start=1))
+    return fields
 
 
 def _recipe(body: RecipeIn) -> NamedRecipe:
     return NamedRecipe(
         body.yield_factor,
-        [
-            NamedIngredient(part.food, part.mass_g, part.state, part.retention, part.retention_source)
-            for part in body.ingredients
-        ],
+        [NamedIngredient(**part.model_dump()) for part in body.ingredients],
     )

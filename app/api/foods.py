@@ -1,6 +1,6 @@
 """/v1/foods: the food tables in force."""
 
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Response
@@ -9,21 +9,9 @@ from app.api.deps import CurrentCaller, State
 from app.api.flat_list import ListRoute
 from app.api.paging import Limit
 from app.api.problems import problem_responses
-from app.api.schemas.foods import (
-    DensityChoiceOut,
-    DensityOut,
-    FoodList,
-    FoodMatch,
-    FoodOut,
-    IngredientOut,
-    NutrientOut,
-    PortionOut,
-    RecipeOut,
-    RefuseOut,
-    RejectedDensityOut,
-    UnknownComponentOut,
-)
+from app.api.schemas.foods import FoodList, FoodMatch, FoodOut
 from app.api.stored_words import stored_word
+from app.db.models import Component
 from app.nutrition.density import DensityChoice
 from app.nutrition.foods import FOOD_STATES
 from app.services.caller import DeviceCaller
@@ -73,80 +61,42 @@ def etag_of(view: FoodView) -> str:
 
 def render_food(view: FoodView) -> FoodOut:
     """A food as the API shows it."""
-    value = view.value
-    return FoodOut(
-        key=value.key,
-        name=value.name,
-        aliases=list(value.aliases),
-        group=value.food_group,
-        form=value.form,
-        version=view.food.version,
-        state=value.state,
-        is_mixed_dish=value.is_mixed_dish,
-        refuse=[RefuseOut(**asdict(part)) for part in value.refuse],
-        edible_share=view.edible_share,
-        probes=list(value.probes),
-        source_ids=dict(value.source_ids),
-        release=view.release,
-        densities=[DensityOut(**asdict(density)) for density in view.own_densities],
-        density=_density_choice(view.density),
-        nutrients=[
-            NutrientOut(
-                number=row.component.number,
-                tagname=row.component.tagname,
-                name=row.component.name,
-                unit=row.component.unit,
-                expression=row.component.expression,
-                per_100_g=row.per_100_g,
-            )
-            for row in view.nutrients
-        ],
-        portions=[
-            PortionOut(amount=portion.amount, measure=portion.measure, mass_g=portion.mass_g)
-            for portion in value.portions
-        ],
-        recipe=_recipe(view.recipe),
+    value = {field.name: getattr(view.value, field.name) for field in fields(view.value)}
+    return FoodOut.model_validate(
+        value
+        | {
+            "group": view.value.food_group,
+            "version": view.food.version,
+            "edible_share": view.edible_share,
+            "release": view.release,
+            "densities": view.own_densities,
+            "density": _density_choice(view.density),
+            "nutrients": [_component(row.component) | {"per_100_g": row.per_100_g} for row in view.nutrients],
+            "recipe": _recipe(view.recipe),
+        },
+        from_attributes=True,
     )
 
 
-def _recipe(recipe: RecipeView | None) -> RecipeOut | None:
+def _component(component: Component) -> dict[str, object]:
+    return {name: getattr(component, name) for name in ("number", "tagname", "name", "unit", "expression")}
+
+
+def _recipe(recipe: RecipeView | None) -> dict[str, object] | None:
     if recipe is None:
         return None
-    return RecipeOut(
-        yield_factor=recipe.recipe_yield,
-        ingredients=[
-            IngredientOut(
-                key=part.food.key,
-                name=part.food.name,
-                version=part.food.version,
-                state=stored_word(part.food.state, FOOD_STATES),
-                mass_g=part.mass_g,
-                retention=dict(part.retention),
-                retention_source=part.retention_source,
-                is_current=part.is_current,
-            )
-            for part in recipe.ingredients
-        ],
-        unknown=[
-            UnknownComponentOut(
-                number=component.number,
-                tagname=component.tagname,
-                name=component.name,
-                unit=component.unit,
-                coverage=coverage,
-            )
-            for component, coverage in recipe.unknown
-        ],
-    )
+    ingredients = [
+        {name: getattr(part, name) for name in ("mass_g", "retention", "retention_source", "is_current")}
+        | {name: getattr(part.food, name) for name in ("key", "name", "version")}
+        | {"state": stored_word(part.food.state, FOOD_STATES)}
+        for part in recipe.ingredients
+    ]
+    unknown = [_component(component) | {"coverage": coverage} for component, coverage in recipe.unknown]
+    return {"yield_factor": recipe.recipe_yield, "ingredients": ingredients, "unknown": unknown}
 
 
-def _density_choice(choice: DensityChoice | None) -> DensityChoiceOut | None:
+def _density_choice(choice: DensityChoice | None) -> dict[str, object] | None:
     if choice is None:
         return None
-    return DensityChoiceOut(
-        chosen=DensityOut(**asdict(choice.chosen)),
-        reason=choice.reason,
-        alternatives=[
-            RejectedDensityOut(**asdict(rejected.density), reason=rejected.reason) for rejected in choice.alternatives
-        ],
-    )
+    alternatives = [asdict(rejected.density) | {"reason": rejected.reason} for rejected in choice.alternatives]
+    return {"chosen": choice.chosen, "reason": choice.reason, "alternatives": alternatives}

@@ -13,7 +13,7 @@ from app.api.problems import problem_responses
 from app.api.schemas.food_edits import SpecimenIn, StudyDensityIn, StudyDensityList, StudyDensityOut, WithdrawalIn
 from app.db.models import StudyDensity
 from app.services import study_densities
-from app.services.edit_food import Editor, author_of
+from app.services.edit_food import Editor
 from app.services.study_densities import Measurement
 
 router = APIRouter(prefix="/v1/studies/{study}/densities", tags=["studies"], route_class=ListRoute)
@@ -29,7 +29,7 @@ def post_study_density(
         state.database,
         study,
         Measurement(body.food, density, specimens, body.measured_at),
-        Editor(author_of(admin), body.reason, admin),
+        Editor.of(admin, body.reason),
     )
     response.headers["Location"] = f"/v1/studies/{study}/densities"
     return render_study_density(row)
@@ -56,7 +56,7 @@ def post_density_withdrawal(
     admin: CurrentStaff,
 ) -> StudyDensityOut:
     """Take a measurement out of use. It stays to be seen, with who withdrew it and why."""
-    editor = Editor(author_of(admin), body.reason, admin)
+    editor = Editor.of(admin, body.reason)
     return render_study_density(study_densities.withdraw_study_density(state.database, study, density, editor))
 
 

@@ -1,32 +1,17 @@
 """A measured density as it is typed: two figures, or the specimens, one a line; for a food and for a study's own."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
 
-from app.dashboard.line_fields import WrongFieldError, lines, number
-
-NUMBERS = ("g_per_ml", "sd_g_per_ml", "volume_step_ml")
-WORDS = ("state", "kind", "weighs", "method", "reason")
+from app.dashboard.line_fields import WrongFieldError, lines, number, read_fields
 
 
-def density_values(typed: Mapping[str, str]) -> tuple[dict[str, Any], dict[str, str]]:
-    """(the fields of a MeasuredDensityIn that are told, field -> why it cannot be read)."""
-    values: dict[str, Any] = {name: typed[name] for name in WORDS if typed.get(name)}
-    wrong: dict[str, str] = {}
-    for name in NUMBERS:
-        if typed.get(name):
-            try:
-                values[name] = number(typed[name])
-            except WrongFieldError as error:
-                wrong[name] = str(error)
-    try:
-        specimens = [_specimen(line) for line in lines(typed.get("specimens", ""))]
-    except WrongFieldError as error:
-        wrong["specimens"] = str(error)
-    else:
-        if specimens:
-            values["specimens"] = specimens
-    return values, wrong
+def density_values(typed: Mapping[str, str]) -> tuple[dict[str, object], dict[str, str]]:
+    """(the fields of a MeasuredDensityIn that were filled in, field -> why it cannot be read)."""
+    return read_fields({name: text for name, text in typed.items() if text}, _READERS)
+
+
+def _specimens(text: str) -> list[dict[str, float]]:
+    return [_specimen(line) for line in lines(text)]
 
 
 def _specimen(line: str) -> dict[str, float]:
@@ -34,3 +19,10 @@ def _specimen(line: str) -> dict[str, float]:
     if len(parts) != 2:
         raise WrongFieldError(f"“{line[:40]}”: write the volume in ml and the mass in g, with a blank between.")
     return {"volume_ml": number(parts[0]), "mass_g": number(parts[1])}
+
+
+_READERS: Mapping[str, Callable[[str], object]] = {
+    **dict.fromkeys(("g_per_ml", "sd_g_per_ml", "volume_step_ml"), number),
+    **dict.fromkeys(("state", "kind", "weighs", "method", "reason"), str),
+    "specimens": _specimens,
+}

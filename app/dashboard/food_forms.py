@@ -12,7 +12,7 @@ from app.api.foods import FoodKey
 from app.api.pages import PREFIX
 from app.api.schemas.food_edits import FoodIn, FoodPatch, MeasuredDensityIn, RestoreIn
 from app.dashboard.density_form import density_values
-from app.dashboard.food_history import told_differences
+from app.dashboard.food_history import differences_in_words
 from app.dashboard.food_texts import (
     ADDED_ROWS,
     NUTRIENT,
@@ -30,7 +30,7 @@ from app.errors import ConflictError, InvalidInputError, PreconditionFailedError
 from app.nutrition.components import COMPONENT_BY_NUMBER, COMPONENTS, HEADLINE_NUMBERS
 from app.nutrition.foods import FOOD_FORMS, FOOD_STATES, SLICE_FORMS
 from app.services import edit_food
-from app.services.edit_food import Editor, FoodVersion, author_of
+from app.services.edit_food import Editor, FoodVersion
 from app.services.foods import read_food
 from app.services.search_foods import food_groups
 
@@ -70,8 +70,8 @@ def post_edit(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
         if is_preview:
             differences = edit_food.preview_edit(database, key, edit, expected=expected)
             names = {row.component.number: (row.component.name, row.component.unit) for row in base.nutrients}
-            return _edit_page(page, base, shown, preview=told_differences(differences, names))
-        view = edit_food.edit_food(database, key, edit, _editor(page, body.reason), expected=expected)
+            return _edit_page(page, base, shown, preview=differences_in_words(differences, names))
+        view = edit_food.edit_food(database, key, edit, Editor.of(page.caller, body.reason), expected=expected)
     except PreconditionFailedError as error:
         current = edit_food.read_version(database, key)
         kept = {name: told[name] for name in changed} | {"reason": told.get("reason", "")}
@@ -96,7 +96,7 @@ def post_restore(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
     expected = frozenset({_number(told.get("base", "")) or 0})
     try:
         view = edit_food.restore_food(
-            page.state.database, key, body.version, _editor(page, body.reason), expected=expected
+            page.state.database, key, body.version, Editor.of(page.caller, body.reason), expected=expected
         )
     except (PreconditionFailedError, ConflictError) as error:
         return food_page(page, key, refused=error.message, reason=body.reason, status=error.status)
@@ -122,7 +122,9 @@ def post_density(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
     try:
         density, _ = measured_density(body)
         expected = frozenset({_number(told.get("base", "")) or 0})
-        view = edit_food.add_density(page.state.database, key, density, _editor(page, body.reason), expected=expected)
+        view = edit_food.add_density(
+            page.state.database, key, density, Editor.of(page.caller, body.reason), expected=expected
+        )
     except (InvalidInputError, ConflictError, PreconditionFailedError) as error:
         return _density_page(page, key, told, {"": error.message}, status=error.status)
     return page.go(food_address(view.value.key), f"The density was added: version {view.food.version}. {STAY}")
@@ -148,7 +150,9 @@ def post_new_food(page: CurrentPage, fields: Fields) -> Response:
     if body is None:
         return _new_page(page, told, wrong=wrong, status=422)
     try:
-        view = edit_food.create_food(page.state.database, body.key, new_food_edit(body), _editor(page, body.reason))
+        view = edit_food.create_food(
+            page.state.database, body.key, new_food_edit(body), Editor.of(page.caller, body.reason)
+        )
     except (InvalidInputError, ConflictError) as error:
         field = "key" if error.code == "food_exists" else ""
         return _new_page(page, told, wrong={field: error.message}, status=error.status)
@@ -226,7 +230,7 @@ def _since(page: Page, base: FoodVersion) -> list[Any]:
     """What others changed since that version, as the history tells it."""
     changes = edit_food.list_changes(page.state.database, base.value.key)
     later = [found for found in changes if found.food.id > base.food.id]
-    return [(change, told_differences(change.differences, {})) for change in render_changes(later).items]
+    return [(change, differences_in_words(change.differences, {})) for change in render_changes(later).items]
 
 
 def _validated(model: type[Body], values: Mapping[str, Any], wrong: dict[str, str]) -> Body | None:
@@ -262,7 +266,3 @@ def _texts(version: FoodVersion) -> Texts:
 
 def _number(text: str) -> int | None:
     return int(text) if text.isascii() and text.isdigit() and len(text) < 19 else None
-
-
-def _editor(page: Page, reason: str) -> Editor:
-    return Editor(author_of(page.caller), reason, page.caller)

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from app.api.schemas.food_edits import ChangeOut
 from app.nutrition.components import COMPONENT_BY_NUMBER
 
 NOT_KNOWN = "not known"
@@ -21,26 +20,19 @@ class Difference:
     unit: str = ""
 
 
-def differences_of(change: ChangeOut, names: Mapping[str, tuple[str, str]]) -> list[Difference]:
-    """Of a change that was made. names: component -> (name, unit), of those that no file of ours names."""
-    return told_differences(change.differences, names)
-
-
-def told_differences(
+def differences_in_words(
     differences: Mapping[str, tuple[Any, Any]], names: Mapping[str, tuple[str, str]]
 ) -> list[Difference]:
-    """Field -> (old, new) as lines, figures behind the fields."""
-    fields = [name for name in differences if not name.startswith("nutrients.")]
-    figures = [name for name in differences if name.startswith("nutrients.")]
-    found = []
-    for name in (*fields, *figures):
-        old, new = differences[name]
-        if name.startswith("nutrients."):
-            label, unit = _component(name.removeprefix("nutrients."), names)
-            found.append(Difference(label, _figure(old), _figure(new), unit))
+    """Field -> (old, new) as lines, figures behind the fields. names: component -> (name, unit), beside our own."""
+    changed, figures = [], []
+    for name, (old, new) in differences.items():
+        number = name.removeprefix("nutrients.")
+        if number != name:
+            label, unit = _component(number, names)
+            figures.append(Difference(label, _figure(old), _figure(new), unit))
         else:
-            found.append(Difference(name.replace("_", " ").capitalize(), _told(name, old), _told(name, new)))
-    return found
+            changed.append(Difference(name.replace("_", " ").capitalize(), _in_words(name, old), _in_words(name, new)))
+    return changed + figures
 
 
 def _component(number: str, names: Mapping[str, tuple[str, str]]) -> tuple[str, str]:
@@ -54,7 +46,7 @@ def _figure(value: Any) -> str:
     return NOT_KNOWN if value is None else repr(value)
 
 
-def _told(field: str, value: Any) -> str:
+def _in_words(field: str, value: Any) -> str:
     """A field's value in words."""
     if value is None or value in ("", [], {}):
         return NONE

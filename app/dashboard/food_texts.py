@@ -6,10 +6,8 @@ nothing else: what others have corrected meanwhile is no change of theirs.
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
-from typing import Any
 
-from app.dashboard.line_fields import WrongFieldError, entries, lines, number, shown, text_of
+from app.dashboard.line_fields import WrongFieldError, entries, lines, number, read_fields, shown, text_of
 from app.nutrition.components import COMPONENT_BY_NUMBER
 from app.nutrition.foods import Food
 from app.services.recipes import PinnedRecipe
@@ -17,8 +15,6 @@ from app.services.recipes import PinnedRecipe
 NUTRIENT = "nutrient-"
 ADDED_ROWS = 4  # empty rows for components without a figure
 DENSITY_PARTS = ("g_per_ml", "sd_g_per_ml", "state", "kind", "basis", "weighs", "source")
-REFUSE_PARTS = ("part", "percent", "is_served")
-PORTION_PARTS = ("amount", "measure", "mass_g")
 INGREDIENT_PARTS = ("food", "mass", "state", "retention", "source")
 
 Texts = dict[str, str]
@@ -61,32 +57,37 @@ def changed_fields(typed: Mapping[str, str], base: Texts) -> frozenset[str]:
 
 def body_of(
     typed: Mapping[str, str], changed: frozenset[str], units: Mapping[str, str]
-) -> tuple[dict[str, Any], dict[str, str]]:
+) -> tuple[dict[str, object], dict[str, str]]:
     """(the fields of a FoodPatch that the changed fields mean, field -> why it cannot be read).
 
     units: component -> unit, of the figures that the form shows.
     """
-    body: dict[str, Any] = {}
-    wrong: dict[str, str] = {}
-    for name in changed & _READ.keys():
-        _keep(body, wrong, name, name, partial(_READ[name], typed.get(name, "")))
-    nutrients: dict[str, Any] = {}
-    for name in changed:
-        if name.startswith(NUTRIENT):
-            component, text = name.removeprefix(NUTRIENT), typed.get(name, "")
-            unit = units.get(component) or COMPONENT_BY_NUMBER[component].unit.value
-            _keep(nutrients, wrong, component, name, partial(_figure, text, unit))
+    texts = {name: typed.get(name, "") for name in changed}
+    body, wrong = read_fields(texts, _READERS)
+    figures = [  # field, component, figure, unit
+        (name, component, texts[name], units.get(component) or COMPONENT_BY_NUMBER[component].unit.value)
+        for name in changed
+        if (component := name.removeprefix(NUTRIENT)) != name
+    ]
     for place in range(ADDED_ROWS):
-        component, text = typed.get(f"add-{place}", ""), typed.get(f"figure-{place}", "")
-        if component and text:
-            unit = typed.get(f"unit-{place}", "")
-            _keep(nutrients, wrong, component, f"figure-{place}", partial(_figure, text, unit))
-        elif component or text:
+        component, figure, unit = (typed.get(f"{part}-{place}", "") for part in ("add", "figure", "unit"))
+        if component and figure:
+            figures.append((f"figure-{place}", component, figure, unit))
+        elif component or figure:
             wrong[f"figure-{place}"] = "Name both the component and its figure."
+    nutrients: dict[str, object] = {}
+    for field, component, figure, unit in figures:
+        try:  # an emptied field says that the figure is not known
+            nutrients[component] = {"per_100_g": number(figure), "unit": unit} if figure else None
+        except WrongFieldError as error:
+            wrong[field] = str(error)
     if nutrients:
         body["nutrients"] = nutrients
     if any(is_of_recipe(name) for name in changed):
-        _keep(body, wrong, "recipe", "recipe", partial(_recipe, typed))
+        try:
+            body["recipe"] = _recipe(typed)
+        except WrongFieldError as error:
+            wrong["recipe"] = str(error)
     return body, wrong
 
 
@@ -101,33 +102,21 @@ def ingredient_rows(typed: Mapping[str, str]) -> int:
     return max((int(match["place"]) + 1 for match in found if match is not None), default=0)
 
 
-def _keep(body: dict[str, Any], wrong: dict[str, str], key: str, field: str, read: Callable[[], Any]) -> None:
-    try:
-        body[key] = read()
-    except WrongFieldError as error:
-        wrong[field] = str(error)
-
-
 def _plain(text: str) -> str:
     return "\n".join(line.strip() for line in text.strip().splitlines())
 
 
-def _figure(text: str, unit: str) -> dict[str, Any] | None:
-    """What an emptied field says is that the figure is not known."""
-    return {"per_100_g": number(text), "unit": unit} if text else None
-
-
-def _densities(text: str) -> list[dict[str, Any]]:
+def _densities(text: str) -> list[dict[str, object]]:
     return [
-        row | {"g_per_ml": number(row["g_per_ml"]), "sd_g_per_ml": number(row["sd_g_per_ml"])}
+        {**row, "g_per_ml": number(row["g_per_ml"]), "sd_g_per_ml": number(row["sd_g_per_ml"])}
         for row in entries(text, DENSITY_PARTS)
     ]
 
 
-def _refuse(text: str) -> list[dict[str, Any]]:
+def _refuse(text: str) -> list[dict[str, object]]:
     return [
         {"part": row["part"], "percent": number(row["percent"]), "is_served": _yes(row.get("is_served", "yes"))}
-        for row in entries(text, REFUSE_PARTS, needed=2)
+        for row in entries(text, ("part", "percent", "is_served"), needed=2)
     ]
 
 
@@ -137,27 +126,24 @@ def _yes(text: str) -> bool:
     return text.lower() != "no"
 
 
-def _portions(text: str) -> list[dict[str, Any]]:
-    return [
-        {"amount": number(row["amount"]), "measure": row["measure"], "mass_g": number(row["mass_g"])}
-        for row in (_portion_of(line) for line in lines(text))
-    ]
+def _portions(text: str) -> list[dict[str, object]]:
+    return [_portion(line) for line in lines(text)]
 
 
-def _portion_of(line: str) -> dict[str, str]:
+def _portion(line: str) -> dict[str, object]:
     """A measure may have semicolons in it: the amount is before the first, the mass behind the last."""
     amount, first, rest = line.partition(";")
     measure, last, mass = rest.rpartition(";")
     if not first or not last:
-        raise WrongFieldError(f"“{line[:40]}” needs: {'; '.join(PORTION_PARTS)}.")
-    return {"amount": amount.strip(), "measure": measure.strip(), "mass_g": mass.strip()}
+        raise WrongFieldError(f"“{line[:40]}” needs: amount; measure; mass_g.")
+    return {"amount": number(amount.strip()), "measure": measure.strip(), "mass_g": number(mass.strip())}
 
 
 def _source_ids(text: str) -> dict[str, str]:
     return {row["system"]: row["code"] for row in entries(text, ("system", "code"))}
 
 
-def _recipe(typed: Mapping[str, str]) -> dict[str, Any] | None:
+def _recipe(typed: Mapping[str, str]) -> dict[str, object] | None:
     """The recipe that the rows tell; None: all are empty, so there is none any more."""
     ingredients = list(_ingredients(typed))
     if not ingredients:
@@ -165,14 +151,14 @@ def _recipe(typed: Mapping[str, str]) -> dict[str, Any] | None:
     return {"yield_factor": number(typed.get("yield_factor", "")), "ingredients": ingredients}
 
 
-def _ingredients(typed: Mapping[str, str]) -> Iterator[dict[str, Any]]:
+def _ingredients(typed: Mapping[str, str]) -> Iterator[dict[str, object]]:
     for place in range(ingredient_rows(typed)):
         row = {part: typed.get(f"{part}-{place}", "") for part in INGREDIENT_PARTS}
         if not row["food"]:
             if any(row[part] for part in ("mass", "retention", "source")):
                 raise WrongFieldError(f"Ingredient {place + 1} names no food.")
             continue
-        told: dict[str, Any] = {"food": row["food"], "mass_g": number(row["mass"]), "state": row["state"]}
+        told: dict[str, object] = {"food": row["food"], "mass_g": number(row["mass"]), "state": row["state"]}
         if row["retention"]:
             told["retention"] = dict(_share(one) for one in row["retention"].split(","))
         yield told | ({"retention_source": row["source"]} if row["source"] else {})
@@ -185,13 +171,10 @@ def _share(text: str) -> tuple[str, float]:
     return name.strip(), number(share)
 
 
-_READ: Mapping[str, Callable[[str], Any]] = {
-    "name": str,
+_READERS: Mapping[str, Callable[[str], object]] = {
+    **dict.fromkeys(("name", "group", "form"), str),
     "aliases": lines,
-    "group": str,
-    "form": str,
-    "slice_form": lambda text: text or None,
-    "state": lambda text: text or None,
+    **dict.fromkeys(("slice_form", "state"), lambda text: text or None),
     "is_mixed_dish": lambda text: text == "true",
     "probes": str.split,
     "source_ids": _source_ids,

@@ -1,7 +1,7 @@
 """The food tables: a search with figures, and one food with all that is known of it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 from urllib.parse import quote
 
@@ -13,7 +13,7 @@ from app.api.foods import FoodKey, render_food
 from app.api.pages import PREFIX
 from app.api.schemas.foods import FoodMatch, NutrientOut
 from app.dashboard.flat_file import csv_file
-from app.dashboard.food_history import differences_of
+from app.dashboard.food_history import differences_in_words
 from app.dashboard.page import CurrentPage, Page
 from app.db.queries.foods import NutrientRow
 from app.nutrition.components import COMPONENTS, HEADLINE_NUMBERS, by_component_group
@@ -104,7 +104,7 @@ def food_page(page: Page, key: str, *, status: int = 200, **context: Any) -> Res
         corrected=_corrected(changes),
         origin=changes[-1].previous_release if changes else view.release,
         component_names={one.number: one.name for one in COMPONENTS},
-        changes=[(change, differences_of(change, names)) for change in changes],
+        changes=[(change, differences_in_words(change.differences, names)) for change in changes],
         uses=read_uses(database, page.caller, view.value.key),
         counted=COUNTED,
         food_url=food_address,
@@ -154,14 +154,9 @@ def _restorable(view: FoodView, changes: Sequence[Any]) -> frozenset[int]:
 
 
 def _row(row: ListedFood) -> FoodRow:
-    told = FoodMatch.model_validate(row.found, from_attributes=True)
-    density = row.density
-    return FoodRow(
-        **told.model_dump(),
-        energy_kcal_per_100_g=row.energy_kcal,
-        density_g_per_ml=density.g_per_ml if density is not None else None,
-        density_sd_g_per_ml=density.sd_g_per_ml if density is not None else None,
-        density_kind=density.kind if density is not None else None,
-        density_basis=density.basis if density is not None else None,
-        density_source=density.source if density is not None else None,
+    figures = ("g_per_ml", "sd_g_per_ml", "kind", "basis", "source")
+    return FoodRow.model_validate(
+        asdict(row.found)
+        | {"energy_kcal_per_100_g": row.energy_kcal}
+        | {f"density_{name}": getattr(row.density, name, None) for name in figures}
     )

@@ -1,7 +1,10 @@
 """Lists in a form: a text area of one entry a line, its parts parted by semicolons; and numbers as they are typed."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TypeVar
+
+T = TypeVar("T")
 
 _NUMBER = re.compile(r"(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?")
 
@@ -15,6 +18,21 @@ def number(text: str) -> float:
     if not _NUMBER.fullmatch(text):
         raise WrongFieldError(f"“{text[:40]}” is no number: write it as 4.6.")
     return float(text)
+
+
+def read_fields(
+    texts: Mapping[str, str], readers: Mapping[str, Callable[[str], T]]
+) -> tuple[dict[str, T], dict[str, str]]:
+    """Return (field -> its value, field -> why it cannot be read), of the texts that have a reader."""
+    values: dict[str, T] = {}
+    wrong: dict[str, str] = {}
+    for name, text in texts.items():
+        if name in readers:
+            try:
+                values[name] = readers[name](text)
+            except WrongFieldError as error:
+                wrong[name] = str(error)
+    return values, wrong
 
 
 def entries(text: str, names: Sequence[str], *, needed: int | None = None) -> list[dict[str, str]]:

@@ -20,7 +20,7 @@ from app.dashboard.forms import Fields, checked, typed
 from app.dashboard.page import CurrentPage, Page
 from app.errors import InvalidInputError, NotFoundError
 from app.services import study_densities
-from app.services.edit_food import Editor, author_of
+from app.services.edit_food import Editor
 from app.services.study_densities import Measurement
 
 router = APIRouter(include_in_schema=False)
@@ -60,7 +60,7 @@ def post_density(page: CurrentPage, study: str, fields: Fields) -> Response:
             page.state.database,
             study,
             Measurement(body.food, density, specimens, body.measured_at),
-            _editor(page, body.reason),
+            Editor.of(page.caller, body.reason),
         )
     except (NotFoundError, InvalidInputError) as error:
         field = {"food_not_found": "food", "time_impossible": "measured_on"}.get(error.code, "")
@@ -77,7 +77,9 @@ def post_withdrawal(page: CurrentPage, study: str, density: uuid.UUID, fields: F
     body, wrong = checked(WithdrawalIn, {"reason": typed(fields).get("reason", "")})
     if body is None:
         raise InvalidInputError(f"Tell why it is withdrawn: {wrong.get('reason', '')}")
-    row = study_densities.withdraw_study_density(page.state.database, study, density, _editor(page, body.reason))
+    row = study_densities.withdraw_study_density(
+        page.state.database, study, density, Editor.of(page.caller, body.reason)
+    )
     return page.go(study_address(study, "densities"), f"The density of {row.food_key} was withdrawn.")
 
 
@@ -94,7 +96,3 @@ def _densities(
         wrong=wrong,
         food_url=food_address,
     )
-
-
-def _editor(page: Page, reason: str) -> Editor:
-    return Editor(author_of(page.caller), reason, page.caller)

@@ -2,8 +2,8 @@
 
 import re
 import uuid
-from collections.abc import Mapping
-from typing import Annotated, Any
+from collections.abc import Callable, Mapping
+from typing import Annotated
 
 from fastapi import APIRouter, Query
 from starlette.responses import Response
@@ -14,7 +14,7 @@ from app.api.study_vessels import render_vessel, vessel_author
 from app.dashboard.addresses import study_address
 from app.dashboard.flat_file import csv_file
 from app.dashboard.forms import Fields, checked, typed
-from app.dashboard.line_fields import WrongFieldError, lines, number, shown
+from app.dashboard.line_fields import WrongFieldError, lines, number, read_fields, shown
 from app.dashboard.page import CurrentPage, Page
 from app.dashboard.vessel_drawing import vessel_drawing
 from app.errors import ConflictError, InvalidInputError, PreconditionFailedError
@@ -139,21 +139,13 @@ def _vessel(
     )
 
 
-def _form_values(entered: Mapping[str, str]) -> tuple[dict[str, Any], dict[str, str]]:
+def _form_values(entered: Mapping[str, str]) -> tuple[dict[str, object], dict[str, str]]:
     """(the fields of VesselMeasures that were filled in, field -> why it cannot be read)."""
-    values: dict[str, Any] = {"kind": entered.get("kind", "")}
-    wrong: dict[str, str] = {}
-    for name in NUMBERS:
-        if entered.get(name):
-            try:
-                values[name] = number(entered[name])
-            except WrongFieldError as error:
-                wrong[name] = str(error)
-    try:
-        values["inside_profile_mm"] = [_point(line) for line in lines(entered.get("inside_profile_mm", ""))]
-    except WrongFieldError as error:
-        wrong["inside_profile_mm"] = str(error)
-    return values, wrong
+    return read_fields({name: text for name, text in entered.items() if text}, _READERS)
+
+
+def _profile(text: str) -> list[list[float]]:
+    return [_point(line) for line in lines(text)]
 
 
 def _point(line: str) -> list[float]:
@@ -169,3 +161,10 @@ def _entered(view: VesselView) -> dict[str, str]:
     entered = {name: shown(measures[name]) for name in NUMBERS if measures[name] is not None}
     profile = "\n".join(f"{shown(radius)}, {shown(height)}" for radius, height in measures["inside_profile_mm"])
     return entered | {"kind": measures["kind"], "inside_profile_mm": profile}
+
+
+_READERS: Mapping[str, Callable[[str], object]] = {
+    **dict.fromkeys(NUMBERS, number),
+    "kind": str,
+    "inside_profile_mm": _profile,
+}

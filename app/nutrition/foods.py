@@ -9,7 +9,7 @@ import io
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import date
 from functools import cache
 from importlib import resources
@@ -101,18 +101,18 @@ class Food:
 
     key: str
     name: str
-    aliases: tuple[str, ...]
     food_group: str
     form: FoodForm
-    slice_form: SliceForm | None
-    refuse: tuple[RefusePart, ...]
-    densities: tuple[Density, ...]
-    per_100_g: Mapping[str, float]
-    source_ids: Mapping[str, str]
+    aliases: tuple[str, ...] = ()
+    slice_form: SliceForm | None = None
     state: FoodState | None = None
     is_mixed_dish: bool = False
+    refuse: tuple[RefusePart, ...] = ()
+    densities: tuple[Density, ...] = ()
     portions: tuple[Portion, ...] = ()
     probes: tuple[str, ...] = ()
+    source_ids: Mapping[str, str] = field(default_factory=dict)
+    per_100_g: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.form not in FOOD_FORMS:
@@ -189,19 +189,12 @@ def parse_table(foods_json: bytes, nutrients_csv: bytes) -> FoodTable:
 
 
 def _food(entry: dict[str, Any], per_100_g: Mapping[str, float]) -> Food:
-    return Food(
-        key=entry["key"],
-        name=entry["name"],
-        aliases=tuple(entry["aliases"]),
-        food_group=entry["food_group"],
-        form=entry["form"],
-        slice_form=entry["slice_form"],
-        refuse=tuple(RefusePart(*part) for part in entry["refuse"]),
-        densities=tuple(Density(*density) for density in entry["densities"]),
-        per_100_g=per_100_g,
-        source_ids=MappingProxyType(entry["source_ids"]),
-        state=entry["state"],
-        is_mixed_dish=entry["is_mixed_dish"],
-        portions=tuple(Portion(*portion) for portion in entry["portions"]),
-        probes=tuple(entry["probes"]),
-    )
+    parts = {
+        "aliases": tuple(entry["aliases"]),
+        "refuse": tuple(RefusePart(*part) for part in entry["refuse"]),
+        "densities": tuple(Density(*density) for density in entry["densities"]),
+        "portions": tuple(Portion(*portion) for portion in entry["portions"]),
+        "probes": tuple(entry["probes"]),
+        "source_ids": MappingProxyType(entry["source_ids"]),
+    }
+    return Food(**entry | parts, per_100_g=per_100_g)

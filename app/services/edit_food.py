@@ -4,11 +4,11 @@ That release goes before all imported ones, so that a correction survives the ne
 corrects. Each version keeps its author, time and reason, and what differs from the version before.
 """
 
+import json
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
-from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
@@ -35,26 +35,6 @@ T = TypeVar("T")
 LOCAL_CHECKSUM = "local"  # the release of corrections is read from nothing, and there is one
 LOCAL_VERSION = "1"
 ATTEMPTS = 5  # an edit that does not say what it edits is made again on top of one that came in between
-# Fields of a food's value by the names that the API has for them; its figures are compared component by component.
-_FIELDS = MappingProxyType(
-    {
-        "name": "name",
-        "aliases": "aliases",
-        "food_group": "group",
-        "form": "form",
-        "slice_form": "slice_form",
-        "state": "state",
-        "is_mixed_dish": "is_mixed_dish",
-        "refuse": "refuse",
-        "densities": "densities",
-        "portions": "portions",
-        "probes": "probes",
-        "source_ids": "source_ids",
-    }
-)
-_BLANK: Mapping[str, Any] = MappingProxyType(
-    {"aliases": (), "slice_form": None, "refuse": (), "densities": (), "source_ids": {}}
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +44,11 @@ class Editor:
     author: str
     reason: str
     caller: StaffCaller | None = None
+
+    @classmethod
+    def of(cls, caller: StaffCaller, reason: str) -> Self:
+        """Return the editor that a member of staff is."""
+        return cls(author_of(caller), reason, caller)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,8 +94,7 @@ def create_food(database: Database, key: str, edit: FoodEdit, editor: Editor) ->
     """A new food, as version 1. Raises ConflictError `food_exists`, and what edit_food raises."""
     taken = ConflictError(f"There is already a food {key!r}: correct it instead.", code="food_exists", food=key)
     _require_local_release(database, editor.author)
-    fields = {**_BLANK, **edit.fields}
-    blank = _checked(lambda: FoodValue(key=key, per_100_g={}, **fields))
+    blank = _checked(lambda: FoodValue(key=key, **edit.fields))
     for _ in range(ATTEMPTS):
         try:
             with database.write() as session:
@@ -240,7 +224,7 @@ def _require_expected(current: Food, expected: Collection[int] | None) -> None:
 
 
 def _edited(session: Session, draft: _Draft, edit: FoodEdit) -> _Draft:
-    value = _checked(lambda: replace(draft.value, **dict(edit.fields))) if edit.fields else draft.value
+    value = _checked(lambda: replace(draft.value, **edit.fields))
     recipe = None if edit.without_recipe else draft.recipe
     if edit.nutrients and (edit.recipe or recipe) is not None:
         raise InvalidInputError(
@@ -254,8 +238,7 @@ def _edited(session: Session, draft: _Draft, edit: FoodEdit) -> _Draft:
         per_100_g = dict(dish.per_100_g)
     named = numbers_called(session, edit.nutrients)
     per_100_g |= contents_of(session, {number: figure for number, figure in named.items() if figure is not None})
-    for number in [number for number, figure in named.items() if figure is None]:
-        per_100_g.pop(number, None)
+    per_100_g = {number: content for number, content in per_100_g.items() if named.get(number, content) is not None}
     if per_100_g != draft.value.per_100_g:
         why = why_impossible(per_100_g)
         if why is not None and why_impossible(draft.value.per_100_g) is None:  # else it came so, and gets no worse
@@ -301,26 +284,15 @@ def _differences(before: _Draft, after: _Draft) -> dict[str, Any]:
 
 
 def _as_json(draft: _Draft) -> dict[str, Any]:
-    value = draft.value
-    plain: dict[str, Any] = {name: _plain(getattr(value, field)) for field, name in _FIELDS.items()}
-    plain |= {f"nutrients.{number}": content for number, content in value.per_100_g.items()}
+    """Fields by the names that the API has for them; the figures one by one."""
+    value = asdict(replace(draft.value, source_ids=dict(draft.value.source_ids), per_100_g={}))
+    fields = {"group" if name == "food_group" else name: part for name, part in value.items()}
+    fields |= {f"nutrients.{number}": content for number, content in draft.value.per_100_g.items()}
     if draft.recipe is not None:
-        plain["recipe"] = {
-            "yield": draft.recipe.recipe_yield,
-            "ingredients": [
-                _plain(ingredient) | {"retention": dict(ingredient.retention)}
-                for ingredient in draft.recipe.ingredients
-            ],
-        }
+        recipe = asdict(draft.recipe)
+        fields["recipe"] = {"yield": recipe["recipe_yield"], "ingredients": recipe["ingredients"]}
+    plain: dict[str, Any] = json.loads(json.dumps(fields))  # lists for tuples, as the history keeps them
     return plain
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, tuple | list):
-        return [_plain(part) for part in value]
-    if isinstance(value, Mapping):
-        return {name: _plain(part) for name, part in value.items()}
-    return asdict(value) if hasattr(value, "__dataclass_fields__") else value
 
 
 def _checked(make: Callable[[], T]) -> T:

@@ -60,11 +60,10 @@ def require_food(session: Session, key: str) -> Food:
 def view_of(session: Session, food: Food, study_id: uuid.UUID | None) -> FoodView:
     """All that is known of a food."""
     value = food_value(session, food)
-    release = session.get_one(FoodRelease, food.release_id)
     return FoodView(
         food=food,
         value=value,
-        release=f"{release.name} {release.version}",
+        release=session.get_one(FoodRelease, food.release_id).title,
         own_densities=own_densities(session, food),
         density=choose_density(session, value, study_id),
         edible_share=edible_share(value),

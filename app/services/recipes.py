@@ -1,17 +1,17 @@
 """Recipes and the food table: what a recipe names -> versions of foods and the dish's figures; and back for readers."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sqlalchemy.orm import Session
 
 from app.db.models import Component, Food, FoodIngredient
 from app.db.queries import food_changes, foods
 from app.errors import InvalidInputError
-from app.nutrition.foods import Food as FoodValue
 from app.nutrition.foods import FoodState
 from app.nutrition.recipe import Dish, Ingredient, cycle_through, prepare_dish
 from app.services.component_names import numbers_called
+from app.services.food_values import bare_value
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ def cook(session: Session, key: str, recipe: NamedRecipe) -> tuple[PinnedRecipe,
     )
     contents = food_changes.contents_of(session, {row.id for row in rows})
     ingredients = [
-        Ingredient(_composition(row, contents[row.id]), part.mass_g, named.state, part.retention)
+        Ingredient(replace(bare_value(row), per_100_g=contents[row.id]), part.mass_g, named.state, part.retention)
         for row, part, named in zip(rows, pinned.ingredients, recipe.ingredients, strict=True)
     ]
     return pinned, prepare_dish(ingredients, recipe.recipe_yield)
@@ -173,20 +173,3 @@ def _require_foods(session: Session, keys: Sequence[str]) -> list[Food]:
             )
         found[key] = by_code[0]
     return [found[key] for key in keys]
-
-
-def _composition(row: Food, per_100_g: Mapping[str, float]) -> FoodValue:
-    """A food as a recipe needs it: key, state and figures."""
-    return FoodValue(
-        key=row.key,
-        name=row.name,
-        aliases=(),
-        food_group=row.food_group,
-        form=row.form,  # type: ignore[arg-type]  # FoodValue checks it, as it does the state
-        slice_form=None,
-        refuse=(),
-        densities=(),
-        per_100_g=per_100_g,
-        source_ids={},
-        state=row.state,  # type: ignore[arg-type]
-    )

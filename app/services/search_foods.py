@@ -249,7 +249,6 @@ def _each_once(
 
 
 def _found(row: index.FoundRow, releases: dict[int, FoodRelease], matched: str | None) -> FoundFood:
-    release = releases[row.release_id]
     return FoundFood(
         key=row.key,
         name=row.name,
@@ -258,6 +257,6 @@ def _found(row: index.FoundRow, releases: dict[int, FoodRelease], matched: str |
         form=row.form,
         state=row.state,
         is_mixed_dish=row.is_mixed_dish,
-        release=f"{release.name} {release.version}",
+        release=releases[row.release_id].title,
         matched=matched,
     )

@@ -39,6 +39,11 @@ class FoodRelease(Base):
     written_at: Mapped[datetime | None]
     completed_at: Mapped[datetime | None]
 
+    @property
+    def title(self) -> str:
+        """Return name and version."""
+        return f"{self.name} {self.version}"
+
 
 class FoodActivation(Base):
     """From here on this release is the one in force of its name: the newest row of a name counts, one row switches."""

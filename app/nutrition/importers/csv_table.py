@@ -189,7 +189,6 @@ def _food(
         aliases=tuple(dict.fromkeys(alias.strip() for alias in row.cell("aliases").split(";") if alias.strip())),
         food_group=group,
         form=form,
-        slice_form=None,
         refuse=tuple(_refuse(row)),
         densities=(*measured, *of_portions),
         per_100_g=MappingProxyType(dict(_contents(row, components, skipped))),

@@ -98,13 +98,9 @@ def read_fao_density(path: Path) -> ImportedTable:
             Food(
                 key=f"fao:{row.row}",
                 name=row.name,
-                aliases=(),
                 food_group=row.section,
                 form=form,
-                slice_form=None,
-                refuse=(),
                 densities=(fao_density(row, form, kind, state or "not told", relative_sd=_relative_sd(row, form)),),
-                per_100_g={},
                 source_ids={"fao_density_row": str(row.row)},
                 state=state,
                 is_mixed_dish=row.section.lower().startswith("mixed dishes"),

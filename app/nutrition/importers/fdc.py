@@ -346,7 +346,6 @@ def _food(
         aliases=tuple(dict.fromkeys(aliases)),
         food_group=category.name,
         form=form,
-        slice_form=None,
         refuse=refuse,
         densities=(*densities, *kind_density(food.name, category.form_group, form)),
         per_100_g=per_100_g,

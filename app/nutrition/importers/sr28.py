@@ -175,7 +175,6 @@ def _food(source: Sr28Food, group: str, per_100_g: Mapping[str, float], portions
         aliases=_aliases(source),
         food_group=group,
         form=form,
-        slice_form=None,
         refuse=tuple(
             RefusePart(part, percent, is_served=is_served(part, source.name, form))
             for part, percent in parse_refuse(source.refuse_words, source.refuse_percent)
