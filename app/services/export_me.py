@@ -135,7 +135,7 @@ def _data(
     yield '{\n"made_at": ' + _json(now)
     yield ',\n"study": ' + _json({"code": study.code, "name": study.name})
     yield ',\n"participant": ' + _json(_plain(participant))
-    for name, rows in privacy.rows_of_participant(session, participant.id):
+    for name, rows in privacy.exported_rows(session, "participant", participant.id):
         yield from _list(name, (_plain(row) for row in rows))
     meals = (_meal(session, meal, names) for meal in privacy.stream_meals_of(session, participant.id))
     yield from _list("meals", meals)
@@ -151,7 +151,7 @@ def _list(name: str, members: Iterable[dict[str, Any]]) -> Iterator[str]:
 
 def _meal(session: Session, meal: Meal, names: dict[uuid.UUID, str | None]) -> dict[str, Any]:
     told = _plain(meal)
-    for name, rows in privacy.rows_of_meal(session, meal.id):
+    for name, rows in privacy.exported_rows(session, "meal", meal.id):
         told[name] = [_plain(row) | _file_of(row, names) | _food_of(session, row) for row in rows]
     return told
 

@@ -1,7 +1,8 @@
 """The declarative base: names of constraints by convention, aware UTC times, JSON."""
 
+from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, ClassVar
 
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql
@@ -42,8 +43,32 @@ class UtcDateTime(sa.types.TypeDecorator[datetime]):
 JsonValue = sa.JSON(none_as_null=True).with_variant(postgresql.JSONB(none_as_null=True), "postgresql")
 
 
+@dataclass(frozen=True, slots=True)
+class Personal:
+    """Whose rows a table holds: what erasures and a participant's own export read (db/queries/personal.py).
+
+    through: columns that lead, by their foreign keys, to a meal or a participant. export_as: name in the export; None:
+    left out. order_by: column.
+    """
+
+    through: tuple[str, ...]
+    export_as: str | None = None
+    order_by: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class BlobColumns:
+    """Where a table names a blob. erased_at: column that is set once the blob is to go; None: the row goes instead."""
+
+    key: str = "blob_key"
+    erased_at: str | None = None
+
+
 class Base(DeclarativeBase):
     """Base of all tables."""
+
+    personal: ClassVar[Personal | None] = None
+    blob: ClassVar[BlobColumns | None] = None
 
     metadata = sa.MetaData(naming_convention=NAMING)
     type_annotation_map = {  # noqa: RUF012  # SQLAlchemy's own form

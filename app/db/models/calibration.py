@@ -7,7 +7,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.models.base import Base
+from app.db.models.base import Base, Personal
 
 
 class CameraCalibration(Base):
@@ -17,6 +17,7 @@ class CameraCalibration(Base):
     """
 
     __tablename__ = "camera_calibration"
+    personal = Personal(("device_id",), "camera_calibrations")
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     device_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("device.id"), index=True)

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.models.base import Base, one_of
+from app.db.models.base import Base, Personal, one_of
 from app.db.models.privacy import BigId
 from app.db.models.review import LAYERS
 
@@ -26,6 +26,7 @@ class DayEvent(Base):
     """
 
     __tablename__ = "day_event"
+    personal = Personal(("participant_id",), "day_events")
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"))
@@ -49,6 +50,7 @@ class DiaryDay(Base):
     """
 
     __tablename__ = "diary_day"
+    personal = Personal(("participant_id",), "days", order_by="local_date")
 
     participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"), primary_key=True)
     local_date: Mapped[date] = mapped_column(primary_key=True)

@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.models.base import Base, one_of
+from app.db.models.base import Base, BlobColumns, one_of
 
 ExportState = Literal["queued", "running", "done", "failed", "cancelled", "expired"]
 EXPORT_STATES: tuple[ExportState, ...] = get_args(ExportState)
@@ -48,6 +48,7 @@ class Export(FileWork, Base):
     """
 
     __tablename__ = "export"
+    blob = BlobColumns()
 
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
     staff_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("staff.id"), index=True)

@@ -6,7 +6,7 @@ from datetime import datetime
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.models.base import Base
+from app.db.models.base import Base, Personal
 
 OF_ITS_ITEM = "CASCADE"  # a process of the version before these tables, in a rolling upgrade, erases meals too
 
@@ -20,6 +20,7 @@ class ItemIdentification(Base):
     """
 
     __tablename__ = "item_identification"
+    personal = Personal(("item_id",), "looks")
 
     item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id", ondelete=OF_ITS_ITEM), primary_key=True)
     run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), primary_key=True, index=True)
@@ -43,6 +44,7 @@ class IndexEntry(Base):
     """
 
     __tablename__ = "index_entry"
+    personal = Personal(("item_id",), "known_to_the_index")
 
     item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id", ondelete=OF_ITS_ITEM), primary_key=True)
     run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), index=True)

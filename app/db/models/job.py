@@ -6,7 +6,7 @@ from datetime import datetime
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.models.base import Base, one_of
+from app.db.models.base import Base, Personal, one_of
 
 JOB_STATES = ("queued", "processing", "done", "failed")
 JOB_PURPOSES = ("meal", "after", "remeasure")
@@ -27,6 +27,7 @@ class Job(Base):
     """
 
     __tablename__ = "job"
+    personal = Personal(("meal_id",))
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)

@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.models.base import Base, one_of
+from app.db.models.base import Base, BlobColumns, Personal, one_of
 
 MealStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"]
 MEAL_STATUSES: tuple[MealStatus, ...] = get_args(MealStatus)
@@ -92,6 +92,8 @@ class MealImage(Base):
     """
 
     __tablename__ = "meal_image"
+    personal = Personal(("meal_id",), "photographs")
+    blob = BlobColumns(erased_at="erased_at")
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"))

@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.models.base import Base, one_of
+from app.db.models.base import Base, Personal, one_of
 
 LocationPolicy = Literal["drop", "round", "keep"]
 LOCATION_POLICIES: tuple[LocationPolicy, ...] = get_args(LocationPolicy)
@@ -87,6 +87,7 @@ class Device(Base):
     """A phone of a participant. clock_skew_seconds: its clock minus the server's, at last_used_at."""
 
     __tablename__ = "device"
+    personal = Personal(("participant_id",), "devices")
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"), index=True)
@@ -129,6 +130,7 @@ class Enrolment(Base):
     """A one-time code that a device exchanges for its token; only the code's SHA-256 is kept."""
 
     __tablename__ = "enrolment"
+    personal = Personal(("participant_id",), "enrolments")
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"), index=True)
@@ -146,6 +148,7 @@ class AccessToken(Base):
     """
 
     __tablename__ = "access_token"
+    personal = Personal(("device_id",))
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     token_sha256: Mapped[str] = mapped_column(sa.String(64), unique=True)

@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.models.base import Base, one_of
+from app.db.models.base import Base, BlobColumns, Personal, one_of
 from app.db.models.job import JOB_PURPOSES
 from app.db.models.review import LAYERS
 
@@ -39,6 +39,8 @@ class Run(Base):
     """
 
     __tablename__ = "run"
+    personal = Personal(("meal_id",), "runs", order_by="created_at")
+    blob = BlobColumns("result_key")
 
     id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("job.id"), primary_key=True)
     meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
@@ -64,6 +66,8 @@ class RunArtefact(Base):
     """A picture or point cloud of a run's step, in the blob store."""
 
     __tablename__ = "run_artefact"
+    personal = Personal(("run_id",), "derived_pictures")
+    blob = BlobColumns()
 
     run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), primary_key=True)
     name: Mapped[str] = mapped_column(sa.String(64), primary_key=True)
@@ -84,6 +88,7 @@ class Item(Base):
     """
 
     __tablename__ = "item"
+    personal = Personal(("meal_id",), "items", order_by="position")
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
@@ -118,6 +123,7 @@ class ItemMeasure(Base):
     """
 
     __tablename__ = "item_measure"
+    personal = Personal(("item_id",), "measured_again")
 
     item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
     event_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal_event.id"), primary_key=True, index=True)
@@ -137,6 +143,7 @@ class Leftover(Base):
     """
 
     __tablename__ = "leftover"
+    personal = Personal(("after_item_id", "item_id"), "leftovers")
 
     after_item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
     version: Mapped[int] = mapped_column(primary_key=True)
@@ -162,6 +169,7 @@ class ItemCandidate(Base):
     """
 
     __tablename__ = "item_candidate"
+    personal = Personal(("item_id",), "candidates")
 
     item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
     position: Mapped[int] = mapped_column(primary_key=True)
@@ -180,6 +188,7 @@ class ItemFood(Base):
     """
 
     __tablename__ = "item_food"
+    personal = Personal(("item_id",), "taken_for", order_by="version")
 
     item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
     version: Mapped[int] = mapped_column(primary_key=True)
@@ -226,6 +235,7 @@ class EffectiveRecord(Base):
     """
 
     __tablename__ = "effective_record"
+    personal = Personal(("meal_id",), "records")
 
     item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
     meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)

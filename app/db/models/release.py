@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.models.base import Base, one_of
+from app.db.models.base import Base, BlobColumns, one_of
 from app.db.models.export import FileWork
 
 ReleaseState = Literal["queued", "running", "ready", "changing", "failed"]
@@ -49,6 +49,7 @@ class ReleaseFile(Base):
     """A file of a release. rows: NULL, it is no table."""
 
     __tablename__ = "release_file"
+    blob = BlobColumns()
 
     release_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("release.id"), primary_key=True)
     name: Mapped[str] = mapped_column(sa.String(64), primary_key=True)

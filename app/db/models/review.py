@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.models.base import Base, one_of
+from app.db.models.base import Base, Personal, one_of
 
 Layer = Literal["automatic", "participant", "reviewer"]  # each goes before the one before it
 LAYERS: tuple[Layer, ...] = get_args(Layer)
@@ -31,6 +31,7 @@ class MealEvent(Base):
     """
 
     __tablename__ = "meal_event"
+    personal = Personal(("meal_id",), "events", order_by="sequence")
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"))

@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.models.base import Base, one_of
+from app.db.models.base import Base, Personal, one_of
 
 DeliveryState = Literal["waiting", "delivered", "given_up"]
 DELIVERY_STATES: tuple[DeliveryState, ...] = get_args(DeliveryState)
@@ -54,6 +54,7 @@ class WebhookDelivery(Base):
     """
 
     __tablename__ = "webhook_delivery"
+    personal = Personal(("meal_id", "participant_id"), "told_to_others")
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     webhook_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("webhook.id"))

@@ -27,7 +27,8 @@ def images_of(session: Session, meal_id: uuid.UUID) -> list[MealImage]:
 
 def blob_keys(session: Session) -> Iterator[str]:
     """The keys of all photographs that are kept, streamed."""
-    yield from session.scalars(sa.select(MealImage.blob_key).execution_options(yield_per=1000))
+    kept = sa.select(MealImage.blob_key).where(MealImage.erased_at.is_(None))
+    yield from session.scalars(kept.execution_options(yield_per=1000))
 
 
 def find_meals(

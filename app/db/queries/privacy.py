@@ -1,17 +1,19 @@
 """SQL of erasures: rows go in the order of their references; tombstones, receipts, intents and the audit log.
 
-Which rows belong to a meal or a person stands here and nowhere else; a table that a later version adds and that is not
-named here fails tests/integration/services/test_erasure_leaves_nothing.py.
+Each table says itself which of its rows belong to a meal or a person, and which blobs they name (db/models/base.py,
+`personal` and `blob`). A table that a later version adds and that says nothing fails
+tests/integration/services/test_erasure_leaves_nothing.py.
 """
 
 import uuid
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from functools import cache
+from typing import Literal
 
 import sqlalchemy as sa
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from app.db.models import (
     AccessToken,
@@ -27,20 +29,11 @@ from app.db.models import (
     EffectiveRecord,
     Enrolment,
     ErasureReceipt,
-    Export,
-    IndexEntry,
-    Item,
-    ItemCandidate,
-    ItemFood,
-    ItemIdentification,
-    ItemMeasure,
     Job,
-    Leftover,
     Meal,
     MealEvent,
     MealImage,
     Participant,
-    ReleaseFile,
     Run,
     RunArtefact,
     Study,
@@ -52,10 +45,9 @@ from app.db.queries.jobs import LIVE_STATES
 
 IN_A_STATEMENT = 500  # values in one IN (...); SQLite takes 32,766
 MADE_FILES = "made"  # before the study in keys of files of a whole study (services/made_file.py)
-UUID_CHARACTERS = 36
-
 
 Ids = sa.Select[uuid.UUID]
+Owner = Literal["meal", "participant"]  # also the names of their tables
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,49 +93,37 @@ def record_ids(session: Session, meals: Ids) -> list[uuid.UUID]:
     return list(session.scalars(sa.select(EffectiveRecord.item_id).where(EffectiveRecord.meal_id.in_(meals))))
 
 
+def rows_of(model: type[Base], owner: Owner, ids: Ids) -> sa.ColumnElement[bool] | None:
+    """Which rows of a table belong to these meals or participants; None: none ever do."""
+    conditions = []
+    for name in model.personal.through if model.personal is not None else ():
+        column = model.__table__.c[name]
+        (key,) = column.foreign_keys
+        if key.column.table.name == owner:
+            conditions.append(column.in_(ids))
+        elif (parent := _models().get(key.column.table.name)) is not None:
+            of_parent = rows_of(parent, owner, ids)
+            if of_parent is not None:
+                conditions.append(column.in_(sa.select(key.column).where(of_parent)))
+    return sa.or_(*conditions) if conditions else None
+
+
 def delete_meals(session: Session, meals: Ids) -> dict[str, int]:
     """Remove meals and all that hangs on them; table -> rows."""
-    items = sa.select(Item.id).where(Item.meal_id.in_(meals))
-    runs = sa.select(Run.id).where(Run.meal_id.in_(meals))
     _delete_day_sums(session, meals)
-    return _delete_in_order(
-        session,
-        (EffectiveRecord, EffectiveRecord.meal_id.in_(meals)),
-        (IndexEntry, IndexEntry.item_id.in_(items)),
-        (ItemIdentification, ItemIdentification.item_id.in_(items)),
-        (ItemCandidate, ItemCandidate.item_id.in_(items)),
-        (ItemFood, ItemFood.item_id.in_(items)),
-        (ItemMeasure, ItemMeasure.item_id.in_(items)),
-        (Leftover, sa.or_(Leftover.after_item_id.in_(items), Leftover.item_id.in_(items))),
-        (Item, Item.meal_id.in_(meals)),
-        (RunArtefact, RunArtefact.run_id.in_(runs)),
-        (Run, Run.meal_id.in_(meals)),
-        (WebhookDelivery, WebhookDelivery.meal_id.in_(meals)),
-        (Job, Job.meal_id.in_(meals)),
-        (MealEvent, MealEvent.meal_id.in_(meals)),
-        (MealImage, MealImage.meal_id.in_(meals)),
-        (Meal, Meal.id.in_(meals)),
-    )
+    counts = _delete_owned(session, "meal", meals)
+    return counts | _delete_in_order(session, (Meal, Meal.id.in_(meals)))
 
 
 def delete_participant(session: Session, participant_id: uuid.UUID) -> dict[str, int]:
     """Remove a participant whose meals are gone; table -> rows."""
-    devices = sa.select(Device.id).where(Device.participant_id == participant_id)
-    counts = _delete_in_order(
-        session,
-        (WebhookDelivery, WebhookDelivery.participant_id == participant_id),
-        (DiaryDay, DiaryDay.participant_id == participant_id),
-        (DayEvent, DayEvent.participant_id == participant_id),
-        (CameraCalibration, CameraCalibration.device_id.in_(devices)),
-        (AccessToken, AccessToken.device_id.in_(devices)),
-        (Device, Device.participant_id == participant_id),
-        (Enrolment, Enrolment.participant_id == participant_id),
-    )
+    is_person = Participant.id == participant_id
+    counts = _delete_owned(session, "participant", sa.select(Participant.id).where(is_person))
     of_person = (DaySum.participant_id == participant_id, DayMark.participant_id == participant_id)
     _forget_study_days(session, DaySum, of_person[0])
     _forget_study_days(session, DayMark, of_person[1])
     _delete_in_order(session, *zip((DaySum, DayMark), of_person, strict=True))  # those before have left marks
-    return counts | _delete_in_order(session, (Participant, Participant.id == participant_id))
+    return counts | _delete_in_order(session, (Participant, is_person))
 
 
 def _delete_day_sums(session: Session, meals: Ids) -> None:
@@ -199,13 +179,12 @@ def devices_of(session: Session, participant_id: uuid.UUID) -> list[Device]:
 
 def blob_keys_of(session: Session, meals: Ids) -> set[str]:
     """All blobs that rows of these meals name."""
-    runs = sa.select(Run.id).where(Run.meal_id.in_(meals))
-    queries = (
-        sa.select(MealImage.blob_key).where(MealImage.meal_id.in_(meals)),
-        sa.select(RunArtefact.blob_key).where(RunArtefact.run_id.in_(runs)),
-        sa.select(Run.result_key).where(Run.meal_id.in_(meals)),
-    )
-    return {key for query in queries for key in session.scalars(query)}
+    return {
+        key
+        for blob in _blob_columns()
+        if (of_meals := rows_of(blob.model, "meal", meals)) is not None
+        for key in session.scalars(sa.select(blob.key).where(of_meals))
+    }
 
 
 def live_jobs_of(session: Session, meals: Ids) -> list[Job]:
@@ -324,13 +303,7 @@ def add_tombstones(
 
 def tombstones_among(session: Session, kind: str, digests: Collection[str]) -> set[str]:
     """Those of the digests that have a tombstone of this kind."""
-    found: set[str] = set()
-    wanted = sorted(digests)
-    for start in range(0, len(wanted), IN_A_STATEMENT):
-        part = wanted[start : start + IN_A_STATEMENT]
-        query = sa.select(Tombstone.digest).where(Tombstone.kind == kind, Tombstone.digest.in_(part))
-        found.update(session.scalars(query))
-    return found
+    return _among(session, Tombstone.digest, digests, Tombstone.kind == kind)
 
 
 def tombstone_digests(session: Session, kind: str) -> Iterator[str]:
@@ -352,11 +325,7 @@ def meal_ids(session: Session) -> Iterator[uuid.UUID]:
 
 def want_deleted(session: Session, keys: Collection[str], receipt_id: uuid.UUID | None, now: datetime) -> None:
     """Note blobs that are to go; a key that ends with a slash means all below it."""
-    wanted = set(keys)
-    ordered = sorted(wanted)
-    for start in range(0, len(ordered), IN_A_STATEMENT):
-        part = ordered[start : start + IN_A_STATEMENT]
-        wanted -= set(session.scalars(sa.select(BlobDeletion.blob_key).where(BlobDeletion.blob_key.in_(part))))
+    wanted = set(keys) - _among(session, BlobDeletion.blob_key, keys)
     session.add_all(BlobDeletion(blob_key=key, receipt_id=receipt_id, requested_at=now) for key in sorted(wanted))
     session.flush()
 
@@ -375,13 +344,9 @@ def forget_deletions(session: Session, keys: Collection[str]) -> None:
 def is_named(session: Session, key: str) -> bool:
     """Whether a row needs the blob, or the meal of a key that means all below it is there."""
     if key.endswith("/"):
-        return meals_there(session, [key]) != set()
-    images = sa.exists().where(MealImage.blob_key == key, MealImage.erased_at.is_(None))
-    artefacts = sa.exists().where(RunArtefact.blob_key == key)
-    results = sa.exists().where(Run.result_key == key)
-    exported = sa.exists().where(Export.blob_key == key)
-    released = sa.exists().where(ReleaseFile.blob_key == key)
-    return bool(session.scalar(sa.select(sa.or_(images, artefacts, results, exported, released))))
+        return bool(session.scalar(sa.select(sa.exists().where(Meal.id == _meal_of(key)))))
+    named = (sa.exists().where(blob.key == key, blob.is_kept) for blob in _blob_columns())
+    return bool(session.scalar(sa.select(sa.or_(*named))))
 
 
 def of_known_studies(session: Session, keys: Collection[str]) -> set[str]:
@@ -400,28 +365,15 @@ def needed_keys(session: Session, keys: Collection[str]) -> set[str]:
     """
     meal_of = {key: _meal_of(key) for key in keys}
     meals = {meal_id for meal_id in meal_of.values() if meal_id is not None}
-    named: sa.CompoundSelect[Any] = sa.union_all(
-        sa.select(MealImage.blob_key).where(MealImage.meal_id.in_(meals), MealImage.erased_at.is_(None)),
-        sa.select(RunArtefact.blob_key).join(Run, Run.id == RunArtefact.run_id).where(Run.meal_id.in_(meals)),
-        sa.select(Run.result_key).where(Run.meal_id.in_(meals)),
-        sa.select(Export.blob_key).where(Export.blob_key.in_(keys)),
-        sa.select(ReleaseFile.blob_key).where(ReleaseFile.blob_key.in_(keys)),
-    )
+    named = []
+    for blob in _blob_columns():
+        of_meals = rows_of(blob.model, "meal", ids_in(meals))
+        is_asked = of_meals if of_meals is not None else blob.key.in_(keys)
+        named.append(sa.select(blob.key).where(is_asked, blob.is_kept))
     # first: a job that ends in between has its run by the time of the second query
     at_work = set(session.scalars(sa.select(Job.meal_id).where(Job.meal_id.in_(meals), Job.state.in_(LIVE_STATES))))
-    needed = set(session.scalars(named)) & set(keys)
+    needed = set(session.scalars(sa.union_all(*named))) & set(keys)
     return needed | {key for key, meal_id in meal_of.items() if meal_id in at_work}
-
-
-def meals_there(session: Session, keys: Sequence[str]) -> set[str]:
-    """Those of the keys (`study/meal/...`) whose meal is there."""
-    of_keys = {key: _meal_of(key) for key in keys}
-    wanted = sorted({meal_id for meal_id in of_keys.values() if meal_id is not None})
-    there: set[uuid.UUID] = set()
-    for start in range(0, len(wanted), IN_A_STATEMENT):
-        part = wanted[start : start + IN_A_STATEMENT]
-        there.update(session.scalars(sa.select(Meal.id).where(Meal.id.in_(part))))
-    return {key for key, meal_id in of_keys.items() if meal_id in there}
 
 
 def stream_meals_of(session: Session, participant_id: uuid.UUID) -> Iterator[Meal]:
@@ -444,42 +396,15 @@ def images_of_participant(session: Session, participant_id: uuid.UUID) -> Iterat
         yield row[0], row[1]
 
 
-def rows_of_participant(session: Session, participant_id: uuid.UUID) -> Iterator[tuple[str, list[Any]]]:
-    """(what, rows) of all that hangs on a participant beside meals, tokens left out."""
-    devices = sa.select(Device.id).where(Device.participant_id == participant_id)
-    queries: tuple[tuple[str, sa.Select[Any]], ...] = (
-        ("devices", sa.select(Device).where(Device.participant_id == participant_id)),
-        ("enrolments", sa.select(Enrolment).where(Enrolment.participant_id == participant_id)),
-        ("camera_calibrations", sa.select(CameraCalibration).where(CameraCalibration.device_id.in_(devices))),
-        ("days", sa.select(DiaryDay).where(DiaryDay.participant_id == participant_id).order_by(DiaryDay.local_date)),
-        ("day_events", sa.select(DayEvent).where(DayEvent.participant_id == participant_id)),
-        ("told_to_others", sa.select(WebhookDelivery).where(WebhookDelivery.participant_id == participant_id)),
-    )
-    for name, query in queries:
-        yield name, list(session.scalars(query))
-
-
-def rows_of_meal(session: Session, meal_id: uuid.UUID) -> Iterator[tuple[str, list[Any]]]:
-    """(what, rows) of all that hangs on a meal, jobs left out."""
-    items = sa.select(Item.id).where(Item.meal_id == meal_id)
-    runs = sa.select(Run.id).where(Run.meal_id == meal_id)
-    queries: tuple[tuple[str, sa.Select[Any]], ...] = (
-        ("photographs", sa.select(MealImage).where(MealImage.meal_id == meal_id)),
-        ("runs", sa.select(Run).where(Run.meal_id == meal_id).order_by(Run.created_at)),
-        ("derived_pictures", sa.select(RunArtefact).where(RunArtefact.run_id.in_(runs))),
-        ("items", sa.select(Item).where(Item.meal_id == meal_id).order_by(Item.position)),
-        ("looks", sa.select(ItemIdentification).where(ItemIdentification.item_id.in_(items))),
-        ("candidates", sa.select(ItemCandidate).where(ItemCandidate.item_id.in_(items))),
-        ("taken_for", sa.select(ItemFood).where(ItemFood.item_id.in_(items)).order_by(ItemFood.version)),
-        ("measured_again", sa.select(ItemMeasure).where(ItemMeasure.item_id.in_(items))),
-        ("leftovers", sa.select(Leftover).where(Leftover.after_item_id.in_(items))),
-        ("known_to_the_index", sa.select(IndexEntry).where(IndexEntry.item_id.in_(items))),
-        ("records", sa.select(EffectiveRecord).where(EffectiveRecord.meal_id == meal_id)),
-        ("events", sa.select(MealEvent).where(MealEvent.meal_id == meal_id).order_by(MealEvent.sequence)),
-        ("told_to_others", sa.select(WebhookDelivery).where(WebhookDelivery.meal_id == meal_id)),
-    )
-    for name, query in queries:
-        yield name, list(session.scalars(query))
+def exported_rows(session: Session, owner: Owner, owner_id: uuid.UUID) -> Iterator[tuple[str, list[Base]]]:
+    """(name, rows) of all that hangs on a meal, or on a participant beside meals; tokens and jobs left out."""
+    parent = Meal if owner == "meal" else Participant
+    for model in _models().values():
+        of_owner = rows_of(model, owner, sa.select(parent.id).where(parent.id == owner_id))
+        if model.personal is None or model.personal.export_as is None or of_owner is None:
+            continue
+        order = [model.__table__.c[model.personal.order_by]] if model.personal.order_by is not None else []
+        yield model.personal.export_as, list(session.scalars(sa.select(model).where(of_owner).order_by(*order)))
 
 
 def page_of_audit(session: Session, chosen: AuditFilter, *, after: int | None, limit: int) -> list[AuditEvent]:
@@ -503,12 +428,62 @@ def study_codes(session: Session) -> dict[uuid.UUID, str]:
     return {row.id: row.code for row in session.execute(sa.select(Study.id, Study.code))}
 
 
+@cache
+def _models() -> dict[str, type[Base]]:
+    """Tables of personal rows, by name; those that are referred to come first."""
+    models = {mapper.class_.__tablename__: mapper.class_ for mapper in Base.registry.mappers}
+    return {
+        table.name: models[table.name]
+        for table in Base.metadata.sorted_tables
+        if models[table.name].personal is not None
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class _BlobColumn:
+    """A column that names blobs; is_kept: which rows still need theirs."""
+
+    model: type[Base]
+    key: sa.ColumnElement[str]
+    is_kept: sa.ColumnElement[bool]
+
+
+@cache
+def _blob_columns() -> list[_BlobColumn]:
+    found = []
+    for mapper in Base.registry.mappers:
+        model, columns = mapper.class_, mapper.local_table.c
+        if (blob := model.blob) is not None:
+            is_kept = columns[blob.erased_at].is_(None) if blob.erased_at is not None else sa.true()
+            found.append(_BlobColumn(model, columns[blob.key], is_kept))
+    return found
+
+
+def _among(
+    session: Session, column: InstrumentedAttribute[str], values: Collection[str], *where: sa.ColumnElement[bool]
+) -> set[str]:
+    """Those of the values that the column has."""
+    found: set[str] = set()
+    ordered = sorted(values)
+    for start in range(0, len(ordered), IN_A_STATEMENT):
+        part = ordered[start : start + IN_A_STATEMENT]
+        found.update(session.scalars(sa.select(column).where(column.in_(part), *where)))
+    return found
+
+
+def _delete_owned(session: Session, owner: Owner, ids: Ids) -> dict[str, int]:
+    """Rows of all tables that belong to these, those first that refer to others."""
+    steps = ((model, rows_of(model, owner, ids)) for model in reversed(_models().values()))
+    return _delete_in_order(session, *((model, condition) for model, condition in steps if condition is not None))
+
+
 def _delete_in_order(session: Session, *steps: tuple[type[Base], sa.ColumnElement[bool]]) -> dict[str, int]:
-    counts = {}
     session.flush()
-    for model, condition in steps:
-        done: Any = session.execute(sa.delete(model).where(condition).execution_options(synchronize_session=False))
-        counts[model.__tablename__] = done.rowcount
+    connection = session.connection()
+    counts = {
+        model.__tablename__: connection.execute(sa.delete(model).where(condition)).rowcount
+        for model, condition in steps
+    }
     session.expire_all()
     return counts
 
