@@ -29,14 +29,8 @@ class Settings(BaseSettings):
     )
     database_pool_size: int = Field(default=10, ge=1, description="Connections to the database that a process keeps.")
     database_pool_overflow: int = Field(default=10, ge=0, description="Connections more than that, for a while.")
-    database_pool_wait_seconds: float = Field(
-        default=10.0, gt=0, description="Wait for a free connection; then 503, come back."
-    )
     database_statement_seconds: float = Field(
         default=30.0, gt=0, description="PostgreSQL: one statement, at most; migrations have their own limit."
-    )
-    database_connection_life_seconds: float = Field(
-        default=1800.0, gt=0, description="PostgreSQL: after it a connection is made anew."
     )
     blob_url: str | None = Field(
         default=None, description="file:///path or s3://bucket/prefix; default: a folder in data_dir."
@@ -74,7 +68,6 @@ class Settings(BaseSettings):
 
     max_photo_bytes: int = Field(default=30 * MEBIBYTE, ge=1, description="One photograph, at most.")
     max_photo_pixels: int = Field(default=60_000_000, ge=1, description="Width x height of one photograph, at most.")
-    max_metadata_bytes: int = Field(default=64 * 1024, ge=1, description="The metadata part, at most.")
     max_uploads: int = Field(default=16, ge=1, description="Uploads written at the same time in one process.")
     min_free_bytes: int = Field(default=512 * MEBIBYTE, ge=0, description="Below it uploads get storage_full.")
 
@@ -88,12 +81,6 @@ class Settings(BaseSettings):
         description="Estimates at the same time in one worker; default: as many as its cores and memory carry.",
     )
     export_days: int = Field(default=7, ge=1, description="How long a file made in the background is kept.")
-    max_exports_of_person: int = Field(
-        default=3, ge=1, description="Background exports of a person in a study, not made yet, at most."
-    )
-    max_exports_of_study: int = Field(
-        default=10, ge=1, description="Background exports of a study, not made yet, at most."
-    )
     export_min_free_bytes: int = Field(
         default=1024 * MEBIBYTE, ge=0, description="Below it no file is made in the background; uploads go on."
     )

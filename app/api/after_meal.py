@@ -11,6 +11,7 @@ from app.api.meals import SUBMIT_RESPONSES, MealId, meal_response
 from app.api.metadata import read_limited, validated_with_unknown
 from app.api.problems import problem_responses
 from app.api.schemas.after import AfterMetadataIn
+from app.api.upload import MAX_METADATA_BYTES
 from app.services.after_meal import AfterMetadata, SubmitAfterPair
 from app.services.meal_time import meal_time
 from app.services.read_meal import MealView, read_meal
@@ -34,9 +35,7 @@ METADATA_BODY: dict[str, Any] = {
 )
 async def put_after(request: Request, meal_id: MealId, state: State, caller: CurrentDevice) -> Response:
     """Tell when the after-meal pair was taken and what is left where: before its second photograph, or not at all."""
-    told, unknown = validated_with_unknown(
-        AfterMetadataIn, await read_limited(request, state.settings.max_metadata_bytes)
-    )
+    told, unknown = validated_with_unknown(AfterMetadataIn, await read_limited(request, MAX_METADATA_BYTES))
 
     def work() -> tuple[bool, MealView]:
         zone = told.time_zone or state.part(SubmitAfterPair).zone_of(caller, meal_id)

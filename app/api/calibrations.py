@@ -21,7 +21,7 @@ from app.api.schemas.calibrations import (
     StudyCalibrationOut,
 )
 from app.api.schemas.meals import CameraIn
-from app.api.upload import UploadLimits, received_parts
+from app.api.upload import MAX_METADATA_BYTES, UploadLimits, received_parts
 from app.db.models import CameraCalibration
 from app.services import calibrate_device
 from app.services.api_children import ApiChildren
@@ -68,7 +68,7 @@ async def post_calibration(request: Request, state: State, caller: CurrentDevice
     Ten do well: tilted by 30 to 45 degrees, near the middle and near the corners. The photographs are not kept.
     """
     await anyio.to_thread.run_sync(state.part(SubmitMeal).require_room)
-    limits = UploadLimits(state.settings.max_photo_bytes, state.settings.max_metadata_bytes)
+    limits = UploadLimits(state.settings.max_photo_bytes, MAX_METADATA_BYTES)
     staging = state.blobs.staging_folder()
     async with received_parts(request, (PHOTO,), staging, limits, state.upload_limiter, times=MAX_PHOTOGRAPHS) as parts:
         told = validated(CalibrationMetadataIn, parts.metadata) if parts.metadata is not None else None

@@ -9,7 +9,7 @@ from app.api.deps import CurrentDevice, State
 from app.api.metadata import validated
 from app.api.problems import problem_responses
 from app.api.schemas.checks import CheckMetadataIn, CheckOut, CheckProblemOut
-from app.api.upload import UploadLimits, received_parts
+from app.api.upload import MAX_METADATA_BYTES, UploadLimits, received_parts
 from app.db.models.meal import SLOTS
 from app.errors import MalformedRequestError
 from app.services.api_children import ApiChildren
@@ -53,7 +53,7 @@ async def post_check(
     A pair without a problem that stops it may still fail later; one with such a problem may be sent all the same.
     """
     await anyio.to_thread.run_sync(state.part(SubmitMeal).require_room)
-    limits = UploadLimits(state.settings.max_photo_bytes, state.settings.max_metadata_bytes)
+    limits = UploadLimits(state.settings.max_photo_bytes, MAX_METADATA_BYTES)
     async with received_parts(request, SLOTS, state.blobs.staging_folder(), limits, state.upload_limiter) as parts:
         missing = [slot for slot in SLOTS if slot not in parts.files]
         if missing:

@@ -43,7 +43,7 @@ def post_export(study: StudyCode, body: ExportIn, state: State, caller: CurrentS
     spec = ExportSpec(
         body.rows, body.layout, body.format, body.components, _filters(body.filters), provenance=body.provenance
     )
-    asked, is_new = background_exports.request_export(state.database, state.settings, caller, study, spec)
+    asked, is_new = background_exports.request_export(state.database, caller, study, spec)
     response.headers["Location"] = f"/v1/studies/{study}/exports/{asked.export.id}"
     if not is_new:
         response.status_code = 200

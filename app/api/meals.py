@@ -112,7 +112,7 @@ async def post_meal(request: Request, state: State, caller: CurrentDevice) -> Re
 )
 async def put_meal(request: Request, meal_id: MealId, state: State, caller: CurrentDevice) -> Response:
     """Announce a meal, to send its photographs one by one."""
-    body = await read_limited(request, state.settings.max_metadata_bytes)
+    body = await read_limited(request, MAX_METADATA_BYTES)
     return await _submit(state, caller, meal_id, parse_metadata(meal_id, body), {})
 
 
@@ -250,4 +250,4 @@ def _is_known(if_none_match: str, view: MealView) -> bool:
 
 
 def _limits(state: ApiState) -> UploadLimits:
-    return UploadLimits(state.settings.max_photo_bytes, state.settings.max_metadata_bytes)
+    return UploadLimits(state.settings.max_photo_bytes, MAX_METADATA_BYTES)

@@ -12,7 +12,7 @@ from app.api.deps import State
 from app.api.meals import MAX_WAIT_SECONDS
 from app.api.schemas.meals import MAX_HINTS, HintIn, NewMealMetadataIn
 from app.api.schemas.server import ServerLimitsOut, ServerOut
-from app.api.upload import IMAGE_TYPES
+from app.api.upload import IMAGE_TYPES, MAX_METADATA_BYTES
 
 router = APIRouter(prefix="/v1/server", tags=["health"])
 
@@ -47,7 +47,7 @@ def get_server(state: State) -> ServerOut:
         limits=ServerLimitsOut(
             photo_bytes=settings.max_photo_bytes,
             photo_pixels=settings.max_photo_pixels,
-            metadata_bytes=settings.max_metadata_bytes,
+            metadata_bytes=MAX_METADATA_BYTES,
             hints=MAX_HINTS,
             wait_seconds=MAX_WAIT_SECONDS,
         ),

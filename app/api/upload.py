@@ -30,6 +30,7 @@ MAX_BOUNDARY_LENGTH = 70  # RFC 2046, section 5.1.1
 IMAGE_TYPES = ("image/jpeg", "image/png", "image/webp", "image/heic")  # those that are read
 PHOTO_TYPES = frozenset({*IMAGE_TYPES, "image/jpg", "image/heif", "application/octet-stream"})
 METADATA = "metadata"
+MAX_METADATA_BYTES = 64 * 1024
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,9 +47,7 @@ def post_export(page: CurrentPage, study: str, fields: Fields) -> Response:
     if choice.spec is None:
         return _exports(page, study, choice, None, status=422)
     try:
-        _, is_new = background_exports.request_export(
-            page.state.database, page.state.settings, page.caller, study, choice.spec
-        )
+        _, is_new = background_exports.request_export(page.state.database, page.caller, study, choice.spec)
     except (InvalidInputError, RateLimitedError) as error:
         return _exports(page, study, Choice(choice.told, choice.spec, {"": error.message}), None, status=error.status)
     told = "The file is being made: see below." if is_new else "This file is being made for you already: see below."

@@ -23,6 +23,8 @@ from sqlalchemy.orm import Session
 from app.settings import Settings
 
 BUSY_TIMEOUT_SECONDS = 30.0  # a writer waits this long for another writer on SQLite
+POOL_WAIT_SECONDS = 10.0  # for a free connection; then the request is told to come back (503)
+CONNECTION_LIFE_SECONDS = 1800.0  # PostgreSQL: then a connection is made anew, so that a failover is followed
 CONNECT_SECONDS = 10  # PostgreSQL: to a host that does not answer
 # PostgreSQL: a host that vanished (no FIN, no RST) is noticed within a minute, also in the middle of a statement
 TCP_LIVENESS = {"keepalives_idle": 30, "keepalives_interval": 10, "keepalives_count": 3, "tcp_user_timeout": 60_000}
@@ -44,9 +46,7 @@ class PoolLimits:
 
     size: int = 10
     overflow: int = 10
-    wait_seconds: float = 10.0  # for a free connection; then the request is told to come back (503)
     statement_seconds: float = 30.0  # PostgreSQL: no request may hold a connection longer
-    life_seconds: float = 1800.0  # PostgreSQL: then a connection is made anew, so that a failover or a balancer is met
 
     @classmethod
     def of(cls, settings: Settings) -> Self:
@@ -54,9 +54,7 @@ class PoolLimits:
         return cls(
             size=settings.database_pool_size,
             overflow=settings.database_pool_overflow,
-            wait_seconds=settings.database_pool_wait_seconds,
             statement_seconds=settings.database_statement_seconds,
-            life_seconds=settings.database_connection_life_seconds,
         )
 
 
@@ -82,8 +80,8 @@ class Database:
                 self.url,
                 pool_size=limits.size,
                 max_overflow=limits.overflow,
-                pool_timeout=limits.wait_seconds,
-                pool_recycle=limits.life_seconds,
+                pool_timeout=POOL_WAIT_SECONDS,
+                pool_recycle=CONNECTION_LIFE_SECONDS,
                 pool_pre_ping=True,
                 hide_parameters=True,
                 connect_args={
@@ -174,7 +172,7 @@ def _sqlite_engine(url: str, limits: PoolLimits, *, begin: str, query_only: bool
         url,
         pool_size=limits.size,
         max_overflow=limits.overflow,
-        pool_timeout=limits.wait_seconds,
+        pool_timeout=POOL_WAIT_SECONDS,
         hide_parameters=True,
         connect_args={"timeout": BUSY_TIMEOUT_SECONDS},
     )

@@ -27,13 +27,14 @@ from app.services.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
 from app.services.export_spec import ExportSpec, check_spec, spec_as_json, spec_of_json
 from app.services.stored_file import StoredFile
 from app.services.studies import enter_study
-from app.settings import Settings
 
+MOST_OF_PERSON = 3  # under way in a study
+MOST_OF_STUDY = 10
 RETRY_AFTER_SECONDS = 60
 
 
 def request_export(
-    database: Database, settings: Settings, caller: StaffCaller, study_code: str, spec: ExportSpec
+    database: Database, caller: StaffCaller, study_code: str, spec: ExportSpec
 ) -> tuple[AskedExport, bool]:
     """Ask for a file of the study, whatever study the spec's filters name. Returns it, and whether it is new.
 
@@ -51,7 +52,7 @@ def request_export(
             if there is not None:
                 return AskedExport(there, caller.name), False
             exports.lock_study(session, study.id)  # so that two at once count each other
-            _require_room(session, settings, study.id, caller.staff_id)
+            _require_room(session, study.id, caller.staff_id)
             export = Export(
                 id=uuid.uuid4(),
                 study_id=study.id,
@@ -154,11 +155,11 @@ def _find(
     return found
 
 
-def _require_room(session: Session, settings: Settings, study_id: uuid.UUID, staff_id: uuid.UUID) -> None:
+def _require_room(session: Session, study_id: uuid.UUID, staff_id: uuid.UUID) -> None:
     mine, every = exports.under_way(session, study_id, staff_id)
     for count, most, whose in (
-        (mine, settings.max_exports_of_person, "You have"),
-        (every, settings.max_exports_of_study, "The study has"),
+        (mine, MOST_OF_PERSON, "You have"),
+        (every, MOST_OF_STUDY, "The study has"),
     ):
         if count >= most:
             raise RateLimitedError(

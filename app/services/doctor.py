@@ -1,22 +1,19 @@
 """`tada doctor`: what is wrong with a deployment, in sentences; with `requeue`, meals that nothing moves are queued.
 
-Each part is looked at by itself, so that one that is out of order hides no other: doctor_settings.py,
-doctor_database.py, doctor_store.py, doctor_work.py, doctor_files.py.
+One list of checks. Each looks at one subject by itself, so that one that is out of order hides no other, but those that
+need it.
 """
 
-from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
-import sqlalchemy as sa
 import sqlalchemy.exc
 import structlog
 
 from app.db.session import Database
 from app.errors import TadaError
-from app.services import doctor_database, doctor_files, doctor_store, doctor_work
-from app.services.doctor_settings import look_at_settings
-from app.services.finding import Finding
-from app.services.secret_box import KEY_FILE, SecretBox, open_secret_box
+from app.services import doctor_data, doctor_settings, doctor_work
+from app.services.finding import Deployment, Finding, Verdict
 from app.settings import Settings
 
 __all__ = ["Finding", "examine"]
@@ -24,60 +21,76 @@ __all__ = ["Finding", "examine"]
 log = structlog.get_logger()
 
 
+@dataclass(frozen=True, slots=True)
+class Check:
+    """look: returns None where there is nothing to say. needs: subjects with which nothing may be wrong."""
+
+    subject: str
+    look: Callable[[Deployment], Verdict | None]
+    needs: frozenset[str] = frozenset()
+
+
+DATABASE = frozenset({"schema"})
+STORE = frozenset({"blob store"})
+LEDGER = frozenset({"ledger of erasures"})
+CHECKS = (
+    Check("secret key", doctor_settings.look_at_secret_key),
+    Check("private files", doctor_settings.look_at_private_files),
+    Check("public url", doctor_settings.look_at_public_url),
+    Check("way to the database", doctor_settings.look_at_way_to_database),
+    Check("way to the store", doctor_settings.look_at_way_to_store),
+    Check("proxies", doctor_settings.look_at_proxies),
+    Check("webhooks' addresses", doctor_settings.look_at_webhook_addresses),
+    Check("metrics", doctor_settings.look_at_metrics),
+    Check("database", doctor_data.look_at_connection),
+    Check("schema", doctor_data.look_at_schema, frozenset({"database"})),
+    Check("blob store", doctor_data.look_at_store),
+    Check("disk", doctor_data.look_at_disk, STORE),
+    Check("blob store's versions", doctor_data.look_at_versions, STORE),
+    Check("clock", doctor_data.look_at_clock, DATABASE),
+    Check("postgresql", doctor_data.look_at_server_version, DATABASE),
+    Check("durability", doctor_data.look_at_durability, DATABASE),
+    Check("encoding", doctor_data.look_at_encoding, DATABASE),
+    Check("connection", doctor_data.look_at_session_options, DATABASE),
+    Check("connections", doctor_data.look_at_connections, DATABASE),
+    Check("sqlite file", doctor_data.look_at_sqlite_file, DATABASE),
+    Check("workers", doctor_work.look_at_workers, DATABASE),
+    Check("queue", doctor_work.look_at_queue, DATABASE),
+    Check("meals", doctor_work.look_at_stranded_meals, DATABASE),
+    Check("failed meals", doctor_work.look_at_failures, DATABASE),
+    Check("exports and releases", doctor_work.look_at_files, DATABASE),
+    Check("releases that must change", doctor_work.look_at_stuck_releases, DATABASE),
+    Check("sums of days", doctor_work.look_at_day_sums, DATABASE),
+    Check("photographs", doctor_data.look_at_photographs, DATABASE | STORE),
+    Check("newest photographs", doctor_data.look_at_newest_photographs, DATABASE | STORE),
+    Check("files of releases", doctor_data.look_at_release_files, DATABASE | STORE),
+    Check("ledger of erasures", doctor_data.look_at_ledger, DATABASE),
+    Check("ledger's entries", doctor_data.look_at_ledger_entries, LEDGER),
+    Check("erasures", doctor_data.look_at_erasures, LEDGER),
+    Check("webhooks' secrets", doctor_work.look_at_webhook_secrets, DATABASE),
+    Check("webhooks", doctor_work.look_at_webhooks, DATABASE),
+    Check("backup", doctor_work.look_at_backup, DATABASE),
+    Check("index", doctor_work.look_at_index, DATABASE),
+)
+
+
 def examine(database: Database, settings: Settings, *, requeue: bool) -> list[Finding]:
-    """Look at every part. Changes nothing unless `requeue`; a part that cannot be asked is a finding too."""
-    return list(_examine(database, settings, requeue=requeue))
+    """Make every check. Changes nothing unless `requeue`; a part that cannot be asked is a finding too."""
+    return list(_findings(Deployment(database, settings, requeue)))
 
 
-def _examine(database: Database, settings: Settings, *, requeue: bool) -> Iterator[Finding]:
-    yield from look_at_settings(settings)
-    is_usable = False
-    for finding in _database(database):
-        yield finding
-        is_usable = (finding.level != "bad" and finding.subject == "schema") or is_usable
-    blobs, finding = doctor_store.open_store(settings)
-    yield finding
-    if blobs is not None:
-        yield from _asked("blob store", lambda: doctor_store.look_at_store(blobs, settings))
-    if not is_usable:
-        return
-    workers = doctor_work.count_workers(database)
-    alive = workers.total()
-    yield from _asked("database", lambda: doctor_database.look_at_database(database, workers_alive=alive))
-    yield from _asked("work", lambda: doctor_work.look_at_work(database, workers, requeue=requeue))
-    yield from _asked("exports and releases", lambda: doctor_files.look_at_files(database))
-    if blobs is not None:
-        yield from _asked("photographs", lambda: doctor_store.look_at_photographs(database, blobs))
-        yield from _asked("files of releases", lambda: doctor_files.look_at_release_files(database, blobs))
-    yield from _asked("ledger of erasures", lambda: doctor_store.look_at_ledger(database, settings))
-    yield from _asked("webhooks", lambda: doctor_work.look_at_webhooks(database, _box(settings)))
-    yield from _asked("backup", lambda: [doctor_work.look_at_backup(database)])
-    yield from _asked("index", lambda: [doctor_work.look_at_index(database)])
-
-
-def _database(database: Database) -> Iterator[Finding]:
-    if database.is_sqlite:
-        path = Path(sa.make_url(database.url).database or "")
-        if not path.is_file() or not path.stat().st_size:  # to look must not make it
-            advice = "Run `tada db upgrade`, or set TADA_DATA_DIR or TADA_DATABASE_URL to where it is."
-            yield Finding("database", "bad", f"there is none at {path.absolute()}.", advice)
-            return
-    found = doctor_database.look_at_connection(database)
-    yield found
-    if found.is_ok:
-        yield from _asked("schema", lambda: doctor_database.look_at_schema(database))
-
-
-def _asked(subject: str, look: Callable[[], Iterable[Finding]]) -> Iterator[Finding]:
-    """A part's findings; if it cannot be asked, that."""
-    try:
-        yield from look()
-    except (sqlalchemy.exc.SQLAlchemyError, TadaError, OSError) as error:
-        log.warning("doctor_could_not_ask", subject=subject, exc_info=error)
-        yield Finding(subject, "bad", f"it could not be asked ({type(error).__name__}).", "The log tells more.")
-
-
-def _box(settings: Settings) -> SecretBox | None:
-    if settings.secret_key is None and not (settings.data_dir / KEY_FILE).exists():
-        return None
-    return open_secret_box(settings)
+def _findings(deployment: Deployment) -> Iterator[Finding]:
+    sound = set[str]()
+    for check in CHECKS:
+        if not check.needs <= sound:
+            continue
+        try:
+            verdict = check.look(deployment)
+        except (sqlalchemy.exc.SQLAlchemyError, TadaError, OSError) as error:
+            log.warning("doctor_could_not_ask", subject=check.subject, exc_info=error)
+            verdict = ("bad", f"it could not be asked ({type(error).__name__}).", "The log tells more.")
+        if verdict is not None:
+            finding = Finding(check.subject, *verdict)
+            if finding.is_ok:
+                sound.add(check.subject)
+            yield finding

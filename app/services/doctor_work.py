@@ -1,23 +1,18 @@
-"""What `tada doctor` says of the work: workers, the queue, meals that nobody will move, what failed and why.
-
-Exports, releases and sums of days are told by doctor_files.py.
-"""
+"""Checks of the work: workers, queue, failures; exports, releases and sums of days; webhooks, backup, index."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 
 from app import __version__
-from app.db.queries import doctor, jobs, vectors
-from app.db.queries.figures import figures, first_event_at, last_backup
-from app.db.session import Database
-from app.jobs.leases import living_workers
+from app.db.queries import doctor, jobs, releases, vectors
+from app.db.queries.figures import first_event_at, last_backup
 from app.jobs.queue import JobQueue
 from app.jobs.sweep import sweep
 from app.metrics.instruments import SERVER_FAILURES
-from app.services.finding import Finding
+from app.services.finding import LISTED, Deployment, Verdict, bad, note, ok
 from app.services.project_records import project_meal
-from app.services.secret_box import SecretBox, SecretKeyError
+from app.services.secret_box import SecretKeyError
 from app.services.webhook_signature import open_secrets
 from app.vision.looks.vcm import VCM_VERSION
 
@@ -25,125 +20,165 @@ WAITING_TOO_LONG_SECONDS = 600
 LATELY = timedelta(days=7)
 TRIES_OF_A_FAILING_RECEIVER = 3  # half an hour of it
 BACKUP_EVERY = timedelta(days=2)
+FILES_TOO_LONG_SECONDS = 3600  # as the alert TadaFilesLate
+MANY_MARKS = 10_000  # as the alert TadaDaysMarked
 
 
-def count_workers(database: Database) -> Counter[str]:
-    """Version -> how many live."""
-    return Counter(worker.version for worker in living_workers(database))
-
-
-def look_at_work(database: Database, workers: Counter[str], *, requeue: bool) -> Iterator[Finding]:
-    """Changes nothing unless `requeue`."""
-    yield _workers(workers)
-    yield _queue(database)
-    yield _stranded(database, requeue=requeue)
-    yield _failures(database)
-
-
-def _workers(workers: Counter[str]) -> Finding:
+def look_at_workers(deployment: Deployment) -> Verdict:
+    """Check that there are some, of this version."""
+    workers = Counter(deployment.worker_versions)
     listed = ", ".join(f"{count} of version {version}" for version, count in sorted(workers.items()))
     if not workers:
-        return Finding("workers", "bad", "none: meals are kept, and none is estimated.", "Start `tada worker`.")
+        return bad("none: meals are kept, and none is estimated.", "Start `tada worker`.")
     if set(workers) != {__version__}:
         advice = "Finish the upgrade: they should all be of one version."
-        return Finding("workers", "note", f"alive: {listed}; this program is {__version__}.", advice)
-    return Finding("workers", "ok", f"alive: {listed}")
+        return note(f"alive: {listed}; this program is {__version__}.", advice)
+    return ok(f"alive: {listed}")
 
 
-def _queue(database: Database) -> Finding:
-    with database.read() as session:
-        found = figures(session)
-    oldest = found.oldest_queued_at
-    if oldest is None:
-        return Finding("queue", "ok", "no meal waits")
-    waited = (found.now - oldest).total_seconds()
-    said = f"{found.jobs['queued']} jobs of {found.studies_waiting} studies, the oldest has waited {waited:.0f} s"
+def look_at_queue(deployment: Deployment) -> Verdict:
+    """Check that nothing waits for too long."""
+    figures = deployment.figures
+    if figures.oldest_queued_at is None:
+        return ok("no meal waits")
+    waited = (figures.now - figures.oldest_queued_at).total_seconds()
+    queue = f"{figures.jobs['queued']} jobs of {figures.studies_waiting} studies, the oldest has waited {waited:.0f} s"
     if waited < WAITING_TOO_LONG_SECONDS:
-        return Finding("queue", "ok", said)
-    return Finding("queue", "bad", f"{said}.", "Start more workers (docs/jobs.md), or look at their log.")
+        return ok(queue)
+    return bad(f"{queue}.", "Start more workers (docs/jobs.md), or look at their log.")
 
 
-def _stranded(database: Database, *, requeue: bool) -> Finding:
-    with database.read() as session:
-        found = len(jobs.exhausted_jobs(session)) + len(jobs.waiting_without_live_job(session))
-    if not found:
-        return Finding("meals", "ok", "none waits for what will never come")
-    message = f"{found} that nothing will move"
-    if not requeue:
-        return Finding("meals", "bad", f"{message}.", "Queue them again with `tada doctor --requeue`.")
-    return Finding("meals", "ok", f"{message}, {sweep(database, JobQueue(), project_meal)} moved (see the log)")
+def look_at_stranded_meals(deployment: Deployment) -> Verdict:
+    """Check that each meal that waits has a job; queue those again that have none, where that is wanted."""
+    with deployment.database.read() as session:
+        count = len(jobs.exhausted_jobs(session)) + len(jobs.waiting_without_live_job(session))
+    if not count:
+        return ok("none waits for what will never come")
+    message = f"{count} that nothing will move"
+    if not deployment.requeue:
+        return bad(f"{message}.", "Queue them again with `tada doctor --requeue`.")
+    return ok(f"{message}, {sweep(deployment.database, JobQueue(), project_meal)} moved (see the log)")
 
 
-def _failures(database: Database) -> Finding:
-    with database.read() as session:
-        found = doctor.failures_since(session, datetime.now(UTC) - LATELY)
-    ours = {code: count for code, count in found.items() if code in SERVER_FAILURES}
+def look_at_failures(deployment: Deployment) -> Verdict:
+    """Check that no meal failed by the server's fault lately."""
+    with deployment.database.read() as session:
+        failures = doctor.failures_since(session, datetime.now(UTC) - LATELY)
+    ours = {code: count for code, count in failures.items() if code in SERVER_FAILURES}
     if ours:
         advice = "The log tells why; photographs are kept: `tada jobs retry` estimates them again (docs/jobs.md)."
-        return Finding("failed meals", "bad", f"by the server's fault, in 7 days: {_by_count(ours)}.", advice)
-    if found:
-        return Finding("failed meals", "ok", f"in 7 days, by the photographs: {_by_count(found)}")
-    return Finding("failed meals", "ok", "none in 7 days")
+        return bad(f"by the server's fault, in 7 days: {_by_count(ours)}.", advice)
+    return ok(f"in 7 days, by the photographs: {_by_count(failures)}" if failures else "none in 7 days")
 
 
-def look_at_webhooks(database: Database, box: SecretBox | None) -> Iterator[Finding]:
-    """box: None where there is no secret key yet, and so nothing sealed."""
-    with database.read() as session:
-        found = figures(session)
-        failing = doctor.failing_deliveries(session, TRIES_OF_A_FAILING_RECEIVER)
+def look_at_files(deployment: Deployment) -> Verdict:
+    """Check that no export or release waits for too long."""
+    figures = deployment.figures
+    oldest = min((files.oldest_at for files in figures.files.values() if files.oldest_at is not None), default=None)
+    if oldest is None:
+        return ok("none waits")
+    waited = (figures.now - oldest).total_seconds()
+    listed = ", ".join(
+        f"{count} {kind}s {state}"
+        for kind, files in sorted(figures.files.items())
+        for state, count in files.states.items()
+        if count
+    )
+    message = f"{listed}; the oldest has waited {waited:.0f} s"
+    if waited < FILES_TOO_LONG_SECONDS:
+        return ok(message)
+    advice = "A worker makes them, one at a time: see that one lives, and look for `file_not_made` in its log."
+    return bad(f"{message}.", advice)
+
+
+def look_at_stuck_releases(deployment: Deployment) -> Verdict | None:
+    """Check that all releases could be written without what was erased."""
+    count = deployment.figures.releases_stuck
+    if not count:
+        return None
+    with deployment.database.read() as session:
+        first = releases.stuck_releases(session, LISTED)
+    listed = ", ".join(f"{stuck.study_code} {stuck.name} ({stuck.failure_code})" for stuck in first)
+    return bad(
+        f"{count} cannot be written without what was erased, and are not served: {listed}"
+        f"{' ...' if count > len(first) else ''}.",
+        "`tada releases check` names lost files. "
+        'Put them back from a backup (docs/exports.md, "A lost file").',
+    )
+
+
+def look_at_day_sums(deployment: Deployment) -> Verdict:
+    """Check that they are nearly up to date."""
+    count = sum(deployment.figures.marked_days.values())
+    message = f"{count} changes are not summed yet"
+    if count < MANY_MARKS:
+        return ok(message)
+    advice = "Figures are right meanwhile, and slow: a worker sums them; after an upgrade that takes a while."
+    return note(f"{message}.", advice)
+
+
+def look_at_webhook_secrets(deployment: Deployment) -> Verdict | None:
+    """Check that the newest one can be opened."""
+    with deployment.database.read() as session:
         sealed = doctor.a_sealed_secret(session)
-    if sealed is not None and box is not None:
+    if sealed is not None and deployment.box is not None:
         try:
-            open_secrets(box, sealed)
+            open_secrets(deployment.box, sealed)
         except SecretKeyError as error:
-            yield Finding("webhooks' secrets", "bad", error.message, "Give the key of then in TADA_SECRET_KEY.")
+            return bad(error.message, "Give the key of then in TADA_SECRET_KEY.")
+    return None
+
+
+def look_at_webhooks(deployment: Deployment) -> Verdict:
+    """Check that receivers take what is sent."""
+    figures = deployment.figures
+    with deployment.database.read() as session:
+        failing = doctor.failing_deliveries(session, TRIES_OF_A_FAILING_RECEIVER)
     if failing:
-        yield Finding(
-            "webhooks",
-            "bad",
+        return bad(
             f"{failing} deliveries failed {TRIES_OF_A_FAILING_RECEIVER} times or more and wait for the next try.",
             "Ask those who run the receivers; each webhook's deliveries tell what they answered (docs/webhooks.md).",
         )
-    elif found.webhooks_disabled:
-        message = f"{found.webhooks_disabled} are disabled, by their owners or after failures in a row."
-        yield Finding("webhooks", "note", message, "Their owners enable them again by PATCH.")
-    else:
-        yield Finding("webhooks", "ok", f"{found.deliveries_waiting} deliveries wait")
+    if figures.webhooks_disabled:
+        message = f"{figures.webhooks_disabled} are disabled, by their owners or after failures in a row."
+        return note(message, "Their owners enable them again by PATCH.")
+    return ok(f"{figures.deliveries_waiting} deliveries wait")
 
 
-def look_at_backup(database: Database) -> Finding:
-    """Of `tada backup` only: other means are not known here."""
-    with database.read() as session:
-        found, began_at = last_backup(session), first_event_at(session)
+def look_at_backup(deployment: Deployment) -> Verdict:
+    """Check the last `tada backup`; other means are not known here."""
+    with deployment.database.read() as session:
+        last, began_at = last_backup(session), first_event_at(session)
     now = datetime.now(UTC)
-    if found is None:
+    if last is None:
         advice = "Run `tada backup` daily, or watch over the backups that you make by other means (docs/backup.md)."
-        said = "no `tada backup` of this database is known"
+        message = "no `tada backup` of this database is known"
         if began_at is not None and now - began_at > BACKUP_EVERY:
             hours = (now - began_at).total_seconds() / 3600
-            return Finding("backup", "bad", f"{said}, and it has been in use for {hours:.0f} h.", advice)
-        return Finding("backup", "note", f"{said}.", advice)
-    age = now - found.made_at
-    said = f"the last `tada backup` is {age.total_seconds() / 3600:.0f} h old"
-    if found.damaged:
-        message = f"{said}, and lacks {found.damaged} blobs that were damaged or missing."
-        advice = 'Put them back from an earlier backup, then make another (docs/backup.md, "Missing blobs").'
-        return Finding("backup", "bad", message, advice)
+            return bad(f"{message}, and it has been in use for {hours:.0f} h.", advice)
+        return note(f"{message}.", advice)
+    age = now - last.made_at
+    message = f"the last `tada backup` is {age.total_seconds() / 3600:.0f} h old"
+    if last.damaged:
+        return bad(
+            f"{message}, and lacks {last.damaged} blobs that were damaged or missing.",
+            'Put them back from an earlier backup, then make another (docs/backup.md, "Missing blobs").',
+        )
     if age > BACKUP_EVERY:
-        return Finding("backup", "bad", f"{said}.", "Make one now, and see why the daily one was not made.")
-    if found.piped:
-        message = f"{said}, and was sent to a pipe: whether it was kept is not known here."
-        return Finding("backup", "note", message, "Check the file with `tada restore --check` (docs/backup.md).")
-    return Finding("backup", "ok", said)
+        return bad(f"{message}.", "Make one now, and see why the daily one was not made.")
+    if last.piped:
+        message = f"{message}, and was sent to a pipe: whether it was kept is not known here."
+        return note(message, "Check the file with `tada restore --check` (docs/backup.md).")
+    return ok(message)
 
 
-def look_at_index(database: Database) -> Finding:
-    """Whether the index learns from all that was confirmed: told, and no fault, as after an upgrade."""
-    with database.read() as session:
+def look_at_index(deployment: Deployment) -> Verdict:
+    """Tell whether the index learns from all that was confirmed; after an upgrade it may not, which is no fault."""
+    with deployment.database.read() as session:
         count = vectors.confirmed_without_vector(session, VCM_VERSION)
     message = f"{count} confirmed items have no vector of version {VCM_VERSION}"
-    return Finding("index", "ok", f"{message}: `tada index rebuild`" if count else message)
+    return ok(f"{message}: `tada index rebuild`" if count else message)
 
 
-def _by_count(counts: dict[str, int]) -> str:
-    return ", ".join(f"{code} {count}" for code, count in sorted(counts.items(), key=lambda one: (-one[1], one[0])))
+def _by_count(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{code} {count}" for code, count in sorted(counts.items(), key=lambda item: (-item[1], item[0])))

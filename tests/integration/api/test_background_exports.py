@@ -13,6 +13,7 @@ import sqlalchemy as sa
 from app.db.models import AuditEvent, BlobDeletion, Export, Participant
 from app.db.queries import exports, file_work
 from app.services import file_runner, made_file
+from app.services.background_exports import MOST_OF_PERSON
 from app.services.delete_blobs import BlobDeleter
 from app.services.file_runner import FileRunner
 from app.services.file_work_chore import expire_exports
@@ -193,7 +194,7 @@ def test_too_many_under_way_are_refused(client, admin, viewer, state, settings):
     assert [answer.status_code for answer in answers] == [202, 202, 202, 429]
     assert (answers[3].json()["code"], answers[3].json()["limit"]) == (
         "too_many_exports",
-        settings.max_exports_of_person,
+        MOST_OF_PERSON,
     )
     assert viewer.delete(answers[0].headers["location"]).status_code == 204
     assert ask(viewer, format="geojson").status_code == 202

@@ -12,10 +12,10 @@ from tests.photographs import pair
 
 
 @pytest.fixture
-def settings(settings):
+def settings(settings, monkeypatch):
     """Of the whole API: two connections, and hardly any patience."""
-    few = {"database_pool_size": 1, "database_pool_overflow": 1, "database_pool_wait_seconds": 0.2}
-    return settings.model_copy(update=few)
+    monkeypatch.setattr("app.db.session.POOL_WAIT_SECONDS", 0.2)
+    return settings.model_copy(update={"database_pool_size": 1, "database_pool_overflow": 1})
 
 
 def taken(state, engine):
@@ -51,15 +51,14 @@ def test_limits_of_the_settings_are_those_of_the_server(database_url, kind):
         database_pool_size=3,
         database_pool_overflow=2,
         database_statement_seconds=0.2,
-        database_connection_life_seconds=60,
     )
     database = open_database(settings)
     try:
-        assert database.limits == PoolLimits(3, 2, 10.0, 0.2, 60.0)
+        assert database.limits == PoolLimits(3, 2, 0.2)
         pool = database.write_engine.pool
         assert (pool.size(), pool._max_overflow) == (3, 2)
         if kind == "postgres":
-            assert pool._recycle == 60
+            assert pool._recycle == 1800
             with pytest.raises(sa.exc.OperationalError, match="statement timeout"), database.read() as session:
                 session.execute(sa.text("SELECT pg_sleep(30)"))
     finally:

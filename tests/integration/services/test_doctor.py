@@ -27,7 +27,7 @@ from app.db.models import (
 )
 from app.db.schema_state import current_revision, revisions
 from app.db.session import Database, PoolLimits
-from app.services import doctor_database, doctor_files, doctor_store
+from app.services import doctor_data, doctor_work
 from app.services.doctor import examine
 from app.services.erasure_ledger import Erasure, ErasureLedger
 from app.services.last_backup import note_backup
@@ -206,6 +206,14 @@ def test_missing_photograph_is_named(deployment):
     assert key in deployment.bad()["photographs"]
 
 
+def test_photograph_that_retention_erased_is_not_missing(deployment):
+    key = deployment.photograph()
+    with deployment.database.write() as session:
+        session.execute(sa.update(MealImage).values(erased_at=datetime.now(UTC)))
+    deployment.blobs.delete(key)
+    assert deployment.findings()["photographs"].message == "all 0 are in the store"
+
+
 def test_photograph_that_is_not_what_was_sealed_is_named(deployment, tmp_path):
     key = deployment.photograph()
     assert "newest photographs" not in deployment.bad()
@@ -287,7 +295,7 @@ def test_many_days_that_are_not_summed_are_a_note(deployment, monkeypatch):
     with deployment.database.write() as session:
         meal = new_meal(session)
         session.add(DayMark(participant_id=meal.participant_id, local_date=meal.local_date, study_id=meal.study_id))
-    monkeypatch.setattr(doctor_files, "MANY_MARKS", 1)
+    monkeypatch.setattr(doctor_work, "MANY_MARKS", 1)
     assert deployment.findings()["sums of days"].level == "note"
 
 
@@ -298,7 +306,7 @@ def test_event_of_the_future_tells_that_the_clock_went_back(deployment):
 
 
 def test_clocks_that_are_apart_are_told(deployment, monkeypatch):
-    monkeypatch.setattr(doctor_database, "database_now", lambda _: datetime.now(UTC) + timedelta(seconds=60))
+    monkeypatch.setattr(doctor_data, "database_now", lambda _: datetime.now(UTC) + timedelta(seconds=60))
     assert "60 s apart" in deployment.bad()["clock"]
 
 
@@ -325,9 +333,9 @@ def test_sqlite_on_a_network_file_system_is_told(deployment, tmp_path, monkeypat
         "21 1 8:1 / / rw,relatime - ext4 /dev/sda1 rw\n"
         f"22 21 0:50 / {tmp_path} rw,relatime shared:1 - nfs4 server:/export rw\n"
     )
-    monkeypatch.setattr(doctor_database, "MOUNTS", mounts)
-    assert doctor_database.file_system_of(tmp_path / "data" / "tada.sqlite3") == "nfs4"
-    assert doctor_database.file_system_of(tmp_path.parent) == "ext4"
+    monkeypatch.setattr(doctor_data, "MOUNTS", mounts)
+    assert doctor_data.file_system_of(tmp_path / "data" / "tada.sqlite3") == "nfs4"
+    assert doctor_data.file_system_of(tmp_path.parent) == "ext4"
     if deployment.kind == "sqlite":
         assert "nfs4" in deployment.bad()["sqlite file"]
 
@@ -340,7 +348,7 @@ def test_ledger_in_the_data_folder_is_a_note_and_one_that_cannot_be_written_is_w
 
 def test_ledger_beside_what_it_is_to_outlive_is_a_note(deployment, monkeypatch, tmp_path):
     disks = {"ledger": 1, "data": 2}
-    monkeypatch.setattr(doctor_store, "disk_of", lambda path: disks[path.relative_to(tmp_path).parts[0]])
+    monkeypatch.setattr(doctor_data, "disk_of", lambda path: disks[path.relative_to(tmp_path).parts[0]])
     if deployment.kind == "sqlite":
         disks["tada.sqlite3"] = 3
     subject = "ledger of erasures"
@@ -383,7 +391,7 @@ def test_erasure_that_was_promised_and_not_carried_out_is_told(deployment, monke
     store = open_blob_store(deployment.settings.resolved_erasure_url, deployment.settings)
     ErasureLedger(store, box).write(erasure(box))
     assert "erasures" not in deployment.bad()  # it may be under way
-    monkeypatch.setattr(doctor_store, "UNDER_WAY", timedelta(seconds=-60))
+    monkeypatch.setattr(doctor_data, "UNDER_WAY", timedelta(seconds=-60))
     assert deployment.bad()["erasures"].startswith("1 that were promised")
     assert "TADA_SECRET_KEY" in deployment.bad(secret_key=OTHER_KEY)["erasures"]
 
@@ -488,10 +496,10 @@ def test_backup_that_lacks_blobs_is_no_good_one(deployment):
 
 
 def test_part_that_cannot_be_asked_is_a_finding_and_hides_no_other(deployment, monkeypatch):
-    def broken(_):
+    def broken(*_):
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(doctor_store, "look_at_photographs", lambda *_: broken(_))
+    monkeypatch.setattr(doctor_data, "find_missing", broken)
     bad = deployment.bad()
     assert bad["photographs"] == "it could not be asked (OSError)."
     assert "backup" in deployment.findings()

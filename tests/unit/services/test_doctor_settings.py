@@ -2,13 +2,15 @@
 
 import pytest
 
-from app.services.doctor_settings import look_at_settings
+from app.services.doctor import CHECKS
+from app.services.finding import Deployment
 from app.settings import Settings
 
 
 def ways(tmp_path, **settings):
-    found = look_at_settings(Settings(data_dir=tmp_path, secret_key="k" * 40, **settings))
-    return {finding.subject: finding.level for finding in found if finding.subject.startswith("way to")}
+    deployment = Deployment(None, Settings(data_dir=tmp_path, secret_key="k" * 40, **settings), requeue=False)
+    verdicts = {check.subject: check.look(deployment) for check in CHECKS if check.subject.startswith("way to")}
+    return {subject: verdict[0] for subject, verdict in verdicts.items() if verdict is not None}
 
 
 @pytest.mark.parametrize(
