@@ -1,39 +1,31 @@
 """/v1/audit and /v1/studies/{study}/audit: who read photographs, who changed what: JSON pages or one streamed file."""
 
 from itertools import chain, islice
-from typing import Annotated, Any, Literal
-from urllib.parse import urlencode
+from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import JSONResponse, Response, StreamingResponse
 
 from app.api.deps import CurrentStaff, State
 from app.api.export_files import MEDIA_TYPES
 from app.api.flat_list import FILES, file_format
-from app.api.paging import Limit
+from app.api.paging import Limit, next_page
 from app.api.parameters import StudyCode
 from app.api.problems import problem_responses
 from app.api.schemas.privacy import AuditEventOut, AuditPage
 from app.api.schemas.text import AwareInstant
 from app.api.state import ApiState
+from app.db.queries.privacy import AuditFilter, AuditRow
 from app.exports.flat_rows import FlatFormat, encode_flat, flat_paths
-from app.services.audit_log import NamedEvent, read_audit, stream_audit
+from app.services.audit_log import read_audit, stream_audit
 from app.services.caller import StaffCaller
 
 router = APIRouter(prefix="/v1", tags=["audit"])
 
-RESPONSES: dict[int | str, dict[str, Any]] = {
-    200: {
-        "model": AuditPage,
-        "content": FILES,
-        "description": "A page, or all events as a file.",
-    },
+RESPONSES = {
+    200: {"model": AuditPage, "content": FILES, "description": "A page, or all events as a file."},
     **problem_responses(401, 403, 404, 422),
 }
-
-Action = Annotated[str | None, Query(max_length=64, description="Such as photograph.read.")]
-From = Annotated[AwareInstant | None, Query(alias="from", description="RFC 3339; included.")]
-To = Annotated[AwareInstant | None, Query(alias="to", description="RFC 3339; excluded.")]
 
 Cursor = Annotated[str | None, Query(max_length=300, description="From the page before: follow `next`.")]
 Output = Annotated[
@@ -42,22 +34,30 @@ Output = Annotated[
 ]
 
 
+def _chosen(
+    action: Annotated[str | None, Query(max_length=64, description="Such as photograph.read.")] = None,
+    since: Annotated[AwareInstant | None, Query(alias="from", description="RFC 3339; included.")] = None,
+    until: Annotated[AwareInstant | None, Query(alias="to", description="RFC 3339; excluded.")] = None,
+) -> AuditFilter:
+    return AuditFilter(action=action, since=since, until=until)
+
+
+Chosen = Annotated[AuditFilter, Depends(_chosen)]
+
+
 @router.get("/studies/{study}/audit", response_model=AuditPage, responses=RESPONSES)
 def get_study_audit(
     request: Request,
     study: StudyCode,
     state: State,
     caller: CurrentStaff,
-    action: Action = None,
-    since: From = None,
-    until: To = None,
+    chosen: Chosen,
     limit: Limit = 100,
     cursor: Cursor = None,
     _: Output = None,
 ) -> Response:
     """The audit log of a study, oldest first, for its owners."""
-    filters = {"study_code": study, "action": action, "since": since, "until": until}
-    return _answer(request, state, caller, filters, limit, cursor)
+    return _answer(request, state, caller, study, chosen, limit, cursor)
 
 
 @router.get("/audit", response_model=AuditPage, responses=RESPONSES)
@@ -65,41 +65,37 @@ def get_audit(
     request: Request,
     state: State,
     caller: CurrentStaff,
-    action: Action = None,
-    since: From = None,
-    until: To = None,
+    chosen: Chosen,
     limit: Limit = 100,
     cursor: Cursor = None,
     _: Output = None,
 ) -> Response:
     """The whole audit log, oldest first, for admins."""
-    filters = {"study_code": None, "action": action, "since": since, "until": until}
-    return _answer(request, state, caller, filters, limit, cursor)
+    return _answer(request, state, caller, None, chosen, limit, cursor)
 
 
 def _answer(
     request: Request,
-    state: State,
+    state: ApiState,
     caller: StaffCaller,
-    filters: dict[str, Any],
+    study: str | None,
+    chosen: AuditFilter,
     limit: int,
     cursor: str | None,
 ) -> Response:
-    wanted = file_format(request)
-    if wanted is not None:
-        return audit_file(state, caller, filters, wanted)
-    page = read_audit(state.database, caller, **filters, cursor=cursor, limit=limit)
-    following = None
-    if page.cursor is not None:
-        others = [(key, value) for key, value in request.query_params.multi_items() if key != "cursor"]
-        following = f"{request.url.path}?{urlencode([*others, ('cursor', page.cursor)])}"
-    body = AuditPage(items=[_event_out(row) for row in page.rows], next=following)
+    output = file_format(request)
+    if output is not None:
+        return audit_file(state, caller, study, chosen, output)
+    page = read_audit(state.database, caller, study, chosen, cursor=cursor, limit=limit)
+    body = AuditPage(items=[_event_out(row) for row in page.rows], next=next_page(request, page.cursor))
     return JSONResponse(body.model_dump(mode="json"))
 
 
-def audit_file(state: ApiState, caller: StaffCaller, filters: dict[str, Any], output: FlatFormat = "csv") -> Response:
+def audit_file(
+    state: ApiState, caller: StaffCaller, study: str | None, chosen: AuditFilter, output: FlatFormat = "csv"
+) -> Response:
     """All events of the filters as a file; details as JSON text in CSV."""
-    rows = stream_audit(state.database, caller, **filters)
+    rows = stream_audit(state.database, caller, study, chosen)
     first = list(islice(rows, 1))  # a database that fails gives an error document, not a broken file
     return StreamingResponse(
         encode_flat(
@@ -112,16 +108,5 @@ def audit_file(state: ApiState, caller: StaffCaller, filters: dict[str, Any], ou
     )
 
 
-def _event_out(row: NamedEvent) -> AuditEventOut:
-    event = row.event
-    return AuditEventOut(
-        id=event.id,
-        at=event.at,
-        study=row.study_code,
-        actor_kind=event.actor_kind,
-        actor=event.actor,
-        action=event.action,
-        subject=event.subject,
-        details=event.details,
-        request_id=event.request_id,
-    )
+def _event_out(row: AuditRow) -> AuditEventOut:
+    return AuditEventOut.model_validate(row, from_attributes=True)

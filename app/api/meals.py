@@ -16,7 +16,7 @@ from app.api.problems import problem_responses
 from app.api.render import render_meal
 from app.api.schemas.meals import MealOut
 from app.api.state import ApiState
-from app.api.upload import UploadLimits, received_body, received_parts
+from app.api.upload import MAX_METADATA_BYTES, UploadLimits, received_body, received_parts
 from app.api.waiting import MealWaiter
 from app.db.models.meal import AFTER_SLOTS, SLOTS
 from app.db.queries.meals import WAITING

@@ -1,7 +1,7 @@
 """The audit log: of a study for its owners, of everything for admins."""
 
 from datetime import UTC, date, datetime, time, timedelta
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query
 from starlette.responses import Response
@@ -10,6 +10,7 @@ from app.api.audit import audit_file
 from app.api.pages import PREFIX
 from app.api.schemas.text import LocalDay
 from app.dashboard.page import CurrentPage, Page
+from app.db.queries.privacy import AuditFilter
 from app.services.audit_log import read_audit
 
 router = APIRouter(include_in_schema=False)
@@ -54,17 +55,16 @@ def _audit(
     page: Page, study: str | None, action: str, first: date | None, last: date | None, cursor: str | None, output: str
 ) -> Response:
     """Days are UTC's, as the log's times are shown; both included."""
-    filters: dict[str, Any] = {
-        "study_code": study,
-        "action": action or None,
-        "since": _midnight(first) if first is not None else None,
-        "until": _midnight(last + timedelta(days=1)) if last is not None else None,
-    }
+    chosen = AuditFilter(
+        action=action or None,
+        since=_midnight(first) if first is not None else None,
+        until=_midnight(last + timedelta(days=1)) if last is not None else None,
+    )
     if output == "csv":
-        return audit_file(page.state, page.caller, filters)
-    found = read_audit(page.state.database, page.caller, **filters, cursor=cursor, limit=EVENTS_A_PAGE)
+        return audit_file(page.state, page.caller, study, chosen)
+    events = read_audit(page.state.database, page.caller, study, chosen, cursor=cursor, limit=EVENTS_A_PAGE)
     return page.render(
-        "audit.html", rows=found.rows, next=found.cursor, action=action, first=first, last=last, of_study=study
+        "audit.html", rows=events.rows, next=events.cursor, action=action, first=first, last=last, of_study=study
     )
 
 

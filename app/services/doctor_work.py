@@ -102,8 +102,7 @@ def look_at_stuck_releases(deployment: Deployment) -> Verdict | None:
     return bad(
         f"{count} cannot be written without what was erased, and are not served: {listed}"
         f"{' ...' if count > len(first) else ''}.",
-        "`tada releases check` names lost files. "
-        'Put them back from a backup (docs/exports.md, "A lost file").',
+        '`tada releases check` names lost files. Put them back from a backup (docs/exports.md, "A lost file").',
     )
 
 

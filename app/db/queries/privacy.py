@@ -40,6 +40,7 @@ from app.db.models import (
     Tombstone,
     WebhookDelivery,
 )
+from app.db.models.privacy import ActorKind
 from app.db.queries import study_day_sums
 from app.db.queries.jobs import LIVE_STATES
 
@@ -58,6 +59,21 @@ class AuditFilter:
     action: str | None = None
     since: datetime | None = None
     until: datetime | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AuditRow:
+    """An event of the audit log. study: its study's code; None: it is of no study, or of one that is not there."""
+
+    id: int
+    at: datetime
+    study: str | None
+    actor_kind: ActorKind
+    actor: str
+    action: str
+    subject: str | None
+    details: dict[str, object]
+    request_id: str | None
 
 
 def lock_participant(session: Session, participant_id: uuid.UUID) -> Participant | None:
@@ -407,25 +423,36 @@ def exported_rows(session: Session, owner: Owner, owner_id: uuid.UUID) -> Iterat
         yield model.personal.export_as, list(session.scalars(sa.select(model).where(of_owner).order_by(*order)))
 
 
-def page_of_audit(session: Session, chosen: AuditFilter, *, after: int | None, limit: int) -> list[AuditEvent]:
+def page_of_audit(session: Session, chosen: AuditFilter, *, after: int | None, limit: int) -> list[AuditRow]:
     """At most `limit` events in their order, those behind `after`."""
-    query = sa.select(AuditEvent).order_by(AuditEvent.id).limit(limit)
+    event = AuditEvent
+    query = (
+        sa.select(
+            event.id,
+            event.at,
+            Study.code,
+            event.actor_kind,
+            event.actor,
+            event.action,
+            event.subject,
+            event.details,
+            event.request_id,
+        )
+        .outerjoin(Study, Study.id == event.study_id)
+        .order_by(event.id)
+        .limit(limit)
+    )
     if chosen.study_id is not None:
-        query = query.where(AuditEvent.study_id == chosen.study_id)
+        query = query.where(event.study_id == chosen.study_id)
     if chosen.action is not None:
-        query = query.where(AuditEvent.action == chosen.action)
+        query = query.where(event.action == chosen.action)
     if chosen.since is not None:
-        query = query.where(AuditEvent.at >= chosen.since)
+        query = query.where(event.at >= chosen.since)
     if chosen.until is not None:
-        query = query.where(AuditEvent.at < chosen.until)
+        query = query.where(event.at < chosen.until)
     if after is not None:
-        query = query.where(AuditEvent.id > after)
-    return list(session.scalars(query))
-
-
-def study_codes(session: Session) -> dict[uuid.UUID, str]:
-    """Study -> its code."""
-    return {row.id: row.code for row in session.execute(sa.select(Study.id, Study.code))}
+        query = query.where(event.id > after)
+    return [AuditRow(*row) for row in session.execute(query)]
 
 
 @cache
