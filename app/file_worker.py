@@ -12,14 +12,15 @@ import uuid
 from dataclasses import asdict
 from types import FrameType
 
-from app.db.queries import file_work
+import app.tables  # noqa: F401  # defines every table
+from app.children.process_life import die_with_parent
+from app.core.logs import configure_logging
+from app.core.private_files import keep_files_private
+from app.core.settings import Settings
 from app.db.session import open_database
-from app.jobs.process_life import die_with_parent
-from app.logs import configure_logging
-from app.private_files import keep_files_private
-from app.services.file_runner import FileRunner
-from app.services.secret_box import open_secret_box
-from app.settings import Settings
+from app.exports import file_work_queries as file_work
+from app.people.access.secret_box import open_secret_box
+from app.releases.file_runner import FileRunner
 from app.storage.opening import open_blob_store
 
 NICENESS = 10  # more than the worker's own: estimates and heartbeats go first

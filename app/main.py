@@ -6,91 +6,90 @@ from contextlib import asynccontextmanager
 import anyio
 from fastapi import Depends, FastAPI
 
+import app.tables  # noqa: F401  # defines every table
 from app import __version__
-from app.api import (
-    adequacy,
-    after_meal,
-    audit,
-    calibrations,
-    changes,
-    checks,
-    data_dictionary,
-    days,
-    declared,
-    devices,
-    enrolments,
-    exports,
-    food_edits,
-    food_groups,
-    foods,
-    health,
-    me,
-    me_privacy,
-    meal_jobs,
-    meal_lists,
-    meals,
-    metrics,
-    overview,
-    participants,
-    photographs,
-    questions,
-    receipts,
-    records,
-    reference_intakes,
-    releases,
-    review,
-    review_queue,
-    server,
-    sessions,
-    staff,
-    studies,
-    study_densities,
-    study_members,
-    study_photographs,
-    study_vessels,
-    summary,
-    tokens,
-    webhooks,
-)
-from app.api.access import authorise
-from app.api.answers import ApiAnswers
-from app.api.body_limit import BodyLimit
-from app.api.call_limits import AddressLimit, CallLimits
-from app.api.contract import openapi_document
-from app.api.fhir import routes as fhir
-from app.api.fhir.answers import FhirErrors
-from app.api.known_parameters import require_known_parameters
-from app.api.methods import Methods
-from app.api.problems import install_problem_handlers
-from app.api.rate_limit import EnrolmentLimit
-from app.api.request_log import RequestLog
-from app.api.sign_in_limits import SignInLimits
-from app.api.state import ApiState
-from app.api.waiting import MealWaiter
+from app.children.api_children import ApiChildren
+from app.core.settings import Settings
 from app.dashboard import api_reference
 from app.dashboard import routes as dashboard
 from app.dashboard.answers import DashboardAnswers
 from app.dashboard.static_files import DashboardFiles
 from app.db.session import open_database
+from app.diary import adequacy_api as adequacy
+from app.diary import api as days
+from app.diary import overview_api as overview
+from app.diary import summary_api as summary
+from app.exports import api as exports
+from app.exports import data_dictionary_api as data_dictionary
+from app.exports.fhir import api as fhir
+from app.exports.fhir.answers import FhirErrors
+from app.exports.lists import changes_api as changes
+from app.exports.lists import meals_api as meal_lists
+from app.exports.lists import photographs_api as study_photographs
+from app.exports.lists import records_api as records
+from app.foods import api as foods
+from app.foods import groups_api as food_groups
+from app.foods import reference_intakes_api as reference_intakes
+from app.foods import study_densities_api as study_densities
+from app.foods.edits import api as food_edits
+from app.http.answers import ApiAnswers
+from app.http.body_limit import BodyLimit
+from app.http.known_parameters import require_known_parameters
+from app.http.problems import install_problem_handlers
+from app.http.rate_limit import EnrolmentLimit
+from app.http.request_log import RequestLog
+from app.http.state import ApiState
 from app.jobs.queue import JobQueue
+from app.methods import Methods
 from app.metrics.instruments import tell_build
-from app.services.after_meal import SubmitAfterPair
-from app.services.api_children import ApiChildren
-from app.services.declare_meal import DeclareMeal
-from app.services.erase import Eraser
-from app.services.erasure_ledger import ErasureLedger
-from app.services.event_rules import EVENT_RULES
-from app.services.export_me import ExportPlaces
-from app.services.figures import DeploymentFigures
-from app.services.last_use import LastUse
-from app.services.meal_events import MealEvents
-from app.services.passwords import Passwords
-from app.services.prepare import prepare_patiently
-from app.services.prepare_apart import prepare_apart
-from app.services.secret_box import open_secret_box
-from app.services.submit_meal import SubmitMeal
-from app.settings import Settings
+from app.openapi import openapi_document
+from app.operations import health_api as health
+from app.operations import metrics_api as metrics
+from app.operations.figures import DeploymentFigures
+from app.operations.prepare import prepare_patiently
+from app.operations.prepare_apart import prepare_apart
+from app.people import calibrations_api as calibrations
+from app.people import devices_api as devices
+from app.people import enrolments_api as enrolments
+from app.people import participants_api as participants
+from app.people import studies_api as studies
+from app.people.access import audit_api as audit
+from app.people.access import sessions_api as sessions
+from app.people.access import staff_api as staff
+from app.people.access import study_members_api as study_members
+from app.people.access import tokens_api as tokens
+from app.people.access.access_rules import authorise
+from app.people.access.call_limits import AddressLimit, CallLimits
+from app.people.access.last_use import LastUse
+from app.people.access.passwords import Passwords
+from app.people.access.secret_box import open_secret_box
+from app.people.access.sign_in_limits import SignInLimits
+from app.privacy import me_api as me_privacy
+from app.privacy import receipts_api as receipts
+from app.privacy.erase import Eraser
+from app.privacy.erasure_ledger import ErasureLedger
+from app.privacy.export_me import ExportPlaces
+from app.records import photographs_api as photographs
+from app.records.review import api as review
+from app.records.review import questions_api as questions
+from app.records.review import queue_api as review_queue
+from app.records.review.event_rules import EVENT_RULES
+from app.records.review.meal_events import MealEvents
+from app.releases import api as releases
 from app.storage.opening import open_blob_store
+from app.uploads import after_meal_api as after_meal
+from app.uploads import api as meals
+from app.uploads import checks_api as checks
+from app.uploads import declared_api as declared
+from app.uploads import me_api as me
+from app.uploads import meal_jobs_api as meal_jobs
+from app.uploads import server_api as server
+from app.uploads.after_meal import SubmitAfterPair
+from app.uploads.declare_meal import DeclareMeal
+from app.uploads.submit_meal import SubmitMeal
+from app.uploads.waiting import MealWaiter
+from app.vessels import api as study_vessels
+from app.webhooks import api as webhooks
 
 DESCRIPTION = """
 Image-based dietary assessment. A phone sends a meal as two photographs, from the left and from the right, with a

@@ -6,28 +6,29 @@ import sys
 
 import structlog
 
+import app.tables  # noqa: F401  # defines every table
+from app.children.child_pool import ChildPool
+from app.children.process_life import die_with_parent
+from app.core.errors import TadaError
+from app.core.in_words import told_in_words
+from app.core.logs import configure_logging
+from app.core.private_files import keep_files_private
+from app.core.settings import Settings
 from app.db.session import Database, open_database
-from app.errors import TadaError
-from app.jobs.child_pool import ChildPool
+from app.estimates.estimate_meal import EstimateMeal
 from app.jobs.chores import Chore
-from app.jobs.process_life import die_with_parent
 from app.jobs.worker_process import run_jobs
-from app.logs import configure_logging
 from app.metrics.instruments import REGISTRY, tell_build
 from app.metrics.server import MetricsServer
-from app.private_files import keep_files_private
-from app.services.check_stores import check_stores
-from app.services.chores import worker_chores
-from app.services.estimate_meal import EstimateMeal
-from app.services.in_words import told_in_words
-from app.services.prepare import prepare_patiently
-from app.services.secret_box import open_secret_box
-from app.settings import Settings
+from app.operations.check_stores import check_stores
+from app.operations.chores import worker_chores
+from app.operations.prepare import prepare_patiently
+from app.people.access.secret_box import open_secret_box
 from app.storage.opening import open_blob_store
 
 log = structlog.get_logger()
 
-TASKS = "app.services.child_tasks:TASKS"
+TASKS = "app.estimates.child_tasks:TASKS"
 NOT_STARTED = 2  # exit status, as of a command that did not do what it was told
 NICENESS_BESIDE_SERVER = 5  # it keeps all cores busy while meals wait; the server on them still answers first
 

@@ -42,9 +42,10 @@ import numpy as np
 import sqlalchemy as sa
 from PIL import Image
 
-from app.db.models import Job, Meal, MealImage
+from app.core.settings import Settings
 from app.db.session import Database
-from app.settings import Settings
+from app.meals.job_models import Job
+from app.meals.models import Meal, MealImage
 from app.storage.opening import open_blob_store
 from benchmarks.api_load import Outcome, percentiles
 from benchmarks.databases import database_url

@@ -21,10 +21,13 @@ import uuid
 from datetime import UTC, date, datetime
 from typing import Any
 
-from app.db.models import Device, Job, Meal, MealImage, Participant, Run, Study
+from app.core.settings import Settings
 from app.db.session import Database
-from app.services.prepare import prepare
-from app.settings import Settings
+from app.meals.job_models import Job
+from app.meals.models import Meal, MealImage
+from app.meals.record_models import Run
+from app.operations.prepare import prepare
+from app.people.models import Device, Participant, Study
 from app.storage.opening import open_blob_store
 
 NOW = datetime(2026, 11, 20, 12, tzinfo=UTC)

@@ -24,7 +24,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from app.errors import Failure  # noqa: E402  # found from the checkout, installed or not
+from app.core.errors import Failure  # noqa: E402  # found from the checkout, installed or not
 from app.vision.board.ciede2000 import ciede2000  # noqa: E402
 from app.vision.board.colour_board import COLOUR_SQUARES  # noqa: E402
 from app.vision.board.colour_correction import apply_colour, measure_colour  # noqa: E402

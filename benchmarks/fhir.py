@@ -21,15 +21,15 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
-from app.api.fhir.answers import FhirJson
-from app.api.fhir.bundles import search_bundle
-from app.api.fhir.names import Names
-from app.api.fhir.search import read_search
-from app.db.models import Component, Food, FoodNutrient
 from app.db.session import Database
+from app.exports.fhir.answers import FhirJson
+from app.exports.fhir.bundles import search_bundle
+from app.exports.fhir.fhir_intakes import search_intakes
+from app.exports.fhir.names import Names
+from app.exports.fhir.search import read_search
+from app.foods.models import Component, Food, FoodNutrient
 from app.nutrition.components import COMPONENTS
-from app.services.caller import StaffCaller
-from app.services.fhir_intakes import search_intakes
+from app.people.access.caller import StaffCaller
 from benchmarks.query import COLUMNS, Who, callers, filled_database, quantile, row
 from benchmarks.query_data import FIRST_DAY, ONE_STUDY, PEOPLE
 
@@ -64,7 +64,7 @@ def measure(name: str, database: Database, samples: int, chance: random.Random) 
     give_contents(database)
     people = callers(database)
     gc.collect()
-    gc.freeze()  # as the server does (app/serving.py)
+    gc.freeze()  # as the server does (app/cli/serving.py)
     print(f"\n{COLUMNS}", flush=True)
     slowest = 0.0
     for who in people:

@@ -16,9 +16,9 @@ from types import CodeType, FrameType
 
 from starlette.testclient import TestClient
 
+from app.core.settings import Settings
 from app.main import create_app
-from app.services.staff import create_admin
-from app.settings import Settings
+from app.people.access.staff import create_admin
 from tests.estimates import found_item, save
 from tests.photographs import pair
 

@@ -20,14 +20,14 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
+from app.core.settings import Settings
 from app.db.session import Database
-from app.services.prepare import prepare
-from app.services.studies import create_study
-from app.settings import Settings
+from app.operations.prepare import prepare
+from app.people.studies import create_study
 from benchmarks.databases import database_url
 
 ROOT = Path(__file__).resolve().parents[1]
-PEAK = "import resource, sys; from app.cli import main\ntry: main()\nfinally: print('peak_kb', "
+PEAK = "import resource, sys; from app.cli.main import main\ntry: main()\nfinally: print('peak_kb', "
 PEAK += "resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr)"
 PAUSE_SECONDS = 0.05
 VALUES = 679_045

@@ -26,15 +26,15 @@ from pathlib import Path
 
 import httpx2
 
+from app.cli.demo import running_server
+from app.core.settings import Settings
 from app.db.migrate import upgrade
 from app.db.session import Database
-from app.demo import running_server
-from app.nutrition.importers.sr28 import read_sr28
-from app.services.import_foods import import_foods
-from app.services.prepare import prepare
-from app.services.search_foods import search_foods
-from app.services.staff import create_admin
-from app.settings import Settings
+from app.foods.import_foods import import_foods
+from app.foods.importers.sr28 import read_sr28
+from app.foods.search.search_foods import search_foods
+from app.operations.prepare import prepare
+from app.people.access.staff import create_admin
 from benchmarks.databases import database_url
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -34,11 +34,15 @@ import pyarrow as pa
 import sqlalchemy as sa
 
 from app.db.migrate import upgrade
-from app.db.models import DiaryDay, EffectiveRecord, Item, Meal, MealEvent, MealImage, Study
-from app.db.queries.meal_pages import MealFilter
 from app.db.session import Database
-from app.services.caller import Caller, StaffCaller
-from app.services.list_meals import Order, changed_meals, count_meals, cursor_behind, list_meals, visible_meals
+from app.diary.models import DiaryDay
+from app.exports.lists.list_meals import Order, changed_meals, count_meals, cursor_behind, list_meals, visible_meals
+from app.exports.lists.meal_page_queries import MealFilter
+from app.meals.event_models import MealEvent
+from app.meals.models import Meal, MealImage
+from app.meals.record_models import EffectiveRecord, Item
+from app.people.access.caller import Caller, StaffCaller
+from app.people.models import Study
 from benchmarks import query_data
 from benchmarks.query import loading, quantile, row, server_url, wipe
 from benchmarks.query_data import FIRST_DAY, ONE_STUDY, PEOPLE, Batch, Columns, food_key

@@ -21,11 +21,11 @@ from dataclasses import dataclass
 from datetime import date, timedelta
 from pathlib import Path
 
-from app.db.queries.days import DayFilter
 from app.db.session import Database
-from app.services.caller import StaffCaller
-from app.services.day_summaries import list_day_summaries, list_intakes
-from app.services.study_overview import study_overview
+from app.diary.day_summaries import list_day_summaries, list_intakes
+from app.diary.queries import DayFilter
+from app.diary.study_overview import study_overview
+from app.people.access.caller import StaffCaller
 from benchmarks import pages_http
 from benchmarks.query import PAGE, filled_database, quantile
 from benchmarks.query_data import FIRST_DAY, ONE_STUDY, PEOPLE

@@ -1,6 +1,6 @@
 """Whole pages of the dashboard by HTTP: a server of its own on a filled database, a browser's cookie, page by page.
 
-Which pages: every route of app/api/pages.py that answers HTML and whose address can be made from the database; files
+Which pages: every route of page_rules.py that answers HTML and whose address can be made from the database; files
 and what needs other data (a webhook, an export) are told as not measured. The time is the client's, from the request
 to the last byte of the answer: the server's, and the way through the loopback.
 """
@@ -20,13 +20,14 @@ import httpx2
 import sqlalchemy as sa
 from pydantic import SecretStr
 
-from app.api.pages import PAGES
-from app.db.models import Meal, Participant, Study
+from app.cli.demo import running_server
+from app.core.settings import Settings
 from app.db.session import Database
-from app.demo import running_server
-from app.services.passwords import Passwords
-from app.services.staff import create_staff
-from app.settings import Settings
+from app.meals.models import Meal
+from app.people.access.page_rules import PAGES
+from app.people.access.passwords import Passwords
+from app.people.access.staff import create_staff
+from app.people.models import Participant, Study
 from benchmarks.query_data import FIRST_DAY, FOODS, Shape, food_key
 
 BROWSER = {"Accept": "text/html", "Sec-Fetch-Site": "same-origin"}

@@ -23,8 +23,8 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from app.services.api_children import ApiChildren  # noqa: E402  # found from the checkout, installed or not
-from app.settings import Settings  # noqa: E402
+from app.children.api_children import ApiChildren  # noqa: E402  # found from the checkout, installed or not
+from app.core.settings import Settings  # noqa: E402
 from benchmarks.pipeline import Scene, find_scenes  # noqa: E402
 
 

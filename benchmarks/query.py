@@ -36,19 +36,20 @@ import httpx2
 import psycopg
 import sqlalchemy as sa
 
+from app.cli.demo import running_server
+from app.core.settings import Settings
 from app.db.migrate import upgrade
-from app.db.models import AccessToken, Device, EffectiveRecord, Participant, Staff, Study, StudyMember
-from app.db.queries.days import DayFilter
-from app.db.queries.record_pages import AFTER_INSTANT, AFTER_ITEM, BEFORE_ALL, RecordFilter, search_of
-from app.db.queries.review import QueueFilter, page_of_queue
 from app.db.session import Database
-from app.demo import running_server
-from app.services.caller import Caller, DeviceCaller, StaffCaller
-from app.services.day_summaries import list_day_summaries
-from app.services.list_records import cursor_behind, list_records, visible_records
-from app.services.review_queue import read_queue
-from app.services.staff import create_admin
-from app.settings import Settings
+from app.diary.day_summaries import list_day_summaries
+from app.diary.queries import DayFilter
+from app.exports.lists.list_records import cursor_behind, list_records, visible_records
+from app.meals.record_models import EffectiveRecord
+from app.people.access.caller import Caller, DeviceCaller, StaffCaller
+from app.people.access.staff import create_admin
+from app.people.models import AccessToken, Device, Participant, Staff, Study, StudyMember
+from app.records.page_queries import AFTER_INSTANT, AFTER_ITEM, BEFORE_ALL, RecordFilter, search_of
+from app.records.review.queries import QueueFilter, page_of_queue
+from app.records.review.review_queue import read_queue
 from benchmarks import query_data, query_exports
 from benchmarks.query_data import DAYS, FIRST_DAY, FOODS, PEOPLE, SPREAD, STUDIES, Shape, food_key
 

@@ -17,23 +17,15 @@ import pyarrow as pa
 import sqlalchemy as sa
 from pyarrow import csv
 
-from app.db.models import (
-    Base,
-    Device,
-    DiaryDay,
-    EffectiveRecord,
-    Food,
-    FoodActivation,
-    FoodRelease,
-    Item,
-    Meal,
-    Participant,
-    Study,
-)  # fmt: skip
-from app.db.models.record import HEADLINE_COLUMNS
-from app.db.refill import MARK_DAYS
+from app.db.base import Base  # fmt: skip
 from app.db.session import Database
-from app.services.day_sums import write_all_sums
+from app.diary.day_sums import write_all_sums
+from app.diary.models import DiaryDay  # fmt: skip
+from app.foods.models import Food, FoodActivation, FoodRelease  # fmt: skip
+from app.meals.models import Meal  # fmt: skip
+from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Item  # fmt: skip
+from app.operations.backup.refill import MARK_DAYS
+from app.people.models import Device, Participant, Study  # fmt: skip
 
 STUDIES, PEOPLE, FOODS, FOODS_TWICE = 20, 10_000, 800, 200
 FIRST_DAY, DAYS = date(2024, 1, 1), 1095

@@ -13,9 +13,9 @@ import httpx2
 import psycopg
 import sqlalchemy as sa
 
-from app.db.models import EffectiveRecord, Item
 from app.db.session import Database
-from app.exports.record_columns import RECORD_COLUMNS
+from app.http.tables.record_columns import RECORD_COLUMNS
+from app.meals.record_models import EffectiveRecord, Item
 from benchmarks.query_data import DAYS, FIRST_DAY
 
 SMALL_EXPORT, LARGE_EXPORT = 100_000, 1_000_000

@@ -20,16 +20,18 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from app.db.models import Device, Job, Meal, Participant, Staff, Study
+from app.core.settings import Settings
 from app.db.session import Database
+from app.estimates.save_estimate import save_estimate
 from app.jobs.queue import JobQueue
-from app.services.caller import StaffCaller
-from app.services.event_rules import EVENT_RULES
-from app.services.meal_events import MealEvents, NewEvent
-from app.services.prepare import prepare
-from app.services.read_meal import MealView
-from app.services.save_estimate import save_estimate
-from app.settings import Settings
+from app.meals.job_models import Job
+from app.meals.models import Meal
+from app.operations.prepare import prepare
+from app.people.access.caller import StaffCaller
+from app.people.models import Device, Participant, Staff, Study
+from app.records.read_meal import MealView
+from app.records.review.event_rules import EVENT_RULES
+from app.records.review.meal_events import MealEvents, NewEvent
 from benchmarks.databases import database_url
 
 FOODS = ("apple", "banana", "bread-white", "potatoes-boiled", "milk-whole", "chicken-breast", "rice-white-cooked")

@@ -2,7 +2,7 @@
 
 from alembic import context
 
-from app.db.models import Base
+from app.db.base import Base
 
 # DBOS keeps its own tables; on SQLite they sit beside ours, and autogenerate must not touch them.
 OURS = frozenset(Base.metadata.tables) | {"alembic_version"}

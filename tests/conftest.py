@@ -14,12 +14,12 @@ import pytest
 import sqlalchemy as sa
 import structlog
 
+from app.core.settings import Settings
 from app.db.migrate import upgrade
 from app.db.session import Database, normalise_url
-from app.nutrition.importers.imported import ImportedTable
-from app.nutrition.importers.sr28 import read_sr28
-from app.services.prepare import prepare
-from app.settings import Settings
+from app.foods.importers.imported import ImportedTable
+from app.foods.importers.sr28 import read_sr28
+from app.operations.prepare import prepare
 from tests.reused_database import ReusedDatabases
 from tests.s3_places import s3_settings
 from tests.s3_server import S3Server
@@ -45,7 +45,11 @@ def pytest_collection_modifyitems(items):
     """
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     for item in items:
-        if item.path.parent.name in ("api", "dashboard", "services") and _kind_of(item) == "postgres":
+        if (
+            "integration" in item.path.parts
+            and item.path.parent.name not in ("db", "jobs", "storage")
+            and _kind_of(item) == "postgres"
+        ):
             item.add_marker(pytest.mark.slow)
 
     def place(item):

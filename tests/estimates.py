@@ -8,9 +8,10 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from app.db.models import Job, Meal
-from app.db.queries import jobs
-from app.services.save_estimate import save_estimate
+from app.estimates.save_estimate import save_estimate
+from app.jobs import queries as jobs
+from app.meals.job_models import Job
+from app.meals.models import Meal
 
 
 def found_item(volume_ml=185.0, hint=0, **changes):

@@ -8,14 +8,14 @@ from datetime import timedelta
 
 import obstore
 
-from app.settings import Settings
+from app.core.settings import Settings
 from app.storage.local import STAGING, LocalBlobStore
 from app.storage.opening import open_blob_store
 from app.storage.s3 import S3BlobStore
 from app.storage.staging import LOCK_SUFFIX
 
 TWO_DAYS = timedelta(days=2)
-LEDGER = ".erasures/"  # where it stands when the blobs are in S3 (app/settings.py)
+LEDGER = ".erasures/"  # where it stands when the blobs are in S3 (app/core/settings.py)
 
 
 def stored_names(blobs) -> list[str]:

@@ -2,7 +2,7 @@
 
 from urllib.parse import quote
 
-from app.api.pages import PREFIX
+from app.people.access.page_rules import PREFIX
 
 
 def study_address(study: str, *parts: object) -> str:

@@ -14,11 +14,11 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.api.pages import PREFIX
-from app.api.problems import PROBLEM_JSON
 from app.dashboard.addresses import study_address
 from app.dashboard.refusals import sentence_of_request
 from app.dashboard.templates import render
+from app.http.problems import PROBLEM_JSON
+from app.people.access.page_rules import PREFIX
 
 CONTENT_SECURITY_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; "

@@ -7,8 +7,8 @@ from fastapi import Depends, Request
 from pydantic import BaseModel, ValidationError
 from starlette.datastructures import FormData
 
+from app.core.errors import MalformedRequestError
 from app.dashboard.refusals import sentences
-from app.errors import MalformedRequestError
 
 FORM = "application/x-www-form-urlencoded"  # no page of ours sends files
 MOST_FIELDS = 1000

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from app.db.models.people import ROLES, Role
+from app.people.models import ROLES, Role
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,10 +6,10 @@ The last of the dashboard's routes. Whoever may not enter the study hears of the
 from fastapi import APIRouter
 from starlette.responses import RedirectResponse, Response
 
-from app.api.pages import ELSEWHERE
+from app.core.errors import NotFoundError
 from app.dashboard.addresses import study_address
 from app.dashboard.page import CurrentPage
-from app.errors import NotFoundError
+from app.people.access.page_rules import ELSEWHERE
 
 router = APIRouter(include_in_schema=False)
 

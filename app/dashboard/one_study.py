@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
+from app.core.errors import NotFoundError
 from app.dashboard.page import Page
-from app.errors import NotFoundError
-from app.services.caller import StaffCaller
+from app.people.access.caller import StaffCaller
 
 
 def in_study(page: Page) -> StaffCaller:

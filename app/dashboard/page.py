@@ -7,15 +7,14 @@ from urllib.parse import quote, unquote
 from fastapi import Depends, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
-from app.api.deps import CurrentStaff, State
-from app.api.pages import PREFIX, is_https
-from app.api.state import ApiState
 from app.dashboard.templates import render
-from app.db.models import Study
-from app.db.models.people import ROLES, Role
-from app.services.access import role_in
-from app.services.caller import StaffCaller
-from app.services.studies import read_study
+from app.http.state import ApiState
+from app.people.access.access import role_in
+from app.people.access.caller import StaffCaller
+from app.people.access.deps import CurrentStaff, State
+from app.people.access.page_rules import PREFIX, is_https
+from app.people.models import ROLES, Role, Study
+from app.people.studies import read_study
 
 TOLD_COOKIE = "tada_told"  # one sentence for the next page: "The device was revoked."
 TOLD_SECONDS = 60

@@ -1,32 +1,23 @@
-"""The dashboard's routes, a file a page. Who may see which: app/api/pages.py."""
+"""The dashboard's routes, a file a page. Who may see which: app/people/access/page_rules.py."""
 
 from fastapi import APIRouter
 
-from app.dashboard import (
+from app.dashboard import no_such_page
+from app.dashboard.data_pages import exports, intake_files, overview, releases
+from app.dashboard.food_pages import food_forms, foods, study_densities, study_vessels
+from app.dashboard.meal_pages import item_actions, meal, meal_list, review
+from app.dashboard.people_pages import (
     account,
     audit,
     devices,
-    exports,
-    food_forms,
-    foods,
-    intake_files,
-    item_actions,
     marker,
-    meal,
-    meal_list,
     members,
-    no_such_page,
-    overview,
     participant,
     participants,
-    releases,
-    review,
     settings_pages,
     sign_in,
     staff,
     studies,
-    study_densities,
-    study_vessels,
     webhooks,
 )
 

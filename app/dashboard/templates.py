@@ -19,9 +19,9 @@ from jinja2.runtime import Context
 from markupsafe import Markup, escape
 
 from app import __version__
-from app.api.pages import PREFIX
 from app.dashboard.addresses import study_address
 from app.dashboard.menus import server_menu, study_menu
+from app.people.access.page_rules import PREFIX
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"

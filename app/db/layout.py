@@ -13,8 +13,8 @@ from typing import Any, Literal
 
 import sqlalchemy as sa
 
+from app.db.base import UtcDateTime
 from app.db.migrate import upgrade
-from app.db.models import UtcDateTime
 from app.db.session import Database
 
 ColumnType = Literal["uuid", "instant", "date", "json", "bytes", "float", "integer", "boolean", "text"]

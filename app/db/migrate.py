@@ -16,6 +16,7 @@ import structlog
 from alembic import command
 from alembic.config import Config
 
+from app.core.errors import ConflictError, InvalidInputError, UnavailableError
 from app.db.schema_state import (
     MigrationBusyError,
     SchemaState,
@@ -28,7 +29,6 @@ from app.db.schema_state import (
     schema_state,
 )
 from app.db.session import BUSY_TIMEOUT_SECONDS, Database
-from app.errors import ConflictError, InvalidInputError, UnavailableError
 
 log = structlog.get_logger()
 

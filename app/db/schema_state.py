@@ -13,8 +13,8 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
+from app.core.errors import UnavailableError
 from app.db.session import Database
-from app.errors import UnavailableError
 
 VERSION_TABLE = "alembic_version"
 DAY_DIGITS = 8  # a revision's id begins with its day: 20261124_baseline

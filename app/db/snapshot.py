@@ -11,9 +11,9 @@ from typing import Any
 import sqlalchemy as sa
 from alembic.migration import MigrationContext
 
+from app.core.errors import UnavailableError
 from app.db.layout import TableLayout, difference
 from app.db.session import Database
-from app.errors import UnavailableError
 
 ROWS_AT_A_TIME = 2_000
 

@@ -1,6 +1,6 @@
 """Values in their order, kept as bytes: of many such runs a median is found without putting them together.
 
-A day of a study keeps what its participants ate so (db/models/diary.py, StudyDaySum).
+A day of a study keeps what its participants ate so (diary/models.py, StudyDaySum).
 """
 
 import math

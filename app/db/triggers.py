@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 
 import sqlalchemy as sa
 
-from app.db.models.record import HEADLINE_COLUMNS
+from app.meals.record_models import HEADLINE_COLUMNS
 
 AUDIT = "audit_event"
 DAY = ("participant_id", "local_date", "study_id")

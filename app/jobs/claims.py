@@ -1,6 +1,6 @@
 """Claims jobs for one worker: never more than it has room for, and the next as soon as a child is free.
 
-A claim is one short transaction (db/queries/jobs.py, claim_jobs) under the worker's lease. Each claimed job runs in a
+A claim is one short transaction (jobs/queries.py, claim_jobs) under the worker's lease. Each claimed job runs in a
 thread of its own.
 """
 
@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 import structlog
 
-from app.db.queries import jobs
+from app.children.faults import JobLeft
 from app.db.session import Database
-from app.jobs.faults import JobLeft
+from app.jobs import queries as jobs
 from app.jobs.leases import Lease
 
 log = structlog.get_logger()

@@ -20,14 +20,14 @@ import sqlalchemy.exc
 import structlog
 from sqlalchemy.orm import Session
 
-from app.db.models import Meal
-from app.db.queries import jobs
+from app.children.faults import INTERNAL_ERROR, BrokenOff, JobFailure, JobLeft, is_passing
+from app.core.errors import Failure
+from app.core.logs import tell, telling
 from app.db.session import Database
-from app.errors import Failure
-from app.jobs.faults import INTERNAL_ERROR, BrokenOff, JobFailure, JobLeft, is_passing
+from app.jobs import queries as jobs
 from app.jobs.leases import Lease
 from app.jobs.times import WorkerTimes
-from app.logs import tell, telling
+from app.meals.models import Meal
 from app.metrics import instruments
 
 log = structlog.get_logger()

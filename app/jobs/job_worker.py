@@ -10,8 +10,8 @@ from collections.abc import Callable
 
 import structlog
 
-from app.db.queries import jobs
 from app.db.session import Database
+from app.jobs import queries as jobs
 from app.jobs.claims import Claims
 from app.jobs.job_runner import EstimateUseCases, JobRunner
 from app.jobs.leases import open_lease

@@ -21,10 +21,10 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app import __version__
-from app.db.queries import jobs
-from app.db.queries.jobs import Executor
+from app.children.faults import JobLeft
 from app.db.session import Database
-from app.jobs.faults import JobLeft
+from app.jobs import queries as jobs
+from app.jobs.queries import Executor
 from app.jobs.times import WorkerTimes
 
 

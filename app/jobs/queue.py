@@ -3,8 +3,8 @@
 import structlog
 from sqlalchemy.orm import Session
 
-from app.db.models import Job
 from app.jobs.turns import Turns
+from app.meals.job_models import Job
 
 # What a job's row means. A job is queued with the number of whoever queues it, and run by workers of that number or a
 # higher one: it changes only when workers of the version before could not run the new rows.

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import structlog
 from pydantic import SecretStr
 
-from app.settings import Settings
+from app.core.settings import Settings
 
 log = structlog.get_logger()
 

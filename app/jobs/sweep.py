@@ -11,12 +11,13 @@ from datetime import UTC, datetime
 import structlog
 from sqlalchemy.orm import Session
 
-from app.db.models import Job, Meal
-from app.db.queries import jobs
-from app.db.queries.meals import WAITING, lock_meal
+from app.children.faults import INTERNAL_ERROR, JOB_GAVE_UP
 from app.db.session import Database
-from app.jobs.faults import INTERNAL_ERROR, JOB_GAVE_UP
+from app.jobs import queries as jobs
 from app.jobs.queue import JobQueue
+from app.meals.job_models import Job
+from app.meals.models import Meal
+from app.meals.queries import WAITING, lock_meal
 from app.metrics import instruments
 
 log = structlog.get_logger()

@@ -12,8 +12,9 @@ import uuid
 
 from sqlalchemy.orm import Session
 
-from app.db.models import Job, Meal
-from app.db.queries import jobs
+from app.jobs import queries as jobs
+from app.meals.job_models import Job
+from app.meals.models import Meal
 
 
 class Turns:

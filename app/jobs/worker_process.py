@@ -14,15 +14,15 @@ from contextlib import AbstractContextManager, nullcontext
 
 import structlog
 
+from app.children.child_pool import ChildPool, ChildPoolClosedError, ChildStartError
+from app.children.cores import worker_concurrency
+from app.core.settings import Settings
 from app.db.session import Database, open_database
-from app.jobs.child_pool import ChildPool, ChildPoolClosedError, ChildStartError
 from app.jobs.chores import Chore, ChoreThread
-from app.jobs.cores import worker_concurrency
 from app.jobs.job_runner import EstimateUseCases
 from app.jobs.job_worker import JobWorker
 from app.jobs.supervisor import LEASE_LOST
 from app.jobs.times import WorkerTimes
-from app.settings import Settings
 
 log = structlog.get_logger()
 

@@ -2,7 +2,7 @@
 
 Each process counts for itself and is a target of its own. Every label has few values, all known to the program: codes,
 routes' patterns, stages, states. What counts stands where the thing happens; what the database knows is asked at the
-scrape (services/figures.py).
+scrape (operations/figures.py).
 """
 
 import platform

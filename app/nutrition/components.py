@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, TypeVar
 
+from app.core.units import Unit
 from app.nutrition.packaged_rows import packaged_rows
-from app.units import Unit
 
 T = TypeVar("T")
 

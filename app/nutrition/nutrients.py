@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
+from app.core.units import content_of_mass
 from app.nutrition.components import COMPONENT_BY_NUMBER
 from app.nutrition.doubt import Doubt, Estimate, Term, combine
 from app.nutrition.mass import Mass
-from app.units import content_of_mass
 
 NOTHING = Estimate(0.0, 0.0, 0.0)  # grams of what was not eaten at all
 

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Mapping
 
+from app.core.units import Unit, convert
 from app.nutrition.components import COMPONENT_BY_NUMBER, NUMBER_BY_TAGNAME, Component
-from app.units import Unit, convert
 
 LARGEST_SUM_G = 107.0  # of the macronutrients in 100 g: analysed each on its own, those of a salmon in SR28 make 106.5
 LARGEST_ENERGY_KCAL = 930.0  # of 100 g; pure fat has 902 in SR28

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from app.nutrition.energy_requirement import Activity, Energy, LeftOut
+from app.nutrition.intakes.energy_requirement import Activity, Energy, LeftOut
 
 CV_ENERGY_WITHIN_PERCENT = 23.0  # CVwEI: of one person's energy intake, day to day
 CV_BASAL_RATE_PERCENT = 8.5  # CVwB: of a basal metabolic rate by equation

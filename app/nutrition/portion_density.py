@@ -9,10 +9,10 @@ import re
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 
+from app.core.units import Unit
 from app.nutrition.density import KIND_OF_FORM
 from app.nutrition.foods import Density, DensityBasis, DensityKind, FoodForm, WeighedPart
 from app.nutrition.portions import Portion
-from app.units import Unit
 
 # No table publishes a spread. Judged (docs/food-table.md, "Spread"): liquids differ little; two tables' figures for the
 # same cooked, heaped food differ by 2 to 12 %, to which the next heap's own packing is added.

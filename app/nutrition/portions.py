@@ -7,7 +7,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from app.units import Unit, density_from_portion
+from app.core.units import Unit, density_from_portion
 
 # Measures that open with a volume. Teaspoons are left out: their weights are rounded to a tenth of themselves.
 _VOLUMES = (

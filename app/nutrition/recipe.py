@@ -17,10 +17,10 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from app.errors import InvalidInputError
+from app.core.errors import InvalidInputError
+from app.core.units import content_of_mass, kj_from_kcal
 from app.nutrition.components import COMPONENT_BY_NUMBER, ENERGY_NUMBERS, NUMBER_BY_TAGNAME, is_fatty_acid
 from app.nutrition.foods import Food, FoodState
-from app.units import content_of_mass, kj_from_kcal
 
 WATER = NUMBER_BY_TAGNAME["WATER"]
 FAT = NUMBER_BY_TAGNAME["FAT"]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from app.errors import Failure
+from app.core.errors import Failure
 
 
 @dataclass(frozen=True, slots=True)

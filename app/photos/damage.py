@@ -1,6 +1,6 @@
 """The failures of a photograph's file, in words for a person; each format's reader fills in what it met."""
 
-from app.errors import Failure
+from app.core.errors import Failure
 
 SEND_AGAIN = "Send the file again, byte for byte as the camera saved it."
 

@@ -7,7 +7,7 @@ written as the EXIF orientation of the same effect. EXIF's own orientation tag d
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.photos.byte_file import Data, Extent
 from app.photos.damage import truncated, unreadable
 

@@ -6,7 +6,7 @@ Only structure is read. Whether the pixels decode shows later, in a child proces
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.photos.byte_file import Data, Extent, open_bytes, read_extents
 from app.photos.heif import read_heif_layout
 from app.photos.jpeg import read_jpeg_layout

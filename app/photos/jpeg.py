@@ -7,7 +7,7 @@ a restart. What follows the end mark (other pictures, a video, a maker's own rec
 import re
 from dataclasses import dataclass
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.photos.byte_file import STEP_BYTES, Data
 from app.photos.damage import truncated, unreadable
 

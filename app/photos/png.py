@@ -6,7 +6,7 @@ is acknowledged. Other chunks may be broken; nothing is decompressed.
 
 import zlib
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.photos.byte_file import STEP_BYTES, Data, Edits
 from app.photos.chunks import Chunk, ChunkLayout
 from app.photos.damage import truncated, unreadable

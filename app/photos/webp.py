@@ -1,6 +1,6 @@
 """The layout of a WebP file (RFC 9649): its RIFF chunks and the size of its one picture. Animations are refused."""
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.photos.byte_file import Data
 from app.photos.chunks import Chunk, ChunkLayout
 from app.photos.damage import truncated, unreadable

@@ -9,17 +9,20 @@ import sqlalchemy as sa
 import sqlalchemy.exc
 
 from app import __version__
-from app.db.queries import doctor, meals, privacy, releases
-from app.db.queries.doctor import PostgresFacts
-from app.db.queries.figures import database_now
+from app.core.errors import TadaError
+from app.core.settings import Settings
 from app.db.schema_state import SchemaState, current_revision, head_revision, schema_state
-from app.errors import TadaError
-from app.services.erasure_ledger import KINDS
-from app.services.finding import Deployment, Verdict, bad, note, ok, some
-from app.services.ledger_gaps import count_missing
-from app.services.missing_blobs import find_missing
-from app.services.secret_box import SecretKeyError
-from app.settings import Settings
+from app.meals import queries as meals
+from app.operations import doctor_queries as doctor
+from app.operations.doctor.finding import Deployment, Verdict, bad, note, ok, some
+from app.operations.doctor_queries import PostgresFacts
+from app.operations.figure_queries import database_now
+from app.people.access.secret_box import SecretKeyError
+from app.privacy import queries as privacy
+from app.privacy.erasure_ledger import KINDS
+from app.privacy.ledger_gaps import count_missing
+from app.privacy.missing_blobs import find_missing
+from app.releases import queries as releases
 from app.storage.blob_store import BlobStore
 
 LEAST_POSTGRES = 140_000  # server_version_num; older ones do not notice that a client has died (app/db/migrate.py)

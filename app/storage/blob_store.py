@@ -11,7 +11,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Protocol
 
-from app.errors import TadaError
+from app.core.errors import TadaError
 
 KEY_PATTERN = re.compile(r"^[A-Za-z0-9_][A-Za-z0-9_.-]*(/[A-Za-z0-9_][A-Za-z0-9_.-]*)*$")
 
@@ -41,7 +41,7 @@ class BlobDamagedError(TadaError):
 class StoreRefusesError(OSError):
     """The store answers, and will not serve us as we are set: a wrong key, a bucket that is not there.
 
-    Its errno is one that passes (app/jobs/faults.py): meals wait until the setting is mended, and none fails by it.
+    Its errno is one that passes (app/children/faults.py): meals wait until the setting is mended, and none fails by it.
     """
 
 

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
 
-from app.errors import InvalidInputError
-from app.settings import Settings
+from app.core.errors import InvalidInputError
+from app.core.settings import Settings
 from app.storage.blob_store import BlobStore
 from app.storage.local import LocalBlobStore
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
-from app.errors import Failure, InvalidInputError
+from app.core.errors import Failure, InvalidInputError
 
 if TYPE_CHECKING:
     import numpy as np

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
-from app.errors import InvalidInputError
+from app.core.errors import InvalidInputError
 
 MarkerKind = Literal["plain", "colour"]
 

@@ -18,7 +18,7 @@ import numpy as np
 from PIL import ExifTags, Image, JpegImagePlugin, PngImagePlugin, WebPImagePlugin
 from pillow_heif import HeifImageFile
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.board.grid import reduce_by
 from app.vision.jpeg_pixels import lacks_pixels
 from app.vision.model import ImageArray, Photo

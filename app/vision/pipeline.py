@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.board.camera import camera_from_exif, estimate_views
 from app.vision.board.colour_correction import measure_colour
 from app.vision.board.marker import agree_on_corners, find_marker

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.board.camera import estimate_views, view_angle_deg
 from app.vision.board.grid import shortest_step_px, square_means
 from app.vision.board.marker import agree_on_corners, contrast_image, find_marker

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from app.units import ml_from_mm3
+from app.core.units import ml_from_mm3
 from app.vision.board.colour_board import COLOUR_SQUARES
 from app.vision.board.colour_correction import apply_colour
 from app.vision.geometry.mesh import IntArray, enclosed_mm3

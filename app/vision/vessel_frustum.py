@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-from app.errors import InvalidInputError
+from app.core.errors import InvalidInputError
 
 
 def frustum_floor_mm(*, rim_diameter_mm: float, height_mm: float, level_mm: float, volume_ml: float) -> float | None:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-from app.errors import InvalidInputError
+from app.core.errors import InvalidInputError
 
 VesselKind = Literal["mug", "cup", "glass", "tall_glass", "bowl", "soup_bowl", "deep_plate", "other"]
 

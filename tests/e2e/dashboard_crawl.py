@@ -3,7 +3,7 @@
 import re
 from urllib.parse import urlsplit
 
-from app.api.pages import OPEN_PAGES, PAGES
+from app.people.access.page_rules import OPEN_PAGES, PAGES
 
 LINKS = """() => [...document.querySelectorAll('a[href], img[src], [hx-get], form[method=get]')].map((one) => ({
   href: new URL(['href', 'src', 'hx-get', 'action'].map((name) => one.getAttribute(name)).find((value) => value) ?? '',

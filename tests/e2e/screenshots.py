@@ -20,7 +20,7 @@ import httpx2
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
-from app.demo_study import DAYS, STUDY, ZONE
+from app.cli.demo_study import DAYS, STUDY, ZONE
 from tests.e2e.browser import ARGUMENTS, CHROMIUM, SOFTWARE_3D
 
 MAX_BYTES = 100_000

@@ -11,8 +11,8 @@ import sys
 
 import pytest
 
+from app.core.settings import Settings
 from app.main import create_app
-from app.settings import Settings
 from tests.e2e.processes import REPOSITORY, Server
 
 FOR_PYTHON = "openapi-python-client==0.29.1"

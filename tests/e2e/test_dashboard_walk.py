@@ -1,6 +1,6 @@
 """A researcher's way through a sample study in a real browser, and every page's accessibility in three looks.
 
-The study is real: photographs measured by a worker, days told by phones, all over HTTP (app/demo_study.py). Each page
+The study is real: photographs measured by a worker, days told by phones, all over HTTP (demo_study.py). Each page
 must be quiet: no error in the console, no request of another host (browser.py).
 """
 
@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 
-from app.demo_menus import APPLE, PEOPLE, RICE, SALAD
-from app.demo_study import STUDY, Photographed, SampleStudy, declare_days, make_study, photograph_meals, settle
+from app.cli.demo_menus import APPLE, PEOPLE, RICE, SALAD
+from app.cli.demo_study import STUDY, Photographed, SampleStudy, declare_days, make_study, photograph_meals, settle
 from tests.e2e.dashboard_crawl import crawl, routes
 from tests.e2e.dashboard_server import require
 from tests.e2e.processes import Server

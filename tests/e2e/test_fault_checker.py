@@ -15,9 +15,10 @@ from datetime import UTC, datetime
 
 import pytest
 
-from app.db.models import Job, Meal, MealImage
+from app.core.settings import Settings
 from app.db.session import Database
-from app.settings import Settings
+from app.meals.job_models import Job
+from app.meals.models import Meal, MealImage
 from app.storage.opening import open_blob_store
 from tests.e2e.faults.disk import Disk
 from tests.e2e.faults.invariants import Checker, unexpected_errors

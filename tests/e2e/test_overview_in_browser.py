@@ -10,9 +10,9 @@ import sqlalchemy as sa
 from axe_playwright_python.sync_playwright import Axe
 
 from app.dashboard.templates import STATIC
-from app.db.models import Meal
+from app.meals.models import Meal
 from tests.e2e.dashboard_server import PASSWORD, dashboard_server
-from tests.integration.eaten_days import add_meal, eaten_item
+from tests.integration.diary.eaten_days import add_meal, eaten_item
 
 pytestmark = pytest.mark.slow
 

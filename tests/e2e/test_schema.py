@@ -8,9 +8,9 @@ from fastapi.testclient import TestClient
 from hypothesis import HealthCheck, Phase, given, settings
 from schemathesis import GenerationMode
 
+from app.core.settings import Settings
 from app.main import create_app
-from app.services.staff import create_admin
-from app.settings import Settings
+from app.people.access.staff import create_admin
 
 EXAMPLES = int(os.environ.get("TADA_TEST_EXAMPLES", "8"))  # per operation, sign and role (docs/development.md)
 

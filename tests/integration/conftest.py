@@ -9,12 +9,12 @@ import pytest
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
+from app.children.api_children import ApiChildren
+from app.core.settings import Settings
 from app.main import create_app
-from app.services import passwords
-from app.services.api_children import ApiChildren
-from app.services.staff import create_admin
-from app.settings import Settings
-from tests.integration.declared_answers import declared_answers
+from app.people.access import passwords
+from app.people.access.staff import create_admin
+from tests.integration.http.declared_answers import declared_answers
 from tests.next_migration import next_migration
 
 __all__ = ["next_migration"]  # a fixture

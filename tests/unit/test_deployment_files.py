@@ -10,8 +10,8 @@ import sysconfig
 import pytest
 import yaml
 
+from app.core.settings import Settings
 from app.metrics import instruments
-from app.settings import Settings
 
 ROOT = pathlib.Path(__file__).parents[2]
 SCRIPTS = pathlib.Path(sysconfig.get_path("scripts"))

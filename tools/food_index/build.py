@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from app.errors import Failure, InvalidInputError
+from app.core.errors import Failure, InvalidInputError
 from app.identification.food_index import FoodIndex, KnownFood, shipped_foods
 from app.identification.metric import BlockLayout, Vectors
 from app.vision.looks.vcm import BLOCKS, VCM_VERSION, describe

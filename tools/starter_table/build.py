@@ -17,10 +17,10 @@ from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
+from app.foods.importers.fao_density import read_fao_rows
+from app.foods.importers.sr28 import Sr28Food, Sr28Release, parse_refuse
 from app.nutrition.components import COMPONENTS
 from app.nutrition.foods import FoodState, RefusePart, parse_table
-from app.nutrition.importers.fao_density import read_fao_rows
-from app.nutrition.importers.sr28 import Sr28Food, Sr28Release, parse_refuse
 from app.nutrition.usual_form import usual_state
 from tools.ecustfd import read_measured
 from tools.starter_table.densities import StarterSources, starter_densities

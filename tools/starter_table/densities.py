@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from app.foods.importers.fao_density import FaoRow, fao_density
+from app.foods.importers.imported import Skipped
+from app.foods.importers.sr28 import Sr28Release
 from app.nutrition.components import NUMBER_BY_TAGNAME
 from app.nutrition.density import KIND_OF_FORM
 from app.nutrition.foods import DENSITY_BASES, Density, DensityBasis, FoodForm
-from app.nutrition.importers.fao_density import FaoRow, fao_density
-from app.nutrition.importers.imported import Skipped
-from app.nutrition.importers.sr28 import Sr28Release
 from app.nutrition.portion_density import group_medians, portion_densities, portion_density, usual_relative_sd
 from app.nutrition.portions import Portion
 from tools.ecustfd import MeasuredDensity

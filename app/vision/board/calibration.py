@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.board.camera import camera_from_exif
 from app.vision.board.marker import find_marker
 from app.vision.board.pose import board_points, solve_pose

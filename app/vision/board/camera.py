@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.board.pose import fit_board
 from app.vision.intrinsics import Camera, adapt_camera
 from app.vision.model import EstimateOptions, Float64Array, MarkerObservation, Photo, PhotoPair, View

@@ -11,7 +11,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.board import colour_board
 from app.vision.board.camera import camera_from_exif
 from app.vision.board.grid import alternating_share, grid_homography, refine_grid, square_means

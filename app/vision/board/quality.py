@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.board.grid import square_means
 from app.vision.model import Float64Array, ImageArray
 

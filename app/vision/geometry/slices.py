@@ -10,7 +10,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from app.units import ml_from_mm3
+from app.core.units import ml_from_mm3
 from app.vision.geometry.symmetry import SECTORS, SymmetryAxis, outline, slice_index
 from app.vision.model import Float64Array, ImageArray, MaskArray, SliceForm
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from scipy.optimize import brentq
 
-from app.units import ml_from_mm3
+from app.core.units import ml_from_mm3
 from app.vision.geometry.mesh import ClosedShape
 from app.vision.geometry.sectors import sector_of
 from app.vision.geometry.slices import Slice

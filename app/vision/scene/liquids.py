@@ -9,7 +9,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.geometry.masks import distance_px
 from app.vision.geometry.topview import fit_table_trend, usable_points
 from app.vision.liquids.filled_vessel import FilledVessel, find_vessels

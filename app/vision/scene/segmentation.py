@@ -11,7 +11,7 @@ from itertools import compress
 import cv2
 import numpy as np
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.geometry.masks import distance_px, opened, touching
 from app.vision.geometry.topview import TableTrend
 from app.vision.liquids.filled_vessel import FilledVessel

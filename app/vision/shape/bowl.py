@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from app.units import ml_from_mm3
+from app.core.units import ml_from_mm3
 from app.vision.geometry.mesh import ClosedShape
 from app.vision.geometry.slices import Slice
 from app.vision.geometry.solids import turned

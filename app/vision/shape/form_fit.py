@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from app.units import ml_from_mm3
+from app.core.units import ml_from_mm3
 from app.vision.geometry.mesh import (
     IntArray,
     Topology,

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.geometry.mesh import ClosedShape, Topology, faces_towards
 from app.vision.geometry.sections import cut_sections
 from app.vision.geometry.slices import Slice

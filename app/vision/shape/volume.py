@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.units import ml_from_mm3
+from app.core.units import ml_from_mm3
 from app.vision.geometry.mesh import ClosedShape
 from app.vision.geometry.slices import Slice, carve, cut_slices, slice_thickness_mm
 from app.vision.geometry.solids import stack_of_slices

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.model import Float64Array, View
 from app.vision.stereo.features import MIN_MATCHES, Matches, too_few_matches, undistort_to_pinhole
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.board.grid import reduce_by
 from app.vision.geometry.patch_alignment import align_patches
 from app.vision.marker_spec import MarkerSpec

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.board.pose import CORNER_SD_PX_AT_12MP, FOCAL_SPREAD_UNKNOWN, LONG_SIDE_12MP, BoardFit, fit_board
 from app.vision.intrinsics import Camera
 from app.vision.model import View

@@ -6,7 +6,7 @@ all that is measured; pushed in any other way, it leaves few matches there. Eith
 
 import numpy as np
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float32Array, MaskArray
 from app.vision.stereo.epipolar import surely_on_epipolar_lines

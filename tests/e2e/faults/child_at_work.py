@@ -9,7 +9,7 @@ import pathlib
 
 IDLE = "idle-child"
 NAME_LETTERS = 15  # that Linux keeps of a process's name
-CHILD_MODULE = b"app.jobs.child"
+CHILD_MODULE = b"app.children.child"
 
 
 def name_of_estimate(left):

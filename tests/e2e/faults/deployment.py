@@ -14,8 +14,8 @@ from unittest import mock
 import httpx2
 import psycopg
 
+from app.core.settings import Settings
 from app.jobs.job_runner import TRIES_ALONE
-from app.settings import Settings
 from tests.commands import run_tada
 from tests.e2e.faults.child_at_work import estimate_of
 from tests.e2e.faults.disk import Disk

@@ -13,25 +13,20 @@ from datetime import timedelta
 
 import sqlalchemy as sa
 
-from app.db.models import (
-    BlobDeletion,
-    EffectiveRecord,
-    Item,
-    Job,
-    Meal,
-    MealImage,
-    Participant,
-    Run,
-    RunArtefact,
-    SpentKey,
-)
-from app.db.queries import jobs, privacy
-from app.db.queries.meals import WAITING
+from app.core.settings import Settings
 from app.db.session import Database
-from app.services.delete_blobs import BlobDeleter
-from app.services.erasure_ledger import ErasureLedger, digest_of
-from app.services.secret_box import open_secret_box
-from app.settings import Settings
+from app.db.spent_key_models import SpentKey
+from app.jobs import queries as jobs
+from app.meals.job_models import Job
+from app.meals.models import Meal, MealImage
+from app.meals.queries import WAITING
+from app.meals.record_models import EffectiveRecord, Item, Run, RunArtefact
+from app.people.access.secret_box import open_secret_box
+from app.people.models import Participant
+from app.people.privacy_models import BlobDeletion
+from app.privacy import queries as privacy
+from app.privacy.delete_blobs import BlobDeleter
+from app.privacy.erasure_ledger import ErasureLedger, digest_of
 from app.storage.blob_store import BlobMissingError
 from app.storage.opening import open_blob_store
 

@@ -17,7 +17,7 @@ import time
 from datetime import timedelta
 
 import app
-from app.jobs.process_life import die_with_parent
+from app.children.process_life import die_with_parent
 
 STUB_TASKS = "tests.e2e.faults.stub_tasks:TASKS"
 ORPHAN_GRACE = timedelta(seconds=1)
@@ -29,7 +29,9 @@ def main(folder, *command, parent):
     die_with_parent(parent)
     if "FAULT_VERSION" in os.environ:
         app.__version__ = os.environ["FAULT_VERSION"]  # before whoever takes it from there
-    from app import cli, serving, worker
+    from app import worker
+    from app.cli.main import main as cli
+    from app.cli.main import serving
     from app.jobs import job_worker, queue
 
     for module in (queue, job_worker):
@@ -46,8 +48,8 @@ def main(folder, *command, parent):
 
 def delete_orphans_soon():
     from app import worker
-    from app.services import orphan_rounds
-    from app.services.delete_blobs import BlobDeleter
+    from app.privacy import orphan_rounds
+    from app.privacy.delete_blobs import BlobDeleter
 
     BlobDeleter.orphan_batches = functools.partialmethod(BlobDeleter.orphan_batches, ORPHAN_GRACE)
     orphan_rounds.FILES = orphan_rounds.BUCKET = orphan_rounds.Pace(

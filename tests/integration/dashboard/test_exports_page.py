@@ -7,12 +7,12 @@ from urllib.parse import parse_qs, urlsplit
 
 import pytest
 
-from app.services.background_exports import MOST_OF_PERSON
-from app.services.file_runner import FileRunner
-from app.services.secret_box import SecretBox
-from tests.integration.api.people import make_staff
+from app.exports.background_exports import MOST_OF_PERSON
+from app.people.access.secret_box import SecretBox
+from app.releases.file_runner import FileRunner
 from tests.integration.dashboard.conftest import figures_of, text_of
-from tests.integration.eaten_days import add_meal, eaten_item
+from tests.integration.diary.eaten_days import add_meal, eaten_item
+from tests.integration.people.people import make_staff
 
 PATH = "/dashboard/studies/pilot/exports"
 API = "/v1/studies/pilot/exports"

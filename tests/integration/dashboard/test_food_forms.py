@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from tests.integration.api.editing import QUARK
 from tests.integration.dashboard.conftest import text_of
+from tests.integration.foods.editing import QUARK
 
 EDIT = "/dashboard/foods/apple/edit"
 

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from tests.integration.dashboard.conftest import figures_of, text_of
-from tests.integration.eaten_days import add_meal, eaten_item
+from tests.integration.diary.eaten_days import add_meal, eaten_item
 
 HTMX = {"HX-Request": "true"}
 SCRIPT = "<script>alert(1)</script>"
@@ -113,8 +113,8 @@ def test_name_and_reason_of_a_food_are_text(client, admin, sign_in_browser):
 
 @pytest.mark.parametrize("name", ['foods";x="', "nutrients\r\nX: y"])
 def test_file_names_hold_nothing_that_a_header_reads(name):
-    from app.dashboard.flat_file import csv_file
-    from app.dashboard.foods import FoodRow
+    from app.dashboard.data_pages.flat_file import csv_file
+    from app.dashboard.food_pages.foods import FoodRow
 
     told = csv_file(FoodRow, [], name).headers["content-disposition"]
     assert re.fullmatch(r'attachment; filename="[A-Za-z0-9_.-]+\.csv"', told)

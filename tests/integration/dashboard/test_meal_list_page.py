@@ -12,13 +12,13 @@ from urllib.parse import parse_qs
 import pytest
 import sqlalchemy as sa
 
-from app.api.pages import POLLED
-from app.db.models import MealImage
+from app.meals.models import MealImage
+from app.people.access.page_rules import POLLED
 from tests import estimates
 from tests.estimates import found_item, unmeasured_item
 from tests.integration.conftest import meal_metadata
 from tests.integration.dashboard.conftest import figures_of, text_of
-from tests.integration.reviewing import Speaker
+from tests.integration.records.reviewing import Speaker
 from tests.photographs import pair
 
 PAGE = "/dashboard/studies/pilot/meals"

@@ -8,9 +8,9 @@ import pytest
 import sqlalchemy as sa
 
 import app.dashboard
-from app.api.pages import MEAL, POLLED
-from app.dashboard.flag_words import FLAGS
-from app.db.models import AuditEvent
+from app.dashboard.meal_pages.flag_words import FLAGS
+from app.people.access.page_rules import MEAL, POLLED
+from app.people.privacy_models import AuditEvent
 from tests import estimates
 from tests.estimates import found_item, identified_item, unmeasured_item
 from tests.integration.conftest import meal_metadata

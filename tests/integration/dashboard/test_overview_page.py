@@ -10,10 +10,11 @@ from urllib.parse import parse_qsl
 import pytest
 import sqlalchemy as sa
 
-from app.db.models import Meal, Participant, Study
-from app.db.models.record import HEADLINE_COLUMNS
+from app.meals.models import Meal
+from app.meals.record_models import HEADLINE_COLUMNS
+from app.people.models import Participant, Study
 from tests.integration.dashboard.conftest import figures_of, text_of
-from tests.integration.eaten_days import add_meal, eaten_item
+from tests.integration.diary.eaten_days import add_meal, eaten_item
 
 PATH = "/dashboard/studies/pilot"
 WINDOW = {"from": "2026-11-01", "to": "2026-11-06"}

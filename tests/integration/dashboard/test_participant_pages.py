@@ -5,9 +5,9 @@ import re
 
 import pytest
 
-from app.db.models.record import HEADLINE_COLUMNS
+from app.meals.record_models import HEADLINE_COLUMNS
 from tests.integration.dashboard.conftest import figures_of, text_of
-from tests.integration.eaten_days import add_meal, eaten_item, set_profile
+from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
 
 DAYS = ("2026-11-01", "2026-11-02", "2026-11-03", "2026-11-04")
 PARTICIPANTS = "/dashboard/studies/pilot/participants"

@@ -6,11 +6,12 @@ import uuid
 import pytest
 import sqlalchemy as sa
 
-from app.db.models import ReleaseFile, Study
-from app.services.file_runner import FileRunner
-from app.services.secret_box import SecretBox
+from app.exports.release_models import ReleaseFile
+from app.people.access.secret_box import SecretBox
+from app.people.models import Study
+from app.releases.file_runner import FileRunner
 from tests.integration.dashboard.conftest import figures_of, text_of
-from tests.integration.eaten_days import add_meal, eaten_item
+from tests.integration.diary.eaten_days import add_meal, eaten_item
 
 PATH = "/dashboard/studies/pilot/releases"
 API = "/v1/studies/pilot/releases"

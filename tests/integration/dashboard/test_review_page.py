@@ -11,7 +11,7 @@ from tests import estimates
 from tests.estimates import found_item, identified_item, unmeasured_item
 from tests.integration.conftest import meal_metadata
 from tests.integration.dashboard.conftest import figures_of, text_of
-from tests.integration.reviewing import Speaker
+from tests.integration.records.reviewing import Speaker
 from tests.photographs import pair
 
 PAGE = "/dashboard/studies/pilot/review"

@@ -5,14 +5,14 @@ from datetime import UTC, datetime, timedelta
 import pytest
 import sqlalchemy as sa
 
-from app.api.pages import PAGES
 from app.dashboard import menus
-from app.dashboard.sign_in import safe_path
+from app.dashboard.people_pages.sign_in import safe_path
 from app.dashboard.templates import static
-from app.db.models import AccessToken
-from app.services.caller import SESSION_IDLE
-from tests.integration.api.people import PASSWORD, make_staff
+from app.people.access.caller import SESSION_IDLE
+from app.people.access.page_rules import PAGES
+from app.people.models import AccessToken
 from tests.integration.dashboard.conftest import BROWSER
+from tests.integration.people.people import PASSWORD, make_staff
 
 
 def test_who_is_not_signed_in_is_led_to_the_form_and_then_back(client, admin):

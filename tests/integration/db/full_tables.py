@@ -6,7 +6,7 @@ from datetime import UTC, date, datetime
 
 import sqlalchemy as sa
 
-from app.db.models import Base
+from app.db.base import Base
 
 ONE = uuid.UUID(int=1)  # the id of every row
 VOLUME = {"volume_ml": 185.0, "volume_low_ml": 180.0, "volume_high_ml": 190.0}

@@ -8,7 +8,7 @@ import re
 
 import sqlalchemy as sa
 
-from app.db.models import Base
+from app.db.base import Base
 
 POSTGRES_FACTS = """
     SELECT c.relname, 'column', a.attname, format_type(a.atttypid, a.atttypmod)

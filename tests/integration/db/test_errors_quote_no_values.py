@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 import pytest
 import sqlalchemy as sa
 
-from app.db.models import Study
+from app.people.models import Study
 
 MARK = "value-of-a-person-7Lp"
 

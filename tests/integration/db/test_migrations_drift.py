@@ -5,7 +5,7 @@ import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
-from app.db.models import Base
+from app.db.base import Base
 from app.db.session import Database
 from tests.integration.db.schema_facts import facts_of
 

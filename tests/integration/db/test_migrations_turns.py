@@ -9,6 +9,7 @@ import threading
 import pytest
 import sqlalchemy as sa
 
+from app.core.settings import Settings
 from app.db.migrate import ADVISORY_LOCK, MigrationBlockedError, Patience, SchemaUnknownError, downgrade, upgrade
 from app.db.schema_state import (
     MigrationBusyError,
@@ -20,8 +21,7 @@ from app.db.schema_state import (
     schema_state,
 )
 from app.db.session import Database
-from app.services.health import check_readiness
-from app.settings import Settings
+from app.operations.health import check_readiness
 from app.storage.opening import open_blob_store
 from tests.commands import run_tada
 

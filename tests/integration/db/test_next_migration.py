@@ -5,8 +5,8 @@ import sqlite3
 import pytest
 import sqlalchemy as sa
 
+from app.db.base import Base
 from app.db.migrate import downgrade, upgrade
-from app.db.models import Base
 from app.db.schema_state import current_revision, head_revision, is_current
 from tests.integration.db.full_tables import ONE, assert_survived, fill_tables, rows_of
 

@@ -5,8 +5,8 @@ import contextlib
 import pytest
 import sqlalchemy as sa
 
+from app.core.settings import Settings
 from app.db.session import PoolLimits, open_database
-from app.settings import Settings
 from tests.integration.conftest import meal_metadata
 from tests.photographs import pair
 

@@ -5,8 +5,8 @@ from datetime import UTC, datetime
 
 import sqlalchemy as sa
 
-from app.db.models import Study
-from app.db.queries import records
+from app.people.models import Study
+from app.records import queries as records
 
 
 def test_second_query_of_a_read_sees_nothing_that_was_committed_since_the_first(database):

@@ -7,9 +7,10 @@ from datetime import UTC, datetime
 import pytest
 import sqlalchemy as sa
 
-from app.db.models import Food, Staff, Study
 from app.db.session import Database
-from app.services.staff import create_admin
+from app.foods.models import Food
+from app.people.access.staff import create_admin
+from app.people.models import Staff, Study
 
 
 @pytest.fixture

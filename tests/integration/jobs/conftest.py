@@ -11,12 +11,13 @@ import time
 import pytest
 import sqlalchemy as sa
 
-from app.db.models import Job, Meal
+from app.core.settings import Settings
 from app.db.session import Database
 from app.jobs.leases import living_workers
 from app.jobs.queue import JobQueue
 from app.jobs.supervisor import settings_environment
-from app.settings import Settings
+from app.meals.job_models import Job
+from app.meals.models import Meal
 from tests.integration.jobs.fakes import TIMES, new_device, new_job
 
 ROOT = pathlib.Path(__file__).parents[3]

@@ -14,16 +14,18 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
-from app.db.models import Device, Job, Meal, Participant, Study
-from app.jobs.child_pool import ChildRequest
-from app.jobs.faults import BrokenOff, JobFailure
-from app.jobs.process_life import die_with_parent
+from app.children.child_pool import ChildRequest
+from app.children.faults import BrokenOff, JobFailure
+from app.children.process_life import die_with_parent
+from app.core.settings import Settings
 from app.jobs.times import WorkerTimes
 from app.jobs.worker_process import run_jobs
-from app.settings import Settings
+from app.meals.job_models import Job
+from app.meals.models import Meal
+from app.people.models import Device, Participant, Study
 
 TIMES = WorkerTimes(heartbeat=0.25, lease=2.0, first_wait=0.05, longest_wait=0.2, wait_for_room=0.1, drain=1.0)
-FAKE_TASKS = "tests.unit.jobs.fake_tasks:TASKS"
+FAKE_TASKS = "tests.unit.children.fake_tasks:TASKS"
 
 
 class FakeUseCases:

@@ -1,13 +1,14 @@
 """A meal is erased while a worker has its job: the worker goes on, and nothing of the meal comes back."""
 
-from app.db.models import Job, Meal
-from app.services.delete_blobs import BlobDeleter
-from app.services.erase import Eraser
-from app.services.erasure_ledger import ErasureLedger, digest_of
-from app.services.secret_box import SecretBox
+from app.meals.job_models import Job
+from app.meals.models import Meal
+from app.people.access.secret_box import SecretBox
+from app.privacy.delete_blobs import BlobDeleter
+from app.privacy.erase import Eraser
+from app.privacy.erasure_ledger import ErasureLedger, digest_of
 from app.storage.local import LocalBlobStore
 from tests.integration.jobs.conftest import wait_until
-from tests.integration.persons import database_bytes
+from tests.integration.people.persons import database_bytes
 
 BOX = SecretBox("a key for tests only, of no worth")
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.jobs.faults import JobLeft
+from app.children.faults import JobLeft
 from app.jobs.leases import DatabaseLease, new_executor
 from app.jobs.times import WorkerTimes
 

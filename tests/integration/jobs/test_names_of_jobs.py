@@ -4,7 +4,7 @@ import uuid
 
 import structlog
 
-from app.db.queries.jobs import names_of_job
+from app.jobs.queries import names_of_job
 from tests.integration.jobs.fakes import new_job
 
 

@@ -1,6 +1,6 @@
 import pytest
 
-from app.db.models import Job
+from app.meals.job_models import Job
 from tests.integration.jobs.fakes import new_job
 
 

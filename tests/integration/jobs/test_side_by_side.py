@@ -7,10 +7,10 @@ from itertools import pairwise
 import pytest
 import sqlalchemy as sa
 
-from app.db.models import Job
-from app.db.queries import jobs as job_queries
-from app.jobs.faults import CANCELLED
+from app.children.faults import CANCELLED
+from app.jobs import queries as job_queries
 from app.jobs.queue import JobQueue
+from app.meals.job_models import Job
 from tests.integration.jobs.conftest import wait_until
 from tests.integration.jobs.fakes import new_job
 

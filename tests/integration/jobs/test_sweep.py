@@ -1,8 +1,9 @@
 import pytest
 
-from app.db.models import Job, Meal
-from app.db.queries.jobs import MAX_TAKEOVERS
+from app.jobs.queries import MAX_TAKEOVERS
 from app.jobs.sweep import sweep
+from app.meals.job_models import Job
+from app.meals.models import Meal
 from tests.integration.jobs.conftest import wait_until
 from tests.integration.jobs.fakes import new_meal, new_unqueued_job
 

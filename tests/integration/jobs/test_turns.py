@@ -5,9 +5,9 @@ from itertools import pairwise
 import pytest
 import sqlalchemy as sa
 
-from app.db.models import Job
-from app.db.queries.jobs import claim_jobs, release_claims
+from app.jobs.queries import claim_jobs, release_claims
 from app.jobs.queue import JobQueue
+from app.meals.job_models import Job
 from tests.integration.jobs.fakes import new_unqueued_job
 
 

@@ -9,10 +9,10 @@ import pytest
 from pydantic import SecretStr
 from structlog.testing import capture_logs
 
-from app.errors import InvalidInputError
+from app.core.errors import InvalidInputError
+from app.core.settings import Settings
 from app.jobs.supervisor import settings_environment
-from app.services.check_stores import check_stores
-from app.settings import Settings
+from app.operations.check_stores import check_stores
 from app.storage.s3 import S3BlobStore
 from tests.s3_places import s3_settings
 

@@ -11,9 +11,9 @@ import time
 import obstore
 import pytest
 
-from app.errors import InvalidInputError
-from app.jobs.faults import is_passing
-from app.settings import Settings
+from app.children.faults import is_passing
+from app.core.errors import InvalidInputError
+from app.core.settings import Settings
 from app.storage.blob_store import BlobDamagedError, StoreRefusesError
 from app.storage.opening import open_blob_store
 from tests.s3_places import IMPATIENT, s3_place, s3_settings, s3_store

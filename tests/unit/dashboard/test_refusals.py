@@ -6,10 +6,10 @@ from typing import Annotated, Any, Literal
 import pytest
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
-from app.api.schemas.people import ParticipantIn, ParticipantPatch, StudyIn, StudyPatch
-from app.api.schemas.releases import ReleaseIn
 from app.dashboard.forms import checked
 from app.dashboard.refusals import PATTERNS, sentence, sentence_of_request
+from app.people.schemas import ParticipantIn, ParticipantPatch, StudyIn, StudyPatch
+from app.releases.schemas import ReleaseIn
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ def names_in(path):
 def test_way_of_one_meal_is_short_and_goes_from_upload_to_record():
     files = [path for path, _ in steps()]
     assert 10 <= len(files) == len(set(files)) <= MOST_FILES
-    assert (files[0], files[-1]) == ("app/api/meals.py", "app/api/records.py")
+    assert (files[0], files[-1]) == ("app/uploads/api.py", "app/exports/lists/records_api.py")
 
 
 def test_functions_and_classes_of_each_step_are_in_its_file():

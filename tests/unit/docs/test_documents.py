@@ -4,9 +4,9 @@ import ast
 import pathlib
 import re
 
-from app.services import item_state
-from app.services.meal_clock import CLOCK_DOUBTFUL
-from app.settings import Settings
+from app.core.settings import Settings
+from app.meals import item_state
+from app.meals.meal_clock import CLOCK_DOUBTFUL
 
 DOCS = pathlib.Path(__file__).parents[3] / "docs"
 

@@ -12,12 +12,12 @@ import pytest
 import yaml
 from prometheus_client.metrics import MetricWrapperBase
 
-from app.db.queries.figures import Figures, FilesWaiting, LastBackup
+from app.core.settings import Settings
 from app.db.session import Database
 from app.metrics import instruments
-from app.services import doctor_work
-from app.services.figures import Deployment, DeploymentFigures
-from app.settings import Settings
+from app.operations.doctor import doctor_work
+from app.operations.figure_queries import Figures, FilesWaiting, LastBackup
+from app.operations.figures import Deployment, DeploymentFigures
 from app.storage.local import LocalBlobStore
 
 ROOT = pathlib.Path(__file__).parents[3]

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from app.api.schemas.meals import HintIn, NewMealMetadataIn
+from app.records.meal_schemas import HintIn, NewMealMetadataIn
 from tests.unit.docs.test_documents import DOCS
 
 README = DOCS.parent / "README.md"

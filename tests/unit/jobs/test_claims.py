@@ -6,9 +6,9 @@ import uuid
 
 import pytest
 
+from app.children.faults import JobLeft
 from app.jobs import claims
 from app.jobs.claims import Claims
-from app.jobs.faults import JobLeft
 
 
 class FakeDatabase:

@@ -4,8 +4,8 @@ import time
 
 import pytest
 
+from app.children.faults import JobLeft
 from app.db.session import Database
-from app.jobs.faults import JobLeft
 from app.jobs.leases import FileLease, living_workers, lock_files, lock_folder, new_executor
 
 

@@ -6,8 +6,8 @@ import subprocess
 import sys
 import time
 
+from app.core.settings import Settings
 from app.jobs.supervisor import WorkerProcess, settings_environment
-from app.settings import Settings
 
 ROOT = pathlib.Path(__file__).parents[3]
 WRITE_PID_AND_WAIT = "import os, pathlib, sys, time; pathlib.Path('pid').write_text(str(os.getpid())); time.sleep(600)"
@@ -54,13 +54,13 @@ def test_killed_worker_is_started_again_and_stop_ends_it(tmp_path, monkeypatch):
 
 
 def test_worker_ends_with_a_server_that_is_killed(tmp_path):
-    die = "import sys; sys.path.insert(0, sys.argv[1]); from app.jobs.process_life import die_with_parent; "
+    die = "import sys; sys.path.insert(0, sys.argv[1]); from app.children.process_life import die_with_parent; "
     worker_code = die + "die_with_parent(int(sys.argv[3])); " + WRITE_PID_AND_WAIT
     server_code = f"""
 import sys, time
 sys.path.insert(0, {str(ROOT)!r})
 from app.jobs.supervisor import WorkerProcess
-from app.settings import Settings
+from app.core.settings import Settings
 WorkerProcess(Settings(data_dir={str(tmp_path)!r}), [sys.executable, "-c", {worker_code!r}, {str(ROOT)!r}]).start()
 time.sleep(600)
 """

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import stdtrit
 
-from app.nutrition.compare_intake import LEVEL, compare_intake, student_t
+from app.nutrition.intakes.compare_intake import LEVEL, compare_intake, student_t
 
 
 def test_interval_of_three_days_is_students():

@@ -1,5 +1,5 @@
+from app.core.units import Unit
 from app.nutrition.components import COMPONENT_BY_NUMBER, COMPONENTS, HEADLINE_NUMBERS, NUMBER_BY_TAGNAME
-from app.units import Unit
 
 
 def test_numbers_are_unique():

@@ -6,8 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.nutrition.energy_requirement import ACTIVITIES, Person, basal_metabolic_rate, estimated_energy_requirement
-from app.units import kj_from_kcal
+from app.core.units import kj_from_kcal
+from app.nutrition.intakes.energy_requirement import (
+    ACTIVITIES,
+    Person,
+    basal_metabolic_rate,
+    estimated_energy_requirement,
+)
 
 
 def adult(**changes):

@@ -5,7 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from app.nutrition.food_groups import (
+from app.foods.importers.sr28 import Sr28Release
+from app.nutrition.foods import load_starter_table
+from app.nutrition.intakes.food_groups import (
     FOOD_GROUPS,
     Eaten,
     GroupTotals,
@@ -15,8 +17,6 @@ from app.nutrition.food_groups import (
     recommendations,
     total_groups,
 )
-from app.nutrition.foods import load_starter_table
-from app.nutrition.importers.sr28 import Sr28Release
 from tests.unit.nutrition.make_food import make_food
 
 FRUIT, VEGETABLES = "Fruits and Fruit Juices", "Vegetables and Vegetable Products"

@@ -1,6 +1,6 @@
 """What a life stage is called where people read it."""
 
-from app.nutrition.life_stage import LifeStage
+from app.nutrition.intakes.life_stage import LifeStage
 
 
 def test_every_stage_is_named_as_a_person_says_it():

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.nutrition.energy_requirement import BMR_SOURCE, Energy, Person, basal_metabolic_rate
+from app.nutrition.intakes.energy_requirement import BMR_SOURCE, Energy, Person, basal_metabolic_rate
 from app.nutrition.plausible_energy import PAL, cut_offs, judge_energy
 
 BASAL = Energy(1500.0, "schofield_weight", BMR_SOURCE)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from app.errors import InvalidInputError
+from app.core.errors import InvalidInputError
 from app.nutrition.components import NUMBER_BY_TAGNAME
 from app.nutrition.foods import Food, load_starter_table
 from app.nutrition.plausible import why_impossible

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.nutrition.components import COMPONENT_BY_NUMBER
-from app.nutrition.life_stage import LifeStage, life_stage
-from app.nutrition.reference_intakes import distribution_ranges, reference_intakes
+from app.nutrition.intakes.life_stage import LifeStage, life_stage
+from app.nutrition.intakes.reference_intakes import distribution_ranges, reference_intakes
 
 EVERY_INTAKE = [(stage, intake) for stage in LifeStage for intake in reference_intakes(stage)]
 

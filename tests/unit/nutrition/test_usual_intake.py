@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from app.nutrition.usual_intake import (
+from app.nutrition.intakes.usual_intake import (
     BOOTSTRAPS,
     NotJudged,
     PersonSums,

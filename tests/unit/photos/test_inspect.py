@@ -33,7 +33,7 @@ from photo_files import (
 )
 from PIL import ExifTags, Image
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.photos import heif
 from app.photos import jpeg as jpeg_module
 from app.photos import png as png_module

@@ -41,7 +41,7 @@ from photo_files import (
 from PIL import ExifTags, Image
 from test_inspect import corrupted
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.photos.byte_file import MAX_BLOCKS
 from app.photos.gps import Location
 from app.photos.inspect import PhotoFacts, inspect_photo

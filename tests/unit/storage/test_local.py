@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from app.settings import Settings
+from app.core.settings import Settings
 from app.storage.local import STAGING, LocalBlobStore
 from app.storage.opening import open_blob_store
 

@@ -5,9 +5,9 @@ from importlib import resources
 
 import pytest
 
+from app.foods.importers.fao_density import read_fao_rows
+from app.foods.importers.sr28 import Sr28Release
 from app.nutrition.foods import load_starter_table, parse_table
-from app.nutrition.importers.fao_density import read_fao_rows
-from app.nutrition.importers.sr28 import Sr28Release
 from tools.ecustfd import read_measured
 from tools.starter_table.build import FOLDER, build, main
 from tools.starter_table.densities import StarterSources

@@ -10,7 +10,7 @@ import pillow_heif
 import pytest
 from PIL import Image, TiffImagePlugin
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.model import Photo
 from app.vision.photo import MIN_SHORT_SIDE_PX, read_photo
 from tests.photographs import photograph, with_hole

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.board.camera import camera_from_exif
 from app.vision.board.marker import find_marker
 from app.vision.intrinsics import Camera
@@ -141,7 +141,7 @@ def test_small_photograph_warns_of_its_resolution_and_large_one_of_distance(phot
 
 def test_food_at_the_border_warns(photos):
     """The photograph ends in the midst of the apple: its matched points crowd at that border."""
-    apple = 1092  # its middle's column in the left photograph (tests/integration/services/test_bad_scenes.py)
+    apple = 1092  # its middle's column in the left photograph (tests/integration/uploads/test_bad_scenes.py)
     height, width = photos["left"].photo.pixels_bgr.shape[:2]
     focal_px = camera_from_exif(photos["left"].photo).fx
     camera = Camera(apple, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from app.errors import InvalidInputError
+from app.core.errors import InvalidInputError
 from app.vision.vessel_frustum import capacity_from_fill_line, frustum_floor_mm, profile_capacity_ml
 
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.board.calibration import Calibration, calibrate
 from app.vision.board.marker import find_marker
 from app.vision.board.pose import board_points

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from app.errors import Failure, InvalidInputError
+from app.core.errors import Failure, InvalidInputError
 from app.vision.board.camera import camera_from_exif, estimate_views, view_angle_deg
 from app.vision.board.marker import agree_on_corners, find_marker
 from app.vision.board.pose import bent_points, board_points

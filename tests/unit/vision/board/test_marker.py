@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from app.errors import Failure, InvalidInputError
+from app.core.errors import Failure, InvalidInputError
 from app.vision.board.marker import agree_on_corners, find_marker, readings
 from app.vision.intrinsics import Camera
 from app.vision.marker_spec import MarkerSpec, parse_marker

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.scene.segmentation import HintMask, segment_foods
 from app.vision.scene.support import support_height_mm
 from app.vision.stereo.disparity import DisparityMap

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.units import ml_from_mm3
+from app.core.units import ml_from_mm3
 from app.vision.geometry.mesh import enclosed_mm3
 from app.vision.scene.vessel import Vessel
 from app.vision.shape.bowl import BowlContent, measure_content

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.geometry.topview import TableTrend
 from app.vision.scene.segmentation import Foods, Region
 from app.vision.scene.support import Support

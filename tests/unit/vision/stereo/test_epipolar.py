@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.stereo.epipolar import (
     compare_fundamentals,
     cross_matrix,

@@ -1,6 +1,6 @@
 import numpy as np
 
-from app.errors import Failure
+from app.core.errors import Failure
 from app.vision.stereo.epipolar import fundamental_from_projections, projection_matrix, symmetric_epipolar_distance_px
 from app.vision.stereo.features import is_on_sheet, match_features, triangulate, undistort_to_pinhole
 from tests.unit.vision.stereo.test_epipolar import project, scene_points

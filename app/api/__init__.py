@@ -1,1 +1,0 @@
-"""HTTP only: a file a resource; what a request means is the services' business."""

@@ -1,0 +1,97 @@
+"""Which food each item of a run's answer may be, by the index, what the study has confirmed, and who eats what when.
+
+Runs in the worker, after the child has described the regions and before the answer is sealed, so that saving it is the
+same whenever it is done. It never fails a meal: where it cannot be done, the items have no candidates. While the
+database is away it is tried again, as all of the job is.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import structlog
+from sqlalchemy.exc import SQLAlchemyError
+
+from app.candidates import queries as index_entries
+from app.candidates.learned_index import LearnedIndex
+from app.candidates.vcm_json import ItemVcm, vcm_of
+from app.children.faults import is_passing
+from app.db.session import Database
+from app.identification.food_index import FoodIndex, shipped_index
+from app.identification.habits import Eaten
+from app.identification.identifier import Circumstances
+from app.meals.item_state import FOOD_IDENTIFIED
+from app.meals.meal_time import local_minute
+from app.meals.models import Meal
+
+log = structlog.get_logger()
+
+MOST_SEALED = 20  # of an item; fewer are kept (save_candidates.py), since a table may lack some
+MOST_EATEN = 300  # of a participant's items: some weeks
+DECIMALS = 6
+
+
+class IdentifyFoods:
+    """The use case; one a worker process. index: read when it is first needed."""
+
+    def __init__(self, database: Database, index: Callable[[], FoodIndex] = shipped_index) -> None:
+        self._database = database
+        self._index = index
+        self._learned = LearnedIndex(database)
+
+    def add_candidates(self, meal: Meal, answer: dict[str, Any]) -> None:
+        """Give each described item of the answer `candidates`, `none_probability` and `index_version`.
+
+        Raises SQLAlchemyError for a passing fault of the database (app/children/faults.py).
+        """
+        described = [(found, vcm) for found in answer["items"] if (vcm := vcm_of(found)) is not None]
+        if not described:
+            return
+        try:
+            told = self._identify(meal, described)
+        except Exception as error:  # whatever it is: the volumes are there, and a person can name the foods
+            if isinstance(error, SQLAlchemyError) and is_passing(error):
+                raise  # the database is away for a while, and the candidates of a run are told once only
+            log.exception("identify_failed", meal_id=str(meal.id))
+            return
+        for (found, _), fields in zip(described, told, strict=True):
+            found.update(fields)
+
+    def _identify(self, meal: Meal, described: Sequence[tuple[Mapping[str, Any], ItemVcm]]) -> list[dict[str, Any]]:
+        identifier = self._learned.identifier_for(meal, self._index())
+        own = self._eaten(meal)
+        day_minute = local_minute(meal.captured_at, meal.time_zone)
+        told: list[dict[str, Any]] = []
+        for found, vcm in described:
+            if vcm.version != identifier.vcm_version:
+                told.append({})
+                continue
+            circumstances = Circumstances(
+                volume_ml=found["volume_ml"],
+                volume_relative_sd=math.hypot(*found["relative_sd"].values()),
+                day_minute=day_minute,
+                own=own,
+                eater=str(meal.participant_id),
+            )
+            answer = identifier.identify(vcm.numbers(), circumstances, MOST_SEALED)
+            told.append(
+                {
+                    "candidates": [
+                        {"food": one.food_key, "probability": round(one.probability, DECIMALS)}
+                        for one in answer.candidates
+                    ],
+                    "none_probability": round(answer.none_probability, DECIMALS),
+                    "index_version": answer.index_version,
+                }
+            )
+        return told
+
+    def _eaten(self, meal: Meal) -> list[Eaten]:
+        """What the participant has confirmed before; a food that only the server has named shows no habit."""
+        with self._database.read() as session:
+            rows = index_entries.eaten_before(session, meal.participant_id, without_meal=meal.id, most=MOST_EATEN)
+        return [
+            Eaten(row.food_key, local_minute(row.captured_at, row.time_zone))
+            for row in rows
+            if FOOD_IDENTIFIED not in row.flags
+        ]

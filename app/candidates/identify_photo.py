@@ -1,0 +1,142 @@
+"""One photograph, perhaps a box -> what food it is, by the index that ships with the program; no server needed."""
+
+import math
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from app.candidates.vcm_json import vcm_from_json
+from app.core.errors import Failure, InvalidInputError
+from app.identification.calibrate import NONE_PRIOR
+from app.identification.food_index import shipped_index
+from app.identification.identifier import Circumstances, Identification, Identifier
+from app.nutrition.foods import load_starter_table
+from app.vision.board.colour_correction import apply_colour, measure_colour
+from app.vision.board.marker import find_marker
+from app.vision.looks.food_boxes import propose_boxes
+from app.vision.looks.vcm import describe
+from app.vision.looks.vcm_region import Box, region_of_box
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import Photo
+
+UNPOINTED_NONE_PRIOR = 0.5  # of a box that nobody has pointed at: it may as well hold the plate
+
+
+@dataclass(frozen=True, slots=True)
+class IdentifiedPhoto:
+    """What was found, in which box, px; seconds: from decoded pixels on."""
+
+    identification: Identification
+    box: Box
+    seconds: float
+
+
+def identify_photo(photo: Photo, box: Box | None, marker: MarkerSpec | None = None) -> IdentifiedPhoto:
+    """The food in the box, or in the likeliest place. marker: lies in the photograph, to correct its colours by.
+
+    Raises InvalidInputError: `box_outside`, or the marker's own code where it is not to be found.
+    """
+    started = time.perf_counter()
+    pixels = photo.pixels_bgr
+    if marker is not None:
+        seen = find_marker(photo, marker)
+        if isinstance(seen, Failure):
+            raise InvalidInputError(f"{seen.message} {seen.advice}".strip(), code=seen.code)
+        pixels = apply_colour(pixels, measure_colour(photo, seen))
+    if box is not None:
+        found = _identify(pixels, [box], NONE_PRIOR)
+        if not found:
+            height, width = pixels.shape[:2]
+            raise InvalidInputError(
+                f"The box has less than a pixel in the photograph, which is {width} x {height} px (upright).",
+                code="box_outside",
+            )
+        return IdentifiedPhoto(*found[0], time.perf_counter() - started)
+    boxes = propose_boxes(pixels)
+    surest, where = max(
+        _identify(pixels, boxes, UNPOINTED_NONE_PRIOR), key=lambda each: each[0].candidates[0].probability
+    )
+    return IdentifiedPhoto(surest, where, time.perf_counter() - started)
+
+
+def identify_items(items: Iterable[dict[str, Any]]) -> None:
+    """Put candidates into the items of an estimate's answer, and what they were found by out of it."""
+    identifier = _identifier(None)
+    for item in items:
+        described = item.pop("vcm")
+        if described is None:
+            item.update(candidates=[], none_of_these=None)
+            continue
+        relative_sd = math.sqrt(sum(sd * sd for sd in item["relative_sd"].values()))
+        circumstances = Circumstances(item["volume_ml"], relative_sd)
+        found = identifier.identify(vcm_from_json(described).numbers(), circumstances, _all_foods())
+        item.update(candidates=candidates_to_json(found), none_of_these=round(found.none_probability, 4))
+
+
+def parse_box(text: str) -> Box:
+    """`X,Y,W,H`, px. Raises InvalidInputError, code `box_invalid`."""
+    try:
+        x, y, width, height = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InvalidInputError(f"“{text[:80]}” is no box: write X,Y,W,H in pixels.", code="box_invalid") from None
+    if not all(math.isfinite(each) for each in (x, y, width, height)) or width <= 0.0 or height <= 0.0:
+        raise InvalidInputError(f"“{text[:80]}” is no box: it has no size.", code="box_invalid")
+    return x, y, width, height
+
+
+def identified_to_json(found: IdentifiedPhoto) -> dict[str, Any]:
+    """What `tada identify --json` prints."""
+    return {
+        "candidates": candidates_to_json(found.identification),
+        "none_of_these": round(found.identification.none_probability, 4),
+        "box": [round(each, 1) for each in found.box],
+        "index_version": found.identification.index_version,
+        "seconds": round(found.seconds, 4),
+    }
+
+
+def candidates_to_json(identification: Identification) -> list[dict[str, Any]]:
+    """Candidates by their names in the starter table, best first."""
+    return [
+        {
+            "food": food_name(one.food_key, one.name),
+            "food_key": one.food_key,
+            "label": one.label,
+            "probability": round(one.probability, 4),
+        }
+        for one in identification.candidates
+    ]
+
+
+def food_name(food_key: str, name: str | None) -> str:
+    """A candidate's food by its name in the starter table; its name in the index, or its key, where that lacks it."""
+    return _starter_names().get(food_key) or name or food_key
+
+
+def _identify(pixels: np.ndarray, boxes: Sequence[Box], none_prior: float) -> list[tuple[Identification, Box]]:
+    regions = [(region_of_box(pixels, box), box) for box in boxes]
+    identifier = _identifier(none_prior)
+    return [
+        (identifier.identify(describe(region).astype(np.float64), most=_all_foods()), box)
+        for region, box in regions
+        if region is not None
+    ]
+
+
+def _all_foods() -> int:
+    """How many there are to list: all, so that what is told adds up to one with "none of these"."""
+    return len(shipped_index().foods)
+
+
+@cache
+def _identifier(none_prior: float | None) -> Identifier:
+    return Identifier(shipped_index(), none_prior=none_prior)
+
+
+@cache
+def _starter_names() -> dict[str, str]:
+    return {food.key: food.name for food in load_starter_table().foods}

@@ -1,0 +1,62 @@
+"""Which food is it: what an item looks like, what the index says of it, the confirmed items that the index learns."""
+
+import uuid
+from datetime import datetime
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Mapped, mapped_column
+
+from app.db.base import Base, Personal
+
+OF_ITS_ITEM = "CASCADE"  # a process of the version before these tables, in a rolling upgrade, erases meals too
+
+
+class ItemIdentification(Base):
+    """An item's region as one run saw it: its Visual Characterization Metrics, and by which index it was identified.
+
+    Append-only. vector: little-endian float16, of the length of that vcm_version. index_version: names what the
+    candidates of this run follow from; NULL with none_probability (that it is none of the candidates): described only,
+    as by `tada index rebuild`.
+    """
+
+    __tablename__ = "item_identification"
+    personal = Personal(("item_id",), "looks")
+
+    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id", ondelete=OF_ITS_ITEM), primary_key=True)
+    run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), primary_key=True, index=True)
+    vcm_version: Mapped[str] = mapped_column(sa.String(16), primary_key=True)
+    vector: Mapped[bytes] = mapped_column(sa.LargeBinary)
+    index_version: Mapped[str | None] = mapped_column(sa.String(100))
+    none_probability: Mapped[float | None]
+    created_at: Mapped[datetime]
+
+    __table_args__ = (
+        sa.CheckConstraint("(index_version IS NULL) = (none_probability IS NULL)", name="identified_by_an_index"),
+    )
+
+
+class IndexEntry(Base):
+    """A confirmed item in its study's index: what it looks like is in item_identification, under the same run.
+
+    A projection, written with the item's effective record and built again with it: there while the record is confirmed
+    or corrected and a person has named the food. food_key: stays from version to version of the food. day_minute: of
+    the meal, minutes after local midnight.
+    """
+
+    __tablename__ = "index_entry"
+    personal = Personal(("item_id",), "known_to_the_index")
+
+    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id", ondelete=OF_ITS_ITEM), primary_key=True)
+    run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), index=True)
+    vcm_version: Mapped[str] = mapped_column(sa.String(16))
+    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
+    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"), index=True)
+    food_key: Mapped[str] = mapped_column(sa.String(100))
+    volume_ml: Mapped[float | None]
+    captured_at: Mapped[datetime]
+    day_minute: Mapped[int]
+
+    __table_args__ = (
+        sa.Index(None, "study_id", "food_key", "captured_at"),
+        sa.CheckConstraint("day_minute >= 0 AND day_minute < 1440", name="day_minute"),
+    )

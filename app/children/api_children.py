@@ -1,0 +1,146 @@
+"""Child processes of the HTTP server, for what must decode uploaded bytes at once: checks, calibrations, pictures.
+
+The worker's pool (child_pool.py) with a line before it (fair_line.py): whoever comes while all children are busy
+waits a little, studies take turns, a caller has one child at a time, and only so many may wait, so that a crowd gets an
+answer that says "later" instead of a queue without end.
+"""
+
+import contextlib
+import threading
+import uuid
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import structlog
+
+from app.children.child_pool import ChildPool, ChildPoolClosedError, ChildRequest, ChildResult, ChildStartError
+from app.children.fair_line import FairLine, LineFullError
+from app.core.errors import TadaError, UnavailableError
+from app.core.settings import Settings
+
+log = structlog.get_logger()
+
+TASKS = "app.estimates.child_tasks:TASKS"
+WAITING_A_CHILD = 8  # more would wait longer than a phone does
+WAIT_SECONDS = 6.0
+MAX_UNDECODABLE = 100_000  # photographs remembered: some 10 MB
+PATIENCE = 3.0  # times a task's limit of processor time, by the clock: longer than phones wait for an answer
+RETRY_AFTER_SECONDS = 3
+WARM_UP_AFTER_SECONDS = 3.0  # once the server answers; a start takes a second of one core
+
+
+@dataclass(frozen=True, slots=True)
+class Whose:
+    """On whose behalf a child works: turns go by study, and each caller has one."""
+
+    study_id: uuid.UUID | None
+    caller_id: uuid.UUID | None
+
+
+class PhotographError(TadaError):
+    """What a child died of, or was killed for: these bytes, most likely."""
+
+    code = "photograph_not_decoded"
+    status = 422
+
+
+class ApiChildren:
+    """At most settings.api_children at work; one a process of the server."""
+
+    def __init__(self, settings: Settings, *, tasks: str = TASKS, wait_seconds: float = WAIT_SECONDS) -> None:
+        self._pool = ChildPool(settings, tasks, children=settings.api_children)
+        most_waiting = settings.api_children * WAITING_A_CHILD
+        self._line = FairLine(settings.api_children, most_waiting=most_waiting, wait_seconds=wait_seconds)
+        self._undecodable: set[str | None] = set()
+        self._warming = threading.Timer(WARM_UP_AFTER_SECONDS, self._warm_up)
+        self._warming.daemon = True
+
+    @property
+    def are_up(self) -> bool:
+        """Whether any child was started: what can do without does not wait for a start."""
+        return self._pool.is_started
+
+    def start_soon(self) -> None:
+        """Have a child ready in a few seconds, without keeping the server's start waiting."""
+        self._warming.start()
+
+    def run(
+        self,
+        task: str,
+        arguments: Mapping[str, Any],
+        *,
+        seconds: float,
+        whose: Whose,
+        photograph_sha256: str | None = None,
+        is_costly: bool = False,
+    ) -> Mapping[str, Any]:
+        """Perform a task of child_tasks.py. seconds: of processor time, at most; then its child ends.
+
+        photograph_sha256: of the one that is decoded; if it broke a child before, it is refused at once.
+        is_costly: it takes long (decoding_cost.py); one child stays free for others.
+
+        Raises UnavailableError (`server_busy`: also where the machine, not the photograph, took too long, or where the
+        system refused the child something, such as a file on a full disk or one that was removed as abandoned),
+        PhotographError (it crashed, wanted too much memory or processor time), TadaError (`internal_error`: a mistake
+        of ours).
+        """
+        if photograph_sha256 in self._undecodable:
+            raise _not_decoded()
+        with self._admitted(whose, is_costly=is_costly):
+            try:
+                ended = self._pool.run(
+                    ChildRequest(task, arguments, is_costly), lambda _: None, seconds=seconds, patience=PATIENCE
+                )
+            except (ChildPoolClosedError, ChildStartError) as error:
+                raise _busy() from error
+        if ended.outcome == "ok":
+            return ended.result
+        log.error("api_child_ended_badly", task=task, outcome=ended.outcome, message=_words(ended))
+        if ended.outcome in ("stalled", "killed") or ended.errno is not None:  # as problems.py answers an OSError
+            raise _busy()
+        if ended.outcome == "raised":
+            raise TadaError("The server made a mistake while it looked at the photograph; it is in its log.")
+        if photograph_sha256 is not None and len(self._undecodable) < MAX_UNDECODABLE:
+            self._undecodable.add(photograph_sha256)
+        raise _not_decoded()
+
+    def close(self) -> None:
+        """Kill all children."""
+        self._warming.cancel()
+        self._pool.close()
+
+    @contextlib.contextmanager
+    def _admitted(self, whose: Whose, *, is_costly: bool) -> Iterator[None]:
+        with contextlib.ExitStack() as place:
+            try:
+                place.enter_context(self._line.place(whose.study_id, whose.caller_id, is_costly=is_costly))
+            except LineFullError:
+                raise _busy() from None
+            yield
+
+    def _warm_up(self) -> None:
+        try:
+            with self._line.place(None, None):
+                self._pool.warm_up()
+        except (ChildPoolClosedError, LineFullError):  # the server ends, or children are at work already
+            pass
+        except ChildStartError:
+            log.warning("api_child_not_started", exc_info=True)
+
+
+def _words(ended: ChildResult) -> str:
+    """The child's words, unless a library wrote them, which may quote what was in the photograph."""
+    return ended.message.partition(":")[0]
+
+
+def _not_decoded() -> PhotographError:
+    return PhotographError("The photograph cannot be decoded here: take another one, or use JPEG.")
+
+
+def _busy() -> UnavailableError:
+    return UnavailableError(
+        "The server looks at other photographs just now: try again in a few seconds.",
+        code="server_busy",
+        retry_after_seconds=RETRY_AFTER_SECONDS,
+    )

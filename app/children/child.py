@@ -1,0 +1,126 @@
+"""The process that touches uploaded bytes: `python -m app.children.child TASKS PARENT_PID MEMORY_BYTES`.
+
+Reads requests from standard input, a JSON object a line, and answers on what was standard output, a JSON object a line:
+{"ready": true} once; then, for each request, {"taken": true}, any number of {"stage": name} and one of {"ok": result},
+{"out_of_memory": text}, {"raised": text, "errno": number where the system refused something}. TASKS is "module:NAME" of
+a mapping from a task's name to its function. What libraries print goes to standard error. The parent (child_pool.py)
+holds the clock and the kill switch; a request's `cpu_seconds` are watched by the kernel. One that `is_costly` is
+performed at a low priority.
+"""
+
+import faulthandler
+import functools
+import importlib
+import json
+import math
+import os
+import resource
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TextIO
+
+from app.children.process_life import die_with_parent
+
+Task = Callable[[Mapping[str, Any], Callable[[str], None]], Mapping[str, Any]]
+
+COSTLY_NICENESS = 15  # next to an ordinary request some 3 % of a core, and all of it while nobody else wants it
+OPENCV_NO_MEMORY = -4  # cv::Error::StsNoMem
+
+
+def main(arguments: list[str]) -> None:
+    """Serve until standard input ends."""
+    tasks_name, parent_pid, memory_bytes = arguments
+    die_with_parent(int(parent_pid))
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)  # sent to the whole group; the parent decides when we end
+    requests, answers = _take_pipes()
+    faulthandler.enable(sys.stderr)
+    _limit_memory(int(memory_bytes))
+    tasks = _load_tasks(tasks_name)
+    _send(answers, {"ready": True})
+    for line in requests:
+        request = json.loads(line)
+        _send(answers, {"taken": True})
+        _limit_processor_time(float(request["cpu_seconds"]))
+        perform = functools.partial(_perform, tasks, request["task"], request["arguments"], answers)
+        _send(answers, _at_low_priority(perform) if request["is_costly"] else perform())
+
+
+def _at_low_priority(perform: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """In a thread of its own: Linux gives each thread its priority, and a lowered one cannot be raised again."""
+
+    def lower() -> None:
+        if sys.platform != "linux":  # elsewhere the number may be another process's
+            return
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), COSTLY_NICENESS)
+
+    with ThreadPoolExecutor(1, initializer=lower) as thread:
+        return thread.submit(perform).result()
+
+
+def _take_pipes() -> tuple[TextIO, TextIO]:
+    """Keep the pipes for us; file descriptors 0 and 1 become harmless for whoever reads or prints."""
+    requests = os.fdopen(os.dup(0), "r", encoding="utf-8")
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    null = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(null, 0)
+    os.close(null)
+    os.dup2(2, 1)
+    return requests, answers
+
+
+def _limit_memory(memory_bytes: int) -> None:
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    limit = memory_bytes if hard == resource.RLIM_INFINITY else min(memory_bytes, hard)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a core dump would hold somebody's photograph
+
+
+def _limit_processor_time(seconds: float) -> None:
+    """From now on; past it the kernel ends the process by SIGXCPU. In whole seconds, rounded up."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    _, hard = resource.getrlimit(resource.RLIMIT_CPU)
+    limit = math.ceil(usage.ru_utime + usage.ru_stime + seconds)
+    resource.setrlimit(resource.RLIMIT_CPU, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
+
+
+def _load_tasks(name: str) -> Mapping[str, Task]:
+    module_name, _, attribute = name.partition(":")
+    tasks: Mapping[str, Task] = getattr(importlib.import_module(module_name), attribute)
+    if "cv2" in sys.modules:
+        sys.modules["cv2"].setNumThreads(1)  # workers are many; threads would only take turns
+    return tasks
+
+
+def _perform(tasks: Mapping[str, Task], name: str, arguments: Mapping[str, Any], answers: TextIO) -> dict[str, Any]:
+    try:
+        result = tasks[name](arguments, lambda stage: _send(answers, {"stage": stage}))
+        json.dumps(result, allow_nan=False)  # an answer that is no JSON is a fault of the task, told as one
+    except Exception as error:  # noqa: BLE001  # the worker's edge
+        traceback.print_exc()
+        words = f"{type(error).__name__}: {error}"
+        if _is_out_of_memory(error):
+            return {"out_of_memory": words}
+        return {"raised": words, "errno": error.errno if isinstance(error, OSError) else None}
+    return {"ok": result}
+
+
+def _is_out_of_memory(error: Exception) -> bool:
+    """Also OpenCV's own way to say it; a std::bad_alloc comes out of its bindings with no other mark than its text."""
+    if isinstance(error, MemoryError):
+        return True
+    is_opencv = type(error).__module__.partition(".")[0] == "cv2"
+    return is_opencv and (getattr(error, "code", None) == OPENCV_NO_MEMORY or "bad_alloc" in str(error))
+
+
+def _send(answers: TextIO, message: Mapping[str, Any]) -> None:
+    answers.write(json.dumps(message, allow_nan=False) + "\n")
+    answers.flush()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

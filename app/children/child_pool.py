@@ -1,0 +1,433 @@
+"""CPU work on uploaded bytes in child processes with hard limits of time and memory: `ChildPool.run(request)`.
+
+A child is started afresh (spawned, never forked from a threaded process), stays warm between requests and is replaced
+after any outcome but success. However it ends, the answer is a value. Messages are JSON: a process that has decoded
+hostile bytes is not trusted with pickle. app/children/child.py is the other end.
+
+Time is processor time, which the child's kernel counts: a busy machine is not the photograph's fault. Beside it stands
+a limit of the clock, many times as long, for a child that does nothing at all.
+"""
+
+import contextlib
+import json
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+from app.core.errors import Failure
+from app.core.settings import Settings
+from app.metrics import instruments
+
+START_SECONDS = 60.0  # to import OpenCV and SciPy on a busy machine
+BEGINNINGS = 3  # a child may die while it waits for a request; that is not the request's fault
+USES = 100  # of one child; then it is replaced, so that a leak stays small
+MAX_ANSWER_BYTES = 64 * 1024 * 1024
+MAX_STAGE_LETTERS = 32  # the column meal.stage
+KEPT_VARIABLES = ("PATH", "HOME", "TMPDIR", "TZ", "LANG", "LC_ALL", "LD_LIBRARY_PATH")  # no setting, so no password
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+
+PATIENCE = 10.0  # times the limit of processor time, by the clock: a child that gets a tenth of a core has its turn
+
+Outcome = Literal["ok", "crashed", "timed_out", "stalled", "killed", "out_of_memory", "raised"]
+PASSING: frozenset[Outcome] = frozenset({"timed_out", "stalled", "killed"})  # another time may end well
+StageListener = Callable[[str], None]
+
+_AGAIN = "Take the two photographs again and send them as a new meal."
+_KEPT = "The photographs are kept. Ask the people who run the server to queue the meal again once it has more room."
+_BUG = "The photographs are kept. Ask the people who run the server to look at its log and to queue the meal again."
+FAILURES: Mapping[Outcome, Failure] = {  # each message with the limit that was passed
+    "crashed": Failure("estimate_crashed", "The estimate broke off while it worked on these photographs.", _AGAIN),
+    "timed_out": Failure("estimate_timed_out", "The estimate took more than {limit} of processor time.", _KEPT),
+    "stalled": Failure(
+        "estimate_timed_out", "The estimate did not end within {limit}: the machine is too busy.", _KEPT
+    ),
+    "killed": Failure("estimate_killed", "The estimate was ended from outside, most likely for want of memory.", _KEPT),
+    "out_of_memory": Failure("estimate_out_of_memory", "The estimate needed more than {limit} of memory.", _AGAIN),
+    "raised": Failure("internal_error", "The server made a mistake while it estimated this meal.", _BUG),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ChildRequest:
+    """task: a name in the registry. arguments: JSON; pictures and what is made of them travel as paths of files.
+
+    is_costly: it takes long and gives way to all else on the machine.
+    """
+
+    task: str
+    arguments: Mapping[str, Any]
+    is_costly: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ChildResult:
+    """How it ended. result: with "ok" only. message: words for the log. signal: that ended a crashed child.
+
+    limit: that was passed, with its unit. errno: of what "raised", where the system refused something, as a full disk
+    does.
+    """
+
+    outcome: Outcome
+    result: Mapping[str, Any] = field(default_factory=dict)
+    message: str = ""
+    signal: int | None = None
+    limit: str = ""
+    errno: int | None = None
+
+    @property
+    def failure(self) -> Failure | None:
+        """What the meal is told, with its code; None if it went well."""
+        if self.outcome == "ok":
+            return None
+        failure = FAILURES[self.outcome]
+        return replace(failure, message=failure.message.format(limit=self.limit))
+
+    @property
+    def is_passing(self) -> bool:
+        """Whether the same request may end well another time, when the machine has more room."""
+        return self.outcome in PASSING
+
+
+class ChildPoolClosedError(Exception):
+    """The pool was closed while the request waited or ran; nothing can be said about the request."""
+
+
+class ChildCancelledError(Exception):
+    """Somebody cancelled the request while a child worked on it."""
+
+
+class ChildStartError(Exception):
+    """A child did not come up: an installation that is broken or a machine that is full, not a picture's fault."""
+
+
+class ChildPool:
+    """At most so many children; `run` waits for a free one. tasks: see child.py."""
+
+    def __init__(self, settings: Settings, tasks: str, *, uses: int = USES, children: int = 1) -> None:
+        self.on_begin: Callable[[str], object] = lambda _: None  # a request of this name needs a child, maybe again
+        self.on_done: Callable[[str], object] = lambda _: None  # a request of this name needs its child no more
+        self._settings = settings
+        self._tasks = tasks
+        self._uses = uses
+        self._children = children
+        self._free = threading.BoundedSemaphore(children)
+        self._gathering = threading.Lock()  # held by who wants all children to rest: two would wait for each other
+        self._lock = threading.Lock()
+        self._warm: list[_Child] = []
+        self._alive: set[_Child] = set()
+        self._busy: dict[str, _Child] = {}  # by the name of the request
+        self._cancelled: set[_Child] = set()
+        self._is_closed = False
+        # the kernel ends a child with the thread that started it (process_life.py), so this one starts them all
+        self._starter = ThreadPoolExecutor(1, thread_name_prefix="child-starter")
+
+    def run(
+        self,
+        request: ChildRequest,
+        on_stage: StageListener,
+        *,
+        seconds: float | None = None,
+        patience: float = PATIENCE,
+        name: str | None = None,
+        is_alone: bool = False,
+    ) -> ChildResult:
+        """Perform one request.
+
+        seconds: of processor time, at most; by default settings.estimate_seconds. patience: times that, by the clock.
+        name: for `cancel`. is_alone: while no other child of this pool works.
+
+        Raises ChildPoolClosedError, ChildCancelledError, ChildStartError, and what on_stage raises.
+        """
+        limit = self._settings.estimate_seconds if seconds is None else seconds
+        if name is not None:
+            self.on_begin(name)
+        for _ in range(BEGINNINGS):
+            with self._place(is_alone=is_alone):
+                result = self._run_in_child(request, on_stage, (limit, patience * limit), name)
+            if result is not None:
+                if name is not None:
+                    self.on_done(name)
+                instruments.CHILD_RESULTS.labels(result.outcome).inc()
+                return result
+        raise ChildStartError("child processes ended before they took the request")
+
+    @property
+    def is_started(self) -> bool:
+        """Whether there is any child."""
+        return bool(self._alive)
+
+    def cancel(self, name: str) -> bool:
+        """Kill the child that works on the request of this name, whose `run` raises. False: none does just now."""
+        with self._lock:
+            child = self._busy.get(name)
+            if child is not None:
+                self._cancelled.add(child)
+        if child is not None:
+            child.kill()
+        return child is not None
+
+    def warm_up(self) -> None:
+        """Start as many children as there may be, so that the first requests do not wait for imports."""
+        for _ in range(self._children):
+            with contextlib.suppress(RuntimeError):  # the pool was closed just now
+                self._starter.submit(self._start_one_more).result()
+
+    def close(self) -> None:
+        """Kill all children at once; whoever waits for one gets ChildPoolClosedError."""
+        with self._lock:
+            self._is_closed = True
+            idle, self._warm = self._warm, []
+            busy = self._alive.difference(idle)
+        for child in busy:
+            child.kill()  # the thread that waits for its answer collects it
+        for child in idle:
+            self._discard(child)
+        self._starter.shutdown(wait=True)
+
+    @contextlib.contextmanager
+    def _place(self, *, is_alone: bool) -> Iterator[None]:
+        """A child's place, or all of them."""
+        if not is_alone:
+            with self._free:
+                yield
+            return
+        with self._gathering, contextlib.ExitStack() as places:
+            for _ in range(self._children):
+                places.enter_context(self._free)
+            yield
+
+    def _run_in_child(
+        self, request: ChildRequest, on_stage: StageListener, limits: tuple[float, float], name: str | None
+    ) -> ChildResult | None:
+        """In a warm child or a new one, which stays warm after success and is ended after all else.
+
+        limits: s, of processor time and by the clock.
+        """
+        child = self._take()
+        is_kept = False
+        try:
+            child.wait_until_ready()
+            with self._named(name, child):
+                result = child.perform(request, on_stage, *limits)
+            if result is not None and result.outcome == "ok":
+                is_kept = child.uses < self._uses and self._keep_warm(child)
+            else:
+                self._raise_if_we_killed(child)
+        except BaseException:
+            self._raise_if_we_killed(child)
+            raise
+        finally:
+            if not is_kept:  # else another thread may have it by now
+                self._discard(child)
+        return result
+
+    @contextlib.contextmanager
+    def _named(self, name: str | None, child: "_Child") -> Iterator[None]:
+        if name is None:
+            yield
+            return
+        with self._lock:
+            self._busy[name] = child
+        try:
+            yield
+        finally:
+            with self._lock:
+                del self._busy[name]
+
+    def _raise_if_we_killed(self, child: "_Child") -> None:
+        with self._lock:
+            is_closed, is_cancelled = self._is_closed, child in self._cancelled
+        if is_closed:
+            raise ChildPoolClosedError from None
+        if is_cancelled:
+            raise ChildCancelledError from None
+
+    def _take(self) -> "_Child":
+        while True:
+            with self._lock:
+                if self._is_closed:
+                    raise ChildPoolClosedError
+                child = self._warm.pop() if self._warm else None
+            if child is None:
+                try:
+                    return self._starter.submit(self._warm_or_new).result()
+                except RuntimeError:  # the pool was closed just now
+                    raise ChildPoolClosedError from None
+            if child.is_alive():
+                return child
+            self._discard(child)
+
+    def _warm_or_new(self) -> "_Child":
+        """In the starter's thread, where `warm_up` may just have started the one that we are to have."""
+        with self._lock:
+            child = self._warm.pop() if self._warm else None
+        return child or self._start()
+
+    def _start(self) -> "_Child":
+        child = _Child(self._tasks, self._settings.estimate_memory_bytes)
+        instruments.CHILDREN_STARTED.inc()
+        with self._lock:
+            self._alive.add(child)
+            is_closed = self._is_closed
+        if is_closed:
+            self._discard(child)
+            raise ChildPoolClosedError
+        return child
+
+    def _start_one_more(self) -> None:
+        with self._lock:
+            has_all = self._is_closed or len(self._alive) >= self._children
+        if has_all:
+            return
+        child = self._start()
+        if not self._keep_warm(child):  # else whoever takes it waits until it is ready
+            self._discard(child)
+
+    def _keep_warm(self, child: "_Child") -> bool:
+        with self._lock:
+            if not self._is_closed and child not in self._cancelled:
+                self._warm.append(child)
+            return child in self._warm
+
+    def _discard(self, child: "_Child") -> None:
+        child.end()
+        with self._lock:
+            self._alive.discard(child)
+            self._cancelled.discard(child)
+
+
+class _Child:
+    """One process and its pipes. Used by one thread at a time; `kill` may come from another."""
+
+    def __init__(self, tasks: str, memory_bytes: int) -> None:
+        self.uses = 0
+        self._memory_bytes = memory_bytes
+        self._is_ready = False
+        self._unread = bytearray()
+        environment = {name: os.environ[name] for name in KEPT_VARIABLES if name in os.environ}
+        environment |= dict.fromkeys(THREAD_VARIABLES, "1")
+        environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "app.children.child", tasks, str(os.getpid()), str(memory_bytes)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=environment,
+            close_fds=True,
+        )
+
+    def is_alive(self) -> bool:
+        """Whether it runs, as far as the kernel told."""
+        return self._process.poll() is None
+
+    def wait_until_ready(self) -> None:
+        """Its imports are done. Raises ChildStartError."""
+        if self._is_ready:
+            return
+        message = next(self._messages(START_SECONDS), None)
+        if message != {"ready": True}:
+            with contextlib.suppress(subprocess.TimeoutExpired):  # its pipe ends an instant before it does
+                self._process.wait(1.0)
+            raise ChildStartError(f"a child process did not start (status {self._process.poll()})")
+        self._is_ready = True
+
+    def perform(
+        self, request: ChildRequest, on_stage: StageListener, cpu_seconds: float, seconds: float
+    ) -> ChildResult | None:
+        """Send the request and follow it to its end, which is at most `seconds` away; None: it was never taken.
+
+        cpu_seconds: of processor time, which the child has its kernel watch.
+        """
+        self.uses += 1
+        sent = {
+            "task": request.task,
+            "arguments": dict(request.arguments),
+            "cpu_seconds": cpu_seconds,
+            "is_costly": request.is_costly,
+        }
+        line = json.dumps(sent, allow_nan=False) + "\n"
+        stdin = self._process.stdin
+        if stdin is None:
+            raise ValueError("the child has no pipe")
+        with contextlib.suppress(BrokenPipeError):  # it is dead, and the reading below says how
+            stdin.write(line.encode())
+            stdin.flush()
+        deadline = time.monotonic() + seconds
+        is_taken = False
+        for message in self._messages(seconds):
+            match message:
+                case {"taken": True}:
+                    is_taken = True
+                case {"stage": str(stage)} if len(stage) <= MAX_STAGE_LETTERS:
+                    on_stage(stage)
+                case {"ok": dict(result)}:
+                    return ChildResult("ok", result)
+                case {"out_of_memory": str(words)}:
+                    return ChildResult("out_of_memory", message=words, limit=_in_mebibytes(self._memory_bytes))
+                case {"raised": str(words), "errno": int(errno)}:
+                    return ChildResult("raised", message=words, errno=errno)
+                case {"raised": str(words)}:
+                    return ChildResult("raised", message=words)
+                case _:
+                    return ChildResult("raised", message="the child process sent what is no answer")
+        if time.monotonic() >= deadline and self.is_alive():
+            return ChildResult("stalled", message=f"killed after {seconds:g} s", limit=f"{seconds:g} s")
+        return self._describe_death(cpu_seconds) if is_taken else None
+
+    def kill(self) -> None:
+        """End the process now; the thread that waits for its answer sees its pipe end."""
+        self._process.kill()
+
+    def end(self) -> None:
+        """Kill it if need be, collect it and close its pipes."""
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                with contextlib.suppress(OSError):  # unsent bytes of a broken pipe
+                    pipe.close()
+
+    def _describe_death(self, cpu_seconds: float) -> ChildResult:
+        status = self._process.wait()
+        if status == -signal.SIGKILL:  # not ours, or it would have stalled: the kernel's, for want of memory
+            return ChildResult("killed", message="the child process was killed, most likely by the kernel")
+        if status == -signal.SIGXCPU:
+            limit = f"{cpu_seconds:g} s"
+            return ChildResult("timed_out", message=f"ended after {limit} of processor time", limit=limit)
+        number = -status if status < 0 else None
+        return ChildResult("crashed", message=f"the child process ended with status {status}", signal=number)
+
+    def _messages(self, seconds: float) -> Iterator[Any]:
+        """Its messages as they come, until the time is over or the pipe ends; None for one that is no JSON."""
+        stdout = self._process.stdout
+        if stdout is None:
+            raise ValueError("the child has no pipe")
+        deadline = time.monotonic() + seconds
+        with selectors.DefaultSelector() as selector:
+            selector.register(stdout, selectors.EVENT_READ)
+            while (remaining := deadline - time.monotonic()) > 0:
+                line, separator, rest = self._unread.partition(b"\n")
+                if separator:
+                    self._unread = rest
+                    try:
+                        yield json.loads(line)
+                    except ValueError:
+                        yield None
+                elif len(self._unread) > MAX_ANSWER_BYTES:
+                    yield None
+                elif selector.select(remaining):
+                    chunk = os.read(stdout.fileno(), 1 << 16)
+                    if not chunk:
+                        return
+                    self._unread += chunk
+
+
+def _in_mebibytes(count: int) -> str:
+    return f"{count // 2**20} MiB"

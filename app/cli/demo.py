@@ -1,0 +1,240 @@
+"""`tada demo`: one meal from upload to record, over HTTP as a phone would, on throwaway data."""
+
+import importlib.resources
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+from zoneinfo import ZoneInfo
+
+import httpx2
+
+from app.core.settings import Settings
+from app.db.session import Database
+from app.jobs.supervisor import settings_environment
+from app.operations.prepare import prepare
+from app.people.access.staff import create_admin
+
+FOOD_POINT = (1092, 620)  # in the bundled left photograph
+MARKER = "plain:9x7:11"
+START_SECONDS = 60
+ESTIMATE_SECONDS = 180
+SHOWN_CANDIDATES = 3
+SHOWN_NUTRIENTS = ("ENERC_KCAL", "CHOCDF", "FIBTG", "SUGAR", "PROCNT", "FAT", "K", "VITC")
+LISTENING = re.compile(r"listens on (http://\S+)")
+
+
+def run_demo(output: Path) -> int:
+    """Run the demo; pictures go to `output`. Returns the exit status."""
+    started = time.perf_counter()
+    with throwaway_server() as admin:
+        study = {"code": "demo", "name": "Demo", "marker": MARKER}
+        answer(admin.post("/v1/studies", json=study))
+        with enrol(admin, "demo", {"code": "P001"}) as phone:
+            say("A study, a participant and a phone with its token are there.")
+            meal = send_meal(phone)
+            if meal["status"] == "failed":
+                say(f"The meal failed: {meal['failure']}")
+                return 1
+            meal = identify_items(phone, meal)
+            show_meal(meal)
+            show_records(phone)
+            save_artefacts(phone, meal, output)
+    say(f"Done in {time.perf_counter() - started:.0f} s. Pictures of each step are in {output.resolve()}")
+    return 0
+
+
+def say(text: str) -> None:
+    """Print one step of the demo."""
+    print(f"== {text}", flush=True)
+
+
+@contextmanager
+def throwaway_server(port: int = 0) -> Iterator[httpx2.Client]:
+    """Run a server with its worker on a temporary folder, whatever the environment says; yields an admin's client.
+
+    port 0: any free one.
+    """
+    with tempfile.TemporaryDirectory(prefix="tada-demo-") as folder:
+        settings = Settings(
+            data_dir=Path(folder),
+            database_url=None,
+            blob_url=None,
+            erasure_url=None,
+            public_url=None,
+            port=port,
+            log_level="WARNING",
+        )
+        say("A throwaway server: SQLite and files in a temporary folder, removed at the end.")
+        database = Database(settings.resolved_database_url)
+        try:
+            prepare(database, settings)
+            token = create_admin(database, "demo")
+        finally:
+            database.dispose()
+        with running_server(settings) as address, client_of(address, token) as admin:
+            say(f"The server and its worker run at {address} (API pages: {address}/docs).")
+            yield admin
+
+
+@contextmanager
+def running_server(settings: Settings) -> Iterator[str]:
+    """Run `tada serve` as a process of its own; yields its address."""
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("TADA_")}
+    environment |= settings_environment(settings)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "app.cli", "serve"], env=environment, stderr=subprocess.PIPE, text=True
+    )
+    address: list[str] = []
+    found = threading.Event()
+
+    def read_errors() -> None:
+        for line in process.stderr or ():
+            match = LISTENING.search(line)
+            if match and not address:
+                address.append(match[1])
+                found.set()
+            elif not match:
+                print(line, end="", file=sys.stderr, flush=True)
+        found.set()  # the server ended: stop waiting
+
+    reader = threading.Thread(target=read_errors, daemon=True)
+    reader.start()
+    try:
+        if not found.wait(START_SECONDS) or not address:
+            raise SystemExit("tada: the demo's server did not start; its messages are above.")
+        yield address[0]
+    finally:
+        process.send_signal(signal.SIGTERM)
+        try:
+            process.wait(20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        reader.join(5)
+
+
+def client_of(address: str | httpx2.URL, token: str) -> httpx2.Client:
+    """Return a client that sends this token."""
+    return httpx2.Client(base_url=address, headers={"Authorization": f"Bearer {token}"}, timeout=60)
+
+
+def enrol(admin: httpx2.Client, study: str, participant: Mapping[str, object]) -> httpx2.Client:
+    """Make a participant of the study and enrol a phone: its client."""
+    participants, code = f"/v1/studies/{study}/participants", participant["code"]
+    answer(admin.post(participants, json=participant))
+    enrolment = answer(admin.post(f"{participants}/{code}/enrolment-codes"))
+    device = {"code": enrolment["code"], "device_name": f"phone of {code}", "model": "Sample phone"}
+    return client_of(admin.base_url, answer(admin.post("/v1/enrolments", json=device))["token"])
+
+
+def send_meal(phone: httpx2.Client) -> dict[str, Any]:
+    """Upload the bundled pair and follow the meal to its end, printing each stage."""
+    metadata = {
+        "id": str(uuid.uuid4()),
+        "captured_at": datetime.now(ZoneInfo("Asia/Shanghai")).isoformat(timespec="seconds"),
+        "time_zone": "Asia/Shanghai",
+        "hints": [{"point": FOOD_POINT}],
+    }
+    meal = upload(phone, metadata, {side: bundled_photograph("", side) for side in ("left", "right")})
+    durable = all(image["durable"] for image in meal["images"].values())
+    say(f"Uploaded a meal: both photographs durable: {durable}; hint: a food at {FOOD_POINT}, not which.")
+    deadline, seen = time.monotonic() + ESTIMATE_SECONDS, None
+    while meal["status"] in ("queued", "processing") and time.monotonic() < deadline:
+        state = (meal["status"], meal["stage"])
+        if state != seen:
+            print(f"   {meal['status']}{': ' + meal['stage'] if meal['stage'] else ''}", flush=True)
+            seen = state
+        meal = answer(phone.get(f"/v1/meals/{meal['id']}", params={"wait": 25}))
+    print(f"   {meal['status']}", flush=True)
+    return meal
+
+
+def bundled_photograph(folder: str, slot: str) -> bytes:
+    """Return a photograph of app/demo_data. slot: left, right, after_left or after_right."""
+    return (importlib.resources.files("app") / "demo_data" / folder / f"{slot}.jpg").read_bytes()
+
+
+def upload(phone: httpx2.Client, metadata: Mapping[str, object], photographs: Mapping[str, bytes]) -> dict[str, Any]:
+    """Send a meal in one request. photographs: by side."""
+    parts = {"metadata": ("metadata.json", json.dumps(metadata).encode(), "application/json")}
+    parts |= {side: (f"{side}.jpg", content, "image/jpeg") for side, content in photographs.items()}
+    return answer(phone.post("/v1/meals", files=parts))
+
+
+def send_event(client: httpx2.Client, meal_id: str, **event: object) -> dict[str, Any]:
+    """Send one event about the meal as it is now: the meal after it."""
+    path = f"/v1/meals/{meal_id}"
+    tag = client.get(path).raise_for_status().headers["ETag"]
+    return answer(client.post(f"{path}/events", headers={"If-Match": tag}, json={"id": str(uuid.uuid4()), **event}))
+
+
+def identify_items(phone: httpx2.Client, meal: dict[str, Any]) -> dict[str, Any]:
+    """Print the candidates of each item, and choose the first, as a participant who ate an apple would."""
+    for item in [each for each in meal["items"] if each["candidates"]]:
+        say(f"Which food is it? By the index {item['index_version']}:")
+        for candidate in item["candidates"][:SHOWN_CANDIDATES]:
+            print(f"   {candidate['probability']:6.1%}  {candidate['food']['name']}")
+        print(f"   {item['none_of_these']:6.1%}  none that the index knows")
+        first = item["candidates"][0]["food"]
+        event = {"kind": "confirm"} if item["food"] == first else {"kind": "set_food", "food": first["key"]}
+        meal = send_event(phone, meal["id"], item=item["id"], **event)
+        say(f"The participant taps {first['name']} ({event['kind']}): the meal is {meal['status']}.")
+    return meal
+
+
+def show_meal(meal: dict[str, Any]) -> None:
+    """Print each item: food, volume, mass and nutrients."""
+    for item in meal["items"]:
+        food = item["food"]["name"] if item["food"] else "unknown food"
+        print(f"\n   {food}")
+        if item["volume_ml"] is None:
+            print(f"     not measured: {', '.join(item['flags'])}")
+            continue
+        low, high = item["volume_interval_ml"]
+        print(f"     volume      {item['volume_ml']:8.1f} ml   (90 % interval {low:.1f} to {high:.1f})")
+        if item["mass_g"] is None:
+            continue
+        low, high = item["mass_interval_g"]
+        print(f"     density     {item['density_g_per_ml']:8.2f} g/ml ({item['density_source']})")
+        print(f"     mass        {item['mass_g']:8.1f} g    (90 % interval {low:.1f} to {high:.1f})")
+        print(f"     edible      {item['edible_g']:8.1f} g")
+        amounts = {nutrient["tagname"]: nutrient for nutrient in item["nutrients"]}
+        for tagname in SHOWN_NUTRIENTS:
+            if tagname in amounts:
+                nutrient = amounts[tagname]
+                print(f"     {nutrient['name']:<31} {nutrient['amount']:8.2f} {nutrient['unit']}")
+    print()
+
+
+def show_records(phone: httpx2.Client) -> None:
+    """Print the size of the records as a researcher's CSV."""
+    lines = phone.get("/v1/records", params={"format": "csv"}).text.splitlines()
+    say(f"GET /v1/records?format=csv: {len(lines) - 1} record, {lines[0].count(',') + 1} columns.")
+
+
+def save_artefacts(phone: httpx2.Client, meal: dict[str, Any], output: Path) -> None:
+    """Download the pictures of the steps."""
+    output.mkdir(parents=True, exist_ok=True)
+    for artefact in meal["run"]["artefacts"]:
+        (output / artefact["name"]).write_bytes(phone.get(artefact["href"]).raise_for_status().content)
+        print(f"   {output / artefact['name']}")
+
+
+def answer(response: httpx2.Response) -> dict[str, Any]:
+    """Return the body of a response. Raises SystemExit with the server's text if it is an error."""
+    if response.is_error:
+        raise SystemExit(f"tada: {response.request.url}: {response.status_code} {response.text}")
+    body: dict[str, Any] = response.json() if response.content else {}
+    return body

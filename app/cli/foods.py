@@ -1,0 +1,320 @@
+"""The commands `tada foods ...`: search, show, import, releases; make, correct and weigh foods."""
+
+import json
+import sys
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import typer
+
+from app.cli.database import JsonOption, author, opened_database
+from app.core.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    from app.foods.foods import FoodView
+
+foods_cli = typer.Typer(no_args_is_help=True, help="The food table.")
+
+Model = TypeVar("Model", bound="BaseModel")
+KeyArgument = Annotated[
+    str, typer.Argument(metavar="KEY", help="The food's key, or its number in a published table, such as 09003.")
+]
+ReasonOption = Annotated[str | None, typer.Option(help="Why, for the history.")]
+
+
+@foods_cli.command("search")
+def foods_search(
+    words: list[str],
+    group: Annotated[str | None, typer.Option(help="Only foods of this group: its exact name, case aside.")] = None,
+    limit: Annotated[int, typer.Option(min=1, max=1000, help="How many foods at most.")] = 20,
+    as_json: JsonOption = False,
+) -> None:
+    """Foods by name, alias or code, mistyped or begun, best match first."""
+    from app.foods.search.search_foods import search_foods
+
+    with opened_database() as database:
+        found = search_foods(database, " ".join(words), group=group, limit=limit)
+    if as_json:
+        print(json.dumps([asdict(food) for food in found]))
+    else:
+        print("\n".join(f"{food.key:<32} {food.name}  [{food.release}]" for food in found) or "No food of that name.")
+    raise SystemExit(0 if found else 1)
+
+
+@foods_cli.command("show")
+def foods_show(
+    key: KeyArgument,
+    as_json: JsonOption = False,
+) -> None:
+    """All that the tables in force know of one food; the density that is chosen, and what it was chosen over."""
+    from app.foods.foods import read_food
+
+    with opened_database() as database:
+        found = read_food(database, key)
+    if as_json:
+        from app.foods.api import render_food
+
+        print(render_food(found).model_dump_json())
+        return
+    value = found.value
+    print(f"{value.name} ({value.key}), {found.release}, version {found.food.version}")
+    print(f"  {value.food_group}; {value.form}, {value.state or 'state not known'}")
+    if found.density is None:
+        print("  density  none is known: its volumes become no grams")
+    else:
+        chosen = found.density.chosen
+        print(f"  density  {chosen.g_per_ml:.3f} +- {chosen.sd_g_per_ml:.3f} g/ml  {chosen.source}")
+        print(f"           {found.density.reason}")
+        for other in found.density.alternatives:
+            density = other.density
+            print(f"    not    {density.g_per_ml:.3f} +- {density.sd_g_per_ml:.3f} g/ml  {density.source}")
+            print(f"           {other.reason}")
+    for part in value.refuse:
+        print(f"  refuse   {part.percent:g} %  {part.part}")
+    if found.recipe is not None:
+        print(f"  recipe   yield {found.recipe.recipe_yield:g}")
+        for ingredient in found.recipe.ingredients:
+            food = ingredient.food
+            print(f"    of     {ingredient.mass_g:g} g  {food.name} ({food.key}, version {food.version})")
+    for portion in value.portions:
+        print(f"  portion  {portion.amount:g} {portion.measure}: {portion.mass_g:g} g")
+    for row in found.nutrients:
+        print(f"  {row.component.name:<40} {row.per_100_g:g} {row.component.unit} in 100 g edible")
+
+
+@foods_cli.command("import")
+def foods_import(
+    source: Annotated[str, typer.Argument(metavar="FORMAT", help="sr28, fdc, fao-density or csv.")],
+    path: Annotated[Path, typer.Argument(help="The release: a zip, a folder or a file.")],
+    name: Annotated[str | None, typer.Option(help="csv: the table's name, such as bls.")] = None,
+    version: Annotated[str | None, typer.Option(help="csv: the table's version.")] = None,
+    released_on: Annotated[datetime | None, typer.Option(formats=["%Y-%m-%d"], help="csv: when it came out.")] = None,
+) -> None:
+    """Import a published food table: checked whole, then written, then in force by one row. Again changes nothing."""
+    from app.foods.import_foods import import_foods
+    from app.foods.read_food_release import read_food_release
+
+    print(f"reading {path} ...", file=sys.stderr, flush=True)
+    imported = read_food_release(
+        source, path, name=name, version=version, released_on=released_on.date() if released_on else None
+    )
+
+    def tell(written: int, total: int) -> None:
+        ending = "\n" if written == total else "\r"
+        print(f"  {written} of {total} foods written", end=ending, file=sys.stderr, flush=True)
+
+    with opened_database() as database:
+        report = import_foods(database, imported, author=author(), on_progress=tell)
+    done = "was there already: nothing changed" if report.was_there else "imported and in force"
+    print(f"{report.name} {report.version}: {report.foods} foods, {report.values} nutrient values, {done}")
+    print(f"checksum {report.checksum}")
+    for sentence in report.skipped.sentences():
+        print(f"skipped: {sentence}")
+
+
+@foods_cli.command("releases")
+def foods_releases() -> None:
+    """The releases in the database, those in force marked, the one that goes first at the head."""
+    from app.foods.food_releases import list_releases
+
+    with opened_database() as database:
+        found = list_releases(database)
+    for release in found:
+        mark = "in force" if release.is_in_force else "complete" if release.is_complete else "broken off"
+        print(f"{release.name:<24} {release.version:<12} {release.released_on}  {mark:<10}  {release.checksum[:12]}")
+
+
+@foods_cli.command("use")
+def foods_use(
+    name: str,
+    version: Annotated[str | None, typer.Argument(help="Left out: no release of this name is in force.")] = None,
+) -> None:
+    """Put another release of a table in force, or none. Records stay as they are: see `tada records recompute`."""
+    from app.foods.food_releases import use_release
+
+    with opened_database() as database:
+        use_release(database, name, version, author=author())
+    print(f"{name} {version}: in force" if version else f"{name}: no release is in force")
+
+
+@foods_cli.command("create")
+def foods_create(
+    file: Annotated[Path, typer.Argument(help="JSON as POST /v1/foods takes it; - for standard input.")],
+    reason: ReasonOption = None,
+) -> None:
+    """Make a food, or with a recipe a dish."""
+    from app.foods.edits.api import new_food_edit
+    from app.foods.edits.edit_food import Editor, create_food
+    from app.foods.edits.schemas import FoodIn
+
+    body = _body(FoodIn, _read_json(file), reason)
+    with opened_database() as database:
+        made = create_food(database, body.key, new_food_edit(body), Editor(author(), body.reason))
+    _tell_version(made)
+
+
+@foods_cli.command("edit")
+def foods_edit(
+    key: KeyArgument,
+    file: Annotated[
+        Path | None, typer.Argument(help="JSON as PATCH /v1/foods/KEY takes it; - for standard input.")
+    ] = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="FIELD=VALUE",
+            help='VALUE is JSON or text; nutrients.VITC={"per_100_g": 9, "unit": "mg"}, or =null: not known.',
+        ),
+    ] = None,
+    reason: ReasonOption = None,
+) -> None:
+    """Correct a food: a new version with what is named; the one before stays to be seen."""
+    from app.foods.edits.api import food_edit
+    from app.foods.edits.edit_food import Editor, edit_food
+    from app.foods.edits.schemas import FoodPatch
+
+    if file is None and not changes:
+        raise InvalidInputError("Say what to change: a FILE, or --set FIELD=VALUE.")
+    document = _read_json(file) if file is not None else {}
+    for change in changes or ():
+        _set(document, change)
+    body = _body(FoodPatch, document, reason)
+    with opened_database() as database:
+        edited = edit_food(database, key, food_edit(body), Editor(author(), body.reason))
+    _tell_version(edited)
+
+
+@foods_cli.command("density")
+def foods_density(
+    key: KeyArgument,
+    kind: Annotated[str, typer.Option(help="solid: of the piece itself; bulk: with the air in a heap.")],
+    state: Annotated[str, typer.Option(help='How it was when weighed, such as "raw, sliced".')],
+    method: Annotated[str, typer.Option(help="How it was measured.")],
+    reason: ReasonOption = None,
+    g_per_ml: Annotated[float | None, typer.Option(help="The density, with --sd.")] = None,
+    sd: Annotated[float | None, typer.Option(help="What the next specimen may differ by, g/ml.")] = None,
+    specimens: Annotated[
+        list[str] | None, typer.Option("--specimen", metavar="ML:G", help="Volume and mass of one; two or more.")
+    ] = None,
+    volume_step: Annotated[float, typer.Option(help="To how many ml the specimens' volumes were read.")] = 1.0,
+    weighs: Annotated[str, typer.Option(help="What was weighed: as_seen or edible.")] = "as_seen",
+    study: Annotated[str | None, typer.Option(help="Only for this study, where it goes before all others.")] = None,
+) -> None:
+    """Add a measured density to a food, or to one study's own."""
+    from app.foods.edits.api import measured_density
+    from app.foods.edits.edit_food import Editor, add_density
+    from app.foods.edits.schemas import MeasuredDensityIn
+    from app.foods.study_densities import Measurement, add_study_density
+
+    document: dict[str, Any] = {"kind": kind, "state": state, "method": method, "weighs": weighs}
+    document |= {"g_per_ml": g_per_ml, "sd_g_per_ml": sd, "volume_step_ml": volume_step}
+    if specimens:
+        document["specimens"] = [_specimen(text) for text in specimens]
+    body = _body(MeasuredDensityIn, document, reason)
+    density, weighed = measured_density(body)
+    editor = Editor(author(), body.reason)
+    with opened_database() as database:
+        if study is None:
+            _tell_version(add_density(database, key, density, editor))
+            return
+        row = add_study_density(database, study, Measurement(key, density, weighed), editor)
+    print(f"{row.food_key}: {row.g_per_ml:.3f} +- {row.sd_g_per_ml:.3f} g/ml in study {study}, density {row.id}")
+
+
+@foods_cli.command("restore")
+def foods_restore(
+    key: KeyArgument,
+    version: Annotated[int, typer.Argument(help="As `tada foods changes KEY` tells.")],
+    reason: Annotated[str, typer.Option(help="Why, for the history.")],
+) -> None:
+    """Put a food back to an earlier version, by a new one that equals it."""
+    from app.foods.edits.edit_food import Editor, restore_food
+    from app.foods.edits.schemas import RestoreIn
+
+    body = _body(RestoreIn, {"version": version}, reason)
+    with opened_database() as database:
+        _tell_version(restore_food(database, key, body.version, Editor(author(), body.reason)))
+
+
+@foods_cli.command("changes")
+def foods_changes(key: KeyArgument, as_json: JsonOption = False) -> None:
+    """Who changed a food, when, why and what, the newest change first."""
+    from app.foods.edits.api import render_changes
+    from app.foods.edits.edit_food import list_changes
+
+    with opened_database() as database:
+        found = render_changes(list_changes(database, key))
+    if as_json:
+        print(found.model_dump_json())
+        return
+    if not found.items:
+        print("It is as it was imported.")
+    for change in found.items:
+        print(f"version {change.version}  {change.changed_at:%Y-%m-%d %H:%M} UTC  {change.author}: {change.reason}")
+        for field, (old, new) in change.differences.items():
+            print(f"  {field}: {_short(old)} -> {_short(new)}")
+
+
+def _tell_version(view: "FoodView") -> None:
+    print(f"{view.value.key}: version {view.food.version} of {view.release} is in force")
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=False)
+    return "unknown" if value is None else text if len(text) <= 100 else text[:97] + "..."
+
+
+def _read_json(file: Path) -> dict[str, Any]:
+    try:
+        text = sys.stdin.read() if str(file) == "-" else file.read_text(encoding="utf-8")
+        found = json.loads(text)
+    except OSError as error:
+        raise InvalidInputError(f"{file} cannot be read: {error.strerror}.") from None
+    except (ValueError, RecursionError) as error:
+        raise InvalidInputError(f"{file} is no JSON: {error}.") from None
+    if not isinstance(found, dict):
+        raise InvalidInputError(f"{file} holds no JSON object.")
+    return found
+
+
+def _set(document: dict[str, Any], change: str) -> None:
+    """Put `FIELD=VALUE` into the document; a field `nutrients.VITC` is one of the nutrients."""
+    name, equals, text = change.partition("=")
+    if not equals:
+        raise InvalidInputError(f"--set takes FIELD=VALUE, not {change!r}.")
+    try:
+        value = json.loads(text)
+    except ValueError:
+        value = text
+    group, dot, part = name.partition(".")
+    if dot:
+        parts = document.setdefault(group, {})
+        if not isinstance(parts, dict):
+            raise InvalidInputError(f"{group} has no field {part}.")
+        parts[part] = value
+    else:
+        document[name] = value
+
+
+def _specimen(text: str) -> dict[str, float]:
+    volume_ml, _, mass_g = text.partition(":")
+    try:
+        return {"volume_ml": float(volume_ml), "mass_g": float(mass_g)}
+    except ValueError:
+        raise InvalidInputError(f"--specimen takes ML:G, such as 200:168, not {text!r}.") from None
+
+
+def _body(model: type[Model], document: dict[str, Any], reason: str | None) -> Model:
+    """The document as the API would take it."""
+    from pydantic import ValidationError
+
+    try:
+        return model.model_validate(document if reason is None else document | {"reason": reason})
+    except ValidationError as error:
+        told = [f"{'.'.join(map(str, item['loc'])) or 'it'}: {item['msg']}" for item in error.errors()]
+        raise InvalidInputError(f"This cannot be accepted: {'; '.join(told[:5])}.") from None

@@ -1,0 +1,1 @@
+"""Pages of a study's figures and files: overview, exports, releases."""

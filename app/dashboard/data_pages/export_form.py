@@ -1,0 +1,174 @@
+"""The form of an export: what is asked for, by the API's names, from an address or a form's fields."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, get_args
+from urllib.parse import urlencode
+
+from pydantic import ValidationError
+from starlette.datastructures import ImmutableMultiDict
+
+from app.core.errors import InvalidInputError
+from app.dashboard.meal_pages.flag_words import FLAGS
+from app.dashboard.refusals import sentence
+from app.exports.api import NAMES
+from app.exports.export_spec import FILTERS, ExportFilters, ExportSpec, Rows, check_spec
+from app.exports.schemas import ExportIn
+from app.meals.models import AfterStatus, MealStatus
+from app.meals.record_models import RecordStatus
+
+TABLES: Final = (("items", "Items"), ("meals", "Meals"), ("days", "Days"), ("photographs", "Photographs"))
+SAID_ONCE: Final = ("participant", "from", "to", "origin", "needs")
+TYPED: Final = ("food", "failure")  # several in one field, blanks between
+CHOSEN: Final = ("status", "flag", "after_status")  # a field each
+ITEM_STATUSES, MEAL_STATUSES = get_args(RecordStatus), get_args(MealStatus)
+STATUSES: Mapping[str, Sequence[str]] = {
+    "items": ITEM_STATUSES,
+    "meals": MEAL_STATUSES,
+    "photographs": MEAL_STATUSES,
+    "days": (),
+}
+OPTIONS: Mapping[str, Sequence[str]] = {"flag": tuple(FLAGS), "after_status": get_args(AfterStatus)}
+FORMATS: Mapping[str, Sequence[str]] = {
+    "items": ("csv", "parquet", "ndjson", "geojson"),
+    "meals": ("csv", "parquet", "ndjson", "geojson"),
+    "days": ("csv", "parquet", "ndjson"),
+    "photographs": ("csv", "parquet", "ndjson"),
+}
+
+Told = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """told: what was chosen, by the API's names, as it was typed.
+
+    spec: None where it cannot be; wrong: why, by field.
+    """
+
+    told: Told
+    spec: ExportSpec | None
+    wrong: Mapping[str, str]
+
+    @property
+    def rows(self) -> str:
+        """Which table."""
+        return str(self.told["rows"])
+
+    @property
+    def filters(self) -> frozenset[str]:
+        """The filters that the table has, by the API's names."""
+        return frozenset(NAMES[name] for name in FILTERS[_rows(self.rows)] if name in NAMES)
+
+    @property
+    def statuses(self) -> Sequence[str]:
+        """Those that its rows may have."""
+        return STATUSES[self.rows]
+
+    @property
+    def formats(self) -> Sequence[str]:
+        """Those that the table is offered in."""
+        return FORMATS[self.rows]
+
+    def query(self, **changes: str) -> str:
+        """The choice as an address's query; with changes, which may be of another table."""
+        told = {**self.told, **changes}
+        return urlencode([(name, value) for name, values in told.items() for value in _values(name, values) if value])
+
+
+def choice_of(fields: ImmutableMultiDict[str, Any], study: str, *, drop_others: bool = False) -> Choice:
+    """What fields say. drop_others: what the table does not have is left out, as when another table is looked at."""
+    told = _told(fields)
+    if drop_others:
+        told = _fitting(told)
+    wrong = _unknown(told)
+    body: ExportIn | None = None
+    try:
+        body = ExportIn.model_validate(_body(told))
+    except ValidationError as error:
+        wrong = {_field(one["loc"]): sentence(one["type"], one["msg"]) for one in error.errors()} | wrong
+    if body is None or wrong:
+        told = {**told, "rows": _rows(str(told["rows"]))}
+        return Choice(told, None, wrong)
+    found = body.filters.model_dump(by_alias=True)
+    filters: dict[str, Any] = {
+        name: tuple(found[wire]) if isinstance(found[wire], list) else found[wire] for name, wire in NAMES.items()
+    }
+    spec = ExportSpec(
+        body.rows, body.layout, body.format, body.components, ExportFilters(study, **filters), body.provenance
+    )
+    try:
+        check_spec(spec)
+    except InvalidInputError as error:
+        return Choice(told, None, {"": error.message})
+    return Choice(told, spec, {})
+
+
+def _told(fields: ImmutableMultiDict[str, Any]) -> dict[str, Any]:
+    def one(name: str, usual: str = "") -> str:
+        return str(fields.get(name) or usual).strip()
+
+    told: dict[str, Any] = {
+        "rows": one("rows", "items"),
+        "layout": one("layout", "wide"),
+        "components": one("components", "headline"),
+        "format": one("format", "csv"),
+        "provenance": one("provenance", "true"),
+    }
+    told |= {name: one(name) for name in SAID_ONCE}
+    told |= {name: " ".join(str(value) for value in fields.getlist(name)).replace(",", " ") for name in TYPED}
+    return told | {name: [str(value) for value in fields.getlist(name) if value] for name in CHOSEN}
+
+
+def _fitting(told: dict[str, Any]) -> dict[str, Any]:
+    """Without filters, statuses and formats that the table does not have."""
+    rows = _rows(told["rows"])
+    offered = {NAMES[name] for name in FILTERS[rows] if name in NAMES}
+    kept = {
+        name: value if name in offered or name not in NAMES.values() else _none(value) for name, value in told.items()
+    }
+    kept |= {"rows": rows, "status": [status for status in kept["status"] if status in STATUSES[rows]]}
+    if told["format"] not in FORMATS[rows]:
+        kept["format"] = "csv"
+    if rows == "photographs":
+        kept |= {"layout": "wide", "components": "headline"}
+    return kept
+
+
+def _unknown(told: Told) -> dict[str, str]:
+    """Words that no row has would leave an empty file: they are refused."""
+    options = {**OPTIONS, "status": STATUSES.get(told["rows"], ())}
+    return {
+        name: f"There is no {value!r}."
+        for name in CHOSEN
+        for value in told[name]
+        if value not in options[name] and told["rows"] != "days"
+    }
+
+
+def _body(told: Told) -> dict[str, Any]:
+    filters: dict[str, Any] = {name: told[name] for name in SAID_ONCE if told[name]}
+    filters |= {name: told[name].split() for name in TYPED if told[name].split()}
+    filters |= {name: told[name] for name in CHOSEN if told[name]}
+    plain = {name: told[name] for name in ("rows", "layout", "components", "format", "provenance")}
+    return plain | {"filters": filters}
+
+
+def _rows(told: str) -> Rows:
+    return next((rows for rows in get_args(Rows) if rows == told), "items")
+
+
+def _none(value: Any) -> Any:
+    return [] if isinstance(value, list) else ""
+
+
+def _values(name: str, value: Any) -> Sequence[str]:
+    if name in TYPED:
+        return str(value).split()
+    return value if isinstance(value, list) else [str(value)]
+
+
+def _field(place: Sequence[int | str]) -> str:
+    named = [str(part) for part in place if isinstance(part, str) and part != "filters"]
+    wire = {"first_day": "from", "last_day": "to"}
+    return wire.get(named[0], named[0]) if named else ""

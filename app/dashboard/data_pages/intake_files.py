@@ -1,0 +1,13 @@
+"""The tables of mean intakes and of adequacy as files: the API's own lists, fetched by the link of a page."""
+
+from fastapi import APIRouter
+
+from app.diary.adequacy_api import get_adequacy
+from app.diary.api import get_intakes
+from app.http.flat_list import ListRoute
+from app.people.access.page_rules import STUDY_PAGES
+
+router = APIRouter(include_in_schema=False, route_class=ListRoute)
+
+router.add_api_route(f"{STUDY_PAGES}/files/intakes", get_intakes, methods=["GET"])
+router.add_api_route(f"{STUDY_PAGES}/files/adequacy", get_adequacy, methods=["GET"])

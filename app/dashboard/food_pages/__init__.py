@@ -1,0 +1,1 @@
+"""Pages of foods, densities and vessels."""

@@ -1,0 +1,268 @@
+"""Forms that make and correct foods, for admins: each change is previewed, has its reason, and makes a new version."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
+
+from fastapi import APIRouter
+from pydantic import BaseModel, ValidationError
+from starlette.responses import Response
+
+from app.core.errors import ConflictError, InvalidInputError, PreconditionFailedError
+from app.dashboard.food_pages.density_form import density_values
+from app.dashboard.food_pages.food_history import differences_in_words
+from app.dashboard.food_pages.food_texts import (
+    ADDED_ROWS,
+    NUTRIENT,
+    Texts,
+    body_of,
+    changed_fields,
+    ingredient_rows,
+    texts_of,
+)
+from app.dashboard.food_pages.foods import FOODS, component_table, food_address, food_page
+from app.dashboard.forms import Fields, checked, typed
+from app.dashboard.page import CurrentPage, Page
+from app.dashboard.refusals import sentence
+from app.foods.api import FoodKey
+from app.foods.edits import edit_food
+from app.foods.edits.api import food_edit, measured_density, new_food_edit, render_changes
+from app.foods.edits.edit_food import Editor, FoodVersion
+from app.foods.edits.schemas import FoodIn, FoodPatch, MeasuredDensityIn, RestoreIn
+from app.foods.foods import read_food
+from app.foods.search.search_foods import food_groups
+from app.nutrition.components import COMPONENT_BY_NUMBER, COMPONENTS, HEADLINE_NUMBERS
+from app.nutrition.foods import FOOD_FORMS, FOOD_STATES, SLICE_FORMS
+from app.people.access.page_rules import PREFIX
+
+Body = TypeVar("Body", bound=BaseModel)
+
+router = APIRouter(include_in_schema=False)
+
+NEW_FOOD = f"{PREFIX}/new-food"
+EMPTY_INGREDIENTS = 4
+STAY = "Records keep the figures that they were computed from until they are recomputed."
+PREVIEW_REASON = "a preview"
+
+
+@router.get(f"{FOODS}/{{key}}/edit")
+def get_edit(page: CurrentPage, key: FoodKey) -> Response:
+    """The food's fields, as they are in force."""
+    version = edit_food.read_version(page.state.database, key)
+    return _edit_page(page, version, _texts(version))
+
+
+@router.post(f"{FOODS}/{{key}}/edit")
+def post_edit(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
+    """Show what would change, or change it."""
+    database, told = page.state.database, typed(fields)
+    base = edit_food.read_version(database, key, _number(told.get("base", "")))
+    changed = changed_fields(told, _texts(base))
+    shown = _texts(base) | told
+    if told.get("do") == "rows":
+        return _edit_page(page, base, shown, more=EMPTY_INGREDIENTS)
+    is_preview = told.get("do") != "save"
+    values, wrong = body_of(told, changed, {row.component.number: row.component.unit for row in base.nutrients})
+    body = _validated(FoodPatch, values | {"reason": PREVIEW_REASON if is_preview else told.get("reason", "")}, wrong)
+    if body is None:
+        return _edit_page(page, base, shown, wrong=wrong, status=422)
+    edit, expected = food_edit(body), frozenset({base.food.id})
+    try:
+        if is_preview:
+            differences = edit_food.preview_edit(database, key, edit, expected=expected)
+            names = {row.component.number: (row.component.name, row.component.unit) for row in base.nutrients}
+            return _edit_page(page, base, shown, preview=differences_in_words(differences, names))
+        view = edit_food.edit_food(database, key, edit, Editor.of(page.caller, body.reason), expected=expected)
+    except PreconditionFailedError as error:
+        current = edit_food.read_version(database, key)
+        kept = {name: told[name] for name in changed} | {"reason": told.get("reason", "")}
+        added = {name: text for name, text in told.items() if name.partition("-")[0] in ("add", "figure", "unit")}
+        return _edit_page(page, current, _texts(current) | added | kept, since=_since(page, base), status=error.status)
+    except (InvalidInputError, ConflictError) as error:
+        return _edit_page(page, base, shown, wrong={"": error.message}, status=error.status)
+    if view.food.id == base.food.id:
+        return page.go(food_address(view.value.key), "Nothing differs: no version was made.")
+    return page.go(food_address(view.value.key), f"Version {view.food.version} is in force. {STAY}")
+
+
+@router.post(f"{FOODS}/{{key}}/restore")
+def post_restore(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
+    """Put an earlier version back, by a new one that equals it."""
+    told = typed(fields)
+    values = {"version": _number(told.get("version", "")) or 0, "reason": told.get("reason", "")}
+    body, wrong = checked(RestoreIn, values)
+    if body is None:
+        sentence = "; ".join(f"{name}: {why}" for name, why in wrong.items())
+        return food_page(page, key, refused=sentence, reason=values["reason"], status=422)
+    expected = frozenset({_number(told.get("base", "")) or 0})
+    try:
+        view = edit_food.restore_food(
+            page.state.database, key, body.version, Editor.of(page.caller, body.reason), expected=expected
+        )
+    except (PreconditionFailedError, ConflictError) as error:
+        return food_page(page, key, refused=error.message, reason=body.reason, status=error.status)
+    return page.go(
+        food_address(view.value.key), f"Version {view.food.version} is as version {body.version} was. {STAY}"
+    )
+
+
+@router.get(f"{FOODS}/{{key}}/densities")
+def get_density(page: CurrentPage, key: FoodKey) -> Response:
+    """A form for a measured density."""
+    return _density_page(page, key, {}, {})
+
+
+@router.post(f"{FOODS}/{{key}}/densities")
+def post_density(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
+    """Add a measured density before the food's others of its worth."""
+    told = typed(fields)
+    values, wrong = density_values(told)
+    body, more = checked(MeasuredDensityIn, values)
+    if body is None or wrong:
+        return _density_page(page, key, told, more | wrong, status=422)
+    try:
+        density, _ = measured_density(body)
+        expected = frozenset({_number(told.get("base", "")) or 0})
+        view = edit_food.add_density(
+            page.state.database, key, density, Editor.of(page.caller, body.reason), expected=expected
+        )
+    except (InvalidInputError, ConflictError, PreconditionFailedError) as error:
+        return _density_page(page, key, told, {"": error.message}, status=error.status)
+    return page.go(food_address(view.value.key), f"The density was added: version {view.food.version}. {STAY}")
+
+
+@router.get(NEW_FOOD)
+def get_new_food(page: CurrentPage) -> Response:
+    """A form for a food, or a dish with its recipe."""
+    return _new_page(page, {})
+
+
+@router.post(NEW_FOOD)
+def post_new_food(page: CurrentPage, fields: Fields) -> Response:
+    """Make it."""
+    told = typed(fields)
+    if told.get("do") == "rows":
+        return _new_page(page, told, more=EMPTY_INGREDIENTS)
+    changed = frozenset(name for name, text in told.items() if text) - {"key", "reason", "do"}
+    headlines = {numbers[0] for numbers in HEADLINE_NUMBERS}
+    known = frozenset(name for name in changed if name.removeprefix(NUTRIENT) in headlines or NUTRIENT not in name)
+    values, wrong = body_of(told, known, {})
+    body = _validated(FoodIn, values | {"key": told.get("key", ""), "reason": told.get("reason", "")}, wrong)
+    if body is None:
+        return _new_page(page, told, wrong=wrong, status=422)
+    try:
+        view = edit_food.create_food(
+            page.state.database, body.key, new_food_edit(body), Editor.of(page.caller, body.reason)
+        )
+    except (InvalidInputError, ConflictError) as error:
+        field = "key" if error.code == "food_exists" else ""
+        return _new_page(page, told, wrong={field: error.message}, status=error.status)
+    return page.go(food_address(view.value.key), f"{view.value.name} was made.")
+
+
+def _edit_page(
+    page: Page,
+    version: FoodVersion,
+    texts: Mapping[str, str],
+    *,
+    wrong: Mapping[str, str] | None = None,
+    preview: Sequence[Any] | None = None,
+    since: Sequence[Any] = (),
+    more: int = 0,
+    status: int = 200,
+) -> Response:
+    known = {row.component.number for row in version.nutrients}
+    return page.render(
+        "food_edit.html",
+        status=status,
+        food=version.value,
+        of=version.food,
+        has_recipe=version.recipe is not None,
+        groups=component_table(version.nutrients),
+        preview=preview,
+        since=since,
+        stay=STAY,
+        **_choices(page, texts, wrong, more, [one for one in COMPONENTS if one.number not in known]),
+    )
+
+
+def _new_page(
+    page: Page, texts: Mapping[str, str], *, wrong: Mapping[str, str] | None = None, more: int = 0, status: int = 200
+) -> Response:
+    headlines = [COMPONENT_BY_NUMBER[numbers[0]] for numbers in HEADLINE_NUMBERS]
+    others = [one for one in COMPONENTS if one not in headlines]
+    return page.render(
+        "food_new.html", status=status, headlines=headlines, **_choices(page, texts, wrong, more, others)
+    )
+
+
+def _choices(
+    page: Page, texts: Mapping[str, str], wrong: Mapping[str, str] | None, more: int, addable: Sequence[Any]
+) -> dict[str, Any]:
+    return {
+        "texts": texts,
+        "wrong": wrong or {},
+        "rows": ingredient_rows(texts) + (more or EMPTY_INGREDIENTS // 2),
+        "added": ADDED_ROWS,
+        "addable": addable,
+        "groups_known": [group.name for group in food_groups(page.state.database)],
+        "forms": FOOD_FORMS,
+        "states": FOOD_STATES,
+        "slice_forms": SLICE_FORMS,
+        "food_url": food_address,
+        "worded": _worded,
+    }
+
+
+def _worded(codes: Sequence[str]) -> list[tuple[str, str]]:
+    return [(code, code.replace("_", " ")) for code in codes]
+
+
+def _density_page(
+    page: Page, key: str, values: Mapping[str, str], wrong: Mapping[str, str], status: int = 200
+) -> Response:
+    view = read_food(page.state.database, key)
+    return page.render(
+        "food_density.html", status=status, view=view, values=values, wrong=wrong, food_url=food_address, stay=STAY
+    )
+
+
+def _since(page: Page, base: FoodVersion) -> list[Any]:
+    """What others changed since that version, as the history tells it."""
+    changes = edit_food.list_changes(page.state.database, base.value.key)
+    later = [found for found in changes if found.food.id > base.food.id]
+    return [(change, differences_in_words(change.differences, {})) for change in render_changes(later).items]
+
+
+def _validated(model: type[Body], values: Mapping[str, Any], wrong: dict[str, str]) -> Body | None:
+    """The body; None where it is wrong: then `wrong` tells which field of the form, and why."""
+    try:
+        body = model.model_validate(values)
+    except ValidationError as error:
+        for one in error.errors():
+            field = _field_of(one["loc"])
+            wrong.setdefault(field, _place_in(one["loc"]) + sentence(one["type"], one["msg"]))
+        return None
+    return None if wrong else body
+
+
+def _field_of(loc: Sequence[int | str]) -> str:
+    """Where in the form a body's field stands."""
+    if loc and loc[0] == "nutrients" and len(loc) > 1:
+        return f"{NUTRIENT}{loc[1]}"
+    return str(loc[0]) if loc else ""
+
+
+def _place_in(loc: Sequence[int | str]) -> str:
+    """Which line or part of a field is meant: "2, g_per_ml: "; nothing where the field itself is."""
+    if loc and loc[0] == "nutrients":
+        return ""
+    inner = [str(part + 1) if isinstance(part, int) else part.replace("_", " ") for part in loc[1:]]
+    return f"{', '.join(inner)}: " if inner else ""
+
+
+def _texts(version: FoodVersion) -> Texts:
+    return texts_of(version.value, version.recipe, version.states)
+
+
+def _number(text: str) -> int | None:
+    return int(text) if text.isascii() and text.isdigit() and len(text) < 19 else None

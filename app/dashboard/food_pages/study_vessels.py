@@ -1,0 +1,170 @@
+"""A study's vessel library: mugs and bowls measured once; owners add, measure anew and retire."""
+
+import re
+import uuid
+from collections.abc import Callable, Mapping
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from starlette.responses import Response
+
+from app.core.errors import ConflictError, InvalidInputError, PreconditionFailedError
+from app.dashboard.addresses import study_address
+from app.dashboard.data_pages.flat_file import csv_file
+from app.dashboard.food_pages.vessel_drawing import vessel_drawing
+from app.dashboard.forms import Fields, checked, typed
+from app.dashboard.meal_pages.line_fields import WrongFieldError, lines, number, read_fields, shown
+from app.dashboard.page import CurrentPage, Page
+from app.people.access.page_rules import STUDY_PAGES
+from app.vessels import study_vessels
+from app.vessels.api import render_vessel, vessel_author
+from app.vessels.schemas import VesselChangeIn, VesselIn, VesselOut
+from app.vessels.study_vessels import VesselView, stored_measures
+from app.vessels.vessel_measures import measured_vessel
+from app.vision.vessel_library import VESSEL_KINDS
+
+router = APIRouter(include_in_schema=False)
+
+PATH = f"{STUDY_PAGES}/vessels"
+ROWS_A_PAGE = 100
+NUMBERS = ("rim_diameter_mm", "height_mm", "capacity_ml", "fill_line_mm", "fill_line_ml")
+CursorIn = Annotated[str | None, Query(max_length=600)]
+_BETWEEN = re.compile(r"\s*[,;]\s*|\s+")
+
+
+@router.get(PATH)
+def get_vessels(
+    page: CurrentPage,
+    study: str,
+    cursor: CursorIn = None,
+    output: Annotated[str, Query(alias="format", max_length=8)] = "",
+) -> Response:
+    """The library by name, retired vessels too."""
+    if output == "csv":
+        rows = study_vessels.all_vessels(page.state.database, study)
+        return csv_file(VesselOut, [render_vessel(view) for view in rows], f"vessels-of-{study}")
+    return _vessels(page, study, {}, {}, cursor=cursor)
+
+
+@router.post(PATH)
+def post_vessel(page: CurrentPage, study: str, fields: Fields) -> Response:
+    """Keep a vessel."""
+    entered = typed(fields)
+    values, wrong = _form_values(entered)
+    body, refused = checked(VesselIn, values | {"name": entered.get("name", "")})
+    if body is None or wrong:
+        return _vessels(page, study, entered, refused | wrong, status=422)
+    try:
+        view = study_vessels.add_vessel(
+            page.state.database, study, measured_vessel(body.model_dump()), vessel_author(page.caller)
+        )
+    except (InvalidInputError, ConflictError) as error:
+        field = "name" if error.code == "vessel_exists" else ""
+        return _vessels(page, study, entered, {field: error.message}, status=error.status)
+    return page.go(study_address(study, "vessels"), f"“{view.vessel.name}” is in the library.")
+
+
+@router.get(f"{PATH}/{{vessel}}")
+def get_vessel(page: CurrentPage, study: str, vessel: uuid.UUID) -> Response:
+    """One vessel from the side, and the form to measure it anew."""
+    view = study_vessels.read_vessel(page.state.database, study, vessel)
+    return _vessel(page, view, _entered(view), {})
+
+
+@router.post(f"{PATH}/{{vessel}}")
+def post_measures(page: CurrentPage, study: str, vessel: uuid.UUID, fields: Fields) -> Response:
+    """Replace the measures of the version that the form was opened with; a retired vessel is in use again."""
+    entered = typed(fields)
+    version = entered.pop("version", "")
+    values, wrong = _form_values(entered)
+    body, refused = checked(VesselChangeIn, values)
+    view = study_vessels.read_vessel(page.state.database, study, vessel)
+    if body is None or wrong:
+        return _vessel(page, view, entered, refused | wrong, status=422)
+    try:
+        view = study_vessels.change_vessel(
+            page.state.database,
+            study,
+            vessel,
+            body.model_dump(),
+            vessel_author(page.caller),
+            expected=frozenset({int(version)}) if version.isdecimal() else frozenset(),
+        )
+    except PreconditionFailedError as error:
+        return _vessel(page, view, _entered(view), {"": error.message}, status=412)
+    except (InvalidInputError, ConflictError) as error:
+        return _vessel(page, view, entered, {"": error.message}, status=error.status)
+    return page.go(study_address(study, "vessels"), f"“{view.vessel.name}” was measured anew.")
+
+
+@router.post(f"{PATH}/{{vessel}}/retirement")
+def post_retirement(page: CurrentPage, study: str, vessel: uuid.UUID) -> Response:
+    """Take a vessel out of use; it stays to be seen."""
+    view = study_vessels.retire_vessel(page.state.database, study, vessel, vessel_author(page.caller))
+    return page.go(study_address(study, "vessels"), f"“{view.vessel.name}” is retired.")
+
+
+def _vessels(
+    page: Page,
+    study: str,
+    values: Mapping[str, str],
+    wrong: Mapping[str, str],
+    *,
+    cursor: str | None = None,
+    status: int = 200,
+) -> Response:
+    listed = study_vessels.list_vessels(page.state.database, study, is_in_use=None, cursor=cursor, limit=ROWS_A_PAGE)
+    return page.render(
+        "study_vessels.html",
+        status=status,
+        rows=listed.rows,
+        next=listed.cursor,
+        kinds=VESSEL_KINDS,
+        values=values,
+        wrong=wrong,
+    )
+
+
+def _vessel(
+    page: Page, view: VesselView, values: Mapping[str, str], wrong: Mapping[str, str], status: int = 200
+) -> Response:
+    return page.render(
+        "study_vessel.html",
+        status=status,
+        view=view,
+        drawing=vessel_drawing(view.model, view.version.fill_line_mm),
+        kinds=VESSEL_KINDS,
+        values=values,
+        wrong=wrong,
+    )
+
+
+def _form_values(entered: Mapping[str, str]) -> tuple[dict[str, object], dict[str, str]]:
+    """(the fields of VesselMeasures that were filled in, field -> why it cannot be read)."""
+    return read_fields({name: text for name, text in entered.items() if text}, _READERS)
+
+
+def _profile(text: str) -> list[list[float]]:
+    return [_point(line) for line in lines(text)]
+
+
+def _point(line: str) -> list[float]:
+    parts = _BETWEEN.split(line)
+    if len(parts) != 2:
+        raise WrongFieldError(f"“{line[:40]}”: write the radius and the height in mm, with a comma between: 41, 95.")
+    return [number(part) for part in parts]
+
+
+def _entered(view: VesselView) -> dict[str, str]:
+    """A vessel's measures as the form has them."""
+    measures = stored_measures(view.version)
+    entered = {name: shown(measures[name]) for name in NUMBERS if measures[name] is not None}
+    profile = "\n".join(f"{shown(radius)}, {shown(height)}" for radius, height in measures["inside_profile_mm"])
+    return entered | {"kind": measures["kind"], "inside_profile_mm": profile}
+
+
+_READERS: Mapping[str, Callable[[str], object]] = {
+    **dict.fromkeys(NUMBERS, number),
+    "kind": str,
+    "inside_profile_mm": _profile,
+}

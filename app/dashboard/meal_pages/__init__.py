@@ -1,0 +1,1 @@
+"""Pages of meals and their review."""

@@ -1,0 +1,72 @@
+"""The audit log: of a study for its owners, of everything for admins."""
+
+from datetime import UTC, date, datetime, time, timedelta
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from starlette.responses import Response
+
+from app.dashboard.page import CurrentPage, Page
+from app.http.text_schemas import LocalDay
+from app.people.access.audit_api import audit_file
+from app.people.access.audit_log import read_audit
+from app.people.access.page_rules import PREFIX
+from app.privacy.queries import AuditFilter
+
+router = APIRouter(include_in_schema=False)
+
+EVENTS_A_PAGE = 100
+
+Action = Annotated[str, Query(max_length=64)]
+FirstDay = Annotated[LocalDay | None, Query(alias="from")]
+LastDay = Annotated[LocalDay | None, Query(alias="to")]
+CursorIn = Annotated[str | None, Query(max_length=500)]
+Output = Annotated[str, Query(alias="format", max_length=8)]
+
+
+@router.get(f"{PREFIX}/studies/{{study}}/audit")
+def get_study_audit(
+    page: CurrentPage,
+    study: str,
+    action: Action = "",
+    first: FirstDay = None,
+    last: LastDay = None,
+    cursor: CursorIn = None,
+    output: Output = "",
+) -> Response:
+    """Of a study."""
+    return _audit(page, study, action, first, last, cursor, output)
+
+
+@router.get(f"{PREFIX}/audit")
+def get_audit(
+    page: CurrentPage,
+    action: Action = "",
+    first: FirstDay = None,
+    last: LastDay = None,
+    cursor: CursorIn = None,
+    output: Output = "",
+) -> Response:
+    """Of everything."""
+    return _audit(page, None, action, first, last, cursor, output)
+
+
+def _audit(
+    page: Page, study: str | None, action: str, first: date | None, last: date | None, cursor: str | None, output: str
+) -> Response:
+    """Days are UTC's, as the log's times are shown; both included."""
+    chosen = AuditFilter(
+        action=action or None,
+        since=_midnight(first) if first is not None else None,
+        until=_midnight(last + timedelta(days=1)) if last is not None else None,
+    )
+    if output == "csv":
+        return audit_file(page.state, page.caller, study, chosen)
+    events = read_audit(page.state.database, page.caller, study, chosen, cursor=cursor, limit=EVENTS_A_PAGE)
+    return page.render(
+        "audit.html", rows=events.rows, next=events.cursor, action=action, first=first, last=last, of_study=study
+    )
+
+
+def _midnight(day: date) -> datetime:
+    return datetime.combine(day, time(), UTC)

@@ -1,0 +1,83 @@
+"""The participants' phones, and the sheets that enrol them: one-time codes as QR codes to print."""
+
+import uuid
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from markupsafe import Markup
+from starlette.responses import Response
+
+from app.core.errors import ConflictError, InvalidInputError, NotFoundError
+from app.dashboard.addresses import study_address
+from app.dashboard.forms import Fields, typed
+from app.dashboard.page import CurrentPage
+from app.people import devices
+from app.people.access.page_rules import PREFIX
+from app.people.enrol import issue_enrolment_code
+from app.people.enrolment_qr import enrolment_text, qr_svg
+
+router = APIRouter(include_in_schema=False)
+
+PATH = f"{PREFIX}/studies/{{study}}/devices"
+ENROL = f"{PREFIX}/studies/{{study}}/enrol"
+DEVICES_A_PAGE = 100
+MOST_CARDS = 60  # a sheet
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """What a participant is handed. svg: the QR code, drawn by us from a code of ours."""
+
+    participant: str
+    code: str
+    expires_at: datetime
+    svg: Markup
+
+
+@router.get(PATH)
+def get_devices(
+    page: CurrentPage,
+    study: str,
+    participant: Annotated[str | None, Query(max_length=64)] = None,
+    cursor: Annotated[str | None, Query(max_length=500)] = None,
+) -> Response:
+    """The phones, the last enrolled first."""
+    found = devices.list_devices(page.state.database, study, participant or None, cursor=cursor, limit=DEVICES_A_PAGE)
+    return page.render("devices.html", rows=found.rows, next=found.cursor, participant=participant or "")
+
+
+@router.post(f"{PATH}/{{device_id}}/revocation")
+def post_revocation(page: CurrentPage, study: str, device_id: uuid.UUID) -> Response:
+    """End a phone's token, such as a lost phone's."""
+    devices.revoke_device(page.state.database, page.caller, study, device_id)
+    return page.go(study_address(study, "devices"), "The phone's token was ended. What it has sent stays.")
+
+
+@router.get(ENROL)
+def get_enrol(page: CurrentPage, participant: Annotated[str, Query(max_length=64)] = "") -> Response:
+    """The form: for whom."""
+    return page.render("enrol.html", cards=[], refused=[], asked=participant)
+
+
+@router.post(ENROL)
+def post_enrol(page: CurrentPage, study: str, fields: Fields) -> Response:
+    """A sheet of cards, one a participant, shown once; earlier codes of theirs that were not used end."""
+    asked = typed(fields).get("participants", "")
+    codes = list(dict.fromkeys(asked.replace(",", " ").replace(";", " ").split()))
+    if not codes or len(codes) > MOST_CARDS:
+        raise InvalidInputError(f"Name one to {MOST_CARDS} participants.")
+    server = page.state.settings.public_url or str(page.request.base_url).rstrip("/")
+    cards, refused = [], []
+    for code in codes:
+        try:
+            issued = issue_enrolment_code(
+                page.state.database, study_code=study, participant_code=code, caller=page.caller
+            )
+        except (NotFoundError, ConflictError) as error:
+            refused.append((code, error.message))
+            continue
+        svg = Markup(qr_svg(enrolment_text(server, issued.code)))  # noqa: S704  # drawn by segno, holds no text
+        cards.append(Card(code, issued.code, issued.expires_at, svg))
+    return page.render("enrol.html", cards=cards, refused=refused, asked=asked)

@@ -1,0 +1,33 @@
+"""The board to print: chosen on a page, drawn as a PDF at true size."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from starlette.responses import Response
+
+from app.dashboard.page import CurrentPage
+from app.people.access.page_rules import PREFIX
+from app.vision.marker_spec import parse_marker
+
+router = APIRouter(include_in_schema=False)
+
+USUAL = ("plain:9x7:11", "plain:9x7:20", "colour:4x5:12")
+Marker = Annotated[str, Query(max_length=64)]
+
+
+@router.get(f"{PREFIX}/marker")
+def get_marker(page: CurrentPage, marker: Marker = USUAL[0]) -> Response:
+    """Which board, and what to check when it is printed."""
+    return page.render("marker.html", marker=str(parse_marker(marker)), usual=USUAL)
+
+
+@router.get(f"{PREFIX}/marker.pdf")
+def get_marker_pdf(page: CurrentPage, marker: Marker) -> Response:
+    """The PDF."""
+    from app.people.print_marker import render_marker_pdf  # noqa: PLC0415  # the PDF writer, for who asks for it
+
+    del page  # whoever is signed in
+    spec = parse_marker(marker)
+    name = str(spec).replace(":", "-").replace("=", "-")
+    headers = {"Content-Disposition": f'attachment; filename="marker-{name}.pdf"'}
+    return Response(render_marker_pdf(spec), media_type="application/pdf", headers=headers)

@@ -1,0 +1,146 @@
+"""One participant: the diary by local day, sums beside reference intakes, completeness; the profile, and leaving."""
+
+from collections import defaultdict
+from datetime import UTC, date, datetime, timedelta
+from typing import Annotated
+from urllib.parse import quote
+
+from fastapi import APIRouter, Query
+from starlette.responses import Response
+
+from app.core.errors import ConflictError, InvalidInputError
+from app.dashboard.addresses import study_address
+from app.dashboard.data_pages.headline import HEADLINES
+from app.dashboard.forms import Fields, checked, typed
+from app.dashboard.one_study import in_study
+from app.dashboard.page import CurrentPage, Page
+from app.diary import day_summaries, diary
+from app.diary.api import word_of
+from app.diary.feedback import Feedback, read_feedback
+from app.diary.queries import DayFilter
+from app.diary.schemas import DayIn
+from app.diary.study_days import judge_day
+from app.exports.lists.list_meals import list_meals, sums_of
+from app.exports.lists.meal_page_queries import MealFilter
+from app.http.text_schemas import LocalDay
+from app.people import devices, participants
+from app.people.access.page_rules import STUDY_PAGES
+from app.people.participants import PROFILE_KEYS
+from app.people.participants_api import change_of
+from app.people.schemas import ParticipantPatch
+from app.privacy.erase import Eraser
+from app.privacy.withdraw import withdraw_participant
+
+router = APIRouter(include_in_schema=False)
+
+PATH = f"{STUDY_PAGES}/participants/{{participant}}"
+WINDOW_DAYS = 14
+MOST_MEALS = 500  # of a window: thirty-five a day
+SWITCHES = ("is_pregnant", "is_lactating")
+
+LastDay = Annotated[LocalDay | None, Query(alias="to")]
+
+
+@router.get(PATH)
+def get_participant(page: CurrentPage, study: str, participant: str, last: LastDay = None) -> Response:
+    """Two weeks of the diary, those that end on the last day with a meal or a word if none is named."""
+    return _participant(page, study, participant, last)
+
+
+@router.post(f"{PATH}/profile")
+def post_profile(page: CurrentPage, study: str, participant: str, fields: Fields) -> Response:
+    """Change the profile: what is emptied is taken away."""
+    values = typed(fields)
+    starts_on = values.pop("starts_on", "")
+    profile = {key: values[key] for key in PROFILE_KEYS if values.get(key)}
+    body, wrong = checked(ParticipantPatch, {"profile": profile} | ({"starts_on": starts_on} if starts_on else {}))
+    if body is None:
+        return _participant(page, study, participant, None, wrong={"": "; ".join(wrong.values())}, status=422)
+    emptied = {key: None for key in PROFILE_KEYS if key not in profile}
+    change = change_of(body, also=emptied, moves_start=True)
+    try:
+        participants.change_participant(page.state.database, page.caller, study, participant, change)
+    except (InvalidInputError, ConflictError) as error:
+        return _participant(page, study, participant, None, wrong={"": error.message}, status=error.status)
+    return page.go(study_address(study, "participants", participant), "The profile was changed.")
+
+
+@router.post(f"{PATH}/days/{{day}}")
+def post_day(page: CurrentPage, study: str, participant: str, day: date, fields: Fields) -> Response:
+    """A reviewer's word about a day, as it stood when the page was opened."""
+    values = typed(fields)
+    version, shown = values.pop("version", ""), values.pop("to", "")
+    body, wrong = checked(DayIn, values)
+    if body is None:
+        raise InvalidInputError("; ".join(wrong.values()))
+    diary.set_day(
+        page.state.database,
+        page.caller,
+        day,
+        word_of(body),
+        expected=frozenset({int(version)}) if version.isdecimal() else frozenset(),
+        whose=diary.Whose(study, participant),
+    )
+    target = study_address(study, "participants", participant)
+    window = f"?to={quote(shown)}" if shown else ""
+    return page.go(f"{target}{window}#day-{day}", f"{day} is {body.status} now.")
+
+
+@router.post(f"{PATH}/withdrawal")
+def post_withdrawal(page: CurrentPage, study: str, participant: str, fields: Fields) -> Response:
+    """The participant leaves, at their word; whoever tells it types the code, so that it is nobody else's."""
+    if typed(fields).get("code") != participant:
+        raise InvalidInputError("Type the participant's code to confirm that they leave the study.")
+    receipt = withdraw_participant(page.state.part(Eraser), page.caller, study, participant)
+    told = f"{participant} has left the study; its policy ({receipt.policy}) was carried out. Receipt: {receipt.id}."
+    return page.go(study_address(study, "participants"), told)
+
+
+def _participant(
+    page: Page,
+    study: str,
+    code: str,
+    last: date | None,
+    *,
+    wrong: dict[str, str] | None = None,
+    status: int = 200,
+) -> Response:
+    person = participants.read_participant(page.state.database, study, code)
+    feedback = _feedback(page, study, code, last)
+    end = last or (feedback.date if feedback is not None else datetime.now(UTC).date())
+    first = end - min(timedelta(days=WINDOW_DAYS - 1), end - date.min)
+    caller = in_study(page)
+    chosen = DayFilter(study_code=study, participant_code=code, first_day=first, last_day=end)
+    days = day_summaries.list_day_summaries(page.state.database, caller, chosen, cursor=None, limit=WINDOW_DAYS).rows
+    eaten = MealFilter(study_code=study, participant_code=code, first_day=first, last_day=end)
+    meals = list_meals(page.state.database, caller, eaten, order="oldest", cursor=None, limit=MOST_MEALS)
+    of_day = defaultdict(list)
+    for row in meals.rows:
+        of_day[row.meal.local_date].append((row, sums_of(row)))
+    phones = devices.list_devices(page.state.database, study, code, cursor=None, limit=20)
+    return page.render(
+        "participant.html",
+        status=status,
+        person=person,
+        profile=person.profile or {},
+        switches=SWITCHES,
+        days=[(day, judge_day(day.row)) for day in reversed(days)],
+        of_day=of_day,
+        first=first,
+        last=end,
+        window=WINDOW_DAYS,
+        earlier=first - timedelta(days=1) if first > date.min + timedelta(days=WINDOW_DAYS) else None,
+        later=end + timedelta(days=WINDOW_DAYS) if end < date.max - timedelta(days=WINDOW_DAYS) else None,
+        feedback=feedback,
+        headlines=HEADLINES,
+        phones=phones.rows,
+        wrong=wrong or {},
+    )
+
+
+def _feedback(page: Page, study: str, code: str, day: date | None) -> Feedback | None:
+    """What the participant sees, or would see; None: there is no day yet."""
+    try:
+        return read_feedback(page.state.database, page.caller, day, diary.Whose(study, code))
+    except InvalidInputError:
+        return None

@@ -1,0 +1,68 @@
+"""The people who work with the data, for admins: made, given passwords, disabled."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from starlette.responses import Response
+
+from app.core.errors import ConflictError, InvalidInputError, UnavailableError
+from app.dashboard.forms import Fields, checked, typed
+from app.dashboard.page import CurrentPage, Page
+from app.people.access import staff
+from app.people.access.page_rules import PREFIX
+from app.people.access.passwords import Passwords
+from app.people.access.staff_schemas import StaffIn, StaffPatch
+
+router = APIRouter(include_in_schema=False)
+
+PATH = f"{PREFIX}/staff"
+STAFF_A_PAGE = 200
+
+
+@router.get(PATH)
+def get_staff(page: CurrentPage, cursor: Annotated[str | None, Query(max_length=500)] = None) -> Response:
+    """All staff by name."""
+    return _staff(page, cursor, {}, {})
+
+
+@router.post(PATH)
+def post_staff(page: CurrentPage, fields: Fields) -> Response:
+    """Make a staff member, with a first password that they change on their account's page."""
+    values = typed(fields)
+    body, wrong = checked(StaffIn, {**values, "is_admin": "is_admin" in values})
+    if body is None:
+        return _staff(page, None, values, wrong, status=422)
+    try:
+        staff.create_staff(
+            page.state.database,
+            page.state.part(Passwords),
+            body.name,
+            is_admin=body.is_admin,
+            password=body.password.get_secret_value() if body.password is not None else None,
+            caller=page.caller,
+        )
+    except (ConflictError, InvalidInputError, UnavailableError) as error:
+        return _staff(page, None, values, {"name": error.message}, status=error.status)
+    return page.go(PATH, f"{body.name} was added. A study's owner, or you, gives them a role under Members.")
+
+
+@router.post(f"{PATH}/change")
+def post_change(page: CurrentPage, fields: Fields) -> Response:
+    """Change a staff member: admin or not, disabled, another password."""
+    values = typed(fields)
+    name = values.pop("name", "")
+    body, wrong = checked(StaffPatch, values)
+    if body is None:
+        raise InvalidInputError("; ".join(wrong.values()))
+    password = body.password.get_secret_value() if body.password is not None else None
+    change = staff.StaffChange(body.is_admin, body.is_disabled, password)
+    changed = staff.change_staff(page.state.database, page.state.part(Passwords), name, change, page.caller)
+    return page.go(PATH, f"{name} was changed.{changed.ended.sentence}")
+
+
+def _staff(
+    page: Page, cursor: str | None, values: dict[str, str], wrong: dict[str, str], status: int = 200
+) -> Response:
+    found = staff.list_staff(page.state.database, cursor=cursor, limit=STAFF_A_PAGE)
+    kept = {name: value for name, value in values.items() if name != "password"}
+    return page.render("staff.html", status=status, rows=found.rows, next=found.cursor, values=kept, wrong=wrong)

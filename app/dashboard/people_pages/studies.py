@@ -1,0 +1,22 @@
+"""The first page: the studies where one has a role."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from starlette.responses import HTMLResponse
+
+from app.dashboard.page import CurrentPage
+from app.people.access.access import role_in
+from app.people.access.page_rules import PREFIX
+from app.people.studies import list_studies
+
+router = APIRouter(include_in_schema=False)
+STUDIES_A_PAGE = 100
+
+
+@router.get(PREFIX)
+def get_studies(page: CurrentPage, cursor: Annotated[str | None, Query(max_length=500)] = None) -> HTMLResponse:
+    """The list; the pages of each study lead on from it."""
+    found = list_studies(page.state.database, page.caller, cursor=cursor, limit=STUDIES_A_PAGE)
+    rows = [(study, role_in(page.caller, study.id)) for study in found.rows]
+    return page.render("studies.html", rows=rows, next=found.cursor)

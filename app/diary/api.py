@@ -1,0 +1,198 @@
+"""/v1/me/days, the diary; /v1/days and a study's intakes, what researchers make of it."""
+
+from dataclasses import asdict
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Request, Response
+from fastapi.responses import JSONResponse
+
+from app.diary import day_summaries, diary
+from app.diary.diary import Whose, Word
+from app.diary.queries import DayFilter
+from app.diary.schemas import (
+    DayIn,
+    DayList,
+    DayOut,
+    DaySummaryOut,
+    DaySummaryPage,
+    IntakeOut,
+    IntakePage,
+    MeanAmountOut,
+    PlausibilityOut,
+)
+from app.diary.study_days import StudyDay
+from app.exports.export_files import FILES, ComponentsIn, Format, LayoutIn, answer_file, file_format
+from app.exports.export_spec import ExportFilters, ExportSpec
+from app.exports.tables.export_days import day_values, decided_by
+from app.foods.edits.api import IfMatch, expected_versions
+from app.http.day_order import require_order
+from app.http.flat_list import ListRoute
+from app.http.paging import Cursor, Limit, next_page
+from app.http.parameters import FirstDay, LastDay, OfParticipant, OfStudy, ParticipantCode, StudyCode
+from app.http.problems import problem_responses
+from app.http.text_schemas import LocalDay
+from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
+
+router = APIRouter(prefix="/v1", tags=["days"], route_class=ListRoute)
+
+Day = Annotated[LocalDay, Path(description="A local day, such as 2026-11-21.")]
+
+
+@router.get("/me/days", responses=problem_responses(401, 403, 422))
+def get_my_days(state: State, device: CurrentDevice, first_day: FirstDay = None, last_day: LastDay = None) -> DayList:
+    """The participant's days that have a meal or a word; without a range, the last month; a year at most."""
+    days = diary.list_days(state.database, device, first_day=first_day, last_day=last_day)
+    return DayList(items=[_day_out(day) for day in days])
+
+
+@router.put("/me/days/{day}", responses=problem_responses(401, 403, 409, 410, 412, 422, 428))
+def put_my_day(
+    day: Day, body: DayIn, state: State, device: CurrentDevice, response: Response, if_match: IfMatch = None
+) -> DayOut:
+    """Close a day, tell that nothing was eaten, or open it again. `If-Match` names its version, "0" the first time."""
+    found = diary.set_day(state.database, device, day, word_of(body), expected=expected_versions(if_match))
+    return _tagged(found, response)
+
+
+@router.get("/studies/{study}/participants/{participant}/days", responses=problem_responses(401, 403, 404, 422))
+def get_days_of_participant(
+    study: StudyCode,
+    participant: ParticipantCode,
+    state: State,
+    staff: CurrentStaff,
+    first_day: FirstDay = None,
+    last_day: LastDay = None,
+) -> DayList:
+    """A participant's days, as their phone lists them."""
+    whose = Whose(study, participant)
+    days = diary.list_days(state.database, staff, first_day=first_day, last_day=last_day, whose=whose)
+    return DayList(items=[_day_out(day) for day in days])
+
+
+@router.put(
+    "/studies/{study}/participants/{participant}/days/{day}",
+    responses=problem_responses(401, 403, 404, 409, 412, 422, 428),
+)
+def put_day_of_participant(
+    study: StudyCode,
+    participant: ParticipantCode,
+    day: Day,
+    body: DayIn,
+    state: State,
+    staff: CurrentStaff,
+    response: Response,
+    if_match: IfMatch = None,
+) -> DayOut:
+    """A reviewer's word about a day: from then on it holds, whatever the participant says."""
+    found = diary.set_day(
+        state.database,
+        staff,
+        day,
+        word_of(body),
+        expected=expected_versions(if_match),
+        whose=Whose(study, participant),
+    )
+    return _tagged(found, response)
+
+
+@router.get(
+    "/days",
+    response_model=DaySummaryPage,
+    responses={
+        200: {"content": FILES, "description": "A page, or all rows as a file."},
+        **problem_responses(401, 403, 422, 503),
+    },
+)
+def get_days(
+    request: Request,
+    state: State,
+    caller: CurrentCaller,
+    study: OfStudy = None,
+    participant: OfParticipant = None,
+    first_day: FirstDay = None,
+    last_day: LastDay = None,
+    limit: Limit = 100,
+    cursor: Cursor = None,
+    output: Format = None,
+    layout: LayoutIn = "wide",
+    components: ComponentsIn = "headline",
+) -> Response:
+    """A row a participant-day, those without food too. JSON comes in pages; a file has all rows, of one moment."""
+    output = file_format(request, output, layout, components)
+    if output is not None:
+        filters = ExportFilters(study, participant, first_day, last_day)
+        return answer_file(state, caller, ExportSpec("days", layout, output, components, filters), "days")
+    require_order(first_day, last_day)
+    chosen = DayFilter(study_code=study, participant_code=participant, first_day=first_day, last_day=last_day)
+    page = day_summaries.list_day_summaries(state.database, caller, chosen, cursor=cursor, limit=limit)
+    body = DaySummaryPage(
+        items=[DaySummaryOut(**day_values(day)) for day in page.rows], next=next_page(request, page.cursor)
+    )
+    return JSONResponse(body.model_dump(mode="json"))
+
+
+@router.get("/studies/{study}/intakes", responses=problem_responses(401, 403, 404, 422))
+def get_intakes(
+    request: Request,
+    study: StudyCode,
+    state: State,
+    staff: CurrentStaff,
+    first_day: FirstDay = None,
+    last_day: LastDay = None,
+    limit: Limit = 100,
+    cursor: Cursor = None,
+) -> IntakePage:
+    """Each participant's mean daily intake over closed days; open days are left out and counted."""
+    require_order(first_day, last_day)
+    page = day_summaries.list_intakes(
+        state.database, staff, study, first_day=first_day, last_day=last_day, cursor=cursor, limit=limit
+    )
+    return IntakePage(items=[_intake_out(intake) for intake in page.rows], next=next_page(request, page.cursor))
+
+
+def word_of(body: DayIn) -> Word:
+    """The diary's word for what is asked."""
+    if body.status == "open":
+        return "reopened"
+    return "ate_nothing" if body.ate_nothing else "closed"
+
+
+def _tagged(day: StudyDay, response: Response) -> DayOut:
+    response.headers["ETag"] = f'"{day.row.version}"'
+    return _day_out(day)
+
+
+def _day_out(day: StudyDay) -> DayOut:
+    row = day.row
+    return DayOut(
+        date=row.local_date,
+        study_day=day.number,
+        status=row.status,
+        ate_nothing=row.ate_nothing,
+        decided_by=decided_by(row),
+        meals=row.meals,
+        meals_after_closing=row.meals_after_closing,
+        version=row.version,
+        changed_at=row.changed_at,
+    )
+
+
+def _intake_out(intake: day_summaries.Intake) -> IntakeOut:
+    row = intake.row
+    return IntakeOut(
+        participant=row.participant_code,
+        closed_days=row.closed_days,
+        open_days=row.open_days,
+        silent_days=intake.silent_days,
+        first_day=row.first_day,
+        last_day=row.last_day,
+        unmeasured_meals=row.unmeasured_meals,
+        unmeasured_items=row.unmeasured_items,
+        provisional_items=row.provisional_items,
+        leftovers_unknown_items=row.leftovers_unknown_items,
+        components={
+            name: MeanAmountOut(mean=mean.value, days=mean.days, coverage=mean.coverage)
+            for name, mean in row.means.items()
+        },
+        plausibility=PlausibilityOut(**asdict(intake.plausibility)),
+    )

@@ -1,0 +1,291 @@
+"""A participant's feedback: a day's amounts and, from three closed days on, a comparison with reference intakes.
+
+Off unless the study gives feedback, since it changes what people eat. A day shows amounts only: a day above or below a
+recommendation says nothing. Staff see the same of any participant in their studies.
+"""
+
+import uuid
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import date, datetime, timedelta
+from typing import Literal
+
+from sqlalchemy.orm import Session
+
+from app.core.errors import InvalidInputError, NotAllowedError
+from app.db.session import Database
+from app.diary import diary_queries as diary
+from app.diary import queries as days
+from app.diary.day_definition import FULL
+from app.diary.diary import Whose, find_participant
+from app.diary.models import DayStatus
+from app.diary.queries import DayFilter, DayRow
+from app.diary.study_days import number_days, stage_on
+from app.foods.food_amounts import RECORD_COLUMNS
+from app.meals.models import Meal
+from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
+from app.messages.catalogue import feedback_sentence
+from app.nutrition.intakes.compare_intake import MIN_DAYS, Comparison, Kind, compare_intake
+from app.nutrition.intakes.life_stage import LifeStage
+from app.nutrition.intakes.reference_intakes import reference_intakes
+from app.nutrition.nutrients import NOTHING, interval_in_proportion
+from app.people.access.caller import Caller, DeviceCaller
+from app.people.models import Locale, Participant, Study
+from app.records.record_amounts import eaten_g
+
+WINDOW_DAYS = 14  # two weeks: each weekday twice
+COMPARED = ("protein_g", "fibre_g", "sodium_mg", "potassium_mg", "vitamin_c_mg")  # comparable with a reference as is
+
+NoComparison = Literal["days_needed", "profile_needed"]
+Said = tuple[str, dict[str, object]]  # a sentence's code and its values
+
+
+@dataclass(frozen=True, slots=True)
+class EatenAmount:
+    """An amount in its column's unit; None where it is known of no item.
+
+    interval: (low, high), at least 90 %; None where it is not known. coverage: the share of the grams for which the
+    amount is known; None where grams are not known.
+    """
+
+    amount: float | None
+    interval: tuple[float, float] | None
+    coverage: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class EatenMeal:
+    """One meal of the day. meal_id: the phone's."""
+
+    meal_id: uuid.UUID
+    captured_at: datetime
+    items: int
+    unmeasured_items: int
+    components: Mapping[str, EatenAmount]
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedComponent(Comparison):
+    """A component's comparison. coverage: the mean of the days'."""
+
+    coverage: float
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedDays:
+    """The closed days of the window, those of them that are measured whole and final, and what these compare to.
+
+    why_not: why nothing is compared.
+    """
+
+    window_days: int
+    closed_days: int
+    whole_days: int
+    components: Mapping[str, ComparedComponent]
+    why_not: NoComparison | None
+
+
+@dataclass(frozen=True, slots=True)
+class Feedback:
+    """A day's feedback. study_day: None where the day has no number."""
+
+    date: date
+    study_day: int | None
+    status: DayStatus
+    ate_nothing: bool
+    meals: tuple[EatenMeal, ...]
+    components: Mapping[str, EatenAmount]
+    unmeasured_meals: int
+    unmeasured_items: int
+    provisional_items: int
+    leftovers_unknown_items: int
+    comparison: ComparedDays
+    locale: Locale
+    sentences: tuple[str, ...]
+    disclaimer: str
+
+
+def read_feedback(database: Database, caller: Caller, local_date: date | None, whose: Whose | None = None) -> Feedback:
+    """Return a day's feedback; without a date, of the last day that has a meal or a diary entry.
+
+    Raises NotAllowedError (`feedback_off`) for a phone whose study gives none, InvalidInputError where there is no day
+    yet, NotFoundError.
+    """
+    with database.read() as session:
+        participant = find_participant(session, caller, whose)
+        study = session.get_one(Study, participant.study_id)
+        if isinstance(caller, DeviceCaller) and not study.gives_feedback:
+            raise NotAllowedError("This study gives no feedback while it measures.", code="feedback_off")
+        day = local_date or diary.latest_day_of(session, participant.id)
+        if day is None:
+            raise InvalidInputError("There is no day with a meal yet: name a date.", code="no_day_yet")
+        return _feedback(session, participant, study, day)
+
+
+def compare_days(rows: Sequence[DayRow], stage: LifeStage | None) -> ComparedDays:
+    """Compare a window's days with the reference intakes of a life stage; stage None: it is not known."""
+    closed = [row for row in rows if row.status == "closed"]
+    whole = [row for row in closed if row.is_complete]
+    compared: dict[str, ComparedComponent] = {}
+    why_not: NoComparison | None = None
+    if len(whole) < MIN_DAYS:
+        why_not = "days_needed"
+    elif stage is None:
+        why_not = "profile_needed"
+    else:
+        for column, (reference, kind) in _references(stage).items():
+            amounts = [row.amount(column) for row in whole]
+            known = [(max(each.value, 0.0), each.coverage or 0.0) for each in amounts if each.value is not None]
+            if len(known) >= MIN_DAYS:
+                daily, shares = zip(*known, strict=True)
+                is_covered = len(known) == len(whole) and min(shares) >= FULL
+                comparison = compare_intake(daily, reference, kind, is_covered=is_covered)
+                compared[column] = ComparedComponent(**asdict(comparison), coverage=sum(shares) / len(shares))
+    return ComparedDays(WINDOW_DAYS, len(closed), len(whole), compared, why_not)
+
+
+def sum_amounts(records: Iterable[EffectiveRecord], *, is_all: bool = True) -> dict[str, EatenAmount]:
+    """Column -> the sum over records, with an interval that holds whatever the items' errors share.
+
+    Each end is the sum of the items' ends, as if all erred alike: wider than it need be, never narrower.
+    is_all: False where something was eaten of which there is no record.
+    """
+    eaten = list(records)
+    sums = {column: _sum(eaten, column) for column in HEADLINE_COLUMNS}
+    return sums if is_all else {column: replace(each, coverage=None) for column, each in sums.items()}
+
+
+def _feedback(session: Session, participant: Participant, study: Study, day: date) -> Feedback:
+    window = DayFilter(participant_id=participant.id, first_day=_window_start(day), last_day=day)
+    rows = days.days_of(session, window)
+    today = next((row for row in rows if row.local_date == day), None)
+    eaten = diary.meals_of_day(session, participant.id, day)
+    records = [record for _, of_meal in eaten for record in of_meal]
+    unmeasured_meals = today.unmeasured_meals if today is not None else 0
+    if today is not None and today.is_nothing:
+        components = dict.fromkeys(HEADLINE_COLUMNS, EatenAmount(0.0, (0.0, 0.0), 1.0))
+    else:
+        components = sum_amounts(records, is_all=unmeasured_meals == 0)
+    feedback = Feedback(
+        date=day,
+        study_day=number_days(session, [today])[0].number if today is not None else None,
+        status=today.status if today is not None else "open",
+        ate_nothing=today is not None and today.ate_nothing,
+        meals=tuple(_eaten_meal(meal, of_meal) for meal, of_meal in eaten),
+        components=components,
+        unmeasured_meals=unmeasured_meals,
+        unmeasured_items=sum(record.consumed_g is None for record in records),
+        provisional_items=sum(record.provisional for record in records),
+        leftovers_unknown_items=today.leftovers_unknown_items if today is not None else 0,
+        comparison=compare_days(rows, stage_on(participant.profile, day)),
+        locale=study.locale,
+        sentences=(),
+        disclaimer=feedback_sentence("not_advice", study.locale),
+    )
+    said = (*_said_of_day(feedback), *_said_of_comparison(feedback))
+    return replace(feedback, sentences=tuple(feedback_sentence(code, study.locale, **values) for code, values in said))
+
+
+def _eaten_meal(meal: Meal, records: Sequence[EffectiveRecord]) -> EatenMeal:
+    unmeasured = sum(record.consumed_g is None for record in records)
+    return EatenMeal(meal.client_id, meal.captured_at, len(records), unmeasured, sum_amounts(records))
+
+
+def _sum(eaten: Sequence[EffectiveRecord], column: str) -> EatenAmount:
+    known = [(getattr(record, column), record) for record in eaten if getattr(record, column) is not None]
+    if not known:
+        return EatenAmount(None, None, None)
+    ends = [_ends(amount, record) for amount, record in known]
+    interval = None
+    if None not in ends:
+        low, high = (max(sum(end), 0.0) for end in zip(*filter(None, ends), strict=True))
+        if high > 0.0 or all(eaten_g(record) == NOTHING for _, record in known):
+            interval = (low, high)  # else: 0 by the table of what was eaten, where the doubt of grams says nothing
+    coverage = None
+    if all(record.consumed_g is not None for record in eaten):
+        whole_g = sum(_positive_g(record) for record in eaten)
+        known_g = sum(_positive_g(record) for _, record in known)
+        coverage = known_g / whole_g if whole_g > 0.0 else float(len(known) == len(eaten))
+    return EatenAmount(max(sum(amount for amount, _ in known), 0.0), interval, coverage)
+
+
+def _positive_g(record: EffectiveRecord) -> float:
+    return max(record.consumed_g or 0.0, 0.0)
+
+
+def _ends(amount: float, record: EffectiveRecord) -> tuple[float, float] | None:
+    """The amount at the ends of the grams' interval; of a food that has none of it, 0: it adds nothing to a sum."""
+    grams = eaten_g(record)
+    if grams is None:
+        return None
+    is_free_of_it = amount == 0.0 and grams.value != 0.0
+    return (0.0, 0.0) if is_free_of_it else interval_in_proportion(amount, grams)
+
+
+def _references(stage: LifeStage) -> dict[str, tuple[float, Kind]]:
+    """Column -> the reference to compare with and its kind: the CDRR before the RDA, and that before the AI."""
+    by_number = {intake.number: intake for intake in reference_intakes(stage) if intake.per == "day"}
+    references: dict[str, tuple[float, Kind]] = {}
+    for column in COMPARED:
+        intake = by_number.get(RECORD_COLUMNS[column][0])
+        kinds: tuple[Kind, ...] = ("ai", "rda", "cdrr")
+        for kind in kinds:
+            figure: float | None = getattr(intake, kind, None)
+            if figure is not None:
+                references[column] = figure, kind
+    return references
+
+
+def _window_start(day: date) -> date:
+    return day - min(timedelta(days=WINDOW_DAYS - 1), day - date.min)
+
+
+def _said_of_day(feedback: Feedback) -> Iterator[Said]:
+    energy, meals = feedback.components["energy_kcal"], len(feedback.meals)
+    if feedback.ate_nothing:
+        yield "nothing_eaten", {"day": feedback.date}
+    elif energy.amount is None:
+        yield "day_without_energy", {"day": feedback.date, "meals": meals}
+    else:
+        yield "day", {"day": feedback.date, "meals": meals, "energy": _rounded(energy.amount)}
+    if not feedback.ate_nothing:
+        if energy.interval is not None and energy.interval[1] > 0.0:
+            yield "energy_interval", dict(zip(("low", "high"), map(_rounded, energy.interval), strict=True))
+        counts = {
+            "unmeasured": feedback.unmeasured_items,
+            "unmeasured_meals": feedback.unmeasured_meals,
+            "leftovers_unknown": feedback.leftovers_unknown_items,
+        }
+        for code, count in counts.items():
+            if count:
+                yield code, {"count": count}
+    if feedback.provisional_items:
+        yield "provisional", {}
+    if feedback.status == "open":
+        yield "day_open", {}
+
+
+def _said_of_comparison(feedback: Feedback) -> Iterator[Said]:
+    comparison, locale = feedback.comparison, feedback.locale
+    if comparison.why_not is not None:
+        yield comparison.why_not, {"needed": MIN_DAYS, "window": WINDOW_DAYS, "days": comparison.whole_days}
+        return
+    yield "basis", {"days": comparison.closed_days, "window": WINDOW_DAYS}
+    if comparison.whole_days < comparison.closed_days:
+        yield "basis_unmeasured", {"count": comparison.closed_days - comparison.whole_days}
+    for column, compared in comparison.components.items():
+        yield (
+            compared.verdict,
+            {
+                "name": feedback_sentence(f"name_{column}", locale),
+                "unit": feedback_sentence(f"unit_{column.rpartition('_')[2]}", locale),
+                "mean": _rounded(compared.mean),
+                "reference": _rounded(compared.reference),
+            },
+        )
+    yield "doubt", {}
+
+
+def _rounded(value: float) -> str:
+    """Two significant digits: an amount from photographs has no more."""
+    return f"{float(f'{value:.2g}'):.0f}" if value >= 1.0 else f"{value:.1f}"

@@ -1,0 +1,92 @@
+"""A participant's feedback over the wire."""
+
+import uuid
+from datetime import date, datetime
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, Field
+
+from app.diary.models import DayStatus
+from app.http.field_descriptions import CAPTURED_AT, MEAL_ID, STUDY_DAY
+from app.people.models import Locale
+
+
+class EatenAmountOut(BaseModel):
+    """An amount in the unit that its name ends with; null: not known. The interval holds with 90 % or more."""
+
+    amount: float | None = Field(description="In the unit that the component's name ends with; null: not known.")
+    interval: tuple[float, float] | None = Field(
+        description="[low, high], which holds the true amount with at least 90 %; null: not known."
+    )
+    coverage: float | None = Field(description="The share of the eaten grams for which it is known.")
+
+
+class EatenMealOut(BaseModel):
+    """One meal of the day."""
+
+    meal_id: uuid.UUID = Field(description=MEAL_ID)
+    captured_at: datetime = Field(description=CAPTURED_AT)
+    items: int = Field(description="Items of the meal that count (not rejected).")
+    unmeasured_items: int = Field(description="Items whose eaten grams are not known: they are missing in the amounts.")
+    components: dict[str, EatenAmountOut] = Field(description="Amounts by the record's column, such as energy_kcal.")
+
+
+class ComparedOut(BaseModel):
+    """A mean of days beside a reference intake of the participant's age and sex."""
+
+    mean: float = Field(description="Mean per day, in the unit that the component's name ends with.")
+    interval: tuple[float, float] = Field(
+        description="90 %, of days as they differ; the measurement's doubt not in it."
+    )
+    days: int = Field(description="Days that the mean is over.")
+    coverage: float = Field(
+        description="Mean over the days of the share of the eaten grams for which the component is known, 0 to 1."
+    )
+    reference: float = Field(description="The reference intake per day, in the same unit.")
+    kind: Literal["rda", "ai", "cdrr"] = Field(
+        description="rda: Recommended Dietary Allowance. ai: Adequate Intake. cdrr: Chronic Disease Risk Reduction "
+        "intake."
+    )
+    verdict: Literal["reaches", "below", "above_limit", "under_limit", "open", "open_adequate", "open_coverage"] = (
+        Field(
+            description="What the days show: reaches, below: an RDA or AI. above_limit, under_limit: a CDRR. open: the "
+            "days do not show it. open_adequate: below an AI, which means nothing. open_coverage: not all "
+            "contents are known."
+        )
+    )
+
+
+class ComparisonOut(BaseModel):
+    """Days of the window beside reference intakes; `why_not` says why nothing is compared."""
+
+    window_days: int = Field(description="Length of the window in days; it ends with the summary's day.")
+    closed_days: int = Field(description="Closed days in the window.")
+    whole_days: int = Field(description="Closed days of which everything is measured and final: they are compared.")
+    why_not: Literal["days_needed", "profile_needed"] | None = Field(
+        description="days_needed: too few whole days. profile_needed: age or sex is not known. Null: there is a "
+        "comparison."
+    )
+    components: dict[str, ComparedOut] = Field(
+        description="By the record's column, such as fibre_g; empty where nothing is compared."
+    )
+
+
+class SummaryOut(BaseModel):
+    """What a participant ate on a day, in figures and in plain sentences of the study's language."""
+
+    date: Annotated[date, Field(description="The participant's local day.")]
+    study_day: int | None = Field(description=STUDY_DAY)
+    status: DayStatus = Field(description="closed: all that was eaten on the day is recorded. open: not so.")
+    ate_nothing: bool = Field(description="Whether the day is closed and nothing was eaten on it.")
+    meals: list[EatenMealOut] = Field(description="The day's meals.")
+    components: dict[str, EatenAmountOut] = Field(description="Of the whole day: amounts, compared with nothing.")
+    unmeasured_meals: int = Field(description="No food of theirs is known: they are missing in the amounts.")
+    unmeasured_items: int = Field(description="Items whose eaten grams are not known: they are missing in the amounts.")
+    provisional_items: int = Field(description="Items that an after-meal pair may still change.")
+    leftovers_unknown_items: int = Field(
+        description="Counted as eaten up: nobody has looked what was left, where the study expects an after-meal pair."
+    )
+    comparison: ComparisonOut = Field(description="Means of the last days beside reference intakes.")
+    locale: Locale = Field(description="The language of the sentences.")
+    sentences: list[str] = Field(description="To be shown as they stand, in this order.")
+    disclaimer: str = Field(description="To be shown beside them, always.")

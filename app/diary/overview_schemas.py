@@ -1,0 +1,152 @@
+"""A study's overview over the wire; each list is a table that can be had as CSV with the same rows."""
+
+import uuid
+from datetime import date, datetime
+
+from pydantic import BaseModel, Field
+
+from app.diary.overview_queries import CountedStatus
+from app.diary.schemas import UNMEASURED_MEALS
+from app.http.field_descriptions import CAPTURED_AT, LOCAL_DATE, MEAL_ID, PARTICIPANT, STUDY
+
+WHOLE = "Closed, and everything eaten is measured and final, or nothing was eaten; with all of its energy known."
+LATE = "Arrived more than 24 hours after they were eaten."
+
+
+class OverviewPeopleOut(BaseModel):
+    """Participants."""
+
+    everybody: int = Field(description="Those who have left included.")
+    active: int = Field(description="With a meal in the window.")
+    withdrawn: int = Field(description="Those who have left, whatever became of their data.")
+    erased: int = Field(description="Of those: whose data were erased, of whom this count is all that is left.")
+
+
+class CompletenessOut(BaseModel):
+    """Participant-days of the window."""
+
+    expected: int = Field(description="From each participant's first day until they left, today at the latest.")
+    told: int = Field(description="Of those: with a meal, or closed.")
+    silent: int = Field(description="Of those: without.")
+    closed: int = Field(description="Participant-days that are closed.")
+    whole: int = Field(description=WHOLE)
+    meals: int = Field(description="Meals of the window.")
+    late_meals: int = Field(description=LATE)
+    median_delay_seconds: float | None = Field(description="From eating to the server, of the window's meals.")
+
+
+class OverviewDayOut(BaseModel):
+    """A local day of the window; numbers of participants, but for what names meals or items."""
+
+    local_date: date = Field(description="The local day.")
+    expected: int = Field(description="From each participant's first day until they left.")
+    told: int = Field(description="Of those who were expected: with a meal, or closed.")
+    told_closed: int = Field(description="Of those who were expected.")
+    told_open: int = Field(description="Of those who were expected: with a meal, and not closed.")
+    silent: int = Field(description="Of those who were expected: with no meal, and not closed.")
+    with_meal: int = Field(description="With at least one meal.")
+    closed: int = Field(description="Whose day is closed.")
+    ate_nothing: int = Field(
+        description="Whose day is closed with the entry that nothing was eaten, and has no meal that says otherwise."
+    )
+    whole: int = Field(description=WHOLE)
+    whole_energy_kcal: float | None = Field(description="Mean of the whole days; null: there is none.")
+    open_days: int = Field(description="Not closed, with some energy known.")
+    open_energy_kcal: float | None = Field(description="Mean of the open days: a lower bound, more may come.")
+    meals: int = Field(description="Meals of the day.")
+    receiving_meals: int = Field(description="Meals of status receiving.")
+    queued_meals: int = Field(description="Meals of status queued.")
+    processing_meals: int = Field(description="Meals of status processing.")
+    estimated_meals: int = Field(description="Meals of status estimated.")
+    needs_review_meals: int = Field(description="Meals of status needs_review.")
+    failed_meals: int = Field(description="Meals of status failed.")
+    confirmed_meals: int = Field(description="Meals of status confirmed.")
+    late_meals: int = Field(description=LATE)
+    late_share: float | None = Field(description="Of the meals; null where there is none.")
+    median_delay_seconds: float | None = Field(description="From eating to the server, of the day's meals.")
+    located_meals: int = Field(description="Whose place is kept.")
+    unmeasured_meals: int = Field(description=UNMEASURED_MEALS)
+    items: int = Field(description="Items that count (not rejected).")
+    unmeasured_items: int = Field(description="Items whose eaten grams are not known.")
+    provisional_items: int = Field(description="Items that an after-meal pair may still change.")
+
+
+class OverviewStatusOut(BaseModel):
+    """Meals of a status, or whose after-meal pair is waited for (after_awaited) or has failed (after_failed)."""
+
+    status: CountedStatus = Field(description="A meal's status, or after_awaited or after_failed.")
+    meals: int = Field(description="How many meals there are.")
+
+
+class FailureCountOut(BaseModel):
+    """Meals that failed by a code."""
+
+    failure_code: str = Field(description="Why they could not be measured (docs/errors.md).")
+    meals: int = Field(description="How many meals there are.")
+
+
+class BinOut(BaseModel):
+    """Whole days whose amount lies in [from, to); in the last bin also those at its end."""
+
+    component: str = Field(description="The record's column, such as energy_kcal: its unit is in its name.")
+    from_amount: float = Field(description="Lower end of the bin, included.")
+    to_amount: float = Field(description="Upper end of the bin, included in the last one only.")
+    days: int = Field(description="Whole days whose amount lies in the bin.")
+
+
+class OverviewNutrientOut(BaseModel):
+    """How an amount lies over whole participant-days of which all of it is known."""
+
+    component: str = Field(description="The record's column, such as energy_kcal: its unit is in its name.")
+    days: int = Field(description="Whole participant-days on which all of it is known.")
+    mean: float | None = Field(description="Mean over the days; null: there are none.")
+    sd: float | None = Field(description="The sample's; null of fewer than two days.")
+    median: float | None = Field(description="Median of the days; null: there are none.")
+    minimum: float | None = Field(description="Least amount of a day; null: there are none.")
+    maximum: float | None = Field(description="Greatest amount of a day; null: there are none.")
+    days_below_bins: int = Field(description="Days below the histogram's first bin.")
+    days_above_bins: int = Field(description="Days above the histogram's last bin.")
+
+
+class PersonDayOut(BaseModel):
+    """A participant's day, on which something was expected or is known."""
+
+    participant: str = Field(description=PARTICIPANT)
+    local_date: date = Field(description="The participant's local day.")
+    expected: bool = Field(description="Whether the day lies between their first day and the day on which they left.")
+    closed: bool = Field(description="Whether the day is closed.")
+    meals: int = Field(description="Meals of the day.")
+
+
+class PlaceOut(BaseModel):
+    """Where a meal was eaten, WGS84, rounded to three decimals of a degree."""
+
+    meal_id: uuid.UUID = Field(description=MEAL_ID)
+    participant: str = Field(description=PARTICIPANT)
+    captured_at: datetime = Field(description=CAPTURED_AT)
+    local_date: date = Field(description=LOCAL_DATE)
+    latitude: float = Field(description="Degrees north, WGS84.")
+    longitude: float = Field(description="Degrees east, WGS84.")
+
+
+class OverviewOut(BaseModel):
+    """A study over a window of local days, both ends included."""
+
+    study: str = Field(description=STUDY)
+    first_day: date = Field(description="First local day of the window, included.")
+    last_day: date = Field(description="Last local day of the window, included.")
+    participants: OverviewPeopleOut = Field(description="How many participants there are.")
+    completeness: CompletenessOut = Field(description="How complete the window's diary is.")
+    days: list[OverviewDayOut] = Field(description="One entry per local day of the window.")
+    statuses: list[OverviewStatusOut] = Field(description="Of the window's meals.")
+    waiting: list[OverviewStatusOut] = Field(description="Of the whole study, now.")
+    failures: list[FailureCountOut] = Field(description="Of the whole study, now; the commonest first.")
+    nutrients: list[OverviewNutrientOut] = Field(
+        description="How the amounts of each component are distributed over whole days."
+    )
+    histograms: list[BinOut] = Field(description="Bins of each component, in order.")
+    person_days: list[PersonDayOut] = Field(
+        description="By participant and day; empty in a study of more than 60, or a window of more than 35 days."
+    )
+    located_meals: int | None = Field(description="Null: the study keeps no places.")
+    places: list[PlaceOut] = Field(description="Of the newest 2,000 located meals of the window.")

@@ -1,0 +1,155 @@
+"""Days over the wire: the diary's, those of researchers, mean intakes."""
+
+from datetime import date, datetime
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from app.diary.models import DayStatus
+from app.http.field_descriptions import DAY, NEXT, PAGE, PARTICIPANT
+from app.nutrition.plausible_energy import WhyUnknown
+
+COVERAGE = "The share of the eaten grams for which it is known, 0 to 1; null: grams of something are not known."
+UNMEASURED_MEALS = (
+    "No food of theirs is known (failed, not measured yet), and nobody said there was none: missing in sums."
+)
+LEFTOVERS_UNKNOWN = (
+    "Items that count as eaten up, since nobody has looked what was left of them, where the study expects an "
+    "after-meal pair: with any, what was consumed is an upper bound."
+)
+
+
+class DayIn(BaseModel):
+    """A word about a day: closed, all that was eaten is told; open, not so."""
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"status": "closed", "ate_nothing": False}})
+
+    status: DayStatus = Field(description="closed: all that was eaten on the day is recorded. open: not so.")
+    ate_nothing: bool = Field(default=False, description="With closed: nothing was eaten on the day.")
+
+    @model_validator(mode="after")
+    def _nothing_is_all(self) -> "DayIn":
+        if self.ate_nothing and self.status != "closed":
+            raise ValueError("ate_nothing goes with the status closed")
+        return self
+
+
+class DayOut(BaseModel):
+    """How a day stands. A day that is not listed is open, with version 0."""
+
+    date: Annotated[date, Field(description="The participant's local day.")]
+    study_day: int | None = Field(description="1 on the participant's first day.")
+    status: DayStatus = Field(
+        description="closed: all that was eaten on the day is recorded. open: not so, or nobody has said."
+    )
+    ate_nothing: bool = Field(description="Closed, and nothing was eaten: no meal says otherwise.")
+    decided_by: Literal["participant", "reviewer"] | None = Field(description="Whose word holds; null: nobody's yet.")
+    meals: int = Field(description="Meals of the day.")
+    meals_after_closing: int = Field(description="Meals that came in after the day was closed: it may need a look.")
+    version: int = Field(description='Goes into If-Match, as "3".')
+    changed_at: datetime | None = Field(description="When somebody last closed or reopened the day; null: nobody has.")
+
+
+class DayList(BaseModel):
+    """Days that have a meal or a word, by date."""
+
+    items: list[DayOut] = Field(description="Days that have a meal or a diary entry, by date.")
+
+
+class PlausibilityOut(BaseModel):
+    """Energy intake over basal metabolic rate, beside the 95 % limits for so many whole days (Goldberg, Black 2000)."""
+
+    verdict: Literal["low", "plausible", "high", "unknown"] = Field(
+        description="low, high: outside the limits. unknown: `reason` says why."
+    )
+    days: int = Field(description="Whole days that the mean is over.")
+    ratio: float | None = Field(description="Mean energy intake over basal metabolic rate; null: not known.")
+    low: float | None = Field(description="Lower limit of a plausible ratio; null: not known.")
+    high: float | None = Field(description="Upper limit of a plausible ratio; null: not known.")
+    reason: WhyUnknown | None = Field(description="Why it is unknown.")
+
+
+class DaySummaryOut(BaseModel):
+    """What a participant ate on a day. What is not known is null, never 0; a sum of a part is told by its coverage."""
+
+    study: str = Field(description=DAY["study"])
+    participant: str = Field(description=DAY["participant"])
+    local_date: date = Field(description=DAY["local_date"])
+    study_day: int | None = Field(description=DAY["study_day"])
+    day_status: DayStatus = Field(description="Leave open days out of means.")
+    ate_nothing: bool = Field(description=DAY["ate_nothing"])
+    decided_by: Literal["participant", "reviewer"] | None = Field(description=DAY["decided_by"])
+    meals: int = Field(description=DAY["meals"])
+    meals_after_closing: int = Field(description=DAY["meals_after_closing"])
+    median_upload_delay_seconds: float | None = Field(description="From eating to the server, of the day's meals.")
+    items: int = Field(description=DAY["items"])
+    unmeasured_meals: int = Field(description=UNMEASURED_MEALS)
+    unmeasured_items: int = Field(description="Their grams are not known: the sums are of the others.")
+    provisional_items: int = Field(description="An after-meal pair may still change them.")
+    leftovers_unknown_items: int = Field(description=LEFTOVERS_UNKNOWN)
+    consumed_g: float | None = Field(description=DAY["consumed_g"])
+    energy_kcal: float | None = Field(description=DAY["energy_kcal"])
+    energy_kcal_coverage: float | None = Field(description=DAY["energy_kcal_coverage"])
+    protein_g: float | None = Field(description=DAY["protein_g"])
+    protein_g_coverage: float | None = Field(description=DAY["protein_g_coverage"])
+    fat_g: float | None = Field(description=DAY["fat_g"])
+    fat_g_coverage: float | None = Field(description=DAY["fat_g_coverage"])
+    carbohydrate_g: float | None = Field(description=DAY["carbohydrate_g"])
+    carbohydrate_g_coverage: float | None = Field(description=DAY["carbohydrate_g_coverage"])
+    fibre_g: float | None = Field(description=DAY["fibre_g"])
+    fibre_g_coverage: float | None = Field(description=DAY["fibre_g_coverage"])
+    sugar_g: float | None = Field(description=DAY["sugar_g"])
+    sugar_g_coverage: float | None = Field(description=DAY["sugar_g_coverage"])
+    saturated_fat_g: float | None = Field(description=DAY["saturated_fat_g"])
+    saturated_fat_g_coverage: float | None = Field(description=DAY["saturated_fat_g_coverage"])
+    sodium_mg: float | None = Field(description=DAY["sodium_mg"])
+    sodium_mg_coverage: float | None = Field(description=DAY["sodium_mg_coverage"])
+    potassium_mg: float | None = Field(description=DAY["potassium_mg"])
+    potassium_mg_coverage: float | None = Field(description=DAY["potassium_mg_coverage"])
+    vitamin_c_mg: float | None = Field(description=DAY["vitamin_c_mg"])
+    vitamin_c_mg_coverage: float | None = Field(description=DAY["vitamin_c_mg_coverage"])
+    energy_to_basal_rate: float | None = Field(description=DAY["energy_to_basal_rate"])
+    plausibility: Literal["low", "plausible", "high", "unknown"] = Field(
+        description="Of this day's energy alone, with the wide limits of one day; low, high: hardly all, or too much."
+    )
+
+
+class DaySummaryPage(BaseModel):
+    """A page of days by date and participant; `next` leads to the page after it, null at the end."""
+
+    items: list[DaySummaryOut] = Field(description=PAGE)
+    next: str | None = Field(description=NEXT)
+
+
+class MeanAmountOut(BaseModel):
+    """A mean daily amount; days: closed days on which it is known, of some items at least."""
+
+    mean: float | None = Field(
+        description="Mean amount per day, in the unit that the component's name ends with; null: known on no day."
+    )
+    days: int = Field(description="Closed days on which the amount is known, at least of some items.")
+    coverage: float | None = Field(description=COVERAGE)
+
+
+class IntakeOut(BaseModel):
+    """A participant's mean daily intake over closed days; days on which nothing was eaten count as 0."""
+
+    participant: str = Field(description=PARTICIPANT)
+    closed_days: int = Field(description="Days that the means are over.")
+    open_days: int = Field(description="Days with a meal or a word that were not closed: left out.")
+    silent_days: int = Field(description="Days between the first and the last without a meal or a word.")
+    first_day: date = Field(description="First local day of the window with a meal or a diary entry.")
+    last_day: date = Field(description="Last local day of the window with a meal or a diary entry.")
+    unmeasured_meals: int = Field(description=UNMEASURED_MEALS)
+    unmeasured_items: int = Field(description="Items whose eaten grams are not known: the means are without them.")
+    provisional_items: int = Field(description="Items that an after-meal pair may still change.")
+    leftovers_unknown_items: int = Field(description=LEFTOVERS_UNKNOWN)
+    components: dict[str, MeanAmountOut] = Field(description="By the record's column, such as energy_kcal.")
+    plausibility: PlausibilityOut = Field(description="Of closed days of which everything is measured and final.")
+
+
+class IntakePage(BaseModel):
+    """A page of participants by code; `next` leads to the page after it, null at the end."""
+
+    items: list[IntakeOut] = Field(description=PAGE)
+    next: str | None = Field(description=NEXT)

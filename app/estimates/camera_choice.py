@@ -1,0 +1,96 @@
+"""Which camera a meal is measured with, in order: its own metadata, its phone's calibration, that model's, the study's.
+
+A calibration that does not fit the photographs (another shape of picture) is passed over; what the meal's metadata gave
+is never, so that a wrong one is told. None is left: EXIF tells the focal length.
+"""
+
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import median
+from typing import Any, Literal
+
+from sqlalchemy.orm import Session
+
+from app.core.errors import Failure
+from app.people import calibration_queries as calibrations
+from app.people.calibration_models import CameraCalibration
+from app.people.models import Study
+from app.vision.intrinsics import Camera, adapt_camera, camera_from_mapping
+
+Size = tuple[int, int]  # width, height, px upright
+ChosenFrom = Literal["meal", "device", "model", "study", "exif"]
+
+
+@dataclass(frozen=True, slots=True)
+class ChosenCamera:
+    """camera None: from EXIF. calibrations: those that it was made of."""
+
+    camera: Camera | None
+    chosen_from: ChosenFrom
+    calibrations: tuple[uuid.UUID, ...] = ()
+
+    def note_in(self, answer: dict[str, Any]) -> None:
+        """Write into a run's answer which camera was chosen, so that it can be told and chosen again."""
+        answer["parameters"] = {**answer["parameters"], "camera_from": self.chosen_from}
+        for side in ("camera", "camera_right"):
+            if answer[side] is not None:
+                listed = [str(one) for one in self.calibrations]
+                answer[side] = {**answer[side], "chosen_from": self.chosen_from, "calibrations": listed}
+
+
+def choose_camera(
+    session: Session,
+    *,
+    given: Mapping[str, Any] | None,
+    device_id: uuid.UUID,
+    study: Study,
+    sizes: Sequence[Size],
+) -> ChosenCamera:
+    """The camera for photographs of these sizes. given: of the meal's metadata."""
+    if given is not None:
+        return ChosenCamera(camera_from_mapping(given), "meal")
+    for chosen in _stored(session, device_id, study, sizes):
+        if chosen.camera is not None and _fits(chosen.camera, sizes):
+            return chosen
+    return ChosenCamera(None, "exif")
+
+
+def median_camera(cameras: Sequence[Camera], size: Size) -> Camera | None:
+    """The component-wise median of those that can be adapted to this size; None if none can."""
+    adapted = [one for one in (adapt_camera(camera, *size) for camera in cameras) if not isinstance(one, Failure)]
+    if not adapted:
+        return None
+    k1, k2, p1, p2, k3 = (median(camera.distortion[place] for camera in adapted) for place in range(5))
+    return Camera(
+        *size,
+        fx=median(camera.fx for camera in adapted),
+        fy=median(camera.fy for camera in adapted),
+        cx=median(camera.cx for camera in adapted),
+        cy=median(camera.cy for camera in adapted),
+        distortion=(k1, k2, p1, p2, k3),
+        source="given",
+    )
+
+
+def _stored(session: Session, device_id: uuid.UUID, study: Study, sizes: Sequence[Size]) -> Iterator[ChosenCamera]:
+    own = calibrations.newest_of_device(session, device_id)
+    if own is not None:
+        yield ChosenCamera(camera_from_mapping(own.camera), "device", (own.id,))
+    model = calibrations.model_of_device(session, device_id)
+    if model is not None:
+        rows = calibrations.newest_of_model(session, study.id, model)
+        fitting = [row for row in rows if _fits(camera_from_mapping(row.camera), sizes)]
+        camera = median_camera([camera_from_mapping(row.camera) for row in fitting], sizes[0])
+        if camera is not None:
+            yield ChosenCamera(camera, "model", _ids(fitting))
+    if study.camera is not None:
+        yield ChosenCamera(camera_from_mapping(study.camera), "study")
+
+
+def _fits(camera: Camera, sizes: Sequence[Size]) -> bool:
+    return not any(isinstance(adapt_camera(camera, *size), Failure) for size in sizes)
+
+
+def _ids(rows: Sequence[CameraCalibration]) -> tuple[uuid.UUID, ...]:
+    return tuple(sorted(row.id for row in rows))

@@ -1,0 +1,232 @@
+"""What the child process does: everything that decodes uploaded bytes. JSON in, JSON out, files by path."""
+
+import hashlib
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, overload
+
+import cv2
+import numpy as np
+
+from app.core.errors import Failure
+from app.estimates.camera_json import camera_to_json
+from app.estimates.describe_task import describe_task
+from app.estimates.estimate_json import colour_from_json, estimate_to_json, failure_to_json, options_from_json
+from app.meals.thumbnails import SIDES, THUMBNAIL_PX, thumbnail_name
+from app.vision import precheck
+from app.vision.board.calibration import calibrate
+from app.vision.board.colour_correction import apply_colour
+from app.vision.model import Artefact, ColourCorrection, EstimateOptions, ImageArray, MealEstimate, Photo, PhotoPair
+from app.vision.photo import read_photo, read_reduced_photo, why_not_whole
+from app.vision.pipeline import PIPELINE_VERSION, estimate_meal
+
+StageListener = Callable[[str], None]
+
+PICTURE_QUALITY = 85  # of JPEG: no artefacts to be seen at a screen's size
+
+
+def estimate_task(request: Mapping[str, Any], on_stage: StageListener) -> dict[str, Any]:
+    """Estimate a meal from two files; artefacts are written to output_dir and listed in the answer.
+
+    request: left, right, output_dir (paths), options (estimate_json), max_pixels.
+    """
+    options = options_from_json(request["options"])
+    output = Path(request["output_dir"])
+    answer, estimate = run_estimate(
+        Path(request["left"]),
+        Path(request["right"]),
+        options,
+        max_pixels=int(request["max_pixels"]),
+        on_stage=on_stage,
+        want_artefacts=True,
+    )
+    listed = []
+    for artefact in estimate.artefacts if estimate is not None else ():
+        (output / artefact.name).write_bytes(artefact.content)
+        listed.append(
+            {
+                "name": artefact.name,
+                "media_type": artefact.media_type,
+                "bytes": len(artefact.content),
+                "sha256": hashlib.sha256(artefact.content).hexdigest(),
+            }
+        )
+    return answer | {"artefacts": listed}
+
+
+def run_estimate(
+    left: Path,
+    right: Path,
+    options: EstimateOptions,
+    *,
+    max_pixels: int,
+    on_stage: StageListener,
+    want_artefacts: bool,
+) -> tuple[dict[str, Any], MealEstimate | None]:
+    """Read both photographs and run the pipeline: the answer as JSON, and the estimate unless reading failed.
+
+    Raises OSError if a file cannot be read.
+    """
+    started = time.perf_counter()
+    on_stage("read")
+    photos = []
+    for side, path in (("left", left), ("right", right)):
+        photo = read_photo(path.read_bytes(), max_pixels=max_pixels)
+        if isinstance(photo, Failure):
+            failure = Failure(photo.code, f"The {side} photograph: {photo.message}", photo.advice)
+            return _unread(failure, options, time.perf_counter() - started), None
+        photos.append(photo)
+    read_seconds = time.perf_counter() - started
+    estimate = estimate_meal(PhotoPair(*photos), options, on_stage=on_stage, want_artefacts=want_artefacts)
+    answer = estimate_to_json(estimate, options)
+    answer["stages"] = {"read": round(read_seconds, 4), **answer["stages"]}
+    answer["seconds"] = round(time.perf_counter() - started, 4)
+    if want_artefacts:
+        estimate = replace(estimate, artefacts=[*estimate.artefacts, *_thumbnails(photos, estimate)])
+    return answer, estimate
+
+
+def _thumbnails(photos: Sequence[Photo], estimate: MealEstimate) -> list[Artefact]:
+    """Both photographs small, also of a pair that could not be measured."""
+    colours = estimate.colours or (None, None)
+    return [
+        Artefact(thumbnail_name(side), "image/jpeg", _jpeg(photo.pixels_bgr, THUMBNAIL_PX, colour)[0])
+        for side, photo, colour in zip(SIDES, photos, colours, strict=True)
+    ]
+
+
+def _unread(failure: Failure, options: EstimateOptions, seconds: float) -> dict[str, Any]:
+    """The answer where a photograph could not be read: the pipeline never began."""
+    answer = estimate_to_json(
+        MealEstimate(method=options.method, pipeline_version=PIPELINE_VERSION, stages={"read": seconds}), options
+    )
+    return answer | {"failure": failure_to_json(failure)}
+
+
+def check_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]:
+    """Judge a pair before it is sent.
+
+    request: left, right (paths), marker, camera (estimate_json) or null, max_pixels.
+    """
+    read = [
+        read_reduced_photo(
+            Path(request[side]).read_bytes(),
+            max_pixels=int(request["max_pixels"]),
+            least_long_side_px=precheck.LEAST_LONG_SIDE_PX,
+        )
+        for side in ("left", "right")
+    ]
+    options = options_from_json({"marker": request["marker"], "camera": request["camera"]})
+    found = precheck.check_pair(read[0], read[1], options.marker, options.camera)
+    return {
+        "ok": found.is_ok,
+        "problems": [{"code": one.code, "severity": one.severity, "side": one.side} for one in found.problems],
+        "measures": dict(found.measures),
+    }
+
+
+def whole_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]:
+    """Whether a JPEG gives all of its pixels. request: photo (path)."""
+    failure = why_not_whole(Path(request["photo"]).read_bytes())
+    return {"failure": failure_to_json(failure) if failure is not None else None}
+
+
+def calibrate_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]:
+    """A camera from photographs of a board. request: photos (paths), marker, max_pixels."""
+    photos = _PhotosOnDisk([Path(path) for path in request["photos"]], int(request["max_pixels"]))
+    try:
+        found = calibrate(photos, options_from_json({"marker": request["marker"]}).marker)
+    except _UnreadablePhotoError as error:
+        return {"failure": failure_to_json(error.failure), "photo": error.index}
+    if isinstance(found, Failure):
+        return {"failure": failure_to_json(found), "photo": None}
+    return {
+        "failure": None,
+        "camera": camera_to_json(found.camera),
+        "rms_px": found.rms_px,
+        "reach": found.reach,
+        "model": photos[0].model,
+        "used": list(found.used),
+        "left_out": [{"photo": one.index, **failure_to_json(one.failure)} for one in found.rejected],
+    }
+
+
+class _UnreadablePhotoError(Exception):
+    """index: of the photograph, from 0."""
+
+    def __init__(self, index: int, failure: Failure) -> None:
+        super().__init__(failure.message)
+        self.index = index
+        self.failure = failure
+
+
+class _PhotosOnDisk(Sequence[Photo]):
+    """Photographs that are decoded when asked for; the first and the last asked for are held, the others not."""
+
+    def __init__(self, paths: Sequence[Path], max_pixels: int) -> None:
+        self._paths = paths
+        self._max_pixels = max_pixels
+        self._held: dict[int, Photo] = {}
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    @overload
+    def __getitem__(self, index: int) -> Photo: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Photo]: ...
+
+    def __getitem__(self, index: int | slice) -> Photo | Sequence[Photo]:
+        if isinstance(index, slice):
+            return _PhotosOnDisk(self._paths[index], self._max_pixels)
+        path = self._paths[index]
+        if index not in self._held:
+            photo = read_photo(path.read_bytes(), max_pixels=self._max_pixels)
+            if isinstance(photo, Failure):
+                raise _UnreadablePhotoError(index, photo)
+            self._held = {place: one for place, one in self._held.items() if place == 0} | {index: photo}
+        return self._held[index]
+
+
+def picture_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]:
+    """A photograph as an upright JPEG without metadata.
+
+    request: photo, output (paths), width_px at most, max_pixels, colour (estimate_json) or null: as taken.
+    """
+    width_px = int(request["width_px"])
+    read = read_reduced_photo(
+        Path(request["photo"]).read_bytes(),
+        max_pixels=int(request["max_pixels"]),
+        least_long_side_px=2 * width_px,  # so that even the short side of most is at least as wide as the picture
+    )
+    if isinstance(read, Failure):
+        return {"failure": failure_to_json(read)}
+    colour = colour_from_json(request["colour"]) if request["colour"] is not None else None
+    content, height, width = _jpeg(read.photo.pixels_bgr, width_px, colour)
+    Path(request["output"]).write_bytes(content)
+    return {"failure": None, "width": width, "height": height}
+
+
+def _jpeg(pixels_bgr: ImageArray, width_px: int, colour: ColourCorrection | None) -> tuple[bytes, int, int]:
+    """At most so wide, never enlarged, corrected; with its height and width, px."""
+    height, width = pixels_bgr.shape[:2]
+    if width > width_px:
+        size = (width_px, max(1, round(height * width_px / width)))
+        pixels_bgr = np.asarray(cv2.resize(pixels_bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
+    if colour is not None:
+        pixels_bgr = apply_colour(pixels_bgr, colour)
+    encoded = cv2.imencode(".jpg", pixels_bgr, [cv2.IMWRITE_JPEG_QUALITY, PICTURE_QUALITY])[1]
+    return encoded.tobytes(), int(pixels_bgr.shape[0]), int(pixels_bgr.shape[1])
+
+
+TASKS: Mapping[str, Callable[[Mapping[str, Any], StageListener], dict[str, Any]]] = {
+    "estimate": estimate_task,
+    "check": check_task,
+    "whole": whole_task,
+    "calibrate": calibrate_task,
+    "picture": picture_task,
+    "describe": describe_task,
+}

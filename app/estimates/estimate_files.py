@@ -1,0 +1,106 @@
+"""`tada estimate`: two files in, the answer as JSON out, foods of hints resolved in the starter table."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+from app.candidates.identify_photo import identify_items
+from app.core.errors import InvalidInputError
+from app.estimates.child_tasks import run_estimate
+from app.estimates.estimate_json import FormsOfFood, hint_from_json, options_from_json, with_forms
+from app.foods.food_amounts import amounts_of
+from app.nutrition.foods import FOOD_FORMS, load_starter_table
+from app.vision.model import EstimateOptions, Method
+
+HINT_KEYS = frozenset({"point", "box", "polygon", "food", "lies_as", "form", "vessel"})
+
+
+def read_options(
+    *,
+    marker: str,
+    camera: Path | None,
+    method: str,
+    hints: Sequence[str],
+    is_complete: bool = False,
+    vessels: Path | None = None,
+) -> EstimateOptions:
+    """Options from the command line's words. Raises InvalidInputError with a sentence."""
+    if method not in get_args(Method):
+        raise InvalidInputError(f"There is no method {method!r}; there is {', '.join(get_args(Method))}.")
+    value = {
+        "marker": marker,
+        "camera": _read_json(camera.read_text(), str(camera)) if camera is not None else None,
+        "method": method,
+        "hints": [_read_hint(hint) for hint in hints],
+        "complete": is_complete,
+        "vessels": _parsed(vessels.read_text(), str(vessels)) if vessels is not None else [],
+    }
+    return options_from_json(value)
+
+
+def estimate_files(
+    left: Path,
+    right: Path,
+    options: EstimateOptions,
+    *,
+    max_pixels: int,
+    debug: Path | None,
+    on_stage: Callable[[str], None] | None,
+) -> dict[str, Any]:
+    """Run the pipeline on two files; with `debug`, write its pictures there."""
+    table = {food.key: food for food in load_starter_table().foods}
+    unknown = sorted({hint.food for hint in options.hints if hint.food and hint.food not in table})
+    if unknown:
+        raise InvalidInputError(f"The food table has no {', '.join(unknown)}: see `tada foods search`.")
+    options = with_forms(options, {key: FormsOfFood(food.form, food.slice_form) for key, food in table.items()})
+    try:
+        answer, estimate = run_estimate(
+            left,
+            right,
+            options,
+            max_pixels=max_pixels,
+            on_stage=on_stage or (lambda _: None),
+            want_artefacts=debug is not None,
+        )
+    except OSError as error:
+        raise InvalidInputError(f"{error.filename} cannot be read: {error.strerror}.") from None
+    if debug is not None and estimate is not None:
+        debug.mkdir(parents=True, exist_ok=True)
+        for artefact in estimate.artefacts:
+            (debug / artefact.name).write_bytes(artefact.content)
+    identify_items(answer["items"])
+    for item in answer["items"]:
+        hint = options.hints[item["hint"]] if item["hint"] is not None else None
+        food = table[hint.food] if hint is not None and hint.food else None
+        item.update(amounts_of(item, food, hint.lies_as if hint is not None else None))
+    return answer
+
+
+def _read_hint(text: str) -> dict[str, Any]:
+    value = _read_json(text, "--hint")
+    unknown = set(value) - HINT_KEYS
+    if unknown:
+        raise InvalidInputError(f"--hint has unknown keys {sorted(unknown)}; known are {sorted(HINT_KEYS)}.")
+    for key in ("lies_as", "form"):
+        if value.get(key) not in (None, *FOOD_FORMS):
+            raise InvalidInputError(f"--hint: {key} is one of {', '.join(FOOD_FORMS)}, not {value[key]!r}.")
+    try:
+        hint_from_json(value)
+    except (TypeError, ValueError):
+        raise InvalidInputError(f"--hint {text} does not fit: see `tada estimate --help`.") from None
+    return value
+
+
+def _parsed(text: str, what: str) -> Any:
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InvalidInputError(f"{what} is not JSON: {error}.") from None
+
+
+def _read_json(text: str, what: str) -> dict[str, Any]:
+    value = _parsed(text, what)
+    if not isinstance(value, dict):
+        raise InvalidInputError(f"{what} must be a JSON object.")
+    return value

@@ -1,0 +1,257 @@
+"""A job's work: fetch the sealed photographs, estimate in the child, seal the answer; then save it, exactly once.
+
+Used by jobs/job_runner.py, which calls `compute`, then `load`, and `save` in the transaction that ends the job.
+"""
+
+import hashlib
+import json
+import tempfile
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy.exc
+import structlog
+from sqlalchemy.orm import Session
+
+from app.candidates.identify import IdentifyFoods
+from app.children.child_pool import ChildCancelledError, ChildPool, ChildRequest
+from app.children.faults import CANCELLED, BrokenOff, JobFailure
+from app.core.errors import Failure
+from app.core.logs import tell
+from app.core.settings import Settings
+from app.db.session import Database
+from app.estimates.camera_choice import choose_camera
+from app.estimates.estimate_json import (
+    FormsOfFood,
+    estimate_to_json,
+    options_from_json,
+    options_to_json,
+    with_forms,
+)
+from app.estimates.save_estimate import save_estimate
+from app.foods import queries as foods
+from app.foods.models import Food
+from app.identification.food_index import FoodIndex, shipped_index
+from app.meals import queries as meals
+from app.meals.job_models import Job
+from app.meals.models import AFTER_SLOTS, SLOTS, Meal, MealImage
+from app.meals.receive_photo import sha256_of_file
+from app.metrics import instruments
+from app.people.models import Study
+from app.privacy import queries as privacy
+from app.privacy.erase import PHOTOGRAPH_ERASED
+from app.records.project_records import project_meal
+from app.records.review.remeasure import regions_to_measure
+from app.storage.blob_store import BlobStore
+from app.vessels.meal_vessels import vessels_of_meal
+from app.vision.model import EstimateOptions, MealEstimate
+from app.vision.pipeline import PIPELINE_VERSION
+
+log = structlog.get_logger()
+
+# the pipeline's; a child has decoded hostile bytes, and each name that it made up would be a series for ever
+STAGES = frozenset(
+    {"read", "marker", "camera", "match", "rectify", "disparity", "depth", "segment", "volume", "describe"}
+)
+
+AWAITS_ROOM = "waits_for_room"  # a meal's stage between two tries of an estimate that was killed or took too long
+
+PHOTO_DAMAGED = Failure(
+    "photo_damaged",
+    "A sealed photograph is no longer what was sealed: the disk or somebody changed it.",
+    "Ask the people who run the server to restore it from a backup and to queue the meal again.",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SealedAnswer:
+    """A pipeline's answer as it lies in the store, and its key there."""
+
+    key: str
+    answer: Mapping[str, Any]
+
+
+class EstimateMeal:
+    """The use cases of a worker; one a process."""
+
+    def __init__(
+        self,
+        database: Database,
+        blobs: BlobStore,
+        children: ChildPool,
+        settings: Settings,
+        index: Callable[[], FoodIndex] = shipped_index,
+    ) -> None:
+        self._database = database
+        self._identify = IdentifyFoods(database, index)
+        self._blobs = blobs
+        self._children = children
+        self._settings = settings
+
+    def compute(self, job_id: uuid.UUID, *, is_alone: bool = False) -> str:
+        """Run the pipeline and seal its answer and pictures. Returns the answer's blob key.
+
+        is_alone: while this worker estimates nothing else. Raises BrokenOff.
+        """
+        with self._database.read() as session:
+            job = session.get_one(Job, job_id)
+            meal = session.get_one(Meal, job.meal_id)
+            study = session.get_one(Study, meal.study_id)
+            pair = AFTER_SLOTS if job.purpose == "after" else SLOTS
+            images = {image.slot: image for image in meals.images_of(session, meal.id) if image.slot in pair}
+            regions = regions_to_measure(session, job, meal) if job.purpose == "remeasure" else None
+            hints, is_complete = (regions.hints, True) if regions is not None else _hints_told(job, meal)
+            chosen = choose_camera(
+                session,
+                given=_camera_told(job, meal),
+                device_id=meal.device_id,
+                study=study,
+                sizes=[(image.width_px, image.height_px) for image in images.values()],
+            )
+            library = vessels_of_meal(session, study.id, hints)
+            options = self._options(session, meal, study, library.in_hints(hints))
+            options = replace(options, camera=chosen.camera, vessels=library.models, is_complete=is_complete)
+        log.info("estimate_begun", meal_id=str(meal.id), purpose=job.purpose)
+        prefix = f"{meal.study_id}/{meal.id}/runs/{job_id}"
+        with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
+            folder = Path(name)
+            paths = {side: self._fetch(images[slot], folder) for side, slot in zip(SLOTS, pair, strict=True)}
+            answer = self._estimate(job, paths, options, folder, is_alone=is_alone)
+            chosen.note_in(answer)
+            library.note_in(answer)
+            if regions is not None:  # whose each hint is: by the time it is saved, the meal may stand otherwise
+                answer["regions"] = [str(item_id) for item_id in regions.items]
+            if job.purpose != "after":  # pieces that were left are of the foods that were served
+                self._identify.add_candidates(meal, answer)
+            for artefact in answer["artefacts"]:
+                artefact["blob_key"] = f"{prefix}/{artefact['name']}/{artefact['sha256']}"
+                self._blobs.put_file(artefact["blob_key"], folder / artefact["name"])
+        result = json.dumps(answer).encode()
+        result_key = f"{prefix}/result.json/{hashlib.sha256(result).hexdigest()}"
+        self._blobs.put_bytes(result_key, result)
+        self._leave_nothing_of_erased(meal.id, [result_key, *(one["blob_key"] for one in answer["artefacts"])])
+        return result_key
+
+    def load(self, result_key: str) -> SealedAnswer:
+        """The sealed answer, from the store."""
+        return SealedAnswer(result_key, json.loads(self._blobs.read(result_key)))
+
+    def save(self, session: Session, job_id: uuid.UUID, result: SealedAnswer) -> None:
+        """Write run, items and records in the given transaction."""
+        save_estimate(session, job_id, result.answer, result.key)
+        if result.answer["failure"]:
+            tell(outcome=result.answer["failure"]["code"])
+        log.info("estimate_saved", result_key=result.key)  # it begins with the study's and the meal's id
+
+    def abandon(self, job_id: uuid.UUID) -> None:
+        """End the child that works on the job."""
+        if self._children.cancel(str(job_id)):
+            log.info("estimate_abandoned", job_id=str(job_id))
+
+    def settle(self, session: Session, meal: Meal) -> None:
+        """Bring the meal's records in line with a job that ended without a result."""
+        project_meal(session, meal)
+
+    def _leave_nothing_of_erased(self, meal_id: uuid.UUID, sealed: list[str]) -> None:
+        """If the meal or its photographs were erased meanwhile, what was just sealed is to go as well."""
+        with self._database.read() as session:
+            if any(image.erased_at is None for image in meals.images_of(session, meal_id)):
+                return
+        with self._database.write() as session:
+            privacy.want_deleted(session, sealed, None, datetime.now(UTC))
+        raise JobFailure(PHOTOGRAPH_ERASED)
+
+    def _options(
+        self, session: Session, meal: Meal, study: Study, hints: Sequence[Mapping[str, Any]]
+    ) -> EstimateOptions:
+        details = meal.details
+        options = options_from_json({"marker": details["marker"] or study.marker, "hints": hints})
+        keys = {hint.food for hint in options.hints if hint.food}
+        known: Mapping[str, Food] = foods.foods_by_key(session, keys) if keys else {}
+        return with_forms(options, {key: FormsOfFood(food.form, food.slice_form) for key, food in known.items()})
+
+    def _fetch(self, image: MealImage, folder: Path) -> Path:
+        if image.erased_at is not None:
+            raise JobFailure(PHOTOGRAPH_ERASED)
+        path = folder / f"photo-{image.slot}"
+        self._blobs.fetch(image.blob_key, path)
+        if sha256_of_file(path) != image.stored_sha256:
+            log.error("photo_damaged", blob_key=image.blob_key)
+            raise JobFailure(PHOTO_DAMAGED)
+        return path
+
+    def await_room(self, job_id: uuid.UUID) -> None:
+        """Let the phone see that the meal waits again: its estimate was broken off, and no fault of its photographs."""
+        try:
+            with self._database.write() as session:
+                job = session.get(Job, job_id)  # None: erased meanwhile
+                if job is not None and job.purpose == "meal":
+                    meals.set_progress(session, job.meal_id, status="processing", stage=AWAITS_ROOM)
+        except sqlalchemy.exc.SQLAlchemyError:
+            log.warning("stage_not_told", job_id=str(job_id), stage=AWAITS_ROOM, exc_info=True)
+
+    def _estimate(
+        self, job: Job, paths: Mapping[str, Path], options: EstimateOptions, folder: Path, *, is_alone: bool
+    ) -> dict[str, Any]:
+        request = ChildRequest(
+            task="estimate",
+            arguments={
+                "left": str(paths["left"]),
+                "right": str(paths["right"]),
+                "options": options_to_json(options),
+                "output_dir": str(folder),
+                "max_pixels": self._settings.max_photo_pixels,
+            },
+        )
+        try:
+            done = self._children.run(
+                request, lambda stage: self._tell_stage(job, stage), name=str(job.id), is_alone=is_alone
+            )
+        except ChildCancelledError:
+            raise JobFailure(CANCELLED) from None
+        if done.failure is None:
+            _note_times(done.result)
+            return dict(done.result)
+        log.error("estimate_ended_badly", meal_id=str(job.meal_id), outcome=done.outcome, message=done.message)
+        if done.errno is not None:  # a full disk is no mistake of the program: faults.py tells which of these pass
+            raise OSError(done.errno, done.message)
+        if done.is_passing:
+            raise BrokenOff(done.failure)
+        ended = MealEstimate(method=options.method, pipeline_version=PIPELINE_VERSION, stages={}, failure=done.failure)
+        return estimate_to_json(ended, options) | {"artefacts": []}
+
+    def _tell_stage(self, job: Job, stage: str) -> None:
+        """Progress of the meal's own pair for the phone; an estimate does not fail because it could not be told."""
+        log.info("estimate_stage", stage=stage)
+        if job.purpose != "meal":
+            return
+        try:
+            with self._database.write() as session:
+                meals.set_progress(session, job.meal_id, status="processing", stage=stage)
+        except sqlalchemy.exc.SQLAlchemyError:
+            log.warning("stage_not_told", meal_id=str(job.meal_id), stage=stage, exc_info=True)
+
+
+def _hints_told(job: Job, meal: Meal) -> tuple[Sequence[Mapping[str, Any]], bool]:
+    """What the phone pointed at in the job's pair, and whether it says that there is nothing else."""
+    details = (meal.after_details or {}) if job.purpose == "after" else meal.details
+    return details.get("hints", ()), details.get("complete", False)
+
+
+def _camera_told(job: Job, meal: Meal) -> Mapping[str, Any] | None:
+    """The camera that the phone told of: of the after-meal pair, else the meal's, since it is the same phone."""
+    own = (meal.after_details or {}).get("camera") if job.purpose == "after" else None
+    told: Mapping[str, Any] | None = own if own is not None else meal.details["camera"]
+    return told
+
+
+def _note_times(answer: Mapping[str, Any]) -> None:
+    """What the steps of the pipeline took, into the figures and the log."""
+    for stage, seconds in answer["stages"].items():
+        instruments.STAGES.labels(stage if stage in STAGES else "other").observe(seconds)
+    instruments.ESTIMATE_SECONDS.observe(answer["seconds"])
+    log.info("estimate_computed", seconds=round(answer["seconds"], 2))

@@ -1,0 +1,129 @@
+"""/v1/studies/{study}/exports: files of a study's rows, made in the background, fetched when they are done."""
+
+from fastapi import APIRouter, Request, Response
+
+from app.exports import background_exports
+from app.exports.export_files import FILES
+from app.exports.export_spec import ExportFilters, ExportSpec, spec_of_json
+from app.exports.queries import AskedExport
+from app.exports.schemas import ExportFiltersIn, ExportIn, ExportList, ExportOut
+from app.http.paging import Cursor, Limit, next_page
+from app.http.parameters import ExportId, StudyCode
+from app.http.problems import problem_responses
+from app.http.ranges import answer_stored_file
+from app.people.access.deps import CurrentStaff, State
+
+router = APIRouter(prefix="/v1/studies/{study}/exports", tags=["exports"])
+
+ACCEPTED = 202
+NAMES = {  # a filter as it is kept -> over the wire
+    "participant_code": "participant",
+    "first_day": "from",
+    "last_day": "to",
+    "food_keys": "food",
+    "statuses": "status",
+    "flags": "flag",
+    "origin": "origin",
+    "needs": "needs",
+    "failure_codes": "failure",
+    "after_statuses": "after_status",
+}
+
+
+@router.post(
+    "",
+    status_code=ACCEPTED,
+    responses={
+        200: {"model": ExportOut, "description": "The same is asked for already, and not made yet."},
+        **problem_responses(401, 403, 404, 422, 429),
+    },
+)
+def post_export(study: StudyCode, body: ExportIn, state: State, caller: CurrentStaff, response: Response) -> ExportOut:
+    """Ask for a file of any size; a worker makes it, of one moment. Look at `Location` until its state is done."""
+    spec = ExportSpec(
+        body.rows, body.layout, body.format, body.components, _filters(body.filters), provenance=body.provenance
+    )
+    asked, is_new = background_exports.request_export(state.database, caller, study, spec)
+    response.headers["Location"] = f"/v1/studies/{study}/exports/{asked.export.id}"
+    if not is_new:
+        response.status_code = 200
+    return _out(study, asked)
+
+
+@router.get("", responses=problem_responses(401, 403, 404, 422))
+def get_exports(
+    request: Request, study: StudyCode, state: State, caller: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
+) -> ExportList:
+    """The study's exports, whoever asked for them, the newest first."""
+    page = background_exports.list_exports(state.database, caller, study, cursor=cursor, limit=limit)
+    return ExportList(items=[_out(study, asked) for asked in page.rows], next=next_page(request, page.cursor))
+
+
+@router.get("/{export_id}", responses=problem_responses(401, 403, 404, 422))
+def get_export(study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff) -> ExportOut:
+    """How far an export is."""
+    return _out(study, background_exports.read_export(state.database, caller, study, export_id))
+
+
+@router.get(
+    "/{export_id}/file",
+    response_class=Response,
+    responses={
+        200: {"content": FILES, "description": "The file."},
+        206: {"content": FILES, "description": "The part that `Range` asks for."},
+        304: {"description": "It is what `If-None-Match` names."},
+        **problem_responses(401, 403, 404, 409, 410, 416, 422, 503),
+    },
+)
+def get_export_file(
+    request: Request, study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff
+) -> Response:
+    """The file. A download that broke off goes on with `Range` and `If-Range`: the ETag is the file's SHA-256."""
+    file = background_exports.open_export(state.database, caller, study, export_id)
+    return answer_stored_file(request, state.blobs, file)
+
+
+@router.delete("/{export_id}", status_code=204, responses=problem_responses(401, 403, 404, 422))
+def delete_export(study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff) -> Response:
+    """Call an export off, or remove what has ended with its file: yours, or as an owner anybody's."""
+    background_exports.remove_export(state.database, caller, study, export_id)
+    return Response(status_code=204)
+
+
+def _filters(told: ExportFiltersIn) -> ExportFilters:
+    return ExportFilters(
+        participant_code=told.participant,
+        first_day=told.first_day,
+        last_day=told.last_day,
+        food_keys=tuple(told.food),
+        statuses=tuple(told.status),
+        flags=tuple(told.flag),
+        origin=told.origin,
+        needs=told.needs,
+        failure_codes=tuple(told.failure),
+        after_statuses=tuple(told.after_status),
+    )
+
+
+def _out(study: str, asked: AskedExport) -> ExportOut:
+    export, spec = asked.export, spec_of_json(asked.export.spec)
+    path = f"/v1/studies/{study}/exports/{export.id}/file"
+    return ExportOut(
+        rows=spec.rows,
+        layout=spec.layout,
+        format=spec.output,
+        components=spec.components,
+        provenance=spec.provenance,
+        filters={NAMES[name]: value for name, value in export.spec["filters"].items() if name in NAMES},
+        asked_by=asked.asked_by,
+        change_seq=export.at_change_seq,
+        failure=export.failure_code,
+        file=path if export.state == "done" else None,
+        **{
+            name: getattr(export, name)
+            for name in (
+                *("id", "state", "requested_at", "started_at", "finished_at", "rows_written", "rows_estimated"),
+                *("bytes", "sha256", "expires_at"),
+            )
+        },
+    )

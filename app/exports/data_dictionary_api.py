@@ -1,0 +1,60 @@
+"""/v1/data-dictionary: what every column of an exported table says, as JSON, CSV or Table Schema."""
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Query
+from fastapi.responses import JSONResponse, Response
+
+from app.exports.data_dictionary import columns_for, key_of
+from app.exports.data_dictionary_schemas import DataDictionary, DictionaryColumn, TableSchema
+from app.exports.export_files import MEDIA_TYPES, ComponentsIn, LayoutIn, ProvenanceIn
+from app.exports.export_spec import ExportFilters, ExportSpec, Rows
+from app.http.problems import problem_responses
+from app.http.tables.columns import PartOfBatch
+from app.http.tables.csv_rows import encode_csv
+from app.http.tables.dictionary import DICTIONARY_PARTS, entries, table_schema
+from app.people.access.deps import CurrentCaller, State
+
+router = APIRouter(prefix="/v1", tags=["exports"])
+
+
+@router.get(
+    "/data-dictionary",
+    response_model=DataDictionary | TableSchema,
+    responses={
+        200: {"content": {"text/csv": {"schema": {"type": "string"}}}, "description": "As JSON or CSV."},
+        **problem_responses(401, 422),
+    },
+)
+def get_data_dictionary(
+    state: State,
+    caller: CurrentCaller,
+    rows: Annotated[Rows, Query(description="Which table.")] = "items",
+    layout: LayoutIn = "wide",
+    components: ComponentsIn = "headline",
+    study: Annotated[str | None, Query(max_length=64, description="Of all components, those of its foods.")] = None,
+    output: Annotated[
+        Literal["json", "csv", "table-schema"],
+        Query(alias="format", description="table-schema: Frictionless Data's, to check a CSV file with."),
+    ] = "json",
+    provenance: ProvenanceIn = True,
+) -> Response:
+    """Every column's name, type, unit, meaning, values, and what an empty cell says."""
+    spec = ExportSpec(rows, layout, components=components, filters=ExportFilters(study), provenance=provenance)
+    columns = columns_for(state.database, caller, spec)
+    if output == "table-schema":
+        return JSONResponse(table_schema(columns, key=key_of(spec)))
+    told = entries(columns)
+    if output == "csv":
+        pieces = encode_csv(DICTIONARY_PARTS, [[PartOfBatch(DICTIONARY_PARTS[0], told)]])
+        headers = {"Content-Disposition": f'attachment; filename="data-dictionary-{rows}.csv"'}
+        return Response(b"".join(pieces), media_type=MEDIA_TYPES["csv"], headers=headers)
+    names = [column.name for column in DICTIONARY_PARTS[0].columns]
+    body = DataDictionary(
+        rows=rows,
+        layout=layout,
+        components=components,
+        key=list(key_of(spec)),
+        columns=[DictionaryColumn(**dict(zip(names, row, strict=True))) for row in told],
+    )
+    return JSONResponse(body.model_dump(mode="json"))

@@ -1,0 +1,108 @@
+"""/fhir: records as FHIR R5 resources, read only."""
+
+import uuid
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Path, Request
+from fastapi.responses import Response
+
+from app.core.errors import NotFoundError
+from app.exports.fhir.answers import FHIR_JSON, PREFIX, FhirJson, require_json, wants_strict
+from app.exports.fhir.bundles import search_bundle
+from app.exports.fhir.capability import EXTENSIONS, SEARCH_PARAMETERS, capability_statement, structure_definition
+from app.exports.fhir.fhir_intakes import read_intake, read_person, search_intakes
+from app.exports.fhir.names import names_of, patient_id, person_of_id
+from app.exports.fhir.resources import Intakes, patient
+from app.exports.fhir.search import CURSOR, DEFAULT_COUNT, MOST_COUNT, read_search
+from app.people.access.deps import CurrentCaller, State
+
+router = APIRouter(prefix=PREFIX, tags=["fhir"], dependencies=[Depends(require_json)])
+
+LogicalId = Annotated[str, Path(max_length=200, description="The resource's logical id.")]
+
+
+def _content(description: str) -> dict[str, Any]:
+    return {"description": description, "content": {FHIR_JSON: {"schema": {"type": "object"}}}}
+
+
+def _responses(described: str, *statuses: int) -> dict[int | str, dict[str, Any]]:
+    return {200: _content(described), **{status: _content("OperationOutcome") for status in statuses}}
+
+
+def _parameter(name: str, description: str, *, is_list: bool = False) -> dict[str, Any]:
+    schema: dict[str, Any] = {"type": "string"}
+    return {
+        "name": name,
+        "in": "query",
+        "required": False,
+        "description": description,
+        "schema": {"type": "array", "items": schema} if is_list else schema,
+    }
+
+
+SEARCH_IN_OPENAPI = {
+    "parameters": [
+        *(_parameter(name, text, is_list=name == "date") for name, _, text in SEARCH_PARAMETERS),
+        _parameter("_count", f"Resources on a page: {DEFAULT_COUNT} by default, {MOST_COUNT} at most."),
+        _parameter(CURSOR, "From the page before: follow `next`."),
+    ]
+}
+
+
+@router.get("/metadata", responses=_responses("CapabilityStatement", 406))
+def get_capability_statement(request: Request) -> Response:
+    """What this server can do."""
+    return FhirJson(capability_statement(names_of(request)), headers={"Cache-Control": "public, max-age=3600"})
+
+
+@router.get("/StructureDefinition/{name}", responses=_responses("StructureDefinition", 404, 406))
+def get_structure_definition(
+    request: Request, name: Annotated[str, Path(max_length=200, description="The extension's name.")]
+) -> Response:
+    """What one of this server's extensions means."""
+    for extension in EXTENSIONS:
+        if extension.name == name:
+            found = structure_definition(names_of(request), extension)
+            return FhirJson(found, headers={"Cache-Control": "public, max-age=3600"})
+    raise NotFoundError("There is no such StructureDefinition.")
+
+
+@router.get(
+    "/NutritionIntake",
+    responses=_responses("Bundle of NutritionIntakes", 400, 401, 406, 503),
+    openapi_extra=SEARCH_IN_OPENAPI,
+)
+def search_nutrition_intakes(request: Request, state: State, caller: CurrentCaller) -> Response:
+    """Records that hold, one a food of a meal, in the order of capture: a searchset, page by page."""
+    names = names_of(request)
+    asked = read_search(request.query_params.multi_items(), names, is_strict=wants_strict(request))
+    page = search_intakes(state.database, caller, asked.search, cursor=asked.cursor, limit=asked.count)
+    return FhirJson(search_bundle(names, asked, page))
+
+
+@router.get("/NutritionIntake/{intake_id}", responses=_responses("NutritionIntake", 401, 404, 406, 410, 503))
+def get_nutrition_intake(request: Request, intake_id: LogicalId, state: State, caller: CurrentCaller) -> Response:
+    """One record."""
+    try:
+        item_id = uuid.UUID(intake_id)
+    except ValueError:
+        raise NotFoundError("There is no such NutritionIntake.") from None
+    row = read_intake(state.database, caller, item_id)
+    return FhirJson(Intakes(names_of(request)).resource(row), headers={"ETag": f'W/"{row.record.change_seq}"'})
+
+
+@router.get("/Patient/{patient_id}", responses=_responses("Patient", 401, 404, 406, 503))
+def get_patient(
+    request: Request,
+    logical_id: Annotated[
+        str, Path(alias="patient_id", max_length=200, description="The Patient's logical id, as resources refer to it.")
+    ],
+    state: State,
+    caller: CurrentCaller,
+) -> Response:
+    """A participant: a code in a study."""
+    name = person_of_id(logical_id)
+    if name is None or name.study_code is None or patient_id(name.study_code, name.code) != logical_id:
+        raise NotFoundError("There is no such Patient.")
+    participant, study_code = read_person(state.database, caller, name)
+    return FhirJson(patient(names_of(request), participant, study_code))

@@ -1,0 +1,165 @@
+"""What this server says of itself: its CapabilityStatement, and the definitions of its own extensions."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from app import __version__
+from app.exports.fhir.names import Names
+from app.exports.fhir.search import MOST_COUNT
+
+FHIR_VERSION = "5.0.0"
+DEFINED = "2026-11-22"  # when what stands here was last changed
+
+PERSON = (
+    "Whose: Patient/STUDY.CODE, or Patient/CODE where one study only has such a participant. Several, comma between: "
+    "of any of them."
+)
+SEARCH_PARAMETERS = (
+    ("_id", "token", "Ids of NutritionIntakes, comma between."),
+    ("identifier", "token", "The same as _id, with or without the system."),
+    ("subject", "reference", f"{PERSON} With :identifier, by the system and code that subject.identifier tells."),
+    ("patient", "reference", "The same as subject."),
+    (
+        "date",
+        "date",
+        (
+            "When it was eaten; may be repeated, then all must be met. Prefixes: eq, ge, le, gt, lt, sa, eb. A year, "
+            "month or day is of the participant's own calendar (with the study's start of the day); a time must have "
+            "its offset."
+        ),
+    ),
+    ("status", "token", "completed, or in-progress: an after-meal pair may still tell what was left."),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Extension:
+    """An extension of ours. on: the element that has it; value: its type, value[x]."""
+
+    name: str
+    title: str
+    on: str
+    value: str
+    meaning: str
+
+
+EXTENSIONS = (
+    Extension(
+        "interval-90",
+        "Interval at 90 percent",
+        "NutritionIntake.consumedItem.amount",
+        "Range",
+        "The interval that holds the true amount with a probability of 90 percent. Amounts of nutrients are in "
+        "proportion to this amount, and so are their intervals; what the food table itself does not know exactly is "
+        "not in it.",
+    ),
+    Extension(
+        "record-status",
+        "Status of the record",
+        "NutritionIntake",
+        "code",
+        "How sure food and amount are: proposed (by the server, nobody has looked), needs_review (the food or the "
+        "amount is not known), confirmed or corrected (by a person).",
+    ),
+    Extension(
+        "reviewed",
+        "Reviewed",
+        "NutritionIntake",
+        "boolean",
+        "Whether a reviewer of the study has had the last word.",
+    ),
+)
+
+
+def capability_statement(names: Names) -> dict[str, Any]:
+    """GET /fhir/metadata."""
+    return {
+        "resourceType": "CapabilityStatement",
+        "url": names.url("metadata"),
+        "version": __version__,
+        "name": "TadaServer",
+        "title": "tada-server",
+        "status": "active",
+        "date": DEFINED,
+        "kind": "instance",
+        "software": {"name": "tada-server", "version": __version__},
+        "implementation": {"description": "Records of image-based dietary assessment, read only", "url": names.base},
+        "fhirVersion": FHIR_VERSION,
+        "format": ["json"],
+        "rest": [
+            {
+                "mode": "server",
+                "documentation": "Records that hold, as NutritionIntake: one a food of a meal. Unknown parameters are "
+                "ignored, and named in the bundle; `Prefer: handling=strict` has them refused. There is no total. "
+                f"Pages of up to {MOST_COUNT}, in the order of `date`; follow `next`.",
+                "security": {
+                    "cors": False,
+                    "description": "Authorization: Bearer TOKEN. Staff see their studies, a phone its participant. "
+                    "What may not be seen is not found.",
+                },
+                "resource": [
+                    {
+                        "type": "NutritionIntake",
+                        "documentation": "A rejected record is never here; by its id it is gone (410). versionId grows "
+                        "with every change of the record; when that was is not kept, so there is no lastUpdated.",
+                        "interaction": [{"code": "read"}, {"code": "search-type"}],
+                        "versioning": "versioned",
+                        "readHistory": False,
+                        "searchParam": [
+                            {"name": name, "type": its_type, "documentation": documentation}
+                            for name, its_type, documentation in SEARCH_PARAMETERS
+                        ],
+                    },
+                    {
+                        "type": "Patient",
+                        "documentation": "A participant: a code in a study, nothing of the person.",
+                        "interaction": [{"code": "read"}],
+                        "versioning": "no-version",
+                    },
+                    {
+                        "type": "StructureDefinition",
+                        "documentation": f"Of this server's extensions: {', '.join(each.name for each in EXTENSIONS)}.",
+                        "interaction": [{"code": "read"}],
+                        "versioning": "no-version",
+                    },
+                ],
+            }
+        ],
+    }
+
+
+def structure_definition(names: Names, extension: Extension) -> dict[str, Any]:
+    """GET /fhir/StructureDefinition/{name}: what an extension of ours means, and where it stands."""
+    url = names.url(f"StructureDefinition/{extension.name}")
+    described = {"short": extension.title, "definition": extension.meaning}
+    return {
+        "resourceType": "StructureDefinition",
+        "id": extension.name,
+        "url": url,
+        "version": __version__,
+        "name": "".join(word.capitalize() for word in extension.name.split("-")),
+        "title": extension.title,
+        "status": "active",
+        "date": DEFINED,
+        "description": extension.meaning,
+        "fhirVersion": FHIR_VERSION,
+        "kind": "complex-type",
+        "abstract": False,
+        "context": [{"type": "element", "expression": extension.on}],
+        "type": "Extension",
+        "baseDefinition": "http://hl7.org/fhir/StructureDefinition/Extension",
+        "derivation": "constraint",
+        "differential": {
+            "element": [
+                {"id": "Extension", "path": "Extension", "min": 0, "max": "1", **described},
+                {"id": "Extension.extension", "path": "Extension.extension", "max": "0"},
+                {"id": "Extension.url", "path": "Extension.url", "fixedUri": url},
+                {
+                    "id": "Extension.value[x]",
+                    "path": "Extension.value[x]",
+                    "min": 1,
+                    "type": [{"code": extension.value}],
+                },
+            ]
+        },
+    }

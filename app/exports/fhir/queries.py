@@ -1,0 +1,230 @@
+"""SQL of FHIR's view of records: pages by (captured_at, item id) of those that hold, with all that a resource tells.
+
+A rejected record is none: it is never here. The pages are found as in record_pages: by person, by study and status, or
+by id, each in an index that has them in the page's order.
+"""
+
+import uuid
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import date, datetime
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.foods.models import Component, Food, FoodNutrient, FoodRelease
+from app.meals.models import Meal
+from app.meals.record_models import RECORD_STATUSES, EffectiveRecord
+from app.people.models import Participant, Study
+from app.records.page_queries import MOST_BRANCHES, Key, RecordSearch, all_studies, participants_of, within_days
+
+STANDING = tuple(status for status in RECORD_STATUSES if status != "rejected")
+
+
+@dataclass(frozen=True, slots=True)
+class IntakeFilter:
+    """Which records: None leaves a filter out. since <= captured_at < before; the days are local ones, both included.
+
+    provisional: whether an after-meal pair may still come.
+    """
+
+    study_ids: frozenset[uuid.UUID] | None = None
+    participant_ids: frozenset[uuid.UUID] | None = None
+    item_ids: frozenset[uuid.UUID] | None = None
+    first_day: date | None = None
+    last_day: date | None = None
+    since: datetime | None = None
+    before: datetime | None = None
+    provisional: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FoodComponent:
+    """A component, apart from its session: a page has thousands of figures."""
+
+    number: str
+    name: str
+    unit: str
+    tagname: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class IntakeFood:
+    """A version of a food. release: its table's name and version. contents: of 100 g edible, of what is known."""
+
+    key: str
+    name: str
+    version: int
+    source_ids: Mapping[str, str]
+    release: str
+    contents: tuple[tuple[FoodComponent, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class IntakeRow:
+    """A record and what it is of. received_at: when the first of its meal arrived."""
+
+    record: EffectiveRecord
+    meal_client_id: uuid.UUID
+    utc_offset_minutes: int
+    time_zone: str
+    received_at: datetime
+    study_code: str
+    participant_code: str
+    food: IntakeFood | None
+
+
+def page_of_intakes(session: Session, chosen: IntakeFilter, *, after: Key | None, limit: int) -> list[IntakeRow]:
+    """At most `limit` records in the order of (captured_at, item id), those behind `after`."""
+    page = _keys(session, chosen, after, limit)
+    if page is None:
+        return []
+    query = _rows().join(page, page.c.item_id == EffectiveRecord.item_id)
+    return _with_foods(session, query.order_by(page.c.captured_at, page.c.item_id))
+
+
+def find_intake(session: Session, item_id: uuid.UUID) -> IntakeRow | None:
+    """One record, rejected or not."""
+    return next(iter(_with_foods(session, _rows().where(EffectiveRecord.item_id == item_id))), None)
+
+
+def people_called(session: Session, code: str, studies: Collection[uuid.UUID] | None) -> list[uuid.UUID]:
+    """The participants of this code in these studies (None: in all)."""
+    return participants_of(session, code, None, None if studies is None else sorted(studies)) or []
+
+
+def _keys(session: Session, chosen: IntakeFilter, after: Key | None, limit: int) -> sa.CTE | None:
+    """The page's captured_at and item_id, in no order; None: nothing can be there."""
+    record = EffectiveRecord
+    rest = [*within_days(chosen.first_day, chosen.last_day), *_between(chosen.since, chosen.before)]
+    if chosen.provisional is not None:
+        rest.append(record.provisional.is_(chosen.provisional))
+    is_on_sqlite = session.get_bind().dialect.name == "sqlite"
+    named: list[tuple[Any, Collection[uuid.UUID]]] = [
+        (column, values)
+        for column, values in (
+            (record.item_id, chosen.item_ids),
+            (record.participant_id, chosen.participant_ids),
+            (record.study_id, chosen.study_ids),
+        )
+        if values is not None
+    ]
+    if not all(values for _, values in named):
+        return None
+    if named and named[0][0] is not record.study_id:
+        (key, values), *others = named  # the narrowest; the others are compared row by row
+        rest += [record.status.in_(STANDING), *(column.in_(sorted(allowed)) for column, allowed in others)]
+        return RecordSearch((key,), [(each,) for each in sorted(values)], tuple(rest), is_on_sqlite).page(after, limit)
+    if chosen.provisional:
+        return _few_keys(session, chosen, rest, after, limit)
+    rest.append(record.status.in_(STANDING))  # nearly all are: those that are passed by cost less than branches would
+    if chosen.study_ids is None:
+        return RecordSearch((), [()], tuple(rest), is_on_sqlite).page(after, limit)
+    studies = sorted(chosen.study_ids)
+    if len(studies) > MOST_BRANCHES:
+        rest.append(record.study_id.in_(studies))
+        return RecordSearch((), [()], tuple(rest), is_on_sqlite).page(after, limit)
+    branches = [(study,) for study in studies]
+    return RecordSearch((record.study_id,), branches, tuple(rest), is_on_sqlite).page(after, limit)
+
+
+def _few_keys(
+    session: Session,
+    chosen: IntakeFilter,
+    conditions: Sequence[sa.ColumnElement[bool]],
+    after: Key | None,
+    limit: int,
+) -> sa.CTE:
+    """Of the records that are provisional, which are few: all of them by their own index, and sorted then."""
+    record = EffectiveRecord
+    studies = sorted(chosen.study_ids) if chosen.study_ids is not None else all_studies(session)
+    in_studies = [record.study_id.in_(studies)] if len(studies) <= MOST_BRANCHES else []
+    # nothing else is asked of them here, so that no other index looks as good
+    held = (
+        sa.select(record.item_id)
+        .where(record.provisional.is_(sa.true()), *in_studies)
+        .cte("held")
+        .prefix_with("MATERIALIZED")
+    )
+    query = (
+        sa.select(record.captured_at, record.item_id)
+        .join(held, held.c.item_id == record.item_id)
+        .where(record.status.in_(STANDING), *conditions)
+    )
+    if after is not None:
+        behind = sa.tuple_(sa.literal(after[0], record.captured_at.type), sa.literal(after[1], record.item_id.type))
+        query = query.where(sa.tuple_(record.captured_at, record.item_id) > behind)
+    return query.order_by(record.captured_at, record.item_id).limit(limit).cte("page")
+
+
+def _between(since: datetime | None, before: datetime | None) -> list[sa.ColumnElement[bool]]:
+    captured_at = EffectiveRecord.captured_at
+    conditions: list[sa.ColumnElement[bool]] = []
+    if since is not None:
+        conditions.append(captured_at >= since)
+    if before is not None:
+        conditions.append(captured_at < before)
+    return conditions
+
+
+def _rows() -> sa.Select[*tuple[Any, ...]]:
+    record = EffectiveRecord
+    return (
+        sa.select(
+            record,
+            Meal.client_id,
+            Meal.utc_offset_minutes,
+            Meal.time_zone,
+            Meal.received_at,
+            Study.code,
+            Participant.code,
+            Food,
+            FoodRelease.name + " " + FoodRelease.version,
+        )
+        .join(Meal, Meal.id == record.meal_id)
+        .join(Study, Study.id == record.study_id)
+        .join(Participant, Participant.id == record.participant_id)
+        .outerjoin(Food, Food.id == record.food_id)
+        .outerjoin(FoodRelease, FoodRelease.id == Food.release_id)
+    )
+
+
+def _with_foods(session: Session, query: sa.Select[*tuple[Any, ...]]) -> list[IntakeRow]:
+    rows = session.execute(query).all()
+    contents = _contents(session, {row[-2].id for row in rows if row[-2] is not None})
+    foods: dict[int, IntakeFood] = {}
+    for *_, food, release in rows:
+        if food is not None and food.id not in foods:
+            known = tuple(contents.get(food.id, ()))
+            foods[food.id] = IntakeFood(food.key, food.name, food.version, food.source_ids, release, known)
+    return [
+        IntakeRow(
+            record=record,
+            meal_client_id=meal,
+            utc_offset_minutes=offset,
+            time_zone=time_zone,
+            received_at=received_at,
+            study_code=study,
+            participant_code=participant,
+            food=foods[food.id] if food is not None else None,
+        )
+        for record, meal, offset, time_zone, received_at, study, participant, food, _ in rows
+    ]
+
+
+def _contents(session: Session, food_ids: Collection[int]) -> dict[int, list[tuple[FoodComponent, float]]]:
+    """Food -> its components with the content of 100 g; a page's foods have thousands, so the rows are bare numbers."""
+    if not food_ids:
+        return {}
+    every = sa.select(Component.id, Component.number, Component.name, Component.unit, Component.tagname)
+    components = {row.id: FoodComponent(row.number, row.name, row.unit, row.tagname) for row in session.execute(every)}
+    query = (
+        sa.select(FoodNutrient.food_id, FoodNutrient.component_id, FoodNutrient.per_100_g)
+        .where(FoodNutrient.food_id.in_(food_ids))
+        .order_by(FoodNutrient.food_id, FoodNutrient.component_id)
+    )
+    found: dict[int, list[tuple[FoodComponent, float]]] = {}
+    for food_id, component_id, per_100_g in session.execute(query):
+        found.setdefault(food_id, []).append((components[component_id], per_100_g))
+    return found

@@ -1,0 +1,91 @@
+"""SQL of what has changed in a study: records, days, and what is erased, in the order of its counter of changes."""
+
+import uuid
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.diary.models import DiaryDay
+from app.meals.record_models import EffectiveRecord
+from app.people.models import Participant
+from app.people.privacy_models import Tombstone
+from app.records.queries import RecordRow, rows_of_records
+
+KINDS = ("record", "day", "erased")  # their order within one change
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Behind which row a page begins: change, kind and that row's key (item id; day's id; digest)."""
+
+    change_seq: int
+    kind: str
+    key: str
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One row: where it stands, and a RecordRow, a (DiaryDay, participant's code) or a Tombstone."""
+
+    place: Place
+    row: Any
+
+
+def page_of_changes(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> list[Change]:
+    """At most `limit` rows behind a place. A row that changes again meanwhile moves to its new place."""
+    found = [
+        *_records(session, study_id, after, limit),
+        *_days(session, study_id, after, limit),
+        *_erased(session, study_id, after, limit),
+    ]
+    # stable, and each kind is in the order of its keys already
+    found.sort(key=lambda change: (change.place.change_seq, KINDS.index(change.place.kind)))
+    return found[:limit]
+
+
+def _records(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> list[Change]:
+    record = EffectiveRecord
+    key = uuid.UUID(after.key) if after.kind == "record" else None
+    where = _behind(after, "record", record.change_seq, record.item_id, key)
+    order = (record.change_seq, record.item_id)
+    rows: list[RecordRow] = rows_of_records(session, (record.study_id == study_id, where), order, limit)
+    return [Change(Place(row.record.change_seq, "record", row.record.item_id.hex), row) for row in rows]
+
+
+def _days(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> list[Change]:
+    key = uuid.UUID(after.key) if after.kind == "day" else None
+    query = (
+        sa.select(DiaryDay, Participant.code)
+        .join(Participant, Participant.id == DiaryDay.participant_id)
+        .where(DiaryDay.study_id == study_id, _behind(after, "day", DiaryDay.change_seq, DiaryDay.id, key))
+        .order_by(DiaryDay.change_seq, DiaryDay.id)
+        .limit(limit)
+    )
+    return [Change(Place(day.change_seq, "day", day.id.hex), (day, code)) for day, code in session.execute(query)]
+
+
+def _erased(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> list[Change]:
+    key = after.key if after.kind == "erased" else None
+    query = (
+        sa.select(Tombstone)
+        .where(
+            Tombstone.kind.in_(("record", "day")),
+            Tombstone.study_id == study_id,
+            _behind(after, "erased", Tombstone.change_seq, Tombstone.digest, key),
+        )
+        .order_by(Tombstone.change_seq, Tombstone.digest)
+        .limit(limit)
+    )
+    return [Change(Place(row.change_seq or 0, "erased", row.digest), row) for row in session.scalars(query)]
+
+
+def _behind(after: Place, kind: str, change_seq: Any, column: Any, key: Any) -> sa.ColumnElement[bool]:
+    """Rows of a kind behind a place: of later changes, and of the same change those that come after it there."""
+    if KINDS.index(kind) > KINDS.index(after.kind):
+        return sa.and_(change_seq >= after.change_seq)
+    if key is None:
+        return sa.and_(change_seq > after.change_seq)
+    change = sa.bindparam(None, after.change_seq, type_=sa.BigInteger())
+    return sa.tuple_(change_seq, column) > sa.tuple_(change, sa.bindparam(None, key, type_=column.type))

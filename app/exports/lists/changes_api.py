@@ -1,0 +1,47 @@
+"""/v1/studies/{study}/changes: what to pull to keep a copy of a study's records up to date."""
+
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse
+
+from app.exports.lists.change_queries import KINDS
+from app.exports.lists.change_schemas import ChangedDayOut, ChangePage, ErasedOut
+from app.exports.lists.list_changes import list_changes
+from app.http.paging import Cursor, Limit, next_page
+from app.http.parameters import StudyCode
+from app.http.problems import problem_responses
+from app.people.access.deps import State
+from app.records.render import render_record
+from app.records.schemas import RecordOfItem
+
+router = APIRouter(prefix="/v1/studies", tags=["records"])
+
+
+@router.get("/{study}/changes", response_model=ChangePage, responses=problem_responses(401, 403, 404, 422))
+def get_study_changes(
+    study: StudyCode,
+    request: Request,
+    state: State,
+    limit: Limit = 100,
+    cursor: Cursor = None,
+) -> JSONResponse:
+    """Records and days that changed, and records that are erased, since the page before. Nothing is missed."""
+    page = list_changes(state.database, study, cursor=cursor, limit=limit)
+    rows = {kind: [change.row for change in page.rows if change.place.kind == kind] for kind in KINDS}
+    body = ChangePage(
+        records=[RecordOfItem.model_validate(render_record(row), from_attributes=True) for row in rows["record"]],
+        days=[
+            ChangedDayOut(
+                id=day.id,
+                participant=code,
+                local_date=day.local_date,
+                status=day.status,
+                ate_nothing=day.ate_nothing,
+                change_seq=day.change_seq,
+            )
+            for day, code in rows["day"]
+        ],
+        erased=[ErasedOut(kind=row.kind, id_sha256=row.digest, change_seq=row.change_seq) for row in rows["erased"]],
+        next=next_page(request, page.cursor) or "",
+        has_more=page.has_more,
+    )
+    return JSONResponse(body.model_dump(mode="json"))

@@ -1,0 +1,56 @@
+"""What has changed in a study since a reader last asked: records, days, and records that are erased.
+
+The place in the study's counter of changes is taken under a lock, so a change that commits late stands late: who
+follows it misses nothing. An erased record is told by the SHA-256 of its id: who has pulled it can find it, the server
+cannot any more.
+"""
+
+import uuid
+from dataclasses import dataclass
+
+from app.core.errors import NotFoundError
+from app.db.session import Database
+from app.exports.lists import change_queries as changes
+from app.exports.lists.change_queries import KINDS, Change, Place
+from app.http.cursors import TEXT, WHOLE_NUMBER, broken_cursor, decode_cursor, encode_cursor
+from app.people import queries as people
+
+START = Place(0, KINDS[-1], "")
+
+
+@dataclass(frozen=True, slots=True)
+class ChangePage:
+    """Rows in the order of change; cursor: to go on behind them, now or later; has_more: now."""
+
+    rows: list[Change]
+    cursor: str
+    has_more: bool
+
+
+def list_changes(database: Database, study_code: str, *, cursor: str | None, limit: int) -> ChangePage:
+    """The rows behind the cursor, or from the first. Raises NotFoundError, InvalidInputError for a broken cursor."""
+    listed = f"changes of {study_code}"
+    after = _place(decode_cursor(listed, cursor, WHOLE_NUMBER, TEXT, TEXT))
+    with database.read() as session:
+        study = people.find_study(session, study_code)
+        if study is None:
+            raise NotFoundError("There is no such study.")
+        rows = changes.page_of_changes(session, study.id, after, limit + 1)
+    page = rows[:limit]
+    last = page[-1].place if page else after
+    return ChangePage(page, encode_cursor(listed, last.change_seq, last.kind, last.key), len(rows) > limit)
+
+
+def _place(key: tuple[int, str, str] | None) -> Place:
+    """The place that a cursor names."""
+    if key is None:
+        return START
+    number, kind, row = key
+    if kind not in KINDS:
+        raise broken_cursor()
+    if kind != "erased":
+        try:
+            uuid.UUID(row)
+        except ValueError:
+            raise broken_cursor() from None
+    return Place(number, kind, row)

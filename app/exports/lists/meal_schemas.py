@@ -1,0 +1,90 @@
+"""Lists of meals over the wire."""
+
+import uuid
+from datetime import date, datetime
+
+from pydantic import BaseModel, Field
+
+from app.foods.schemas import FoodRef
+from app.http.field_descriptions import (
+    CAPTURED_AT,
+    LOCAL_DATE,
+    MEAL_VERSION,
+    PAGE,
+    PARTICIPANT,
+    RECEIVED_AT,
+    STUDY,
+    TIME_ZONE,
+)
+from app.meals.models import AfterStatus, MealOrigin, MealStatus
+
+
+class MealLinks(BaseModel):
+    """Paths, to be followed as they stand."""
+
+    meal: str = Field(description="Path of the meal.")
+    photograph_left: str | None = Field(description="Null where it has not come, or was erased.")
+
+
+class MealListItem(BaseModel):
+    """A meal of a list. Figures are those of the records that hold (not rejected); `GET meal` has the intervals."""
+
+    id: uuid.UUID = Field(description="The id that the phone made.")
+    study: str = Field(description=STUDY)
+    participant: str = Field(description=PARTICIPANT)
+    status: MealStatus = Field(
+        description="receiving, queued, processing, estimated, needs_review, failed or confirmed"
+    )
+    stage: str | None = Field(description="The pipeline's step while processing; `waits_for_room` between two tries.")
+    failure_code: str | None = Field(
+        description="Why it could not be measured (docs/errors.md); null: it has not failed."
+    )
+    captured_at: datetime = Field(description=CAPTURED_AT)
+    time_zone: str = Field(description=TIME_ZONE)
+    local_date: date = Field(description=LOCAL_DATE)
+    received_at: datetime = Field(description=RECEIVED_AT)
+    upload_delay_seconds: float = Field(description="From eating to the first of the meal on the server.")
+    origin: MealOrigin = Field(description="photographed or declared")
+    after_status: AfterStatus | None = Field(description="How its after-meal pair stands; null: nothing has come.")
+    provisional: bool = Field(description="An after-meal pair may still come.")
+    version: int = Field(description=MEAL_VERSION)
+    item_count: int = Field(description="Items that count (not rejected).")
+    foods: list[FoodRef] = Field(description="In the order of the items, each once; an unknown one is left out.")
+    consumed_g: float | None = Field(
+        description="Of the items whose grams are known, signed; null where they are known of none."
+    )
+    energy_kcal: float | None = Field(description="Of the items whose energy is known; null where it is known of none.")
+    unmeasured_items: int = Field(description="Items whose grams are not known; above 0, the sums are incomplete.")
+    items_without_energy: int = Field(description="Items whose energy is not known, those without grams included.")
+    doubt: float | None = Field(description="The greatest of its items, 0 to 1, as the review queue orders them.")
+    flags: list[str] = Field(description="Of any of its items.")
+    links: MealLinks = Field(description="Paths of the meal and its photograph.")
+
+
+class MealPage(BaseModel):
+    """A page of meals by time of capture; `next` leads to the page after it, null at the end."""
+
+    items: list[MealListItem] = Field(description=PAGE)
+    next: str | None = Field(description="The next page's path and query.")
+
+
+class StatusCountOut(BaseModel):
+    """How many meals have a status. `is_more`: there are more than `count`."""
+
+    status: MealStatus = Field(description="The meals' status.")
+    count: int = Field(description="How many meals have it, up to 1,000.")
+    is_more: bool = Field(description="Whether there are more than `count`.")
+
+
+class MealCounts(BaseModel):
+    """Of each status, in the order of a meal's way; up to 1,000 are counted."""
+
+    items: list[StatusCountOut] = Field(
+        description="One entry per status, in the order in which a meal goes through them."
+    )
+
+
+class ChangedMeals(BaseModel):
+    """Those of the meals asked about that have another version by now, as they stand."""
+
+    items: list[MealListItem] = Field(description="The meals that have changed, each as it stands now.")

@@ -1,0 +1,37 @@
+"""The image manifest over the wire."""
+
+import uuid
+from datetime import date, datetime
+from typing import Literal
+
+from pydantic import BaseModel, Field
+
+from app.http.field_descriptions import CAPTURED_AT, LOCAL_DATE, MEAL_ID, PAGE, PARTICIPANT, PHOTOGRAPH, STUDY
+
+
+class PhotographOut(BaseModel):
+    """One photograph as it arrived and as it is kept."""
+
+    meal_id: uuid.UUID = Field(description=MEAL_ID)
+    study: str = Field(description=STUDY)
+    participant: str = Field(description=PARTICIPANT)
+    captured_at: datetime = Field(description=CAPTURED_AT)
+    local_date: date = Field(description=LOCAL_DATE)
+    slot: Literal["left", "right", "after_left", "after_right"] = Field(description=PHOTOGRAPH["slot"])
+    media_type: str = Field(description=PHOTOGRAPH["media_type"])
+    width_px: int = Field(description=PHOTOGRAPH["width_px"])
+    height_px: int = Field(description=PHOTOGRAPH["height_px"])
+    bytes: int = Field(description="As it is kept.")
+    received_sha256: str = Field(description="Of the bytes that the phone sent.")
+    stored_sha256: str = Field(description="Of the bytes that are kept: others where the location was cut out.")
+    received_at: datetime = Field(description=PHOTOGRAPH["received_at"])
+    erased: bool = Field(description=PHOTOGRAPH["erased"])
+    erased_at: datetime | None = Field(description=PHOTOGRAPH["erased_at"])
+    path: str | None = Field(description="Gives the picture, re-encoded as JPEG; null: it was erased.")
+
+
+class PhotographPage(BaseModel):
+    """Photographs in the order of capture; `next` leads to the page after it, null at the end."""
+
+    items: list[PhotographOut] = Field(description=PAGE)
+    next: str | None = Field(description="The next page's path and query.")

@@ -1,0 +1,49 @@
+"""/v1/studies/{study}/photographs: the image manifest, JSON pages or one file."""
+
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse, Response
+
+from app.exports.export_files import FILES, Format, answer_file, file_format
+from app.exports.export_spec import ExportFilters, ExportSpec
+from app.exports.lists.list_photographs import list_photographs
+from app.exports.lists.meal_page_queries import MealFilter
+from app.exports.lists.photograph_schemas import PhotographOut, PhotographPage
+from app.http.day_order import require_order
+from app.http.paging import Cursor, Limit, next_page
+from app.http.parameters import FirstDay, LastDay, OfParticipant, StudyCode
+from app.http.problems import problem_responses
+from app.people.access.deps import CurrentStaff, State
+
+router = APIRouter(prefix="/v1/studies", tags=["meals"])
+
+
+@router.get(
+    "/{study}/photographs",
+    response_model=PhotographPage,
+    responses={
+        200: {"content": FILES, "description": "A page, or all rows as a file."},
+        **problem_responses(401, 403, 404, 422, 503),
+    },
+)
+def get_photographs(
+    request: Request,
+    study: StudyCode,
+    state: State,
+    caller: CurrentStaff,
+    participant: OfParticipant = None,
+    first_day: FirstDay = None,
+    last_day: LastDay = None,
+    limit: Limit = 100,
+    cursor: Cursor = None,
+    output: Format = None,
+) -> Response:
+    """A row a photograph with its hashes. `limit` is of meals: a page has all photographs of so many."""
+    output = file_format(request, output)
+    if output is not None:
+        filters = ExportFilters(study, participant, first_day, last_day)
+        return answer_file(state, caller, ExportSpec("photographs", output=output, filters=filters), "photographs")
+    require_order(first_day, last_day)
+    chosen = MealFilter(study_code=study, participant_code=participant, first_day=first_day, last_day=last_day)
+    page = list_photographs(state.database, caller, chosen, cursor=cursor, limit=limit)
+    body = PhotographPage(items=[PhotographOut(**row) for row in page.rows], next=next_page(request, page.cursor))
+    return JSONResponse(body.model_dump(mode="json"))

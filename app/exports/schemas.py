@@ -1,0 +1,107 @@
+"""Exports in the background over the wire."""
+
+import uuid
+from datetime import datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.exports.export_spec import Components, Layout, Output, Rows
+from app.exports.lists.meal_page_queries import Needs
+from app.exports.models import ExportState
+from app.http.field_descriptions import NEXT, PAGE
+from app.http.text_schemas import LocalDay, Text
+from app.meals.models import AfterStatus, MealOrigin, MealStatus
+from app.meals.record_models import RecordStatus
+
+Word = Annotated[Text, Field(min_length=1, max_length=100)]
+Words = Annotated[list[Word], Field(max_length=10)]
+Statuses = Annotated[list[Literal[RecordStatus, MealStatus]], Field(max_length=10)]
+AfterStatuses = Annotated[list[AfterStatus], Field(max_length=10)]
+
+
+class ExportFiltersIn(BaseModel):
+    """Which rows, as the parameters of the table's JSON pages; days are local, both included."""
+
+    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+
+    participant: Annotated[Text, Field(min_length=1, max_length=64)] | None = Field(
+        default=None, description="Only this participant's rows."
+    )
+    first_day: LocalDay | None = Field(default=None, alias="from", description="First local day, included.")
+    last_day: LocalDay | None = Field(default=None, alias="to", description="Last local day, included.")
+    food: Words = Field(default=[], description="Keys of foods; any of several.")
+    status: Statuses = Field(
+        default=[], description="Statuses: of the item or of the meal, by what a row is; any of several."
+    )
+    flag: Words = Field(default=[], description="Only meals with an item that has this flag; any of several.")
+    origin: MealOrigin | None = Field(default=None, description="Only meals of this origin.")
+    needs: Needs | None = Field(
+        default=None,
+        description="review: an item is in the review queue. answer: a question to the participant is open.",
+    )
+    failure: Words = Field(default=[], description="Only meals that failed with this code; any of several.")
+    after_status: AfterStatuses = Field(default=[], description="How the after-meal pair stands; any of several.")
+
+
+class ExportIn(BaseModel):
+    """A file that is wanted."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "example": {
+                "rows": "items",
+                "layout": "wide",
+                "format": "parquet",
+                "components": "all",
+                "filters": {"from": "2026-11-01", "to": "2026-11-30", "status": ["confirmed", "corrected"]},
+            }
+        },
+    )
+
+    rows: Rows = Field(description="What a row of the file is.")
+    layout: Layout = Field(default="wide", description="wide: one column per component. long: one row per component.")
+    format: Output = Field(default="csv", description="The file's format; geojson has meals with a kept location only.")
+    components: Components = Field(
+        default="headline",
+        description="headline: the ten components of every record. all: every component of the foods in use as well.",
+    )
+    provenance: bool = Field(default=True, description="Of items and meals: columns of where figures come from.")
+    filters: ExportFiltersIn = Field(
+        default=ExportFiltersIn(), description="Which rows; by default all of the study's."
+    )
+
+
+class ExportOut(BaseModel):
+    """How far an export is; its file is there while it is done, until expires_at."""
+
+    id: uuid.UUID = Field(description="The export's id.")
+    state: ExportState = Field(description="How far it is; expired: its file is deleted.")
+    rows: Rows = Field(description="What a row of the file is.")
+    layout: Layout = Field(description="wide: one column per component. long: one row per component.")
+    format: Output = Field(description="The file's format.")
+    components: Components = Field(
+        description="headline: the ten components of every record. all: every component of the foods in use as well."
+    )
+    provenance: bool = Field(description="Whether the file has columns that say where the figures come from.")
+    filters: dict[str, Any] = Field(description="Those that were set.")
+    asked_by: str = Field(description="Name of the staff member who asked for it.")
+    requested_at: datetime = Field(description="When it was asked for.")
+    started_at: datetime | None = Field(description="When a worker began to write it; null: it waits.")
+    finished_at: datetime | None = Field(description="When it was done, failed or was cancelled; null: not yet.")
+    rows_written: int = Field(description="So far; of a file that is done, all.")
+    rows_estimated: int | None = Field(description="Null: not known, or not begun.")
+    bytes: int = Field(description="So far; of a file that is done, its length.")
+    sha256: str | None = Field(description="SHA-256 of the file, hex; null: it is not done.")
+    change_seq: int | None = Field(description="The study's counter of changes at the moment that the file is of.")
+    failure: str | None = Field(description="Why it failed: a code.")
+    file: str | None = Field(description="Path of the file; null where there is none.")
+    expires_at: datetime | None = Field(description="When the file is deleted; null: there is no file.")
+
+
+class ExportList(BaseModel):
+    """Exports of a study, the newest first; `next` leads to the page after it, null at the end."""
+
+    items: list[ExportOut] = Field(description=PAGE)
+    next: str | None = Field(description=NEXT)

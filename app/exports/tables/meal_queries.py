@@ -1,0 +1,103 @@
+"""SQL of exported meals and photographs: of a page of meals, the meals, their records, runs and photographs."""
+
+import uuid
+from collections.abc import Sequence
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.diary.models import DiaryDay
+from app.exports.tables.record_queries import coordinates
+from app.foods.models import Food
+from app.meals.models import AFTER_SLOTS, SLOTS, Meal, MealImage
+from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Item, Run
+from app.people.models import Participant, Study
+
+Row = sa.Row[*tuple[Any, ...]]
+
+
+def meals_by_id(session: Session, ids: Sequence[uuid.UUID]) -> list[Row]:
+    """With the names that go with them, in the order of capture; without long texts."""
+    longitude, latitude = coordinates()
+    of_day = sa.and_(DiaryDay.participant_id == Meal.participant_id, DiaryDay.local_date == Meal.local_date)
+    query = (
+        sa.select(
+            Meal.id,
+            Meal.client_id,
+            Meal.participant_id,
+            Study.code.label("study_code"),
+            Participant.code.label("participant_code"),
+            Meal.captured_at,
+            Meal.time_zone,
+            Meal.local_date,
+            Meal.received_at,
+            Meal.status,
+            Meal.origin,
+            Meal.failure_code,
+            Meal.after_status,
+            Meal.version,
+            sa.func.coalesce(DiaryDay.status, "open").label("day_status"),
+            longitude.label("longitude"),
+            latitude.label("latitude"),
+        )
+        .join(Study, Study.id == Meal.study_id)
+        .join(Participant, Participant.id == Meal.participant_id)
+        .outerjoin(DiaryDay, of_day)
+        .where(Meal.id.in_(ids))
+        .order_by(Meal.captured_at, Meal.id)
+    )
+    return list(session.execute(query))
+
+
+def records_of_meals(session: Session, ids: Sequence[uuid.UUID]) -> list[Row]:
+    """Records that hold, in the items' order."""
+    record = EffectiveRecord
+    query = (
+        sa.select(
+            record.meal_id,
+            record.food_id,
+            Food.key.label("food_key"),
+            record.consumed_g,
+            record.provisional,
+            record.reviewed,
+            record.flags,
+            record.doubt,
+            *(getattr(record, name) for name in HEADLINE_COLUMNS),
+        )
+        .join(Item, Item.id == record.item_id)
+        .outerjoin(Food, Food.id == record.food_id)
+        .where(record.meal_id.in_(ids), record.status != "rejected")
+        .order_by(record.meal_id, Item.position, record.item_id)
+    )
+    return list(session.execute(query))
+
+
+def last_runs(session: Session, ids: Sequence[uuid.UUID]) -> dict[uuid.UUID, Row]:
+    """Meal -> the newest run of its own pair."""
+    query = (
+        sa.select(Run.meal_id, Run.id, Run.method, Run.pipeline_version, Run.marker, Run.food_releases)
+        .where(Run.meal_id.in_(ids), Run.purpose == "meal")
+        .order_by(Run.created_at, Run.id.desc())
+    )
+    return {row.meal_id: row for row in session.execute(query)}
+
+
+def images_of_meals(session: Session, ids: Sequence[uuid.UUID]) -> dict[uuid.UUID, list[MealImage]]:
+    """Meal -> its photographs, left before right, the meal's own before those after it."""
+    places = {slot: place for place, slot in enumerate((*SLOTS, *AFTER_SLOTS))}
+    found: dict[uuid.UUID, list[MealImage]] = {}
+    for image in session.scalars(sa.select(MealImage).where(MealImage.meal_id.in_(ids))):
+        found.setdefault(image.meal_id, []).append(image)
+    return {meal_id: sorted(images, key=lambda image: places[image.slot]) for meal_id, images in found.items()}
+
+
+def records_of_days(session: Session, participant_ids: Sequence[uuid.UUID], first_day: Any, last_day: Any) -> list[Row]:
+    """(participant, day, food, grams) of records that hold, of these participants within these days."""
+    record = EffectiveRecord
+    query = sa.select(record.participant_id, record.local_date, record.food_id, record.consumed_g).where(
+        record.participant_id.in_(participant_ids),
+        record.local_date.between(first_day, last_day),
+        record.status != "rejected",
+    )
+    return list(session.execute(query.order_by(record.item_id)))

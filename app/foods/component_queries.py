@@ -1,0 +1,37 @@
+"""SQL of components: which ones the foods of some studies' records have, and what 100 g of such foods hold."""
+
+import uuid
+from collections.abc import Collection, Sequence
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.foods.models import Component, Food, FoodNutrient
+from app.meals.record_models import EffectiveRecord
+
+
+def components_in_use(session: Session, study_ids: Collection[uuid.UUID] | None) -> Sequence[Component]:
+    """Those that a food in use is known to have, in the order of components.csv. study_ids: None, all studies'.
+
+    A food is looked for in the records by its index, once, however many records there are.
+    """
+    record = EffectiveRecord
+    first = sa.select(record.food_id).where(record.food_id == Food.id).limit(1)
+    if study_ids is not None:
+        first = first.where(record.study_id.in_(study_ids))
+    used = sa.select(Food.id).where(first.correlate(Food).scalar_subquery().is_not(None))
+    known = sa.select(FoodNutrient.component_id).where(FoodNutrient.food_id.in_(used))
+    return session.scalars(sa.select(Component).where(Component.id.in_(known)).order_by(Component.id)).all()
+
+
+def contents_of(session: Session, food_ids: Collection[int | None]) -> dict[int | None, dict[str, float]]:
+    """Food -> component number -> content of 100 g edible portion; nothing is known of no food."""
+    found: dict[int | None, dict[str, float]] = {food_id: {} for food_id in food_ids}
+    query = (
+        sa.select(FoodNutrient.food_id, Component.number, FoodNutrient.per_100_g)
+        .join(Component, Component.id == FoodNutrient.component_id)
+        .where(FoodNutrient.food_id.in_([food_id for food_id in food_ids if food_id is not None]))
+    )
+    for food_id, number, per_100_g in session.execute(query):
+        found[food_id][number] = per_100_g
+    return found

@@ -1,0 +1,110 @@
+"""SQL of corrections: the versions of a food in the local release, what a dish is made of, a study's own densities."""
+
+import uuid
+from collections.abc import Collection
+from dataclasses import dataclass
+from datetime import datetime
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session, aliased
+
+from app.foods.models import Component, Food, FoodChange, FoodIngredient, FoodNutrient, FoodRelease, StudyDensity
+from app.foods.queries import LOCAL
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One version of a food that was made here; previous: what it was made from, None for a new food."""
+
+    food: Food
+    change: FoodChange
+    previous: Food | None
+    previous_release: FoodRelease | None
+
+
+def local_release(session: Session) -> FoodRelease | None:
+    """The release that corrections are written to, if there was one already."""
+    return session.scalars(sa.select(FoodRelease).where(FoodRelease.source == LOCAL)).one_or_none()
+
+
+def changes_of(session: Session, key: str) -> list[Change]:
+    """The versions of a food that were made here, the newest first."""
+    previous, release = aliased(Food), aliased(FoodRelease)
+    query = (
+        sa.select(Food, FoodChange, previous, release)
+        .join(FoodChange, FoodChange.food_id == Food.id)
+        .outerjoin(previous, previous.id == FoodChange.previous_id)
+        .outerjoin(release, release.id == previous.release_id)
+        .where(Food.key == key)
+        .order_by(Food.version.desc())
+    )
+    return [Change(*row) for row in session.execute(query)]
+
+
+def ingredients_of(session: Session, food_id: int) -> list[tuple[FoodIngredient, Food]]:
+    """The ingredients of a dish in the recipe's order, each with the version of the food that it is."""
+    query = (
+        sa.select(FoodIngredient, Food)
+        .join(Food, Food.id == FoodIngredient.ingredient_id)
+        .where(FoodIngredient.food_id == food_id)
+        .order_by(FoodIngredient.position)
+    )
+    return [(ingredient, food) for ingredient, food in session.execute(query)]
+
+
+def contents_of(session: Session, food_ids: Collection[int]) -> dict[int, dict[str, float]]:
+    """Food -> component number -> content of 100 g edible portion, for many foods at once."""
+    query = (
+        sa.select(FoodNutrient.food_id, Component.number, FoodNutrient.per_100_g)
+        .join(Component, Component.id == FoodNutrient.component_id)
+        .where(FoodNutrient.food_id.in_(food_ids))
+        .order_by(FoodNutrient.food_id, Component.id)
+    )
+    found: dict[int, dict[str, float]] = {food_id: {} for food_id in food_ids}
+    for food_id, number, per_100_g in session.execute(query):
+        found[food_id][number] = per_100_g
+    return found
+
+
+def parts_of(session: Session, food_ids: Collection[int]) -> dict[str, set[str]]:
+    """Food key -> keys of what it is made of, for these versions and all that they are made of."""
+    dish, part = aliased(Food), aliased(Food)
+    parts: dict[str, set[str]] = {}
+    seen: set[int] = set()
+    ids = set(food_ids)
+    while ids:
+        seen |= ids
+        query = (
+            sa.select(dish.key, part.key, part.id)
+            .select_from(FoodIngredient)
+            .join(dish, dish.id == FoodIngredient.food_id)
+            .join(part, part.id == FoodIngredient.ingredient_id)
+            .where(FoodIngredient.food_id.in_(ids))
+        )
+        ids = set()
+        for dish_key, part_key, part_id in session.execute(query):
+            parts.setdefault(dish_key, set()).add(part_key)
+            ids.add(part_id)
+        ids -= seen
+    return parts
+
+
+def all_study_densities(session: Session, study_id: uuid.UUID, food_key: str | None) -> list[StudyDensity]:
+    """A study's own measurements, withdrawn ones too, the newest entry first."""
+    query = sa.select(StudyDensity).where(StudyDensity.study_id == study_id)
+    if food_key is not None:
+        query = query.where(StudyDensity.food_key == food_key)
+    return list(session.scalars(query.order_by(StudyDensity.created_at.desc(), StudyDensity.id)))
+
+
+def withdraw(
+    session: Session, study_id: uuid.UUID, density_id: uuid.UUID, author: str, reason: str, at: datetime
+) -> bool:
+    """Withdraw a study's measurement; False if there is none, or it is withdrawn. Of two callers one wins."""
+    query = (
+        sa.update(StudyDensity)
+        .where(StudyDensity.id == density_id, StudyDensity.study_id == study_id, StudyDensity.withdrawn_at.is_(None))
+        .values(withdrawn_by=author, withdrawn_at=at, withdrawal_reason=reason)
+        .returning(StudyDensity.id)
+    )
+    return session.execute(query).scalar_one_or_none() is not None

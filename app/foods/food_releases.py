@@ -1,0 +1,58 @@
+"""Which releases of food tables there are, and which of a name is in force: one row switches, back too."""
+
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+
+from app.core.errors import NotFoundError
+from app.db.session import Database
+from app.foods import queries as foods
+from app.foods.models import FoodActivation
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseView:
+    """A release. is_complete: all its foods are written."""
+
+    name: str
+    version: str
+    source: str
+    released_on: date
+    imported_at: datetime
+    checksum: str
+    is_complete: bool
+    is_in_force: bool
+
+
+def list_releases(database: Database) -> list[ReleaseView]:
+    """Those in force first, in the order in which foods are looked up; then the others, the newest first."""
+    with database.read() as session:
+        in_force = foods.releases_in_force(session)
+        ids = {release.id for release in in_force}
+        others = [release for release in foods.all_releases(session) if release.id not in ids]
+    return [
+        ReleaseView(
+            release.name,
+            release.version,
+            release.source,
+            release.released_on,
+            release.imported_at,
+            release.checksum,
+            release.completed_at is not None,
+            release.id in ids,
+        )
+        for release in (*in_force, *others)
+    ]
+
+
+def use_release(database: Database, name: str, version: str | None, author: str) -> None:
+    """Put the newest import of this version in force, or none of this name. Raises NotFoundError."""
+    with database.write() as session:
+        known = [release for release in foods.all_releases(session) if release.name == name]
+        chosen = [release for release in known if release.version == version and release.completed_at is not None]
+        if not known or (version is not None and not chosen):
+            raise NotFoundError(
+                f"There is no complete release {name} {version or ''}".rstrip() + ": see `tada foods releases`.",
+                code="food_release_not_found",
+            )
+        release_id = chosen[0].id if version is not None else None
+        session.add(FoodActivation(name=name, release_id=release_id, author=author, activated_at=datetime.now(UTC)))

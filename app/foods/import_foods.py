@@ -1,0 +1,295 @@
+"""A published food table into the database: written inactive in short batches, in force by one row at the end.
+
+Uploads and workers go on meanwhile: a batch holds the database for a tenth of a second, and lets others in before the
+next. An import that was broken off is taken up where it stopped when the same files are imported again; what was never
+in force is seen by nobody. The same files again change nothing.
+"""
+
+import time
+import uuid
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime, timedelta
+
+import sqlalchemy as sa
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from app.core.errors import ConflictError
+from app.db.bulk import insert_rows, refresh_statistics
+from app.db.session import Database
+from app.foods import queries as foods
+from app.foods.importers.imported import ImportedTable, Skipped
+from app.foods.models import Component, Food, FoodActivation, FoodDensity, FoodNutrient, FoodPortion, FoodRelease
+from app.foods.search.index_foods import index_foods, is_code
+from app.foods.search.models import FoodCode, FoodPosting
+from app.nutrition.components import COMPONENT_BY_NUMBER
+from app.nutrition.foods import Food as FoodValue
+from app.nutrition.foods import load_starter_table, starter_checksum
+from app.nutrition.search import label_key
+
+BATCH_FOODS = 50
+PAUSE_SHARE = 0.5  # SQLite, one writer at a time: of a batch's own time, so that who waits gets a third of all
+ABANDONED_AFTER = timedelta(seconds=60)  # no batch for so long: whoever wrote it is dead, and another may go on
+
+
+@dataclass(frozen=True, slots=True)
+class ImportReport:
+    """What an import did. was_there: the same files had been imported before, and nothing was written."""
+
+    name: str
+    version: str
+    checksum: str
+    foods: int
+    values: int
+    was_there: bool
+    skipped: Skipped
+
+
+Progress = Callable[[int, int], None]  # foods written, foods in all
+
+
+def import_foods(
+    database: Database, imported: ImportedTable, author: str, on_progress: Progress | None = None
+) -> ImportReport:
+    """Write the table and put it in force in place of the release of the same name that was.
+
+    Raises ConflictError while another process imports the same files.
+    """
+    table = imported.table
+    importer_id = uuid.uuid4()
+    try:
+        with database.write() as session:
+            release, done = _begin(session, imported, importer_id)
+    except IntegrityError:  # another process began at the same moment
+        raise _running() from None
+    was_there = release.completed_at is not None
+    if not was_there:
+        try:
+            component_ids = _component_ids(database, imported)
+            for start in range(done, len(table.foods), BATCH_FOODS):
+                batch = table.foods[start : start + BATCH_FOODS]
+                began = time.monotonic()
+                with database.write() as session:
+                    _claim(session, release.id, importer_id)
+                    _write_foods(session, release, batch, component_ids)
+                if on_progress is not None:
+                    on_progress(start + len(batch), len(table.foods))
+                if database.is_sqlite:
+                    time.sleep(PAUSE_SHARE * (time.monotonic() - began))
+        except BaseException:  # Ctrl-C too: whoever comes next need not wait
+            _let_go(database, release.id, importer_id)
+            raise
+    with database.write() as session:
+        _put_in_force(session, session.get_one(FoodRelease, release.id), author)
+        if not was_there:
+            refresh_statistics(session, (Food, FoodNutrient, FoodDensity, FoodPortion, FoodCode, FoodPosting))
+    return ImportReport(
+        table.name,
+        table.version,
+        table.checksum,
+        len(table.foods),
+        sum(len(food.per_100_g) for food in table.foods),
+        was_there,
+        imported.skipped,
+    )
+
+
+def load_starter(database: Database) -> None:
+    """The table in the package, if this version of it is not there: in one transaction, for it is small.
+
+    Two processes may do it at once: one of them finds that the other was first.
+    """
+    if is_starter_there(database):
+        return
+    table = load_starter_table()
+    components = tuple(COMPONENT_BY_NUMBER[number] for number in sorted({n for f in table.foods for n in f.per_100_g}))
+    imported = ImportedTable("starter", table, components, Skipped())
+    try:
+        component_ids = _component_ids(database, imported)
+        with database.write() as session:
+            if foods.release_by_checksum(session, table.checksum) is not None:
+                return
+            release, _ = _begin(session, imported, None)
+            _write_foods(session, release, table.foods, component_ids)
+            _put_in_force(session, release, "tada")
+    except IntegrityError:
+        if not is_starter_there(database):
+            raise
+
+
+def is_starter_there(database: Database) -> bool:
+    """Whether this version of the table in the package has been loaded."""
+    with database.read() as session:
+        return foods.release_by_checksum(session, starter_checksum()) is not None
+
+
+def write_food(session: Session, release: FoodRelease, value: FoodValue, *, version: int = 1) -> Food:
+    """One food of a release with all that belongs to it; its components must be there."""
+    ids = {number: component.id for number, component in foods.components_by_number(session).items()}
+    return _write_foods(session, release, [value], ids, version=version)[0]
+
+
+def _begin(session: Session, imported: ImportedTable, importer_id: uuid.UUID | None) -> tuple[FoodRelease, int]:
+    """The release to write into, and how many of its foods are there already."""
+    table, now = imported.table, datetime.now(UTC)
+    release = foods.release_by_checksum(session, table.checksum, lock=True)
+    if release is None:
+        release = FoodRelease(
+            source=imported.source,
+            name=table.name,
+            version=table.version,
+            released_on=table.released_on,
+            checksum=table.checksum,
+            imported_at=now,
+            importer_id=importer_id,
+            written_at=now,
+        )
+        session.add(release)
+        session.flush()
+        return release, 0
+    if release.completed_at is not None:
+        return release, len(table.foods)
+    if release.written_at is not None and now - release.written_at < ABANDONED_AFTER:
+        raise _running()
+    release.importer_id, release.written_at = importer_id, now
+    written = session.scalar(sa.select(sa.func.count()).where(Food.release_id == release.id))
+    return release, int(written or 0)
+
+
+def _running() -> ConflictError:
+    return ConflictError(
+        "These files are being imported by another process at this moment; if that one has died, try again in "
+        f"{int(ABANDONED_AFTER.total_seconds())} seconds.",
+        code="food_import_running",
+    )
+
+
+def _claim(session: Session, release_id: int, importer_id: uuid.UUID) -> None:
+    """Tell that the import is alive; whoever was thought dead and replaced writes no more."""
+    claimed = session.execute(
+        sa.update(FoodRelease)
+        .where(FoodRelease.id == release_id, FoodRelease.importer_id == importer_id)
+        .values(written_at=datetime.now(UTC))
+        .returning(FoodRelease.id)
+    )
+    if claimed.scalar_one_or_none() is None:
+        raise ConflictError("Another process has taken over this import.", code="food_import_running")
+
+
+def _let_go(database: Database, release_id: int, importer_id: uuid.UUID) -> None:
+    with database.write() as session:
+        session.execute(
+            sa.update(FoodRelease)
+            .where(FoodRelease.id == release_id, FoodRelease.importer_id == importer_id)
+            .values(importer_id=None, written_at=None)
+        )
+
+
+def _put_in_force(session: Session, release: FoodRelease, author: str) -> None:
+    now = datetime.now(UTC)
+    if release.completed_at is None:
+        release.completed_at, release.importer_id = now, None
+    if release.id not in {one.id for one in foods.releases_in_force(session)}:
+        session.add(FoodActivation(name=release.name, release_id=release.id, author=author, activated_at=now))
+
+
+def _component_ids(database: Database, imported: ImportedTable) -> dict[str, int]:
+    """Number -> id of the table's components; those that are not there yet are added.
+
+    Two imports may add the same one at once: the second finds it.
+    """
+    for attempt in range(2):
+        try:
+            with database.write() as session:
+                known = foods.components_by_number(session)
+                missing = [component for component in imported.components if component.number not in known]
+                session.add_all(
+                    Component(
+                        number=component.number,
+                        name=component.name[:200],
+                        unit=component.unit.value,
+                        tagname=component.tagname,
+                        expression=component.expression,
+                    )
+                    for component in missing
+                )
+                session.flush()
+                return {number: component.id for number, component in foods.components_by_number(session).items()}
+        except IntegrityError:
+            if attempt:
+                raise
+    raise AssertionError
+
+
+def _write_foods(
+    session: Session,
+    release: FoodRelease,
+    values: Sequence[FoodValue],
+    component_ids: dict[str, int],
+    *,
+    version: int = 1,
+) -> list[Food]:
+    rows = [_food_row(release.id, value, version) for value in values]
+    session.add_all(rows)
+    session.flush()
+    insert_rows(
+        session,
+        FoodNutrient,
+        [
+            {"food_id": row.id, "component_id": component_ids[number], "per_100_g": content}
+            for row, value in zip(rows, values, strict=True)
+            for number, content in value.per_100_g.items()
+        ],
+    )
+    insert_rows(
+        session,
+        FoodDensity,
+        [
+            {"food_id": row.id, "position": position, **asdict(density)}
+            for row, value in zip(rows, values, strict=True)
+            for position, density in enumerate(value.densities)
+        ],
+    )
+    insert_rows(
+        session,
+        FoodPortion,
+        [
+            {"food_id": row.id, "position": position, **asdict(portion)}
+            for row, value in zip(rows, values, strict=True)
+            for position, portion in enumerate(value.portions)
+        ],
+    )
+    insert_rows(session, FoodCode, [code for row in rows for code in _codes(row, release.source)])
+    if release.source != foods.DENSITIES_ONLY:
+        index_foods(session, rows)
+    return rows
+
+
+def _food_row(release_id: int, value: FoodValue, version: int) -> Food:
+    return Food(
+        release_id=release_id,
+        key=value.key,
+        version=version,
+        name=value.name,
+        aliases=list(value.aliases),
+        food_group=value.food_group,
+        form=value.form,
+        slice_form=value.slice_form,
+        state=value.state,
+        is_mixed_dish=value.is_mixed_dish,
+        refuse=[asdict(part) for part in value.refuse],
+        probes=list(value.probes),
+        source_ids=dict(value.source_ids),
+    )
+
+
+def _codes(row: Food, source: str) -> list[dict[str, object]]:
+    codes = [
+        {"system": system, "code": str(code), "food_id": row.id}
+        for system, code in row.source_ids.items()
+        if is_code(system)
+    ]
+    if source == foods.DENSITIES_ONLY:
+        codes.append({"system": "label", "code": label_key(row.name)[:300], "food_id": row.id})
+    return codes

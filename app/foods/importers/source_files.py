@@ -1,0 +1,239 @@
+"""The files of a published release, in a zip or in a folder: lines with their numbers, and one checksum for either.
+
+Whatever is wrong with a file is an ImportFileError that names the file and, where there is one, the line.
+"""
+
+import csv
+import hashlib
+import math
+import re
+import struct
+import zipfile
+import zlib
+from collections.abc import Container, Generator, Iterable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import IO, NamedTuple
+
+from app.core.errors import InvalidInputError
+
+_CHUNK = 1 << 20
+
+# float() also takes 1_000, inf, nan and the digits of other scripts.
+_NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*\Z", re.ASCII)
+
+# What zipfile raises on damaged bytes: its own error mostly, but also what a wrong offset, length or flag leads to.
+DAMAGED_ZIP = (
+    zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError, ValueError, LookupError,
+)  # fmt: skip
+
+
+class ImportFileError(InvalidInputError):
+    """A file that cannot be imported: which, in which line, and why."""
+
+    code = "food_import_invalid"
+
+    def __init__(self, file: str, line: int | None, why: str) -> None:
+        place = file if line is None else f"{file}, line {line}"
+        super().__init__(f"{place}: {why}", file=file, line=line)
+
+
+class Place(NamedTuple):
+    """A line of a file, which every error about its fields names."""
+
+    file: str
+    line: int
+
+    def error(self, why: str) -> ImportFileError:
+        """Return the error that this line cannot be imported, and why."""
+        return ImportFileError(self.file, self.line, why)
+
+    def number(self, field: str, text: str) -> float:
+        """Return the finite figure >= 0 of a field. Raises ImportFileError."""
+        if not _NUMBER.match(text):
+            hint = "; write decimals with a point" if re.fullmatch(r"\s*-?\d+,\d+\s*", text) else ""
+            raise self.error(f"{field} is {text!r}, no number{hint}")
+        value = float(text)
+        if not 0.0 <= value < math.inf:
+            raise self.error(f"{field} is {text.strip()}, which cannot be")
+        return value
+
+    def text(self, field: str, text: str, limit: int) -> str:
+        """Return the text of a field in one line. Raises ImportFileError if it is empty or longer than `limit`."""
+        words = " ".join(text.split())
+        if not words:
+            raise self.error(f"{field} is empty")
+        if len(words) > limit:
+            raise self.error(f"{field} has {len(words)} characters; at most {limit} are kept")
+        return words
+
+    def new_key(self, row: str, key: str, seen: Container[str]) -> str:
+        """Return the key of a row. Raises ImportFileError if it is empty or already seen."""
+        if not key:
+            raise self.error(f"{row} has no id")
+        if key in seen:
+            raise self.error(f"{row} {key} is there twice")
+        return key
+
+
+class SourceFiles:
+    """The files at a path: a zip, a folder, or one plain file. Names are matched without their folder, case aside.
+
+    plain_file: the name of the one plain file, None for a zip or a folder.
+
+    Raises ImportFileError if there is nothing at the path, or a zip there is damaged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        if not path.exists():
+            raise ImportFileError(str(path), None, "there is no such file or folder")
+        self._is_zip = path.is_file() and (path.suffix.lower() == ".zip" or zipfile.is_zipfile(path))
+        if path.is_dir():
+            members = [str(file) for file in sorted(path.rglob("*")) if file.is_file()]
+        else:
+            members = _members_of_zip(path) if self._is_zip else [str(path)]
+        self.plain_file = None if self._is_zip or path.is_dir() else path.name
+        self._members: dict[str, list[str]] = {}
+        for member in members:
+            self._members.setdefault(_plain_name(member), []).append(member)
+
+    def has(self, name: str) -> bool:
+        """Whether there is a file of this name."""
+        return name.upper() in self._members
+
+    def require(self, names: Iterable[str]) -> None:
+        """Raises ImportFileError if one of these files is missing, or is there more than once (two releases)."""
+        for name in names:
+            if not self.has(name):
+                raise ImportFileError(str(self._path), None, f"it holds no {name}; give the release whole")
+            found = self._members[name.upper()]
+            if len(found) > 1:
+                raise ImportFileError(str(self._path), None, f"it holds {name} more than once: {', '.join(found)}")
+
+    def checksum(self, names: Iterable[str]) -> str:
+        """SHA-256, hex, over these files' names and bytes: the same for a zip and for the folder it unpacks to."""
+        digest = hashlib.sha256()
+        for name in sorted(name.upper() for name in names if self.has(name)):
+            digest.update(f"{name}\n".encode())
+            with self.open(name) as file:
+                while chunk := file.read(_CHUNK):
+                    digest.update(hashlib.sha256(chunk).digest())
+        return digest.hexdigest()
+
+    def lines(self, name: str, encoding: str) -> Iterator[tuple[int, str]]:
+        """Each line with its number, from 1, without its end; bytes of another encoding raise ImportFileError."""
+        with self.open(name) as file:
+            for number, raw in enumerate(file, start=1):
+                yield number, _decode(raw, encoding, name, number)
+
+    def csv_header(self, name: str, columns: Iterable[str] = ()) -> list[str]:
+        """The columns of a UTF-8 CSV file.
+
+        Raises ImportFileError if a column of `columns` is missing, or a column is there twice.
+        """
+        with closing(self._csv_records(name)) as records:
+            _, header = next(records, (1, []))
+        header = [column.strip() for column in header]
+        missing = [column for column in columns if column not in header]
+        if missing:
+            raise ImportFileError(name, 1, f"no column {', '.join(missing)}; there are {', '.join(header)}")
+        twice = sorted({column for column in header if header.count(column) > 1})
+        if twice:
+            raise ImportFileError(name, 1, f"column {', '.join(twice)} is there twice")
+        return header
+
+    def csv_rows(self, name: str, columns: Iterable[str] = ()) -> Iterator[tuple[Place, dict[str, str]]]:
+        """Yield each row of a UTF-8 CSV file, its trimmed fields by column. Raises errors as csv_fields does."""
+        header = self.csv_header(name, columns)
+        for place, fields in self.csv_fields(name, header):
+            yield place, dict(zip(header, fields, strict=True))
+
+    def csv_fields(
+        self, name: str, columns: Iterable[str], of: Container[str] | None = None
+    ) -> Iterator[tuple[Place, tuple[str, ...]]]:
+        """Yield each row's trimmed fields of these columns, with the line that the row ends in.
+
+        of: yield only the rows whose first of these fields is in it. Raises ImportFileError as csv_header does, and if
+        a row is longer or shorter than the header, or a quote is never closed.
+        """
+        columns = tuple(columns)
+        header = self.csv_header(name, columns)
+        wanted = [header.index(column) for column in columns]
+        first, width = wanted[0] if wanted else 0, len(header)
+        records = self._csv_records(name)
+        next(records, None)
+        for line, row in records:
+            if len(row) != width:
+                if not row:
+                    continue
+                raise ImportFileError(name, line, f"{len(row)} fields under {width} columns")
+            if of is None or row[first].strip() in of:
+                yield Place(name, line), tuple([row[index].strip() for index in wanted])
+
+    def _csv_records(self, name: str) -> Generator[tuple[int, list[str]]]:
+        reader = csv.reader(self._csv_lines(name), strict=True)
+        try:
+            for row in reader:
+                yield reader.line_num, row
+        except csv.Error as error:
+            raise ImportFileError(name, reader.line_num, f"no proper CSV: {error}") from None
+
+    def _csv_lines(self, name: str) -> Iterator[str]:
+        with self.open(name) as file:
+            for number, raw in enumerate(file, start=1):
+                if raw.isascii() and b"\0" not in raw:  # nearly all of twenty million lines
+                    yield raw.decode("ascii")
+                else:
+                    yield _decode(raw, "utf-8-sig", name, number) + "\n"
+
+    @contextmanager
+    def open(self, name: str) -> Iterator[IO[bytes]]:
+        """One file, to be read as bytes. Raises ImportFileError if it is missing, or the zip is damaged there."""
+        self.require([name])
+        (member,) = self._members[name.upper()]
+        try:
+            if self._is_zip:
+                with zipfile.ZipFile(self._path) as archive, archive.open(member) as file:
+                    yield file
+            else:
+                with Path(member).open("rb") as file:
+                    yield file
+        except DAMAGED_ZIP as error:
+            raise ImportFileError(str(self._path), None, f"{member} in it cannot be unpacked: {error}") from None
+        except OSError as error:
+            raise ImportFileError(member, None, f"it cannot be read: {error.strerror}") from None
+
+
+def _members_of_zip(path: Path) -> list[str]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return [entry.filename for entry in archive.infolist() if not entry.is_dir()]
+    except (*DAMAGED_ZIP, OSError):
+        why = "it is no zip file, or only a part of one; download the release again"
+        raise ImportFileError(str(path), None, why) from None
+
+
+def _plain_name(member: str) -> str:
+    return re.split(r"[/\\]", member)[-1].upper()
+
+
+def _decode(raw: bytes, encoding: str, name: str, number: int) -> str:
+    try:
+        text = raw.decode("utf-8-sig" if encoding == "utf-8-sig" and number == 1 else encoding.removesuffix("-sig"))
+    except UnicodeDecodeError as error:
+        why = f"byte {error.object[error.start]:#04x} is not {encoding.removesuffix('-sig')}: another encoding"
+        raise ImportFileError(name, number, why) from None
+    if "\0" in text:
+        raise ImportFileError(name, number, "it holds NUL bytes: another encoding (UTF-16?), or no text")
+    if encoding == "cp1252" and not raw.isascii() and _is_utf8(raw):
+        raise ImportFileError(name, number, "it is UTF-8, the release is Windows-1252: give it as published")
+    return text.rstrip("\r\n")
+
+
+def _is_utf8(raw: bytes) -> bool:
+    try:
+        raw.decode()
+    except UnicodeDecodeError:
+        return False
+    return True

@@ -1,0 +1,209 @@
+"""The food table: releases, foods, nutrients per 100 g edible portion, densities, portions, recipes, and their changes.
+
+Rows of a release never change. A correction is a new version of a food in the release "local", which goes before all
+imported ones; which release of a table is in force is a row of its own (FoodActivation).
+"""
+
+import uuid
+from datetime import date, datetime
+from typing import Any, Literal, get_args
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Mapped, mapped_column
+
+from app.db.base import Base, one_of
+
+DensityKind = Literal["solid", "bulk"]
+DENSITY_KINDS: tuple[DensityKind, ...] = get_args(DensityKind)
+WeighedPart = Literal["as_seen", "edible"]
+WEIGHED_PARTS: tuple[WeighedPart, ...] = get_args(WeighedPart)
+
+
+class FoodRelease(Base):
+    """One import of one published food table, or the table of local corrections.
+
+    source: the format it was read from. checksum: of what was read. An import that is under way, or was broken off, has
+    no completed_at and is in force for nobody; written_at is the time of its last batch, by the importer importer_id.
+    """
+
+    __tablename__ = "food_release"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    source: Mapped[str] = mapped_column(sa.String(32))
+    name: Mapped[str] = mapped_column(sa.String(100))
+    version: Mapped[str] = mapped_column(sa.String(32))
+    released_on: Mapped[date]
+    checksum: Mapped[str] = mapped_column(sa.String(64), unique=True)
+    imported_at: Mapped[datetime]
+    importer_id: Mapped[uuid.UUID | None]
+    written_at: Mapped[datetime | None]
+    completed_at: Mapped[datetime | None]
+
+    @property
+    def title(self) -> str:
+        """Return name and version."""
+        return f"{self.name} {self.version}"
+
+
+class FoodActivation(Base):
+    """From here on this release is the one in force of its name: the newest row of a name counts, one row switches."""
+
+    __tablename__ = "food_activation"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(sa.String(100))
+    release_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food_release.id"))  # NULL: none of this name
+    author: Mapped[str] = mapped_column(sa.String(200))
+    activated_at: Mapped[datetime]
+
+    __table_args__ = (sa.Index(None, "name", "id"),)
+
+
+class Food(Base):
+    """One version of a food of one release; `key` names the same food across releases and versions.
+
+    superseded_by_id: the version that corrected it; the only column that is ever set later.
+    """
+
+    __tablename__ = "food"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    release_id: Mapped[int] = mapped_column(sa.ForeignKey("food_release.id"))
+    key: Mapped[str] = mapped_column(sa.String(100))
+    version: Mapped[int] = mapped_column(default=1)
+    name: Mapped[str] = mapped_column(sa.String(300))
+    aliases: Mapped[list[Any]]
+    food_group: Mapped[str] = mapped_column(sa.String(100))
+    form: Mapped[str] = mapped_column(sa.String(16))
+    slice_form: Mapped[str | None] = mapped_column(sa.String(16))
+    state: Mapped[str | None] = mapped_column(sa.String(16))
+    is_mixed_dish: Mapped[bool] = mapped_column(default=False)
+    refuse: Mapped[list[Any]]
+    probes: Mapped[list[Any]]
+    recipe_yield: Mapped[float | None]  # prepared mass / mass of the ingredients; NULL: no recipe
+    source_ids: Mapped[dict[str, Any]]
+    superseded_by_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food.id"), index=True)
+
+    __table_args__ = (
+        sa.UniqueConstraint("release_id", "key", "version"),
+        sa.Index(None, "key"),
+        sa.Index(None, "release_id", "food_group"),
+    )
+
+
+class Component(Base):
+    """A nutrient. number: its source's number (nutrition/components.py); tagname: INFOODS, where there is one."""
+
+    __tablename__ = "component"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    number: Mapped[str] = mapped_column(sa.String(16), unique=True)
+    name: Mapped[str] = mapped_column(sa.String(200))
+    unit: Mapped[str] = mapped_column(sa.String(8))
+    tagname: Mapped[str | None] = mapped_column(sa.String(16))
+    expression: Mapped[str | None] = mapped_column(sa.String(100))
+
+
+class FoodNutrient(Base):
+    """How much of a component 100 g of a food's edible portion hold. No row: not known, which is not zero."""
+
+    __tablename__ = "food_nutrient"
+
+    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), primary_key=True)
+    component_id: Mapped[int] = mapped_column(sa.ForeignKey("component.id"), primary_key=True)
+    per_100_g: Mapped[float]
+
+
+class FoodDensity(Base):
+    """A food's density, g/ml, with spread, state, kind and source; `position` keeps the table's order."""
+
+    __tablename__ = "food_density"
+
+    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), primary_key=True)
+    position: Mapped[int] = mapped_column(primary_key=True)
+    g_per_ml: Mapped[float]
+    sd_g_per_ml: Mapped[float]
+    state: Mapped[str] = mapped_column(sa.String(32))
+    kind: Mapped[DensityKind] = mapped_column(sa.String(8))
+    basis: Mapped[str] = mapped_column(sa.String(32))
+    source: Mapped[str] = mapped_column(sa.String(300))
+    weighs: Mapped[WeighedPart] = mapped_column(sa.String(8))
+
+    __table_args__ = (
+        one_of("kind", DENSITY_KINDS),
+        one_of("weighs", WEIGHED_PARTS),
+        sa.CheckConstraint("g_per_ml > 0", name="positive"),
+    )
+
+
+class FoodPortion(Base):
+    """A household measure of a food, of edible mass; sequence: its number in the source."""
+
+    __tablename__ = "food_portion"
+
+    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), primary_key=True)
+    position: Mapped[int] = mapped_column(primary_key=True)
+    sequence: Mapped[str] = mapped_column(sa.String(32))
+    amount: Mapped[float]
+    measure: Mapped[str] = mapped_column(sa.String(200))
+    mass_g: Mapped[float]
+
+
+class FoodIngredient(Base):
+    """An ingredient of a recipe: this version of a food, its mass, and what share of each component cooking leaves."""
+
+    __tablename__ = "food_ingredient"
+
+    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), primary_key=True)
+    position: Mapped[int] = mapped_column(primary_key=True)
+    ingredient_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), index=True)
+    mass_g: Mapped[float]
+    retention: Mapped[dict[str, Any]]  # component number -> share; 1 where not named
+    retention_source: Mapped[str | None] = mapped_column(sa.String(300))
+
+
+class FoodChange(Base):
+    """Who made this version of a food, when and why, and what differs from the one before (field -> [old, new])."""
+
+    __tablename__ = "food_change"
+
+    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), primary_key=True)
+    previous_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food.id"), index=True)
+    author: Mapped[str] = mapped_column(sa.String(200))
+    reason: Mapped[str] = mapped_column(sa.Text)
+    differences: Mapped[dict[str, Any]]
+    changed_at: Mapped[datetime]
+
+
+class StudyDensity(Base):
+    """A study's own measurement of a food's density: it goes before all others there. Withdrawn, not deleted.
+
+    specimens: [volume_ml, mass_g] of each that it was computed from; NULL where the figures came computed.
+    """
+
+    __tablename__ = "study_density"
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
+    food_key: Mapped[str] = mapped_column(sa.String(100))
+    g_per_ml: Mapped[float]
+    sd_g_per_ml: Mapped[float]
+    state: Mapped[str] = mapped_column(sa.String(32))
+    kind: Mapped[DensityKind] = mapped_column(sa.String(8))
+    weighs: Mapped[WeighedPart] = mapped_column(sa.String(8))
+    source: Mapped[str] = mapped_column(sa.String(300))
+    specimens: Mapped[list[Any] | None]
+    author: Mapped[str] = mapped_column(sa.String(200))
+    reason: Mapped[str] = mapped_column(sa.Text)
+    measured_at: Mapped[datetime]
+    created_at: Mapped[datetime]
+    withdrawn_by: Mapped[str | None] = mapped_column(sa.String(200))
+    withdrawn_at: Mapped[datetime | None]
+    withdrawal_reason: Mapped[str | None] = mapped_column(sa.Text)
+
+    __table_args__ = (
+        one_of("kind", DENSITY_KINDS),
+        one_of("weighs", WEIGHED_PARTS),
+        sa.CheckConstraint("g_per_ml > 0", name="positive"),
+        sa.Index(None, "study_id", "food_key"),
+    )

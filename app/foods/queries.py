@@ -1,0 +1,207 @@
+"""SQL of the food table: the releases in force, foods by key or code, their nutrients, densities and portions.
+
+A key may stand in several releases: local corrections go before national tables, those before the starter table, then
+FoodData Central, SR28, and last the tables that give densities only.
+"""
+
+import uuid
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import TypeVar
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session, aliased
+
+from app.foods.models import (
+    Component,
+    Food,
+    FoodActivation,
+    FoodDensity,
+    FoodNutrient,
+    FoodPortion,
+    FoodRelease,
+    StudyDensity,
+)
+from app.foods.search.models import FoodCode
+
+T = TypeVar("T")
+
+LOCAL = "local"
+DENSITIES_ONLY = "fao-density"
+SAME_FOOD_SYSTEMS = ("sr28_ndb", "fdc_id", "fndds")  # one code, one food; a FoodEx2 code is a class of foods
+_PRECEDENCE = (LOCAL, "csv", "starter", "fdc", "sr28", DENSITIES_ONLY)
+
+
+@dataclass(frozen=True, slots=True)
+class NutrientRow:
+    """One component of a food. per_100_g: content of 100 g edible portion, in the component's unit."""
+
+    component: Component
+    per_100_g: float
+
+
+def releases_in_force(session: Session) -> list[FoodRelease]:
+    """The releases that foods are looked up in, the one that goes first at the head."""
+    newest = sa.select(sa.func.max(FoodActivation.id)).group_by(FoodActivation.name)
+    query = (
+        sa.select(FoodRelease)
+        .join(FoodActivation, FoodActivation.release_id == FoodRelease.id)
+        .where(FoodActivation.id.in_(newest))
+    )
+    return sorted(session.scalars(query), key=_precedence)
+
+
+def all_releases(session: Session) -> list[FoodRelease]:
+    """Every release, whole or not, the newest import first."""
+    return list(session.scalars(sa.select(FoodRelease).order_by(FoodRelease.id.desc())))
+
+
+def release_by_checksum(session: Session, checksum: str, *, lock: bool = False) -> FoodRelease | None:
+    """The release that was made from exactly these files, whole or not; locked until commit if so wanted."""
+    query = sa.select(FoodRelease).where(FoodRelease.checksum == checksum)
+    return session.scalars(query.with_for_update() if lock else query).one_or_none()
+
+
+def foods_by_key(session: Session, keys: Collection[str]) -> dict[str, Food]:
+    """Key -> the food in force, for the keys that there are."""
+    order = {release.id: position for position, release in enumerate(releases_in_force(session))}
+    query = sa.select(Food).where(Food.key.in_(keys), Food.release_id.in_(order), Food.superseded_by_id.is_(None))
+    found: dict[str, Food] = {}
+    for food in sorted(session.scalars(query), key=lambda food: order[food.release_id]):
+        found.setdefault(food.key, food)
+    return found
+
+
+def foods_by_id(session: Session, ids: Collection[int]) -> list[Food]:
+    """These versions of foods, in force or not."""
+    return list(session.scalars(sa.select(Food).where(Food.id.in_(ids))))
+
+
+def foods_by_code(session: Session, code: str) -> list[Food]:
+    """The foods in force that a published table knows by this number, best first."""
+    query = (
+        sa.select(FoodCode.code, Food)
+        .join(Food, Food.id == FoodCode.food_id)
+        .where(FoodCode.code == code, FoodCode.system != "label")
+    )
+    found: dict[str, Food] = {}
+    for _, food in _only_in_force(session, query):
+        found.setdefault(food.key, food)  # a correction stands for what it corrects
+    return list(found.values())
+
+
+def same_foods(session: Session, food_ids: Collection[int]) -> dict[int, list[Food]]:
+    """Food -> others in force that share a code with it, of the systems whose codes are each of one food."""
+    asked, other = aliased(FoodCode), aliased(FoodCode)
+    query = (
+        sa.select(asked.food_id, Food)
+        .join(other, sa.and_(other.system == asked.system, other.code == asked.code))
+        .join(Food, Food.id == other.food_id)
+        .where(asked.food_id.in_(food_ids), asked.system.in_(SAME_FOOD_SYSTEMS), other.food_id != asked.food_id)
+    )
+    found: dict[int, dict[str, Food]] = {food_id: {} for food_id in food_ids}
+    for food_id, food in _only_in_force(session, query):
+        found[food_id].setdefault(food.key, food)
+    return {food_id: list(others.values()) for food_id, others in found.items()}
+
+
+def sources_of(session: Session, release_ids: Collection[int]) -> dict[int, str]:
+    """Release -> the format that it was read from."""
+    query = sa.select(FoodRelease.id, FoodRelease.source).where(FoodRelease.id.in_(release_ids))
+    return {row.id: row.source for row in session.execute(query)}
+
+
+def density_rows(session: Session, labels: Collection[str]) -> list[tuple[str, Food]]:
+    """Rows in force of tables that give densities only, each with the folded name of these that it goes by."""
+    query = (
+        sa.select(FoodCode.code, Food)
+        .join(Food, Food.id == FoodCode.food_id)
+        .where(FoodCode.system == "label", FoodCode.code.in_(labels))
+    )
+    return list(_only_in_force(session, query))
+
+
+def densities_of(session: Session, food_ids: Collection[int]) -> dict[int, list[FoodDensity]]:
+    """Food -> its densities in the table's order."""
+    query = (
+        sa.select(FoodDensity)
+        .where(FoodDensity.food_id.in_(food_ids))
+        .order_by(FoodDensity.food_id, FoodDensity.position)
+    )
+    found: dict[int, list[FoodDensity]] = {}
+    for density in session.scalars(query):
+        found.setdefault(density.food_id, []).append(density)
+    return found
+
+
+def study_densities_of(session: Session, study_id: uuid.UUID, food_key: str) -> list[StudyDensity]:
+    """The study's own measurements of a food, the newest first, without withdrawn ones."""
+    query = (
+        sa.select(StudyDensity)
+        .where(
+            StudyDensity.study_id == study_id, StudyDensity.food_key == food_key, StudyDensity.withdrawn_at.is_(None)
+        )
+        .order_by(StudyDensity.measured_at.desc(), StudyDensity.id)
+    )
+    return list(session.scalars(query))
+
+
+def nutrients_of(session: Session, food_id: int) -> list[NutrientRow]:
+    """All components that are known of a food, in the order of components.csv."""
+    query = (
+        sa.select(Component, FoodNutrient.per_100_g)
+        .join(FoodNutrient, FoodNutrient.component_id == Component.id)
+        .where(FoodNutrient.food_id == food_id)
+        .order_by(Component.id)
+    )
+    return [NutrientRow(component, per_100_g) for component, per_100_g in session.execute(query)]
+
+
+def nutrients_of_each(session: Session, food_ids: Collection[int]) -> dict[int, list[NutrientRow]]:
+    """Food -> all components that are known of it, in the order of components.csv."""
+    query = (
+        sa.select(FoodNutrient.food_id, Component, FoodNutrient.per_100_g)
+        .join(Component, Component.id == FoodNutrient.component_id)
+        .where(FoodNutrient.food_id.in_(food_ids))
+        .order_by(Component.id)
+    )
+    found: dict[int, list[NutrientRow]] = {food_id: [] for food_id in food_ids}
+    for food_id, component, per_100_g in session.execute(query):
+        found[food_id].append(NutrientRow(component, per_100_g))
+    return found
+
+
+def contents_of(session: Session, food_ids: Collection[int], numbers: Collection[str]) -> dict[int, dict[str, float]]:
+    """Food -> component number -> content of 100 g edible portion, of these components as far as they are known."""
+    query = (
+        sa.select(FoodNutrient.food_id, Component.number, FoodNutrient.per_100_g)
+        .join(Component, Component.id == FoodNutrient.component_id)
+        .where(FoodNutrient.food_id.in_(food_ids), Component.number.in_(numbers))
+    )
+    found: dict[int, dict[str, float]] = {food_id: {} for food_id in food_ids}
+    for food_id, number, per_100_g in session.execute(query):
+        found[food_id][number] = per_100_g
+    return found
+
+
+def portions_of(session: Session, food_id: int) -> list[FoodPortion]:
+    """A food's household measures in the source's order."""
+    query = sa.select(FoodPortion).where(FoodPortion.food_id == food_id).order_by(FoodPortion.position)
+    return list(session.scalars(query))
+
+
+def components_by_number(session: Session) -> dict[str, Component]:
+    """Number -> component, all that are there."""
+    return {component.number: component for component in session.scalars(sa.select(Component))}
+
+
+def _only_in_force(session: Session, query: sa.Select[T, Food]) -> list[tuple[T, Food]]:
+    """The rows whose food is in force, that of the release that goes first at the head."""
+    order = {release.id: position for position, release in enumerate(releases_in_force(session))}
+    chosen = query.where(Food.release_id.in_(order), Food.superseded_by_id.is_(None))
+    rows = [(what, food) for what, food in session.execute(chosen)]
+    return sorted(rows, key=lambda row: (order[row[1].release_id], row[1].id))
+
+
+def _precedence(release: FoodRelease) -> tuple[int, int]:
+    return (_PRECEDENCE.index(release.source), -release.id)

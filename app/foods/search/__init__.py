@@ -1,0 +1,1 @@
+"""The search of foods: the index of words, codes and trigrams, and queries over it."""

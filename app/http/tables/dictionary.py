@@ -1,0 +1,78 @@
+"""The data dictionary: every column's name, type, unit, meaning, values, and what an empty cell says.
+
+From the columns that the files are written by; as rows, and as a Table Schema (Frictionless Data) to check a CSV with.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+from app.http.tables.columns import Column, ColumnType, Part
+
+DictionaryType = Literal["id", "text", "list of words", "instant", "day", "number", "integer", "boolean"]
+TYPES: dict[ColumnType, DictionaryType] = {  # in words of the dictionary
+    "id": "id",
+    "word": "text",
+    "words": "list of words",
+    "instant": "instant",
+    "day": "day",
+    "number": "number",
+    "integer": "integer",
+    "boolean": "boolean",
+}
+SCHEMA_TYPES: dict[ColumnType, dict[str, Any]] = {
+    "id": {"type": "string", "format": "uuid"},
+    "word": {"type": "string"},
+    "words": {"type": "string"},  # in one cell, a blank between
+    "instant": {"type": "datetime", "format": "any"},
+    "day": {"type": "date"},
+    "number": {"type": "number"},
+    "integer": {"type": "integer"},
+    "boolean": {"type": "boolean", "trueValues": ["True"], "falseValues": ["False"]},
+}
+
+DICTIONARY_PARTS = (
+    Part(
+        "shared",
+        (
+            Column("position", "integer", meaning="The column's place, 1 the first."),
+            Column("name", "word", meaning="The column's name."),
+            Column("type", "word", meaning="What its values are.", values=tuple(TYPES.values())),
+            Column("unit", "word", meaning="Unit of the values; 1: a share or a ratio.", empty="They have none."),
+            Column("meaning", "word", meaning="What the column tells."),
+            Column("values", "words", meaning="All values that there can be, where they are few."),
+            Column("empty", "word", meaning="What an empty cell says.", empty="There is none."),
+        ),
+    ),
+)
+
+
+def entries(columns: Sequence[Column]) -> list[tuple[Any, ...]]:
+    """A row of DICTIONARY_PARTS each."""
+    return [
+        (place, one.name, TYPES[one.type], one.unit, one.meaning, one.values, one.empty)
+        for place, one in enumerate(columns, start=1)
+    ]
+
+
+def table_schema(columns: Sequence[Column], *, key: Sequence[str]) -> dict[str, Any]:
+    """The CSV file's Table Schema; units stand in `unit`, which is not of the standard but allowed by it."""
+    return {
+        "fields": [_field(column) for column in columns],
+        "missingValues": [""],
+        "primaryKey": list(key),
+    }
+
+
+def _field(column: Column) -> dict[str, Any]:
+    constraints: dict[str, Any] = {}
+    if column.empty is None and column.type not in ("word", "words"):  # text may be the empty text
+        constraints["required"] = True
+    if column.values:
+        constraints["enum"] = list(column.values)
+    return {
+        "name": column.name,
+        **SCHEMA_TYPES[column.type],
+        "description": column.meaning + (f" Empty: {column.empty}" if column.empty is not None else ""),
+        **({"unit": column.unit} if column.unit is not None else {}),
+        **({"constraints": constraints} if constraints else {}),
+    }

@@ -1,0 +1,46 @@
+"""The columns of the image manifest: a row a photograph."""
+
+from app.http.tables.columns import Column, Part
+from app.http.tables.record_columns import CAPTURED_AT, LOCAL_DATE, MEAL_ID, PARTICIPANT, STUDY
+
+SLOTS = ("left", "right", "after_left", "after_right")
+
+PHOTOGRAPH_PARTS = (
+    Part("id", (MEAL_ID,)),
+    Part("shared", (STUDY, PARTICIPANT, CAPTURED_AT, LOCAL_DATE)),
+    Part(
+        "shared",
+        (
+            Column("slot", "word", meaning="Which of the meal's photographs it is.", values=SLOTS),
+            Column("media_type", "word", meaning="Of the bytes as they are kept."),
+        ),
+    ),
+    Part(
+        "numbers",
+        (
+            Column("width_px", "integer", "px", "Of the upright picture."),
+            Column("height_px", "integer", "px", "Of the upright picture."),
+            Column("bytes", "integer", "B", "Length as it is kept."),
+        ),
+    ),
+    Part(
+        "shared",
+        (
+            Column("received_sha256", "word", meaning="SHA-256 of the bytes that the phone sent."),
+            Column(
+                "stored_sha256",
+                "word",
+                meaning="SHA-256 of the bytes that are kept: others where the location was cut out.",
+            ),
+            Column("received_at", "instant", meaning="When it arrived at the server."),
+            Column("erased", "boolean", meaning="Whether the picture was erased (retention, withdrawal)."),
+            Column("erased_at", "instant", meaning="When it was erased.", empty="It is there."),
+            Column(
+                "path",
+                "word",
+                meaning="The path that gives the picture as JPEG, re-encoded (docs/limits.md).",
+                empty="It was erased.",
+            ),
+        ),
+    ),
+)

@@ -1,0 +1,59 @@
+"""What people say about a meal and its items, append-only: who, when, the old value and the new one.
+
+Three layers stay apart: what the pipeline found ("automatic"), the participant's word, the reviewer's word over it.
+What holds now is a projection (meals/item_state.py); an event is never changed, an `undo` names the one it undoes.
+"""
+
+import uuid
+from datetime import datetime
+from typing import Any, Literal, get_args
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Mapped, mapped_column
+
+from app.db.base import Base, Personal, one_of
+
+Layer = Literal["automatic", "participant", "reviewer"]  # each goes before the one before it
+LAYERS: tuple[Layer, ...] = get_args(Layer)
+EventKind = Literal[
+    "confirm", "reject", "set_food", "set_volume", "set_mass", "set_share", "set_leftover", "add", "declare", "split",
+    "merge", "redraw", "nothing_left", "confirm_meal", "comment", "question", "answer", "undo"
+]  # fmt: skip
+EVENT_KINDS: tuple[EventKind, ...] = get_args(EventKind)
+
+
+class MealEvent(Base):
+    """One event of a meal; sequence: its number in the meal, from 1.
+
+    item_id: the item that it is about; no foreign key, since items name the events that made them. old, new: the values
+    before and after, in the words of the API; new of an undo names the event. request_sha256: of the request that made
+    it, so that the same sent again is known.
+    """
+
+    __tablename__ = "meal_event"
+    personal = Personal(("meal_id",), "events", order_by="sequence")
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"))
+    sequence: Mapped[int]
+    item_id: Mapped[uuid.UUID | None] = mapped_column(index=True)
+    kind: Mapped[EventKind] = mapped_column(sa.String(16))
+    layer: Mapped[Layer] = mapped_column(sa.String(16))
+    device_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("device.id"), index=True)
+    staff_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("staff.id"))
+    old: Mapped[dict[str, Any]]
+    new: Mapped[dict[str, Any]]
+    request_sha256: Mapped[str] = mapped_column(sa.String(64))
+    created_at: Mapped[datetime]
+
+    __table_args__ = (
+        one_of("kind", EVENT_KINDS),
+        one_of("layer", LAYERS),
+        sa.UniqueConstraint("meal_id", "sequence"),
+        sa.Index(
+            "ix_meal_event_questions",
+            "meal_id",
+            sqlite_where=sa.text("kind = 'question'"),
+            postgresql_where=sa.text("kind = 'question'"),
+        ),
+    )

@@ -1,0 +1,76 @@
+"""Work to be done on meals, and the lives of those who do it."""
+
+import uuid
+from datetime import datetime
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Mapped, mapped_column
+
+from app.db.base import Base, Personal, one_of
+
+JOB_STATES = ("queued", "processing", "done", "failed")
+JOB_PURPOSES = ("meal", "after", "remeasure")
+_HAS_BEGUN = sa.text("started_at IS NOT NULL")
+_IS_WAITING = sa.text("executor_id IS NULL AND finished_at IS NULL")
+_IS_CLAIMED = sa.text("executor_id IS NOT NULL AND finished_at IS NULL")
+_HAS_STUDY = sa.text("study_id IS NOT NULL")
+
+
+class Job(Base):
+    """One estimate of one meal, to be made or made; the queue of the workers. Its id becomes the run's id.
+
+    purpose: of the meal's pair, of its after-meal pair, or of regions that a person drew anew (event_id).
+    turn: studies that share workers take turns (jobs/turns.py); the lower, the sooner; 0: not given yet.
+    study_id: whose turn it is, the meal's study. protocol: the least that a worker must know to run it (jobs/queue.py).
+    executor_id: the worker that has claimed it, or had it last; none while it waits. takeovers: from workers that died.
+    result_key: of what was computed and sealed, until it is saved. request_id: of the request that queued it.
+    """
+
+    __tablename__ = "job"
+    personal = Personal(("meal_id",))
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
+    purpose: Mapped[str] = mapped_column(sa.String(16), default="meal")
+    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
+    state: Mapped[str] = mapped_column(sa.String(16))
+    attempts: Mapped[int] = mapped_column(default=0)
+    turn: Mapped[int] = mapped_column(sa.BigInteger, default=0)
+    study_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("study.id"))
+    protocol: Mapped[int] = mapped_column(default=1)
+    executor_id: Mapped[str | None] = mapped_column(sa.String(64))
+    takeovers: Mapped[int] = mapped_column(default=0)
+    result_key: Mapped[str | None] = mapped_column(sa.String(300))
+    request_id: Mapped[str | None] = mapped_column(sa.String(32))
+    enqueued_at: Mapped[datetime]
+    started_at: Mapped[datetime | None]
+    finished_at: Mapped[datetime | None]
+
+    __table_args__ = (
+        one_of("state", JOB_STATES),
+        one_of("purpose", JOB_PURPOSES),
+        sa.CheckConstraint("(state IN ('done', 'failed')) = (finished_at IS NOT NULL)", name="finished"),
+        sa.Index(None, "state", "enqueued_at"),
+        sa.Index(None, "study_id", "turn", sqlite_where=_HAS_STUDY, postgresql_where=_HAS_STUDY),
+        sa.Index("ix_job_turn_of_begun", "turn", sqlite_where=_HAS_BEGUN, postgresql_where=_HAS_BEGUN),
+        sa.Index(
+            "ix_job_waiting",
+            *("turn", "enqueued_at", "id"),
+            sqlite_where=_IS_WAITING,
+            postgresql_where=_IS_WAITING,
+        ),
+        sa.Index("ix_job_claimed", "executor_id", sqlite_where=_IS_CLAIMED, postgresql_where=_IS_CLAIMED),
+    )
+
+
+class WorkerLease(Base):
+    """A worker process's claim to be alive, on the database's clock; expired, its jobs are taken over."""
+
+    __tablename__ = "worker_lease"
+
+    executor_id: Mapped[str] = mapped_column(sa.String(64), primary_key=True)
+    host: Mapped[str] = mapped_column(sa.String(255))
+    pid: Mapped[int]
+    version: Mapped[str] = mapped_column(sa.String(32))
+    started_at: Mapped[datetime]
+    heartbeat_at: Mapped[datetime]

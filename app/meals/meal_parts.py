@@ -1,0 +1,163 @@
+"""All that the records of some meals follow from, read in a handful of queries: items, events, foods, leftovers."""
+
+import uuid
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import TypeVar
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.candidates.models import ItemIdentification
+from app.foods.models import Food
+from app.jobs.queries import LIVE_STATES
+from app.meals.event_models import MealEvent
+from app.meals.job_models import Job
+from app.meals.models import Meal
+from app.meals.record_models import EffectiveRecord, Item, ItemCandidate, ItemFood, ItemMeasure, Leftover, Run
+
+FROM_HINT, FROM_INDEX = "hint", "index"  # who says that an item may be a food
+
+Row = TypeVar("Row", ItemFood, ItemMeasure, ItemCandidate)
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """An ItemIdentification without its vector."""
+
+    item_id: uuid.UUID
+    run_id: uuid.UUID
+    vcm_version: str
+    index_version: str | None
+    none_probability: float | None
+    created_at: datetime
+
+
+@dataclass(slots=True)
+class MealParts:
+    """One meal's. items: of its newest run, of its newest after-meal run, and those that people made.
+
+    foods, measures, candidates, identified, leftovers: by item, of all runs. food_keys: of all in foods, by id; a key
+    stays from version to version. failed_remeasures: events whose regions no run will measure. waits_for_run: the
+    meal's pair is to be measured, for the first time or again; the runs that there are say nothing of that one.
+    """
+
+    meal: Meal
+    run: Run | None = None
+    after_run: Run | None = None
+    items: list[Item] = field(default_factory=list)
+    events: list[MealEvent] = field(default_factory=list)
+    foods: dict[uuid.UUID, list[ItemFood]] = field(default_factory=dict)
+    food_keys: dict[int, str] = field(default_factory=dict)
+    measures: dict[uuid.UUID, list[ItemMeasure]] = field(default_factory=dict)
+    candidates: dict[uuid.UUID, list[ItemCandidate]] = field(default_factory=dict)
+    identified: dict[uuid.UUID, list[Identified]] = field(default_factory=dict)
+    leftovers: dict[uuid.UUID, list[Leftover]] = field(default_factory=dict)
+    failed_remeasures: set[uuid.UUID] = field(default_factory=set)
+    waits_for_run: bool = False
+
+
+def parts_of(session: Session, meals: Sequence[Meal]) -> list[MealParts]:
+    """The parts of each meal, in the order given."""
+    parts = {meal.id: MealParts(meal) for meal in meals}
+    ids = list(parts)
+    for run in session.scalars(sa.select(Run).where(Run.meal_id.in_(ids)).order_by(Run.created_at, Run.id)):
+        if run.purpose == "meal":
+            parts[run.meal_id].run = run
+        elif run.purpose == "after":
+            parts[run.meal_id].after_run = run
+    _add_what_jobs_say(session, parts)
+    by_item = _add_items(session, parts)
+    events = sa.select(MealEvent).where(MealEvent.meal_id.in_(ids)).order_by(MealEvent.sequence)
+    for event in session.scalars(events):
+        parts[event.meal_id].events.append(event)
+    if by_item:  # a meal that waits for its estimate, which phones ask for most, has none
+        _add_what_is_said_of_items(session, by_item)
+    return list(parts.values())
+
+
+def records_of(session: Session, meal_id: uuid.UUID) -> dict[uuid.UUID, EffectiveRecord]:
+    """Item -> effective record, of one meal."""
+    query = sa.select(EffectiveRecord).where(EffectiveRecord.meal_id == meal_id)
+    return {record.item_id: record for record in session.scalars(query)}
+
+
+def meals_after(
+    session: Session, after: uuid.UUID | None, limit: int, *, lock: bool, study_id: uuid.UUID | None = None
+) -> list[Meal]:
+    """Meals by id, behind `after`. lock: for who writes what follows from them; nobody speaks of them meanwhile."""
+    query = sa.select(Meal).order_by(Meal.id).limit(limit)
+    if lock:
+        query = query.with_for_update()
+    if after is not None:
+        query = query.where(Meal.id > after)
+    if study_id is not None:
+        query = query.where(Meal.study_id == study_id)
+    return list(session.scalars(query))
+
+
+def _add_what_jobs_say(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> None:
+    has_failed = sa.and_(Job.purpose == "remeasure", Job.state == "failed")
+    has_no_run = ~sa.exists().where(Run.id == Job.id)  # in the transaction that saves its run it is not done yet
+    is_to_come = sa.and_(Job.purpose == "meal", Job.state.in_(LIVE_STATES), has_no_run)
+    for job in session.scalars(sa.select(Job).where(Job.meal_id.in_(list(parts)), sa.or_(has_failed, is_to_come))):
+        if job.purpose == "meal":
+            parts[job.meal_id].waits_for_run = True
+        elif job.event_id is not None:
+            parts[job.meal_id].failed_remeasures.add(job.event_id)
+
+
+def _add_items(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> dict[uuid.UUID, MealParts]:
+    """Give each meal its items; those of older runs do not count. Returns item -> the parts that it is of."""
+    by_item = {}
+    query = sa.select(Item).where(Item.meal_id.in_(list(parts))).order_by(Item.position, Item.id)
+    for item in session.scalars(query):
+        its = parts[item.meal_id]
+        if item.run_id is None or item.run_id in {run.id for run in (its.run, its.after_run) if run is not None}:
+            its.items.append(item)
+            by_item[item.id] = its
+    return by_item
+
+
+def _add_what_is_said_of_items(session: Session, by_item: Mapping[uuid.UUID, MealParts]) -> None:
+    taken_for = _of_items(session, ItemFood, by_item)
+    keys = _keys_of(session, {row.food_id for row in taken_for})
+    for row in taken_for:
+        by_item[row.item_id].foods.setdefault(row.item_id, []).append(row)
+        by_item[row.item_id].food_keys[row.food_id] = keys[row.food_id]
+    for measure in _of_items(session, ItemMeasure, by_item):
+        by_item[measure.item_id].measures.setdefault(measure.item_id, []).append(measure)
+    for candidate in _of_items(session, ItemCandidate, by_item):
+        by_item[candidate.item_id].candidates.setdefault(candidate.item_id, []).append(candidate)
+    for seen in _identified(session, by_item):
+        by_item[seen.item_id].identified.setdefault(seen.item_id, []).append(seen)
+    after = sa.select(Leftover).where(Leftover.after_item_id.in_(list(by_item))).order_by(Leftover.version)
+    for leftover in session.scalars(after):
+        by_item[leftover.after_item_id].leftovers.setdefault(leftover.after_item_id, []).append(leftover)
+
+
+def _identified(session: Session, items: Collection[uuid.UUID]) -> list[Identified]:
+    """The newest last."""
+    seen = ItemIdentification
+    query = (
+        sa.select(
+            seen.item_id, seen.run_id, seen.vcm_version, seen.index_version, seen.none_probability, seen.created_at
+        )
+        .where(seen.item_id.in_(list(items)))
+        .order_by(seen.item_id, seen.created_at, seen.vcm_version)
+    )
+    return [Identified(*row) for row in session.execute(query)]
+
+
+def _keys_of(session: Session, food_ids: Collection[int]) -> dict[int, str]:
+    if not food_ids:
+        return {}
+    keys: dict[int, str] = dict(session.execute(sa.select(Food.id, Food.key).where(Food.id.in_(food_ids))).all())
+    return keys
+
+
+def _of_items(session: Session, table: type[Row], items: Collection[uuid.UUID]) -> list[Row]:
+    """An item's rows of one of its tables, in the order of their keys."""
+    order = list(sa.inspect(table).primary_key)
+    return list(session.scalars(sa.select(table).where(table.item_id.in_(list(items))).order_by(*order)))

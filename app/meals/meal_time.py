@@ -1,0 +1,125 @@
+"""When a meal was: the instant and the zone that the phone tells, checked, and the local day that follows from them.
+
+The day is the study's: it begins at the study's day start, so that a snack at half past one belongs to the evening
+before. It goes by the wall clock, as people do: the same time on the same clock face is on the same day, whether the
+hour is the first or the repeated one of a change from daylight-saving time.
+"""
+
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, time, timedelta
+from functools import cache
+from zoneinfo import ZoneInfo, available_timezones
+
+import structlog
+
+from app.core.errors import ClockDiffersError, InvalidInputError
+
+log = structlog.get_logger()
+
+EARLIEST = datetime(2000, 1, 1, tzinfo=UTC)  # before phones with cameras; a reset clock says 1970
+LATEST = datetime(2100, 1, 1, tzinfo=UTC)  # no clock that is merely wrong; milliseconds taken for seconds lie beyond
+CLOCK_AHEAD = timedelta(hours=24)  # a phone's clock may be ahead by that much and the meal is still taken
+CLOCK_RETRY_SECONDS = 600
+EASTERNMOST = timedelta(hours=14)  # ahead of UTC: where a day begins first (Kiribati)
+NOON = time(12)
+
+
+@dataclass(frozen=True, slots=True)
+class MealTime:
+    """captured_at: aware instant; utc_offset_minutes: in time_zone then."""
+
+    captured_at: datetime
+    utc_offset_minutes: int
+    time_zone: str
+
+    def local_date(self, day_starts_minutes: int) -> date:
+        """The study's day that the meal belongs to."""
+        return local_day(self.captured_at, self.time_zone, day_starts_minutes)
+
+
+def meal_time(captured_at: datetime, time_zone: str, now: datetime) -> MealTime:
+    """Check an instant against its zone and the server's clock. Raises InvalidInputError with its code.
+
+    One that is more than a day ahead of the server raises ClockDiffersError: it may well be the server's clock that is
+    wrong, and a meal that is refused for good would be lost by it.
+    """
+    if captured_at.tzinfo is None:
+        raise InvalidInputError(
+            "captured_at has no offset: write it like 2026-11-21T12:30:00+08:00.", code="time_without_offset"
+        )
+    if time_zone not in _zones():
+        raise InvalidInputError(
+            f"time_zone {time_zone!r} is no IANA time zone: use a name like Asia/Shanghai.", code="time_zone_unknown"
+        )
+    zone = ZoneInfo(time_zone)
+    try:
+        local = captured_at.astimezone(zone)
+        offset_minutes = round((local.utcoffset() or timedelta()).total_seconds() / 60)
+    except OverflowError:
+        raise _impossible(captured_at) from None
+    if not EARLIEST <= captured_at < LATEST:
+        raise _impossible(captured_at)
+    if captured_at.utcoffset() not in (local.utcoffset(), timedelta()):
+        raise InvalidInputError(
+            f"captured_at has offset {captured_at:%z}, but {time_zone} had {local:%z} then: check the phone's zone.",
+            code="offset_not_in_zone",
+        )
+    if captured_at > now + CLOCK_AHEAD:
+        log.error("clock_differs", ahead_seconds=round((captured_at - now).total_seconds()))
+        raise ClockDiffersError(
+            f"captured_at {captured_at.isoformat()} is more than a day ahead of the server's clock. Nothing was kept: "
+            "compare server_time with the phone's clock. If the phone's was wrong, correct captured_at; else keep the "
+            "meal and try again later.",
+            server_time=now.astimezone(UTC).isoformat(timespec="seconds"),
+            retry_after_seconds=CLOCK_RETRY_SECONDS,
+        )
+    return MealTime(captured_at, offset_minutes, time_zone)
+
+
+def local_day(instant: datetime, time_zone: str, day_starts_minutes: int) -> date:
+    """The day of an aware instant in a zone, where days begin so many minutes (0 to 1439) after midnight.
+
+    Before that time of the wall clock it is the day before: the last one that there was, since a zone that moves over
+    the date line has none (Apia went from 29 to 31 December 2011). Raises ValueError for a day start that is no time
+    of day.
+    """
+    if not 0 <= day_starts_minutes < 24 * 60:
+        raise ValueError(f"a day starts 0 to 1439 minutes after midnight, not {day_starts_minutes}")
+    zone = ZoneInfo(time_zone)
+    local = instant.astimezone(zone)
+    if local_minute(instant, time_zone) >= day_starts_minutes:
+        return local.date()
+    day = local.date() - timedelta(days=1)
+    while not _is_in_calendar(day, zone):
+        day -= timedelta(days=1)
+    return day
+
+
+def local_minute(instant: datetime, time_zone: str) -> int:
+    """Minutes after midnight by the zone's wall clock, 0 to 1439."""
+    local = instant.astimezone(ZoneInfo(time_zone))
+    return local.hour * 60 + local.minute
+
+
+def latest_day(now: datetime) -> date:
+    """The latest date that anybody's calendar shows."""
+    return (now.astimezone(UTC) + EASTERNMOST).date()
+
+
+def _is_in_calendar(day: date, zone: ZoneInfo) -> bool:
+    """Whether the zone had the day: its noon, taken to UTC and back, is still on it."""
+    noon = datetime.combine(day, NOON, zone)
+    return noon.astimezone(UTC).astimezone(zone).date() == day
+
+
+@cache
+def _zones() -> frozenset[str]:
+    """IANA names; what a machine calls its own time is none."""
+    return frozenset(available_timezones() - {"localtime", "Factory", "posixrules"})
+
+
+def _impossible(captured_at: datetime) -> InvalidInputError:
+    return InvalidInputError(
+        f"captured_at {captured_at.isoformat()} cannot be: it lies before 2000 or after 2099. Check the phone's clock.",
+        code="time_impossible",
+    )

@@ -1,0 +1,111 @@
+"""Meals and their photographs, as they arrived."""
+
+import uuid
+from datetime import date, datetime
+from typing import Any, Literal, get_args
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Mapped, mapped_column
+
+from app.db.base import Base, BlobColumns, Personal, one_of
+
+MealStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"]
+MEAL_STATUSES: tuple[MealStatus, ...] = get_args(MealStatus)
+MealOrigin = Literal["photographed", "declared"]
+MEAL_ORIGINS: tuple[MealOrigin, ...] = get_args(MealOrigin)
+AfterStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "nothing_left"]
+AFTER_STATUSES: tuple[AfterStatus, ...] = get_args(AfterStatus)
+SLOTS = ("left", "right")
+AFTER_SLOTS = ("after_left", "after_right")
+
+
+class Meal(Base):
+    """One eating occasion. Its status is the truth about where it stands; `version` grows with every change of it.
+
+    client_id is the UUID that the phone made, unique for the participant; id is ours and never leaves the server.
+    captured_at is the instant, local_date the day in time_zone. details: the metadata as accepted. alias: its name in
+    the audit log. origin "declared": told without photographs. after_*: how its after-meal pair stands, which moves the
+    meal's own status never; after_due_at: until then its records are provisional, NULL: no pair is waited for.
+    """
+
+    __tablename__ = "meal"
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    client_id: Mapped[uuid.UUID]
+    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
+    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"))
+    device_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("device.id"), index=True)
+    alias: Mapped[uuid.UUID] = mapped_column(unique=True, default=uuid.uuid4)
+    origin: Mapped[MealOrigin] = mapped_column(sa.String(16), default="photographed")
+    captured_at: Mapped[datetime]
+    utc_offset_minutes: Mapped[int]
+    time_zone: Mapped[str] = mapped_column(sa.String(64))
+    local_date: Mapped[date]
+    details: Mapped[dict[str, Any]]
+    status: Mapped[MealStatus] = mapped_column(sa.String(16))
+    stage: Mapped[str | None] = mapped_column(sa.String(32))
+    failure_code: Mapped[str | None] = mapped_column(sa.String(64))
+    failure_message: Mapped[str | None] = mapped_column(sa.Text)
+    failure_advice: Mapped[str | None] = mapped_column(sa.Text)
+    after_status: Mapped[AfterStatus | None] = mapped_column(sa.String(16), index=True)
+    after_details: Mapped[dict[str, Any] | None]
+    after_failure_code: Mapped[str | None] = mapped_column(sa.String(64))
+    after_failure_message: Mapped[str | None] = mapped_column(sa.Text)
+    after_failure_advice: Mapped[str | None] = mapped_column(sa.Text)
+    after_due_at: Mapped[datetime | None] = mapped_column(index=True)
+    version: Mapped[int] = mapped_column(default=1)
+    received_at: Mapped[datetime]
+    submitted_at: Mapped[datetime | None]
+
+    __table_args__ = (
+        sa.UniqueConstraint("participant_id", "client_id"),
+        one_of("status", MEAL_STATUSES),
+        one_of("origin", MEAL_ORIGINS),
+        one_of("after_status", AFTER_STATUSES),
+        sa.Index(None, "study_id", "captured_at", "id"),
+        sa.Index(None, "participant_id", "local_date"),
+        sa.Index(None, "study_id", "local_date", "participant_id"),
+        sa.Index(None, "status", "submitted_at"),
+        # lists of meals (meal_page_queries.py): all that the page's order and the filter on days need is in each
+        sa.Index("ix_meal_list_of_status", "study_id", "status", "origin", "captured_at", "id", "local_date"),
+        sa.Index("ix_meal_list_of_participant", "participant_id", "captured_at", "id", "local_date"),
+        sa.Index(
+            "ix_meal_list_of_failure",
+            *("study_id", "failure_code", "captured_at", "id", "local_date"),
+            sqlite_where=sa.text("failure_code IS NOT NULL"),
+            postgresql_where=sa.text("failure_code IS NOT NULL"),
+        ),
+        sa.Index(
+            "ix_meal_list_of_after",
+            *("study_id", "after_status", "captured_at", "id", "local_date"),
+            sqlite_where=sa.text("after_status IS NOT NULL"),
+            postgresql_where=sa.text("after_status IS NOT NULL"),
+        ),
+        sa.Index(None, "client_id"),
+    )
+
+
+class MealImage(Base):
+    """One photograph: what was received (told to the phone) and what is kept (sealed, perhaps without its location).
+
+    erased_at: its blob is deleted, or about to be (retention, withdrawal).
+    """
+
+    __tablename__ = "meal_image"
+    personal = Personal(("meal_id",), "photographs")
+    blob = BlobColumns(erased_at="erased_at")
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"))
+    slot: Mapped[str] = mapped_column(sa.String(16))
+    media_type: Mapped[str] = mapped_column(sa.String(32))
+    width_px: Mapped[int]
+    height_px: Mapped[int]
+    bytes: Mapped[int] = mapped_column(sa.BigInteger)
+    received_sha256: Mapped[str] = mapped_column(sa.String(64))
+    stored_sha256: Mapped[str] = mapped_column(sa.String(64))
+    blob_key: Mapped[str] = mapped_column(sa.String(200), unique=True)
+    received_at: Mapped[datetime]
+    erased_at: Mapped[datetime | None]
+
+    __table_args__ = (sa.UniqueConstraint("meal_id", "slot"), one_of("slot", SLOTS + AFTER_SLOTS))

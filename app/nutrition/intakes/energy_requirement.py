@@ -1,0 +1,230 @@
+"""Energy by equation, kcal a day: estimated requirement (IOM 2002/2005) and basal metabolic rate (Schofield 1985).
+
+A figure stands only where all that its equation needs is known and lies within what the equation was made for; else
+the answer is a `LeftOut` that names what is missing or outside: no weight, height or activity is ever assumed. An
+equation describes the mean of people alike, not the single person.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from app.nutrition.intakes.life_stage import SEXES, Sex, check_age, completed_months, life_stage
+
+Activity = Literal["sedentary", "low_active", "active", "very_active"]
+Trimester = Literal[1, 2, 3]
+
+TRIMESTERS: tuple[Trimester, ...] = get_args(Trimester)
+ACTIVITIES: tuple[Activity, ...] = get_args(Activity)  # PAL 1.0-1.39, 1.4-1.59, 1.6-1.89, 1.9-2.5
+
+EER_SOURCE = "IOM 2002/2005: Dietary Reference Intakes for Energy (EER)"
+OVERWEIGHT_SOURCE = "IOM 2002/2005: Dietary Reference Intakes for Energy (TEE of overweight and obese adults)"
+BMR_SOURCE = "Schofield 1985, as in FAO/WHO/UNU 2004: Human Energy Requirements"
+
+NORMAL_BMI = (18.5, 25.0)  # kg/m2; the adults' EER was fitted within, the overweight adults' equation above
+WEIGHT_LIMITS_KG = (1.0, 400.0)  # outside lies no person but a slip of the pen (pounds, grams)
+HEIGHT_LIMITS_M = (0.3, 2.6)  # the same (centimetres, feet)
+
+
+@dataclass(frozen=True, slots=True)
+class Person:
+    """Who needs the energy. What is not known is None.
+
+    weight_kg: in pregnancy, the weight before it. trimester: of the pregnancy. lactation_months: completed months since
+    birth, while the child is breastfed. Raises ValueError if the values cannot be or contradict each other.
+    """
+
+    age_years: float
+    sex: Sex | None = None
+    weight_kg: float | None = None
+    height_m: float | None = None
+    activity: Activity | None = None
+    is_pregnant: bool = False
+    trimester: Trimester | None = None
+    is_lactating: bool = False
+    lactation_months: int | None = None
+
+    def __post_init__(self) -> None:
+        check_age(self.age_years)
+        _check_limits("weight", self.weight_kg, WEIGHT_LIMITS_KG, "kg")
+        _check_limits("height", self.height_m, HEIGHT_LIMITS_M, "m")
+        _check_choice("sex", self.sex, SEXES)
+        _check_choice("activity", self.activity, ACTIVITIES)
+        _check_choice("trimester", self.trimester, TRIMESTERS)
+        if self.lactation_months is not None and self.lactation_months < 0:
+            raise ValueError(f"months of lactation cannot be {self.lactation_months}")
+        if self.trimester is not None and not self.is_pregnant:
+            raise ValueError("a trimester is given, but no pregnancy")
+        if self.lactation_months is not None and not self.is_lactating:
+            raise ValueError("months of lactation are given, but no lactation")
+        if self.is_pregnant or self.is_lactating:
+            life_stage(self.age_years, self.sex, is_pregnant=self.is_pregnant, is_lactating=self.is_lactating)
+
+    @property
+    def known_sex(self) -> Sex | None:
+        """The sex; female in pregnancy and lactation, also where it is not given."""
+        return "female" if self.is_pregnant or self.is_lactating else self.sex
+
+
+@dataclass(frozen=True, slots=True)
+class Energy:
+    """An energy by equation. sd_kcal: standard error of the equation's prediction, where its source tells it."""
+
+    kcal_per_day: float
+    equation: str
+    source: str
+    sd_kcal: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """Why there is no figure: the inputs that are missing, or that lie outside what the equation was made for."""
+
+    reason: Literal["missing", "outside"]
+    inputs: tuple[str, ...]
+    message: str
+
+    def __bool__(self) -> bool:
+        """No figure is falsy, so that `if energy` reads as it should."""
+        return False
+
+
+@dataclass(frozen=True, slots=True)
+class _Equation:
+    """kcal = constant - per_year * age + PA(activity) * (per_kg * weight + per_m * height)."""
+
+    constant: float
+    per_year: float
+    per_kg: float
+    per_m: float
+    activity_factors: tuple[float, float, float, float]
+
+    def kcal(self, age_years: float, weight_kg: float, height_m: float, activity: Activity) -> float:
+        factor = self.activity_factors[ACTIVITIES.index(activity)]
+        return self.constant - self.per_year * age_years + factor * (self.per_kg * weight_kg + self.per_m * height_m)
+
+
+# IOM 2002/2005, chapter 5: children of 3 to 18 years and adults, both of normal weight; overweight and obese adults.
+_CHILDREN: Mapping[Sex, _Equation] = {
+    "male": _Equation(88.5, 61.9, 26.7, 903.0, (1.00, 1.13, 1.26, 1.42)),
+    "female": _Equation(135.3, 30.8, 10.0, 934.0, (1.00, 1.16, 1.31, 1.56)),
+}
+_ADULTS: Mapping[Sex, _Equation] = {
+    "male": _Equation(662.0, 9.53, 15.91, 539.6, (1.00, 1.11, 1.25, 1.48)),
+    "female": _Equation(354.0, 6.91, 9.36, 726.0, (1.00, 1.12, 1.27, 1.45)),
+}
+_OVERWEIGHT_ADULTS: Mapping[Sex, _Equation] = {
+    "male": _Equation(1086.0, 10.1, 13.7, 416.0, (1.00, 1.12, 1.29, 1.59)),
+    "female": _Equation(448.0, 7.95, 11.4, 619.0, (1.00, 1.16, 1.27, 1.44)),
+}
+_GROWTH_KCAL = ((9.0, 25.0), (3.0, 20.0))  # from this age in years, what is laid down a day (IOM 2002/2005)
+_INFANT_GROWTH_KCAL = ((13, 20.0), (7, 22.0), (4, 56.0), (0, 175.0))  # the same, from this completed month
+_TRIMESTER_KCAL: Mapping[Trimester, float] = {1: 0.0, 2: 340.0, 3: 452.0}  # 8 a week of pregnancy, and 180 laid down
+_LACTATION_KCAL = (
+    (6, 400.0),
+    (0, 500.0 - 170.0),
+)  # milk, less what the mother's weight gives
+_LAST_LACTATION_MONTH = 12  # the equations end there
+
+# Schofield 1985: from this age in years, kcal = per_kg * weight + constant, and its standard error.
+_BMR: Mapping[Sex, tuple[tuple[float, float, float, float], ...]] = {
+    "male": (
+        (60.0, 11.711, 587.7, 164.0),
+        (30.0, 11.472, 873.1, 167.0),
+        (18.0, 15.057, 692.2, 153.0),
+        (10.0, 17.686, 658.2, 105.0),
+        (3.0, 22.706, 504.3, 67.0),
+        (0.0, 59.512, -30.4, 70.0),
+    ),
+    "female": (
+        (60.0, 9.082, 658.5, 108.0),
+        (30.0, 8.126, 845.6, 111.0),
+        (18.0, 14.818, 486.6, 119.0),
+        (10.0, 13.384, 692.6, 111.0),
+        (3.0, 20.315, 485.9, 70.0),
+        (0.0, 58.317, -31.1, 59.0),
+    ),
+}
+
+
+def estimated_energy_requirement(person: Person) -> Energy | LeftOut:
+    """Energy that keeps a healthy person of this age, sex, weight, height and activity in balance, growth included.
+
+    Below 3 years from age and weight alone. 3 to 18 years: for children of normal weight, which growth charts would
+    tell and this function cannot. Adults: EER for a body mass index from 18.5 to below 25 kg/m2; above, the equation
+    for overweight and obese adults, which keeps the weight as it is; below, left out. Pregnancy and lactation are added
+    to the EER; with a body mass index above normal they are left out, since their source does not cover it.
+    """
+    if person.age_years < 3.0:
+        return _infant_requirement(person)
+    missing = _missing(person, "sex", "weight_kg", "height_m", "activity")
+    missing += ("trimester",) if person.is_pregnant and person.trimester is None else ()
+    missing += ("lactation_months",) if person.is_lactating and person.lactation_months is None else ()
+    sex, weight_kg, height_m, activity = person.known_sex, person.weight_kg, person.height_m, person.activity
+    if missing or sex is None or weight_kg is None or height_m is None or activity is None:
+        return _left_out_missing(missing)
+    if person.lactation_months is not None and person.lactation_months >= _LAST_LACTATION_MONTH:
+        return LeftOut("outside", ("lactation_months",), "The addition for lactation is known for its first year only.")
+    if person.age_years < 19.0:
+        growth_kcal = next(kcal for first_year, kcal in _GROWTH_KCAL if person.age_years >= first_year)
+        kcal = _CHILDREN[sex].kcal(person.age_years, weight_kg, height_m, activity) + growth_kcal
+        return _with_motherhood(person, kcal, "eer_child")
+    bmi = weight_kg / height_m**2
+    if bmi < NORMAL_BMI[0]:
+        return LeftOut("outside", ("weight_kg", "height_m"), f"No equation for a body mass index of {bmi:.1f} kg/m2.")
+    if bmi < NORMAL_BMI[1]:
+        kcal = _ADULTS[sex].kcal(person.age_years, weight_kg, height_m, activity)
+        return _with_motherhood(person, kcal, "eer_adult")
+    if person.is_pregnant or person.is_lactating:
+        message = f"Pregnancy and lactation are not covered from a body mass index of {NORMAL_BMI[1]:.0f} kg/m2."
+        return LeftOut("outside", ("weight_kg", "height_m"), message)
+    kcal = _OVERWEIGHT_ADULTS[sex].kcal(person.age_years, weight_kg, height_m, activity)
+    return Energy(kcal, "tee_overweight_adult", OVERWEIGHT_SOURCE)
+
+
+def basal_metabolic_rate(person: Person) -> Energy | LeftOut:
+    """Energy spent at complete rest, from age, sex and weight; left out in pregnancy and lactation, which raise it."""
+    if person.is_pregnant or person.is_lactating:
+        state = "is_pregnant" if person.is_pregnant else "is_lactating"
+        return LeftOut("outside", (state,), "The equations are not for pregnancy and lactation.")
+    if person.sex is None or person.weight_kg is None:
+        return _left_out_missing(_missing(person, "sex", "weight_kg"))
+    _, per_kg, constant, sd_kcal = next(row for row in _BMR[person.sex] if person.age_years >= row[0])
+    return Energy(per_kg * person.weight_kg + constant, "schofield_weight", BMR_SOURCE, sd_kcal)
+
+
+def _infant_requirement(person: Person) -> Energy | LeftOut:
+    if person.weight_kg is None:
+        return _left_out_missing(("weight_kg",))
+    months = completed_months(person.age_years)
+    growth_kcal = next(kcal for first_month, kcal in _INFANT_GROWTH_KCAL if months >= first_month)
+    return Energy(89.0 * person.weight_kg - 100.0 + growth_kcal, "eer_infant", EER_SOURCE)
+
+
+def _with_motherhood(person: Person, kcal: float, equation: str) -> Energy:
+    if person.trimester is not None:
+        return Energy(kcal + _TRIMESTER_KCAL[person.trimester], f"{equation}_pregnant", EER_SOURCE)
+    if person.lactation_months is not None:
+        added = next(added for first_month, added in _LACTATION_KCAL if (person.lactation_months or 0) >= first_month)
+        return Energy(kcal + added, f"{equation}_lactating", EER_SOURCE)
+    return Energy(kcal, equation, EER_SOURCE)
+
+
+def _missing(person: Person, *names: str) -> tuple[str, ...]:
+    values = {name: getattr(person, "known_sex" if name == "sex" else name) for name in names}
+    return tuple(name for name, value in values.items() if value is None)
+
+
+def _left_out_missing(inputs: tuple[str, ...]) -> LeftOut:
+    return LeftOut("missing", inputs, f"Not known: {', '.join(inputs)}.")
+
+
+def _check_choice(name: str, value: object, choices: tuple[object, ...]) -> None:
+    if value is not None and value not in choices:
+        raise ValueError(f"no {name} {value!r}: one of {', '.join(map(str, choices))}")
+
+
+def _check_limits(name: str, value: float | None, limits: tuple[float, float], unit: str) -> None:
+    if value is not None and not (math.isfinite(value) and limits[0] <= value <= limits[1]):
+        raise ValueError(f"a {name} lies between {limits[0]:g} and {limits[1]:g} {unit}, not at {value}")

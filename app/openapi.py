@@ -1,0 +1,188 @@
+"""What FastAPI cannot see of the API, added to its OpenAPI document.
+
+FastAPI knows what an endpoint takes and gives when all goes well. What stands around all endpoints (who may call, what
+is counted, what a body may be) follows here from the same tables that it goes by at run time.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from app.exports.fhir.answers import FHIR_JSON, PREFIX
+from app.http.known_parameters import OF_API
+from app.http.problems import Problem, problem_responses
+from app.people.access.access_rules import RULES, Rule
+from app.people.access.call_limits import UNCOUNTED_PATHS
+from app.people.calibration_schemas import CalibrationMetadataIn
+from app.records.meal_schemas import MealMetadataIn, NewMealMetadataIn
+from app.uploads.after_schemas import AfterMetadataIn
+from app.uploads.check_schemas import CheckMetadataIn
+
+# read from streams, so FastAPI does not see their schemas
+OUT_OF_ROUTES = (Problem, MealMetadataIn, NewMealMetadataIn, AfterMetadataIn, CheckMetadataIn, CalibrationMetadataIn)
+OF_FASTAPI = ("HTTPValidationError", "ValidationError")  # its own form of a 422: ours is a Problem
+OF_BODIES = (400, 408, 413, 415)
+OF_PARAMETERS, OF_FHIR_PARAMETERS = 422, 400
+NOT_NOW = 503
+UNKNOWN_CALLER = 401
+OK, CONFLICT, FIRST_ERROR = 200, 409, 400
+PART, NO_SUCH_PART = "206", 416
+FILE_TYPES = frozenset(
+    {"text/csv", "application/x-ndjson", "application/vnd.apache.parquet", "application/geo+json", "application/zip"}
+)
+COUNTED_AT_401 = frozenset({"post_password"})  # the caller is known, the password in the body is wrong
+
+HEADERS: dict[str, dict[str, Any]] = {
+    "Retry-After": {
+        "description": "Seconds after which the same request may succeed.",
+        "schema": {"type": "integer", "minimum": 0},
+    },
+    "WWW-Authenticate": {"description": "`Bearer`.", "schema": {"type": "string"}},
+    "Location": {"description": "Where what was made is.", "schema": {"type": "string"}},
+    "ETag": {
+        "description": "The state that was answered: for `If-Match` of a change, or `If-None-Match` of the next look.",
+        "schema": {"type": "string"},
+    },
+    "Content-Disposition": {
+        "description": "The name to save a file under: `attachment; filename=...`. Pages of JSON are without it.",
+        "schema": {"type": "string"},
+    },
+    "Accept-Ranges": {"description": "`bytes`: parts of the file can be asked for.", "schema": {"type": "string"}},
+    "Content-Range": {
+        "description": "Which bytes of how many are sent; of a 416, how many there are.",
+        "schema": {"type": "string"},
+    },
+    "RateLimit-Policy": {
+        "description": 'The limit that the call is counted in: `"upload";q=120;w=60` is 120 a minute.',
+        "schema": {"type": "string"},
+    },
+    "RateLimit": {
+        "description": 'Where the caller stands in it: `"upload";r=119;t=1` is 119 left, and full again in 1 s.',
+        "schema": {"type": "string"},
+    },
+}
+OF_CALLER = ("RateLimit-Policy", "RateLimit")
+IF_NONE_MATCH = {
+    "name": "If-None-Match",
+    "in": "header",
+    "required": False,
+    "description": "The ETag of what is there already: 304 if it has not changed.",
+    "schema": {"type": "string"},
+}
+LOCATED = frozenset(
+    {
+        "post_meal", "put_meal", "put_photograph", "put_after", "post_declared_meal", "post_export", "post_release",
+        "post_study", "post_participant", "post_study_density", "post_study_vessel", "post_webhook", "post_food",
+        "post_density", "post_retry",
+    }
+)  # fmt: skip
+LOCATED_AGAIN = frozenset({"post_declared_meal", "post_export"})  # in the 200 of a repeat too
+COMPARE_CLOCKS = frozenset(
+    {"post_meal", "put_meal", "put_after", "post_declared_meal"}
+)  # their 409 may be `clock_differs`
+TAGGED = frozenset(
+    {
+        "post_meal", "put_meal", "put_photograph", "put_after", "get_meal", "post_declared_meal", "post_event",
+        "get_photograph", "get_artefact", "get_export_file", "get_release_file", "get_nutrition_intake",
+        "put_my_day", "put_day_of_participant", "get_food", "patch_food", "post_food", "post_density", "post_restore",
+        "get_study", "patch_study", "post_study", "post_cancel", "post_retry",
+        "get_study_vessel", "put_study_vessel", "post_study_vessel",
+        "get_webhook", "patch_webhook",
+    }
+)  # fmt: skip
+
+
+def openapi_document(app: FastAPI) -> dict[str, Any]:
+    """The whole document, made once a process."""
+    if app.openapi_schema is None:
+        document = get_openapi(
+            title=app.title,
+            version=app.version,
+            description=app.description,
+            license_info=app.license_info,
+            routes=app.routes,
+        )
+        schemas = document["components"]["schemas"]
+        for model in OUT_OF_ROUTES:
+            found = model.model_json_schema(ref_template="#/components/schemas/{model}")
+            schemas |= found.pop("$defs", {})
+            schemas[model.__name__] = found
+        for path, operations in document["paths"].items():
+            for method, operation in operations.items():
+                _complete(operation, path, RULES[method.upper(), path])
+        for name in OF_FASTAPI:
+            schemas.pop(name, None)
+        document["components"]["headers"] = HEADERS
+        app.openapi_schema = document
+    return app.openapi_schema
+
+
+def _complete(operation: dict[str, Any], path: str, rule: Rule) -> None:
+    """Add what follows from the route's rule, its place and what it takes."""
+    if rule.is_open:
+        operation.pop("security", None)
+    responses = operation["responses"]
+    if path.startswith(PREFIX):
+        responses.pop("422", None)
+    for status in _statuses(operation, rule, path):
+        if str(status) not in responses or "HTTPValidationError" in str(responses[str(status)]):
+            responses[str(status)] = problem_responses(status)[status]
+    for status, response in responses.items():
+        if path.startswith(PREFIX) and int(status) >= FIRST_ERROR:
+            response["content"] = {FHIR_JSON: {"schema": {"type": "object"}}}
+        names = [*_headers(operation["operationId"], int(status), rule), *_file_headers(responses, status)]
+        if names:
+            refs = {name: {"$ref": f"#/components/headers/{name}"} for name in names}
+            response["headers"] = {**response.get("headers", {}), **refs}
+    operation["responses"] = dict(sorted(responses.items()))
+    _complete_conditions(operation)
+
+
+def _complete_conditions(operation: dict[str, Any]) -> None:
+    """Whether `If-Match` must be sent, and `If-None-Match` where it is heard."""
+    for parameter in operation.get("parameters", ()):
+        if parameter["name"].lower() == "if-match" and "428" in operation["responses"]:
+            parameter["required"] = True
+    if "304" in operation["responses"]:
+        operation.setdefault("parameters", []).append(IF_NONE_MATCH)
+
+
+def _statuses(operation: dict[str, Any], rule: Rule, path: str) -> Iterator[int]:
+    """Those of errors that do not follow from what the endpoint does."""
+    if "requestBody" in operation:
+        yield from OF_BODIES
+    if path.startswith(OF_API):
+        yield OF_PARAMETERS  # of those that it has, and for any that it has not (known_parameters.py)
+    elif path.startswith(PREFIX) and any(each["in"] != "header" for each in operation.get("parameters", ())):
+        yield OF_FHIR_PARAMETERS
+    if not rule.is_open:
+        yield from (401, 403, 410)  # 410: the token was a participant's who has left the study
+    if "{study}" in path:
+        yield 404
+    if path not in UNCOUNTED_PATHS:
+        yield from (429, NOT_NOW)
+
+
+def _headers(operation_id: str, status: int, rule: Rule) -> Iterator[str]:
+    if operation_id in (LOCATED_AGAIN if status == OK else LOCATED if status in {201, 202} else ()):
+        yield "Location"
+    if status < FIRST_ERROR and operation_id in TAGGED:
+        yield "ETag"
+    if status in {408, 429, NOT_NOW} or (status == CONFLICT and operation_id in COMPARE_CLOCKS):
+        yield "Retry-After"
+    if status == UNKNOWN_CALLER:
+        yield "WWW-Authenticate"
+    if not rule.is_open and (status != UNKNOWN_CALLER or operation_id in COUNTED_AT_401):
+        yield from OF_CALLER
+
+
+def _file_headers(responses: dict[str, Any], status: str) -> Iterator[str]:
+    """Those of answers that may be a file, and of files that are given in parts."""
+    if int(status) < FIRST_ERROR and FILE_TYPES & set(responses[status].get("content", ())):
+        yield "Content-Disposition"
+    if PART in responses and int(status) < FIRST_ERROR:
+        yield "Accept-Ranges"
+    if PART in responses and status in {PART, str(NO_SUCH_PART)}:
+        yield "Content-Range"

@@ -1,0 +1,1 @@
+"""Running the server: preparing a deployment, health, metrics, chores of workers."""

@@ -1,0 +1,1 @@
+"""`tada backup` and `tada restore`: a deployment in one file, checked whole before anything is restored from it."""

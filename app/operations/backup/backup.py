@@ -1,0 +1,264 @@
+"""`tada backup`: database and blobs as they stood at one moment, into one file, while servers and workers go on.
+
+First the rows, in one read transaction; then the blobs that they name. A blob that an erasure took in between is no
+fault; one that is missing or damaged is told by name, and all others are in the backup. What erasures have done is not
+in it: the ledger stays outside, and a restore does them again. Neither is TADA_SECRET_KEY.
+"""
+
+import errno
+import gzip
+import hashlib
+import os
+import secrets
+import uuid
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO, Any
+
+import app
+from app.core.errors import ConflictError, InvalidInputError
+from app.db.layout import TableLayout, layout_at
+from app.db.migrate import SchemaUnknownError
+from app.db.schema_state import current_revision, revisions
+from app.db.scratch_keys import ScratchKeys, scratch_keys
+from app.db.session import Database
+from app.db.snapshot import Snapshot, snapshot_of
+from app.operations.backup.backup_blobs import MISSING, read_blobs
+from app.operations.backup.backup_format import (
+    BLOB_COLUMNS,
+    BLOBS,
+    CHUNK_BYTES,
+    DAMAGED_TOLD,
+    END,
+    ERASED,
+    FORMAT,
+    LACKING,
+    MANIFEST,
+    MAX_CHUNK_BYTES,
+    MAX_LACKING_BYTES,
+    SUMS,
+    End,
+    Lacking,
+    Manifest,
+    chunk_name,
+    described,
+    key_check,
+)
+from app.operations.backup.backup_tar import PIECE_BYTES, TarWriter
+from app.operations.backup.backup_values import row_writer
+from app.people.access.secret_box import SecretBox
+from app.privacy import queries as privacy
+from app.storage.blob_store import BlobStore
+
+NO_LINKS = frozenset({errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS})  # what file systems without hard links say
+COMPRESSION = 3  # of rows, by gzip; photographs do not shrink
+Tell = Callable[[str], None]  # how far it is, for a person
+
+
+@dataclass(frozen=True, slots=True)
+class BackupDone:
+    """What a backup holds. erased: blobs that an erasure took meanwhile; damaged: blobs that it lacks.
+
+    damaged_first: key -> why, of the first DAMAGED_TOLD of them.
+    """
+
+    manifest: Manifest
+    rows: Mapping[str, int]
+    blobs: int
+    blob_bytes: int
+    erased: int
+    damaged: int
+    damaged_first: Mapping[str, str]
+
+
+def backup_to_file(database: Database, blobs: BlobStore, box: SecretBox, path: Path, tell: Tell) -> BackupDone:
+    """Write the backup under its name once it is whole and on disk, for its owner only.
+
+    Raises ConflictError (`backup_exists`) for a file that is there, or was made by another meanwhile; OSError.
+    """
+    _require_free_name(path)
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
+    handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            done = write_backup(database, blobs, box, file, tell)
+            file.flush()
+            os.fsync(file.fileno())
+        _take_name(partial, path)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+    return done
+
+
+def write_backup(database: Database, blobs: BlobStore, box: SecretBox, out: IO[bytes], tell: Tell) -> BackupDone:
+    """Write the backup, from front to back. What breaks off in between lacks its end and is refused by a restore."""
+    revision = current_revision(database)
+    if revision is None:
+        raise InvalidInputError("There is nothing to back up: the database has no tables.", code="nothing_to_back_up")
+    if revision not in revisions():
+        raise SchemaUnknownError(f"The schema ({revision}) is a newer program's: make the backup with that.")
+    layout = layout_at(revision)
+    backup, now = str(uuid.uuid4()), datetime.now(UTC)
+    manifest = Manifest(
+        format=FORMAT,
+        backup=backup,
+        created_at=now,
+        program=app.__version__,
+        revision=revision,
+        database="sqlite" if database.is_sqlite else "postgresql",
+        key_check=key_check(box, backup),
+        tables=described(layout),
+    )
+    with scratch_keys() as keys, TemporaryFile() as sums, TemporaryFile() as lacking:
+        tar = TarWriter(out, sums, int(now.timestamp()))
+        tar.add_bytes(MANIFEST, manifest.to_bytes())
+        with snapshot_of(database, revision, layout) as snapshot:
+            rows = {table.name: _write_table(tar, snapshot, table, keys, tell) for table in layout}
+        copied = _Blobs(database, blobs, lacking, tell)
+        copied.write(tar, keys)
+        _add_file(tar, LACKING, lacking)
+        members = tar.members
+        sums_sha256 = _add_file(tar, SUMS, sums)
+        end = End(members, sums_sha256, rows, copied.count, copied.bytes, copied.erased, copied.damaged)
+        tar.add_bytes(END, end.to_bytes(box))
+        tar.close()
+    return BackupDone(manifest, rows, copied.count, copied.bytes, copied.erased, copied.damaged, copied.damaged_first)
+
+
+class _Blobs:
+    """What becomes of the blobs that rows name. lacking: the lines of those that cannot be copied."""
+
+    def __init__(self, database: Database, blobs: BlobStore, lacking: IO[bytes], tell: Tell) -> None:
+        self._database, self._blobs, self._lacking, self._tell = database, blobs, lacking, tell
+        self.count = self.bytes = self.erased = self.damaged = 0
+        self.damaged_first: dict[str, str] = {}
+
+    def write(self, tar: TarWriter, keys: ScratchKeys) -> None:
+        for blob in read_blobs(self._blobs, keys.named()):
+            if blob.fault is None:
+                tar.add(BLOBS + blob.key, blob.size, blob.pieces())
+                self.count += 1
+                self.bytes += blob.size
+                self._tell(f"{self.count} blobs, {self.bytes / 1e6:.0f} MB")
+            elif blob.fault == MISSING and self._is_erased(blob.key):
+                self.erased += 1
+                self._note(Lacking(blob.key, ERASED))
+            else:
+                self.damaged += 1
+                self._note(Lacking(blob.key, blob.fault))
+                if len(self.damaged_first) < DAMAGED_TOLD:
+                    self.damaged_first[blob.key] = blob.fault
+
+    def _note(self, lacking: Lacking) -> None:
+        line = lacking.to_line()
+        if len(line) > MAX_LACKING_BYTES:
+            raise InvalidInputError("A row names a blob by more than a key can be.", code="database_inconsistent")
+        self._lacking.write(line)
+
+    def _is_erased(self, key: str) -> bool:
+        """Only an erasure takes away the row that named it, and it does so before it takes the blob."""
+        with self._database.read() as session:
+            return not privacy.is_named(session, key)
+
+
+def _write_table(tar: TarWriter, snapshot: Snapshot, table: TableLayout, keys: ScratchKeys, tell: Tell) -> int:
+    name_blob = blob_namer(table, keys)
+    write, count, number, chunk = row_writer(table), 0, 0, bytearray()
+    for row in snapshot.rows(table):
+        try:
+            line = write(row)
+        except (TypeError, ValueError, AttributeError) as error:
+            raise InvalidInputError(
+                f"Table {table.name} holds a value of another type than its column: nothing can be restored from that.",
+                code="database_inconsistent",
+            ) from error
+        if len(line) > MAX_CHUNK_BYTES:
+            raise InvalidInputError(f"A row of {table.name} is too large for a backup.", code="database_inconsistent")
+        if chunk and len(chunk) + len(line) > CHUNK_BYTES:
+            number += 1
+            tar.add_bytes(chunk_name(table.name, number), gzip.compress(chunk, COMPRESSION, mtime=0))
+            chunk.clear()
+            tell(f"{table.name}: {count} rows")
+        chunk += line
+        count += 1
+        name_blob(row)
+    if chunk:
+        tar.add_bytes(chunk_name(table.name, number + 1), gzip.compress(chunk, COMPRESSION, mtime=0))
+    tell(f"{table.name}: {count} rows")
+    return count
+
+
+def blob_namer(table: TableLayout, keys: ScratchKeys) -> Callable[[Sequence[Any]], None]:
+    """What notes the blob that a row of this table names, if it names one that is not erased."""
+    columns = BLOB_COLUMNS.get(table.name)
+    key = table.place(columns[0]) if columns else None
+    erased = table.place(columns[1]) if columns and columns[1] else None
+
+    def name(row: Sequence[Any]) -> None:
+        if key is not None and (erased is None or row[erased] is None):
+            keys.name(str(row[key]))
+
+    return name
+
+
+def _add_file(tar: TarWriter, name: str, file: IO[bytes]) -> str:
+    """What was written to the file so far, as a member; its checksum."""
+    size = file.tell()
+    digest = hashlib.sha256()
+
+    def pieces() -> Iterator[bytes]:
+        file.seek(0)
+        left = size
+        while left:
+            piece = file.read(min(PIECE_BYTES, left))
+            digest.update(piece)
+            left -= len(piece)
+            yield piece
+
+    tar.add(name, size, pieces())
+    return digest.hexdigest()
+
+
+def _require_free_name(path: Path) -> None:
+    if path.exists():
+        raise _taken(path)
+
+
+def _take_name(partial: Path, path: Path) -> None:
+    """Give the whole file its name, unless somebody has it: looking first and renaming then would overwrite."""
+    try:
+        os.link(partial, path)
+    except FileExistsError:
+        raise _taken(path) from None
+    except OSError as error:
+        if error.errno not in NO_LINKS:
+            raise
+        _take_name_without_links(partial, path)
+    else:
+        partial.unlink()
+
+
+def _take_name_without_links(partial: Path, path: Path) -> None:
+    """As on memory sticks and some shares: the name becomes ours by an empty file, which the rename replaces."""
+    try:
+        path.touch(mode=0o600, exist_ok=False)
+    except FileExistsError:
+        raise _taken(path) from None
+    try:
+        partial.rename(path)
+    except BaseException:
+        path.unlink()
+        raise
+
+
+def _taken(path: Path) -> ConflictError:
+    return ConflictError(f"{path} is there already: a backup overwrites nothing.", code="backup_exists")

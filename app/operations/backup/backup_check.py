@@ -1,0 +1,261 @@
+"""A backup is read from its first byte to its last before anything is restored from it: whole, unchanged, understood.
+
+Every checksum, every row against the tables of its revision, every blob against the SHA-256 in its key and against the
+rows that name it. What does not fit is refused (`backup_broken` and the like), so what a restore does afterwards
+it does with known values. Memory stays flat whatever the file claims.
+"""
+
+import hashlib
+import io
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import IO, Any
+
+from app.db.layout import TableLayout, layout_at
+from app.db.schema_state import is_before_baseline, revisions
+from app.db.scratch_keys import ScratchKeys, scratch_keys
+from app.operations.backup.backup import Tell, blob_namer
+from app.operations.backup.backup_blobs import is_blob_key, sha256_of_key
+from app.operations.backup.backup_format import (
+    BLOBS,
+    DAMAGED_TOLD,
+    END,
+    ERASED,
+    LACKING,
+    MANIFEST,
+    MAX_CHUNK_BYTES,
+    MAX_DOCUMENT_BYTES,
+    MAX_LACKING_BYTES,
+    SUMS,
+    TABLE_MEMBER,
+    End,
+    Manifest,
+    broken,
+    chunk_name,
+    described,
+    read_end,
+    read_lacking,
+    read_manifest,
+    too_new,
+    too_old,
+)
+from app.operations.backup.backup_tar import Member, members
+from app.operations.backup.backup_values import row_reader
+from app.people.access.secret_box import SecretBox
+from app.privacy.erasure_ledger import KINDS
+
+GZIP_WINDOW = 31  # zlib's number for gzip's own header and check
+OpenBox = Callable[[Manifest], SecretBox | None]  # the key to check the seal with; raises where it is another's
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedBackup:
+    """A backup that is what was written. chunks: table -> SHA-256 of each chunk of its rows.
+
+    damaged_first: key -> why, of the first DAMAGED_TOLD blobs that it lacks.
+    """
+
+    manifest: Manifest
+    end: End
+    layout: tuple[TableLayout, ...]
+    chunks: Mapping[str, list[str]]
+    blobs_offset: int
+    damaged_first: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """What the rows of a backup name. blobs: their keys; erasures: those of tombstones, as the ledger calls them."""
+
+    blobs: ScratchKeys
+    erasures: ScratchKeys
+
+
+@contextmanager
+def nothing_named() -> Iterator[Named]:
+    """To be filled by check_backup; gone at the end."""
+    with scratch_keys() as blobs, scratch_keys() as erasures:
+        yield Named(blobs, erasures)
+
+
+def check_backup(file: IO[bytes], open_box: OpenBox, named: Named, tell: Tell) -> CheckedBackup:
+    """Read all of it. named: becomes what its rows name.
+
+    Raises InvalidInputError (`backup_broken`, `backup_too_new`, `backup_too_old`), and what open_box raises.
+    """
+    reading = _Reading(file, named, tell)
+    manifest = reading.manifest()
+    box = open_box(manifest)
+    layout = _layout_of(manifest)
+    rows, chunks = {}, {}
+    for table in layout:
+        rows[table.name], chunks[table.name] = reading.table(table)
+    blobs_offset = reading.offset
+    blobs, blob_bytes = reading.blobs()
+    erased, damaged, damaged_first = reading.lacking()
+    end = reading.end(box)
+    if (end.rows, end.blobs, end.blob_bytes, end.erased, end.damaged) != (rows, blobs, blob_bytes, erased, damaged):
+        raise broken("its counts are not those of its end")
+    if named.blobs.has_unseen():
+        raise broken("its rows name blobs that are not in it")
+    return CheckedBackup(manifest, end, layout, chunks, blobs_offset, damaged_first)
+
+
+def erasure_namer(table: TableLayout, erasures: ScratchKeys) -> Callable[[Sequence[Any]], None]:
+    """What notes the erasure that a row of this table tells of, if it is one that stands in the ledger."""
+    if table.name != "tombstone":
+        return lambda _row: None
+    places = [place for column in ("kind", "digest") if (place := table.place(column)) is not None]
+
+    def name(row: Sequence[Any]) -> None:
+        kind, digest = (row[place] for place in places)
+        if kind in KINDS:
+            erasures.name(f"{kind}/{digest}")
+
+    return name
+
+
+def unpacked_rows(content: bytes, name: str, read: Callable[[bytes], list[Any]]) -> Iterator[list[Any]]:
+    """The rows of a chunk. Raises InvalidInputError (`backup_broken`)."""
+    unpacker = zlib.decompressobj(GZIP_WINDOW)
+    try:
+        text = unpacker.decompress(content, MAX_CHUNK_BYTES)
+    except zlib.error as error:
+        raise broken(f"{name} cannot be unpacked") from error
+    if unpacker.unconsumed_tail or not unpacker.eof or unpacker.unused_data or not text.endswith(b"\n"):
+        raise broken(f"{name} unpacks to something else than was packed")
+    for line in io.BytesIO(text):
+        try:
+            yield read(line)
+        except ValueError as error:
+            raise broken(f"{name} holds a row that is none: {error}") from error
+
+
+class _Reading:
+    """The members in their order, each exactly once; the one that is next is looked at before it is read."""
+
+    def __init__(self, file: IO[bytes], named: Named, tell: Tell) -> None:
+        self._members = members(file)
+        self._named, self._tell = named, tell
+        self._sums, self._count = hashlib.sha256(), 0
+        self._next = self._advance()
+
+    @property
+    def offset(self) -> int:
+        """Where the next member begins."""
+        return self._here().offset
+
+    def manifest(self) -> Manifest:
+        return read_manifest(self._content(MANIFEST, MAX_DOCUMENT_BYTES))
+
+    def table(self, table: TableLayout) -> tuple[int, list[str]]:
+        """How many rows, and the chunks' checksums."""
+        read, count = row_reader(table), 0
+        name_blob, name_erasure = blob_namer(table, self._named.blobs), erasure_namer(table, self._named.erasures)
+        sums: list[str] = []
+        while (found := TABLE_MEMBER.match(self._here().name)) and found[1] == table.name:
+            name = chunk_name(table.name, len(sums) + 1)
+            member = self._here()
+            for row in unpacked_rows(self._content(name, MAX_CHUNK_BYTES), name, read):
+                name_blob(row)
+                name_erasure(row)
+                count += 1
+            sums.append(member.sha256)
+            self._tell(f"checked: {table.name}, {count} rows")
+        return count, sums
+
+    def blobs(self) -> tuple[int, int]:
+        """How many, and how many bytes."""
+        count = size = 0
+        while self._here().name.startswith(BLOBS):
+            member = self._here()
+            key = member.name.removeprefix(BLOBS)
+            if not is_blob_key(key) or not self._named.blobs.see(key):
+                raise broken("it holds a blob that none of its rows names")
+            for _ in member.pieces():
+                pass
+            if member.sha256 != sha256_of_key(key):
+                raise broken(f"blob {key} is not what was stored")
+            count += 1
+            size += member.size
+            self._done(member)
+            self._tell(f"checked: {count} blobs, {size / 1e6:.0f} MB")
+        return count, size
+
+    def lacking(self) -> tuple[int, int, dict[str, str]]:
+        """How many are erased, how many damaged, and the first of these with the reason."""
+        member, erased, damaged = self._here(), 0, 0
+        first: dict[str, str] = {}
+        if member.name != LACKING:
+            raise broken(f"{LACKING} is not where it should be")
+        for line in member.lines(MAX_LACKING_BYTES):
+            found = read_lacking(line)
+            see = self._named.blobs.see_erased if found.why == ERASED else self._named.blobs.see
+            if not see(found.key):
+                raise broken("it lacks a blob that it holds, or that none of its rows names")
+            if found.why == ERASED:
+                erased += 1
+                continue
+            damaged += 1
+            if len(first) < DAMAGED_TOLD:
+                first[found.key] = found.why
+        self._done(member)
+        return erased, damaged, first
+
+    def end(self, box: SecretBox | None) -> End:
+        expected, count = self._sums.hexdigest(), self._count
+        member = self._here()
+        if member.name != SUMS:
+            raise broken(f"{SUMS} is not where it should be")
+        for _ in member.pieces():
+            pass
+        if member.sha256 != expected:
+            raise broken("a checksum is not right")
+        self._done(member)
+        end = read_end(self._content(END, MAX_DOCUMENT_BYTES), box)
+        if (end.members, end.sums_sha256) != (count, expected):
+            raise broken("a checksum is not right")
+        if self._next is not None:
+            raise broken("something follows its end")
+        return end
+
+    def _here(self) -> Member:
+        if self._next is None:
+            raise broken("it ends too early")
+        return self._next
+
+    def _content(self, name: str, limit: int) -> bytes:
+        member = self._here()
+        if member.name != name:
+            raise broken(f"{name} is not where it should be")
+        content = member.content(limit)
+        self._done(member)
+        return content
+
+    def _done(self, member: Member) -> None:
+        self._sums.update(f"{member.sha256}  {member.name}\n".encode())
+        self._count += 1
+        self._next = self._advance()
+
+    def _advance(self) -> Member | None:
+        return next(self._members, None)
+
+
+def _layout_of(manifest: Manifest) -> tuple[TableLayout, ...]:
+    """The tables of the backup's revision, which must be those that the manifest tells; in its order."""
+    if is_before_baseline(manifest.revision):
+        raise too_old(f"its schema is {manifest.revision!r}")
+    if manifest.revision not in revisions():
+        raise too_new(f"its schema is {manifest.revision!r}")
+    tables = {table.name: table for table in layout_at(manifest.revision)}
+    told = manifest.tables
+    if tables.keys() != told.keys() or any(
+        sorted(described([tables[name]])[name]) != sorted(told[name]) for name in told
+    ):
+        raise broken("its tables are not those of its revision")
+    columns = {name: {column.name: column for column in table.columns} for name, table in tables.items()}
+    return tuple(
+        replace(tables[name], columns=tuple(columns[name][column] for column, _ in told[name])) for name in told
+    )

@@ -1,0 +1,72 @@
+"""What a worker does beside estimating meals; jobs/chores.py says when."""
+
+from datetime import UTC, datetime, timedelta
+
+import structlog
+
+from app.core.settings import Settings
+from app.db.session import Database
+from app.diary.day_sums import write_study_sums, write_sums
+from app.jobs.chores import Chore
+from app.metrics import instruments
+from app.operations.clock_jumps import ClockJumps
+from app.people.access.secret_box import SecretBox
+from app.privacy import orphan_rounds
+from app.privacy.delete_blobs import BlobDeleter
+from app.privacy.erase import Eraser
+from app.privacy.erasure_ledger import ErasureLedger
+from app.privacy.orphan_rounds import OrphanRounds
+from app.privacy.reapply_erasures import reapply_erasures
+from app.privacy.retention import erase_old_pictures
+from app.releases.file_work_chore import expire_exports, file_process
+from app.storage.blob_store import BlobStore
+from app.storage.opening import open_blob_store
+from app.uploads.after_windows import AfterWindows
+from app.webhooks.deliver_webhooks import DeliverWebhooks
+from app.webhooks.webhook_post import WebhookPost
+
+log = structlog.get_logger()
+
+HOUR = 3600.0
+UNDER_WAY = timedelta(minutes=10)  # an erasure that was asked for just now is still carried out by who was asked
+
+
+def worker_chores(
+    database: Database, blobs: BlobStore, box: SecretBox, settings: Settings, clock: ClockJumps | None = None
+) -> list[Chore]:
+    """The chores of one worker. clock: another in tests."""
+    clock = clock or ClockJumps()
+    deleter = BlobDeleter(database, blobs)
+    is_bucket = settings.resolved_blob_url.startswith("s3://")
+    orphans = OrphanRounds(database, deleter, orphan_rounds.BUCKET if is_bucket else orphan_rounds.FILES)
+    ledger = ErasureLedger(open_blob_store(settings.resolved_erasure_url, settings), box)
+    eraser = Eraser(database, box, ledger)
+
+    def finish_erasures() -> int:
+        return reapply_erasures(eraser, blobs, before=datetime.now(UTC) - UNDER_WAY)
+
+    def keep_to_retention() -> int:
+        is_steady = clock.is_steady()
+        instruments.CLOCK_DOUBTED.set(not is_steady)
+        if not is_steady:
+            log.error("clock_jumped", detail="Photographs past their retention stay for a day: is the clock right?")
+            return 0
+        return erase_old_pictures(database)
+
+    files = file_process(database, settings)
+    deliver = DeliverWebhooks(database, box, WebhookPost(allow_loopback=settings.webhook_allow_loopback))
+    return [
+        Chore("close_after_windows", 10.0, AfterWindows(database).close_due),
+        Chore("delete_blobs", 5.0, deleter.delete_wanted),
+        Chore("finish_erasures", HOUR, finish_erasures),
+        Chore("erase_old_pictures", HOUR, keep_to_retention),
+        Chore("delete_orphans", 30.0, orphans.go_on),
+        Chore("tidy", HOUR, deleter.tidy),
+        Chore("deliver_webhooks", 1.0, deliver.run),
+        Chore("give_up_deliveries", 60.0, deliver.give_up_unsendable),
+        Chore("remove_old_deliveries", HOUR, deliver.remove_old),
+        Chore("make_files", 1.0, files.look, at_end=files.stop),
+        Chore("expire_exports", 60.0, lambda: expire_exports(database)),
+        Chore("write_day_sums", 1.0, lambda: write_sums(database)),
+        Chore("write_study_day_sums", 20.0, lambda: write_study_sums(database)),
+    ]

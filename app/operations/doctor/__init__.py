@@ -1,0 +1,1 @@
+"""`tada doctor`: what is wrong with a deployment, in sentences."""

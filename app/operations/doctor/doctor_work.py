@@ -1,0 +1,186 @@
+"""Checks of the work: workers, queue, failures; exports, releases and sums of days; webhooks, backup, index."""
+
+from collections import Counter
+from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
+
+from app import __version__
+from app.candidates import vector_queries as vectors
+from app.jobs import queries as jobs
+from app.jobs.queue import JobQueue
+from app.jobs.sweep import sweep
+from app.metrics.instruments import SERVER_FAILURES
+from app.operations import doctor_queries as doctor
+from app.operations.doctor.finding import LISTED, Deployment, Verdict, bad, note, ok
+from app.operations.figure_queries import first_event_at, last_backup
+from app.people.access.secret_box import SecretKeyError
+from app.records.project_records import project_meal
+from app.releases import queries as releases
+from app.vision.looks.vcm import VCM_VERSION
+from app.webhooks.webhook_signature import open_secrets
+
+WAITING_TOO_LONG_SECONDS = 600
+LATELY = timedelta(days=7)
+TRIES_OF_A_FAILING_RECEIVER = 3  # half an hour of it
+BACKUP_EVERY = timedelta(days=2)
+FILES_TOO_LONG_SECONDS = 3600  # as the alert TadaFilesLate
+MANY_MARKS = 10_000  # as the alert TadaDaysMarked
+
+
+def look_at_workers(deployment: Deployment) -> Verdict:
+    """Check that there are some, of this version."""
+    workers = Counter(deployment.worker_versions)
+    listed = ", ".join(f"{count} of version {version}" for version, count in sorted(workers.items()))
+    if not workers:
+        return bad("none: meals are kept, and none is estimated.", "Start `tada worker`.")
+    if set(workers) != {__version__}:
+        advice = "Finish the upgrade: they should all be of one version."
+        return note(f"alive: {listed}; this program is {__version__}.", advice)
+    return ok(f"alive: {listed}")
+
+
+def look_at_queue(deployment: Deployment) -> Verdict:
+    """Check that nothing waits for too long."""
+    figures = deployment.figures
+    if figures.oldest_queued_at is None:
+        return ok("no meal waits")
+    waited = (figures.now - figures.oldest_queued_at).total_seconds()
+    queue = f"{figures.jobs['queued']} jobs of {figures.studies_waiting} studies, the oldest has waited {waited:.0f} s"
+    if waited < WAITING_TOO_LONG_SECONDS:
+        return ok(queue)
+    return bad(f"{queue}.", "Start more workers (docs/jobs.md), or look at their log.")
+
+
+def look_at_stranded_meals(deployment: Deployment) -> Verdict:
+    """Check that each meal that waits has a job; queue those again that have none, where that is wanted."""
+    with deployment.database.read() as session:
+        count = len(jobs.exhausted_jobs(session)) + len(jobs.waiting_without_live_job(session))
+    if not count:
+        return ok("none waits for what will never come")
+    message = f"{count} that nothing will move"
+    if not deployment.requeue:
+        return bad(f"{message}.", "Queue them again with `tada doctor --requeue`.")
+    return ok(f"{message}, {sweep(deployment.database, JobQueue(), project_meal)} moved (see the log)")
+
+
+def look_at_failures(deployment: Deployment) -> Verdict:
+    """Check that no meal failed by the server's fault lately."""
+    with deployment.database.read() as session:
+        failures = doctor.failures_since(session, datetime.now(UTC) - LATELY)
+    ours = {code: count for code, count in failures.items() if code in SERVER_FAILURES}
+    if ours:
+        advice = "The log tells why; photographs are kept: `tada jobs retry` estimates them again (docs/jobs.md)."
+        return bad(f"by the server's fault, in 7 days: {_by_count(ours)}.", advice)
+    return ok(f"in 7 days, by the photographs: {_by_count(failures)}" if failures else "none in 7 days")
+
+
+def look_at_files(deployment: Deployment) -> Verdict:
+    """Check that no export or release waits for too long."""
+    figures = deployment.figures
+    oldest = min((files.oldest_at for files in figures.files.values() if files.oldest_at is not None), default=None)
+    if oldest is None:
+        return ok("none waits")
+    waited = (figures.now - oldest).total_seconds()
+    listed = ", ".join(
+        f"{count} {kind}s {state}"
+        for kind, files in sorted(figures.files.items())
+        for state, count in files.states.items()
+        if count
+    )
+    message = f"{listed}; the oldest has waited {waited:.0f} s"
+    if waited < FILES_TOO_LONG_SECONDS:
+        return ok(message)
+    advice = "A worker makes them, one at a time: see that one lives, and look for `file_not_made` in its log."
+    return bad(f"{message}.", advice)
+
+
+def look_at_stuck_releases(deployment: Deployment) -> Verdict | None:
+    """Check that all releases could be written without what was erased."""
+    count = deployment.figures.releases_stuck
+    if not count:
+        return None
+    with deployment.database.read() as session:
+        first = releases.stuck_releases(session, LISTED)
+    listed = ", ".join(f"{stuck.study_code} {stuck.name} ({stuck.failure_code})" for stuck in first)
+    return bad(
+        f"{count} cannot be written without what was erased, and are not served: {listed}"
+        f"{' ...' if count > len(first) else ''}.",
+        '`tada releases check` names lost files. Put them back from a backup (docs/exports.md, "A lost file").',
+    )
+
+
+def look_at_day_sums(deployment: Deployment) -> Verdict:
+    """Check that they are nearly up to date."""
+    count = sum(deployment.figures.marked_days.values())
+    message = f"{count} changes are not summed yet"
+    if count < MANY_MARKS:
+        return ok(message)
+    advice = "Figures are right meanwhile, and slow: a worker sums them; after an upgrade that takes a while."
+    return note(f"{message}.", advice)
+
+
+def look_at_webhook_secrets(deployment: Deployment) -> Verdict | None:
+    """Check that the newest one can be opened."""
+    with deployment.database.read() as session:
+        sealed = doctor.a_sealed_secret(session)
+    if sealed is not None and deployment.box is not None:
+        try:
+            open_secrets(deployment.box, sealed)
+        except SecretKeyError as error:
+            return bad(error.message, "Give the key of then in TADA_SECRET_KEY.")
+    return None
+
+
+def look_at_webhooks(deployment: Deployment) -> Verdict:
+    """Check that receivers take what is sent."""
+    figures = deployment.figures
+    with deployment.database.read() as session:
+        failing = doctor.failing_deliveries(session, TRIES_OF_A_FAILING_RECEIVER)
+    if failing:
+        return bad(
+            f"{failing} deliveries failed {TRIES_OF_A_FAILING_RECEIVER} times or more and wait for the next try.",
+            "Ask those who run the receivers; each webhook's deliveries tell what they answered (docs/webhooks.md).",
+        )
+    if figures.webhooks_disabled:
+        message = f"{figures.webhooks_disabled} are disabled, by their owners or after failures in a row."
+        return note(message, "Their owners enable them again by PATCH.")
+    return ok(f"{figures.deliveries_waiting} deliveries wait")
+
+
+def look_at_backup(deployment: Deployment) -> Verdict:
+    """Check the last `tada backup`; other means are not known here."""
+    with deployment.database.read() as session:
+        last, began_at = last_backup(session), first_event_at(session)
+    now = datetime.now(UTC)
+    if last is None:
+        advice = "Run `tada backup` daily, or watch over the backups that you make by other means (docs/backup.md)."
+        message = "no `tada backup` of this database is known"
+        if began_at is not None and now - began_at > BACKUP_EVERY:
+            hours = (now - began_at).total_seconds() / 3600
+            return bad(f"{message}, and it has been in use for {hours:.0f} h.", advice)
+        return note(f"{message}.", advice)
+    age = now - last.made_at
+    message = f"the last `tada backup` is {age.total_seconds() / 3600:.0f} h old"
+    if last.damaged:
+        return bad(
+            f"{message}, and lacks {last.damaged} blobs that were damaged or missing.",
+            'Put them back from an earlier backup, then make another (docs/backup.md, "Missing blobs").',
+        )
+    if age > BACKUP_EVERY:
+        return bad(f"{message}.", "Make one now, and see why the daily one was not made.")
+    if last.piped:
+        message = f"{message}, and was sent to a pipe: whether it was kept is not known here."
+        return note(message, "Check the file with `tada restore --check` (docs/backup.md).")
+    return ok(message)
+
+
+def look_at_index(deployment: Deployment) -> Verdict:
+    """Tell whether the index learns from all that was confirmed; after an upgrade it may not, which is no fault."""
+    with deployment.database.read() as session:
+        count = vectors.confirmed_without_vector(session, VCM_VERSION)
+    message = f"{count} confirmed items have no vector of version {VCM_VERSION}"
+    return ok(f"{message}: `tada index rebuild`" if count else message)
+
+
+def _by_count(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{code} {count}" for code, count in sorted(counts.items(), key=lambda item: (-item[1], item[0])))

@@ -1,0 +1,82 @@
+"""Make a deployment usable: schema, job tables, starter food table, erasures that a restore undid done again.
+
+Safe to run by several processes at once, and again.
+"""
+
+import time
+from collections.abc import Callable
+
+import structlog
+
+import app.tables  # noqa: F401  # defines every table
+from app.children.faults import is_passing
+from app.core.settings import Settings
+from app.db.schema_state import is_current
+from app.db.session import Database
+from app.foods.import_foods import load_starter
+from app.people.access.secret_box import open_secret_box
+from app.privacy.erase import Eraser
+from app.privacy.erasure_ledger import ErasureLedger
+from app.privacy.reapply_erasures import reapply_erasures
+from app.storage.opening import open_blob_store
+
+log = structlog.get_logger()
+
+PATIENCE_SECONDS = 30.0  # a database that restarts, with a recovery before it
+FIRST_WAIT_SECONDS = 0.2
+LONGEST_WAIT_SECONDS = 2.0
+
+
+def prepare_patiently(
+    database: Database,
+    settings: Settings,
+    patience_seconds: float = PATIENCE_SECONDS,
+    *,
+    first: Callable[[Database, Settings], None] | None = None,
+) -> None:
+    """As prepare, for processes that begin to serve or to work: database and store may be a little later than they.
+
+    To end and to be started again takes seconds of a core for each try, while all others start again too.
+    first: done before, at each try (prepare_apart.py). Raises what prepare raised last, once the patience is over or
+    where waiting does not help.
+    """
+    deadline, wait = time.monotonic() + patience_seconds, FIRST_WAIT_SECONDS
+    while True:
+        try:
+            if first is not None:
+                first(database, settings)
+            prepare(database, settings)
+        except Exception as error:
+            if not is_passing(error) or time.monotonic() + wait > deadline:
+                raise
+            log.warning("not_ready_to_start", reason=" ".join(str(error).split()), again_in_seconds=wait)
+            time.sleep(wait)
+            wait = min(2 * wait, LONGEST_WAIT_SECONDS)
+        else:
+            return
+
+
+def prepare(database: Database, settings: Settings) -> None:
+    """Bring everything up to date; what is already there stays as it is."""
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    upgrade_schema(database)
+    load_starter(database)
+    _erase_what_a_restore_brought_back(database, settings)
+
+
+def upgrade_schema(database: Database) -> None:
+    """Migrate to the schema of this program. Raises what app.db.migrate.upgrade raises."""
+    if not is_current(database):
+        from app.db.migrate import upgrade  # noqa: PLC0415  # Alembic takes 10 MB, for good
+
+        upgrade(database)
+
+
+def _erase_what_a_restore_brought_back(database: Database, settings: Settings) -> None:
+    """Before anybody serves or works: what the ledger of erasures has must not be here."""
+    store = open_blob_store(settings.resolved_erasure_url, settings)
+    if next(store.keys(), None) is None:
+        return
+    box = open_secret_box(settings)
+    eraser = Eraser(database, box, ErasureLedger(store, box))
+    reapply_erasures(eraser, open_blob_store(settings.resolved_blob_url, settings))

@@ -1,0 +1,77 @@
+"""A study's webhooks and what was, or is to be, delivered to them."""
+
+import uuid
+from datetime import datetime
+from typing import Any, Literal, get_args
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Mapped, mapped_column
+
+from app.db.base import Base, Personal, one_of
+
+DeliveryState = Literal["waiting", "delivered", "given_up"]
+DELIVERY_STATES: tuple[DeliveryState, ...] = get_args(DeliveryState)
+PING: Literal["ping"] = "ping"  # a test; it cannot be subscribed to
+ALL_EVENTS = "*"
+Event = Literal[
+    "meal.received",
+    "meal.estimated",
+    "meal.needs_review",
+    "meal.failed",
+    "meal.confirmed",
+    "meal.deleted",
+    "day.closed",
+    "day.reopened",
+    "participant.withdrawn",
+]
+EVENTS: tuple[Event, ...] = get_args(Event)
+DeliveredEvent = Literal[Event, "ping"]
+
+
+class Webhook(Base):
+    """An address of a study that is told of its events. secret_sealed: encrypted under TADA_SECRET_KEY.
+
+    version grows with every change of what the API shows of it.
+    """
+
+    __tablename__ = "webhook"
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"), index=True)
+    url: Mapped[str] = mapped_column(sa.String(500))
+    events: Mapped[list[Any]]
+    secret_sealed: Mapped[str] = mapped_column(sa.String(300))
+    author: Mapped[str] = mapped_column(sa.String(200))
+    version: Mapped[int] = mapped_column(default=1)
+    created_at: Mapped[datetime]
+    disabled_at: Mapped[datetime | None]
+
+
+class WebhookDelivery(Base):
+    """One event for one webhook: its payload frozen when it happened, and how far its delivery is.
+
+    meal_id, participant_id: whose it is, so that an erasure finds it.
+    """
+
+    __tablename__ = "webhook_delivery"
+    personal = Personal(("meal_id", "participant_id"), "told_to_others")
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    webhook_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("webhook.id"))
+    event: Mapped[DeliveredEvent] = mapped_column(sa.String(64))
+    payload: Mapped[dict[str, Any]]
+    meal_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal.id"), index=True)
+    participant_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("participant.id"), index=True)
+    state: Mapped[DeliveryState] = mapped_column(sa.String(16))
+    attempts: Mapped[int] = mapped_column(default=0)
+    next_try_at: Mapped[datetime | None]
+    last_status: Mapped[int | None]
+    last_error: Mapped[str | None] = mapped_column(sa.String(200))
+    created_at: Mapped[datetime]
+    delivered_at: Mapped[datetime | None]
+
+    __table_args__ = (
+        one_of("state", DELIVERY_STATES),
+        sa.Index(None, "state", "next_try_at"),
+        sa.Index(None, "webhook_id", "created_at"),
+    )

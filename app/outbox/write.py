@@ -1,0 +1,101 @@
+"""The outbox of webhooks: an event becomes a delivery for each webhook that wants it, in the event's own transaction.
+
+What is delivered is frozen here, so a receiver learns how it was when it happened; nothing is sent if the transaction
+fails. Sending is the worker's (webhooks/deliver_webhooks.py).
+"""
+
+import uuid
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.meals.models import Meal, MealStatus
+from app.outbox.models import ALL_EVENTS, DeliveredEvent, Event, Webhook, WebhookDelivery
+from app.people.models import Participant, Study
+from app.webhooks import queries as webhooks
+
+EVENT_OF_STATUS: Mapping[MealStatus, Event] = {
+    "queued": "meal.received",
+    "estimated": "meal.estimated",
+    "needs_review": "meal.needs_review",
+    "failed": "meal.failed",
+    "confirmed": "meal.confirmed",
+}
+
+
+def announce(
+    session: Session,
+    study_id: uuid.UUID,
+    event: Event,
+    data: Mapping[str, Any],
+    *,
+    meal_id: uuid.UUID | None = None,
+    participant_id: uuid.UUID | None = None,
+) -> None:
+    """Tell the study's webhooks of an event. data: ids, codes, days and counts only.
+
+    meal_id, participant_id: whose it is, so that an erasure finds it; None where their rows are about to go.
+    """
+    wanting = [hook for hook in webhooks.enabled_webhooks(session, study_id) if _wants(hook, event)]
+    if wanting:
+        deliver_to(session, wanting, event, data, meal_id=meal_id, participant_id=participant_id)
+
+
+def announce_meal(session: Session, meal: Meal) -> None:
+    """Tell that a meal has just come to its status; a status that no event tells of is passed over."""
+    event = EVENT_OF_STATUS.get(meal.status)
+    if event is None or not webhooks.enabled_webhooks(session, meal.study_id):
+        return
+    data = {
+        "participant": session.get_one(Participant, meal.participant_id).code,
+        "meal_id": str(meal.client_id),
+        "status": meal.status,
+        "version": meal.version,
+        "local_date": meal.local_date.isoformat(),
+        "failure_code": meal.failure_code if meal.status == "failed" else None,
+    }
+    announce(session, meal.study_id, event, data, meal_id=meal.id, participant_id=meal.participant_id)
+
+
+def deliver_to(
+    session: Session,
+    hooks: Iterable[Webhook],
+    event: DeliveredEvent,
+    data: Mapping[str, Any],
+    *,
+    meal_id: uuid.UUID | None = None,
+    participant_id: uuid.UUID | None = None,
+) -> list[WebhookDelivery]:
+    """A delivery for each of these webhooks, of one study, whatever events they want; due at once."""
+    now, event_id = datetime.now(UTC), uuid.uuid4()
+    rows = []
+    for hook in hooks:
+        study = session.get_one(Study, hook.study_id)
+        payload = {
+            "id": str(event_id),
+            "type": event,
+            "timestamp": now.isoformat().replace("+00:00", "Z"),
+            "data": {"study": study.code, **data},
+        }
+        rows.append(
+            WebhookDelivery(
+                id=uuid.uuid4(),
+                webhook_id=hook.id,
+                event=event,
+                payload=payload,
+                meal_id=meal_id,
+                participant_id=participant_id,
+                state="waiting",
+                attempts=0,
+                next_try_at=now,
+                created_at=now,
+            )
+        )
+    session.add_all(rows)
+    return rows
+
+
+def _wants(hook: Webhook, event: str) -> bool:
+    return event in hook.events or ALL_EVENTS in hook.events

@@ -1,0 +1,314 @@
+"""Who may call which route: one table, deny by default. A route that has no rule here is refused to everybody.
+
+A rule names who may call: anybody, a participant's phone, staff with at least a role in the study that the call is
+about, or admins. `authorise` runs before every route: it finds the rule, the caller, and, where the path names a
+study, lets the caller into it; where the study follows from something else (a meal), the service asks
+people/access/access.py, which goes by the role that the rule needs. docs/access.md is made from this table.
+"""
+
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import Annotated, Literal
+
+from fastapi import Depends, Request, Security
+from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+from starlette.datastructures import Headers
+
+from app.core.errors import NotAllowedError, NotFoundError, UnauthenticatedError
+from app.http.state import ApiState
+from app.metrics.reader import may_read
+from app.people import queries as people
+from app.people.access import page_rules as pages
+from app.people.access.access import require_study
+from app.people.access.call_limits import CallLimits, count_caller
+from app.people.access.caller import Caller, DeviceCaller, StaffCaller, authenticate
+from app.people.access.last_use import LastUse, clock_skew_seconds
+from app.people.access.secret_box import SecretBox
+from app.privacy.erase import is_meal_deleted, meal_deleted
+from app.uploads.submit_meal import meal_id_of
+
+SAFE_METHODS = frozenset({"GET", "HEAD"})
+
+bearer = HTTPBearer(auto_error=False, description="A device's token (POST /v1/enrolments) or a staff member's.")
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """Who may call a route.
+
+    staff: the least role in the study; "any": whoever is signed in; None: no staff. An admin passes wherever staff do.
+    session: staff must have signed in with their password; a personal token is not enough.
+    scraper: who may read the metrics (app/metrics/reader.py), and nobody else. page: called by a browser
+    (people/access/page_rules.py), with the session in a cookie.
+    """
+
+    is_open: bool = False
+    device: bool = False
+    staff: Literal["any", "viewer", "reviewer", "owner", "admin"] | None = None
+    session: bool = False
+    scraper: bool = False
+    page: bool = False
+
+
+OPEN = Rule(is_open=True)
+DEVICE = Rule(device=True)
+ANY = Rule(device=True, staff="any")
+STAFF = Rule(staff="any")
+SESSION = Rule(staff="any", session=True)
+VIEWER = Rule(staff="viewer")
+VIEWER_OR_DEVICE = Rule(device=True, staff="viewer")
+REVIEWER = Rule(staff="reviewer")
+REVIEWER_OR_DEVICE = Rule(device=True, staff="reviewer")
+OWNER = Rule(staff="owner")
+OWNER_OR_DEVICE = Rule(device=True, staff="owner")
+ADMIN = Rule(staff="admin")
+SCRAPER = Rule(scraper=True)
+
+CALLS: Mapping[tuple[str, str], Rule] = {
+    # health
+    ("GET", "/healthz"): OPEN,
+    ("HEAD", "/healthz"): OPEN,
+    ("GET", "/readyz"): OPEN,
+    ("HEAD", "/readyz"): OPEN,
+    ("GET", "/metrics"): SCRAPER,
+    ("GET", "/v1/server"): OPEN,
+    # people
+    ("POST", "/v1/enrolments"): OPEN,
+    ("GET", "/v1/me"): DEVICE,
+    ("DELETE", "/v1/me/device"): DEVICE,
+    ("POST", "/v1/sessions"): OPEN,
+    ("GET", "/v1/sessions/current"): SESSION,
+    ("DELETE", "/v1/sessions/current"): SESSION,
+    ("POST", "/v1/sessions/current/password"): SESSION,
+    ("GET", "/v1/tokens"): SESSION,
+    ("POST", "/v1/tokens"): SESSION,
+    ("DELETE", "/v1/tokens/{token_id}"): SESSION,
+    ("GET", "/v1/staff"): ADMIN,
+    ("POST", "/v1/staff"): ADMIN,
+    ("GET", "/v1/staff/{name}"): ADMIN,
+    ("PATCH", "/v1/staff/{name}"): ADMIN,
+    ("GET", "/v1/studies"): STAFF,
+    ("POST", "/v1/studies"): ADMIN,
+    ("GET", "/v1/studies/{study}"): VIEWER,
+    ("PATCH", "/v1/studies/{study}"): OWNER,
+    ("GET", "/v1/studies/{study}/members"): OWNER,
+    ("PUT", "/v1/studies/{study}/members/{name}"): OWNER,
+    ("DELETE", "/v1/studies/{study}/members/{name}"): OWNER,
+    ("GET", "/v1/studies/{study}/devices"): VIEWER,
+    ("DELETE", "/v1/studies/{study}/devices/{device_id}"): OWNER,
+    ("GET", "/v1/studies/{study}/participants"): VIEWER,
+    ("POST", "/v1/studies/{study}/participants"): OWNER,
+    ("GET", "/v1/studies/{study}/participants/{participant}"): VIEWER,
+    ("PATCH", "/v1/studies/{study}/participants/{participant}"): OWNER,
+    ("POST", "/v1/studies/{study}/participants/{participant}/enrolment-codes"): OWNER,
+    # meals and records
+    ("POST", "/v1/meals"): DEVICE,
+    ("PUT", "/v1/meals/{meal_id}"): DEVICE,
+    ("PUT", "/v1/meals/{meal_id}/images/{slot}"): DEVICE,
+    ("PUT", "/v1/meals/{meal_id}/after"): DEVICE,
+    ("GET", "/v1/meals"): VIEWER_OR_DEVICE,
+    ("GET", "/v1/studies/{study}/meal-counts"): VIEWER,
+    ("GET", "/v1/studies/{study}/changed-meals"): VIEWER,
+    ("GET", "/v1/meals/{meal_id}"): VIEWER_OR_DEVICE,
+    ("GET", "/v1/meals/{meal_id}/artefacts/{name}"): VIEWER_OR_DEVICE,
+    ("GET", "/v1/meals/{meal_id}/images/{slot}"): VIEWER_OR_DEVICE,
+    ("POST", "/v1/meals/{meal_id}/cancel"): REVIEWER_OR_DEVICE,
+    ("POST", "/v1/meals/{meal_id}/retry"): REVIEWER,
+    ("GET", "/v1/records"): VIEWER_OR_DEVICE,
+    ("GET", "/v1/data-dictionary"): VIEWER_OR_DEVICE,
+    ("GET", "/v1/studies/{study}/photographs"): VIEWER,
+    ("GET", "/v1/studies/{study}/changes"): VIEWER,
+    # FHIR
+    ("GET", "/fhir/metadata"): OPEN,
+    ("GET", "/fhir/StructureDefinition/{name}"): OPEN,
+    ("GET", "/fhir/NutritionIntake"): VIEWER_OR_DEVICE,
+    ("GET", "/fhir/NutritionIntake/{intake_id}"): VIEWER_OR_DEVICE,
+    ("GET", "/fhir/Patient/{patient_id}"): VIEWER_OR_DEVICE,
+    # days and feedback
+    ("GET", "/v1/me/days"): DEVICE,
+    ("PUT", "/v1/me/days/{day}"): DEVICE,
+    ("GET", "/v1/me/summary"): DEVICE,
+    ("GET", "/v1/days"): VIEWER_OR_DEVICE,
+    ("GET", "/v1/studies/{study}/participants/{participant}/days"): VIEWER,
+    ("PUT", "/v1/studies/{study}/participants/{participant}/days/{day}"): REVIEWER,
+    ("GET", "/v1/studies/{study}/participants/{participant}/summary"): VIEWER,
+    ("GET", "/v1/studies/{study}/intakes"): VIEWER,
+    ("GET", "/v1/studies/{study}/adequacy"): VIEWER,
+    ("GET", "/v1/studies/{study}/overview"): VIEWER,
+    # before a meal: checks and the phone's camera
+    ("POST", "/v1/checks"): DEVICE,
+    ("POST", "/v1/calibrations"): DEVICE,
+    ("GET", "/v1/calibrations"): DEVICE,
+    ("POST", "/v1/calibrations/{calibration_id}/withdrawal"): OWNER_OR_DEVICE,
+    ("GET", "/v1/studies/{study}/calibrations"): VIEWER,
+    # the study's vessels
+    ("GET", "/v1/me/vessels"): DEVICE,
+    ("GET", "/v1/studies/{study}/vessels"): VIEWER,
+    ("POST", "/v1/studies/{study}/vessels"): OWNER,
+    ("GET", "/v1/studies/{study}/vessels/{vessel}"): VIEWER,
+    ("PUT", "/v1/studies/{study}/vessels/{vessel}"): OWNER,
+    ("DELETE", "/v1/studies/{study}/vessels/{vessel}"): OWNER,
+    # review
+    ("POST", "/v1/meals/{meal_id}/events"): REVIEWER_OR_DEVICE,
+    ("GET", "/v1/meals/{meal_id}/events"): VIEWER_OR_DEVICE,
+    ("GET", "/v1/studies/{study}/review-queue"): REVIEWER,
+    ("GET", "/v1/me/questions"): DEVICE,
+    ("POST", "/v1/declared-meals"): DEVICE,
+    # webhooks
+    ("GET", "/v1/studies/{study}/webhooks"): OWNER,
+    ("POST", "/v1/studies/{study}/webhooks"): OWNER,
+    ("GET", "/v1/studies/{study}/webhooks/{webhook}"): OWNER,
+    ("PATCH", "/v1/studies/{study}/webhooks/{webhook}"): OWNER,
+    ("DELETE", "/v1/studies/{study}/webhooks/{webhook}"): OWNER,
+    ("POST", "/v1/studies/{study}/webhooks/{webhook}/secret"): OWNER,
+    ("POST", "/v1/studies/{study}/webhooks/{webhook}/test"): OWNER,
+    ("GET", "/v1/studies/{study}/webhooks/{webhook}/deliveries"): OWNER,
+    ("POST", "/v1/studies/{study}/webhooks/{webhook}/deliveries/{delivery}/replay"): OWNER,
+    # files made in the background
+    ("GET", "/v1/studies/{study}/exports"): VIEWER,
+    ("POST", "/v1/studies/{study}/exports"): VIEWER,
+    ("GET", "/v1/studies/{study}/exports/{export_id}"): VIEWER,
+    ("GET", "/v1/studies/{study}/exports/{export_id}/file"): VIEWER,
+    ("DELETE", "/v1/studies/{study}/exports/{export_id}"): VIEWER,
+    ("GET", "/v1/studies/{study}/releases"): VIEWER,
+    ("POST", "/v1/studies/{study}/releases"): OWNER,
+    ("GET", "/v1/studies/{study}/releases/{name}"): VIEWER,
+    ("GET", "/v1/studies/{study}/releases/{name}/check"): VIEWER,
+    ("GET", "/v1/studies/{study}/releases/{name}/files/{file}"): VIEWER,
+    # privacy
+    ("DELETE", "/v1/meals/{meal_id}"): OWNER_OR_DEVICE,
+    ("POST", "/v1/me/withdrawal"): DEVICE,
+    ("POST", "/v1/studies/{study}/participants/{participant}/withdrawal"): OWNER,
+    ("GET", "/v1/me/export"): DEVICE,
+    ("GET", "/v1/receipts/{receipt}"): OPEN,
+    ("GET", "/v1/studies/{study}/audit"): OWNER,
+    ("GET", "/v1/audit"): ADMIN,
+    # foods
+    ("GET", "/v1/foods"): ANY,
+    ("GET", "/v1/foods/{key}"): ANY,
+    ("GET", "/v1/food-groups"): ANY,
+    ("GET", "/v1/reference-intakes"): ANY,
+    ("POST", "/v1/foods"): ADMIN,
+    ("PATCH", "/v1/foods/{key}"): ADMIN,
+    ("POST", "/v1/foods/{key}/densities"): ADMIN,
+    ("POST", "/v1/foods/{key}/restore"): ADMIN,
+    ("GET", "/v1/foods/{key}/changes"): STAFF,
+    ("GET", "/v1/studies/{study}/densities"): VIEWER,
+    ("POST", "/v1/studies/{study}/densities"): OWNER,
+    ("POST", "/v1/studies/{study}/densities/{density}/withdrawal"): OWNER,
+}
+RULES: Mapping[tuple[str, str], Rule] = {
+    **CALLS,
+    **dict.fromkeys(pages.OPEN_PAGES, Rule(is_open=True, page=True)),
+    **{page: replace(CALLS[call], device=False, session=True, page=True) for page, call in pages.PAGES.items()},
+}
+
+
+async def api_state(request: Request) -> ApiState:
+    """The process's state."""
+    state: ApiState = request.app.state.api
+    return state
+
+
+State = Annotated[ApiState, Depends(api_state)]
+
+
+def authorise(
+    request: Request,
+    state: State,
+    credentials: Annotated[HTTPAuthorizationCredentials | None, Security(bearer)],
+) -> Caller | None:
+    """The caller, if the route's rule lets them in; None where it is open.
+
+    Raises UnauthenticatedError, GoneError (left the study), RateLimitedError, NotAllowedError, NotFoundError (a study
+    not theirs).
+    """
+    rule = RULES.get((request.method, request.scope["route"].path))
+    if rule is None:
+        raise NotAllowedError("Nobody may make this call: it has no rule.", code="no_rule")
+    if rule.page and request.method not in SAFE_METHODS:
+        pages.require_own_page(request, state.settings)
+    if rule.is_open:
+        return None
+    if rule.scraper:
+        _require_scraper(request, state)
+        return None
+    caller = authenticate(state.database, state.part(SecretBox), _token(request, state, rule, credentials))
+    count_caller(request, state.part(CallLimits), caller)
+    if (request.method, request.scope["route"].path) not in pages.POLLED:
+        _note_use(state, caller, request.headers)
+    if isinstance(caller, DeviceCaller):
+        if not rule.device:
+            code = "admin_only" if rule.staff == "admin" else "staff_only"
+            raise NotAllowedError("A participant's device cannot do this: use a staff member's token.", code=code)
+        if "meal_id" in request.path_params:
+            _refuse_deleted_meal(state, caller, request.path_params["meal_id"])
+    else:
+        caller = _staff_by_rule(caller, rule, request.method)
+    if "study" in request.path_params:
+        _enter_study(state, caller, request.path_params["study"])
+    return caller
+
+
+def _token(request: Request, state: ApiState, rule: Rule, credentials: HTTPAuthorizationCredentials | None) -> str:
+    """A page's is in the cookie and nowhere else, a call's in the header and nowhere else."""
+    if rule.page:
+        token = request.cookies.get(pages.session_cookie(request, state.settings))
+        if token is None:
+            raise UnauthenticatedError("Sign in first.")
+        return token
+    if credentials is None:
+        raise UnauthenticatedError("Send the header `Authorization: Bearer TOKEN`.")
+    return credentials.credentials
+
+
+def _require_scraper(request: Request, state: ApiState) -> None:
+    token = state.settings.metrics_token
+    address = request.client.host if request.client is not None else None
+    match may_read(token.get_secret_value() if token is not None else None, address, request.headers):
+        case "wrong token":
+            raise UnauthenticatedError("Send the header `Authorization: Bearer` with what TADA_METRICS_TOKEN is.")
+        case "hidden":
+            raise NotFoundError("Not Found")
+
+
+def _staff_by_rule(caller: StaffCaller, rule: Rule, method: str) -> StaffCaller:
+    if rule.staff is None:
+        raise NotAllowedError("Only a participant's device can do this: use a device token.", code="device_only")
+    if rule.staff == "admin" and not caller.is_admin:
+        raise NotAllowedError("Only an admin can do this.", code="admin_only")
+    if rule.session and caller.kind != "session":
+        raise NotAllowedError("Sign in with your password for this (POST /v1/sessions).", code="session_needed")
+    if method not in SAFE_METHODS and not caller.can_write:
+        raise NotAllowedError("This token may read only.", code="token_read_only")
+    return replace(caller, needs=rule.staff) if rule.staff in ("viewer", "reviewer", "owner") else caller
+
+
+def _note_use(state: ApiState, caller: Caller, headers: Headers) -> None:
+    """When, by which app and by which clock the token was used; phones tell the last two in their headers."""
+    state.part(LastUse).note(
+        caller,
+        clock_skew_seconds=clock_skew_seconds(headers.get("date"), datetime.now(UTC)),
+        app_version=headers.get("x-app-version"),
+    )
+
+
+def _refuse_deleted_meal(state: ApiState, caller: DeviceCaller, client_id: str) -> None:
+    """All calls about a meal that its participant deleted hear the same: it is gone."""
+    try:
+        meal_id = meal_id_of(caller.participant_id, uuid.UUID(client_id))
+    except ValueError:
+        return  # no id: the route says so
+    with state.database.read() as session:
+        if is_meal_deleted(session, state.part(SecretBox), meal_id):
+            raise meal_deleted()
+
+
+def _enter_study(state: ApiState, caller: Caller, code: str) -> None:
+    with state.database.read() as session:
+        study = people.find_study(session, code)
+    if study is None:
+        raise NotFoundError("There is no such study.")
+    require_study(caller, study.id)

@@ -1,0 +1,52 @@
+"""The audit log: every read of photographs and every change, who and when, in the transaction of the act itself.
+
+People appear by alias. What is written never holds a password, token, code, name of a food eaten, or free text.
+"""
+
+import uuid
+from datetime import UTC, datetime
+from typing import Any
+
+import structlog
+from sqlalchemy.orm import Session
+
+from app.people.access.caller import Caller, DeviceCaller, StaffCaller
+from app.people.privacy_models import AuditEvent
+
+
+def note(
+    session: Session,
+    caller: Caller | None,
+    action: str,
+    *,
+    study_id: uuid.UUID | None = None,
+    subject: uuid.UUID | str | None = None,
+    **details: Any,
+) -> None:
+    """Write one event. caller None: the server itself. action: "thing.deed"; subject: an alias, or a code of no person.
+
+    details: field names, counts, codes of the study; JSON values.
+    """
+    kind, actor = _actor(caller)
+    if study_id is None and isinstance(caller, DeviceCaller):
+        study_id = caller.study_id
+    session.add(
+        AuditEvent(
+            at=datetime.now(UTC),
+            study_id=study_id,
+            actor_kind=kind,
+            actor=actor,
+            action=action,
+            subject=str(subject) if subject is not None else None,
+            details=details,
+            request_id=structlog.contextvars.get_contextvars().get("request_id"),
+        )
+    )
+
+
+def _actor(caller: Caller | None) -> tuple[str, str]:
+    if isinstance(caller, StaffCaller):
+        return "staff", caller.name
+    if isinstance(caller, DeviceCaller):
+        return "device", str(caller.participant_alias)
+    return "system", "system"

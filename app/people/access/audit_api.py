@@ -1,0 +1,112 @@
+"""/v1/audit and /v1/studies/{study}/audit: who read photographs, who changed what: JSON pages or one streamed file."""
+
+from itertools import chain, islice
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Depends, Query, Request
+from fastapi.responses import JSONResponse, Response, StreamingResponse
+
+from app.exports.export_files import MEDIA_TYPES
+from app.http.flat_list import FILES, file_format
+from app.http.paging import Limit, next_page
+from app.http.parameters import StudyCode
+from app.http.problems import problem_responses
+from app.http.state import ApiState
+from app.http.tables.flat_rows import FlatFormat, encode_flat, flat_paths
+from app.http.text_schemas import AwareInstant
+from app.people.access.audit_log import read_audit, stream_audit
+from app.people.access.caller import StaffCaller
+from app.people.access.deps import CurrentStaff, State
+from app.people.privacy_schemas import AuditEventOut, AuditPage
+from app.privacy.queries import AuditFilter, AuditRow
+
+router = APIRouter(prefix="/v1", tags=["audit"])
+
+RESPONSES = {
+    200: {"model": AuditPage, "content": FILES, "description": "A page, or all events as a file."},
+    **problem_responses(401, 403, 404, 422),
+}
+
+Cursor = Annotated[str | None, Query(max_length=300, description="From the page before: follow `next`.")]
+Output = Annotated[
+    Literal["json", "csv", "ndjson"] | None,
+    Query(alias="format", description="Default: by the Accept header, else json."),
+]
+
+
+def _chosen(
+    action: Annotated[str | None, Query(max_length=64, description="Such as photograph.read.")] = None,
+    since: Annotated[AwareInstant | None, Query(alias="from", description="RFC 3339; included.")] = None,
+    until: Annotated[AwareInstant | None, Query(alias="to", description="RFC 3339; excluded.")] = None,
+) -> AuditFilter:
+    return AuditFilter(action=action, since=since, until=until)
+
+
+Chosen = Annotated[AuditFilter, Depends(_chosen)]
+
+
+@router.get("/studies/{study}/audit", response_model=AuditPage, responses=RESPONSES)
+def get_study_audit(
+    request: Request,
+    study: StudyCode,
+    state: State,
+    caller: CurrentStaff,
+    chosen: Chosen,
+    limit: Limit = 100,
+    cursor: Cursor = None,
+    _: Output = None,
+) -> Response:
+    """The audit log of a study, oldest first, for its owners."""
+    return _answer(request, state, caller, study, chosen, limit, cursor)
+
+
+@router.get("/audit", response_model=AuditPage, responses=RESPONSES)
+def get_audit(
+    request: Request,
+    state: State,
+    caller: CurrentStaff,
+    chosen: Chosen,
+    limit: Limit = 100,
+    cursor: Cursor = None,
+    _: Output = None,
+) -> Response:
+    """The whole audit log, oldest first, for admins."""
+    return _answer(request, state, caller, None, chosen, limit, cursor)
+
+
+def _answer(
+    request: Request,
+    state: ApiState,
+    caller: StaffCaller,
+    study: str | None,
+    chosen: AuditFilter,
+    limit: int,
+    cursor: str | None,
+) -> Response:
+    output = file_format(request)
+    if output is not None:
+        return audit_file(state, caller, study, chosen, output)
+    page = read_audit(state.database, caller, study, chosen, cursor=cursor, limit=limit)
+    body = AuditPage(items=[_event_out(row) for row in page.rows], next=next_page(request, page.cursor))
+    return JSONResponse(body.model_dump(mode="json"))
+
+
+def audit_file(
+    state: ApiState, caller: StaffCaller, study: str | None, chosen: AuditFilter, output: FlatFormat = "csv"
+) -> Response:
+    """All events of the filters as a file; details as JSON text in CSV."""
+    rows = stream_audit(state.database, caller, study, chosen)
+    first = list(islice(rows, 1))  # a database that fails gives an error document, not a broken file
+    return StreamingResponse(
+        encode_flat(
+            output,
+            flat_paths(AuditEventOut),
+            (_event_out(row).model_dump(mode="json") for row in chain(first, rows)),
+        ),
+        media_type=MEDIA_TYPES[output],
+        headers={"Content-Disposition": f'attachment; filename="audit.{output}"'},
+    )
+
+
+def _event_out(row: AuditRow) -> AuditEventOut:
+    return AuditEventOut.model_validate(row, from_attributes=True)

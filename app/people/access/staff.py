@@ -1,0 +1,184 @@
+"""Staff: made, changed and disabled by admins; never the last admin."""
+
+import unicodedata
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from app.core.errors import ConflictError, InvalidInputError, NotFoundError
+from app.db.session import Database
+from app.http.cursors import TEXT, Page, decode_cursor, encode_cursor
+from app.people import queries as people
+from app.people.access.access_tokens import EndedAccess, end_access
+from app.people.access.audit import note
+from app.people.access.caller import Caller, new_token, sha256_hex
+from app.people.access.passwords import Passwords
+from app.people.models import AccessToken, Staff
+
+NAME_LENGTH = 100
+
+
+@dataclass(frozen=True, slots=True)
+class StaffChange:
+    """None leaves as it is. is_disabled ends sessions and tokens for good, a password in place of another one too."""
+
+    is_admin: bool | None = None
+    is_disabled: bool | None = None
+    password: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ChangedStaff:
+    """A staff member after a change, and what it has ended of what they had open."""
+
+    staff: Staff
+    ended: EndedAccess
+
+
+def create_admin(database: Database, name: str) -> str:
+    """A new admin's token, for the command line: the one personal token that needs no session. Raises ConflictError."""
+    token = new_token()
+    with _unless_taken(name), database.write() as session:
+        staff = _add(session, None, name, is_admin=True, password_hash=None)
+        session.add(
+            AccessToken(
+                id=uuid.uuid4(),
+                token_sha256=sha256_hex(token),
+                kind="personal",
+                name="made with the admin",
+                staff_id=staff.id,
+                created_at=datetime.now(UTC),
+            ),
+        )
+    return token
+
+
+def create_staff(
+    database: Database,
+    passwords: Passwords,
+    name: str,
+    *,
+    is_admin: bool,
+    password: str | None,
+    caller: Caller | None = None,
+) -> Staff:
+    """A new staff member. Without a password they cannot sign in until they are given one.
+
+    Raises ConflictError (`staff_exists`), InvalidInputError (`password_refused`).
+    """
+    hashed = passwords.hash(password, name=name) if password is not None else None
+    with _unless_taken(name), database.write() as session:
+        return _add(session, caller, name, is_admin=is_admin, password_hash=hashed)
+
+
+def list_staff(database: Database, *, cursor: str | None, limit: int) -> Page[Staff]:
+    """All staff by name, the disabled ones too."""
+    after = decode_cursor("staff", cursor, TEXT)
+    with database.read() as session:
+        rows = people.page_of_staff(session, after=after, limit=limit + 1)
+    return Page(rows[:limit], encode_cursor("staff", rows[limit - 1].name) if len(rows) > limit else None)
+
+
+def read_staff(database: Database, name: str) -> Staff:
+    """One staff member. Raises NotFoundError."""
+    with database.read() as session:
+        return known_staff(people.find_staff(session, normal_name(name)))
+
+
+def change_staff(
+    database: Database, passwords: Passwords, name: str, change: StaffChange, caller: Caller | None = None
+) -> ChangedStaff:
+    """Change a staff member.
+
+    Raises NotFoundError, ConflictError (`last_admin`), InvalidInputError (`password_refused`).
+    """
+    now = datetime.now(UTC)
+    hashed = passwords.hash(change.password, name=name) if change.password is not None else None
+    with database.write() as session:
+        admins = people.lock_active_admins(session)
+        staff = known_staff(people.find_staff(session, normal_name(name), lock=True))
+        if (change.is_disabled or change.is_admin is False) and [admin.id for admin in admins] == [staff.id]:
+            raise ConflictError(
+                "This is the last admin: make another one first, or nobody could run the server.", code="last_admin"
+            )
+        fields = []
+        if change.is_admin is not None and change.is_admin != staff.is_admin:
+            staff.is_admin = change.is_admin
+            fields.append("is_admin")
+        if change.is_disabled is not None and change.is_disabled != (staff.disabled_at is not None):
+            staff.disabled_at = now if change.is_disabled else None
+            fields.append("is_disabled")
+        is_replaced = hashed is not None and staff.password_hash is not None
+        if hashed is not None:
+            staff.password_hash = hashed
+            fields.append("password")
+        ended = end_access(session, staff.id, now) if change.is_disabled or is_replaced else EndedAccess()
+        if fields:
+            note(
+                session,
+                caller,
+                "staff.change",
+                subject=staff.name,
+                fields=fields,
+                sessions_ended=ended.sessions,
+                tokens_ended=len(ended.tokens),
+            )
+        return ChangedStaff(staff, ended)
+
+
+def known_staff(staff: Staff | None) -> Staff:
+    """The staff member who was asked for. Raises NotFoundError."""
+    if staff is None:
+        raise NotFoundError("There is no such staff member.")
+    return staff
+
+
+def normal_name(name: str) -> str:
+    """A name as it is kept: the same word typed in another way is the same name."""
+    return unicodedata.normalize("NFC", name).strip()
+
+
+def _new_name(name: str) -> str:
+    """The name of a new staff member. Raises InvalidInputError.
+
+    It stands in addresses and in the log, hence no mail address and nothing that an address would have to escape twice.
+    """
+    cleaned = normal_name(name)
+    fits = 0 < len(cleaned) <= NAME_LENGTH and cleaned[:1].isalnum()
+    if not fits or not all(character.isalnum() or character in " ._'-" for character in cleaned):
+        raise InvalidInputError(
+            f"A name has 1 to {NAME_LENGTH} letters and digits, and between them blanks, . _ ' or -.",
+            code="staff_name_invalid",
+        )
+    return cleaned
+
+
+def _add(session: Session, caller: Caller | None, name: str, *, is_admin: bool, password_hash: str | None) -> Staff:
+    cleaned = _new_name(name)
+    if people.find_staff(session, cleaned) is not None:
+        raise _taken(name)
+    staff = Staff(
+        id=uuid.uuid4(), name=cleaned, is_admin=is_admin, password_hash=password_hash, created_at=datetime.now(UTC)
+    )
+    session.add(staff)
+    session.flush()
+    note(session, caller, "staff.create", subject=cleaned, is_admin=is_admin)
+    return staff
+
+
+def _taken(name: str) -> ConflictError:
+    return ConflictError(f"There is already a staff member named {name!r}: give another name.", code="staff_exists")
+
+
+@contextmanager
+def _unless_taken(name: str) -> Iterator[None]:
+    """Of two that make the same at the same time the constraint lets one through; the other hears that it is taken."""
+    try:
+        yield
+    except IntegrityError as error:
+        raise _taken(name) from error

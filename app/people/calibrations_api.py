@@ -1,0 +1,126 @@
+"""/v1/calibrations: a phone's camera measured from photographs of the board, for its later meals."""
+
+import uuid
+from typing import Annotated, Any
+
+import anyio.to_thread
+from fastapi import APIRouter, Path, Request
+
+from app.children.api_children import ApiChildren
+from app.http.flat_list import ListRoute
+from app.http.parameters import StudyCode
+from app.http.problems import problem_responses
+from app.meals.upload import MAX_METADATA_BYTES, UploadLimits, received_parts
+from app.people import calibrate_device
+from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
+from app.people.calibrate_device import MAX_PHOTOGRAPHS, NewCalibration
+from app.people.calibration_models import CameraCalibration
+from app.people.calibration_schemas import (
+    CalibrationList,
+    CalibrationMetadataIn,
+    CalibrationOut,
+    LeftOutPhotographOut,
+    NewCalibrationOut,
+    StudyCalibrationList,
+    StudyCalibrationOut,
+)
+from app.records.meal_schemas import CameraIn
+from app.uploads.metadata import validated
+from app.uploads.submit_meal import SubmitMeal
+
+router = APIRouter(tags=["calibrations"], route_class=ListRoute)
+
+PHOTO = "photo"
+MULTIPART_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": [PHOTO],
+                    "properties": {
+                        "metadata": {"$ref": "#/components/schemas/CalibrationMetadataIn"},
+                        PHOTO: {
+                            "type": "array",
+                            "minItems": calibrate_device.MIN_PHOTOGRAPHS,
+                            "maxItems": MAX_PHOTOGRAPHS,
+                            "items": {"type": "string", "format": "binary", "description": "JPEG, PNG, WebP or HEIC"},
+                        },
+                    },
+                },
+                "encoding": {"metadata": {"contentType": "application/json"}},
+            }
+        },
+    }
+}
+
+
+@router.post(
+    "/v1/calibrations",
+    status_code=201,
+    responses=problem_responses(400, 401, 403, 409, 410, 413, 415, 422, 503),
+    openapi_extra=MULTIPART_BODY,
+)
+async def post_calibration(request: Request, state: State, caller: CurrentDevice) -> NewCalibrationOut:
+    """Measure this phone's camera: 3 to 30 parts `photo`, of the whole board from different sides, and `metadata`.
+
+    Ten do well: tilted by 30 to 45 degrees, near the middle and near the corners. The photographs are not kept.
+    """
+    await anyio.to_thread.run_sync(state.part(SubmitMeal).require_room)
+    limits = UploadLimits(state.settings.max_photo_bytes, MAX_METADATA_BYTES)
+    staging = state.blobs.staging_folder()
+    async with received_parts(request, (PHOTO,), staging, limits, state.upload_limiter, times=MAX_PHOTOGRAPHS) as parts:
+        told = validated(CalibrationMetadataIn, parts.metadata) if parts.metadata is not None else None
+        marker = told.marker if told is not None else None
+
+        def work() -> NewCalibration:
+            return calibrate_device.calibrate_device(
+                state.database, state.part(ApiChildren), state.settings, caller, marker, list(parts.files.values())
+            )
+
+        made = await anyio.to_thread.run_sync(work)
+    left_out = [
+        LeftOutPhotographOut(photograph=one.number, code=one.code, message=one.message) for one in made.left_out
+    ]
+    return NewCalibrationOut(**_fields(made.calibration), left_out=left_out)
+
+
+@router.get("/v1/calibrations", responses=problem_responses(401, 403, 410))
+def get_own_calibrations(state: State, caller: CurrentDevice) -> CalibrationList:
+    """This phone's calibrations, withdrawn ones too, the newest first."""
+    found = calibrate_device.own_calibrations(state.database, caller)
+    return CalibrationList(items=[CalibrationOut(**_fields(row)) for row in found])
+
+
+@router.get("/v1/studies/{study}/calibrations", responses=problem_responses(401, 403, 404, 422))
+def get_study_calibrations(study: StudyCode, state: State, _: CurrentStaff) -> StudyCalibrationList:
+    """The calibrations of the study's phones, withdrawn ones too, the newest first, a thousand at most."""
+    found = calibrate_device.study_calibrations(state.database, study)
+    return StudyCalibrationList(
+        items=[
+            StudyCalibrationOut(**_fields(row), participant=participant, device_id=row.device_id)
+            for row, participant in found
+        ]
+    )
+
+
+@router.post("/v1/calibrations/{calibration_id}/withdrawal", responses=problem_responses(401, 403, 404, 410, 422))
+def post_calibration_withdrawal(
+    calibration_id: Annotated[uuid.UUID, Path(description="The calibration's id.")], state: State, caller: CurrentCaller
+) -> CalibrationOut:
+    """Take a calibration out of use, for the phone itself or the study's owner. The same again changes nothing."""
+    return CalibrationOut(**_fields(calibrate_device.withdraw_calibration(state.database, caller, calibration_id)))
+
+
+def _fields(row: CameraCalibration) -> dict[str, Any]:
+    return {
+        "id": row.id,
+        "model": row.model,
+        "marker": row.marker,
+        "camera": CameraIn.model_validate(row.camera),
+        "rms_px": round(row.rms_px, 4),
+        "photographs": row.photographs,
+        "created_at": row.created_at,
+        "withdrawn_at": row.withdrawn_at,
+    }

@@ -1,0 +1,27 @@
+"""/v1/enrolments: an open call: a device exchanges its one-time code for a token. Rate limited by address."""
+
+from fastapi import APIRouter, Request
+
+from app.http.problems import problem_responses
+from app.http.rate_limit import EnrolmentLimit, caller_address
+from app.people.access.deps import State
+from app.people.enrol import NewDevice, enrol_device
+from app.people.schemas import EnrolmentIn, EnrolmentOut
+
+router = APIRouter(prefix="/v1/enrolments", tags=["enrolments"])
+
+
+@router.post("", status_code=201, responses=problem_responses(404, 422, 429))
+def post_enrolment(body: EnrolmentIn, request: Request, state: State) -> EnrolmentOut:
+    """Exchange a code for a device's token. A code that is unknown, used or expired gives 404, in the same words."""
+    state.part(EnrolmentLimit).take(caller_address(request))
+    issued = enrol_device(
+        state.database, code=body.code, device=NewDevice(body.device_name, body.model, body.app_version)
+    )
+    return EnrolmentOut(
+        token=issued.token,
+        device_id=issued.device_id,
+        study=issued.study_code,
+        participant=issued.participant_code,
+        marker=issued.marker,
+    )

@@ -1,0 +1,170 @@
+"""Studies with their protocol, participants, the participants' devices, staff and their roles, and access tokens."""
+
+import uuid
+from datetime import date, datetime
+from typing import Any, Literal, get_args
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Mapped, mapped_column
+
+from app.db.base import Base, Personal, one_of
+
+LocationPolicy = Literal["drop", "round", "keep"]
+LOCATION_POLICIES: tuple[LocationPolicy, ...] = get_args(LocationPolicy)
+WithdrawalPolicy = Literal["keep", "anonymise", "erase"]
+WITHDRAWAL_POLICIES: tuple[WithdrawalPolicy, ...] = get_args(WithdrawalPolicy)
+Locale = Literal["en", "de", "es", "zh"]
+LOCALES: tuple[Locale, ...] = get_args(Locale)
+Role = Literal["viewer", "reviewer", "owner"]  # each may do all that the one before it may
+ROLES: tuple[Role, ...] = get_args(Role)
+TOKEN_KINDS = ("device", "session", "personal")
+Scope = Literal["read", "write"]
+SCOPES: tuple[Scope, ...] = get_args(Scope)
+
+
+class Study(Base):
+    """A study and its protocol. `change_seq` is its counter of changes: locked until commit, so no reader misses one.
+
+    camera: intrinsics that hold where neither the meal nor its device has any. after_window_minutes: how long after
+    eating began an after-meal pair is waited for. day_starts_minutes: after midnight; a meal before it belongs to the
+    day before. retention_days: photographs and derived pictures go so many days after upload; NULL: they stay.
+    shares_index: other studies' foods are identified by this one's confirmed items too.
+    version grows with every change of the protocol.
+    """
+
+    __tablename__ = "study"
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    code: Mapped[str] = mapped_column(sa.String(64), unique=True)
+    name: Mapped[str] = mapped_column(sa.String(200))
+    marker: Mapped[str | None] = mapped_column(sa.String(64))  # the board that its participants were given
+    camera: Mapped[dict[str, Any] | None]
+    expects_after_pair: Mapped[bool] = mapped_column(default=False)
+    after_window_minutes: Mapped[int] = mapped_column(default=240)
+    location_policy: Mapped[LocationPolicy] = mapped_column(sa.String(16), default="drop")
+    location_decimals: Mapped[int | None]  # of degrees; set with "round" only
+    retention_days: Mapped[int | None]
+    withdrawal_policy: Mapped[WithdrawalPolicy] = mapped_column(sa.String(16), default="erase")
+    locale: Mapped[Locale] = mapped_column(sa.String(8), default="en")
+    gives_feedback: Mapped[bool] = mapped_column(default=False)
+    day_starts_minutes: Mapped[int] = mapped_column(default=0)
+    shares_index: Mapped[bool] = mapped_column(default=False)
+    version: Mapped[int] = mapped_column(default=1)
+    change_seq: Mapped[int] = mapped_column(sa.BigInteger, default=0)
+    created_at: Mapped[datetime]
+
+    __table_args__ = (
+        one_of("location_policy", LOCATION_POLICIES),
+        one_of("withdrawal_policy", WITHDRAWAL_POLICIES),
+        one_of("locale", LOCALES),
+        sa.CheckConstraint("(location_policy = 'round') = (location_decimals IS NOT NULL)", name="decimals_to_round"),
+    )
+
+
+class Participant(Base):
+    """A person in a study, by pseudonymous code only.
+
+    alias: the name in the audit log, which nothing else holds: without this row it leads to nobody. starts_on: local
+    day that is the study's day 1; NULL: the day of the first meal. profile: what reference intakes and plausibility
+    need (sex, birth year, weight, height ...); NULL: not told.
+    """
+
+    __tablename__ = "participant"
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
+    code: Mapped[str] = mapped_column(sa.String(64))
+    alias: Mapped[uuid.UUID] = mapped_column(unique=True, default=uuid.uuid4)
+    starts_on: Mapped[date | None]
+    profile: Mapped[dict[str, Any] | None]
+    withdrawn_at: Mapped[datetime | None]
+    created_at: Mapped[datetime]
+
+    __table_args__ = (sa.UniqueConstraint("study_id", "code"),)
+
+
+class Device(Base):
+    """A phone of a participant. clock_skew_seconds: its clock minus the server's, at last_used_at."""
+
+    __tablename__ = "device"
+    personal = Personal(("participant_id",), "devices")
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"), index=True)
+    name: Mapped[str] = mapped_column(sa.String(200))
+    model: Mapped[str | None] = mapped_column(sa.String(200))
+    app_version: Mapped[str | None] = mapped_column(sa.String(64))
+    clock_skew_seconds: Mapped[float | None]
+    last_used_at: Mapped[datetime | None]
+    enrolled_at: Mapped[datetime]
+    revoked_at: Mapped[datetime | None]
+
+
+class Staff(Base):
+    """A person who runs the server or works with the data. password_hash: Argon2; NULL: signs in by token only."""
+
+    __tablename__ = "staff"
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(sa.String(200), unique=True)
+    is_admin: Mapped[bool]
+    password_hash: Mapped[str | None] = mapped_column(sa.String(200))
+    disabled_at: Mapped[datetime | None]
+    created_at: Mapped[datetime]
+
+
+class StudyMember(Base):
+    """A staff member's role in a study."""
+
+    __tablename__ = "study_member"
+
+    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"), primary_key=True)
+    staff_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("staff.id"), primary_key=True, index=True)
+    role: Mapped[Role] = mapped_column(sa.String(16))
+    created_at: Mapped[datetime]
+
+    __table_args__ = (one_of("role", ROLES),)
+
+
+class Enrolment(Base):
+    """A one-time code that a device exchanges for its token; only the code's SHA-256 is kept."""
+
+    __tablename__ = "enrolment"
+    personal = Personal(("participant_id",), "enrolments")
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"), index=True)
+    code_sha256: Mapped[str] = mapped_column(sa.String(64), unique=True)
+    expires_at: Mapped[datetime]
+    used_at: Mapped[datetime | None]
+    created_at: Mapped[datetime]
+
+
+class AccessToken(Base):
+    """An opaque bearer token of a device or of a staff member; only its SHA-256 is kept.
+
+    kind: of a device, of a signed-in session, or made by a person for scripts. scope and study_id narrow what a
+    personal token may do: read only, one study only.
+    """
+
+    __tablename__ = "access_token"
+    personal = Personal(("device_id",))
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    token_sha256: Mapped[str] = mapped_column(sa.String(64), unique=True)
+    kind: Mapped[str] = mapped_column(sa.String(16))
+    name: Mapped[str | None] = mapped_column(sa.String(200))
+    scope: Mapped[Scope] = mapped_column(sa.String(16), default="write")
+    study_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("study.id"))
+    device_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("device.id"), index=True)
+    staff_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("staff.id"), index=True)
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime | None]
+    last_used_at: Mapped[datetime | None]
+    revoked_at: Mapped[datetime | None]
+
+    __table_args__ = (
+        one_of("kind", TOKEN_KINDS),
+        one_of("scope", SCOPES),
+        sa.CheckConstraint("(device_id IS NULL) <> (staff_id IS NULL)", name="one_owner"),
+    )

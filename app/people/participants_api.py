@@ -1,0 +1,125 @@
+"""/v1/studies/{study}/participants: by pseudonymous code; and the one-time codes that enrol their phones."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import JSONResponse
+
+from app.http.flat_list import ListRoute
+from app.http.paging import Cursor, Limit, next_page
+from app.http.parameters import ParticipantCode, StudyCode
+from app.http.problems import problem_responses
+from app.people import participants
+from app.people.access.deps import CurrentStaff, State
+from app.people.access.secret_box import SecretBox
+from app.people.enrol import issue_enrolment_code
+from app.people.enrolment_qr import enrolment_text, qr_png, qr_svg
+from app.people.models import Participant
+from app.people.participants import ParticipantChange
+from app.people.schemas import (
+    EnrolmentCodeOut,
+    ParticipantIn,
+    ParticipantList,
+    ParticipantOut,
+    ParticipantPatch,
+    ParticipantRow,
+    ProfileIn,
+)
+
+router = APIRouter(prefix="/v1/studies/{study}/participants", tags=["participants"], route_class=ListRoute)
+
+PICTURES = ("image/svg+xml", "image/png")
+CODE_RESPONSES: dict[int | str, dict[str, Any]] = {
+    201: {
+        "model": EnrolmentCodeOut,
+        "description": "The code, shown once; by `Accept` the QR code alone.",
+        "content": {kind: {"schema": {"type": "string", "format": "binary"}} for kind in PICTURES},
+    },
+    **problem_responses(401, 403, 404, 409, 422),
+}
+
+
+@router.get("", responses=problem_responses(401, 403, 404, 422))
+def get_participants(
+    request: Request, study: StudyCode, state: State, _: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
+) -> ParticipantList:
+    """The study's participants by code, those who have left it too as far as they are kept."""
+    page = participants.list_participants(state.database, study, cursor=cursor, limit=limit)
+    items = [ParticipantRow.model_validate(row, from_attributes=True) for row in page.rows]
+    return ParticipantList(items=items, next=next_page(request, page.cursor))
+
+
+@router.post("", status_code=201, responses=problem_responses(401, 403, 404, 409, 422))
+def post_participant(
+    study: StudyCode, body: ParticipantIn, state: State, caller: CurrentStaff, response: Response
+) -> ParticipantOut:
+    """Add a participant."""
+    made = participants.create_participant(
+        state.database, state.part(SecretBox), study_code=study, code=body.code, caller=caller, change=change_of(body)
+    )
+    response.headers["Location"] = f"/v1/studies/{study}/participants/{body.code}"
+    return _render(made)
+
+
+@router.get("/{participant}", responses=problem_responses(401, 403, 404, 422))
+def get_participant(study: StudyCode, participant: ParticipantCode, state: State, _: CurrentStaff) -> ParticipantOut:
+    """One participant, with the profile that reference intakes go by."""
+    return _render(participants.read_participant(state.database, study, participant))
+
+
+@router.patch("/{participant}", responses=problem_responses(401, 403, 404, 409, 422))
+def patch_participant(
+    study: StudyCode, participant: ParticipantCode, body: ParticipantPatch, state: State, caller: CurrentStaff
+) -> ParticipantOut:
+    """Change profile and first day: only what is named; a key of the profile that is null is taken away."""
+    return _render(participants.change_participant(state.database, caller, study, participant, change_of(body)))
+
+
+@router.post(
+    "/{participant}/enrolment-codes", status_code=201, response_model=EnrolmentCodeOut, responses=CODE_RESPONSES
+)
+def post_enrolment_code(
+    request: Request, study: StudyCode, participant: ParticipantCode, state: State, caller: CurrentStaff
+) -> Response:
+    """A one-time code for the participant's next phone, as text and as a QR code; earlier unused ones end.
+
+    With `Accept: image/svg+xml` or `image/png` the answer is the QR code alone.
+    """
+    issued = issue_enrolment_code(state.database, study_code=study, participant_code=participant, caller=caller)
+    text = enrolment_text(state.settings.public_url or str(request.base_url).rstrip("/"), issued.code)
+    wanted = _wanted_picture(request.headers.get("accept", ""))
+    if wanted == "image/png":
+        return Response(qr_png(text), 201, media_type=wanted)
+    if wanted is not None:
+        return Response(qr_svg(text), 201, media_type=wanted)
+    body = EnrolmentCodeOut(code=issued.code, expires_at=issued.expires_at, qr_text=text, qr_svg=qr_svg(text))
+    return JSONResponse(body.model_dump(mode="json"), 201)
+
+
+def _wanted_picture(accept: str) -> str | None:
+    """The picture that the caller asks for first; None: JSON, as to whoever takes anything (RFC 9110, 12.5.1)."""
+    for part in accept.split(","):
+        kind = part.partition(";")[0].strip().lower()
+        if kind in ("application/json", "*/*", "application/*"):
+            return None
+        if kind in PICTURES:
+            return kind
+    return None
+
+
+def change_of(
+    body: ParticipantIn | ParticipantPatch, *, also: Mapping[str, None] | None = None, moves_start: bool = False
+) -> ParticipantChange:
+    """What a body asks for. also: keys of the profile that are taken away beside; moves_start: even unnamed."""
+    return ParticipantChange(
+        profile={**(also or {}), **body.profile.model_dump(exclude_unset=True, mode="json")},
+        moves_start=moves_start or "starts_on" in body.model_fields_set,
+        starts_on=body.starts_on,
+    )
+
+
+def _render(participant: Participant) -> ParticipantOut:
+    row = ParticipantRow.model_validate(participant, from_attributes=True)
+    profile = ProfileIn.model_validate(participant.profile or {})
+    return ParticipantOut(**row.model_dump(), profile=profile)

@@ -1,0 +1,295 @@
+"""Studies, participants, phones and their enrolment over the wire."""
+
+import uuid
+from datetime import date, datetime
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.http.field_descriptions import APP_VERSION, LOCALE, NEXT, PAGE, PARTICIPANT, PHONE_MODEL, STUDY
+from app.http.text_schemas import LocalDay, Number, Text, unless_named
+from app.nutrition.intakes.energy_requirement import HEIGHT_LIMITS_M, WEIGHT_LIMITS_KG, Activity, Trimester
+from app.nutrition.intakes.life_stage import Sex
+from app.people.models import Locale, LocationPolicy, WithdrawalPolicy
+from app.records.meal_schemas import CameraIn
+
+Code = Annotated[
+    str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", description="Letters, digits, - _")
+]
+DayStart = Annotated[
+    str,
+    Field(
+        pattern=r"^(?:(?:0\d|1[01]):[0-5]\d|12:00)$",
+        description="HH:MM, 00:00 to 12:00: a meal before it belongs to the day before. Fixed once a meal is in.",
+    ),
+]
+
+
+class ProtocolIn(BaseModel):
+    """How a study measures. In a PATCH only the fields that are named change."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    marker: Text | None = Field(
+        default=None, max_length=64, description="The board that participants are given, such as plain:9x7:11."
+    )
+    camera: CameraIn | None = Field(
+        default=None, description="Intrinsics that hold where neither the meal nor its phone has any."
+    )
+    expects_after_pair: bool = Field(default=False, description="Whether a second pair is taken after the meal.")
+    after_window_minutes: int = Field(default=240, ge=5, le=2880, description="How long it is waited for.")
+    location_policy: LocationPolicy = Field(
+        default="drop",
+        description="What is kept of where a meal was. With `drop` places of before are told no more, and exports with "
+        "them expire; a release that was frozen with them keeps them.",
+    )
+    location_decimals: int | None = Field(
+        default=None, ge=0, le=4, description="Of a degree, with `round` only: 2 are about a kilometre."
+    )
+    retention_days: int | None = Field(
+        default=None, ge=1, le=36_500, description="Photographs go so many days after upload; null: they stay."
+    )
+    withdrawal_policy: WithdrawalPolicy = Field(
+        default="erase", description="What happens to the data of a participant who leaves."
+    )
+    locale: Locale = Field(default="en", description="The participants' language.")
+    gives_feedback: bool = Field(
+        default=False, description="Whether participants see what they ate; it changes what people eat."
+    )
+    day_starts: DayStart = "00:00"
+    shares_index: bool = Field(
+        default=False,
+        description="Whether all studies of this server learn from its confirmed items: from figures of what a food "
+        "looked like, which food it was, its volume. Never photographs, nothing of persons.",
+    )
+
+
+class StudyIn(ProtocolIn):
+    """A new study."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"example": {"code": "pilot", "name": "Pilot study", "marker": "plain:9x7:11"}},
+    )
+
+    code: Code
+    name: Text = Field(min_length=1, max_length=200, description="The study's name, for people.")
+
+
+class StudyPatch(ProtocolIn):
+    """A change of a study: only the fields that are named."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"example": {"location_policy": "round", "location_decimals": 2, "gives_feedback": True}},
+    )
+
+    name: Text = Field(
+        default="",
+        min_length=1,
+        max_length=200,
+        json_schema_extra=unless_named,
+        description="The study's name, for people.",
+    )
+
+
+class StudyOut(BaseModel):
+    """A study and its protocol. version: what its ETag names."""
+
+    code: str = Field(description=STUDY)
+    name: str = Field(description="The study's name, for people.")
+    marker: str | None = Field(
+        description="The board that participants are given, KIND:COLSxROWS:MM; null: each meal must name its own."
+    )
+    camera: CameraIn | None = Field(
+        description="Intrinsics that hold where neither the meal nor its phone has any; null: none."
+    )
+    expects_after_pair: bool = Field(description="Whether a second pair is taken after the meal.")
+    after_window_minutes: int = Field(
+        description="How long the after-meal pair is waited for, from when the meal was eaten."
+    )
+    location_policy: LocationPolicy = Field(
+        description="What is kept of where a meal was: nothing (drop), a rounded place, or the place (keep)."
+    )
+    location_decimals: int | None = Field(
+        description="Decimals of a degree that are kept with `round`; null with another policy."
+    )
+    retention_days: int | None = Field(
+        description="Photographs are deleted so many days after upload; null: they stay."
+    )
+    withdrawal_policy: WithdrawalPolicy = Field(description="What happens to the data of a participant who leaves.")
+    locale: Locale = Field(description=LOCALE)
+    gives_feedback: bool = Field(description="Whether participants see what they ate.")
+    day_starts: str = Field(description="HH:MM: a meal before it belongs to the day before.")
+    shares_index: bool = Field(
+        description="Whether all studies of this server learn from its confirmed items (figures only, no photographs)."
+    )
+    version: int = Field(description="Grows with every change of the study; the ETag names it.")
+    created_at: datetime = Field(description="When the study was made.")
+
+
+class StudyList(BaseModel):
+    """A page of studies."""
+
+    items: list[StudyOut] = Field(description=PAGE)
+    next: str | None = Field(default=None, description=NEXT)
+
+
+class ProfileIn(BaseModel):
+    """What reference intakes and plausibility need to know of a participant; all of it may be left out."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    sex: Sex | None = Field(default=None, description="Sex by which reference intakes are chosen; null: not known.")
+    birth_year: int | None = Field(default=None, ge=1900, le=2200, description="Year of birth; null: not known.")
+    height_cm: Number | None = Field(
+        default=None,
+        ge=100 * HEIGHT_LIMITS_M[0],
+        le=100 * HEIGHT_LIMITS_M[1],
+        description="Body height; null: not known.",
+    )
+    weight_kg: Number | None = Field(
+        default=None, ge=WEIGHT_LIMITS_KG[0], le=WEIGHT_LIMITS_KG[1], description="In pregnancy, the weight before it."
+    )
+    activity: Activity | None = Field(default=None, description="Physical activity level; null: not known.")
+    is_pregnant: bool | None = Field(default=None, description="Whether pregnant; null: not known.")
+    trimester: Trimester | None = Field(
+        default=None, description="Trimester of the pregnancy; null: not known, or not pregnant."
+    )
+    is_lactating: bool | None = Field(default=None, description="Whether breastfeeding; null: not known.")
+    lactation_months: int | None = Field(default=None, ge=0, le=60, description="Completed months since birth.")
+
+
+class ParticipantIn(BaseModel):
+    """A new participant, by a code that says nothing about the person."""
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"code": "P001"}})
+
+    code: Code
+    starts_on: LocalDay | None = Field(
+        default=None, description="Local day that is day 1; null: that of the first meal."
+    )
+    profile: ProfileIn = Field(default_factory=ProfileIn, description="What is known of the person; empty by default.")
+
+
+class ParticipantPatch(BaseModel):
+    """A change of a participant: only what is named. A key of the profile that is null is taken away."""
+
+    model_config = ConfigDict(
+        extra="forbid", json_schema_extra={"example": {"profile": {"sex": "female", "birth_year": 1990}}}
+    )
+
+    starts_on: LocalDay | None = Field(
+        default=None, description="Local day that is day 1; null: that of the first meal."
+    )
+    profile: ProfileIn = Field(default_factory=ProfileIn, description="Only the keys that are named change.")
+
+
+class ParticipantRow(BaseModel):
+    """A participant in a list. withdrawn_at: since when they have left the study."""
+
+    code: str = Field(description=PARTICIPANT)
+    starts_on: date | None = Field(description="Local day that is day 1; null: that of the first meal.")
+    withdrawn_at: datetime | None = Field(description="When they left the study; null: they are in it.")
+    created_at: datetime = Field(description="When the participant was made.")
+
+
+class ParticipantOut(ParticipantRow):
+    """A participant with their profile."""
+
+    profile: ProfileIn = Field(description="What is known of the person.")
+
+
+class ParticipantList(BaseModel):
+    """A page of participants."""
+
+    items: list[ParticipantRow] = Field(description=PAGE)
+    next: str | None = Field(description=NEXT)
+
+
+class EnrolmentCodeOut(BaseModel):
+    """A one-time code for a participant's next device, shown once.
+
+    qr_text: what the QR code says, JSON with server and code; qr_svg: the QR code itself, to stand in a page.
+    """
+
+    code: str = Field(description="The one-time code, to be typed in.")
+    expires_at: datetime = Field(description="Until when it can be used.")
+    qr_text: str = Field(description="What the QR code says: JSON with server and code.")
+    qr_svg: str = Field(description="The QR code as SVG, to be put in a page.")
+
+
+class EnrolmentIn(BaseModel):
+    """A device exchanges its code for a token."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    code: Text = Field(min_length=1, max_length=100, description="The one-time code that the participant was given.")
+    device_name: Text = Field(min_length=1, max_length=200, description="Such as the phone's model.")
+    model: Text | None = Field(default=None, min_length=1, max_length=200, description="The phone's model.")
+    app_version: Text | None = Field(
+        default=None, min_length=1, max_length=64, description="The version of the phone's app."
+    )
+
+
+class EnrolmentOut(BaseModel):
+    """The device's token, shown once; marker: the study's board."""
+
+    token: str = Field(description="Goes into the header Authorization: Bearer TOKEN. Shown once; keep it safe.")
+    device_id: uuid.UUID = Field(description="The phone's id.")
+    study: str = Field(description=STUDY)
+    participant: str = Field(description=PARTICIPANT)
+    marker: str | None = Field(description="The board that the study gives out, KIND:COLSxROWS:MM; null: none.")
+
+
+class PhoneOut(BaseModel):
+    """A phone. clock_skew_seconds: its clock minus the server's when it was last used, to a second; null: not told."""
+
+    id: uuid.UUID = Field(description="The phone's id.")
+    name: str = Field(description="The name that it was enrolled with.")
+    model: str | None = Field(description=PHONE_MODEL)
+    app_version: str | None = Field(description=APP_VERSION)
+    clock_skew_seconds: float | None = Field(
+        description="The phone's clock minus the server's when it was last used; null: not known."
+    )
+    last_used_at: datetime | None = Field(description="To five minutes.")
+    enrolled_at: datetime = Field(description="When it was enrolled.")
+    revoked_at: datetime | None = Field(description="When its token was ended; null: it is valid.")
+
+
+class DeviceOut(PhoneOut):
+    """A phone and whose it is."""
+
+    participant: str = Field(description=PARTICIPANT)
+
+
+class DeviceList(BaseModel):
+    """A page of phones, the last enrolled first."""
+
+    items: list[DeviceOut] = Field(description=PAGE)
+    next: str | None = Field(description=NEXT)
+
+
+class PhoneProtocol(BaseModel):
+    """What of a study's protocol concerns the phone."""
+
+    code: str = Field(description=STUDY)
+    name: str = Field(description="The study's name, for people.")
+    marker: str | None = Field(
+        description="The board that participants are given, KIND:COLSxROWS:MM; null: each meal must name its own."
+    )
+    expects_after_pair: bool = Field(description="Whether a second pair is taken after the meal.")
+    after_window_minutes: int = Field(
+        description="How long the after-meal pair is waited for, from when the meal was eaten."
+    )
+    locale: Locale = Field(description=LOCALE)
+    gives_feedback: bool = Field(description="Whether the participant may see what they ate (GET /v1/me/summary).")
+    day_starts: str = Field(description="HH:MM: a meal before it belongs to the day before.")
+    version: int = Field(description="Grows with every change of the study.")
+
+
+class MeOut(BaseModel):
+    """Who the phone is."""
+
+    participant: str = Field(description=PARTICIPANT)
+    starts_on: date | None = Field(description="Local day that is day 1; null: that of the first meal.")
+    study: PhoneProtocol = Field(description="What of the study concerns the phone.")
+    device: PhoneOut = Field(description="This phone.")

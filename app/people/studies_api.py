@@ -1,0 +1,79 @@
+"""/v1/studies: an admin makes studies, an owner keeps the protocol."""
+
+from typing import Any
+
+from fastapi import APIRouter, Request, Response
+
+from app.foods.edits.api import IfMatch, expected_versions
+from app.http.flat_list import ListRoute
+from app.http.paging import Cursor, Limit, next_page
+from app.http.parameters import StudyCode
+from app.http.problems import problem_responses
+from app.people import studies
+from app.people.access.deps import CurrentStaff, State
+from app.people.models import Study
+from app.people.schemas import ProtocolIn, StudyIn, StudyList, StudyOut, StudyPatch
+
+router = APIRouter(prefix="/v1/studies", tags=["studies"], route_class=ListRoute)
+
+
+@router.get("", responses=problem_responses(401, 403, 422))
+def get_studies(
+    request: Request, state: State, caller: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
+) -> StudyList:
+    """The studies where the caller has a role."""
+    page = studies.list_studies(state.database, caller, cursor=cursor, limit=limit)
+    return StudyList(items=[render_study(study) for study in page.rows], next=next_page(request, page.cursor))
+
+
+@router.post("", status_code=201, responses=problem_responses(401, 403, 409, 422))
+def post_study(body: StudyIn, state: State, caller: CurrentStaff, response: Response) -> StudyOut:
+    """Make a study."""
+    study = studies.create_study(
+        state.database, code=body.code, caller=caller, **{"name": body.name, **protocol_columns(body)}
+    )
+    response.headers["Location"] = f"/v1/studies/{body.code}"
+    return _tagged(study, response)
+
+
+@router.get("/{study}", responses=problem_responses(401, 403, 404, 422))
+def get_study(study: StudyCode, state: State, _: CurrentStaff, response: Response) -> StudyOut:
+    """A study and its protocol; the ETag is what a change names in `If-Match`."""
+    return _tagged(studies.read_study(state.database, study), response)
+
+
+@router.patch("/{study}", responses=problem_responses(401, 403, 404, 409, 412, 422, 428))
+def patch_study(
+    study: StudyCode, body: StudyPatch, state: State, caller: CurrentStaff, response: Response, if_match: IfMatch = None
+) -> StudyOut:
+    """Change the protocol: only the fields that are named. The day's start is fixed once a meal is in."""
+    changes = protocol_columns(body) | ({"name": body.name} if "name" in body.model_fields_set else {})
+    expected = expected_versions(if_match)
+    return _tagged(studies.change_study(state.database, caller, study, changes, expected=expected), response)
+
+
+def render_study(study: Study) -> StudyOut:
+    """A study as the API shows it."""
+    return StudyOut.model_validate(
+        {name: getattr(study, name) for name in StudyOut.model_fields if name != "day_starts"}
+        | {"day_starts": clock(study.day_starts_minutes)}
+    )
+
+
+def clock(minutes: int) -> str:
+    """Minutes after midnight as HH:MM."""
+    return f"{minutes // 60:02}:{minutes % 60:02}"
+
+
+def protocol_columns(body: ProtocolIn) -> dict[str, Any]:
+    """The protocol's fields that a body names, as columns."""
+    columns = body.model_dump(include=body.model_fields_set & ProtocolIn.model_fields.keys(), mode="json")
+    if "day_starts" in columns:
+        hours, minutes = columns.pop("day_starts").split(":")
+        columns["day_starts_minutes"] = 60 * int(hours) + int(minutes)
+    return columns
+
+
+def _tagged(study: Study, response: Response) -> StudyOut:
+    response.headers["ETag"] = f'"{study.version}"'
+    return render_study(study)

@@ -1,0 +1,198 @@
+"""All that the server holds on a participant, for themselves: one ZIP with data.json, their photographs, README.txt.
+
+Written to a file without a name in the store's staging folder, a meal at a time, so memory stays small however much
+there is; the file is gone once it is closed. Left out are secrets (hashes of tokens and codes) and our own names of
+rows and blobs.
+"""
+
+import base64
+import json
+import tempfile
+import threading
+import uuid
+import zipfile
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from datetime import UTC, date, datetime
+from typing import IO, Any
+
+from sqlalchemy.orm import Session
+
+from app.core.errors import UnavailableError
+from app.db.base import Base
+from app.db.session import Database
+from app.foods.models import Food
+from app.meals.models import Meal, MealImage
+from app.people.access import audit
+from app.people.access.caller import DeviceCaller
+from app.people.models import Participant, Study
+from app.privacy import queries as privacy
+from app.privacy.withdraw import has_left
+from app.storage.blob_store import BlobMissingError, BlobStore
+
+NOT_TOLD = frozenset({"token_sha256", "code_sha256", "blob_key", "result_key", "study_id", "participant_id"})
+OPEN_A_PERSON = 2  # one more than is needed: a download that broke may look open for some minutes
+OPEN_AT_ONCE = 8
+RETRY_AFTER_SECONDS = 60
+EXTENSIONS = {"image/jpeg": "jpg", "image/png": "png", "image/heic": "heic", "image/webp": "webp"}
+README = """\
+This is all that the study's server holds on you, made on {when}.
+
+data.json     you (as the study knows you: by a code), your phones, days and meals. Of each meal: when and where it was
+              sent from as far as the study keeps that, its photographs (length and SHA-256), what was found in them,
+              which foods it was taken for and why, what you and the study's staff said about it (events), and the
+              records that came of it. Masses are in grams, volumes in millilitres, times in UTC. "looks" are figures
+              of colour, texture and shape of a food (base64 of little-endian 16-bit floating-point numbers), by which
+              foods are known again; "known_to_the_index" are those that the study's index has learned from.
+photographs/  your photographs as they are kept, a folder a meal. "file" in data.json names each; it is null where the
+              photograph was erased.
+
+Who looked at your photographs, and who changed what, stands in the study's audit log: ask the study for it.
+Your data may be kept, anonymised or erased when you leave the study, as its protocol says: ask the study.
+"""
+
+
+class ExportPlaces:
+    """How many exports may be open at once in this process: each holds a copy of a person's photographs on the disk."""
+
+    def __init__(self) -> None:
+        self._open: Counter[uuid.UUID] = Counter()
+        self._lock = threading.Lock()
+
+    def take(self, participant_id: uuid.UUID) -> Callable[[], None]:
+        """A place, and how to leave it. Raises UnavailableError (`server_busy`)."""
+        with self._lock:
+            if self._open[participant_id] >= OPEN_A_PERSON or self._open.total() >= OPEN_AT_ONCE:
+                raise UnavailableError(
+                    "Other exports are under way: try again in a minute.",
+                    code="server_busy",
+                    retry_after_seconds=RETRY_AFTER_SECONDS,
+                )
+            self._open[participant_id] += 1
+
+        def leave() -> None:
+            with self._lock:
+                self._open[participant_id] -= 1
+                self._open = +self._open
+
+        return leave
+
+
+def export_me(database: Database, blobs: BlobStore, caller: DeviceCaller) -> tuple[IO[bytes], int]:
+    """The ZIP, at its beginning, and its length in bytes. The caller closes it. Raises GoneError."""
+    now = datetime.now(UTC)
+    file: IO[bytes] = tempfile.TemporaryFile(dir=blobs.staging_folder())  # noqa: SIM115  # the caller closes it
+    try:
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive, database.read() as session:
+            participant = session.get(Participant, caller.participant_id)
+            if participant is None:
+                raise has_left()  # noqa: TRY301  # the file is closed below
+            names = _write_photographs(archive, session, blobs, participant.id, now)
+            with archive.open(_entry("data.json", now, compressed=True), "w", force_zip64=True) as entry:
+                for text in _data(session, participant, names, now):
+                    entry.write(text.encode())
+            archive.writestr(_entry("README.txt", now, compressed=True), README.format(when=now.strftime("%Y-%m-%d")))
+        with database.write() as session:
+            audit.note(
+                session,
+                caller,
+                "photograph.read",
+                subject=caller.participant_alias,
+                by="export",
+                photographs=sum(name is not None for name in names.values()),
+            )
+        size = file.tell()
+        file.seek(0)
+    except BaseException:
+        file.close()
+        raise
+    return file, size
+
+
+def _write_photographs(
+    archive: zipfile.ZipFile, session: Session, blobs: BlobStore, participant_id: uuid.UUID, now: datetime
+) -> dict[uuid.UUID, str | None]:
+    """Photograph -> its name in the ZIP; None where it is not there any more."""
+    names: dict[uuid.UUID, str | None] = {}
+    for image, client_id in privacy.images_of_participant(session, participant_id):
+        names[image.id] = None
+        if image.erased_at is not None:
+            continue
+        try:
+            pieces = blobs.stream(image.blob_key)
+        except BlobMissingError:
+            continue
+        name = f"photographs/{client_id}/{image.slot}.{EXTENSIONS.get(image.media_type, 'bin')}"
+        with archive.open(_entry(name, now, compressed=False), "w", force_zip64=True) as entry:
+            for piece in pieces:
+                entry.write(piece)
+        names[image.id] = name
+    return names
+
+
+def _data(
+    session: Session, participant: Participant, names: dict[uuid.UUID, str | None], now: datetime
+) -> Iterator[str]:
+    """data.json, piece by piece: a list's members one by one."""
+    study = session.get_one(Study, participant.study_id)
+    yield '{\n"made_at": ' + _json(now)
+    yield ',\n"study": ' + _json({"code": study.code, "name": study.name})
+    yield ',\n"participant": ' + _json(_plain(participant))
+    for name, rows in privacy.exported_rows(session, "participant", participant.id):
+        yield from _list(name, (_plain(row) for row in rows))
+    meals = (_meal(session, meal, names) for meal in privacy.stream_meals_of(session, participant.id))
+    yield from _list("meals", meals)
+    yield "\n}\n"
+
+
+def _list(name: str, members: Iterable[dict[str, Any]]) -> Iterator[str]:
+    yield f',\n"{name}": ['
+    for number, member in enumerate(members):
+        yield ("," if number else "") + "\n" + _json(member)
+    yield "]"
+
+
+def _meal(session: Session, meal: Meal, names: dict[uuid.UUID, str | None]) -> dict[str, Any]:
+    told = _plain(meal)
+    for name, rows in privacy.exported_rows(session, "meal", meal.id):
+        told[name] = [_plain(row) | _file_of(row, names) | _food_of(session, row) for row in rows]
+    return told
+
+
+def _file_of(row: Base, names: dict[uuid.UUID, str | None]) -> dict[str, Any]:
+    return {"file": names.get(row.id)} if isinstance(row, MealImage) else {}
+
+
+def _food_of(session: Session, row: Base) -> dict[str, Any]:
+    """The food's name beside its number, which only our tables know."""
+    food_id = getattr(row, "food_id", None)
+    food = session.get(Food, food_id) if food_id is not None else None
+    return {"food": {"key": food.key, "name": food.name}} if food is not None else {}
+
+
+def _plain(row: Base) -> dict[str, Any]:
+    """Every column of a row but those of no meaning outside: a column that is added later is told too."""
+    return {
+        column.key: getattr(row, column.key) for column in row.__mapper__.column_attrs if column.key not in NOT_TOLD
+    }
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, default=_text, ensure_ascii=False)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, (datetime, date)):
+        return value.isoformat()
+    if isinstance(value, uuid.UUID):
+        return str(value)
+    if isinstance(value, bytes):
+        return base64.b64encode(value).decode()
+    raise TypeError(f"no JSON for {type(value).__name__}")
+
+
+def _entry(name: str, now: datetime, *, compressed: bool) -> zipfile.ZipInfo:
+    entry = zipfile.ZipInfo(name, date_time=now.timetuple()[:6])
+    entry.compress_type = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
+    entry.external_attr = 0o600 << 16
+    return entry

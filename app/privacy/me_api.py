@@ -1,0 +1,97 @@
+"""What a person may ask about their own data: take it with them, delete a meal, leave the study."""
+
+import uuid
+from collections.abc import Iterator
+from typing import IO, Annotated, Any
+
+from fastapi import APIRouter, Path, Query
+from fastapi.responses import StreamingResponse
+
+from app.http.closing_stream import ClosingStream
+from app.http.parameters import ParticipantCode, StudyCode
+from app.http.problems import problem_responses
+from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
+from app.people.privacy_models import ErasureReceipt
+from app.people.privacy_schemas import ReceiptOut
+from app.privacy.erase import Eraser
+from app.privacy.export_me import ExportPlaces, export_me
+from app.privacy.withdraw import withdraw_participant, withdraw_self
+from app.uploads.submit_meal import SubmitMeal
+
+router = APIRouter(prefix="/v1", tags=["privacy"])
+
+PIECE_BYTES = 256 * 1024
+EXPORT_RESPONSES: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"application/zip": {}}, "description": "data.json, photographs, README.txt."},
+    **problem_responses(401, 403, 410, 503),
+}
+
+
+@router.delete("/meals/{meal_id}", responses=problem_responses(401, 403, 404, 409, 410, 422))
+def delete_meal(
+    meal_id: Annotated[uuid.UUID, Path(description="The id that the phone made.")],
+    state: State,
+    caller: CurrentCaller,
+    participant: Annotated[
+        str | None, Query(max_length=64, description="Staff: whose meal, if the id alone is not enough.")
+    ] = None,
+) -> ReceiptOut:
+    """Erase a meal for good: photographs, what was made of them, items, records, all. Its id is used up."""
+    return _receipt_out(state.part(Eraser).erase_meal(caller, meal_id, participant))
+
+
+@router.post("/me/withdrawal", responses=problem_responses(401, 403, 410))
+def post_my_withdrawal(state: State, caller: CurrentDevice) -> ReceiptOut:
+    """Leave the study: from now on every phone of this participant gets 410.
+
+    The study's policy says what becomes of the data. Show the receipt and keep its id: this call cannot be made twice.
+    """
+    return _receipt_out(withdraw_self(state.part(Eraser), caller))
+
+
+@router.post(
+    "/studies/{study}/participants/{participant}/withdrawal", responses=problem_responses(401, 403, 404, 409, 422)
+)
+def post_participant_withdrawal(
+    study: StudyCode,
+    participant: ParticipantCode,
+    state: State,
+    caller: CurrentStaff,
+) -> ReceiptOut:
+    """A participant leaves, at their word to the study's staff."""
+    return _receipt_out(withdraw_participant(state.part(Eraser), caller, study, participant))
+
+
+@router.get("/me/export", response_class=StreamingResponse, responses=EXPORT_RESPONSES)
+def get_my_export(state: State, caller: CurrentDevice) -> StreamingResponse:
+    """All that the server holds on the participant of the calling phone, as one ZIP file."""
+    state.part(SubmitMeal).require_room()
+    leave = state.part(ExportPlaces).take(caller.participant_id)
+    try:
+        file, size = export_me(state.database, state.blobs, caller)
+    except BaseException:
+        leave()
+        raise
+
+    def close() -> None:
+        file.close()
+        leave()
+
+    return ClosingStream(
+        _pieces(file),
+        close,
+        media_type="application/zip",
+        headers={
+            "Content-Length": str(size),
+            "Content-Disposition": 'attachment; filename="my-data.zip"',
+        },
+    )
+
+
+def _pieces(file: IO[bytes]) -> Iterator[bytes]:
+    while piece := file.read(PIECE_BYTES):
+        yield piece
+
+
+def _receipt_out(receipt: ErasureReceipt) -> ReceiptOut:
+    return ReceiptOut.model_validate(receipt, from_attributes=True)

@@ -1,0 +1,517 @@
+"""SQL of erasures: rows go in the order of their references; tombstones, receipts, intents and the audit log.
+
+Each table says itself which of its rows belong to a meal or a person, and which blobs they name (db/base.py,
+`personal` and `blob`). A table that a later version adds and that says nothing fails
+tests/integration/privacy/test_erasure_leaves_nothing.py.
+"""
+
+import uuid
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cache
+from typing import Literal
+
+import sqlalchemy as sa
+from sqlalchemy.orm import InstrumentedAttribute, Session
+
+from app.db.base import Base
+from app.diary import study_day_sum_queries as study_day_sums
+from app.diary.models import DayEvent, DayMark, DaySum, DiaryDay
+from app.jobs.queries import LIVE_STATES
+from app.meals.event_models import MealEvent
+from app.meals.job_models import Job
+from app.meals.models import Meal, MealImage
+from app.meals.record_models import EffectiveRecord, Run, RunArtefact
+from app.outbox.models import WebhookDelivery
+from app.people.calibration_models import CameraCalibration
+from app.people.models import AccessToken, Device, Enrolment, Participant, Study
+from app.people.privacy_models import ActorKind, AuditEvent, BlobDeletion, ErasureReceipt, Tombstone
+
+IN_A_STATEMENT = 500  # values in one IN (...); SQLite takes 32,766
+MADE_FILES = "made"  # before the study in keys of files of a whole study (exports/made_file.py)
+
+Ids = sa.Select[uuid.UUID]
+Owner = Literal["meal", "participant"]  # also the names of their tables
+
+
+@dataclass(frozen=True, slots=True)
+class AuditFilter:
+    """Which events: None leaves a filter out. since is included, until is not."""
+
+    study_id: uuid.UUID | None = None
+    action: str | None = None
+    since: datetime | None = None
+    until: datetime | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AuditRow:
+    """An event of the audit log. study: its study's code; None: it is of no study, or of one that is not there."""
+
+    id: int
+    at: datetime
+    study: str | None
+    actor_kind: ActorKind
+    actor: str
+    action: str
+    subject: str | None
+    details: dict[str, object]
+    request_id: str | None
+
+
+def lock_participant(session: Session, participant_id: uuid.UUID) -> Participant | None:
+    """The participant, locked against everything, new meals and devices included."""
+    query = sa.select(Participant).where(Participant.id == participant_id).with_for_update()
+    return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
+
+
+def join_participant(session: Session, participant_id: uuid.UUID | None) -> Participant | None:
+    """The participant, so that something may be added to them: waits for a withdrawal under way."""
+    query = sa.select(Participant).where(Participant.id == participant_id).with_for_update(read=True, key_share=True)
+    return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
+
+
+def lock_meals_of(session: Session, participant_id: uuid.UUID) -> list[Meal]:
+    """All meals of a participant, locked, in the order of their ids."""
+    query = sa.select(Meal).where(Meal.participant_id == participant_id).order_by(Meal.id).with_for_update()
+    return list(session.scalars(query.execution_options(populate_existing=True)))
+
+
+def meals_of(participant_id: uuid.UUID) -> Ids:
+    """The ids of a participant's meals, as a query."""
+    return sa.select(Meal.id).where(Meal.participant_id == participant_id)
+
+
+def one_meal(meal_id: uuid.UUID) -> Ids:
+    """The id of a meal that is there, as a query."""
+    return sa.select(Meal.id).where(Meal.id == meal_id)
+
+
+def record_ids(session: Session, meals: Ids) -> list[uuid.UUID]:
+    """The items of these meals that have a record."""
+    return list(session.scalars(sa.select(EffectiveRecord.item_id).where(EffectiveRecord.meal_id.in_(meals))))
+
+
+def rows_of(model: type[Base], owner: Owner, ids: Ids) -> sa.ColumnElement[bool] | None:
+    """Which rows of a table belong to these meals or participants; None: none ever do."""
+    conditions = []
+    for name in model.personal.through if model.personal is not None else ():
+        column = model.__table__.c[name]
+        (key,) = column.foreign_keys
+        if key.column.table.name == owner:
+            conditions.append(column.in_(ids))
+        elif (parent := _models().get(key.column.table.name)) is not None:
+            of_parent = rows_of(parent, owner, ids)
+            if of_parent is not None:
+                conditions.append(column.in_(sa.select(key.column).where(of_parent)))
+    return sa.or_(*conditions) if conditions else None
+
+
+def delete_meals(session: Session, meals: Ids) -> dict[str, int]:
+    """Remove meals and all that hangs on them; table -> rows."""
+    _delete_day_sums(session, meals)
+    counts = _delete_owned(session, "meal", meals)
+    return counts | _delete_in_order(session, (Meal, Meal.id.in_(meals)))
+
+
+def delete_participant(session: Session, participant_id: uuid.UUID) -> dict[str, int]:
+    """Remove a participant whose meals are gone; table -> rows."""
+    is_person = Participant.id == participant_id
+    counts = _delete_owned(session, "participant", sa.select(Participant.id).where(is_person))
+    of_person = (DaySum.participant_id == participant_id, DayMark.participant_id == participant_id)
+    _forget_study_days(session, DaySum, of_person[0])
+    _forget_study_days(session, DayMark, of_person[1])
+    _delete_in_order(session, *zip((DaySum, DayMark), of_person, strict=True))  # those before have left marks
+    return counts | _delete_in_order(session, (Participant, is_person))
+
+
+def _delete_day_sums(session: Session, meals: Ids) -> None:
+    """Remove what the days of meals come to: what is left of them is counted anew, since they are marked.
+
+    No receipt tells of it: the sums of a day are there or not as it happens.
+    """
+    _forget_study_days(session, Meal, Meal.id.in_(meals))
+    days = sa.select(Meal.participant_id, Meal.local_date).where(Meal.id.in_(meals))
+    _delete_in_order(session, (DaySum, sa.tuple_(DaySum.participant_id, DaySum.local_date).in_(days)))
+
+
+def _forget_study_days(session: Session, table: type[DaySum | DayMark | Meal], which: sa.ColumnElement[bool]) -> None:
+    """Remove what the study's days of such rows come to over all people, and mark them: others count in them too."""
+    days = session.execute(sa.select(table.study_id, table.local_date).where(which).distinct())
+    study_day_sums.forget_days(session, [(row[0], row[1]) for row in days])
+
+
+def end_enrolments(session: Session, participant_id: uuid.UUID) -> None:
+    """Remove a participant's enrolment codes, used or not: no further phone comes in."""
+    session.execute(sa.delete(Enrolment).where(Enrolment.participant_id == participant_id))
+
+
+def end_tokens(session: Session, participant_id: uuid.UUID) -> list[str]:
+    """Remove the tokens of a participant's devices; returns their SHA-256."""
+    devices = sa.select(Device.id).where(Device.participant_id == participant_id)
+    return list(
+        session.scalars(
+            sa.delete(AccessToken).where(AccessToken.device_id.in_(devices)).returning(AccessToken.token_sha256)
+        )
+    )
+
+
+def delete_person_marks(session: Session, participant_id: uuid.UUID, meals: Ids) -> dict[str, int]:
+    """Of a participant who stays as a number: what leads to phones, photographs or people who were told of them."""
+    devices = sa.select(Device.id).where(Device.participant_id == participant_id)
+    return _delete_in_order(
+        session,
+        (
+            WebhookDelivery,
+            sa.or_(WebhookDelivery.participant_id == participant_id, WebhookDelivery.meal_id.in_(meals)),
+        ),
+        (CameraCalibration, CameraCalibration.device_id.in_(devices)),
+        (MealImage, MealImage.meal_id.in_(meals)),
+    )
+
+
+def devices_of(session: Session, participant_id: uuid.UUID) -> list[Device]:
+    """A participant's phones in the order of their enrolment."""
+    query = sa.select(Device).where(Device.participant_id == participant_id).order_by(Device.enrolled_at, Device.id)
+    return list(session.scalars(query))
+
+
+def blob_keys_of(session: Session, meals: Ids) -> set[str]:
+    """All blobs that rows of these meals name."""
+    return {
+        key
+        for blob in _blob_columns()
+        if (of_meals := rows_of(blob.model, "meal", meals)) is not None
+        for key in session.scalars(sa.select(blob.key).where(of_meals))
+    }
+
+
+def live_jobs_of(session: Session, meals: Ids) -> list[Job]:
+    """Jobs of these meals that are still to be done, locked."""
+    query = sa.select(Job).where(Job.meal_id.in_(meals), Job.state.in_(LIVE_STATES)).order_by(Job.id)
+    return list(session.scalars(query.with_for_update().execution_options(populate_existing=True)))
+
+
+def delete_artefacts(session: Session, meals: Ids) -> list[str]:
+    """Remove the rows of derived pictures and points; returns the keys of their blobs."""
+    runs = sa.select(Run.id).where(Run.meal_id.in_(meals))
+    return list(
+        session.scalars(sa.delete(RunArtefact).where(RunArtefact.run_id.in_(runs)).returning(RunArtefact.blob_key))
+    )
+
+
+def mark_images_erased(session: Session, meals: Ids, now: datetime) -> list[str]:
+    """Note that the photographs go; returns the keys of their blobs."""
+    return list(
+        session.scalars(
+            sa.update(MealImage)
+            .where(MealImage.meal_id.in_(meals), MealImage.erased_at.is_(None))
+            .values(erased_at=now)
+            .returning(MealImage.blob_key)
+        )
+    )
+
+
+def touch_meals(session: Session, meals: Ids) -> None:
+    """Count a change of each meal, so that those who hold its ETag ask again."""
+    session.execute(
+        sa.update(Meal)
+        .where(Meal.id.in_(meals))
+        .values(version=Meal.version + 1)
+        .execution_options(synchronize_session=False)
+    )
+
+
+def touch_records_and_days(session: Session, participant_id: uuid.UUID, change_seq: int) -> None:
+    """Let those who pull changes hear that a participant's records and days stand under another code now."""
+    for table in (EffectiveRecord, DiaryDay):
+        session.execute(
+            sa.update(table)
+            .where(table.participant_id == participant_id)
+            .values(change_seq=change_seq)
+            .execution_options(synchronize_session=False)
+        )
+
+
+def day_ids(session: Session, participant_id: uuid.UUID) -> list[uuid.UUID]:
+    """The ids of a participant's days."""
+    return list(session.scalars(sa.select(DiaryDay.id).where(DiaryDay.participant_id == participant_id)))
+
+
+def events_of(session: Session, meals: Ids) -> Iterator[MealEvent]:
+    """The events of these meals, streamed."""
+    query = sa.select(MealEvent).where(MealEvent.meal_id.in_(meals)).order_by(MealEvent.meal_id, MealEvent.sequence)
+    yield from session.scalars(query)
+
+
+def day_events_of(session: Session, participant_id: uuid.UUID) -> list[DayEvent]:
+    """What was said of a participant's days."""
+    query = sa.select(DayEvent).where(DayEvent.participant_id == participant_id)
+    return list(session.scalars(query.order_by(DayEvent.local_date, DayEvent.created_at, DayEvent.id)))
+
+
+def studies_with_retention(session: Session) -> list[Study]:
+    """Studies whose photographs do not stay."""
+    return list(session.scalars(sa.select(Study).where(Study.retention_days.is_not(None)).order_by(Study.id)))
+
+
+def meals_with_old_pictures(session: Session, study_id: uuid.UUID, before: datetime, limit: int) -> list[uuid.UUID]:
+    """Meals received before that time that still have photographs or derived pictures, locked."""
+    has_image = sa.exists().where(MealImage.meal_id == Meal.id, MealImage.erased_at.is_(None))
+    has_artefact = sa.exists().where(Run.meal_id == Meal.id, RunArtefact.run_id == Run.id)
+    query = (
+        sa.select(Meal.id)
+        .where(Meal.study_id == study_id, Meal.received_at < before, sa.or_(has_image, has_artefact))
+        .order_by(Meal.id)
+        .limit(limit)
+        .with_for_update()
+    )
+    return list(session.scalars(query))
+
+
+def ids_in(meal_ids: Collection[uuid.UUID]) -> Ids:
+    """These meals, as a query."""
+    return sa.select(Meal.id).where(Meal.id.in_(meal_ids))
+
+
+def count_erased_participants(session: Session, study_id: uuid.UUID) -> int:
+    """How many persons of a study were erased: each has one receipt."""
+    query = sa.select(sa.func.count()).where(
+        ErasureReceipt.study_id == study_id, ErasureReceipt.what == "participant", ErasureReceipt.policy == "erase"
+    )
+    return session.scalars(query).one()
+
+
+def add_tombstones(
+    session: Session,
+    kind: str,
+    digests: Collection[str],
+    now: datetime,
+    *,
+    study_id: uuid.UUID | None,
+    change_seq: int | None = None,
+) -> None:
+    """Note what is erased; what was noted before stays as it is."""
+    known = tombstones_among(session, kind, digests)
+    session.add_all(
+        Tombstone(kind=kind, digest=digest, study_id=study_id, change_seq=change_seq, erased_at=now)
+        for digest in sorted(set(digests) - known)
+    )
+    session.flush()
+
+
+def tombstones_among(session: Session, kind: str, digests: Collection[str]) -> set[str]:
+    """Those of the digests that have a tombstone of this kind."""
+    return _among(session, Tombstone.digest, digests, Tombstone.kind == kind)
+
+
+def tombstone_digests(session: Session, kind: str) -> Iterator[str]:
+    """The digests of all tombstones of this kind, streamed."""
+    yield from session.scalars(
+        sa.select(Tombstone.digest).where(Tombstone.kind == kind).execution_options(yield_per=1000)
+    )
+
+
+def participant_ids(session: Session) -> Iterator[uuid.UUID]:
+    """All participants, streamed."""
+    yield from session.scalars(sa.select(Participant.id).execution_options(yield_per=1000))
+
+
+def meal_ids(session: Session) -> Iterator[uuid.UUID]:
+    """All meals, streamed."""
+    yield from session.scalars(sa.select(Meal.id).execution_options(yield_per=1000))
+
+
+def want_deleted(session: Session, keys: Collection[str], receipt_id: uuid.UUID | None, now: datetime) -> None:
+    """Note blobs that are to go; a key that ends with a slash means all below it."""
+    wanted = set(keys) - _among(session, BlobDeletion.blob_key, keys)
+    session.add_all(BlobDeletion(blob_key=key, receipt_id=receipt_id, requested_at=now) for key in sorted(wanted))
+    session.flush()
+
+
+def wanted_deletions(session: Session, limit: int) -> list[str]:
+    """Blobs that are to go, those that wait longest first."""
+    query = sa.select(BlobDeletion.blob_key).order_by(BlobDeletion.requested_at, BlobDeletion.blob_key).limit(limit)
+    return list(session.scalars(query))
+
+
+def forget_deletions(session: Session, keys: Collection[str]) -> None:
+    """These blobs are gone."""
+    session.execute(sa.delete(BlobDeletion).where(BlobDeletion.blob_key.in_(keys)))
+
+
+def is_named(session: Session, key: str) -> bool:
+    """Whether a row needs the blob, or the meal of a key that means all below it is there."""
+    if key.endswith("/"):
+        return bool(session.scalar(sa.select(sa.exists().where(Meal.id == _meal_of(key)))))
+    named = (sa.exists().where(blob.key == key, blob.is_kept) for blob in _blob_columns())
+    return bool(session.scalar(sa.select(sa.or_(*named))))
+
+
+def of_known_studies(session: Session, keys: Collection[str]) -> set[str]:
+    """Those of the keys (`study/...`, and `made/exports/study/...` of files) whose study is there."""
+    of_keys = {key: _study_of(key) for key in keys}
+    wanted = {study_id for study_id in of_keys.values() if study_id is not None}
+    there = set(session.scalars(sa.select(Study.id).where(Study.id.in_(wanted))))
+    return {key for key, study_id in of_keys.items() if study_id in there}
+
+
+def needed_keys(session: Session, keys: Collection[str]) -> set[str]:
+    """Those of the keys that a row names, or that a job under way may come to name.
+
+    At most IN_A_STATEMENT keys. A job seals its answer and its pictures before it writes them down, perhaps days later
+    if its worker dies in between.
+    """
+    meal_of = {key: _meal_of(key) for key in keys}
+    meals = {meal_id for meal_id in meal_of.values() if meal_id is not None}
+    named = []
+    for blob in _blob_columns():
+        of_meals = rows_of(blob.model, "meal", ids_in(meals))
+        is_asked = of_meals if of_meals is not None else blob.key.in_(keys)
+        named.append(sa.select(blob.key).where(is_asked, blob.is_kept))
+    # first: a job that ends in between has its run by the time of the second query
+    at_work = set(session.scalars(sa.select(Job.meal_id).where(Job.meal_id.in_(meals), Job.state.in_(LIVE_STATES))))
+    needed = set(session.scalars(sa.union_all(*named))) & set(keys)
+    return needed | {key for key, meal_id in meal_of.items() if meal_id in at_work}
+
+
+def stream_meals_of(session: Session, participant_id: uuid.UUID) -> Iterator[Meal]:
+    """A participant's meals in the order of eating, a few at a time in memory."""
+    query = sa.select(Meal.id).where(Meal.participant_id == participant_id).order_by(Meal.captured_at, Meal.id)
+    for meal_id in list(session.scalars(query)):  # ids only: a stream of rows does not survive its session's emptying
+        yield session.get_one(Meal, meal_id)
+        session.expunge_all()
+
+
+def images_of_participant(session: Session, participant_id: uuid.UUID) -> Iterator[tuple[MealImage, uuid.UUID]]:
+    """(photograph, its meal's id on the phone) of all that are or were there, streamed."""
+    query = (
+        sa.select(MealImage, Meal.client_id)
+        .join(Meal, Meal.id == MealImage.meal_id)
+        .where(Meal.participant_id == participant_id)
+        .order_by(Meal.captured_at, Meal.id, MealImage.slot)
+    )
+    for row in session.execute(query.execution_options(yield_per=100)):
+        yield row[0], row[1]
+
+
+def exported_rows(session: Session, owner: Owner, owner_id: uuid.UUID) -> Iterator[tuple[str, list[Base]]]:
+    """(name, rows) of all that hangs on a meal, or on a participant beside meals; tokens and jobs left out."""
+    parent = Meal if owner == "meal" else Participant
+    for model in _models().values():
+        of_owner = rows_of(model, owner, sa.select(parent.id).where(parent.id == owner_id))
+        if model.personal is None or model.personal.export_as is None or of_owner is None:
+            continue
+        order = [model.__table__.c[model.personal.order_by]] if model.personal.order_by is not None else []
+        yield model.personal.export_as, list(session.scalars(sa.select(model).where(of_owner).order_by(*order)))
+
+
+def page_of_audit(session: Session, chosen: AuditFilter, *, after: int | None, limit: int) -> list[AuditRow]:
+    """At most `limit` events in their order, those behind `after`."""
+    event = AuditEvent
+    query = (
+        sa.select(
+            event.id,
+            event.at,
+            Study.code,
+            event.actor_kind,
+            event.actor,
+            event.action,
+            event.subject,
+            event.details,
+            event.request_id,
+        )
+        .outerjoin(Study, Study.id == event.study_id)
+        .order_by(event.id)
+        .limit(limit)
+    )
+    if chosen.study_id is not None:
+        query = query.where(event.study_id == chosen.study_id)
+    if chosen.action is not None:
+        query = query.where(event.action == chosen.action)
+    if chosen.since is not None:
+        query = query.where(event.at >= chosen.since)
+    if chosen.until is not None:
+        query = query.where(event.at < chosen.until)
+    if after is not None:
+        query = query.where(event.id > after)
+    return [AuditRow(*row) for row in session.execute(query)]
+
+
+@cache
+def _models() -> dict[str, type[Base]]:
+    """Tables of personal rows, by name; those that are referred to come first."""
+    models = {mapper.class_.__tablename__: mapper.class_ for mapper in Base.registry.mappers}
+    return {
+        table.name: models[table.name]
+        for table in Base.metadata.sorted_tables
+        if models[table.name].personal is not None
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class _BlobColumn:
+    """A column that names blobs; is_kept: which rows still need theirs."""
+
+    model: type[Base]
+    key: sa.ColumnElement[str]
+    is_kept: sa.ColumnElement[bool]
+
+
+@cache
+def _blob_columns() -> list[_BlobColumn]:
+    found = []
+    for mapper in Base.registry.mappers:
+        model, columns = mapper.class_, mapper.local_table.c
+        if (blob := model.blob) is not None:
+            is_kept = columns[blob.erased_at].is_(None) if blob.erased_at is not None else sa.true()
+            found.append(_BlobColumn(model, columns[blob.key], is_kept))
+    return found
+
+
+def _among(
+    session: Session, column: InstrumentedAttribute[str], values: Collection[str], *where: sa.ColumnElement[bool]
+) -> set[str]:
+    """Those of the values that the column has."""
+    found: set[str] = set()
+    ordered = sorted(values)
+    for start in range(0, len(ordered), IN_A_STATEMENT):
+        part = ordered[start : start + IN_A_STATEMENT]
+        found.update(session.scalars(sa.select(column).where(column.in_(part), *where)))
+    return found
+
+
+def _delete_owned(session: Session, owner: Owner, ids: Ids) -> dict[str, int]:
+    """Rows of all tables that belong to these, those first that refer to others."""
+    steps = ((model, rows_of(model, owner, ids)) for model in reversed(_models().values()))
+    return _delete_in_order(session, *((model, condition) for model, condition in steps if condition is not None))
+
+
+def _delete_in_order(session: Session, *steps: tuple[type[Base], sa.ColumnElement[bool]]) -> dict[str, int]:
+    session.flush()
+    connection = session.connection()
+    counts = {
+        model.__tablename__: connection.execute(sa.delete(model).where(condition)).rowcount
+        for model, condition in steps
+    }
+    session.expire_all()
+    return counts
+
+
+def _study_of(key: str) -> uuid.UUID | None:
+    parts = key.split("/")
+    place = 2 if parts[0] == MADE_FILES else 0
+    return _uuid_or_none(parts[place]) if len(parts) > place else None
+
+
+def _meal_of(key: str) -> uuid.UUID | None:
+    parts = key.split("/")
+    return _uuid_or_none(parts[1]) if len(parts) > 2 else None
+
+
+def _uuid_or_none(text: str) -> uuid.UUID | None:
+    try:
+        return uuid.UUID(text)
+    except ValueError:
+        return None

@@ -1,0 +1,199 @@
+"""A participant leaves a study. By the study's policy their data are kept, anonymised or erased; their phones end.
+
+In all three cases the tokens of all their phones become tombstones (a call with one gets 410 `withdrawn`), no
+enrolment code of theirs works any more, and a receipt tells in numbers what was done. docs/privacy.md tells what
+"anonymise" leaves, and why.
+"""
+
+import secrets
+import uuid
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.core.errors import ConflictError, GoneError, NotFoundError
+from app.db.session import despite_deadlocks
+from app.jobs import queries as jobs
+from app.meals.models import Meal
+from app.outbox import announce
+from app.people import queries as people
+from app.people.access import audit
+from app.people.access.caller import Caller, DeviceCaller, StaffCaller
+from app.people.models import Participant, Study
+from app.people.privacy_models import ErasureReceipt
+from app.people.spent_codes import spend_code
+from app.people.studies import enter_study
+from app.privacy import queries as privacy
+from app.privacy.erase import PHOTOGRAPH_ERASED, Eraser, add_receipt, erase_meals, erase_pictures, public_digest
+from app.privacy.erase_files import erase_person_from_files
+from app.privacy.erasure_ledger import DEEDS, Deed, Erasure, digest_of
+from app.records import queries as records
+from app.records.project_records import project_meal
+
+WITHDRAWN = "withdrawn"  # stands where a name stood
+KEPT_DETAILS = ("captured_at", "time_zone", "marker", "camera")
+NO_DETAILS: dict[str, Any] = {"hints": [], "location": None, "app_version": None}
+FREE_TEXT = "text"  # the one value of events that people write in their own words (records/review/ask.py)
+
+
+def withdraw_self(eraser: Eraser, caller: DeviceCaller) -> ErasureReceipt:
+    """The participant of the calling phone leaves. Raises GoneError if another of their phones was quicker."""
+    with eraser.database.read() as session:
+        participant = session.get(Participant, caller.participant_id)
+        if participant is None or participant.withdrawn_at is not None:
+            raise has_left()
+        deed = _deed(session.get_one(Study, participant.study_id).withdrawal_policy)
+    receipt = carry_out_on_participant(
+        eraser, eraser.intend("participant", deed, caller.participant_id), caller.participant_id, caller
+    )
+    if receipt is None:
+        raise has_left()
+    return receipt
+
+
+def withdraw_participant(eraser: Eraser, caller: StaffCaller, study_code: str, participant_code: str) -> ErasureReceipt:
+    """An owner does it for the participant: also again, once the study's policy asks for more than was done.
+
+    Raises NotFoundError, ConflictError (`participant_withdrawn`: it was done before).
+    """
+    done = ConflictError("This participant left the study before, by the same policy.", code="participant_withdrawn")
+    with eraser.database.read() as session:
+        study = enter_study(session, caller, study_code)
+        participant = people.find_participant(session, study.id, participant_code)
+        if participant is None:
+            raise NotFoundError("There is no such participant in this study.")
+        deed, participant_id = _deed(study.withdrawal_policy), participant.id
+        as_much = DEEDS[DEEDS.index(deed) :]
+        digests = [digest_of(eraser.box, "participant", one, participant_id) for one in as_much]
+        if privacy.tombstones_among(session, "participant", digests):
+            raise done
+    receipt = carry_out_on_participant(
+        eraser, eraser.intend("participant", deed, participant_id), participant_id, caller
+    )
+    if receipt is None:
+        raise done
+    return receipt
+
+
+def carry_out_on_participant(
+    eraser: Eraser, erasure: Erasure, participant_id: uuid.UUID, caller: Caller | None
+) -> ErasureReceipt | None:
+    """End the phones and do the deed in one transaction; None if it was done before or nobody is there.
+
+    It locks the person, then their meals. An estimate that is just saved holds its meal and wants the person: then
+    PostgreSQL ends one of the two, and who leaves does not hear of it.
+    """
+    return despite_deadlocks(lambda: _in_one_transaction(eraser, erasure, participant_id, caller))
+
+
+def _in_one_transaction(
+    eraser: Eraser, erasure: Erasure, participant_id: uuid.UUID, caller: Caller | None
+) -> ErasureReceipt | None:
+    with eraser.database.write() as session:
+        participant = privacy.lock_participant(session, participant_id)  # first, as all who touch enrolments do
+        if participant is None or privacy.tombstones_among(session, "participant", [erasure.digest]):
+            return None
+        privacy.end_enrolments(session, participant_id)
+        study_id, alias, code = participant.study_id, participant.alias, participant.code
+        new_ids = uuid.uuid4()
+        tokens = privacy.end_tokens(session, participant_id)
+        ended = [eraser.box.digest("token", token_sha256) for token_sha256 in tokens]
+        privacy.add_tombstones(session, "token", ended, erasure.at, study_id=study_id)
+        announce.participant_withdrawn(session, participant, erasure.deed)  # under the code that its receiver knows
+        if erasure.deed != "keep":
+            spend_code(session, eraser.box, participant, erasure.at)
+        counts = {"access_token": len(ended)} | _do(session, participant, erasure, new_ids)
+        privacy.add_tombstones(session, "participant", [erasure.digest], erasure.at, study_id=study_id)
+        receipt = add_receipt(session, erasure, study_id, what="participant", policy=erasure.deed, counts=counts)
+        if erasure.deed != "keep":
+            renamed = (participant.code, new_ids) if erasure.deed == "anonymise" else None
+            erase_person_from_files(session, eraser.box, study_id, code, renamed)
+        audit.note(
+            session,
+            caller,
+            "participant.withdraw",
+            study_id=study_id,
+            subject=alias,
+            policy=erasure.deed,
+            receipt=str(receipt.id),
+        )
+    eraser.database.empty_log()
+    return receipt
+
+
+def require_in_study(session: Session, participant_id: uuid.UUID) -> Participant:
+    """Before something is added to a participant: they are here, and until commit they stay. Raises GoneError."""
+    participant = privacy.join_participant(session, participant_id)
+    if participant is None or participant.withdrawn_at is not None:
+        raise has_left()
+    return participant
+
+
+def has_left() -> GoneError:
+    """What a phone hears whose participant has left."""
+    return GoneError("This participant has left the study.", code="withdrawn")
+
+
+def _do(session: Session, participant: Participant, erasure: Erasure, new_ids: uuid.UUID) -> dict[str, int]:
+    if erasure.deed == "erase":
+        return _erase(session, participant, erasure)
+    for device in privacy.devices_of(session, participant.id):
+        device.revoked_at = device.revoked_at or erasure.at
+    participant.withdrawn_at = participant.withdrawn_at or erasure.at
+    return _anonymise(session, participant, erasure.at, new_ids) if erasure.deed == "anonymise" else {}
+
+
+def _erase(session: Session, participant: Participant, erasure: Erasure) -> dict[str, int]:
+    participant_id, study_id = participant.id, participant.study_id
+    gone = privacy.lock_meals_of(session, participant_id)
+    counts = erase_meals(session, study_id, gone, privacy.meals_of(participant_id), erasure)
+    days = [public_digest(day_id) for day_id in privacy.day_ids(session, participant_id)]
+    if days:
+        number = records.next_change_seq(session, study_id)
+        privacy.add_tombstones(session, "day", days, erasure.at, study_id=study_id, change_seq=number)
+    for table, count in privacy.delete_participant(session, participant_id).items():
+        counts[table] = counts.get(table, 0) + count
+    return counts
+
+
+def _anonymise(session: Session, participant: Participant, now: datetime, new_ids: uuid.UUID) -> dict[str, int]:
+    """What was eaten and when stays, under a code drawn now; all that leads to the person or shows their food goes.
+
+    new_ids: by which the meals' ids are drawn, here and in releases alike; it is kept nowhere.
+    """
+    stay = privacy.lock_meals_of(session, participant.id)
+    of_person = privacy.meals_of(participant.id)
+    for job in privacy.live_jobs_of(session, of_person):  # before the pictures go: nothing may be computed from them
+        meal = session.get_one(Meal, job.meal_id)
+        jobs.fail_job(job, meal, PHOTOGRAPH_ERASED, now)
+        session.flush()
+        project_meal(session, meal)
+    counts = erase_pictures(session, of_person, now)
+    counts |= privacy.delete_person_marks(session, participant.id, of_person)
+    for meal in stay:
+        meal.client_id, meal.alias = uuid.uuid5(new_ids, str(meal.client_id)), uuid.uuid4()
+        meal.details = _without_person(meal.details)
+        meal.after_details = _without_person(meal.after_details) if meal.after_details is not None else None
+    for event in privacy.events_of(session, of_person):
+        if FREE_TEXT in event.new:
+            event.new, event.request_sha256 = event.new | {FREE_TEXT: ""}, ""  # a hash of few words tells them
+    for day_event in privacy.day_events_of(session, participant.id):
+        if day_event.layer == "participant":
+            day_event.author = WITHDRAWN
+    for device in privacy.devices_of(session, participant.id):
+        device.name, device.model, device.app_version = WITHDRAWN, None, None
+        device.clock_skew_seconds = device.last_used_at = None
+    participant.code, participant.alias = f"{WITHDRAWN}-{secrets.token_hex(8)}", uuid.uuid4()
+    participant.profile = None
+    number = records.next_change_seq(session, participant.study_id)
+    privacy.touch_records_and_days(session, participant.id, number)
+    return counts | {"meals_anonymised": len(stay)}
+
+
+def _without_person(details: dict[str, Any]) -> dict[str, Any]:
+    return {name: details[name] for name in KEPT_DETAILS if name in details} | NO_DETAILS
+
+
+def _deed(policy: str) -> Deed:
+    return next(deed for deed in DEEDS if deed == policy)

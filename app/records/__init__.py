@@ -1,0 +1,4 @@
+"""The effective record of each item: projected from runs and events, stored, read, rebuilt, recomputed.
+
+What people say of a meal is in records/review. Lists and files of records belong to exports.
+"""

@@ -1,0 +1,124 @@
+"""What each piece of the after-meal pair is of which item, as far as the server can tell, written down when it changes.
+
+Called whenever a meal is projected, so it does not matter which pair was measured first, and what people say of the
+items meanwhile (another food, an item added) counts. What people say of the pieces themselves is a layer above
+(records/review/say_leftovers.py) and taken as given here. A piece that is not clearly of one item stays unmatched.
+"""
+
+import uuid
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.foods.models import Food
+from app.meals.item_state import ItemState, LeftoverState, MealState
+from app.meals.meal_parts import MealParts
+from app.meals.record_models import Item, Leftover
+from app.nutrition.mass import Mass
+from app.nutrition.refuse_left import LeftoverClass, classify_left
+from app.records.item_foods import weighing_of
+from app.records.served_mass import served_mass
+from app.vision.leftovers import Match, Sight, match_pieces
+from app.vision.model import ItemTraits
+
+AMBIGUOUS = "leftover_ambiguous"  # more than one item would do
+
+Answer = tuple[uuid.UUID | None, str, list[str]]  # of which item, class, flags
+
+
+def match_leftovers(session: Session, parts: MealParts, state: MealState) -> bool:
+    """Write the server's own word on each piece where it is not what it was. Returns whether anything was written."""
+    served = [each for each in state.items if each.is_live and each.item.origin != "declared"]
+    pieces = [each for each in state.leftovers if each.state.is_live]
+    if not pieces:
+        return False
+    now, is_new = datetime.now(UTC), False
+    for piece, (item_id, leftover_class, flags) in zip(pieces, _answers(session, served, pieces), strict=True):
+        rows = parts.leftovers.get(piece.state.item.id, [])
+        own = max((row for row in rows if row.layer == "automatic"), key=lambda row: row.version, default=None)
+        if own is None:
+            if item_id is None and not flags:
+                continue  # unmatched is what holds without a word
+        elif (own.item_id, own.leftover_class, list(own.flags)) == (item_id, leftover_class, flags):
+            continue
+        session.add(
+            Leftover(
+                after_item_id=piece.state.item.id,
+                version=1 + max((row.version for row in rows), default=0),
+                item_id=item_id,
+                leftover_class=leftover_class,
+                layer="automatic",
+                flags=flags,
+                created_at=now,
+            )
+        )
+        is_new = True
+    return is_new
+
+
+def _answers(session: Session, served: Sequence[ItemState], pieces: Sequence[LeftoverState]) -> list[Answer]:
+    places = {each.item.id: place for place, each in enumerate(served)}
+    told: dict[int, int | None] = {}
+    for j, piece in enumerate(pieces):
+        if piece.is_by_person:
+            told[j] = places.get(piece.of_item_id) if piece.of_item_id is not None else None
+        elif (hinted := _told(piece.state.item).get("item")) is not None and uuid.UUID(hinted) in places:
+            told[j] = places[uuid.UUID(hinted)]
+    matches = match_pieces(
+        [_sight(session, each) for each in served], [_sight(session, each.state) for each in pieces], told
+    )
+    classes = _classes(served, pieces, matches)
+    return [
+        (served[match.served].item.id, *classes[j])
+        if match.served is not None
+        else (None, "unmatched", [AMBIGUOUS] if match.is_ambiguous else [])
+        for j, match in enumerate(matches)
+    ]
+
+
+def _told(item: Item) -> Mapping[str, Any]:
+    told: Mapping[str, Any] = item.traits.get("told", {})
+    return told
+
+
+def _classes(
+    served: Sequence[ItemState], pieces: Sequence[LeftoverState], matches: Sequence[Match]
+) -> dict[int, tuple[str, list[str]]]:
+    """(class, flags) of the pieces that are matched."""
+    out: dict[int, tuple[str, list[str]]] = {}
+    for i, item in enumerate(served):
+        of_it = [j for j, match in enumerate(matches) if match.served == i]
+        masses = [_mass(item, pieces[j].state) for j in of_it]
+        found = classify_left(_mass(item, item), masses, [_told_class(pieces[j]) for j in of_it])
+        out |= {j: (name, [flag] if flag is not None else []) for j, (name, flag) in zip(of_it, found, strict=True)}
+    return out
+
+
+def _told_class(piece: LeftoverState) -> LeftoverClass | None:
+    said = piece.leftover_class if piece.is_by_person else _told(piece.state.item).get("class")
+    if said == "food_left":
+        return "food_left"
+    return "refuse" if said == "refuse" else None
+
+
+def _mass(item: ItemState, of: ItemState) -> Mass | None:
+    """Grams of the item, or of a piece of it, by the item's food."""
+    return served_mass(weighing_of(item.taken_for), of.amount) if item.taken_for is not None else None
+
+
+def _sight(session: Session, state: ItemState) -> Sight:
+    traits = state.item.traits
+    centre, lab = traits.get("centre_mm"), traits.get("lab")
+    relative_sd = state.amount.relative_sd
+    return Sight(
+        traits=ItemTraits(
+            centre_mm=(centre[0], centre[1]) if centre is not None else None,
+            radius_mm=traits.get("radius_mm"),
+            lab=(lab[0], lab[1], lab[2]) if lab is not None else None,
+        ),
+        volume_ml=state.amount.volume_ml,
+        relative_sd=sum(sd**2 for sd in relative_sd.values()) ** 0.5,
+        food=session.get_one(Food, state.taken_for.food_id).key if state.taken_for is not None else None,
+    )

@@ -1,0 +1,334 @@
+"""A meal over the wire."""
+
+import uuid
+from datetime import date, datetime
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, computed_field, model_validator
+
+from app.foods.schemas import FoodRef, NutrientAmount, NutrientTotal
+from app.http.field_descriptions import (
+    CAPTURED_AT,
+    FLAGS,
+    FOOD,
+    LOCAL_DATE,
+    MEAL_ID,
+    MEAL_VERSION,
+    PARTICIPANT,
+    RECEIVED_AT,
+    STUDY,
+    TIME_ZONE,
+)
+from app.http.text_schemas import Instant, JsonNumber, Text
+from app.meals.models import AfterStatus, MealStatus
+from app.meals.record_models import CandidateSource, ItemOrigin, LeftoverClass, RecordStatus
+from app.messages.catalogue import sentence
+from app.nutrition.foods import DensityBasis, FoodForm
+from app.people.models import LOCALES
+from app.records.meal_example import MEAL_EXAMPLE
+from app.records.outline_schemas import Pixel, Polygon
+
+MAX_HINTS = 20
+
+
+class HintIn(BaseModel):
+    """Where a food is in the left photograph, upright pixels, and what it is. One of point, box, polygon, or none."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    point: tuple[Pixel, Pixel] | None = Field(default=None, description="x, y")
+    box: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(default=None, description="x, y, width, height")
+    polygon: Polygon | None = Field(
+        default=None,
+        description="Corners [x, y] of its outline, or a list of such rings with holes by the even-odd rule.",
+    )
+    food: Text | None = Field(default=None, min_length=1, max_length=100, description="A food's key (GET /v1/foods).")
+    lies_as: FoodForm | None = Field(
+        default=None,
+        description="How it lies there, where that is not as it usually does: an apple cut into slices is a `heap`.",
+    )
+    form: FoodForm | None = Field(
+        default=None, description="How it lies there, for measuring alone; `lies_as` also says which density counts."
+    )
+    vessel: Text | None = Field(
+        default=None,
+        min_length=1,
+        max_length=100,
+        description="The name of the study's vessel that holds it (GET /v1/me/vessels).",
+    )
+
+    @model_validator(mode="after")
+    def _one_place(self) -> "HintIn":
+        given = [name for name in ("point", "box", "polygon") if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise ValueError(f"give one of point, box and polygon, not {' and '.join(given)}")
+        if not given and self.food is None:
+            raise ValueError("give a point, a box, a polygon or a food")
+        if self.box is not None and (self.box[2] <= 0 or self.box[3] <= 0):
+            raise ValueError("a box needs a positive width and height")
+        return self
+
+
+class CameraIn(BaseModel):
+    """Intrinsics of the phone's camera for upright pixels, as `tada calibrate` prints them."""
+
+    model_config = ConfigDict(extra="ignore")  # `tada calibrate` also prints rms_px and more
+
+    width: int = Field(gt=0, le=100_000, description="Width of the upright pictures that the intrinsics are of, px.")
+    height: int = Field(gt=0, le=100_000, description="Height of the same pictures, px.")
+    fx: JsonNumber = Field(gt=0, description="Focal length across, px.")
+    fy: JsonNumber = Field(gt=0, description="Focal length down, px.")
+    cx: JsonNumber = Field(description="Principal point from the left edge, px.")
+    cy: JsonNumber = Field(description="Principal point from the upper edge, px.")
+    distortion: tuple[JsonNumber, JsonNumber, JsonNumber, JsonNumber, JsonNumber] = Field(
+        default=(0.0, 0.0, 0.0, 0.0, 0.0), description="k1, k2, p1, p2, k3"
+    )
+
+
+class LocationIn(BaseModel):
+    """Where the meal was, WGS84. Kept only if the study keeps locations."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    latitude: JsonNumber = Field(ge=-90, le=90, description="Degrees north, WGS84.")
+    longitude: JsonNumber = Field(ge=-180, le=180, description="Degrees east, WGS84.")
+    accuracy_m: JsonNumber | None = Field(
+        default=None, ge=0, description="Radius within which the phone believes to be, m; null: not known."
+    )
+
+
+class MealMetadataIn(BaseModel):
+    """What the phone tells beside the photographs."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "example": {
+                "captured_at": "2026-11-21T12:30:00+08:00",
+                "time_zone": "Asia/Shanghai",
+                "marker": "plain:9x7:11",
+                "hints": [{"point": [812, 560], "food": "apple"}],
+                "app_version": "1.4.0",
+            }
+        },
+    )
+
+    captured_at: Instant = Field(description="When the left photograph was taken: RFC 3339 with offset.")
+    time_zone: Text = Field(min_length=1, max_length=64, description="IANA name, such as Asia/Shanghai.")
+    marker: Text | None = Field(
+        default=None, max_length=64, description="KIND:COLSxROWS:MM, such as plain:9x7:11; default: the study's."
+    )
+    camera: CameraIn | None = Field(
+        default=None,
+        description="Intrinsics of the phone's camera; null: the phone's calibration, else its model's, else the "
+        "study's, else from EXIF.",
+    )
+    hints: list[HintIn] = Field(
+        default_factory=list,
+        max_length=MAX_HINTS,
+        description="What the person knows of some of the foods; the others are looked for all the same.",
+    )
+    complete: bool = Field(
+        default=False, strict=True, description="Whether the hints are all that there is: nothing else is looked for."
+    )
+    location: LocationIn | None = Field(
+        default=None, description="Where the meal was eaten; kept only if the study keeps locations."
+    )
+    app_version: Text | None = Field(default=None, max_length=64, description="The version of the phone's app.")
+
+
+class NewMealMetadataIn(MealMetadataIn):
+    """The metadata part of POST /v1/meals: with the id that the phone made."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "id": "0b0ccda4-7f0e-4e34-9a39-1f0c6d3bb9c1",
+                "captured_at": "2026-11-21T12:30:00+08:00",
+                "time_zone": "Asia/Shanghai",
+                "hints": [{"point": [812, 560], "food": "apple"}],
+            }
+        }
+    )
+
+    id: uuid.UUID = Field(description="Made by the phone, once a meal; the same id again is the same meal.")
+
+
+class ImageOut(BaseModel):
+    """One photograph that has arrived. `durable`: it is synced to disk and the phone may forget it."""
+
+    received_sha256: str = Field(description="SHA-256 of the bytes that the phone sent, hex.")
+    bytes: int = Field(description="Length of what is kept, bytes.")
+    media_type: str = Field(description="Media type of what is kept, such as image/jpeg.")
+    width_px: int = Field(description="Width of the upright picture.")
+    height_px: int = Field(description="Height of the upright picture.")
+    received_at: datetime = Field(description="When it arrived at the server.")
+    durable: Literal[True] = Field(default=True, description="It is synced to disk: the phone may delete its copy.")
+
+
+class FailureOut(BaseModel):
+    """Why a meal could not be measured, for a person; what to do on the next try."""
+
+    code: str = Field(description="Stable; docs/errors.md lists them.")
+    message: str = Field(description="What went wrong, for a person.")
+    advice: str = Field(description="What to do on the next try.")
+
+    @computed_field(description="One sentence for the participant, by language: en, de, es, zh.")
+    def localised(self) -> dict[str, str]:
+        """From the code; empty for a code without a sentence."""
+        told = {locale: sentence(self.code, locale) for locale in LOCALES}
+        return {locale: text for locale, text in told.items() if text is not None}
+
+
+class ArtefactOut(BaseModel):
+    """A picture or point cloud of one step."""
+
+    name: str = Field(description="The artefact's name in the run.")
+    media_type: str = Field(description="Its media type, such as image/jpeg.")
+    bytes: int = Field(description="Its length, bytes.")
+    href: str = Field(description="Path of its content.")
+
+
+class RunOut(BaseModel):
+    """The execution of the pipeline that the items come from."""
+
+    id: uuid.UUID = Field(description="The run's id.")
+    method: str = Field(description="The method of measuring volumes: shape, or paper (the founding paper's).")
+    pipeline_version: str = Field(description="The version of the pipeline.")
+    marker: str = Field(description="The board that the run looked for, KIND:COLSxROWS:MM.")
+    camera: dict[str, Any] | None = Field(
+        description="Intrinsics that the run used, of the left and the right photograph; null: it failed before it "
+        "had any."
+    )
+    parameters: dict[str, Any] = Field(description="The run's options.")
+    stages: dict[str, float] = Field(description="Seconds a step.")
+    seconds: float = Field(description="How long the run took.")
+    food_tables: list[str] = Field(description="The releases in force, the one that goes first at the head.")
+    created_at: datetime = Field(description="When the run was saved.")
+    artefacts: list[ArtefactOut] = Field(description="Pictures and point clouds of its steps.")
+
+
+class CandidateOut(BaseModel):
+    """A food that the item may be; source: who says so."""
+
+    food: FoodRef = Field(description="The food that it may be.")
+    probability: float | None = Field(description="By the index; null: a hint's.")
+    source: CandidateSource = Field(description="hint, the phone's; or index")
+
+
+class ItemOut(BaseModel):
+    """One food on the plate. Without a food or a volume, mass and nutrients are null and the meal needs review."""
+
+    id: uuid.UUID = Field(description="The item's id: events name it.")
+    status: RecordStatus = Field(description="proposed, needs_review, confirmed, corrected or rejected")
+    origin: ItemOrigin = Field(description="pipeline, declared, added, split or merged")
+    polygon: list[list[tuple[float, float]]] = Field(
+        description="Rings in the left photograph's upright pixels, holes by the even-odd rule."
+    )
+    food: FoodRef | None = Field(description=FOOD)
+    lies_as: FoodForm | None = Field(description="How it was said to lie; null: as it usually does.")
+    candidates: list[CandidateOut] = Field(
+        description="A hint's, then the index's, best first: choose one by the event `set_food` with its key."
+    )
+    none_of_these: float | None = Field(
+        description="Probability that it is none of the index's candidates; null: the index was not asked."
+    )
+    index_version: str | None = Field(description="Which index gave the candidates (docs/identification.md).")
+    volume_ml: float | None = Field(description="Null where it could not be measured: flag `not_measurable`.")
+    volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
+    density_g_per_ml: float | None = Field(
+        description="Turned the volume into grams; null where a person set the grams."
+    )
+    density_sd_g_per_ml: float | None = Field(description="What the next item of this food may differ from it.")
+    density_basis: DensityBasis | None = Field(description="study, measured, fao, portion, related or group.")
+    density_source: str | None = Field(description="Who measured or published the density; null: none was used.")
+    mass_g: float | None = Field(description="As seen, with peel, core and bone.")
+    mass_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
+    edible_share: float | None = Field(description="Edible mass / mass as seen.")
+    edible_g: float | None = Field(description="As served, without peel, core and bone.")
+    share: float = Field(description="The participant's share of a dish that is shared.")
+    left_g: float | None = Field(description="Edible grams left over; null: nobody has looked.")
+    consumed_g: float | None = Field(description="(edible - left) x share; signed: below 0 is doubt, not food.")
+    consumed_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
+    provisional: bool = Field(description="An after-meal pair may still come.")
+    reviewed: bool = Field(description="A reviewer has had the last word.")
+    parent: uuid.UUID | None = Field(description="The item that it was split from, or that it came with.")
+    open_probes: list[str] = Field(description="What the participant is to be asked of it: no camera sees it.")
+    nutrients: list[NutrientAmount] = Field(description="Of what was consumed.")
+    flags: list[str] = Field(description=FLAGS)
+
+
+class TotalsOut(BaseModel):
+    """The meal's items together; doubt that they share (the pair's, a food's density) is not averaged away."""
+
+    consumed_g: float | None = Field(description="The sum of the items' consumed_g.")
+    consumed_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
+    unmeasured_items: int = Field(description="Items whose mass is not known; above 0, the totals are incomplete.")
+    nutrients: list[NutrientTotal] = Field(description="Totals of what was consumed, one entry per component.")
+
+
+class LeftoverOut(BaseModel):
+    """A piece in the after-meal pair. What is food_left of an item is taken from what was served; refuse is not."""
+
+    model_config = ConfigDict(serialize_by_alias=True, validate_by_name=True)
+
+    id: uuid.UUID = Field(description="The piece's id: the event `set_leftover` names it.")
+    leftover_class: LeftoverClass = Field(alias="class", description="food_left, refuse or unmatched")
+    item: uuid.UUID | None = Field(description="The item of the meal that it was left of.")
+    is_by_person: bool = Field(description="A person has said so; else it is the server's own match.")
+    polygon: list[list[tuple[float, float]]] = Field(
+        description="Rings in after_left's upright pixels, holes by the even-odd rule."
+    )
+    food: FoodRef | None = Field(description="The item's.")
+    volume_ml: float | None = Field(description="Null where it could not be measured.")
+    volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
+    mass_g: float | None = Field(description="As seen, by the density of the item's food.")
+    mass_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
+    flags: list[str] = Field(description=FLAGS)
+
+
+class AfterOut(BaseModel):
+    """The after-meal pair. It never moves the meal's own status."""
+
+    status: AfterStatus | None = Field(
+        description="null: nothing has come yet; receiving, queued, processing, estimated, needs_review, failed, or "
+        "nothing_left, as a person said"
+    )
+    due_at: datetime | None = Field(description="Until then the records are provisional; null: no pair is waited for.")
+    captured_at: datetime | None = Field(description="When after_left was taken; null: the phone has not said.")
+    ignored: list[str] = Field(description="Fields that were told of it and that this server does not know.")
+    images: dict[str, ImageOut] = Field(description="Photographs that have arrived, by slot: after_left, after_right.")
+    missing: list[str] = Field(description="Slots whose photographs have not arrived.")
+    failure: FailureOut | None = Field(description="Why the pair could not be measured: send another one.")
+    leftovers: list[LeftoverOut] = Field(description="Pieces that were seen after the meal.")
+    artefacts: list[ArtefactOut] = Field(description="Pictures and point clouds of the pair's run.")
+
+
+class MealOut(BaseModel):
+    """A meal: what has arrived, where it stands, what was found."""
+
+    model_config = ConfigDict(json_schema_extra={"example": MEAL_EXAMPLE})
+
+    id: uuid.UUID = Field(description=MEAL_ID)
+    study: str = Field(description=STUDY)
+    participant: str = Field(description=PARTICIPANT)
+    status: MealStatus = Field(
+        description="receiving, queued, processing, estimated, needs_review, failed or confirmed"
+    )
+    stage: str | None = Field(description="The pipeline's step while processing; `waits_for_room` between two tries.")
+    captured_at: datetime = Field(description=CAPTURED_AT)
+    time_zone: str = Field(description=TIME_ZONE)
+    local_date: date = Field(description=LOCAL_DATE)
+    received_at: datetime = Field(description=RECEIVED_AT)
+    version: int = Field(description=MEAL_VERSION)
+    flags: list[str] = Field(description="Causes of doubt about the whole meal: `clock_doubtful`.")
+    ignored: list[str] = Field(
+        description="Fields of the metadata that this server does not know: kept with the meal, and heard by nobody."
+    )
+    images: dict[str, ImageOut] = Field(description="Photographs that have arrived, by slot: left, right.")
+    missing: list[str] = Field(description="Slots whose photographs have not arrived.")
+    failure: FailureOut | None = Field(description="Why the meal could not be measured; null: it has not failed.")
+    after: AfterOut | None = Field(description="null: no after-meal pair has come, and none is waited for.")
+    items: list[ItemOut] = Field(description="The foods of the meal, rejected ones too.")
+    totals: TotalsOut = Field(description="Sums over the items that count.")
+    run: RunOut | None = Field(description="The run that the items come from; null: there is none.")

@@ -1,0 +1,237 @@
+"""Which records are on a page: their keys (captured_at, item id), found in indexes alone, whatever the filters.
+
+The filters are resolved to ids first (study, participant, food). Each combination of ids that an index begins with is a
+branch, in which the index holds the rows in the page's order already; the branches are merged and the merge stops with
+the page. So a page costs the same at the start, in the middle and at the end, and a filter that leaves nothing costs
+nothing. What the rows are joined with is read for the page alone. docs/capacity.md tells which index serves what.
+"""
+
+import itertools
+import math
+import uuid
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, time, timedelta
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql
+from sqlalchemy.orm import Session
+
+from app.foods.models import Food
+from app.meals.record_models import RECORD_STATUSES, EffectiveRecord
+from app.people.models import Participant, Study
+
+MOST_BRANCHES = 256  # of one statement; with more the records are read in their order, and those of no branch passed by
+EASTERNMOST = timedelta(hours=14)  # a local day begins so long before the same day of UTC
+# A local day ends so long after the same day of UTC has begun: the day itself, 12 h in the westernmost zone, 24 h where
+# the study's day starts late, and 24 h where a zone moved over the date line and has no such day (services/meal_time).
+LATEST_END = timedelta(days=3, hours=12)
+BEFORE_ALL = (datetime(1900, 1, 1, tzinfo=UTC), uuid.UUID(int=0))  # the key of no record, before all of them
+CALENDAR = (date(1900, 1, 1), date(9000, 1, 1))  # days beyond bound nothing: no record is there
+
+MOST_PLANNED = 8  # PostgreSQL plans each branch by itself, in half a millisecond; more of them are given as arrays
+ORDER = (EffectiveRecord.captured_at, EffectiveRecord.item_id)
+AFTER_INSTANT, AFTER_ITEM = "after_instant", "after_item"  # parameters of RecordSearch.pages
+
+Key = tuple[datetime, uuid.UUID]
+Conditions = tuple[sa.ColumnElement[bool], ...]
+Branch = tuple[Any, ...]  # a value of each key column
+
+
+@dataclass(frozen=True, slots=True)
+class RecordFilter:
+    """Which records: None, or an empty tuple, leaves a filter out. first_day and last_day: local days, both included.
+
+    food_keys, statuses: one of these.
+    """
+
+    study_code: str | None = None
+    participant_code: str | None = None
+    participant_id: uuid.UUID | None = None
+    study_ids: frozenset[uuid.UUID] | None = None
+    first_day: date | None = None
+    last_day: date | None = None
+    food_keys: tuple[str, ...] = ()
+    statuses: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RecordSearch:
+    """A filter whose names are ids: the branches to read, and what each row of them must fulfil besides.
+
+    keys: the columns that a branch has values of. PostgreSQL keeps an index's order in a branch only if the branch has
+    an order and a limit of its own (else it reads all of each and sorts); SQLite merges branches as they are, and would
+    sort each that has a limit.
+    """
+
+    keys: tuple[Any, ...]
+    branches: Sequence[Branch]
+    conditions: Conditions
+    is_on_sqlite: bool
+
+    def page(self, after: Key | None, limit: int, *columns: Any) -> sa.CTE:
+        """At most `limit` records behind `after`: captured_at, item_id and these columns of theirs.
+
+        In no order: the reader sorts what it has joined them with.
+        """
+        conditions = self.conditions if after is None else (*self.conditions, _behind(*after))
+        if self.is_on_sqlite or len(self.branches) <= MOST_PLANNED:
+            return self._page(conditions, limit, columns)
+        return self._page_by_arrays(conditions, limit, columns)
+
+    def pages(self, limit: int, *columns: Any) -> sa.CTE:
+        """The same for one page after the other: AFTER_INSTANT and AFTER_ITEM are the statement's parameters."""
+        record = EffectiveRecord
+        after = (
+            sa.bindparam(AFTER_INSTANT, type_=record.captured_at.type),
+            sa.bindparam(AFTER_ITEM, type_=record.item_id.type),
+        )
+        behind = sa.tuple_(record.captured_at, record.item_id) > sa.tuple_(*after)
+        return self._page((*self.conditions, behind), limit, columns)
+
+    def rows(self, *columns: Any) -> sa.Select[*tuple[Any, ...]] | sa.CompoundSelect[*tuple[Any, ...]]:
+        """All records in their order, as SQLite finds them: captured_at, item_id and these columns of theirs."""
+        parts = self._parts(self.conditions, columns)
+        if len(parts) == 1:
+            return parts[0].order_by(*ORDER)
+        return sa.union_all(*parts).order_by(*(sa.literal_column(column.key) for column in ORDER))
+
+    def _parts(self, conditions: Conditions, columns: Sequence[Any]) -> list[sa.Select[*tuple[Any, ...]]]:
+        """A query a branch."""
+        found = sa.select(*ORDER, *columns).where(*conditions)
+        return [
+            found.where(*(key == value for key, value in zip(self.keys, values, strict=True)))
+            for values in self.branches
+        ]
+
+    def _page(self, conditions: Conditions, limit: int, columns: Sequence[Any]) -> sa.CTE:
+        parts = self._parts(conditions, columns)
+        if not self.is_on_sqlite:
+            parts = [sa.select(part.order_by(*ORDER).limit(limit).subquery()) for part in parts]
+        every = sa.union_all(*parts).subquery("branch")
+        return sa.select(every).order_by(every.c.captured_at, every.c.item_id).limit(limit).cte("page")
+
+    def _page_by_arrays(self, conditions: Conditions, limit: int, columns: Sequence[Any]) -> sa.CTE:
+        """PostgreSQL: one plan for however many branches, each of which gives a page of its own."""
+        names = [f"key_{number}" for number in range(len(self.keys))]
+        arrays = (
+            sa.literal(list(values), postgresql.ARRAY(key.type))
+            for key, values in zip(self.keys, zip(*self.branches, strict=True), strict=True)
+        )
+        listed = sa.func.unnest(*arrays).table_valued(*names).render_derived("listed")
+        of_branch = (key == listed.c[name] for key, name in zip(self.keys, names, strict=True))
+        found = sa.select(*ORDER, *columns).where(*conditions, *of_branch).order_by(*ORDER).limit(limit)
+        branch = found.lateral("branch")
+        every = sa.select(branch).select_from(listed.join(branch, sa.true()))
+        return every.order_by(branch.c.captured_at, branch.c.item_id).limit(limit).cte("page")
+
+
+def search_of(session: Session, chosen: RecordFilter) -> RecordSearch | None:
+    """The filter as it is searched for; None: it names what is not there, or what the caller may not see."""
+    record = EffectiveRecord
+    studies = studies_of(session, chosen.study_code, chosen.study_ids)
+    people = _participants(session, chosen, studies)
+    foods = food_ids(session, chosen.food_keys) if chosen.food_keys else None
+    statuses = sorted(set(chosen.statuses)) or None
+    if any(found is not None and not found for found in (studies, people, foods)):
+        return None
+    days = within_days(chosen.first_day, chosen.last_day)
+    of_food, of_status = _one_of(record.food_id, foods), _one_of(record.status, statuses)
+    by: list[tuple[Any, Sequence[Any]]] = []
+    if people is not None:
+        by, rest = [(record.participant_id, people)], (*of_food, *of_status, *days)
+    elif foods is not None:
+        searched = studies if studies is not None else all_studies(session)
+        by = [(record.food_id, foods), (record.study_id, searched), (record.status, statuses or RECORD_STATUSES)]
+        rest = days
+    elif statuses is not None:
+        searched = studies if studies is not None else all_studies(session)
+        by, rest = [(record.study_id, searched), (record.status, statuses)], days
+    elif studies is not None:
+        by, rest = [(record.study_id, studies)], days
+    else:
+        rest = days
+    if math.prod(len(values) for _, values in by) > MOST_BRANCHES:
+        of_study, of_person = _one_of(record.study_id, studies), _one_of(record.participant_id, people)
+        by, rest = [], (*of_study, *of_person, *of_food, *of_status, *days)
+    branches = list(itertools.product(*(values for _, values in by)))
+    keys = tuple(column for column, _ in by)
+    is_on_sqlite = session.get_bind().dialect.name == "sqlite"
+    return RecordSearch(keys, branches, rest, is_on_sqlite) if branches else None
+
+
+def studies_of(
+    session: Session, study_code: str | None, study_ids: frozenset[uuid.UUID] | None
+) -> list[uuid.UUID] | None:
+    """The studies that a filter and the caller's own leave; None: all there are."""
+    if study_code is None:
+        return None if study_ids is None else sorted(study_ids)
+    found = session.scalars(sa.select(Study.id).where(Study.code == study_code))
+    return [study for study in found if study_ids is None or study in study_ids]
+
+
+def all_studies(session: Session, most: int = MOST_BRANCHES) -> list[uuid.UUID]:
+    """The ids of all studies, or of one more than `most`, the most branches that the caller's statement may have."""
+    return list(session.scalars(sa.select(Study.id).order_by(Study.id).limit(most + 1)))
+
+
+def participants_of(
+    session: Session, code: str | None, participant_id: uuid.UUID | None, studies: Sequence[uuid.UUID] | None
+) -> list[uuid.UUID] | None:
+    """The participants of this code or id in these studies (None: in all); None: neither is asked for."""
+    if code is None and participant_id is None:
+        return None
+    # through the studies, which are few: there is no index of codes alone
+    query = sa.select(Participant.id).join(Study, Study.id == Participant.study_id).order_by(Participant.id)
+    if code is not None:
+        query = query.where(Participant.code == code)
+    if participant_id is not None:
+        query = query.where(Participant.id == participant_id)
+    if studies is not None:
+        query = query.where(Study.id.in_(studies))
+    return list(session.scalars(query))
+
+
+def _participants(
+    session: Session, chosen: RecordFilter, studies: Sequence[uuid.UUID] | None
+) -> list[uuid.UUID] | None:
+    return participants_of(session, chosen.participant_code, chosen.participant_id, studies)
+
+
+def food_ids(session: Session, keys: Sequence[str]) -> list[int]:
+    """The ids of all versions of these foods, in all releases."""
+    return list(session.scalars(sa.select(Food.id).where(Food.key.in_(keys)).order_by(Food.id)))
+
+
+def within_days(first_day: date | None, last_day: date | None) -> Conditions:
+    """The local days exactly, and bounds of the instant around them, by which an index is entered and left."""
+    record = EffectiveRecord
+    earliest, latest = CALENDAR
+    conditions: list[sa.ColumnElement[bool]] = []
+    if first_day is not None:
+        conditions.append(record.local_date >= first_day)
+        if earliest < first_day < latest:
+            conditions.append(record.captured_at >= _midnight(first_day) - EASTERNMOST)
+    if last_day is not None:
+        conditions.append(record.local_date <= last_day)
+        if earliest < last_day < latest:
+            conditions.append(record.captured_at < _midnight(last_day) + LATEST_END)
+    return tuple(conditions)
+
+
+def _midnight(day: date) -> datetime:
+    return datetime.combine(day, time(), UTC)
+
+
+def _one_of(column: Any, values: Sequence[Any] | None) -> Conditions:
+    return (column.in_(values),) if values is not None else ()
+
+
+def _behind(captured_at: datetime, item_id: uuid.UUID) -> sa.ColumnElement[bool]:
+    record = EffectiveRecord
+    key = sa.tuple_(
+        sa.bindparam(None, captured_at, type_=record.captured_at.type),
+        sa.bindparam(None, item_id, type_=record.item_id.type),
+    )
+    return sa.tuple_(record.captured_at, record.item_id) > key

@@ -1,0 +1,65 @@
+"""/v1/meals/{meal_id}/images/{slot}: a meal's photograph for eyes. Each reading stands in the audit log."""
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Header, Query, Response
+
+from app.children.api_children import ApiChildren
+from app.http.parameters import Slot
+from app.http.problems import problem_responses
+from app.people.access.deps import CurrentCaller, State
+from app.records.serve_photo import find_photo, render_photo
+from app.uploads.api import MealId, ParticipantCode
+
+router = APIRouter(prefix="/v1/meals", tags=["meals"])
+
+MIN_WIDTH_PX, DEFAULT_WIDTH_PX, MAX_WIDTH_PX = 64, 1600, 4096
+
+
+@router.get(
+    "/{meal_id}/images/{slot}",
+    response_class=Response,
+    responses={
+        200: {
+            "content": {"image/jpeg": {}},
+            "description": "The photograph, upright, its colours corrected by the marker, without metadata.",
+            "headers": {
+                "X-Colour-Correction": {
+                    "description": "`colour`: by the board's colours; `white`: by its paper; `none`: as taken.",
+                    "schema": {"type": "string", "enum": ["colour", "white", "none"]},
+                }
+            },
+        },
+        304: {"description": "The caller has it already; no reading is noted."},
+        **problem_responses(401, 403, 404, 409, 410, 422, 500, 503),
+    },
+)
+def get_photograph(
+    meal_id: MealId,
+    slot: Slot,
+    state: State,
+    caller: CurrentCaller,
+    width: Annotated[
+        int, Query(ge=MIN_WIDTH_PX, le=MAX_WIDTH_PX, description="At most so many px wide; never enlarged.")
+    ] = DEFAULT_WIDTH_PX,
+    colour: Annotated[
+        Literal["corrected", "as_taken"],
+        Query(description="By default as the newest run of the pair corrects it, where it could."),
+    ] = "corrected",
+    participant: ParticipantCode = None,
+    if_none_match: Annotated[
+        str | None, Header(max_length=500, description="The ETag of what is there already: 304 if it has not changed.")
+    ] = None,
+) -> Response:
+    """A photograph of the meal as JPEG, for the study's staff and for the phone that sent it."""
+    found = find_photo(state.database, caller, meal_id, slot, participant, as_taken=colour == "as_taken")
+    headers = {
+        "ETag": found.etag(width),
+        "Cache-Control": "private, max-age=0, must-revalidate",  # erased is erased: each use asks first
+        "X-Colour-Correction": found.colour_kind,
+    }
+    known = {tag.strip().removeprefix("W/") for tag in (if_none_match or "").split(",")}
+    if headers["ETag"] in known:
+        return Response(status_code=304, headers=headers)
+    content = render_photo(state.database, state.blobs, state.part(ApiChildren), state.settings, caller, found, width)
+    return Response(content, media_type="image/jpeg", headers=headers)

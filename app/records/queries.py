@@ -1,0 +1,145 @@
+"""SQL of runs, items and effective records. Records page by the immutable (captured_at, item id)."""
+
+import uuid
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date, datetime
+from typing import Any, NamedTuple
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session
+
+from app.diary import diary_queries as diary
+from app.diary.models import DayStatus, DiaryDay
+from app.foods.models import Food, FoodRelease
+from app.meals.models import Meal
+from app.meals.record_models import EffectiveRecord, Run, RunArtefact
+from app.people.models import Participant, Study
+from app.records.page_queries import Key, RecordFilter, search_of
+
+
+class FoodName(NamedTuple):
+    """A food by its key, and by its name in the version that a record holds."""
+
+    key: str
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class RecordRow:
+    """An effective record with the names that go with it, and its day's.
+
+    received_at: when the first of the meal arrived. first_day: the participant's day 1.
+    """
+
+    record: EffectiveRecord
+    meal_client_id: uuid.UUID
+    time_zone: str
+    study_code: str
+    participant_code: str
+    food_release: str | None
+    received_at: datetime
+    day_status: DayStatus
+    food: FoodName | None
+    first_day: date | None
+
+
+def page_of_records(session: Session, chosen: RecordFilter, *, after: Key | None, limit: int) -> list[RecordRow]:
+    """At most `limit` records in the order of (captured_at, item id), those behind `after`."""
+    search = search_of(session, chosen)
+    if search is None:
+        return []
+    page = search.page(after, limit)
+    query = _rows(page.join(EffectiveRecord, EffectiveRecord.item_id == page.c.item_id))
+    return _with_days(session, query.order_by(page.c.captured_at, page.c.item_id))
+
+
+def rows_of_records(
+    session: Session, where: Sequence[sa.ColumnElement[bool]], order: Sequence[Any], limit: int
+) -> list[RecordRow]:
+    """At most `limit` records that fulfil the conditions, in this order."""
+    return _with_days(session, _rows(EffectiveRecord).where(*where).order_by(*order).limit(limit))
+
+
+def _with_days(session: Session, query: sa.Select[*tuple[Any, ...]]) -> list[RecordRow]:
+    rows = session.execute(query).all()
+    first = diary.first_days(session, {row[0].participant_id for row in rows})
+    return [
+        RecordRow(
+            record=record,
+            meal_client_id=meal,
+            time_zone=time_zone,
+            study_code=study,
+            participant_code=participant,
+            food=FoodName(food_key, food_name) if food_key is not None else None,
+            food_release=food_release,
+            received_at=received_at,
+            day_status=day_status,
+            first_day=first.get(record.participant_id),
+        )
+        for (
+            record,
+            food_key,
+            food_name,
+            meal,
+            time_zone,
+            study,
+            participant,
+            food_release,
+            received_at,
+            day_status,
+        ) in rows
+    ]
+
+
+def last_run(session: Session, meal_id: uuid.UUID, purpose: str = "meal") -> Run | None:
+    """The newest run of the meal's own pair, or of its after-meal pair."""
+    query = (
+        sa.select(Run)
+        .where(Run.meal_id == meal_id, Run.purpose == purpose)
+        .order_by(Run.created_at.desc(), Run.id)
+        .limit(1)
+    )
+    return session.scalars(query).one_or_none()
+
+
+def artefacts_of(session: Session, run_id: uuid.UUID) -> list[RunArtefact]:
+    """A run's pictures and point clouds by name."""
+    return list(session.scalars(sa.select(RunArtefact).where(RunArtefact.run_id == run_id).order_by(RunArtefact.name)))
+
+
+def next_change_seq(session: Session, study_id: uuid.UUID) -> int:
+    """Count a change of the study; the counter's row stays locked until commit, so numbers appear in order."""
+    query = (
+        sa.update(Study).where(Study.id == study_id).values(change_seq=Study.change_seq + 1).returning(Study.change_seq)
+    )
+    return session.execute(query).scalar_one()
+
+
+def _rows(source: Any) -> sa.Select[*tuple[Any, ...]]:
+    """Records with what goes with them, from a source that has EffectiveRecord in it."""
+    record = EffectiveRecord
+    return (
+        sa.select(
+            record,
+            Food.key,
+            Food.name,
+            Meal.client_id,
+            Meal.time_zone,
+            Study.code,
+            Participant.code,
+            FoodRelease.name + " " + FoodRelease.version,
+            Meal.received_at,
+            sa.func.coalesce(DiaryDay.status, "open"),
+        )
+        .select_from(source)
+        .join(Meal, Meal.id == record.meal_id)
+        .join(Study, Study.id == record.study_id)
+        .join(Participant, Participant.id == record.participant_id)
+        .outerjoin(
+            DiaryDay,
+            sa.and_(DiaryDay.participant_id == record.participant_id, DiaryDay.local_date == record.local_date),
+        )
+        .outerjoin(Food, Food.id == record.food_id)
+        .outerjoin(FoodRelease, FoodRelease.id == Food.release_id)
+    )

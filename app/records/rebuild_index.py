@@ -1,0 +1,194 @@
+"""Vectors of the current version for items that have none, and the study's index in line with them.
+
+From the sealed photographs, which only a child of the limited pool decodes. One meal at a time: described outside any
+transaction, written in a short one after a look whether meal and photograph are still there. What is done stays
+done, so that a run that broke off is gone on with by the next.
+"""
+
+import tempfile
+import uuid
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import structlog
+from sqlalchemy.orm import Session
+
+from app.candidates import vector_queries as vectors
+from app.candidates.models import ItemIdentification
+from app.candidates.vcm_json import vcm_from_json
+from app.candidates.vector_queries import DESCRIBED_SLOT, SeenRegion
+from app.children.child_pool import ChildPool, ChildRequest, ChildStartError
+from app.core.errors import NotFoundError, UnavailableError
+from app.core.settings import Settings
+from app.db.session import Database
+from app.meals import queries as meals
+from app.meals.meal_parts import parts_of
+from app.meals.models import MealImage
+from app.meals.receive_photo import sha256_of_file
+from app.people import queries as people
+from app.records.project_records import Projector, write_records
+from app.storage.blob_store import BlobMissingError, BlobStore
+from app.vision.looks.vcm import VCM_VERSION
+
+log = structlog.get_logger()
+
+BATCH = 200  # meals a reading
+SECONDS = 60.0  # of one photograph and its regions
+
+
+@dataclass(frozen=True, slots=True)
+class Described:
+    """Numbers of regions.
+
+    kept: had a vector; described: have one now, or would get one; gone: their photograph is erased; unreadable: it is
+    damaged, or nothing of the region is in it.
+    """
+
+    kept: int = 0
+    described: int = 0
+    gone: int = 0
+    unreadable: int = 0
+
+
+def check_index(database: Database, *, study_code: str | None) -> Described:
+    """What rebuild_index would do; changes nothing and opens no photograph. Raises NotFoundError for no such study."""
+    with database.read() as session:
+        found = Described(kept=vectors.described(session, VCM_VERSION, study_id=_study_id(session, study_code)))
+    for meal_id in _meals(database, study_code):
+        with database.read() as session:
+            count = len(vectors.regions_to_describe(session, meal_id, VCM_VERSION))
+            is_there = vectors.photograph_of(session, meal_id) is not None
+        found = _plus(found, **{"described" if is_there else "gone": count})
+    return found
+
+
+def rebuild_index(
+    database: Database, blobs: BlobStore, children: ChildPool, settings: Settings, *, study_code: str | None
+) -> Described:
+    """Describe what has no vector of the current version.
+
+    Raises NotFoundError for no such study, UnavailableError where no child process starts.
+    """
+    with database.read() as session:
+        found = Described(kept=vectors.described(session, VCM_VERSION, study_id=_study_id(session, study_code)))
+    for meal_id in _meals(database, study_code):
+        done = _describe_meal(database, blobs, children, settings, meal_id)
+        found = _plus(found, **asdict(done))
+    return found
+
+
+def _describe_meal(
+    database: Database, blobs: BlobStore, children: ChildPool, settings: Settings, meal_id: uuid.UUID
+) -> Described:
+    with database.read() as session:
+        regions = vectors.regions_to_describe(session, meal_id, VCM_VERSION)
+        image = vectors.photograph_of(session, meal_id)
+    if not regions or image is None:
+        return Described(gone=len(regions))
+    with tempfile.TemporaryDirectory(prefix="tada-", dir=blobs.staging_folder()) as name:
+        path = Path(name) / "photo"
+        if not _fetch(blobs, image, path):
+            return Described(unreadable=len(regions))
+        made = _vectors(children, settings, path, regions)
+    return _write(database, meal_id, regions, made)
+
+
+def _fetch(blobs: BlobStore, image: MealImage, path: Path) -> bool:
+    """Whether the photograph is there as it was sealed."""
+    try:
+        blobs.fetch(image.blob_key, path)
+    except (BlobMissingError, OSError):
+        log.exception("photo_missing", blob_key=image.blob_key)
+        return False
+    if sha256_of_file(path) != image.stored_sha256:
+        log.error("photo_damaged", blob_key=image.blob_key)
+        return False
+    return True
+
+
+def _vectors(
+    children: ChildPool, settings: Settings, photo: Path, regions: Sequence[SeenRegion]
+) -> Sequence[bytes | None]:
+    """Each region's vector; None: the photograph cannot be decoded, or nothing of the region is in it."""
+    request = ChildRequest(
+        task="describe",
+        arguments={
+            "photo": str(photo),
+            "max_pixels": settings.max_photo_pixels,
+            "regions": [_asked(region) for region in regions],
+        },
+    )
+    try:
+        ended = children.run(request, lambda _: None, seconds=SECONDS)
+    except ChildStartError as error:
+        raise UnavailableError("No child process starts that could read photographs: see the log.") from error
+    if ended.is_passing:
+        raise UnavailableError("The machine is too busy to read photographs: try again later.")
+    if ended.outcome != "ok" or ended.result["failure"] is not None:
+        log.error("regions_not_described", outcome=ended.outcome, message=ended.message.partition(":")[0])
+        return [None] * len(regions)
+    return [vcm_from_json(one).vector if one is not None else None for one in ended.result["vcms"]]
+
+
+def _write(
+    database: Database, meal_id: uuid.UUID, regions: Sequence[SeenRegion], made: Sequence[bytes | None]
+) -> Described:
+    with database.write() as session:
+        meal = meals.lock_meal(session, meal_id)
+        if meal is None or vectors.photograph_of(session, meal_id) is None:  # erased meanwhile
+            return Described(gone=len(regions))
+        bare = {(one.item_id, one.run_id) for one in vectors.regions_to_describe(session, meal_id, VCM_VERSION)}
+        now = datetime.now(UTC)
+        new = [
+            ItemIdentification(
+                item_id=region.item_id,
+                run_id=region.run_id,
+                vcm_version=VCM_VERSION,
+                vector=vector,
+                index_version=None,
+                none_probability=None,
+                created_at=now,
+            )
+            for region, vector in zip(regions, made, strict=True)
+            if vector is not None and (region.item_id, region.run_id) in bare  # another command may have been quicker
+        ]
+        session.add_all(new)
+        session.flush()
+        write_records(session, Projector(session).project(parts_of(session, [meal])[0]))
+    unreadable = sum(vector is None for vector in made)
+    return Described(kept=len(made) - unreadable - len(new), described=len(new), unreadable=unreadable)
+
+
+def _meals(database: Database, study_code: str | None) -> Iterator[uuid.UUID]:
+    """Meals with a region that has no vector, by id, read a batch at a time: no transaction is open meanwhile."""
+    after: uuid.UUID | None = None
+    while True:
+        with database.read() as session:
+            study_id = _study_id(session, study_code)
+            batch = vectors.meals_to_describe(session, VCM_VERSION, after=after, limit=BATCH, study_id=study_id)
+        yield from batch
+        if len(batch) < BATCH:
+            return
+        after = batch[-1]
+
+
+def _study_id(session: Session, code: str | None) -> uuid.UUID | None:
+    if code is None:
+        return None
+    study = people.find_study(session, code)
+    if study is None:
+        raise NotFoundError("There is no such study.")
+    return study.id
+
+
+def _asked(region: SeenRegion) -> dict[str, Any]:
+    """The region as describe_task takes it."""
+    colour = region.colour.get(DESCRIBED_SLOT) if region.colour is not None else None
+    return {"rings": region.rings, "colour": colour, "marker": region.marker}
+
+
+def _plus(counted: Described, **more: int) -> Described:
+    return replace(counted, **{name: getattr(counted, name) + number for name, number in more.items()})

@@ -1,0 +1,189 @@
+"""Records computed anew by the food tables and densities that are in force now: volumes, foods and statuses stay.
+
+An item whose food has other figures, another density or another edible share by now gets a new row of what it is taken
+for, and its effective record follows; the old rows stay. What a person chose stays chosen: the food goes by its key. An
+item whose food is in no table any more is left as it is and counted. Doing it again changes nothing.
+"""
+
+import uuid
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
+
+from app.core.errors import ConflictError, NotFoundError
+from app.db.session import Database
+from app.foods import queries as foods
+from app.foods.food_amounts import RECORD_COLUMNS, Weighing
+from app.foods.models import Food
+from app.meals.meal_parts import MealParts, meals_after, parts_of
+from app.meals.models import Meal
+from app.meals.record_models import EffectiveRecord, ItemFood, Recompute
+from app.people import queries as people
+from app.records.item_foods import item_food, weighing_for, weighing_of
+from app.records.project_records import MealProjection, Projector, with_food, write_records
+
+BATCH = 50  # meals a transaction: writers wait for no more than that
+COMPARED = ("density_g_per_ml", "mass_g", "edible_g", "left_g", "consumed_g", *RECORD_COLUMNS)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordDifference:
+    """One record that changes. columns: name -> (before, after), of those of COMPARED that differ.
+
+    Without any, only components beyond the headline ones differ, or the source of the density.
+    """
+
+    item_id: uuid.UUID
+    meal_id: uuid.UUID
+    food_key: str
+    columns: dict[str, tuple[float | None, float | None]]
+
+
+@dataclass(slots=True)
+class Recomputed:
+    """How many records were compared and changed; gone: key -> records whose food is in no table in force."""
+
+    compared: int = 0
+    changed: int = 0
+    gone: Counter[str] = field(default_factory=Counter)
+
+
+Listener = Callable[[RecordDifference], None]
+
+
+def recompute_nutrients(
+    database: Database, *, write: bool, author: str, reason: str, study_code: str | None = None, tell: Listener
+) -> Recomputed:
+    """Compare every record with what its food comes to now; with `write`, make new ones of those that differ.
+
+    tell: called with each difference. Raises NotFoundError for an unknown study; ConflictError if somebody else changes
+    the same items at this moment: what was written before stays, and doing it again does the rest.
+    """
+    work = _Recomputation(author, reason, write=write)
+    study_id = _study_id(database, study_code)
+    after = None
+    while True:
+        try:
+            with database.write() if write else database.read() as session:
+                batch = meals_after(session, after, BATCH, lock=write, study_id=study_id)
+                if not batch:
+                    return work.done
+                differences = work.batch(session, batch)
+        except IntegrityError:
+            raise ConflictError(
+                "Somebody else changes the same items at this moment: do it again for the rest.",
+                code="recompute_running",
+            ) from None
+        after = batch[-1].id
+        for difference in differences:
+            tell(difference)
+
+
+class _Recomputation:
+    """One run through the meals: what it has done, and what it knows of foods (they do not change under way)."""
+
+    def __init__(self, author: str, reason: str, *, write: bool) -> None:
+        self.done = Recomputed()
+        self._write = write
+        self._row = Recompute(
+            id=uuid.uuid4(), author=author, reason=reason, food_releases=[], started_at=datetime.now(UTC)
+        )
+        self._is_noted = False
+        self._weighings: dict[tuple[int, uuid.UUID, str | None], Weighing] = {}
+
+    def batch(self, session: Session, batch: Sequence[Meal]) -> list[RecordDifference]:
+        """The differences of the items of these meals, written if so wanted."""
+        projector = Projector(session)
+        before = [projector.project(parts) for parts in parts_of(session, batch)]
+        keys = {projector.food(row.food_id).key for meal in before for row in _taken_for(meal)}
+        in_force = foods.foods_by_key(session, keys)
+        return [difference for meal in before for difference in self._meal(session, projector, meal, in_force)]
+
+    def _meal(
+        self, session: Session, projector: Projector, before: MealProjection, in_force: Mapping[str, Food]
+    ) -> list[RecordDifference]:
+        rows = []
+        for row in _taken_for(before):
+            self.done.compared += 1
+            key = projector.food(row.food_id).key
+            if key in in_force:
+                rows += self._newer_row(session, projector, before.parts, row, in_force[key])
+            else:
+                self.done.gone[key] += 1
+        if not rows:
+            return []
+        parts = before.parts
+        for row in rows:
+            parts = with_food(parts, row, projector.food(row.food_id).key)
+        after = projector.project(parts)
+        found = [_difference(session, projector, after, row) for row in rows]
+        if self._write:
+            self._note(session)
+            session.add_all(rows)
+            session.flush()
+            write_records(session, after)
+        self.done.changed += len(found)
+        return found
+
+    def _newer_row(
+        self, session: Session, projector: Projector, parts: MealParts, row: ItemFood, food: Food
+    ) -> list[ItemFood]:
+        """The row that takes this one's place, by the same word as it, if figures or weighing are others by now."""
+        weighing = self._weighing(session, food, parts.meal.study_id, row.lies_as)
+        if projector.contents(food.id) == projector.contents(row.food_id) and weighing == weighing_of(row):
+            return []
+        version = 1 + max(each.version for each in parts.foods[row.item_id])
+        newer = item_food(
+            row.item_id,
+            food.id,
+            weighing,
+            row.lies_as,
+            version=version,
+            layer=row.layer,
+            event_id=row.event_id,
+            recompute_id=self._row.id,
+        )
+        return [newer]
+
+    def _note(self, session: Session) -> None:
+        """Who did this, once, with the first change."""
+        if not self._is_noted:
+            releases = foods.releases_in_force(session)
+            self._row.food_releases = [f"{release.name} {release.version}" for release in releases]
+            session.add(self._row)
+            session.flush()
+            self._is_noted = True
+
+    def _weighing(self, session: Session, food: Food, study_id: uuid.UUID, lies_as: str | None) -> Weighing:
+        key = (food.id, study_id, lies_as)
+        if key not in self._weighings:
+            self._weighings[key] = weighing_for(session, food, study_id, lies_as)
+        return self._weighings[key]
+
+
+def _taken_for(meal: MealProjection) -> list[ItemFood]:
+    """What the items are taken for; those that are no food of the meal any more are left as they are."""
+    return [item.state.taken_for for item in meal.items if item.state.taken_for is not None and item.state.is_live]
+
+
+def _difference(session: Session, projector: Projector, after: MealProjection, row: ItemFood) -> RecordDifference:
+    record = session.get_one(EffectiveRecord, row.item_id)
+    wanted = next(item.columns for item in after.items if item.state.item.id == row.item_id)
+    columns = {
+        name: (getattr(record, name), wanted[name]) for name in COMPARED if getattr(record, name) != wanted[name]
+    }
+    return RecordDifference(row.item_id, after.parts.meal.client_id, projector.food(row.food_id).key, columns)
+
+
+def _study_id(database: Database, study_code: str | None) -> uuid.UUID | None:
+    if study_code is None:
+        return None
+    with database.read() as session:
+        study = people.find_study(session, study_code)
+    if study is None:
+        raise NotFoundError(f"There is no study {study_code!r}.")
+    return study.id

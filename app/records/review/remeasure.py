@@ -1,0 +1,140 @@
+"""Regions that a person drew, measured by the pipeline: what a job for an event asks it, and what its answer becomes.
+
+The pipeline sees all foods of the meal as they stand, so that neighbours keep their own pixels; only the regions that
+the event drew get a measurement. It never touches what a person has told since, nor the meal's own run.
+"""
+
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.candidates.save_candidates import save_candidates
+from app.foods.models import Food
+from app.meals.event_models import MealEvent
+from app.meals.item_state import ItemState, fold_meal, lies_as_told, region_drawn
+from app.meals.job_models import Job
+from app.meals.meal_parts import MealParts, parts_of
+from app.meals.models import Meal
+from app.meals.record_models import Item, ItemMeasure
+from app.records.item_foods import item_food, weighing_for
+from app.records.outline_json import rings_of
+
+MAX_REGIONS = 40  # hints of one run
+MIN_CORNERS = 3  # of a ring that encloses something
+FAILED = "remeasure_failed"
+NOT_MEASURABLE = "not_measurable"
+
+
+@dataclass(frozen=True, slots=True)
+class Regions:
+    """hints: as the phone sends them, one for each region; items: whose region each is."""
+
+    hints: tuple[Mapping[str, Any], ...]
+    items: tuple[uuid.UUID, ...]
+
+
+def regions_to_measure(session: Session, job: Job, meal: Meal) -> Regions:
+    """What the pipeline is asked for the job's event: the regions that it drew, and the other foods as they stand."""
+    event = session.get_one(MealEvent, job.event_id)
+    states = {state.item.id: state for state in fold_meal(parts_of(session, [meal])[0]).items}
+    drawn = {item.id: region_drawn(event, item) for item in _concerned(session, event)}
+    hints, items = [], []
+    for item_id, region in drawn.items():
+        if region is not None:
+            hints.append(_with_food(session, region, states[item_id]))
+            items.append(item_id)
+    for item_id, state in states.items():
+        outline = [ring for ring in state.rings if len(ring) >= MIN_CORNERS]
+        if item_id not in drawn and state.is_live and state.stands and outline and len(hints) < MAX_REGIONS:
+            hints.append(_with_food(session, {"polygon": outline}, state))
+            items.append(item_id)
+    return Regions(tuple(hints), tuple(items))
+
+
+def save_measures(session: Session, job: Job, meal: Meal, answer: Mapping[str, Any]) -> None:
+    """Write what the run found of the regions that the job's event drew; where it found nothing, flags say so.
+
+    An item that nobody has said a food of is taken for the one that its new region looks like, if the index is sure.
+    """
+    event = session.get_one(MealEvent, job.event_id)
+    asked = [uuid.UUID(item_id) for item_id in answer["regions"]]
+    found = {asked[item["hint"]]: item for item in answer["items"] if item["hint"] is not None and item["polygon"]}
+    drawn = [item for item in _concerned(session, event) if region_drawn(event, item) is not None]
+    session.add_all(
+        _measure(item, event, job.id, found.get(item.id), has_failed=answer["failure"] is not None) for item in drawn
+    )
+    seen = [(item, found[item.id]) for item in drawn if item.id in found]
+    likely = save_candidates(session, job.id, seen)
+    parts = parts_of(session, [meal])[0]
+    states = {state.item.id: state for state in fold_meal(parts).items}
+    for (item, _), food in zip(seen, likely, strict=True):
+        state = states.get(item.id)
+        if food is None or state is None or state.run_id != job.id or not _is_open(parts, state, food):
+            continue  # not sure, or a newer region or a person's word holds
+        lies_as = lies_as_told(event, item) or (state.taken_for.lies_as if state.taken_for is not None else None)
+        before = max((row.version for row in parts.foods.get(item.id, ())), default=0)
+        session.add(
+            item_food(
+                item.id,
+                food.id,
+                weighing_for(session, food, meal.study_id, lies_as),
+                lies_as,
+                version=before + 1,
+                event_id=event.id,
+            )
+        )
+
+
+def _is_open(parts: MealParts, state: ItemState, food: Food) -> bool:
+    """Whether the server may take the item for this food: it is none yet, or another by the server's own guess."""
+    row = state.taken_for
+    return row is None or (state.food_is_guessed and parts.food_keys[row.food_id] != food.key)
+
+
+def _concerned(session: Session, event: MealEvent) -> list[Item]:
+    """The items that the event is about or made."""
+    made = list(session.query(Item).where(Item.event_id == event.id).order_by(Item.position, Item.id))
+    own = session.get(Item, event.item_id) if event.kind == "redraw" and event.item_id is not None else None
+    return [own] if own is not None else made
+
+
+def _measure(
+    item: Item, event: MealEvent, run_id: uuid.UUID, found: Mapping[str, Any] | None, *, has_failed: bool
+) -> ItemMeasure:
+    region = region_drawn(event, item) or {}
+    if found is None:
+        polygon = region.get("polygon")
+        return ItemMeasure(
+            item_id=item.id,
+            event_id=event.id,
+            run_id=run_id,
+            rings=rings_of(polygon) if polygon is not None else [],
+            volume_ml=None,
+            volume_low_ml=None,
+            volume_high_ml=None,
+            relative_sd={},
+            flags=[FAILED if has_failed else NOT_MEASURABLE],
+        )
+    low_ml, high_ml = found["volume_interval_ml"] or (None, None)
+    return ItemMeasure(
+        item_id=item.id,
+        event_id=event.id,
+        run_id=run_id,
+        rings=rings_of(found["polygon"]),
+        volume_ml=found["volume_ml"],
+        volume_low_ml=low_ml,
+        volume_high_ml=high_ml,
+        relative_sd=found["relative_sd"],
+        flags=found["flags"],
+    )
+
+
+def _with_food(session: Session, region: Mapping[str, Any], state: ItemState) -> dict[str, Any]:
+    row = state.taken_for
+    if row is None:
+        return dict(region)
+    named = {"food": session.get_one(Food, row.food_id).key}
+    return {**region, **named} | ({"lies_as": row.lies_as} if row.lies_as is not None else {})

@@ -1,0 +1,130 @@
+"""What people say of one item: that it is right, that it is no food, what it is, how much, whose share, and where.
+
+Each function is the rule of one kind of event (event_rules.py): it checks the word against the item as it
+stands, and returns the old value and the new one with the rows that follow.
+"""
+
+import uuid
+from collections.abc import Sequence
+from typing import Any
+
+from app.core.errors import ConflictError
+from app.foods.models import Food
+from app.meals import queries as meals
+from app.meals.item_state import REMEASURING, ItemState
+from app.meals.job_models import Job
+from app.records.item_foods import weighing_of
+from app.records.review.event_foods import key_of, named_food, taken_for
+from app.records.review.meal_events import Change, Standing
+from app.records.review.told_amounts import TOLD_SD, told_amount
+from app.records.served_mass import served_mass
+
+
+def confirm(standing: Standing) -> Change:
+    """The item is right as it stands. Raises ConflictError where there is nothing to confirm yet."""
+    state = standing.item()
+    require_complete([state])
+    status = "corrected" if state.word == "corrected" else "confirmed"
+    return Change(old={"status": standing.record(state).status}, new={"status": status})
+
+
+def reject(standing: Standing) -> Change:
+    """It is no food, or was not eaten: it counts for nothing. A later word of the same layer brings it back."""
+    state = standing.item()
+    return Change(old={"status": standing.record(state).status}, new={"status": "rejected"})
+
+
+def set_food(standing: Standing) -> Change:
+    """It is this food, lying so; its volume is weighed anew."""
+    state, told = standing.item(), standing.event.told
+    food = named_food(standing.session, told["food"])
+    row = taken_for(standing, state.item.id, food, told["lies_as"], standing.parts.foods.get(state.item.id, ()))
+    return Change(
+        old={"food": key_of(standing.session, state.taken_for), "lies_as": _lies_as(state)},
+        new={"food": food.key, "lies_as": told["lies_as"]},
+        rows=[row],
+    )
+
+
+def set_volume(standing: Standing) -> Change:
+    """It is so many millilitres; also of a piece that was left."""
+    state = standing.item_or_piece()
+    return Change(
+        old=amount_as_told(state), new=told_amount(standing.session, standing.event.told["amount"], None, TOLD_SD)
+    )
+
+
+def set_mass(standing: Standing) -> Change:
+    """It is so many grams, or so many household measures of its food; also of a piece that was left."""
+    state = standing.item_or_piece()
+    food = standing.session.get_one(Food, state.taken_for.food_id) if state.taken_for is not None else None
+    new = told_amount(standing.session, standing.event.told["amount"], food, TOLD_SD)
+    return Change(old=amount_as_told(state), new=new)
+
+
+def set_share(standing: Standing) -> Change:
+    """The participant ate this part of a dish that was shared."""
+    return Change(old={"share": standing.item().share}, new={"share": standing.event.told["share"]})
+
+
+def redraw(standing: Standing) -> Change:
+    """It is what this outline encloses; measured anew."""
+    state = standing.item()
+    return Change(
+        old={"polygon": [list(ring) for ring in state.rings]},
+        new={"polygon": standing.event.told["polygon"]},
+        rows=[remeasure_job(standing)],
+    )
+
+
+def require_complete(states: Sequence[ItemState]) -> None:
+    """Raise ConflictError unless food and amount of each item are known and none is being measured."""
+    waiting = [str(state.item.id) for state in states if REMEASURING in state.flags]
+    if waiting:
+        raise ConflictError(
+            "The item is being measured anew: wait until it is (GET the meal with ?wait=).",
+            code="item_remeasuring",
+            items=waiting,
+        )
+    unknown = [str(state.item.id) for state in states if not is_complete(state)]
+    if unknown:
+        raise ConflictError(
+            "The food or the amount of an item is not known: set them, or reject the item, before you confirm it.",
+            code="item_incomplete",
+            items=unknown,
+        )
+
+
+def is_complete(state: ItemState) -> bool:
+    """Whether it is known what it is and how much."""
+    return state.taken_for is not None and served_mass(weighing_of(state.taken_for), state.amount) is not None
+
+
+def amount_as_told(state: ItemState) -> dict[str, Any]:
+    """The amount as it stands, in the words of the API."""
+    amount = state.amount
+    if amount.mass is not None:
+        return {"mass_g": amount.mass.mass_g, "of": amount.mass.of}
+    return {"volume_ml": amount.volume_ml}
+
+
+def remeasure_job(standing: Standing) -> Job:
+    """The job that measures the regions of this event. Raises ConflictError where there is nothing to measure in."""
+    images = {image.slot: image for image in meals.images_of(standing.session, standing.meal.id)}
+    if any(slot not in images or images[slot].erased_at is not None for slot in ("left", "right")):
+        raise ConflictError(
+            "The meal has no photographs to measure in: tell the amount instead.", code="photographs_missing"
+        )
+    return Job(
+        id=uuid.uuid4(),
+        meal_id=standing.meal.id,
+        purpose="remeasure",
+        event_id=standing.event.id,
+        state="queued",
+        attempts=0,
+        enqueued_at=standing.now,
+    )
+
+
+def _lies_as(state: ItemState) -> str | None:
+    return state.taken_for.lies_as if state.taken_for is not None else None

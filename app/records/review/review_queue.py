@@ -1,0 +1,79 @@
+"""What waits for a reviewer in a study, the most doubtful item first; what waits for a participant: open questions."""
+
+import uuid
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+from sqlalchemy.orm import Session
+
+from app.candidates.item_candidates import NOT_IDENTIFIED, ItemCandidates, candidates_of
+from app.db.session import Database
+from app.foods import queries as foods
+from app.foods.models import Food
+from app.http.cursors import ID, NUMBER, Page, decode_cursor, encode_cursor
+from app.meals.event_models import MealEvent
+from app.meals.item_state import fold_meal
+from app.meals.meal_parts import parts_of
+from app.meals.models import Meal
+from app.meals.record_models import ItemCandidate
+from app.people.access.caller import DeviceCaller
+from app.records.review import queries as review
+from app.records.review.queries import QueueFilter, QueueRow
+
+MOST_QUESTIONS = 100  # that are shown; when some are answered, others follow
+
+
+@dataclass(frozen=True, slots=True)
+class QueuedItem:
+    """An item and the foods that it may be, best first; none_probability: that it is none of them."""
+
+    row: QueueRow
+    candidates: tuple[tuple[Food, ItemCandidate], ...]
+    none_probability: float | None
+
+
+def read_queue(database: Database, chosen: QueueFilter, *, cursor: str | None, limit: int) -> Page[QueuedItem]:
+    """A page of the queue. Raises InvalidInputError for a cursor that is none of these filters.
+
+    An item whose doubt changes between two pages may come twice or not at all: a reviewer starts at the head again.
+    """
+    with database.read() as session:
+        page = read_rows(session, chosen, cursor=cursor, limit=limit)
+        return Page(_with_candidates(session, page.rows), page.cursor)
+
+
+def read_rows(session: Session, chosen: QueueFilter, *, cursor: str | None, limit: int) -> Page[QueueRow]:
+    """A page of the queue's rows alone; what is shown of each, `read_queue` and review_items.py add. Raises as it."""
+    listed = f"review-queue/{sorted((name, str(value)) for name, value in asdict(chosen).items())}"
+    rows = review.page_of_queue(session, chosen, after=decode_cursor(listed, cursor, NUMBER, ID), limit=limit + 1)
+    shown = rows[:limit]
+    if len(rows) <= limit:
+        return Page(shown, None)
+    last = shown[-1].record
+    return Page(shown, encode_cursor(listed, last.doubt, last.item_id))
+
+
+def open_questions(database: Database, caller: DeviceCaller) -> list[tuple[MealEvent, Meal]]:
+    """Questions to the participant that are neither answered nor taken back, the newest first; at most 100."""
+    with database.read() as session:
+        words = review.words_about_questions(session, caller.participant_id)
+    undone = {str(event.new["event"]) for event, _ in words if event.kind == "undo"}
+    answered = {
+        str(event.new["question"]) for event, _ in words if event.kind == "answer" and str(event.id) not in undone
+    }
+    closed = undone | answered
+    found = [(event, meal) for event, meal in words if event.kind == "question" and str(event.id) not in closed]
+    return found[:MOST_QUESTIONS]
+
+
+def _with_candidates(session: Session, rows: Sequence[QueueRow]) -> list[QueuedItem]:
+    meals = {row.meal.id: row.meal for row in rows}
+    found: dict[uuid.UUID, ItemCandidates] = {}
+    for parts in parts_of(session, list(meals.values())):
+        found |= {state.item.id: candidates_of(parts, state) for state in fold_meal(parts).items}
+    shown = [(row, found.get(row.record.item_id, NOT_IDENTIFIED)) for row in rows]
+    named = {one.food_id for _, its in shown for one in its.all}
+    known = {food.id: food for food in foods.foods_by_id(session, named)}
+    return [
+        QueuedItem(row, tuple((known[one.food_id], one) for one in its.all), its.none_probability) for row, its in shown
+    ]

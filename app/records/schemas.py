@@ -1,0 +1,81 @@
+"""Records over the wire."""
+
+import uuid
+from datetime import date, datetime
+
+from pydantic import BaseModel, Field
+
+from app.diary.models import DayStatus
+from app.foods.schemas import FoodRef
+from app.http.field_descriptions import CHANGE_SEQ, FLAGS, FOOD, PAGE, RECORD
+from app.meals.record_models import ItemOrigin, RecordStatus
+
+
+class RecordOfItem(BaseModel):
+    """What holds for one item now. What is not known is null, never 0.
+
+    That is a component that the food table lacks, and all that follows from a volume that could not be measured.
+    """
+
+    id: uuid.UUID = Field(description="The item's id.")
+    meal_id: uuid.UUID = Field(description=RECORD["meal_id"])
+    study: str = Field(description=RECORD["study"])
+    participant: str = Field(description=RECORD["participant"])
+    captured_at: datetime = Field(description=RECORD["captured_at"])
+    time_zone: str = Field(description=RECORD["time_zone"])
+    local_date: date = Field(description=RECORD["local_date"])
+    upload_delay_seconds: float = Field(description="From eating to the first of the meal on the server.")
+    status: RecordStatus = Field(description=RECORD["status"])
+    origin: ItemOrigin = Field(description=RECORD["origin"])
+    provisional: bool = Field(description=RECORD["provisional"])
+    reviewed: bool = Field(description=RECORD["reviewed"])
+    food: FoodRef | None = Field(description=FOOD)
+    food_table: str | None = Field(description=RECORD["food_table"])
+    volume_ml: float | None = Field(description="Null where it could not be measured: a person must set an amount.")
+    volume_low_ml: float | None = Field(description=RECORD["volume_low_ml"])
+    volume_high_ml: float | None = Field(description=RECORD["volume_high_ml"])
+    density_g_per_ml: float | None = Field(
+        description="Turned the volume into grams; null where a person set the grams."
+    )
+    density_source: str | None = Field(description=RECORD["density_source"])
+    mass_g: float | None = Field(description=RECORD["mass_g"])
+    mass_low_g: float | None = Field(description=RECORD["mass_low_g"])
+    mass_high_g: float | None = Field(description=RECORD["mass_high_g"])
+    edible_g: float | None = Field(description="As served, without peel, core and bone.")
+    share: float = Field(description="The participant's share of a dish that is shared.")
+    left_g: float | None = Field(description="Edible grams left over; null: nobody has looked.")
+    consumed_g: float | None = Field(description="(edible - left) x share: the components are of it. Signed.")
+    consumed_low_g: float | None = Field(description=RECORD["consumed_low_g"])
+    consumed_high_g: float | None = Field(description=RECORD["consumed_high_g"])
+    energy_kcal: float | None = Field(description=RECORD["energy_kcal"])
+    protein_g: float | None = Field(description=RECORD["protein_g"])
+    fat_g: float | None = Field(description=RECORD["fat_g"])
+    carbohydrate_g: float | None = Field(description=RECORD["carbohydrate_g"])
+    fibre_g: float | None = Field(description=RECORD["fibre_g"])
+    sugar_g: float | None = Field(description=RECORD["sugar_g"])
+    saturated_fat_g: float | None = Field(description=RECORD["saturated_fat_g"])
+    sodium_mg: float | None = Field(description=RECORD["sodium_mg"])
+    potassium_mg: float | None = Field(description=RECORD["potassium_mg"])
+    vitamin_c_mg: float | None = Field(description=RECORD["vitamin_c_mg"])
+    nutrient_intervals: dict[str, tuple[float, float] | None] = Field(
+        description="The 90 % interval of each component's amount, by its name: the doubt about the grams, not about "
+        "the food table's figures. Null where the amount is not known, and where the table has a content of 0."
+    )
+    flags: list[str] = Field(description=FLAGS)
+    change_seq: int = Field(description=CHANGE_SEQ)
+
+
+class RecordOut(RecordOfItem):
+    """The same with what is known of its day when it is asked for."""
+
+    day_status: DayStatus = Field(
+        description="closed: all that was eaten on the day is told; open: leave it out of means."
+    )
+    study_day: int | None = Field(description="1 on the participant's first day.")
+
+
+class RecordPage(BaseModel):
+    """A page of records in the order of capture; `next` leads to the page after it, null at the end."""
+
+    items: list[RecordOut] = Field(description=PAGE)
+    next: str | None = Field(description="The next page's path and query.")

@@ -1,0 +1,198 @@
+"""A meal's photograph for eyes: upright, its colours corrected by the marker, without metadata; each reading is noted.
+
+The correction is that of the newest run of the photograph's pair; without one (not measured yet, marker not found,
+measured before there were corrections) the picture is as it was taken.
+
+At the width of thumbnails.py it is the one that this run has left, which costs no child a moment; without one, or where
+it is not to be read, it is made like all others.
+"""
+
+import hashlib
+import json
+import tempfile
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import structlog
+from sqlalchemy.orm import Session
+
+from app.children.api_children import ApiChildren, PhotographError, Whose
+from app.children.decoding_cost import is_costly
+from app.core.errors import GoneError, NotFoundError, TadaError
+from app.core.settings import Settings
+from app.db.session import Database
+from app.meals import queries as meals
+from app.meals.models import AFTER_SLOTS, Meal, MealImage
+from app.meals.receive_photo import sha256_of_file
+from app.meals.record_models import Run, RunArtefact
+from app.meals.thumbnails import THUMBNAIL_PX, thumbnail_name
+from app.people.access import audit
+from app.people.access.caller import Caller, StaffCaller
+from app.records import queries as records
+from app.records.read_meal import find_meal
+from app.storage.blob_store import BlobMissingError, BlobStore
+
+log = structlog.get_logger()
+
+SECONDS = 20.0  # of one photograph: 60 megapixels of HEIC take some five on a slow machine
+VERSION = "2"  # of how pictures are made; another one makes other tags
+
+
+class PhotoDamagedError(TadaError):
+    """The sealed bytes are not those that were sealed."""
+
+    code = "photo_damaged"
+    status = 500
+
+
+@dataclass(frozen=True, slots=True)
+class FoundPhoto:
+    """A photograph that the caller may see.
+
+    colour: its correction (estimate_json), None: to be shown as taken. thumbnail: the small picture that is kept of it,
+    in these colours.
+    """
+
+    image: MealImage
+    study_id: uuid.UUID
+    meal_alias: uuid.UUID
+    colour: Mapping[str, Any] | None
+    thumbnail: RunArtefact | None = None
+
+    @property
+    def colour_kind(self) -> str:
+        """What corrects its colours: "colour" or "white" of the marker, or "none"."""
+        return str(self.colour["kind"]) if self.colour is not None else "none"
+
+    def etag(self, width_px: int) -> str:
+        """Of the picture at this width, in these colours."""
+        if self.thumbnail is not None and width_px == THUMBNAIL_PX:
+            return f'"{self.thumbnail.sha256[:32]}"'
+        name = f"{VERSION} {self.image.stored_sha256} {width_px} {json.dumps(self.colour, sort_keys=True)}"
+        return f'"{hashlib.sha256(name.encode()).hexdigest()[:32]}"'
+
+
+def find_photo(
+    database: Database,
+    caller: Caller,
+    client_id: uuid.UUID,
+    slot: str,
+    participant_code: str | None,
+    *,
+    as_taken: bool = False,
+) -> FoundPhoto:
+    """The photograph of a slot, with its colour correction unless it is wanted as taken.
+
+    Raises NotFoundError, GoneError (`photograph_erased`, `meal_deleted`), ConflictError.
+    """
+    with database.read() as session:
+        meal, _, _ = find_meal(session, caller, client_id, participant_code)
+        image = next((one for one in meals.images_of(session, meal.id) if one.slot == slot), None)
+        run = None if as_taken else _run_on(session, meal, slot)
+        kept = records.artefacts_of(session, run.id) if run is not None else []
+    if image is None:
+        raise NotFoundError(f"This meal has no photograph {slot!r}.")
+    if image.erased_at is not None:
+        raise _erased()
+    thumbnail = next((one for one in kept if one.name == thumbnail_name(slot)), None)
+    return FoundPhoto(image, meal.study_id, meal.alias, _colour_of(run, slot), thumbnail)
+
+
+def render_photo(
+    database: Database,
+    blobs: BlobStore,
+    children: ApiChildren,
+    settings: Settings,
+    caller: Caller,
+    found: FoundPhoto,
+    width_px: int,
+) -> bytes:
+    """The picture as JPEG, the reading of it noted before it is given out.
+
+    Raises BlobMissingError, PhotoDamagedError, UnavailableError, PhotographError.
+    """
+    image = found.image
+    content = _kept(blobs, found.thumbnail) if width_px == THUMBNAIL_PX else None
+    if content is None:
+        content = _made(blobs, children, settings, caller, found, width_px)
+    with database.write() as session:
+        still = session.get(MealImage, image.id)
+        if still is None or still.erased_at is not None:  # meanwhile
+            raise _erased()
+        audit.note(
+            session,
+            caller,
+            "photograph.read",
+            study_id=found.study_id,
+            subject=found.meal_alias,
+            slot=image.slot,
+            width_px=width_px,
+        )
+    return content
+
+
+def _kept(blobs: BlobStore, thumbnail: RunArtefact | None) -> bytes | None:
+    """The small picture as it was sealed; None: there is none that could be shown."""
+    if thumbnail is None:
+        return None
+    try:
+        content = blobs.read(thumbnail.blob_key)
+    except BlobMissingError:
+        log.exception("thumbnail_missing", blob_key=thumbnail.blob_key)
+        return None
+    if hashlib.sha256(content).hexdigest() != thumbnail.sha256:
+        log.error("thumbnail_damaged", blob_key=thumbnail.blob_key)
+        return None
+    return content
+
+
+def _made(
+    blobs: BlobStore, children: ApiChildren, settings: Settings, caller: Caller, found: FoundPhoto, width_px: int
+) -> bytes:
+    """The picture, made of the photograph by a child."""
+    image = found.image
+    with tempfile.TemporaryDirectory(prefix="tada-", dir=blobs.staging_folder()) as name:
+        source, target = Path(name) / "photo", Path(name) / "picture.jpg"
+        blobs.fetch(image.blob_key, source)
+        if sha256_of_file(source) != image.stored_sha256:
+            log.error("photo_damaged", blob_key=image.blob_key)
+            raise PhotoDamagedError("The photograph is no longer what was sealed: `tada doctor` tells more.")
+        answer = children.run(
+            "picture",
+            {
+                "photo": str(source),
+                "output": str(target),
+                "width_px": width_px,
+                "max_pixels": settings.max_photo_pixels,
+                "colour": found.colour,
+            },
+            seconds=SECONDS,
+            whose=Whose(found.study_id, caller.staff_id if isinstance(caller, StaffCaller) else caller.device_id),
+            photograph_sha256=image.stored_sha256,
+            is_costly=is_costly([source]),
+        )
+        if answer["failure"] is not None:
+            raise PhotographError(answer["failure"]["message"], code=answer["failure"]["code"])
+        return target.read_bytes()
+
+
+def _run_on(session: Session, meal: Meal, slot: str) -> Run | None:
+    """The newest run on the photograph's pair."""
+    is_after = slot in AFTER_SLOTS
+    if is_after and meal.after_status in meals.UNESTIMATED:  # a failed pair's run is not of the one sent in its place
+        return None
+    return records.last_run(session, meal.id, "after" if is_after else "meal")
+
+
+def _colour_of(run: Run | None, slot: str) -> Mapping[str, Any] | None:
+    if run is None or run.colour is None:
+        return None
+    found: Mapping[str, Any] = run.colour[slot.removeprefix("after_")]
+    return found if found["kind"] != "none" else None
+
+
+def _erased() -> GoneError:
+    return GoneError("This photograph was erased, as the study's protocol asks.", code="photograph_erased")

@@ -1,0 +1,115 @@
+"""/v1/studies/{study}/releases: a study's data frozen under a name, with checksums; fetched file by file."""
+
+from typing import Annotated, cast
+
+from fastapi import APIRouter, Path, Request, Response
+
+from app.exports.export_files import FILES
+from app.exports.release_models import ReleaseState
+from app.http.paging import Cursor, Limit, next_page
+from app.http.parameters import ReleaseName, StudyCode
+from app.http.problems import problem_responses
+from app.http.ranges import answer_stored_file
+from app.people.access.deps import CurrentStaff, State
+from app.releases import releases
+from app.releases.freeze_release import ReleaseFilters
+from app.releases.queries import NamedRelease
+from app.releases.schemas import (
+    CheckedFileOut,
+    FormerChecksum,
+    ReleaseCheckOut,
+    ReleaseFileOut,
+    ReleaseIn,
+    ReleaseList,
+    ReleaseOut,
+)
+
+router = APIRouter(prefix="/v1/studies/{study}/releases", tags=["releases"])
+
+RELEASE_FILES = FILES | {"application/json": {"schema": {"type": "object"}}}
+
+
+@router.post("", status_code=202, responses=problem_responses(401, 403, 404, 409, 422))
+def post_release(
+    study: StudyCode, body: ReleaseIn, state: State, caller: CurrentStaff, response: Response
+) -> ReleaseOut:
+    """Freeze the study's data as they are now under a name. A worker does it; look at `Location` until it is ready."""
+    filters = ReleaseFilters(body.first_day, body.last_day, tuple(sorted(set(body.statuses))))
+    made = releases.request_release(state.database, caller, study, name=body.name, note=body.note, filters=filters)
+    response.headers["Location"] = f"/v1/studies/{study}/releases/{body.name}"
+    return _out(study, made)
+
+
+@router.get("", responses=problem_responses(401, 403, 404, 422))
+def get_releases(
+    request: Request, study: StudyCode, state: State, caller: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
+) -> ReleaseList:
+    """The study's releases, the newest first."""
+    page = releases.list_releases(state.database, caller, study, cursor=cursor, limit=limit)
+    return ReleaseList(items=[_out(study, one) for one in page.rows], next=next_page(request, page.cursor))
+
+
+@router.get("/{name}", responses=problem_responses(401, 403, 404, 422))
+def get_release(study: StudyCode, name: ReleaseName, state: State, caller: CurrentStaff) -> ReleaseOut:
+    """One release with its files."""
+    return _out(study, releases.read_release(state.database, caller, study, name))
+
+
+@router.get(
+    "/{name}/files/{file}",
+    response_class=Response,
+    responses={
+        200: {"content": RELEASE_FILES, "description": "The file."},
+        206: {"content": RELEASE_FILES, "description": "The part that `Range` asks for."},
+        304: {"description": "It is what `If-None-Match` names."},
+        **problem_responses(401, 403, 404, 409, 416, 422, 503),
+    },
+)
+def get_release_file(
+    request: Request,
+    study: StudyCode,
+    name: ReleaseName,
+    file: Annotated[str, Path(max_length=64, description="The file's name, as the release lists it.")],
+    state: State,
+    caller: CurrentStaff,
+) -> Response:
+    """A file of a release; the ETag is its SHA-256."""
+    found = releases.open_release_file(state.database, caller, study, name, file)
+    return answer_stored_file(request, state.blobs, found)
+
+
+@router.get("/{name}/check", responses=problem_responses(401, 403, 404, 409, 422, 503))
+def get_release_check(study: StudyCode, name: ReleaseName, state: State, caller: CurrentStaff) -> ReleaseCheckOut:
+    """Read all files back and compare them with what was frozen: takes as long as that takes."""
+    checked = releases.check_release(state.database, state.blobs, caller, study, name)
+    return ReleaseCheckOut(
+        is_whole=checked.is_whole,
+        checksum=checked.checksum,
+        files=[CheckedFileOut(name=one.name, sha256=one.sha256, found=one.found) for one in checked.files],
+    )
+
+
+def _out(study: str, found: NamedRelease) -> ReleaseOut:
+    release = found.release
+    path = f"/v1/studies/{study}/releases/{release.name}/files"
+    return ReleaseOut(
+        name=release.name,
+        note=release.note,
+        state=cast("ReleaseState", release.state),
+        filters=release.filters,
+        made_by=found.made_by,
+        requested_at=release.requested_at,
+        frozen_at=release.frozen_at,
+        change_seq=release.at_change_seq,
+        checksum=release.checksum,
+        altered_at=release.altered_at,
+        former_checksums=[FormerChecksum(checksum=one, until=until) for one, until in release.former_checksums],
+        rows=release.rows_written,
+        bytes=release.bytes,
+        failure=release.failure_code,
+        files=[
+            ReleaseFileOut(name=one.name, rows=one.rows, bytes=one.bytes, sha256=one.sha256, path=f"{path}/{one.name}")
+            for one in found.files
+            if release.state == "ready"
+        ],
+    )

@@ -1,0 +1,207 @@
+"""Makes one file that waits for it: claims it, writes it of one moment, seals it, and says so in the database.
+
+Run in a process beside the worker (app/file_worker.py). Whatever happens in between, nobody is served half a file, or
+one with rows that were erased while it was written: it counts only by the last transaction, which asks whether the
+claim is still ours and whether the study has erased anything since the snapshot. Broken off, the file is made again
+from its beginning, of the moment of then.
+"""
+
+import errno
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import sqlalchemy as sa
+import structlog
+from sqlalchemy.orm import Session
+
+from app.core.errors import StorageFullError, TadaError
+from app.core.settings import Settings
+from app.db.session import Database
+from app.exports import file_work_queries as file_work
+from app.exports import queries as exports
+from app.exports.export_estimate import estimate_rows
+from app.exports.export_spec import spec_of_json
+from app.exports.file_work_queries import Work
+from app.exports.made_file import ClaimLostError, WorkLife, file_key, staged_file
+from app.exports.models import Export
+from app.exports.queries import Moment
+from app.exports.release_models import Release
+from app.exports.tables.export_tables import write_export
+from app.people.access.caller import StaffCaller
+from app.people.access.secret_box import SecretBox
+from app.people.models import Staff
+from app.releases import queries as releases
+from app.releases.release_runner import FilesLostError, ReleaseRunner
+from app.storage.blob_store import BlobStore
+
+log = structlog.get_logger()
+
+MOST_ATTEMPTS = 5
+FIRST_WAIT_SECONDS, LONGEST_WAIT_SECONDS = 5.0, 300.0
+STATEMENT_SECONDS = 3600  # PostgreSQL; requests have their own, shorter limit
+DONE, AGAIN, LOST = "done", "again", "lost"
+CHANGING = "changing"  # of a release: it is tried until it is done
+MOST_TRIES_WITHOUT_FILES = 870  # of such a one whose files are lost: three days, in which they can be put back
+INTERNAL_ERROR = "internal_error"
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """What became of a try. outcome: done, again (later), lost (called off, taken over), or the code of a failure."""
+
+    kind: str
+    work_id: uuid.UUID
+    outcome: str
+
+
+class FileRunner:
+    """One try of one file. claim: drawn for it. beat_seconds: shorter in tests."""
+
+    def __init__(
+        self,
+        database: Database,
+        blobs: BlobStore,
+        settings: Settings,
+        box: SecretBox,
+        claim: uuid.UUID,
+        *,
+        lease_seconds: float = file_work.LEASE_SECONDS,
+        beat_seconds: float = 1.0,
+    ) -> None:
+        self._database, self._blobs, self._settings, self._claim = database, blobs, settings, claim
+        self._box = box
+        self._lease_seconds, self._beat_seconds = lease_seconds, beat_seconds
+
+    def run_one(self) -> Ended | None:
+        """Make what waits longest; None: nothing waits. Raises what keeps the database from being told."""
+        with self._database.write() as session:
+            work = file_work.claim_next(session, self._claim, self._lease_seconds)
+        if work is None:
+            return None
+        died_each_time = work.attempts > MOST_ATTEMPTS and work.state != CHANGING
+        outcome = self._tell(work, code="export_gave_up") if died_each_time else self._try(work)
+        return Ended(work.__tablename__, work.id, outcome)
+
+    def _try(self, work: Work) -> str:
+        try:
+            with WorkLife(self._database, work, self._claim, self._beat_seconds) as life:
+                if isinstance(work, Export):
+                    return self._make_export(work, life)
+                runner = ReleaseRunner(
+                    self._database, self._blobs, self._settings, self._box, self._claim, self._snapshot
+                )
+                return DONE if runner.run(work, life) else AGAIN
+        except ClaimLostError:
+            return LOST
+        except Exception as error:  # the worker's edge: the work's row tells it
+            log.warning("file_not_made", file=str(work.id), attempt=work.attempts, exc_info=error)
+            is_over = work.state != CHANGING or (
+                isinstance(error, FilesLostError) and work.attempts >= MOST_TRIES_WITHOUT_FILES
+            )
+            return self._tell(work, _lasting_code(error, work.attempts), is_over=is_over)
+
+    def _make_export(self, export: Export, life: WorkLife) -> str:
+        def count(rows: int) -> None:
+            life.rows += rows
+
+        spec = spec_of_json(export.spec)
+        with staged_file(self._blobs.staging_folder(), life, self._settings.export_min_free_bytes) as file:
+            with self._snapshot() as session:
+                moment = exports.moment_of(session, export.study_id)
+                self._estimate(export, estimate_rows(session, export.study_id, spec))
+                file.write_all(write_export(session, _acting_for(session, export), spec, counted=count))
+            key = file_key("exports", export.study_id, export.id, self._claim, file.sha256)
+            self._blobs.put_file(key, file.path)
+        is_named = None  # unknown: the last transaction may be carried out, though it broke off
+        try:
+            with self._database.write() as session:
+                held = self._hold_unchanged(session, export, moment)
+                if held is not None:
+                    held.state, held.blob_key, held.sha256 = "done", key, file.sha256
+                    held.rows_written, held.bytes, held.at_change_seq = life.rows, file.length, moment.change_seq
+                    held.finished_at = datetime.now(UTC)
+                    held.expires_at = held.finished_at + timedelta(days=self._settings.export_days)
+                    held.claim = held.heartbeat_at = None
+            is_named = held is not None
+        except ClaimLostError:
+            is_named = False
+            raise
+        finally:
+            if is_named is False:  # nobody will name it; if we die before, it goes as an orphan
+                self._blobs.delete(key)
+        return DONE if is_named else AGAIN
+
+    def _hold_unchanged(self, session: Session, export: Export, moment: Moment) -> Export | None:
+        """The export, if nothing of the study was erased since the moment; else it is begun again, and None.
+
+        The study is locked first, as erasures do (exports/queries.py). Raises ClaimLostError.
+        """
+        exports.lock_study(session, export.study_id, shared=True)
+        held = file_work.hold(session, export, self._claim)
+        if not isinstance(held, Export):
+            raise ClaimLostError
+        if exports.moment_of(session, export.study_id).erasures == moment.erasures:
+            return held
+        file_work.begin_again(held, counts=False)
+        return None
+
+    def _estimate(self, work: Work, rows: int | None) -> None:
+        if rows is not None:
+            with self._database.write() as session:
+                file_work.estimate(session, work, self._claim, rows)
+
+    def _tell(self, work: Work, code: str | None, *, is_over: bool = True) -> str:
+        """Note a failure for good; or that it is to be begun again after a while, and why it failed, if that lasts."""
+        with self._database.write() as session:
+            held = file_work.hold(session, work, self._claim)
+            if held is None:
+                return LOST
+            if code is None or not is_over:
+                file_work.begin_again(held, counts=True, after_seconds=_wait_seconds(held.attempts))
+                held.failure_code = code or held.failure_code
+                return AGAIN
+            held.state, held.failure_code, held.finished_at = "failed", code, datetime.now(UTC)
+            held.claim = held.heartbeat_at = None
+            if isinstance(held, Release):
+                releases.drop_files(session, held, held.finished_at)
+            return code
+
+    @contextmanager
+    def _snapshot(self) -> Iterator[Session]:
+        """A read of one moment that may take as long as a large study takes."""
+        with self._database.read() as session:
+            if not self._database.is_sqlite:
+                session.execute(sa.text(f"SET LOCAL statement_timeout = {STATEMENT_SECONDS * 1000}"))
+            yield session
+
+
+def _acting_for(session: Session, export: Export) -> StaffCaller:
+    """Who asked for it, with what anybody needs who may fetch it: a viewer's eyes, in this study alone."""
+    return StaffCaller(
+        staff_id=export.staff_id,
+        name=session.get_one(Staff, export.staff_id).name,
+        is_admin=False,
+        token_id=export.staff_id,
+        roles={export.study_id: "viewer"},
+        can_write=False,
+        only_study_id=export.study_id,
+    )
+
+
+def _wait_seconds(attempts: int) -> float:
+    """Twice as long after each try. There is no end to tries: the power has one, or it is too large for a float."""
+    return min(FIRST_WAIT_SECONDS * 2.0 ** min(attempts - 1, 10), LONGEST_WAIT_SECONDS)
+
+
+def _lasting_code(error: Exception, attempts: int) -> str | None:
+    """The code by which the work fails; None: it is tried again."""
+    if isinstance(error, StorageFullError):
+        return error.code
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return StorageFullError.code
+    if isinstance(error, TadaError) and not error.retryable:
+        return error.code
+    return INTERNAL_ERROR if attempts >= MOST_ATTEMPTS else None

@@ -1,0 +1,207 @@
+"""What a release holds, read of one moment: the tables that exports have, and the foods and densities behind them.
+
+Left out is what would make the same data another file (counters of changes), and of days what no frozen figure tells
+(releases/release_days.py). With statuses chosen there are no days: a day is of everything that was eaten on it.
+"""
+
+import uuid
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import date
+from itertools import islice
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.exports.export_spec import ExportFilters, ExportSpec, Rows
+from app.exports.tables.export_tables import table_of
+from app.http.tables.columns import Column, columns_of
+from app.meals.record_models import HEADLINE_COLUMNS
+from app.people.access.caller import StaffCaller
+from app.releases import queries as releases
+from app.releases.queries import UsedFood
+from app.releases.release_days import NOT_DERIVABLE, exact_sums, median_delay
+from app.releases.release_files import Contents, ReleaseFiles, Row
+
+DAYS_AT_A_TIME = 500
+EATEN = ("consumed_g", *HEADLINE_COLUMNS)  # of a record, as eaten_on_days has them
+TABLES: tuple[Rows, ...] = ("items", "meals", "days", "photographs")
+LEFT_OUT: Mapping[Rows, Collection[str]] = {
+    "items": ("change_seq",),
+    "meals": ("version",),
+    "days": NOT_DERIVABLE,
+    "photographs": (),
+}
+FOOD = (
+    Column("food_key", "word", meaning="The food's key: the same through releases and versions."),
+    Column("food_version", "integer", meaning="The food's version in its table's release.", empty="Of any version."),
+    Column("food_table", "word", meaning="The food table's name and release.", empty="Of any table."),
+)
+FOODS = (
+    *FOOD,
+    Column("name", "word", meaning="The food's name."),
+    Column("food_group", "word", meaning="Its group in the table."),
+    Column("state", "word", meaning="Raw, cooked ...", empty="The table does not say."),
+    Column("is_mixed_dish", "boolean", meaning="Whether it is a dish of several foods."),
+)
+FOOD_NUTRIENTS = (
+    *FOOD,
+    Column("number", "word", meaning="The component's number in its source."),
+    Column("tagname", "word", meaning="INFOODS tagname.", empty="There is none."),
+    Column("component", "word", meaning="The component's name."),
+    Column("unit", "word", meaning="Unit of per_100_g."),
+    Column("per_100_g", "number", meaning="How much of it 100 g of the edible portion hold, in `unit`."),
+)
+FOOD_DENSITIES = (
+    *FOOD,
+    Column("measured_by", "word", meaning="Whose figure it is.", values=("table", "study")),
+    Column("g_per_ml", "number", "g/ml", "The density."),
+    Column("sd_g_per_ml", "number", "g/ml", "Its spread (one sd)."),
+    Column("state", "word", meaning="Of the food as it was measured."),
+    Column("kind", "word", meaning="Of the food's own matter, or of a heap of pieces.", values=("solid", "bulk")),
+    Column("basis", "word", meaning="What kind of figure it is.", empty="Measured by the study."),
+    Column("weighs", "word", meaning="Of what the grams are.", values=("as_seen", "edible")),
+    Column("source", "word", meaning="Who measured it."),
+)
+OF_FOODS = {"foods": FOODS, "food_nutrients": FOOD_NUTRIENTS, "food_densities": FOOD_DENSITIES}
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseFilters:
+    """Local days, both included, and statuses of items; None, or none, leaves a filter out."""
+
+    first_day: date | None = None
+    last_day: date | None = None
+    statuses: tuple[str, ...] = ()
+
+    def told(self) -> dict[str, Any]:
+        """As JSON."""
+        return {
+            "from": self.first_day.isoformat() if self.first_day is not None else None,
+            "to": self.last_day.isoformat() if self.last_day is not None else None,
+            "statuses": list(self.statuses),
+        }
+
+
+def filters_of_json(told: Mapping[str, Any]) -> ReleaseFilters:
+    """As they were told."""
+    return ReleaseFilters(
+        date.fromisoformat(told["from"]) if told["from"] is not None else None,
+        date.fromisoformat(told["to"]) if told["to"] is not None else None,
+        tuple(told["statuses"]),
+    )
+
+
+def freeze(
+    session: Session, study_id: uuid.UUID, study_code: str, filters: ReleaseFilters, files: ReleaseFiles
+) -> Contents:
+    """Write all tables and the dictionary, of the session's one moment."""
+    contents = Contents()
+    for name in TABLES:
+        if name == "days" and filters.statuses:
+            continue
+        columns, rows = _table(session, study_id, study_code, filters, name)
+        files.add_table(name, columns, contents.of_table(name, columns, rows))
+    add_foods(session, study_id, contents.foods, files)
+    files.add_dictionary()
+    return contents
+
+
+def add_foods(session: Session, study_id: uuid.UUID, used: Collection[UsedFood], files: ReleaseFiles) -> None:
+    """The foods that items are of, with what is known of them and what may have weighed them."""
+    ids = releases.foods_used(session, used)
+    foods = releases.foods_by_id(session, list(ids))
+    files.add_table(
+        "foods",
+        FOODS,
+        (
+            (*names, foods[one].name, foods[one].food_group, foods[one].state, foods[one].is_mixed_dish)
+            for one, names in ids.items()
+        ),
+    )
+    files.add_table(
+        "food_nutrients",
+        FOOD_NUTRIENTS,
+        (
+            (*ids[one], *values)
+            for one, nutrients in releases.nutrients_by_food(session, list(ids))
+            for values in nutrients
+        ),
+    )
+    files.add_table("food_densities", FOOD_DENSITIES, _densities(session, study_id, ids))
+
+
+def _table(
+    session: Session, study_id: uuid.UUID, study_code: str, filters: ReleaseFilters, name: Rows
+) -> tuple[Sequence[Column], Iterator[Row]]:
+    from app.http.tables.table_files import rows_of_batches  # noqa: PLC0415  # pyarrow
+
+    spec = ExportSpec(
+        name,
+        output="parquet",
+        components="all" if name == "items" else "headline",
+        filters=ExportFilters(
+            study_code=study_code,
+            first_day=filters.first_day,
+            last_day=filters.last_day,
+            statuses=filters.statuses if name == "items" else (),
+        ),
+    )
+    table = table_of(session, _reader(study_id), spec)
+    columns = columns_of(table.parts)
+    kept = [place for place, column in enumerate(columns) if column.name not in LEFT_OUT[name]]
+    rows = (tuple(row[place] for place in kept) for row in rows_of_batches(table.batches))
+    told = [columns[place] for place in kept]
+    return told, exact_days(session, study_id, told, rows) if name == "days" else rows
+
+
+def exact_days(session: Session, study_id: uuid.UUID, columns: Sequence[Column], rows: Iterator[Row]) -> Iterator[Row]:
+    """Rows of days, by day, with figures that do not depend on the order in which a database adds."""
+    names = [column.name for column in columns]
+    while some := [dict(zip(names, row, strict=True)) for row in islice(rows, DAYS_AT_A_TIME)]:
+        codes = {day["participant"] for day in some}
+        first, last = (date.fromisoformat(some[place]["local_date"]) for place in (0, -1))
+        eaten: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+        for code, local_date, *amounts in releases.eaten_on_days(session, study_id, codes, first, last):
+            record = dict(zip(EATEN, amounts, strict=True))
+            eaten.setdefault((code, local_date.isoformat()), []).append(record)
+        delays: dict[tuple[str, str], list[float]] = {}
+        for code, local_date, captured_at, received_at in releases.arrivals_on_days(
+            session, study_id, codes, first, last
+        ):
+            seconds = (received_at - captured_at).total_seconds()
+            delays.setdefault((code, local_date.isoformat()), []).append(seconds)
+        for day in some:
+            key = (day["participant"], day["local_date"])
+            exact = exact_sums(
+                eaten.get(key, []), is_nothing=_is_nothing(day), is_partial=day["unmeasured_meals"] > 0
+            ) | {"median_upload_delay_seconds": median_delay(delays.get(key, []))}
+            yield tuple(exact.get(name, day[name]) for name in names)
+
+
+def _is_nothing(day: Mapping[str, Any]) -> bool:
+    """As of DayRow: by that word, or since each meal was confirmed to be without food."""
+    is_empty = day["meals"] > 0 and day["items"] == 0 and day["unmeasured_meals"] == 0
+    return bool(day["ate_nothing"] or (day["day_status"] == "closed" and is_empty))
+
+
+def _densities(session: Session, study_id: uuid.UUID, ids: Mapping[int, UsedFood]) -> Iterator[Row]:
+    for food_id, densities in releases.densities_by_food(session, list(ids)).items():
+        for one in densities:
+            yield (
+                *(*ids[food_id], "table", one.g_per_ml, one.sd_g_per_ml),
+                *(one.state, one.kind, one.basis, one.weighs, one.source),
+            )
+    for own in releases.study_densities(session, study_id, {key for key, _, _ in ids.values()}):
+        yield (
+            *(own.food_key, None, None, "study", own.g_per_ml, own.sd_g_per_ml),
+            *(own.state, own.kind, None, own.weighs, own.source),
+        )
+
+
+def _reader(study_id: uuid.UUID) -> StaffCaller:
+    """Nobody in particular, who sees this study and no other."""
+    nobody = uuid.UUID(int=0)
+    return StaffCaller(
+        nobody, "", is_admin=False, token_id=nobody, roles={study_id: "viewer"}, can_write=False, only_study_id=study_id
+    )

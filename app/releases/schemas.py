@@ -1,0 +1,97 @@
+"""Releases over the wire."""
+
+from datetime import datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.exports.release_models import ReleaseState
+from app.http.field_descriptions import FILTERS, NEXT, PAGE
+from app.http.text_schemas import LocalDay, Text
+from app.meals.record_models import RecordStatus
+
+Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,63}$", description="Unique in the study, for ever.")]
+
+
+class ReleaseIn(BaseModel):
+    """What is to be frozen."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        populate_by_name=True,
+        json_schema_extra={"example": {"name": "2026-baseline", "note": "For the paper", "to": "2026-10-31"}},
+    )
+
+    name: Name
+    note: Annotated[Text, Field(max_length=2000)] = Field(
+        default="", description="What the release is for, for people."
+    )
+    first_day: LocalDay | None = Field(default=None, alias="from", description="First local day, included.")
+    last_day: LocalDay | None = Field(default=None, alias="to", description="Last local day, included.")
+    statuses: Annotated[list[RecordStatus], Field(max_length=5)] = Field(
+        default=[], description="Of items, any of these; none: all. With some there is no table of days."
+    )
+
+
+class ReleaseFileOut(BaseModel):
+    """A file of a release."""
+
+    name: str = Field(description="The file's name in the release.")
+    rows: int | None = Field(description="Its rows; null: it is no table.")
+    bytes: int = Field(description="Its length, bytes.")
+    sha256: str = Field(description="SHA-256 of the file, hex.")
+    path: str = Field(description="Path of its content.")
+
+
+class FormerChecksum(BaseModel):
+    """The checksum that a release had until something in it was erased."""
+
+    checksum: str = Field(description="The checksum as it was.")
+    until: datetime = Field(description="Until when it held.")
+
+
+class ReleaseOut(BaseModel):
+    """A release. Its files are there while it is ready."""
+
+    name: str = Field(description="The release's name, unique in the study.")
+    note: str = Field(description="What the release is for, for people.")
+    state: ReleaseState = Field(description="changing: something in it was erased; its files come again without it.")
+    filters: dict[str, Any] = Field(description=FILTERS)
+    made_by: str = Field(description="Name of the staff member who asked for it.")
+    requested_at: datetime = Field(description="When it was asked for.")
+    frozen_at: datetime | None = Field(description="The moment that the data are of.")
+    change_seq: int | None = Field(description="The study's counter of changes at that moment.")
+    checksum: str | None = Field(description="SHA-256 over the sorted lines `sha256  name` of all but release.json.")
+    altered_at: datetime | None = Field(description="When something was last taken out since it was erased.")
+    former_checksums: list[FormerChecksum] = Field(
+        description="Checksums that held before something was erased, the oldest first."
+    )
+    rows: int = Field(description="Of all its tables.")
+    bytes: int = Field(description="Length of all its files together, bytes.")
+    failure: str | None = Field(description="Why it failed: a code; null: it has not.")
+    files: list[ReleaseFileOut] = Field(description="Its files; empty while it is not ready.")
+
+
+class ReleaseList(BaseModel):
+    """Releases of a study, the newest first; `next` leads to the page after it, null at the end."""
+
+    items: list[ReleaseOut] = Field(description=PAGE)
+    next: str | None = Field(description=NEXT)
+
+
+class CheckedFileOut(BaseModel):
+    """A file, compared with what was frozen."""
+
+    name: str = Field(description="The file's name in the release.")
+    sha256: str = Field(description="SHA-256 that was frozen, hex.")
+    found: Literal["whole", "damaged", "missing"] = Field(
+        description="What the store has of it: the same bytes, other bytes, or nothing."
+    )
+
+
+class ReleaseCheckOut(BaseModel):
+    """Whether all files are what was frozen, read back byte for byte."""
+
+    is_whole: bool = Field(description="Whether every file is what was frozen.")
+    checksum: str | None = Field(description="Of what the store has; null where a file lacks.")
+    files: list[CheckedFileOut] = Field(description="The result for each file.")

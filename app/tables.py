@@ -1,0 +1,23 @@
+"""Every table: importing this module defines them all. Composition roots and Alembic do."""
+
+import app.candidates.models
+import app.db.spent_key_models
+import app.diary.models
+import app.exports.models
+import app.exports.release_models
+import app.foods.models
+import app.foods.search.models
+import app.meals.event_models
+import app.meals.job_models
+import app.meals.models
+import app.meals.record_models
+import app.outbox.models
+import app.people.calibration_models
+import app.people.models
+import app.people.privacy_models
+import app.vessels.models
+from app.db.base import Base
+
+__all__ = ["METADATA"]
+
+METADATA = Base.metadata

@@ -1,0 +1,53 @@
+"""/v1/meals/{meal_id}/after: what a phone tells of the after-meal pair; its photographs come by PUT images/{slot}."""
+
+from datetime import UTC, datetime
+from typing import Any
+
+import anyio.to_thread
+from fastapi import APIRouter, Request, Response
+
+from app.http.problems import problem_responses
+from app.meals.meal_time import meal_time
+from app.meals.upload import MAX_METADATA_BYTES
+from app.people.access.deps import CurrentDevice, State
+from app.records.read_meal import MealView, read_meal
+from app.uploads.after_meal import AfterMetadata, SubmitAfterPair
+from app.uploads.after_schemas import AfterMetadataIn
+from app.uploads.api import SUBMIT_RESPONSES, MealId, meal_response
+from app.uploads.metadata import read_limited, validated_with_unknown
+
+router = APIRouter(prefix="/v1/meals", tags=["meals"])
+
+METADATA_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {"application/json": {"schema": {"$ref": "#/components/schemas/AfterMetadataIn"}}},
+    }
+}
+
+
+@router.put(
+    "/{meal_id}/after",
+    status_code=202,
+    response_model=None,
+    responses=SUBMIT_RESPONSES | problem_responses(404),
+    openapi_extra=METADATA_BODY,
+)
+async def put_after(request: Request, meal_id: MealId, state: State, caller: CurrentDevice) -> Response:
+    """Tell when the after-meal pair was taken and what is left where: before its second photograph, or not at all."""
+    told, unknown = validated_with_unknown(AfterMetadataIn, await read_limited(request, MAX_METADATA_BYTES))
+
+    def work() -> tuple[bool, MealView]:
+        zone = told.time_zone or state.part(SubmitAfterPair).zone_of(caller, meal_id)
+        metadata = AfterMetadata(
+            time=meal_time(told.captured_at, zone, datetime.now(UTC)),
+            camera=told.camera.model_dump(mode="json") if told.camera is not None else None,
+            hints=tuple(hint.model_dump(mode="json", exclude_none=True, by_alias=True) for hint in told.hints),
+            complete=told.complete,
+            unknown=unknown,
+        )
+        submitted = state.part(SubmitAfterPair).announce(caller, meal_id, metadata)
+        return submitted.is_new, read_meal(state.database, caller, meal_id)
+
+    is_new, view = await anyio.to_thread.run_sync(work)
+    return meal_response(view, 202 if is_new else 200)

@@ -1,0 +1,90 @@
+"""A meal's estimate is called off before it is made: its jobs end, what waited has failed with the code `cancelled`.
+
+The photographs stay, and a researcher can have the meal estimated after all (retry_meal.py). A worker that has the job
+in hand hears of it within a heartbeat or two and ends the child that computes; what it had found is not written.
+"""
+
+import uuid
+from datetime import UTC, datetime
+
+import structlog
+from sqlalchemy.orm import Session
+
+from app.children.faults import CANCELLED
+from app.core.errors import ConflictError
+from app.db.session import Database
+from app.jobs import queries as jobs
+from app.meals.models import Meal
+from app.meals.queries import WAITING
+from app.people.access import audit
+from app.people.access.caller import Caller, DeviceCaller
+from app.privacy import queries as privacy
+from app.records.locked_meal import lock_meal_of
+from app.records.project_records import project_meal
+from app.records.read_meal import MealView, read_meal
+
+log = structlog.get_logger()
+
+OF_PAIRS = frozenset({"meal", "after"})  # purposes; the regions that people drew are not a phone's to call off
+
+
+def cancel_meal(
+    database: Database, caller: Caller, client_id: uuid.UUID, participant_code: str | None = None
+) -> MealView:
+    """Call off what of the meal is not measured yet; done before, it changes nothing.
+
+    Raises NotFoundError, NotAllowedError, ConflictError (`nothing_to_cancel`: it has an answer, or is not complete
+    yet), GoneError.
+    """
+    with database.write() as session:
+        locked = lock_meal_of(session, caller, client_id, participant_code)
+        called_off = cancel_locked_meal(session, locked.meal, caller)
+    log.info("meal_cancelled", meal_id=str(locked.meal.id), jobs=called_off)
+    return read_meal(database, caller, client_id, participant_code)
+
+
+def cancel_locked_meal(session: Session, meal: Meal, caller: Caller | None) -> int:
+    """Returns how many jobs, or pairs whose job was lost, were called off. Raises ConflictError.
+
+    caller None: whoever runs the server.
+    """
+    live = privacy.live_jobs_of(session, privacy.one_meal(meal.id))
+    if isinstance(caller, DeviceCaller):
+        live = [job for job in live if job.purpose in OF_PAIRS]
+    lost = [] if live else _waiting_pairs(meal)
+    if not live and not lost:
+        if CANCELLED.code in (meal.failure_code, meal.after_failure_code):
+            return 0
+        raise _nothing_waits(meal)
+    now = datetime.now(UTC)
+    for job in live:
+        jobs.fail_job(job, meal, CANCELLED, now)
+    if "meal" in lost:
+        jobs.fail_meal(meal, CANCELLED)
+    if "after" in lost:
+        jobs.fail_after_pair(meal, CANCELLED)
+    project_meal(session, meal)
+    purposes = sorted([*(job.purpose for job in live), *lost])
+    audit.note(session, caller, "meal.cancel", study_id=meal.study_id, subject=meal.alias, purposes=purposes)
+    return len(purposes)
+
+
+def _waiting_pairs(meal: Meal) -> list[str]:
+    """Pairs of a meal without a job to be done that say they wait: a sweep would give them one (jobs/sweep.py)."""
+    statuses = {"meal": meal.status, "after": meal.after_status}
+    return [purpose for purpose, status in statuses.items() if status in WAITING]
+
+
+def _nothing_waits(meal: Meal) -> ConflictError:
+    if meal.status == "failed":
+        why, facts = f"it has failed before ({meal.failure_code})", {"failure_code": meal.failure_code}
+    elif meal.status == "receiving":
+        why, facts = "its photographs are not all here", {}
+    else:
+        why, facts = "it has its answer", {}
+    return ConflictError(
+        f"Nothing of this meal waits for an estimate: {why}.",
+        code="nothing_to_cancel",
+        meal_status=meal.status,
+        **facts,
+    )

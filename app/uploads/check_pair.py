@@ -1,0 +1,111 @@
+"""A pair judged before it is sent: problems with a sentence each in the participant's language. Nothing is kept."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from app.children.api_children import ApiChildren, Whose
+from app.children.decoding_cost import is_costly
+from app.core.errors import InvalidInputError
+from app.core.settings import Settings
+from app.db.session import Database
+from app.estimates.camera_choice import Size, choose_camera
+from app.estimates.camera_json import camera_to_json
+from app.meals.receive_photo import SIDEWAYS, ReceivedFile
+from app.messages.catalogue import choose_locale, sentence
+from app.people.access.caller import DeviceCaller
+from app.people.models import Locale, Study
+from app.photos.inspect import PhotoFacts, inspect_photo
+from app.vision.marker_spec import parse_marker
+
+SECONDS = 10.0  # of one check, at most: many times what a slow machine needs
+SIDES = ("left", "right")
+
+
+@dataclass(frozen=True, slots=True)
+class CheckRequest:
+    """What the phone tells beside the photographs. camera: as a camera file. locale, accept_language: as sent."""
+
+    marker: str | None = None
+    camera: Mapping[str, Any] | None = None
+    locale: str | None = None
+    accept_language: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ToldProblem:
+    """A problem with its sentence. severity: "stop" or "warn"; side: "left", "right" or None, the pair."""
+
+    code: str
+    severity: str
+    side: str | None
+    message: str
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedPair:
+    """is_ok: nothing stops the pair. measures: numbers by name with unit. seconds: what the judgement took."""
+
+    is_ok: bool
+    problems: tuple[ToldProblem, ...]
+    measures: Mapping[str, float]
+    locale: Locale
+    seconds: float
+
+
+def check_pair(
+    database: Database,
+    children: ApiChildren,
+    settings: Settings,
+    caller: DeviceCaller,
+    request: CheckRequest,
+    files: Mapping[str, ReceivedFile],
+) -> CheckedPair:
+    """Judge a pair. Raises InvalidInputError (`marker_missing`), UnavailableError (`server_busy`), PhotographError."""
+    started = time.perf_counter()
+    sizes = _sizes(files)
+    with database.read() as session:
+        study = session.get_one(Study, caller.study_id)
+        marker = request.marker or study.marker
+        chosen = choose_camera(
+            session, given=request.camera, device_id=caller.device_id, study=study, sizes=sizes or [(1, 1)]
+        )
+    if marker is None:
+        raise InvalidInputError(
+            "Neither the metadata nor the study says which marker lies beside the plate: send marker, "
+            "such as plain:9x7:11.",
+            code="marker_missing",
+        )
+    parse_marker(marker)
+    locale = choose_locale(request.locale, request.accept_language, study.locale)
+    found = children.run(
+        "check",
+        {
+            "left": str(files["left"].path),
+            "right": str(files["right"].path),
+            "marker": marker,
+            "camera": camera_to_json(chosen.camera) if chosen.camera is not None else None,
+            "max_pixels": settings.max_photo_pixels,
+        },
+        seconds=SECONDS,
+        whose=Whose(caller.study_id, caller.device_id),
+        is_costly=is_costly([file.path for file in files.values()]),
+    )
+    problems = tuple(_told(one["code"], one["severity"], one["side"], locale) for one in found["problems"])
+    return CheckedPair(found["ok"], problems, found["measures"], locale, round(time.perf_counter() - started, 3))
+
+
+def _told(code: str, severity: str, side: Literal["left", "right"] | None, locale: Locale) -> ToldProblem:
+    return ToldProblem(code, severity, side, sentence(code, locale, side) or code)
+
+
+def _sizes(files: Mapping[str, ReceivedFile]) -> list[Size]:
+    """The upright sizes of those photographs whose structure can be read; the child tells of the others."""
+    sizes = []
+    for side in SIDES:
+        facts = inspect_photo(files[side].path) if files[side].bytes else None
+        if isinstance(facts, PhotoFacts):
+            sideways = facts.orientation in SIDEWAYS
+            sizes.append((facts.height, facts.width) if sideways else (facts.width, facts.height))
+    return sizes

@@ -1,0 +1,62 @@
+"""What a phone says and hears about a pair before it sends it."""
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.http.text_schemas import Text
+from app.people.models import Locale
+from app.records.meal_schemas import CameraIn
+
+
+class CheckMetadataIn(BaseModel):
+    """Beside the photographs; all of it may be left out."""
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"locale": "es"}})
+
+    marker: Text | None = Field(default=None, max_length=64, description="KIND:COLSxROWS:MM; default: the study's.")
+    camera: CameraIn | None = Field(default=None, description="Default: as for a meal of this phone.")
+    locale: Locale | None = Field(
+        default=None, description="Of the sentences; default: Accept-Language, or else the study's."
+    )
+
+
+class CheckProblemOut(BaseModel):
+    """One thing to do better."""
+
+    code: str = Field(description="Stable; docs/checks.md and docs/errors.md list them.")
+    severity: Literal["stop", "warn"] = Field(
+        description="stop: this pair will not be measured. warn: it will be, but worse."
+    )
+    side: Literal["left", "right"] | None = Field(description="The photograph; null: the pair.")
+    message: str = Field(description="One sentence for the participant.")
+
+
+class CheckOut(BaseModel):
+    """A pair judged. Nothing of it was kept."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "ok": False,
+                "problems": [
+                    {
+                        "code": "marker_cut_off",
+                        "severity": "stop",
+                        "side": "left",
+                        "message": "The printed pattern is cut off at the edge in the left photo: please step back a "
+                        "little or move the phone.",
+                    }
+                ],
+                "measures": {"edge_width_px_right": 3.9, "square_px_right": 58.1},
+                "locale": "en",
+                "seconds": 0.31,
+            }
+        }
+    )
+
+    ok: bool = Field(description="Nothing stops this pair from being measured.")
+    problems: list[CheckProblemOut] = Field(description="What could be done better; empty: nothing.")
+    measures: dict[str, float] = Field(description="Numbers that could be had, each with its unit in the name.")
+    locale: Locale = Field(description="Of the sentences.")
+    seconds: float = Field(description="What the judgement took, without the upload.")

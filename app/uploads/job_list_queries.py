@@ -1,0 +1,120 @@
+"""SQL of the lists that people read who look after jobs: what is to be done, and what has failed."""
+
+import uuid
+from dataclasses import dataclass
+from datetime import datetime
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Session, aliased
+
+from app.jobs.queries import LIVE_STATES
+from app.meals.job_models import Job
+from app.meals.models import Meal
+from app.people.models import Participant, Study
+
+_PAIRS = (("meal", Meal.status, Meal.failure_code), ("after", Meal.after_status, Meal.after_failure_code))
+
+
+@dataclass(frozen=True, slots=True)
+class JobRow:
+    """A job to be done, or a pair that failed, as `tada jobs list` tells it. meal: the id that its phone made.
+
+    code: of the failure. since: queued, or for a failure, ended. worker, attempts: of the pair's last job.
+    """
+
+    study: str
+    participant: str
+    meal: uuid.UUID
+    purpose: str
+    state: str
+    since: datetime | None
+    code: str | None
+    attempts: int
+    worker: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class FailedFilter:
+    """Which failed pairs: None leaves a filter out. since: their last job ended then or later."""
+
+    study_id: uuid.UUID | None = None
+    code: str | None = None
+    since: datetime | None = None
+
+
+def list_live_jobs(session: Session, study_id: uuid.UUID | None, limit: int) -> list[JobRow]:
+    """Jobs to be done, those that are worked on first, the others in the order of their turns."""
+    query = (
+        sa.select(Study.code, Participant.code, Meal.client_id, Job)
+        .join(Meal, Meal.id == Job.meal_id)
+        .join(Study, Study.id == Meal.study_id)
+        .join(Participant, Participant.id == Meal.participant_id)
+        .where(Job.state.in_(LIVE_STATES))
+        .order_by(Job.state == "queued", Job.turn, Job.enqueued_at, Job.id)
+        .limit(limit)
+    )
+    if study_id is not None:
+        query = query.where(Meal.study_id == study_id)
+    return [
+        JobRow(study, person, meal, job.purpose, job.state, job.enqueued_at, None, job.attempts, job.executor_id)
+        for study, person, meal, job in session.execute(query)
+    ]
+
+
+def list_failed(session: Session, wanted: FailedFilter, limit: int) -> list[JobRow]:
+    """Pairs that failed, the last one first; those of which nobody knows when, as they have no job, behind all."""
+    rows: list[JobRow] = []
+    for purpose, _, code in _PAIRS:
+        last = _last_job(purpose)
+        query = (
+            sa.select(Study.code, Participant.code, Meal.client_id, code, Job)
+            .join(Study, Study.id == Meal.study_id)
+            .join(Participant, Participant.id == Meal.participant_id)
+            .outerjoin(Job, Job.id == last)
+            .where(_has_failed(purpose, wanted))
+            .order_by(Job.finished_at.desc().nulls_last(), Meal.client_id, Meal.id)
+            .limit(limit)
+        )
+        for study, person, meal, failure, job in session.execute(query):
+            ended = (job.finished_at, job.attempts, job.executor_id) if job is not None else (None, 0, None)
+            rows.append(JobRow(study, person, meal, purpose, "failed", ended[0], failure, ended[1], ended[2]))
+    rows.sort(key=_last_first)
+    return rows[:limit]
+
+
+def _last_first(row: JobRow) -> tuple[bool, float, uuid.UUID]:
+    """The order of the queries, which on each database must be the same one."""
+    return row.since is None, -row.since.timestamp() if row.since is not None else 0.0, row.meal
+
+
+def failed_meals(session: Session, wanted: FailedFilter, after: uuid.UUID | None, limit: int) -> list[uuid.UUID]:
+    """Meals of which a pair failed, by id, behind `after`."""
+    is_wanted = sa.or_(*(_has_failed(purpose, wanted) for purpose, _, _ in _PAIRS))
+    query = sa.select(Meal.id).where(is_wanted).order_by(Meal.id).limit(limit)
+    if after is not None:
+        query = query.where(Meal.id > after)
+    return list(session.scalars(query))
+
+
+def _last_job(purpose: str) -> sa.ScalarSelect[uuid.UUID]:
+    other = aliased(Job)
+    return (
+        sa.select(other.id)
+        .where(other.meal_id == Meal.id, other.purpose == purpose)
+        .order_by(other.enqueued_at.desc(), other.id)
+        .limit(1)
+        .scalar_subquery()
+    )
+
+
+def _has_failed(purpose: str, wanted: FailedFilter) -> sa.ColumnElement[bool]:
+    status, code = next((status, code) for name, status, code in _PAIRS if name == purpose)
+    conditions = [status == "failed"]
+    if wanted.code is not None:
+        conditions.append(code == wanted.code)
+    if wanted.study_id is not None:
+        conditions.append(Meal.study_id == wanted.study_id)
+    if wanted.since is not None:
+        ended = sa.exists().where(Job.meal_id == Meal.id, Job.purpose == purpose, Job.finished_at >= wanted.since)
+        conditions.append(ended)
+    return sa.and_(*conditions)

@@ -1,0 +1,146 @@
+"""What `tada jobs` does for the people who run the server: see what waits and what failed, retry it, call it off.
+
+The rules are those of the calls (cancel_meal.py, retry_meal.py); here is how meals are named and taken one by one, each
+in its own transaction, so that thousands hold nobody up.
+"""
+
+import uuid
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import datetime
+
+from sqlalchemy.orm import Session
+
+from app.core.errors import ConflictError, GoneError, NotFoundError
+from app.db.session import Database, despite_deadlocks
+from app.estimates.retry_meal import retry_locked_meal
+from app.jobs.queue import JobQueue
+from app.meals import queries as meals
+from app.meals.models import Meal
+from app.people import queries as people
+from app.records.locked_meal import lock_with_person
+from app.uploads import job_list_queries as job_lists
+from app.uploads.cancel_meal import cancel_locked_meal
+from app.uploads.job_list_queries import FailedFilter, JobRow
+
+BATCH = 100  # ids read at once; each meal has its own transaction
+
+
+@dataclass(slots=True)
+class Retried:
+    """How many meals were queued; left: code -> those that could not be (photographs erased, somebody was quicker)."""
+
+    queued: int = 0
+    left: Counter[str] = field(default_factory=Counter)
+
+
+@dataclass(frozen=True, slots=True)
+class Failures:
+    """Which failed meals, as people name them: None leaves a filter out. since: failed then or later."""
+
+    study_code: str | None = None
+    code: str | None = None
+    since: datetime | None = None
+
+
+def waiting_jobs(database: Database, *, study_code: str | None, limit: int) -> list[JobRow]:
+    """What is to be done, in the order in which it will be. Raises NotFoundError for an unknown study."""
+    with database.read() as session:
+        return job_lists.list_live_jobs(session, _study_id(session, study_code), limit)
+
+
+def failed_pairs(database: Database, failures: Failures, *, limit: int) -> list[JobRow]:
+    """What failed, the last one first. Raises NotFoundError for an unknown study."""
+    with database.read() as session:
+        return job_lists.list_failed(session, _filter(session, failures), limit)
+
+
+def retry_named(database: Database, queue: JobQueue, client_id: uuid.UUID, participant_code: str | None) -> bool:
+    """Whether a job was queued; False: the meal waits already.
+
+    Raises NotFoundError, ConflictError (`meal_id_ambiguous`, `nothing_to_retry`), GoneError.
+    """
+    with database.write() as session:
+        return bool(retry_locked_meal(session, queue, _locked(session, client_id, participant_code), None))
+
+
+def retry_failed(database: Database, queue: JobQueue, failures: Failures) -> Retried:
+    """All that failed so, and nothing else of those meals: what somebody called off stays so.
+
+    Raises NotFoundError for an unknown study.
+    """
+    done = Retried()
+    with database.read() as session:
+        wanted = _filter(session, failures)
+
+    def retry(session: Session, meal: Meal) -> None:
+        try:
+            done.queued += bool(retry_locked_meal(session, queue, meal, None, code=failures.code))
+        except (ConflictError, GoneError) as error:
+            done.left[error.code] += 1
+
+    _each(database, wanted, retry)
+    return done
+
+
+def cancel_named(database: Database, client_id: uuid.UUID, participant_code: str | None) -> bool:
+    """Whether something was called off; False: it was before.
+
+    Raises NotFoundError, ConflictError (`meal_id_ambiguous`, `nothing_to_cancel`).
+    """
+    with database.write() as session:
+        return bool(cancel_locked_meal(session, _locked(session, client_id, participant_code), None))
+
+
+def _each(database: Database, wanted: FailedFilter, do: Callable[[Session, Meal], None]) -> None:
+    after = None
+    while True:
+        with database.read() as session:
+            batch = job_lists.failed_meals(session, wanted, after, BATCH)
+        for meal_id in batch:
+            _one(database, meal_id, do)
+        if len(batch) < BATCH:
+            return
+        after = batch[-1]
+
+
+def _one(database: Database, meal_id: uuid.UUID, do: Callable[[Session, Meal], None]) -> None:
+    """In its own transaction: again, where PostgreSQL ended it since it and another waited for each other.
+
+    People come before their meals here, but to save an estimate locks its meal first.
+    """
+
+    def transaction() -> None:
+        with database.write() as session:
+            meal = session.get(Meal, meal_id)
+            locked = lock_with_person(session, meal) if meal is not None else None
+            if locked is not None:  # else erased meanwhile
+                do(session, locked)
+
+    despite_deadlocks(transaction)
+
+
+def _locked(session: Session, client_id: uuid.UUID, participant_code: str | None) -> Meal:
+    found = meals.find_meals(session, client_id, participant_id=None, participant_code=participant_code, study_ids=None)
+    if len(found) > 1:
+        raise ConflictError(
+            "More than one participant has a meal of this id: add --participant CODE.", code="meal_id_ambiguous"
+        )
+    meal = lock_with_person(session, found[0][0]) if found else None
+    if meal is None:
+        raise NotFoundError(f"There is no meal {client_id}.")
+    return meal
+
+
+def _filter(session: Session, failures: Failures) -> FailedFilter:
+    return FailedFilter(_study_id(session, failures.study_code), failures.code, failures.since)
+
+
+def _study_id(session: Session, code: str | None) -> uuid.UUID | None:
+    if code is None:
+        return None
+    study = people.find_study(session, code)
+    if study is None:
+        raise NotFoundError(f"There is no study {code!r}.")
+    return study.id

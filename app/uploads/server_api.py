@@ -1,0 +1,54 @@
+"""/v1/server: what this server can do, for an app that may be newer or older than it.
+
+Open, since an app asks before it has a token.
+"""
+
+from datetime import UTC, datetime
+
+from fastapi import APIRouter
+
+from app import __version__
+from app.meals.upload import IMAGE_TYPES, MAX_METADATA_BYTES
+from app.people.access.deps import State
+from app.records.meal_schemas import MAX_HINTS, HintIn, NewMealMetadataIn
+from app.uploads.api import MAX_WAIT_SECONDS
+from app.uploads.server_schemas import ServerLimitsOut, ServerOut
+
+router = APIRouter(prefix="/v1/server", tags=["health"])
+
+FEATURES = (  # docs/apps.md tells what each says
+    "after_meal_pairs",
+    "calibrations",
+    "checks",
+    "declared_meals",
+    "diary",
+    "events",
+    "feedback",
+    "hints_are_additions",
+    "parts",
+    "questions",
+    "unknown_fields",
+    "vessels",
+)
+
+
+@router.get("")
+def get_server(state: State) -> ServerOut:
+    """The server's version, what it reads and knows, and its limits."""
+    settings = state.settings
+    return ServerOut(
+        version=__version__,
+        api_versions=["v1"],
+        time=datetime.now(UTC),
+        image_types=list(IMAGE_TYPES),
+        metadata_fields=sorted(NewMealMetadataIn.model_fields),
+        hint_fields=sorted(HintIn.model_fields),
+        features=list(FEATURES),
+        limits=ServerLimitsOut(
+            photo_bytes=settings.max_photo_bytes,
+            photo_pixels=settings.max_photo_pixels,
+            metadata_bytes=MAX_METADATA_BYTES,
+            hints=MAX_HINTS,
+            wait_seconds=MAX_WAIT_SECONDS,
+        ),
+    )

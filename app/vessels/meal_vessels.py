@@ -1,0 +1,72 @@
+"""The library's vessels in a meal: hints may name those of the study, and a run keeps which it was given."""
+
+import uuid
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from app.core.errors import InvalidInputError
+from app.vessels import queries as vessels
+from app.vessels.study_vessels import VesselView
+from app.vessels.vessel_measures import name_key
+from app.vision.vessel_library import VesselModel
+
+Hints = Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class VesselsOfMeal:
+    """What an estimate gets of the library: vessels in use, and retired ones that a hint names."""
+
+    views: tuple[VesselView, ...]
+
+    @property
+    def models(self) -> tuple[VesselModel, ...]:
+        """As the pipeline gets them."""
+        return tuple(view.model for view in self.views)
+
+    def in_hints(self, hints: Hints) -> list[Mapping[str, Any]]:
+        """The hints with their vessels' names as the library writes them, since the pipeline compares exactly."""
+        names = {view.vessel.name_key: view.vessel.name for view in self.views}
+        return [
+            {**hint, "vessel": names.get(name_key(hint["vessel"]), hint["vessel"])} if hint.get("vessel") else hint
+            for hint in hints
+        ]
+
+    def note_in(self, answer: dict[str, Any]) -> None:
+        """Write into a run's answer which vessels in which versions it was given: `parameters.vessels`."""
+        if self.views:
+            given = {view.vessel.name: view.vessel.version for view in self.views}
+            answer["parameters"] = {**answer["parameters"], "vessels": given}
+
+
+def vessels_of_meal(session: Session, study_id: uuid.UUID, hints: Hints) -> VesselsOfMeal:
+    """The study's vessels for an estimate with these hints."""
+    rows = vessels.vessels_for_estimate(session, study_id, _hinted_keys(hints))
+    return VesselsOfMeal(tuple(VesselView(*row) for row in rows))
+
+
+def require_known_vessels(session: Session, study_id: uuid.UUID, hints: Hints) -> None:
+    """Raises InvalidInputError `vessel_unknown` if a hint names a vessel that the study never had.
+
+    A retired one may be named: a phone sends meals of days when it was in use.
+    """
+    keys = _hinted_keys(hints)
+    if not keys:
+        return
+    unknown = keys - vessels.vessel_keys(session, study_id, keys)
+    names = sorted(
+        {str(hint["vessel"]) for hint in hints if hint.get("vessel") and name_key(hint["vessel"]) in unknown}
+    )
+    if names:
+        raise InvalidInputError(
+            f"The study's vessel library has no {', '.join(names)}: GET /v1/me/vessels lists what it has.",
+            code="vessel_unknown",
+            vessels=names,
+        )
+
+
+def _hinted_keys(hints: Hints) -> set[str]:
+    return {name_key(hint["vessel"]) for hint in hints if hint.get("vessel")}

@@ -1,0 +1,58 @@
+"""A study's vessel library: mugs and bowls that were measured once."""
+
+import uuid
+from datetime import datetime
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Mapped, mapped_column
+
+from app.db.base import Base, one_of
+
+VESSEL_KINDS = ("mug", "cup", "glass", "tall_glass", "bowl", "soup_bowl", "deep_plate", "other")  # vision's
+
+
+class StudyVessel(Base):
+    """A vessel of a study. Its name never changes, since hints and runs refer to it; its measures are of `version`.
+
+    name_key: the name as it is compared, without case: unique in the study.
+    """
+
+    __tablename__ = "study_vessel"
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
+    name: Mapped[str] = mapped_column(sa.String(100))
+    name_key: Mapped[str] = mapped_column(sa.String(300))  # folding case makes three characters of one at the most
+    version: Mapped[int] = mapped_column(default=1)
+    created_at: Mapped[datetime]
+
+    __table_args__ = (sa.Index(None, "study_id", "name_key", unique=True),)
+
+
+class StudyVesselVersion(Base):
+    """What a vessel measured from this version on, and whether it was in use. Never changed: runs refer to it.
+
+    Lengths and volumes as they were typed; see vision/vessel_library.py. fill_line_mm: over the table. author: who
+    measured, retired or restored it.
+    """
+
+    __tablename__ = "study_vessel_version"
+
+    vessel_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study_vessel.id"), primary_key=True)
+    version: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    kind: Mapped[str] = mapped_column(sa.String(16))
+    rim_diameter_mm: Mapped[float]
+    height_mm: Mapped[float]
+    capacity_ml: Mapped[float | None]
+    fill_line_mm: Mapped[float | None]
+    fill_line_ml: Mapped[float | None]
+    inside_profile_mm: Mapped[list[Any]]
+    is_retired: Mapped[bool]
+    author: Mapped[str] = mapped_column(sa.String(200))
+    changed_at: Mapped[datetime]
+
+    __table_args__ = (
+        one_of("kind", VESSEL_KINDS),
+        sa.CheckConstraint("(fill_line_mm IS NULL) = (fill_line_ml IS NULL)", name="whole_fill_line"),
+    )

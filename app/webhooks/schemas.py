@@ -1,0 +1,93 @@
+"""Webhooks and their deliveries over the wire."""
+
+import uuid
+from datetime import datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from app.http.field_descriptions import NEXT, PAGE
+from app.http.text_schemas import Text
+from app.outbox.models import DeliveredEvent, DeliveryState, Event
+
+EventName = Literal["*", Event]
+Url = Annotated[Text, Field(min_length=1, max_length=500, description="https, to a public address.")]
+Events = Annotated[list[EventName], Field(min_length=1, max_length=20, description="`*`: all, later ones too.")]
+
+
+class WebhookIn(BaseModel):
+    """A new webhook."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "example": {"url": "https://hooks.example.org/tada", "events": ["meal.estimated", "meal.confirmed"]}
+        },
+    )
+
+    url: Url
+    events: Events
+
+
+class WebhookChangeIn(BaseModel):
+    """What to change; what is left out stays."""
+
+    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"is_enabled": True}})
+
+    url: Url | None = Field(default=None, description="The new address, https and public; null: as it is.")
+    events: Events | None = Field(default=None, description="The new list of events; null: as it is.")
+    is_enabled: bool | None = Field(default=None, description="Whether deliveries are sent; null: as it is.")
+
+    @model_validator(mode="after")
+    def _changes_something(self) -> "WebhookChangeIn":
+        if self.url is None and self.events is None and self.is_enabled is None:
+            raise ValueError("name url, events or is_enabled")
+        return self
+
+
+class WebhookOut(BaseModel):
+    """A webhook. disabled_at: since then nothing is sent to it."""
+
+    id: uuid.UUID = Field(description="The webhook's id.")
+    url: str = Field(description="Where deliveries are sent.")
+    events: list[EventName] = Field(description="Events that it is sent; `*`: all, later ones too.")
+    author: str = Field(description="Name of the staff member who made it.")
+    version: int = Field(description="Grows with every change of the webhook; the ETag names it.")
+    created_at: datetime = Field(description="When it was made.")
+    disabled_at: datetime | None = Field(description="Since when nothing is sent to it; null: it is enabled.")
+
+
+class WebhookList(BaseModel):
+    """A study's webhooks, the newest first, at most 100."""
+
+    items: list[WebhookOut] = Field(description="The study's webhooks.")
+
+
+class WebhookSecretOut(BaseModel):
+    """The secret that deliveries are signed with, shown once."""
+
+    webhook: WebhookOut = Field(description="The webhook that the secret is for.")
+    secret: str = Field(description="whsec_ and the key in base64, as libraries for Standard Webhooks take it.")
+    previous_until: datetime | None = Field(description="Until then the old secret signs along; null: there is none.")
+
+
+class DeliveryOut(BaseModel):
+    """One event for one webhook, and how far its delivery is."""
+
+    id: uuid.UUID = Field(description="The header Webhook-Id; the same at every try.")
+    event: DeliveredEvent = Field(description="The event's name, such as meal.estimated; `ping` for a test.")
+    payload: dict[str, Any] = Field(description="The body that is sent.")
+    state: DeliveryState = Field(description="waiting: to be sent, or tried again. given_up: it failed too often.")
+    attempts: int = Field(description="How often it was tried.")
+    next_try_at: datetime | None = Field(description="When it is tried next; null: it is not.")
+    last_status: int | None = Field(description="HTTP status of the last answer; null: there was none.")
+    last_error: str | None = Field(description="Why the last try failed; null: it did not.")
+    created_at: datetime = Field(description="When the event happened.")
+    delivered_at: datetime | None = Field(description="When it was accepted; null: it was not.")
+
+
+class DeliveryPage(BaseModel):
+    """Deliveries, the newest first. next: the following page."""
+
+    items: list[DeliveryOut] = Field(description=PAGE)
+    next: str | None = Field(description=NEXT)

@@ -1,0 +1,330 @@
+"""What the index says of an item, from the sealed answer to what people see, and what follows from it."""
+
+import uuid
+
+import pytest
+import sqlalchemy as sa
+
+from app.candidates.models import IndexEntry, ItemIdentification
+from app.meals.job_models import Job
+from app.meals.models import Meal
+from app.meals.record_models import EffectiveRecord, Item, ItemCandidate, ItemFood
+from app.records.rebuild_records import rebuild_records
+from tests import estimates
+from tests.estimates import found_item, identified_item, vcm
+from tests.integration.conftest import meal_metadata
+from tests.integration.records.reviewing import Speaker
+from tests.photographs import pair
+
+RING = [[5.0, 5.0], [80.0, 5.0], [80.0, 80.0]]
+LOOKS = vcm(0.25, -1.0, 3.0)
+UNSURE = {"apple": 0.5, "pear": 0.3, "peach": 0.1}
+SURE = {"apple": 0.9, "pear": 0.05}
+
+
+@pytest.fixture
+def meal_of(phone, state, client):
+    """A meal with these items; hints: what the phone pointed at."""
+
+    def meal_of(*items, hints=(), **fields):
+        body = meal_metadata(hints=list(hints), **fields)
+        assert phone.post(pair(), body).status_code == 202
+        estimates.save(state, body["id"], *items)
+        return Speaker(client, phone.headers, body["id"])
+
+    return meal_of
+
+
+@pytest.fixture
+def rows(state):
+    """All rows of a table."""
+
+    def rows(model, *order):
+        with state.database.read() as session:
+            return list(session.scalars(sa.select(model).order_by(*order)))
+
+    return rows
+
+
+@pytest.fixture
+def remeasure(state):
+    """The answer to what a person drew last."""
+
+    def remeasure(speaker, *found):
+        with state.database.read() as session:
+            query = sa.select(Job).where(Job.purpose == "remeasure", Job.state == "queued")
+            event_id = session.scalars(query).one().event_id
+            drawn = [item.id for item in session.scalars(sa.select(Item).where(Item.event_id == event_id))]
+        regions = [str(item) for item in drawn] or [speaker.items()[0]["id"]]
+        return estimates.save(state, speaker.meal_id, *found, purpose="remeasure", regions=regions)
+
+    return remeasure
+
+
+def shown(item):
+    return [(one["food"]["key"], one["probability"], one["source"]) for one in item["candidates"]]
+
+
+def test_candidates_are_kept_with_run_and_index_and_shown(meal_of, rows, client, admin):
+    meal = meal_of(identified_item(UNSURE, none=0.1, vcm=LOOKS))
+    (item,) = meal.items()
+    assert shown(item) == [("apple", 0.5, "index"), ("pear", 0.3, "index"), ("peach", 0.1, "index")]
+    assert (item["none_of_these"], item["index_version"]) == (0.1, "test 1")
+    (kept,) = rows(ItemIdentification)
+    assert (kept.vcm_version, kept.index_version, kept.none_probability) == ("1", "test 1", 0.1)
+    assert kept.vector.hex() == "003400bc0042"  # 0.25, -1 and 3 as little-endian float16
+    assert {one.run_id for one in rows(ItemCandidate)} == {kept.run_id}
+    (queued,) = client.get("/v1/studies/pilot/review-queue", headers=admin).json()["items"]
+    assert (queued["candidates"], queued["none_of_these"]) == (item["candidates"], 0.1)
+
+
+def test_item_without_vcm_has_no_candidates(meal_of, rows):
+    (item,) = meal_of(found_item(hint=None)).items()
+    assert (item["candidates"], item["none_of_these"], item["index_version"]) == ([], None, None)
+    assert rows(ItemIdentification) == []
+
+
+def test_described_item_that_was_not_identified_keeps_its_vector(meal_of, rows):
+    (item,) = meal_of(found_item(hint=None, vcm=LOOKS)).items()
+    assert (item["candidates"], item["none_of_these"]) == ([], None)
+    (kept,) = rows(ItemIdentification)
+    assert (kept.index_version, kept.none_probability) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("probability", "food", "status", "flags"),
+    [(0.8, "apple", "proposed", ["food_identified"]), (0.799, None, "needs_review", [])],
+)
+def test_item_is_taken_for_what_it_surely_is_and_waits_else(meal_of, probability, food, status, flags):
+    meal = meal_of(identified_item({"apple": probability}))
+    (item,) = meal.items()
+    assert (item["food"] and item["food"]["key"], item["status"], item["flags"]) == (food, status, flags)
+    assert (item["mass_g"] is None) == (food is None)
+
+
+def test_one_call_confirms_what_the_index_found(meal_of):
+    meal = meal_of(identified_item(SURE))
+    meal.say("confirm", item=meal.items()[0]["id"])
+    (item,) = meal.items()
+    assert (item["status"], item["food"]["key"], item["flags"]) == ("confirmed", "apple", [])
+
+
+@pytest.mark.parametrize("probabilities", [SURE, UNSURE])
+def test_one_call_chooses_another_candidate(meal_of, probabilities):
+    meal = meal_of(identified_item(probabilities))
+    (item,) = meal.items()
+    meal.say("set_food", item=item["id"], food=item["candidates"][1]["food"]["key"])
+    (item,) = meal.items()
+    assert (item["status"], item["food"]["key"], item["flags"]) == ("corrected", "pear", [])
+
+
+def test_setting_an_amount_vouches_for_no_food(meal_of, rows):
+    meal = meal_of(identified_item(SURE))
+    meal.say("set_volume", item=meal.items()[0]["id"], volume_ml=100.0)
+    (item,) = meal.items()
+    assert (item["status"], item["flags"]) == ("corrected", ["food_identified"])
+    assert rows(IndexEntry) == []
+
+
+def test_hint_names_the_food_and_the_index_stands_beside_it(meal_of):
+    (item,) = meal_of(identified_item(SURE, hint=0), hints=[{"point": [3, 3], "food": "pear"}]).items()
+    assert shown(item) == [("pear", None, "hint"), ("apple", 0.9, "index"), ("pear", 0.05, "index")]
+    assert (item["food"]["key"], item["flags"]) == ("pear", [])
+
+
+def test_hint_that_the_index_is_sure_against_is_doubtful_until_somebody_vouches(meal_of, rows):
+    hints = [{"point": [3, 3], "food": "pear"}]
+    meal_of(identified_item({"apple": 0.94, "pear": 0.05}, hint=0), hints=hints)
+    meal = meal_of(identified_item({"apple": 0.96, "pear": 0.02}, hint=0), hints=hints)
+    (item,) = meal.items()
+    assert (item["food"]["key"], item["flags"]) == ("pear", ["food_doubtful"])
+    believed, doubtful = sorted(record.doubt for record in rows(EffectiveRecord))
+    assert believed < 0.3
+    assert 1 - doubtful == pytest.approx(0.02 * (1 - believed))
+    meal.say("confirm", item=item["id"])
+    assert meal.items()[0]["flags"] == []
+
+
+def test_hint_of_a_food_that_is_gone_by_now_is_not_overruled(phone, state, client):
+    body = meal_metadata(hints=[{"point": [3, 3], "food": "apple"}])
+    assert phone.post(pair(), body).status_code == 202
+    with state.database.write() as session:
+        meal = session.scalars(sa.select(Meal)).one()
+        meal.details = meal.details | {"hints": [{"point": [3, 3], "food": "no-such-food"}]}
+    estimates.save(state, body["id"], identified_item(SURE, hint=0))
+    (item,) = Speaker(client, phone.headers, body["id"]).items()
+    assert (item["food"], item["status"]) == (None, "needs_review")
+    assert [key for key, *_ in shown(item)] == ["apple", "pear"]
+
+
+def test_hint_without_a_food_says_how_the_identified_food_lies(meal_of):
+    hints = [{"point": [3, 3], "lies_as": "heap"}]
+    (item,) = meal_of(identified_item(SURE, hint=0), hints=hints).items()
+    assert (item["food"]["key"], item["lies_as"]) == ("apple", "heap")
+
+
+def test_food_that_no_table_has_adds_to_none_of_these(meal_of):
+    found = identified_item({"mooncake": 0.85, "sachima": 0.1, "apple": 0.03}, none=0.02)
+    (item,) = meal_of(found).items()
+    assert shown(item) == [("apple", 0.03, "index")]
+    assert item["none_of_these"] == pytest.approx(0.97)
+    assert item["food"] is None
+
+
+def test_ten_candidates_at_most_and_none_that_is_next_to_impossible(meal_of, client, admin):
+    keys = [food["key"] for food in client.get("/v1/foods?limit=30", headers=admin).json()["items"]][:14]
+    many = dict.fromkeys(keys[:12], 0.08)
+    (item,) = meal_of(identified_item(many)).items()
+    assert len(item["candidates"]) == 10
+    (item,) = meal_of(identified_item({"apple": 0.5, "pear": 0.001, "peach": 0.0009})).items()
+    assert [key for key, *_ in shown(item)] == ["apple", "pear"]
+
+
+def test_doubt_of_an_identified_food_is_that_it_is_another(meal_of, rows):
+    meal_of(found_item(hint=0), hints=[{"point": [3, 3], "food": "apple"}])
+    meal_of(identified_item({"apple": 0.84}))
+    known, identified = sorted(record.doubt for record in rows(EffectiveRecord))
+    assert 1 - identified == pytest.approx(0.84 * (1 - known))
+
+
+def test_redrawn_region_is_identified_anew_and_undone_as_it_was(meal_of, remeasure, rows):
+    meal = meal_of(identified_item(UNSURE, none=0.1))
+    (item,) = meal.items()
+    meal.say("redraw", item=item["id"], polygon=RING)
+    remeasure(meal, identified_item({"peach": 0.7, "plum": 0.2}, none=0.05, hint=0, index_version="test 2"))
+    (after,) = meal.items()
+    assert shown(after) == [("peach", 0.7, "index"), ("plum", 0.2, "index")]
+    assert (after["none_of_these"], after["index_version"], after["food"]) == (0.05, "test 2", None)
+    kept = rows(ItemCandidate, ItemCandidate.position)
+    assert [one.position for one in kept] == [0, 1, 2, 3, 4]
+    meal.say("undo", event=meal.history()["items"][-1]["id"])
+    (undone,) = meal.items()
+    assert (shown(undone), undone["index_version"]) == (shown(item), "test 1")
+
+
+def test_redrawn_region_that_is_surely_something_is_taken_for_it_as_long_as_nobody_has_said(meal_of, remeasure):
+    meal = meal_of(identified_item(SURE))
+    (item,) = meal.items()
+    meal.say("redraw", item=item["id"], polygon=RING)
+    remeasure(meal, identified_item({"peach": 0.85}, hint=0))
+    (taken,) = meal.items()
+    assert (taken["food"]["key"], taken["flags"]) == ("peach", ["food_identified"])
+    drawing = meal.history()["items"][-1]["id"]
+    meal.say("set_food", item=item["id"], food="pear")
+    meal.say("redraw", item=item["id"], polygon=RING[::-1])
+    remeasure(meal, identified_item({"peach": 0.99}, hint=0))
+    assert meal.items()[0]["food"]["key"] == "pear"
+    for event in meal.history()["items"][-2:]:
+        meal.say("undo", event=event["id"])
+    assert meal.items()[0]["food"]["key"] == "peach"
+    meal.say("undo", event=drawing)
+    assert meal.items()[0]["food"]["key"] == "apple"
+
+
+def test_food_that_a_redrawn_region_is_taken_for_lies_as_was_told(meal_of, remeasure):
+    meal = meal_of(identified_item(SURE, hint=0), hints=[{"point": [3, 3], "lies_as": "heap"}])
+    meal.say("redraw", item=meal.items()[0]["id"], polygon=RING)
+    remeasure(meal, identified_item({"peach": 0.85}, hint=0))
+    (item,) = meal.items()
+    assert (item["food"]["key"], item["lies_as"]) == ("peach", "heap")
+
+
+def test_added_region_is_identified(meal_of, remeasure):
+    meal = meal_of(identified_item(SURE))
+    meal.say("add", region={"polygon": RING})
+    remeasure(meal, identified_item({"peach": 0.85, "plum": 0.1}, hint=0))
+    added = meal.items()[-1]
+    assert (added["food"]["key"], added["flags"]) == ("peach", ["food_identified"])
+    assert shown(added) == [("peach", 0.85, "index"), ("plum", 0.1, "index")]
+
+
+def test_parts_of_a_guessed_item_are_guessed_and_of_a_known_one_known(meal_of, rows):
+    for probabilities, hints, flags in ((SURE, [], ["food_identified"]), (SURE, [{"food": "pear"}], [])):
+        meal = meal_of(identified_item(probabilities, hint=0 if hints else None), hints=hints)
+        meal.say("split", item=meal.items()[0]["id"], parts=[{"share": 0.4}, {"share": 0.6}])
+        assert [part["flags"] for part in meal.items() if part["origin"] == "split"] == [flags, flags]
+    merged = meal_of(identified_item(SURE), identified_item(SURE))
+    merged.say("merge", items=[item["id"] for item in merged.items()])
+    (whole,) = [item for item in merged.items() if item["origin"] == "merged"]
+    assert (whole["food"]["key"], whole["flags"]) == ("apple", ["food_identified"])
+    assert rows(IndexEntry) == []
+
+
+def test_entry_comes_with_the_confirmation_follows_the_food_and_goes_with_both(meal_of, rows, state):
+    meal = meal_of(identified_item(SURE, vcm=LOOKS))
+    item_id = meal.items()[0]["id"]
+    assert rows(IndexEntry) == []
+    meal.say("confirm", item=item_id)
+    confirmation = meal.history()["items"][-1]["id"]
+    (entry,) = rows(IndexEntry)
+    (seen,) = rows(ItemIdentification)
+    (kept,) = rows(Meal)
+    assert (str(entry.item_id), entry.run_id, entry.vcm_version) == (item_id, seen.run_id, "1")
+    assert (entry.study_id, entry.participant_id) == (kept.study_id, kept.participant_id)
+    assert (entry.food_key, entry.volume_ml, entry.captured_at) == ("apple", 185.0, kept.captured_at)
+    assert entry.day_minute == 12 * 60 + 30  # by the clock on the wall in Shanghai
+    meal.say("set_food", item=item_id, food="pear")
+    meal.say("set_volume", item=item_id, volume_ml=120.0)
+    assert [(one.food_key, one.volume_ml) for one in rows(IndexEntry)] == [("pear", 120.0)]
+    meal.say("reject", item=item_id)
+    assert rows(IndexEntry) == []
+    for event in reversed(meal.history()["items"][1:]):
+        meal.say("undo", event=event["id"])
+    assert [one.food_key for one in rows(IndexEntry)] == ["apple"]
+    meal.say("undo", event=confirmation)
+    assert rows(IndexEntry) == []
+    assert rebuild_records(state.database, write=False).different == 0
+
+
+def test_confirmed_meal_teaches_all_its_items_and_a_hint_alone_nothing(meal_of, rows):
+    meal = meal_of(identified_item(SURE), identified_item(UNSURE, hint=0), hints=[{"food": "pear"}])
+    assert rows(IndexEntry) == []
+    meal.say("confirm_meal")
+    assert sorted(entry.food_key for entry in rows(IndexEntry)) == ["apple", "pear"]
+
+
+def test_entry_of_a_redrawn_item_is_of_its_new_region(meal_of, remeasure, rows):
+    meal = meal_of(identified_item(SURE))
+    item_id = meal.items()[0]["id"]
+    meal.say("confirm", item=item_id)
+    (before,) = rows(IndexEntry)
+    meal.say("redraw", item=item_id, polygon=RING)
+    drawing = meal.history()["items"][-1]["id"]
+    run_id = remeasure(meal, identified_item({"pear": 0.99}, volume_ml=90.0, hint=0))
+    (entry,) = rows(IndexEntry)
+    assert (entry.run_id, entry.food_key, entry.volume_ml) == (run_id, "apple", 90.0)
+    meal.say("undo", event=drawing)
+    assert [one.run_id for one in rows(IndexEntry)] == [before.run_id]
+
+
+def test_split_item_gives_way_to_its_measured_parts(meal_of, remeasure, rows):
+    meal = meal_of(identified_item(SURE))
+    item_id = meal.items()[0]["id"]
+    meal.say("confirm", item=item_id)
+    meal.say("split", item=item_id, parts=[{"polygon": RING}, {"polygon": RING[::-1], "food": "pear"}])
+    assert rows(IndexEntry) == []
+    remeasure(meal, identified_item(SURE, hint=0), identified_item(UNSURE, hint=1))
+    assert sorted(entry.food_key for entry in rows(IndexEntry)) == ["apple", "pear"]
+
+
+def test_spoilt_entry_is_found_and_mended(meal_of, state, rows):
+    meal = meal_of(identified_item(SURE), identified_item(UNSURE))
+    meal.say("confirm", item=meal.items()[0]["id"])
+    with state.database.write() as session:
+        session.execute(sa.update(IndexEntry).values(food_key="pear"))
+    assert rebuild_records(state.database, write=False).different == 1
+    with state.database.write() as session:
+        session.execute(sa.delete(IndexEntry))
+    assert rebuild_records(state.database, write=False).different == 1
+    assert rebuild_records(state.database, write=True).different == 1
+    assert [entry.food_key for entry in rows(IndexEntry)] == ["apple"]
+    with state.database.read() as session:
+        changes = session.scalar(sa.select(sa.func.count(sa.distinct(EffectiveRecord.change_seq))))
+    assert changes == 2  # the estimate's and the confirmation's: an entry is no change of a record
+
+
+def test_saving_an_answer_again_writes_nothing_more(meal_of, state, rows):
+    meal = meal_of(identified_item(SURE))
+    before = [len(rows(model)) for model in (ItemCandidate, ItemIdentification, ItemFood)]
+    estimates.save(state, uuid.UUID(meal.meal_id), identified_item(SURE))
+    assert [len(rows(model)) for model in (ItemCandidate, ItemIdentification, ItemFood)] == before

@@ -1,0 +1,383 @@
+"""The worker's identification: what it goes by, what it learns from whom, and that it fails no meal."""
+
+import uuid
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+import sqlalchemy as sa
+from structlog.testing import capture_logs
+
+from app.candidates.identify import IdentifyFoods
+from app.candidates.models import ItemIdentification
+from app.candidates.queries import entries_for
+from app.children.child_pool import ChildResult
+from app.estimates.estimate_meal import EstimateMeal
+from app.identification.food_index import shipped_index
+from app.identification.habits import EQUAL_WEIGHT, STUDY_WEIGHT
+from app.identification.identifier import Identifier
+from app.jobs import queries as jobs
+from app.meals.job_models import Job
+from app.meals.models import Meal
+from app.people.models import Study
+from tests.estimates import answer, found_item, vcm
+from tests.integration.conftest import meal_metadata
+from tests.integration.records.reviewing import Speaker
+from tests.photographs import pair
+
+pytestmark = pytest.mark.slow
+
+NEW_FOOD = "litchi"
+NOON, EVENING = "2026-11-20T12:00:00+08:00", "2026-11-20T19:00:00+08:00"
+
+
+@pytest.fixture(scope="module")
+def known():
+    """The shipped index."""
+    return shipped_index()
+
+
+@pytest.fixture(scope="module")
+def index(known):
+    """The shipped index as if it had never seen a litchi."""
+    unknown = next(place for place, food in enumerate(known.foods) if food.food_key == NEW_FOOD)
+    kept = np.flatnonzero(known.labels != unknown)
+    labels = known.labels[kept]
+    return replace(
+        known,
+        version="without litchis",
+        foods=tuple(food for food in known.foods if food.food_key != NEW_FOOD),
+        vectors=known.vectors[kept],
+        labels=labels - (labels > unknown),
+        specimens=tuple(known.specimens[row] for row in kept),
+    )
+
+
+@pytest.fixture(scope="module")
+def looks(known):
+    """Real vectors of a food, a list for each specimen."""
+
+    def looks(food_key):
+        place = next(place for place, food in enumerate(known.foods) if food.food_key == food_key)
+        rows = np.flatnonzero(known.labels == place)
+        specimens = dict.fromkeys(known.specimens[row] for row in rows)
+        return [[known.vectors[row] for row in rows if known.specimens[row] == one] for one in specimens]
+
+    return looks
+
+
+class SeeingChildren:
+    """Children that see what they are told to."""
+
+    def __init__(self):
+        self.items = []
+
+    def run(self, request, on_stage, *, seconds=None, name="", is_alone=False):
+        on_stage("read")
+        return ChildResult("ok", answer(*self.items))
+
+
+class Kitchen:
+    """A worker, and meals that come to it: each is estimated at once, in the way of the worker."""
+
+    def __init__(self, state, settings, index):
+        self.state, self.settings, self.index = state, settings, index
+        self.children = SeeingChildren()
+        self.worker = EstimateMeal(state.database, state.blobs, self.children, settings, lambda: index)
+
+    def serve(self, phone, *vectors, volume_ml=20.0, **fields):
+        """A meal of what looks so."""
+        body = meal_metadata(**fields)
+        assert phone.post(pair(), body).status_code == 202
+        self.children.items = [found_item(volume_ml, None, vcm=vcm(*vector)) for vector in vectors]
+        self.work()
+        return Speaker(phone.client, phone.headers, body["id"])
+
+    def work(self):
+        with self.state.database.read() as session:
+            query = sa.select(Job).where(Job.state == "queued").order_by(Job.enqueued_at.desc())
+            job_id = session.scalars(query).first().id
+        key = self.worker.compute(job_id)
+        with self.state.database.write() as session:
+            self.worker.save(session, job_id, self.worker.load(key))
+            jobs.finish_job(session.get_one(Job, job_id), datetime.now(UTC))
+
+    def told(self, phone, food, *vectors, **fields):
+        """A meal whose only food a person has named."""
+        meal = self.serve(phone, *vectors, **fields)
+        for item in meal.items():
+            meal.say("set_food", item=item["id"], food=food)
+        return meal
+
+
+@pytest.fixture
+def kitchen(state, settings, index):
+    return Kitchen(state, settings, index)
+
+
+def keys(item):
+    return [one["food"]["key"] for one in item["candidates"]]
+
+
+def test_food_that_was_confirmed_five_times_is_among_the_first_three_of_the_sixth(kitchen, phone, looks):
+    first, second, third = looks(NEW_FOOD)
+    for vector in (*first[:3], *second[:2]):
+        kitchen.told(phone, NEW_FOOD, vector)
+    (sixth,) = kitchen.serve(phone, third[0]).items()
+    assert NEW_FOOD in keys(sixth)[:3]
+    assert sixth["index_version"].startswith("without litchis + 5 confirmed ")
+
+
+def test_food_that_nobody_has_confirmed_is_no_candidate_and_probably_none_of_these(kitchen, phone, looks):
+    for vector in looks(NEW_FOOD)[0][:5]:
+        (item,) = kitchen.serve(phone, vector).items()
+        assert NEW_FOOD not in keys(item)
+    assert item["none_of_these"] > 0.5
+    assert item["index_version"] == "without litchis"
+
+
+def test_known_food_is_found_at_once_and_confirmed_by_one_call(kitchen, phone, looks):
+    meal = kitchen.serve(phone, looks("banana")[0][0], volume_ml=150.0)
+    (item,) = meal.items()
+    assert (item["food"]["key"], item["flags"]) == ("banana", ["food_identified"])
+    meal.say("confirm", item=item["id"])
+    assert meal.meal()["status"] == "confirmed"
+
+
+def test_food_of_the_index_that_no_table_has_is_no_candidate(kitchen, phone, looks):
+    (item,) = kitchen.serve(phone, looks("mooncake")[0][0]).items()
+    assert "mooncake" not in keys(item)
+    assert item["none_of_these"] > 0.9
+
+
+def test_candidates_and_the_rest_add_up(kitchen, phone, looks):
+    (item,) = kitchen.serve(phone, looks("peach")[0][0]).items()
+    probabilities = [one["probability"] for one in item["candidates"]]
+    assert probabilities == sorted(probabilities, reverse=True)
+    assert sum(probabilities) + item["none_of_these"] == pytest.approx(1.0, abs=0.01)  # those below 0.001 are left out
+
+
+def test_rejected_and_erased_items_are_forgotten_at_the_next_meal(kitchen, phone, looks):
+    first, second, _ = looks(NEW_FOOD)
+    meals = [kitchen.told(phone, NEW_FOOD, vector) for vector in first[:2]]
+    assert NEW_FOOD in keys(kitchen.serve(phone, second[0]).items()[0])
+    meals[0].say("reject", item=meals[0].items()[0]["id"])
+    (item,) = kitchen.serve(phone, second[0]).items()
+    assert item["index_version"].startswith("without litchis + 1 confirmed ")
+    path = f"/v1/meals/{meals[1].meal_id}"
+    assert phone.client.delete(path, headers=phone.headers | {"If-Match": "*"}).status_code in (200, 202, 204)
+    (item,) = kitchen.serve(phone, second[0]).items()
+    assert (NEW_FOOD in keys(item), item["index_version"]) == (False, "without litchis")
+
+
+def test_other_studies_are_learned_from_only_where_they_share(kitchen, enrol, looks, state):
+    here, there = enrol("P001", study="here"), enrol("P002", study="there")
+    first, second, _ = looks(NEW_FOOD)
+    for vector in first[:5]:
+        kitchen.told(there, NEW_FOOD, vector)
+    before = kitchen.serve(here, second[0]).items()[0]
+    assert (NEW_FOOD in keys(before), before["index_version"]) == (False, "without litchis")
+    share(state, "there")
+    assert NEW_FOOD in keys(kitchen.serve(here, second[0]).items()[0])[:3]
+    share(state, "there", is_shared=False)
+    after = kitchen.serve(here, second[0]).items()[0]
+    assert after["candidates"] == before["candidates"]
+
+
+def share(state, study, *, is_shared=True):
+    with state.database.write() as session:
+        session.execute(sa.update(Study).where(Study.code == study).values(shares_index=is_shared))
+
+
+def test_study_that_shares_learns_from_nobody_by_that(kitchen, enrol, looks, state):
+    here, there = enrol("P001", study="here"), enrol("P002", study="there")
+    kitchen.told(there, NEW_FOOD, looks(NEW_FOOD)[0][0])
+    share(state, "here")
+    assert NEW_FOOD not in keys(kitchen.serve(here, looks(NEW_FOOD)[1][0]).items()[0])
+
+
+@pytest.fixture
+def between(looks):
+    """What looks half like a peach and half like a plum."""
+    return (looks("peach")[0][0] + looks("plum")[0][0]) / 2
+
+
+def ratio(meal):
+    """How much likelier a plum is than a peach."""
+    found = {one["food"]["key"]: one["probability"] for one in meal.items()[0]["candidates"]}
+    return found["plum"] / found["peach"]
+
+
+def declare(phone, food, captured_at):
+    body = meal_metadata(captured_at=captured_at, items=[{"food": food, "amount": {"mass_g": 60.0}}])
+    answered = phone.client.post("/v1/declared-meals", headers=phone.headers, json=body)
+    assert answered.status_code == 201, answered.text
+
+
+def test_what_a_participant_eats_moves_the_ranking_of_two_look_alikes(kitchen, enrol, between):
+    phone, other = enrol("P001"), enrol("P002")
+    before = ratio(kitchen.serve(phone, between, captured_at=NOON))
+    for _ in range(8):
+        declare(phone, "plum", NOON)
+    assert ratio(kitchen.serve(phone, between, captured_at=NOON)) > 2 * before
+    assert ratio(kitchen.serve(other, between, captured_at=NOON)) == pytest.approx(before)
+
+
+def test_who_alone_has_confirmed_anything_is_not_told_their_habits_twice(kitchen, enrol, looks, between):
+    phone, other = enrol("P001"), enrol("P002")
+    for vector in looks("plum")[0][:4]:
+        kitchen.told(phone, "plum", vector, captured_at=NOON)
+    own, of_study = (ratio(kitchen.serve(each, between, captured_at=NOON)) for each in (phone, other))
+    foods = len(kitchen.index.foods)
+    by_own, by_others = (1.0 + 4.0 * foods / weight for weight in (STUDY_WEIGHT, EQUAL_WEIGHT))
+    assert own / of_study == pytest.approx(by_own / by_others, rel=0.01)
+
+
+def test_time_of_day_moves_the_ranking_of_two_look_alikes(kitchen, phone, between):
+    for _ in range(8):
+        declare(phone, "peach", NOON)
+        declare(phone, "plum", EVENING)
+    assert ratio(kitchen.serve(phone, between, captured_at=EVENING)) > 1.3 * ratio(
+        kitchen.serve(phone, between, captured_at=NOON)
+    )
+
+
+def test_food_that_only_the_server_has_named_is_no_habit(kitchen, phone, looks, between):
+    before = ratio(kitchen.serve(phone, between, captured_at=NOON))
+    for vector in looks("plum")[1][:4]:
+        meal = kitchen.serve(phone, vector, captured_at=NOON)
+        (item,) = meal.items()
+        assert (item["food"]["key"], item["flags"]) == ("plum", ["food_identified"])
+        meal.say("set_volume", item=item["id"], volume_ml=30.0)
+    assert ratio(kitchen.serve(phone, between, captured_at=NOON)) == pytest.approx(before)
+
+
+def test_meal_is_no_evidence_for_itself(kitchen, phone, looks):
+    first, second, _ = looks(NEW_FOOD)
+    meal = kitchen.told(phone, NEW_FOOD, first[0])
+    meal.say("redraw", item=meal.items()[0]["id"], polygon=[[5.0, 5.0], [80.0, 5.0], [80.0, 80.0]])
+    kitchen.children.items = [found_item(20.0, 0, vcm=vcm(*second[0]))]
+    kitchen.work()
+    (item,) = meal.items()
+    assert (NEW_FOOD in keys(item), item["index_version"]) == (False, "without litchis")
+    assert NEW_FOOD in keys(kitchen.serve(phone, second[1]).items()[0])
+
+
+@pytest.mark.parametrize("vector", [[], [1.0, 2.0]])
+def test_meal_is_estimated_without_candidates_where_it_cannot_be_identified(kitchen, phone, vector):
+    with capture_logs() as logs:
+        meal = kitchen.serve(phone, vector)
+    assert [line["event"] for line in logs if line["log_level"] == "error"] == ["identify_failed"]
+    (item,) = meal.items()
+    assert (item["candidates"], item["volume_ml"], meal.meal()["status"]) == ([], 20.0, "needs_review")
+
+
+def test_entry_that_cannot_be_read_is_left_out_and_the_others_count(kitchen, phone, looks, state):
+    first, second, _ = looks(NEW_FOOD)
+    broken = kitchen.told(phone, "kiwifruit", looks("kiwifruit")[0][0])
+    kitchen.told(phone, NEW_FOOD, first[0])
+    for vector in (b"", np.full(374, np.nan, "<f2").tobytes()):
+        with state.database.write() as session:
+            of_broken = uuid.UUID(broken.items()[0]["id"])
+            session.execute(
+                sa.update(ItemIdentification).where(ItemIdentification.item_id == of_broken).values(vector=vector)
+            )
+        (item,) = Kitchen(state, kitchen.settings, kitchen.index).serve(phone, second[0]).items()
+        assert NEW_FOOD in keys(item)
+        assert item["index_version"].startswith("without litchis + 1 confirmed ")
+
+
+def test_meal_is_estimated_without_an_index(state, settings, phone, looks):
+    kitchen = Kitchen(state, settings, None)
+    (item,) = kitchen.serve(phone, looks("banana")[0][0]).items()
+    assert (item["candidates"], item["none_of_these"]) == ([], None)
+
+
+def test_database_that_is_away_while_a_meal_is_identified_costs_no_candidates(kitchen, phone, looks, monkeypatch):
+    body = meal_metadata()
+    phone.post(pair(), body)
+    kitchen.children.items = [found_item(20.0, None, vcm=vcm(*looks("banana")[0][0]))]
+
+    def away(*_arguments, **_options):
+        raise sa.exc.OperationalError("SELECT", None, Exception("the server closed the connection"))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("app.candidates.learned_index.index_entries.entries_for", away)
+        with pytest.raises(sa.exc.OperationalError):
+            kitchen.work()
+    kitchen.work()
+    (item,) = Speaker(phone.client, phone.headers, body["id"]).items()
+    assert keys(item)[0] == "banana"
+
+
+def test_vector_of_another_version_is_kept_and_not_identified(kitchen, phone, looks):
+    body = meal_metadata()
+    phone.post(pair(), body)
+    kitchen.children.items = [found_item(20.0, None, vcm=vcm(*looks("banana")[0][0], version="0"))]
+    kitchen.work()
+    (item,) = Speaker(phone.client, phone.headers, body["id"]).items()
+    assert (item["candidates"], item["none_of_these"]) == ([], None)
+
+
+def test_identifier_is_made_again_only_where_the_entries_have_changed(kitchen, phone, state, index, looks, monkeypatch):
+    made = []
+    monkeypatch.setattr(
+        "app.candidates.learned_index.Identifier", lambda *arguments: made.append(arguments) or Identifier(*arguments)
+    )
+    service = IdentifyFoods(state.database, lambda: index)
+
+    def identify():
+        with state.database.read() as session:
+            meal = session.scalars(sa.select(Meal).order_by(Meal.received_at.desc())).first()
+        found = {"items": [found_item(20.0, None, vcm=vcm(*looks(NEW_FOOD)[2][0]))]}
+        service.add_candidates(meal, found)
+        return found["items"][0]["index_version"]
+
+    told = kitchen.told(phone, NEW_FOOD, looks(NEW_FOOD)[0][0])
+    kitchen.serve(phone, looks(NEW_FOOD)[0][1])
+    made.clear()
+    first = identify()
+    assert (identify(), len(made)) == (first, 1)
+    told.say("set_food", item=told.items()[0]["id"], food="plum")
+    assert (identify() != first, len(made)) == (True, 2)
+
+
+def test_bounded_entries_are_the_newest_of_each_food_own_ones_first(kitchen, enrol, looks, state):
+    here, there = enrol("P001", study="here"), enrol("P002", study="there")
+    share(state, "there")
+    served = [
+        (here, "litchi", 1), (here, "litchi", 2), (here, "litchi", 3), (here, "plum", 4),
+        (there, "plum", 5), (there, "litchi", 6),
+    ]  # fmt: skip
+    for phone, food, hour in served:
+        kitchen.told(phone, food, looks("litchi")[0][0], captured_at=f"2026-11-20T{hour:02}:00:00+08:00")
+
+    def found(most, most_recent):
+        with state.database.read() as session:
+            study_id = session.scalars(sa.select(Study.id).where(Study.code == "here")).one()
+            entries = entries_for(session, study_id, "1", without_meal=uuid.uuid4(), most=most, most_recent=most_recent)
+        return [(entry.food_key, entry.day_minute // 60, entry.is_own) for entry in entries]
+
+    assert found(2, 0) == [("litchi", 3, True), ("plum", 4, True)]
+    assert found(3, 0) == [("litchi", 2, True), ("litchi", 3, True), ("plum", 4, True)]
+    assert found(4, 0) == [*found(3, 0), ("plum", 5, False)]
+    assert found(2, 3) == found(3, 0)
+    assert found(99, 0) == [(food, hour, phone is here) for phone, food, hour in served]
+
+
+def test_bounded_entries_of_a_food_are_of_its_eaters_by_turns(kitchen, enrol, looks, state):
+    served = [("P001", 1), ("P002", 2), ("P001", 3), ("P002", 4), ("P002", 5), ("P002", 6)]
+    for participant, hour in served:
+        phone, at = enrol(participant), f"2026-11-20T{hour:02}:00:00+08:00"
+        kitchen.told(phone, "litchi", looks("litchi")[0][0], captured_at=at)
+    with state.database.read() as session:
+        study_id = session.scalars(sa.select(Study.id)).one()
+        entries = [
+            [
+                entry.day_minute // 60
+                for entry in entries_for(session, study_id, "1", without_meal=uuid.uuid4(), most=most, most_recent=0)
+            ]
+            for most in (1, 2, 4, 5)
+        ]
+    assert entries == [[6], [3, 6], [1, 3, 5, 6], [1, 3, 4, 5, 6]]

@@ -1,0 +1,414 @@
+"""Kept sums of days are what the days come to: after any history, beside writers, and until they are written."""
+
+import random
+import threading
+import uuid
+from datetime import UTC, date, datetime, timedelta
+
+import pytest
+import sqlalchemy as sa
+
+from app.diary import day_sum_queries as day_sums
+from app.diary import intake_queries as intakes
+from app.diary import queries as days
+from app.diary import study_day_sum_queries as study_day_sums
+from app.diary.day_sums import (
+    ComparedDays,
+    compare_days,
+    compare_study_days,
+    write_all_sums,
+    write_study_sums,
+    write_sums,
+)
+from app.diary.models import DayMark, DaySum, DiaryDay, StudyDayMark, StudyDaySum
+from app.diary.queries import DayFilter
+from app.meals.models import MEAL_STATUSES, Meal
+from app.meals.record_models import HEADLINE_COLUMNS, RECORD_STATUSES, EffectiveRecord, Item
+from app.people.models import Device, Participant, Study
+
+NOW = datetime(2026, 11, 1, tzinfo=UTC)
+FIRST_DAY = date(2026, 10, 1)
+ONE_DAY = timedelta(days=1)
+HEAD_START_SECONDS = 0.5  # of a writer: they wait for it where one writes at a time, and are through elsewhere
+STUDY = uuid.UUID(int=1)
+
+
+@pytest.fixture
+def people(database):
+    """Two participants of a study that expects after-meal pairs, with a phone each."""
+    with database.write() as session:
+        session.add(Study(id=STUDY, code="a", name="a", expects_after_pair=True, created_at=NOW))
+        session.flush()
+        found = [
+            Participant(id=uuid.UUID(int=n), study_id=STUDY, code=f"P{n}", created_at=NOW, alias=uuid.uuid4())
+            for n in (2, 3)
+        ]
+        session.add_all(found)
+        session.flush()
+        session.add_all(Device(id=each.id, participant_id=each.id, name="phone", enrolled_at=NOW) for each in found)
+    return [each.id for each in found]
+
+
+def new_meal(person, day, **columns):
+    captured_at = datetime(day.year, day.month, day.day, 12, tzinfo=UTC)
+    values = {"details": {}, "status": "queued", "origin": "photographed", "received_at": captured_at}
+    return Meal(id=uuid.uuid4(), client_id=uuid.uuid4(), study_id=STUDY, participant_id=person, device_id=person,
+                captured_at=captured_at, utc_offset_minutes=0, time_zone="UTC", local_date=day,
+                **values | columns)  # fmt: skip
+
+
+def add_record(session, meal, **columns):
+    item = Item(id=uuid.uuid4(), meal_id=meal.id, origin="declared", position=0, rings=[], relative_sd={}, flags=[])
+    session.add(item)
+    session.flush()
+    record = EffectiveRecord(item_id=item.id, meal_id=meal.id, study_id=STUDY, participant_id=meal.participant_id,
+                             captured_at=meal.captured_at, local_date=meal.local_date, change_seq=1,
+                             **{"status": "proposed", "consumed_g": 100.0} | columns)  # fmt: skip
+    session.add(record)
+    session.flush()
+    return record
+
+
+def marked(database):
+    with database.read() as session:
+        return {tuple(row) for row in session.execute(sa.select(DayMark.participant_id, DayMark.local_date))}
+
+
+def told(database):
+    """All that is told of days, page by page, of intakes, and of the study's days."""
+    with database.read() as session:
+        rows, after = [], None
+        while page := days.page_of_days(session, DayFilter(), after=after, limit=5):
+            rows += page
+            after = (page[-1].local_date, page[-1].participant_id)
+        means = intakes.page_of_intakes(session, STUDY, first_day=None, last_day=None, after=None, limit=10)
+        of_study = study_day_sums.days_of_study(session, STUDY, FIRST_DAY - ONE_DAY, FIRST_DAY + 9 * ONE_DAY)
+        return rows, means, intakes.closed_days(session, STUDY, None, None), of_study
+
+
+def marked_of_study(database):
+    with database.read() as session:
+        return set(session.scalars(sa.select(StudyDayMark.local_date)))
+
+
+class History:
+    """What may happen to days, at random."""
+
+    def __init__(self, database, people, seed):
+        self.database, self.people, self.chance = database, people, random.Random(seed)
+
+    def go_on(self, steps):
+        for _ in range(steps):
+            with self.database.write() as session:
+                self.chance.choice(
+                    (self.arrive, self.arrive, self.measure, self.measure, self.move_on, self.say, self.correct,
+                     self.lose_record, self.lose_meal, self.begin_or_leave)
+                )(session)  # fmt: skip
+
+    def arrive(self, session):
+        day = FIRST_DAY + timedelta(days=self.chance.randrange(4))
+        place = {"location": {"latitude": 48.2, "longitude": 16.4}} if self.chance.random() < 0.5 else {}
+        meal = new_meal(self.chance.choice(self.people), day, details=place,
+                        origin=self.chance.choice(("photographed", "declared")))  # fmt: skip
+        meal.received_at = meal.captured_at + timedelta(hours=self.chance.choice((0.1, 1, 30, 50)))
+        session.add(meal)
+
+    def measure(self, session):
+        if meal := self.one(session, Meal):
+            amounts = {name: self.amount() for name in HEADLINE_COLUMNS}
+            add_record(session, meal, status=self.chance.choice(RECORD_STATUSES), consumed_g=self.amount(),
+                       left_g=self.amount(), provisional=self.chance.random() < 0.2,
+                       origin=self.chance.choice(("pipeline", "declared", "added")), **amounts)  # fmt: skip
+
+    def move_on(self, session):
+        if meal := self.one(session, Meal):
+            meal.status = self.chance.choice(MEAL_STATUSES)
+
+    def correct(self, session):
+        if record := self.one(session, EffectiveRecord):
+            name = self.chance.choice(("consumed_g", "left_g", *HEADLINE_COLUMNS))
+            setattr(record, name, self.amount())
+            record.status = self.chance.choice(RECORD_STATUSES)
+
+    def say(self, session):
+        key = (self.chance.choice(self.people), FIRST_DAY + timedelta(days=self.chance.randrange(5)))
+        day = session.get(DiaryDay, key)
+        if day is None:
+            day = DiaryDay(participant_id=key[0], local_date=key[1], study_id=STUDY, change_seq=1)
+            session.add(day)
+        day.status, day.ate_nothing = self.chance.choice((("open", False), ("closed", False), ("closed", True)))
+        day.changed_at = datetime(2026, 10, 1, 18, tzinfo=UTC) + timedelta(hours=self.chance.randrange(96))
+
+    def begin_or_leave(self, session):
+        person = session.get(Participant, self.chance.choice(self.people))
+        day = FIRST_DAY + timedelta(days=self.chance.randrange(5))
+        if self.chance.random() < 0.5:
+            person.starts_on = self.chance.choice((None, day))
+        else:
+            person.withdrawn_at = self.chance.choice((None, datetime(2026, 10, day.day, 23, 30, tzinfo=UTC)))
+
+    def lose_record(self, session):
+        if record := self.one(session, EffectiveRecord):
+            session.delete(record)
+
+    def lose_meal(self, session):
+        if meal := self.one(session, Meal):
+            for model in (EffectiveRecord, Item):
+                session.execute(sa.delete(model).where(model.meal_id == meal.id))
+            session.expire_all()
+            session.delete(meal)
+
+    def amount(self):
+        return self.chance.choice((None, 0.0, self.chance.uniform(-5.0, 500.0)))
+
+    def one(self, session, model):
+        found = session.scalars(sa.select(model).order_by(*model.__table__.primary_key.columns)).all()
+        return self.chance.choice(found) if found else None
+
+
+def near(rows):
+    """Rows by repr, each number to nine digits: the order in which a database adds is its own."""
+    return [[float(f"{x:.9g}") if isinstance(x, float) else x for x in flat(row)] for row in rows]
+
+
+def flat(value):
+    if isinstance(value, dict):
+        value = [each for pair in sorted(value.items()) for each in pair]
+    if not isinstance(value, list | tuple):
+        slots = getattr(value, "__slots__", None)
+        if slots is None or isinstance(value, str | uuid.UUID | date):
+            return [value]
+        value = [getattr(value, name) for name in slots]
+    return [each for part in value for each in flat(part)]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_sums_are_what_days_come_to_after_any_history(database, people, seed):
+    history = History(database, people, seed)
+    for _ in range(5):
+        history.go_on(12)
+        counted = told(database)  # some days kept, some counted
+        write_sums(database)
+        for before, after in zip(counted, told(database), strict=True):  # the study's are counted from those kept
+            assert near(before) == near(after)
+        with database.read() as session:
+            every = day_sums.days_after(session, None, 1000)
+            truth = day_sums.counted_sums(session, every) if every else {}
+        write_all_sums(database)
+        assert marked(database) == set()
+        with database.read() as session:
+            kept = {(row.participant_id, row.local_date): row for row in session.scalars(sa.select(DaySum))}
+        assert kept.keys() == truth.keys()
+        for day, sums in truth.items():
+            assert near([[getattr(kept[day], name) for name in sums]]) == near([list(sums.values())]), day
+        for before, after in zip(counted, told(database), strict=True):
+            assert near(before) == near(after)
+        assert marked_of_study(database) == set()
+    assert compare_days(database, write=False) == ComparedDays(len(truth), 0)
+    assert compare_study_days(database, write=False) == ComparedDays(len({on for _, on in truth}), 0)
+
+
+def test_every_kind_of_change_marks_its_day(database, people):
+    """On SQLite a migration that makes a table anew drops its triggers: they must be there, whatever came later."""
+    person, day = people[0], FIRST_DAY
+    meal = new_meal(person, day)
+    changes = {
+        "meal arrives": lambda session: session.add(meal),
+        "meal moves on": lambda session: setattr(session.get(Meal, meal.id), "status", "failed"),
+        "place is told": lambda session: setattr(session.get(Meal, meal.id), "details", {"location": {"latitude": 1}}),
+        "record is made": lambda session: records.append(add_record(session, session.get(Meal, meal.id)).item_id),
+        "record changes": lambda session: setattr(session.get(EffectiveRecord, records[0]), "sodium_mg", 1.0),
+        "record goes": lambda session: session.delete(session.get(EffectiveRecord, records[0])),
+        "word is said": lambda session: session.add(word),
+        "word changes": lambda session: setattr(session.get(DiaryDay, (person, day)), "status", "open"),
+        "word goes": lambda session: session.delete(session.get(DiaryDay, (person, day))),
+        "items go": lambda session: session.execute(sa.delete(Item)),
+        "meal goes": lambda session: session.delete(session.get(Meal, meal.id)),
+    }
+    records = []
+    word = DiaryDay(participant_id=person, local_date=day, study_id=STUDY, status="closed", ate_nothing=False,
+                    changed_at=NOW, change_seq=1)  # fmt: skip
+    silent = {"items go"}
+    for name, change in changes.items():
+        with database.write() as session:
+            change(session)
+        assert marked(database) == (set() if name in silent else {(person, day)}), name
+        write_all_sums(database)
+        assert marked(database) == set()
+    assert told(database) == ([], [], [], [])
+
+
+def test_change_that_no_sum_depends_on_marks_nothing(database, people):
+    with database.write() as session:
+        meal = new_meal(people[0], FIRST_DAY)
+        session.add(meal)
+        session.flush()
+        add_record(session, meal)
+    write_all_sums(database)
+    with database.write() as session:
+        session.execute(sa.update(Meal).values(version=7, stage="segment"))
+        session.execute(sa.update(EffectiveRecord).values(change_seq=7, doubt=0.5))
+    assert marked(database) == set()
+
+
+def test_change_beside_the_writing_of_sums_is_not_lost(database, people, monkeypatch):
+    with database.write() as session:
+        meal = new_meal(people[0], FIRST_DAY)
+        session.add(meal)
+        session.flush()
+        item_id = add_record(session, meal, energy_kcal=100.0).item_id
+    there, writers = day_sums.people_among, []
+
+    def correct():
+        with database.write() as session:
+            session.get(EffectiveRecord, item_id).energy_kcal = 700.0
+
+    def meanwhile(session, ids):
+        if not writers:  # after the marks were read
+            writers.append(threading.Thread(target=correct))
+            writers[0].start()
+            writers[0].join(HEAD_START_SECONDS)
+        return there(session, ids)
+
+    monkeypatch.setattr(day_sums, "people_among", meanwhile)
+    write_all_sums(database)
+    writers[0].join()
+    assert [row.amounts["energy_kcal"].value for row in told(database)[0]] == [700.0]
+    write_all_sums(database)
+    assert [row.amounts["energy_kcal"].value for row in told(database)[0]] == [700.0]
+    assert marked(database) == set()
+    assert compare_days(database, write=False) == ComparedDays(1, 0)
+
+
+def test_two_who_write_sums_at_once_leave_none_of_before(database, people, monkeypatch):
+    """The second finds the first at work and leaves it to them, or comes after them."""
+    with database.write() as session:
+        session.add(new_meal(people[0], FIRST_DAY))
+    write, seconds = day_sums.write_sums, []
+
+    def beside_another(session, marks):
+        if not seconds:
+            seconds.append(threading.Thread(target=write_all_sums, args=(database,)))
+            seconds[0].start()
+            seconds[0].join(HEAD_START_SECONDS)
+        write(session, marks)
+
+    monkeypatch.setattr(day_sums, "write_sums", beside_another)
+    write_all_sums(database)
+    seconds[0].join()
+    assert marked(database) == set()
+    assert compare_days(database, write=False) == ComparedDays(1, 0)
+
+
+def test_sums_that_cannot_be_written_are_an_error_and_stay_marked(database, people, monkeypatch):
+    """The worker logs and counts a chore that fails; of one that gives up in silence there would be slow pages."""
+    for n in range(2):
+        with database.write() as session:
+            session.add(new_meal(people[0], FIRST_DAY))
+        if n == 0:
+            write_all_sums(database)
+    monkeypatch.setattr(day_sums, "delete_sums", lambda *_: None)
+    with pytest.raises(sa.exc.IntegrityError):
+        write_all_sums(database)
+    assert marked(database) == {(people[0], FIRST_DAY)}
+    assert [row.meals for row in told(database)[0]] == [2]
+
+
+def test_participant_who_is_erased_by_an_older_server_leaves_neither_sums_nor_marks(database, people):
+    person = people[0]
+    with database.write() as session:
+        session.add(new_meal(person, FIRST_DAY))
+    write_all_sums(database)
+    with database.write() as session:  # as 0.2 does it, which knows neither table
+        for table in (Meal, Device):
+            session.execute(sa.delete(table).where(table.participant_id == person))
+        session.execute(sa.delete(Participant).where(Participant.id == person))
+    assert told(database)[0] == []
+    with database.read() as session:
+        assert session.scalars(sa.select(DaySum)).all() == []
+    assert marked(database) == {(person, FIRST_DAY)}
+    write_all_sums(database)
+    assert marked(database) == set()
+    with database.read() as session:
+        assert session.scalars(sa.select(StudyDaySum)).all() == []
+    assert marked_of_study(database) == set()
+
+
+def test_change_of_who_is_expected_marks_the_study_s_days_that_it_bears_on(database, people):
+    with database.write() as session:
+        session.add_all(new_meal(person, FIRST_DAY + n * ONE_DAY) for person in people for n in range(5))
+    write_all_sums(database)
+    before = [day.counts.told for day in told(database)[3]]
+    with database.write() as session:
+        session.get(Participant, people[0]).starts_on = FIRST_DAY + ONE_DAY
+        session.get(Participant, people[1]).withdrawn_at = datetime(2026, 10, 3, 23, 59, tzinfo=UTC)
+    assert marked_of_study(database) == {FIRST_DAY + n * ONE_DAY for n in (0, 3, 4)}
+    after = [day.counts.told for day in told(database)[3]]
+    write_all_sums(database)
+    assert (before, after) == ([2, 2, 2, 2, 2], [1, 2, 2, 1, 1])
+    assert [day.counts.told for day in told(database)[3]] == after
+    with database.write() as session:
+        session.get(Participant, people[0]).code = "other"
+    assert marked_of_study(database) == set()
+
+
+def test_study_s_day_that_changes_while_it_is_written_stays_marked(database, people, monkeypatch):
+    with database.write() as session:
+        session.add(new_meal(people[0], FIRST_DAY))
+    write_sums(database)
+    write, writers = study_day_sums.write_day, []
+
+    def arrive():
+        with database.write() as session:
+            session.add(new_meal(people[1], FIRST_DAY))
+
+    def meanwhile(session, day):
+        write(session, day)
+        if not writers:
+            writers.append(threading.Thread(target=arrive))
+            writers[0].start()
+            writers[0].join(HEAD_START_SECONDS)
+
+    monkeypatch.setattr(study_day_sums, "write_day", meanwhile)
+    write_study_sums(database)
+    writers[0].join()
+    assert [day.counts.meals for day in told(database)[3]] == [2]
+    write_all_sums(database)
+    assert [day.counts.meals for day in told(database)[3]] == [2]
+    assert compare_study_days(database, write=False) == ComparedDays(1, 0)
+
+
+def test_study_s_sums_that_are_wrong_or_missing_are_found_and_put_right(database, people):
+    with database.write() as session:
+        session.add_all(new_meal(people[0], FIRST_DAY + n * ONE_DAY) for n in range(3))
+    write_all_sums(database)
+    truth = told(database)
+    with database.write() as session:
+        session.execute(sa.update(StudyDaySum).where(StudyDaySum.local_date == FIRST_DAY).values(meals=5))
+        delays = session.get(StudyDaySum, (STUDY, FIRST_DAY)).delays
+        session.execute(
+            sa.update(StudyDaySum).where(StudyDaySum.local_date == FIRST_DAY + ONE_DAY).values(delays=delays * 2)
+        )
+        session.execute(sa.delete(StudyDaySum).where(StudyDaySum.local_date == FIRST_DAY + 2 * ONE_DAY))
+    assert compare_study_days(database, write=False) == ComparedDays(3, 3)
+    assert compare_study_days(database, write=True) == ComparedDays(3, 3)
+    assert compare_study_days(database, write=False) == ComparedDays(3, 0)
+    assert told(database) == truth
+
+
+def test_sums_that_are_wrong_missing_or_of_no_day_are_found_and_put_right(database, people):
+    with database.write() as session:
+        session.add_all(new_meal(person, FIRST_DAY + timedelta(days=n)) for person in people for n in range(4))
+    write_all_sums(database)
+    truth = told(database)
+    assert compare_days(database, write=False) == ComparedDays(8, 0)
+    with database.write() as session:
+        session.execute(sa.update(DaySum).where(DaySum.participant_id == people[0]).values(meals=5))
+        session.execute(sa.delete(DaySum).where(DaySum.local_date == FIRST_DAY))
+        one = session.scalars(sa.select(DaySum)).first()
+        values = {column.name: getattr(one, column.name) for column in DaySum.__table__.columns}
+        session.execute(sa.insert(DaySum).values(values | {"local_date": date(2020, 1, 1)}))
+    assert compare_days(database, write=False) == ComparedDays(9, 6)
+    assert compare_days(database, write=True) == ComparedDays(9, 6)
+    assert compare_days(database, write=False) == ComparedDays(8, 0)
+    assert told(database) == truth

@@ -1,0 +1,334 @@
+"""Days and mean intakes for researchers: sums with known truth, open days left out, nothing invented."""
+
+import csv
+import io
+from datetime import date, timedelta
+
+import pytest
+import sqlalchemy as sa
+
+from app.meals.models import Meal
+from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
+from app.people.models import Study
+from app.people.privacy_models import AuditEvent
+from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
+
+MAN = {"sex": "male", "birth_year": 1986, "weight_kg": 70.0}  # 40 years: 1676 kcal a day at rest (Schofield)
+
+
+def close(phone, *days, **body):
+    for day in days:
+        answer = phone.put(f"/v1/me/days/{day}", json={"status": "closed"} | body, headers={"If-Match": "*"})
+        assert answer.status_code == 200
+
+
+def rows_of(client, headers, **params):
+    return client.get("/v1/days", headers=headers, params=params).json()["items"]
+
+
+@pytest.fixture
+def eaten(phone, state):
+    """Four days: one summed from two meals, one with a volume that is not known, one with nothing, one left open."""
+    add_meal(
+        state,
+        "P001",
+        "2026-11-01",
+        eaten_item(100.0, energy_kcal=50.0, protein_g=2.0, fat_g=1.0),
+        eaten_item(300.0, energy_kcal=150.0, protein_g=None, fat_g=2.5, provisional=True),
+        eaten_item(500.0, energy_kcal=900.0, status="rejected"),
+    )
+    add_meal(state, "P001", "2026-11-01", eaten_item(100.0, energy_kcal=-4.0, protein_g=0.5, fat_g=0.0), hour=18)
+    add_meal(state, "P001", "2026-11-02", eaten_item(None, status="needs_review"), eaten_item(10.0, energy_kcal=300.0))
+    add_meal(state, "P001", "2026-11-05", eaten_item(100.0, energy_kcal=5000.0))
+    close(phone, "2026-11-01", "2026-11-02")
+    close(phone, "2026-11-03", ate_nothing=True)
+    return phone
+
+
+@pytest.mark.usefixtures("eaten")
+def test_sums_have_their_coverage_and_what_is_not_known_is_null(client, admin):
+    summed, unmeasured, nothing, left_open = rows_of(client, admin)
+    assert (summed["meals"], summed["items"], summed["provisional_items"]) == (2, 3, 1)
+    assert (summed["consumed_g"], summed["energy_kcal"], summed["fat_g"]) == (500.0, 196.0, 3.5)
+    assert (summed["protein_g"], summed["protein_g_coverage"]) == (2.5, pytest.approx(0.4))
+    assert (summed["energy_kcal_coverage"], summed["fat_g_coverage"]) == (1.0, 1.0)
+    assert (summed["vitamin_c_mg"], summed["vitamin_c_mg_coverage"]) == (None, 0.0)
+    assert (unmeasured["unmeasured_items"], unmeasured["energy_kcal"], unmeasured["energy_kcal_coverage"]) == (
+        1,
+        300.0,
+        None,
+    )
+    assert (nothing["day_status"], nothing["ate_nothing"], nothing["meals"], nothing["study_day"]) == (
+        "closed",
+        True,
+        0,
+        3,
+    )
+    assert [nothing[name] for name in HEADLINE_COLUMNS] == [0.0] * len(HEADLINE_COLUMNS)
+    assert [nothing[f"{name}_coverage"] for name in HEADLINE_COLUMNS] == [1.0] * len(HEADLINE_COLUMNS)
+    assert (left_open["day_status"], left_open["study_day"], left_open["energy_kcal"]) == ("open", 5, 5000.0)
+
+
+def test_closed_day_without_a_meal_is_not_a_day_of_nothing(phone, client, admin):
+    close(phone, "2026-11-01")
+    day = rows_of(client, admin)[0]
+    assert (day["day_status"], day["ate_nothing"], day["energy_kcal"], day["consumed_g"]) == (
+        "closed",
+        False,
+        None,
+        None,
+    )
+
+
+@pytest.mark.parametrize("status", ["receiving", "queued", "processing", "failed", "needs_review"])
+def test_meal_of_which_nothing_is_measured_makes_the_days_sums_lower_bounds(phone, state, client, admin, status):
+    set_profile(state, **MAN)
+    add_meal(state, "P001", "2026-11-01", eaten_item(100.0, energy_kcal=1000.0))
+    add_meal(state, "P001", "2026-11-01", hour=18, status=status)
+    close(phone, "2026-11-01")
+    day, mean = rows_of(client, admin)[0], intakes(client, admin)[0]
+    assert (day["meals"], day["unmeasured_meals"], day["unmeasured_items"]) == (2, 1, 0)
+    assert (day["energy_kcal"], day["energy_kcal_coverage"], day["plausibility"]) == (1000.0, None, "unknown")
+    assert (mean["unmeasured_meals"], mean["components"]["energy_kcal"]["coverage"]) == (1, None)
+    assert (mean["plausibility"]["verdict"], mean["plausibility"]["days"]) == ("unknown", 0)
+
+
+def test_meal_that_is_confirmed_without_foods_is_measured(phone, state, client, admin):
+    set_profile(state, **MAN)
+    add_meal(state, "P001", "2026-11-01", eaten_item(100.0, energy_kcal=1000.0))
+    add_meal(state, "P001", "2026-11-01", eaten_item(None, status="rejected"), hour=18, status="confirmed")
+    close(phone, "2026-11-01")
+    day = rows_of(client, admin)[0]
+    assert (day["unmeasured_meals"], day["energy_kcal_coverage"], day["plausibility"]) == (0, 1.0, "low")
+
+
+def test_what_was_left_untouched_is_a_day_of_nothing_measured_whole(phone, state, client, admin):
+    add_meal(state, "P001", "2026-11-01", eaten_item(-2.0, energy_kcal=-1.0, protein_g=None))
+    add_meal(state, "P001", "2026-11-02", eaten_item(100.0, energy_kcal=500.0))
+    close(phone, "2026-11-01", "2026-11-02")
+    untouched = rows_of(client, admin)[0]
+    assert (untouched["energy_kcal"], untouched["energy_kcal_coverage"]) == (-1.0, 1.0)
+    assert (untouched["protein_g"], untouched["protein_g_coverage"]) == (None, 0.0)
+    assert intakes(client, admin)[0]["plausibility"]["days"] == 2
+
+
+@pytest.mark.parametrize(("minutes", "median"), [([5], 5), ([1, 5, 600], 5), ([5, 1, 9, 600], 7)])
+def test_upload_delay_is_the_meals_median(phone, state, client, admin, minutes, median):
+    for delay in minutes:
+        add_meal(state, "P001", "2026-11-01", delay=timedelta(minutes=delay))
+    found = rows_of(client, admin)[0]["median_upload_delay_seconds"]
+    assert found == pytest.approx(60 * median, abs=0.01)
+
+
+def test_pages_lead_through_all_days_of_all_participants(enrol, state, client, admin):
+    for code in ("P001", "P002", "P003"):
+        enrol(code)
+        for day in (3, 1, 2):
+            add_meal(state, code, f"2026-11-0{day}", eaten_item(energy_kcal=10.0))
+    seen, path = [], "/v1/days?limit=2&from=2026-11-01"
+    while path:
+        page = client.get(path, headers=admin).json()
+        assert len(page["items"]) <= 2
+        seen += [(row["local_date"], row["participant"]) for row in page["items"]]
+        path = page["next"]
+    assert len(seen) == len(set(seen)) == 9
+    assert [day for day, _ in seen] == sorted(day for day, _ in seen)
+    text = client.get("/v1/days?format=csv", headers=admin).text
+    assert len(list(csv.DictReader(io.StringIO(text)))) == 9
+
+
+def test_csv_by_staff_is_noted_once_in_the_studys_log_and_a_phones_is_not(phone, state, client, admin):
+    add_meal(state, "P001", "2026-11-01")
+    for path in ("/v1/days?study=pilot&from=2026-11-01&format=csv", "/v1/days?study=pilot", "/v1/days?format=csv"):
+        assert client.get(path, headers=admin).status_code == 200
+    assert client.get("/v1/days?format=csv", headers=phone.headers).status_code == 200
+    with state.database.read() as session:
+        study_id = session.scalars(sa.select(Study.id).where(Study.code == "pilot")).one()
+        events = session.scalars(sa.select(AuditEvent).where(AuditEvent.action == "days.export")).all()
+    assert [(event.study_id, event.details) for event in events] == [
+        (study_id, {"output": "csv", "filters": ["first_day", "study_code"]}),
+        (None, {"output": "csv", "filters": []}),
+    ]
+
+
+def test_cursor_of_other_filters_and_broken_ones_are_refused(phone, state, client):
+    for day in (1, 2, 3):
+        add_meal(state, "P001", f"2026-11-0{day}")
+    following = phone.get("/v1/days", limit=1).json()["next"]
+    other = client.get(following + "&to=2026-11-02", headers=phone.headers)
+    assert (other.status_code, other.json()["code"]) == (422, "cursor_of_other_filters")
+    for broken in ("x", "e30", "W10", "é"):
+        assert phone.get("/v1/days", cursor=broken).json()["code"] == "cursor_invalid"
+    assert phone.get("/v1/days", **{"from": "2026-11-03", "to": "2026-11-01"}).json()["code"] == "days_reversed"
+
+
+@pytest.mark.parametrize(
+    ("filters", "count"),
+    [
+        ({}, 3),
+        ({"study": "one"}, 2),
+        ({"study": "none"}, 0),
+        ({"participant": "P001"}, 2),
+        ({"study": "two", "participant": "P002"}, 0),
+        ({"from": "2026-11-02"}, 1),
+        ({"to": "2026-11-01"}, 2),
+    ],
+)
+def test_filters_choose_days(enrol, state, client, admin, filters, count):
+    for study, code, day in (("one", "P001", 1), ("one", "P002", 1), ("two", "P001", 2)):
+        enrol(code, study)
+        add_meal(state, code, f"2026-11-0{day}", study=study)
+    assert len(rows_of(client, admin, **filters)) == count
+
+
+def test_phone_sees_its_own_days_only(enrol, state, client):
+    one, other = enrol("P001"), enrol("P002")
+    add_meal(state, "P001", "2026-11-01")
+    assert len(rows_of(client, one.headers)) == 1
+    assert rows_of(client, other.headers) == rows_of(client, other.headers, participant="P001") == []
+
+
+@pytest.mark.parametrize(
+    ("profile", "energy", "verdict"),
+    [
+        (MAN, 1000.0, "low"),
+        (MAN, 2500.0, "plausible"),
+        (MAN, 5000.0, "high"),
+        ({}, 2500.0, "unknown"),
+        (MAN, None, "unknown"),
+        (MAN | {"birth_year": 2016}, 2500.0, "unknown"),
+        (MAN | {"birth_year": 2030}, 2500.0, "unknown"),  # not born on that day
+    ],
+)
+def test_days_energy_is_flagged(phone, state, client, admin, profile, energy, verdict):
+    set_profile(state, **profile)
+    add_meal(state, "P001", "2026-11-01", eaten_item(energy_kcal=energy))
+    assert rows_of(client, admin)[0]["plausibility"] == "unknown"  # an open day may lack a meal
+    close(phone, "2026-11-01")
+    assert rows_of(client, admin)[0]["plausibility"] == verdict
+
+
+def intakes(client, admin, **params):
+    return client.get("/v1/studies/pilot/intakes", headers=admin, params=params).json()["items"]
+
+
+@pytest.mark.usefixtures("eaten")
+def test_mean_intake_is_over_closed_days_and_counts_the_open_ones(client, admin):
+    found = intakes(client, admin)[0]
+    assert (found["closed_days"], found["open_days"], found["silent_days"]) == (3, 1, 1)
+    energy, protein = found["components"]["energy_kcal"], found["components"]["protein_g"]
+    assert energy == {"mean": pytest.approx((196.0 + 300.0 + 0.0) / 3), "days": 3, "coverage": None}
+    assert protein == {"mean": pytest.approx((2.5 + 0.0) / 2), "days": 2, "coverage": None}
+    assert (found["unmeasured_items"], found["provisional_items"]) == (1, 1)
+    plausibility = found["plausibility"]
+    assert (plausibility["verdict"], plausibility["days"]) == ("unknown", 1)  # the day of nothing: one is not final
+
+
+def test_what_nobody_knows_the_leftovers_of_is_counted_where_a_pair_is_expected(phone, state, client, admin):
+    seen = {"origin": "added"}
+    of_declared_meal = add_meal(state, "P001", "2026-11-01", eaten_item(**seen), hour=8)
+    add_meal(
+        state,
+        "P001",
+        "2026-11-01",
+        eaten_item(**seen),
+        eaten_item(**seen, left_g=20.0),
+        eaten_item(**seen, left_g=0.0),
+        eaten_item(None, **seen),
+        eaten_item(**seen | {"status": "rejected"}),
+        eaten_item(),  # declared: no camera sees what is left of it
+    )
+    with state.database.write() as session:
+        session.execute(sa.update(Meal).where(Meal.client_id == of_declared_meal).values(origin="declared"))
+    add_meal(state, "P001", "2026-11-02", eaten_item(**seen))
+    close(phone, "2026-11-01")
+    assert [row["leftovers_unknown_items"] for row in rows_of(client, admin)] == [0, 0]
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(expects_after_pair=True))
+    assert [row["leftovers_unknown_items"] for row in rows_of(client, admin)] == [1, 1]
+    text = client.get("/v1/days?format=csv", headers=admin).text
+    assert [row["leftovers_unknown_items"] for row in csv.DictReader(io.StringIO(text))] == ["1", "1"]
+    assert intakes(client, admin)[0]["leftovers_unknown_items"] == 1  # of closed days
+
+
+def test_intake_without_a_closed_day_is_null(phone, state, client, admin):
+    add_meal(state, "P001", "2026-11-01", eaten_item(energy_kcal=100.0))
+    found = intakes(client, admin)[0]
+    assert (found["closed_days"], found["open_days"]) == (0, 1)
+    assert found["components"]["energy_kcal"] == {"mean": None, "days": 0, "coverage": None}
+
+
+def test_mean_energy_of_whole_days_is_judged_with_the_limits_of_their_number(phone, state, client, admin):
+    set_profile(state, **MAN)
+    for day in range(1, 8):
+        add_meal(state, "P001", f"2026-11-0{day}", eaten_item(energy_kcal=1600.0))
+        close(phone, f"2026-11-0{day}")
+    judged = intakes(client, admin)[0]["plausibility"]
+    assert (judged["verdict"], judged["days"]) == ("low", 7)
+    assert (judged["ratio"], judged["low"]) == (
+        pytest.approx(1600 / 1676.14, rel=1e-4),
+        pytest.approx(1.053, abs=0.001),
+    )
+    assert rows_of(client, admin)[0]["plausibility"] == "plausible"  # one day alone tells less
+
+
+def test_day_with_a_provisional_record_is_not_judged_until_the_record_is_final(phone, state, client, admin):
+    set_profile(state, **MAN)
+    for day in (1, 2):
+        add_meal(state, "P001", f"2026-11-0{day}", eaten_item(energy_kcal=1600.0), eaten_item(None, status="rejected"))
+        close(phone, f"2026-11-0{day}")
+    add_meal(state, "P001", "2026-11-02", eaten_item(energy_kcal=600.0, provisional=True), hour=18)
+    assert [row["plausibility"] for row in rows_of(client, admin)] == ["plausible", "unknown"]
+    judged = intakes(client, admin)[0]["plausibility"]
+    assert (judged["days"], judged["ratio"]) == (1, pytest.approx(1600 / 1676.14, rel=1e-4))
+    with state.database.write() as session:
+        session.execute(sa.update(EffectiveRecord).values(provisional=False))
+    assert [row["plausibility"] for row in rows_of(client, admin)] == ["plausible", "plausible"]
+    assert intakes(client, admin)[0]["plausibility"]["days"] == 2
+
+
+def test_intakes_page_by_participant_and_filter_by_day(enrol, state, client, admin):
+    for code in ("P003", "P001", "P002"):
+        phone = enrol(code)
+        add_meal(state, code, "2026-11-01", eaten_item(energy_kcal=100.0))
+        add_meal(state, code, "2026-11-02", eaten_item(energy_kcal=300.0))
+        close(phone, "2026-11-01", "2026-11-02")
+    seen, path = [], "/v1/studies/pilot/intakes?limit=2"
+    while path:
+        page = client.get(path, headers=admin).json()
+        seen += [(row["participant"], row["components"]["energy_kcal"]["mean"]) for row in page["items"]]
+        path = page["next"]
+    assert seen == [("P001", 200.0), ("P002", 200.0), ("P003", 200.0)]
+    assert intakes(client, admin, to="2026-11-01")[0]["components"]["energy_kcal"]["mean"] == 100.0
+    assert client.get("/v1/studies/none/intakes", headers=admin).status_code == 404
+
+
+def test_records_carry_the_days_status_its_number_and_the_delay(phone, state, client, admin):
+    add_meal(state, "P001", "2026-11-01", eaten_item(energy_kcal=1.0))
+    add_meal(state, "P001", "2026-11-03", eaten_item(energy_kcal=2.0), delay=timedelta(minutes=-2))
+    close(phone, "2026-11-03")
+    told = ("day_status", "study_day", "upload_delay_seconds")
+    expected = [("open", 1, 300.0), ("closed", 3, -120.0)]  # a phone's clock may be ahead
+    records = client.get("/v1/records", headers=admin).json()["items"]
+    assert [tuple(record[name] for name in told) for record in records] == expected
+    rows = csv.DictReader(io.StringIO(client.get("/v1/records?format=csv", headers=admin).text))
+    assert [tuple(row[name] for name in told) for row in rows] == [tuple(map(str, row)) for row in expected]
+    set_profile(state, starts_on=date(2026, 11, 2))
+    records = client.get("/v1/records", headers=admin).json()["items"]
+    assert [record["study_day"] for record in records] == [0, 2]
+
+
+def test_closed_day_of_meals_that_were_confirmed_without_food_is_a_day_of_nothing(phone, state, client, admin):
+    set_profile(state, **MAN)
+    add_meal(state, "P001", "2026-11-01", eaten_item(None, status="rejected"), status="confirmed")
+    add_meal(state, "P001", "2026-11-02", status="confirmed")
+    add_meal(state, "P001", "2026-11-03", eaten_item(energy_kcal=3000.0))
+    assert rows_of(client, admin)[0]["energy_kcal"] is None  # an open day may lack a meal
+    close(phone, "2026-11-01", "2026-11-02", "2026-11-03")
+    rejected, empty, _ = rows_of(client, admin)
+    for day in (rejected, empty):
+        assert (day["energy_kcal"], day["energy_kcal_coverage"], day["consumed_g"]) == (0.0, 1.0, 0.0)
+        assert (day["ate_nothing"], day["plausibility"]) == (False, "low")  # ate_nothing is a word of its own
+    mean = intakes(client, admin)[0]
+    assert mean["components"]["energy_kcal"] == {"mean": pytest.approx(1000.0), "days": 3, "coverage": 1.0}
+    assert mean["plausibility"]["days"] == 3

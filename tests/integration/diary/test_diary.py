@@ -1,0 +1,231 @@
+"""A participant's days: closed, opened again, nothing eaten; the reviewer's word over theirs; days that come late."""
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+import sqlalchemy as sa
+
+from app.diary.diary import project_day
+from app.diary.models import DayEvent, DiaryDay
+from app.meals.meal_time import latest_day
+from app.people.models import Participant, Study
+from app.people.privacy_models import AuditEvent
+from tests.integration.conftest import meal_metadata
+from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
+from tests.photographs import pair
+
+DAY = "2026-11-19"
+PATH = f"/v1/me/days/{DAY}"
+STAFF_PATH = f"/v1/studies/pilot/participants/P001/days/{DAY}"
+CLOSED, OPEN = {"status": "closed"}, {"status": "open"}
+NOTHING = {"status": "closed", "ate_nothing": True}
+
+
+def say(phone, body, version, path=PATH):
+    return phone.put(path, json=body, headers={"If-Match": f'"{version}"'})
+
+
+def days_of(phone, **params):
+    return phone.get("/v1/me/days", **({"from": "2026-11-01", "to": "2026-11-30"} | params)).json()["items"]
+
+
+@pytest.fixture
+def review(client, admin):
+    """A reviewer's word about the day."""
+
+    def review(body, version):
+        return client.put(STAFF_PATH, headers=admin | {"If-Match": f'"{version}"'}, json=body)
+
+    return review
+
+
+def test_closed_day_is_listed_with_its_version_and_who_decided(phone):
+    answer = say(phone, CLOSED, 0)
+    assert (answer.status_code, answer.headers["etag"]) == (200, '"1"')
+    assert answer.json() == days_of(phone)[0]
+    day = answer.json()
+    assert (day["date"], day["status"], day["ate_nothing"], day["version"]) == (DAY, "closed", False, 1)
+    assert (day["decided_by"], day["study_day"], day["meals"]) == ("participant", 1, 0)
+
+
+def test_day_that_nobody_has_said_a_word_about_is_open_and_listed_only_with_a_meal(phone, state):
+    assert days_of(phone) == []
+    add_meal(state, "P001", DAY)
+    day = days_of(phone)[0]
+    assert (day["status"], day["version"], day["decided_by"], day["meals"]) == ("open", 0, None, 1)
+
+
+def test_closed_day_can_be_opened_again_and_all_words_are_kept(phone, state):
+    say(phone, CLOSED, 0)
+    answer = say(phone, OPEN, 1)
+    assert (answer.json()["status"], answer.json()["version"]) == ("open", 2)
+    with state.database.read() as session:
+        events = session.scalars(sa.select(DayEvent).order_by(DayEvent.created_at)).all()
+        assert [(event.kind, event.layer, event.author) for event in events] == [
+            ("closed", "participant", "participant"),
+            ("reopened", "participant", "participant"),
+        ]
+        noted = session.scalars(sa.select(AuditEvent.action).where(AuditEvent.action.like("day.%"))).all()
+        assert sorted(noted) == ["day.closed", "day.reopened"]
+
+
+def test_word_over_an_older_version_is_refused(phone):
+    say(phone, CLOSED, 0)
+    answer = say(phone, OPEN, 0)
+    assert (answer.status_code, answer.json()["code"], answer.json()["version"]) == (412, "precondition_failed", 1)
+    assert phone.put(PATH, json=CLOSED).status_code == 428
+    assert phone.put(PATH, json=OPEN, headers={"If-Match": "*"}).json()["status"] == "open"
+
+
+def test_word_whose_answer_was_lost_may_be_sent_again(phone, state):
+    first, again = say(phone, CLOSED, 0), say(phone, CLOSED, 0)
+    assert (again.status_code, again.json()) == (200, first.json())
+    with state.database.read() as session:
+        assert session.query(DayEvent).count() == 1
+
+
+def test_word_over_a_version_that_never_was_is_refused(phone):
+    assert say(phone, CLOSED, 1).status_code == 412
+
+
+def test_nothing_eaten_is_refused_where_there_are_meals(phone, state):
+    add_meal(state, "P001", DAY)
+    answer = say(phone, NOTHING, 0)
+    assert (answer.status_code, answer.json()["code"], answer.json()["meals"]) == (409, "day_has_meals", 1)
+    assert say(phone, CLOSED, 0).status_code == 200
+
+
+def send_and_delete(phone, day):
+    body = meal_metadata(captured_at=f"{day}T12:30:00+08:00")
+    assert phone.post(pair(), body).json()["local_date"] == str(day)
+    assert phone.client.delete(f"/v1/meals/{body['id']}", headers=phone.headers).status_code == 200
+
+
+def test_deleted_meal_does_not_stand_against_nothing_eaten(phone):
+    send_and_delete(phone, DAY)
+    assert say(phone, NOTHING, 0).json()["ate_nothing"] is True
+
+
+def test_meal_on_a_day_when_nothing_was_eaten_says_more_than_the_word(phone, state):
+    assert say(phone, NOTHING, 0).json()["ate_nothing"] is True
+    add_meal(state, "P001", DAY, delay=timedelta(days=400))
+    day = days_of(phone)[0]
+    assert (day["status"], day["ate_nothing"], day["meals"], day["meals_after_closing"]) == ("closed", False, 1, 1)
+
+
+def test_meal_that_comes_late_marks_the_closed_day_until_it_is_closed_again(phone, state):
+    add_meal(state, "P001", DAY)
+    assert say(phone, CLOSED, 0).json()["meals_after_closing"] == 0
+    with state.database.write() as session:  # closed a minute after midnight, seen from a phone that was off
+        session.execute(sa.update(DiaryDay).values(changed_at=datetime(2026, 11, 20, 0, 1, tzinfo=UTC)))
+    add_meal(state, "P001", DAY, delay=timedelta(days=1))
+    day = days_of(phone)[0]
+    assert (day["status"], day["meals"], day["meals_after_closing"]) == ("closed", 2, 1)
+    assert say(phone, CLOSED, 1).json()["meals_after_closing"] == 0
+
+
+@pytest.mark.parametrize(
+    "body",
+    [{}, {"status": "shut"}, {"status": "open", "ate_nothing": True}, {"status": "closed", "why": "x"}, [], "closed"],
+)
+def test_what_is_no_word_is_refused(phone, body):
+    assert say(phone, body, 0).status_code == 422
+
+
+@pytest.mark.parametrize("day", ["1999-12-31", "0001-01-01", "9999-12-31"])
+def test_day_that_cannot_be_is_refused(phone, day):
+    answer = say(phone, CLOSED, 0, path=f"/v1/me/days/{day}")
+    assert (answer.status_code, answer.json()["code"]) == (422, "day_impossible")
+
+
+def test_today_of_the_easternmost_zone_may_be_closed_and_no_day_after_it(phone):
+    latest = latest_day(datetime.now(UTC))
+    assert say(phone, CLOSED, 0, path=f"/v1/me/days/{latest}").status_code == 200
+    assert say(phone, CLOSED, 0, path=f"/v1/me/days/{latest + timedelta(days=2)}").json()["code"] == "day_impossible"
+    assert say(phone, CLOSED, 0, path="/v1/me/days/yesterday").status_code == 422
+
+
+def test_reviewers_word_goes_over_the_participants_before_and_after_it(phone, review):
+    say(phone, CLOSED, 0)
+    answer = review(OPEN, 1)
+    assert (answer.status_code, answer.json()["status"], answer.json()["decided_by"]) == (200, "open", "reviewer")
+    later = say(phone, CLOSED, 2).json()
+    assert (later["status"], later["decided_by"], later["version"]) == ("open", "reviewer", 3)
+
+
+def test_newest_word_of_the_highest_layer_counts():
+    def event(kind, layer):
+        return DayEvent(kind=kind, layer=layer)
+
+    words = [event("closed", "participant"), event("reopened", "reviewer"), event("ate_nothing", "participant")]
+    assert project_day(words) is words[1]
+    assert project_day([words[0], words[2]]) is words[2]
+
+
+def test_staff_see_the_days_that_the_phone_sees(phone, client, admin):
+    say(phone, CLOSED, 0)
+    path, params = STAFF_PATH.rpartition("/")[0], {"from": DAY, "to": DAY}
+    assert client.get(path, headers=admin, params=params).json()["items"] == days_of(phone)
+    for other in ("/v1/studies/pilot/participants/P999/days", "/v1/studies/none/participants/P001/days"):
+        assert client.get(other, headers=admin).status_code == 404
+
+
+def test_participant_sees_own_days_only(enrol):
+    one, other = enrol("P001"), enrol("P002")
+    say(one, CLOSED, 0)
+    assert days_of(other) == []
+    assert say(other, CLOSED, 0).json()["version"] == 1
+
+
+@pytest.mark.parametrize(
+    ("params", "code"),
+    [
+        ({"from": "2026-11-03", "to": "2026-11-01"}, "days_reversed"),
+        ({"from": "2024-11-01", "to": "2026-11-01"}, "days_too_many"),
+        ({"from": "soon"}, "invalid_input"),
+    ],
+)
+def test_range_that_cannot_be_listed_is_refused(phone, params, code):
+    answer = phone.get("/v1/me/days", **params)
+    assert (answer.status_code, answer.json()["code"]) == (422, code)
+
+
+@pytest.mark.parametrize("params", [{}, {"from": "0001-01-01"}, {"to": "0001-01-01"}, {"from": "9999-12-31"}])
+def test_open_ends_of_a_range_are_filled_in(phone, params):
+    assert phone.get("/v1/me/days", **params).status_code == 200
+
+
+def test_changes_of_days_take_the_studys_next_number(phone, state):
+    say(phone, CLOSED, 0)
+    with state.database.read() as session:
+        day, study = session.query(DiaryDay).one(), session.query(Study).one()
+        assert day.change_seq == study.change_seq == 1
+
+
+def test_meal_before_the_studys_day_start_is_on_the_day_before(enrol, state):
+    phone = enrol()
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(day_starts_minutes=240))
+    body = meal_metadata(captured_at="2026-11-20T01:30:00+08:00")
+    assert phone.post(pair(), body).json()["local_date"] == "2026-11-19"
+    assert phone.post(pair(), body).status_code == 200  # the same again
+    assert days_of(phone)[0]["date"] == "2026-11-19"
+
+
+def test_study_day_counts_from_the_start_or_the_first_day(phone, state):
+    send_and_delete(phone, "2026-11-17")
+    add_meal(state, "P001", "2026-11-18", eaten_item())
+    add_meal(state, "P001", "2026-11-20")
+    assert [day["study_day"] for day in days_of(phone)] == [1, 3]
+    set_profile(state, starts_on=datetime(2026, 11, 19, tzinfo=UTC).date())
+    assert [day["study_day"] for day in days_of(phone)] == [0, 2]
+
+
+def test_day_of_somebody_who_has_left_is_not_changed_any_more(phone, state, review):
+    say(phone, CLOSED, 0)
+    with state.database.write() as session:
+        session.execute(sa.update(Participant).values(withdrawn_at=datetime(2026, 11, 20, tzinfo=UTC)))
+    answer = review(OPEN, 1)
+    assert (answer.status_code, answer.json()["code"]) == (409, "participant_withdrawn")
+    answer = say(phone, OPEN, 1)  # its token was looked up before it was revoked
+    assert (answer.status_code, answer.json()["code"]) == (410, "withdrawn")

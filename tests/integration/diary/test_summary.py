@@ -1,0 +1,189 @@
+"""A participant's feedback: off by default; a day's amounts; from three whole days on beside reference intakes."""
+
+import pytest
+import sqlalchemy as sa
+
+from app.people.models import Study
+from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
+
+PATH = "/v1/me/summary"
+WOMAN = {"sex": "female", "birth_year": 1990, "weight_kg": 60.0}
+EATEN = {
+    "energy_kcal": 2000.0,
+    "protein_g": 70.0,
+    "fibre_g": 20.0,
+    "sodium_mg": 3100.0,
+    "potassium_mg": 2000.0,
+    "vitamin_c_mg": 40.0,
+}
+
+
+@pytest.fixture
+def feedback(phone, state):
+    """A phone of a study that gives feedback."""
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(gives_feedback=True))
+    return phone
+
+
+def eat(state, phone, *days, closed=True, **columns):
+    for day in days:
+        add_meal(state, "P001", f"2026-11-{day:02}", eaten_item(100.0, **(EATEN | columns)))
+        if closed:
+            body = {"status": "closed"}
+            assert phone.put(f"/v1/me/days/2026-11-{day:02}", json=body, headers={"If-Match": "*"}).status_code == 200
+
+
+def test_feedback_is_off_unless_the_study_gives_it(phone, state, client, admin):
+    add_meal(state, "P001", "2026-11-19", eaten_item(energy_kcal=80.0))
+    answer = phone.get(PATH)
+    assert (answer.status_code, answer.json()["code"]) == (403, "feedback_off")
+    staff = client.get("/v1/studies/pilot/participants/P001/summary", headers=admin)
+    assert staff.json()["components"]["energy_kcal"]["amount"] == 80.0
+
+
+def test_day_shows_amounts_by_meal_and_compares_nothing(feedback, state):
+    first = add_meal(state, "P001", "2026-11-19", eaten_item(100.0, energy_kcal=80.0), hour=8)
+    add_meal(state, "P001", "2026-11-19", eaten_item(200.0, energy_kcal=300.0), eaten_item(None), hour=19)
+    body = feedback.get(PATH, date="2026-11-19").json()
+    energy = body["components"]["energy_kcal"]
+    assert (energy["amount"], energy["coverage"]) == (380.0, None)
+    assert energy["interval"] == [pytest.approx(0.9 * 380), pytest.approx(1.1 * 380)]
+    assert [meal["components"]["energy_kcal"]["amount"] for meal in body["meals"]] == [80.0, 300.0]
+    assert (body["meals"][0]["meal_id"], body["meals"][1]["unmeasured_items"]) == (str(first), 1)
+    assert (body["unmeasured_items"], body["status"], body["study_day"]) == (1, "open", 1)
+    assert body["components"]["vitamin_c_mg"] == {"amount": None, "interval": None, "coverage": None}
+    assert (body["comparison"]["why_not"], body["comparison"]["components"]) == ("days_needed", {})
+    assert "Meals on 2026-11-19: 2." in body["sentences"][0]
+    assert "not medical advice" in body["disclaimer"]
+
+
+def test_day_of_foods_without_fat_by_their_table_has_no_interval_of_fat(feedback, state):
+    add_meal(state, "P001", "2026-11-19", eaten_item(100.0, energy_kcal=304.0, fat_g=0.0))
+    fat = feedback.get(PATH, date="2026-11-19").json()["components"]["fat_g"]
+    assert fat == {"amount": 0.0, "interval": None, "coverage": 1.0}
+    add_meal(state, "P001", "2026-11-19", eaten_item(10.0, fat_g=8.0), hour=19)
+    fat = feedback.get(PATH, date="2026-11-19").json()["components"]["fat_g"]
+    assert fat["interval"] == [pytest.approx(0.9 * 8.0), pytest.approx(1.1 * 8.0)]
+
+
+def test_without_a_date_it_is_the_last_day_and_without_a_day_it_says_so(feedback, state):
+    assert feedback.get(PATH).json()["code"] == "no_day_yet"
+    eat(state, feedback, 17, 18)
+    assert feedback.get(PATH).json()["date"] == "2026-11-18"
+    assert feedback.get(PATH, date="2026-11-03").json()["meals"] == []
+
+
+def test_comparison_needs_three_closed_days_that_are_measured_whole(feedback, state):
+    set_profile(state, **WOMAN)
+    eat(state, feedback, 15, 16)
+    eat(state, feedback, 17, closed=False)
+    add_meal(state, "P001", "2026-11-18", eaten_item(None))
+    feedback.put("/v1/me/days/2026-11-18", json={"status": "closed"}, headers={"If-Match": "*"})
+    compared = feedback.get(PATH).json()["comparison"]
+    assert (compared["closed_days"], compared["whole_days"], compared["why_not"]) == (3, 2, "days_needed")
+    eat(state, feedback, 14)
+    body = feedback.get(PATH).json()
+    compared = body["comparison"]
+    assert (compared["closed_days"], compared["whole_days"], compared["why_not"]) == (4, 3, None)
+    verdicts = {name: found["verdict"] for name, found in compared["components"].items()}
+    assert verdicts == {
+        "protein_g": "reaches",  # 46 g a day
+        "fibre_g": "open_adequate",  # 25 g, an AI
+        "sodium_mg": "above_limit",  # 2300 mg, the CDRR
+        "potassium_mg": "open_adequate",
+        "vitamin_c_mg": "below",  # 75 mg
+    }
+    assert any("rests on 4 closed days of the last 14" in sentence for sentence in body["sentences"])
+    assert any("could not be measured or is not final yet: 1" in sentence for sentence in body["sentences"])
+    assert any(sentence.startswith("Days differ") for sentence in body["sentences"])
+
+
+def test_days_before_the_window_and_after_the_day_do_not_count(feedback, state):
+    set_profile(state, **WOMAN)
+    eat(state, feedback, 1, 2, 3, 20)
+    assert feedback.get(PATH, date="2026-11-16").json()["comparison"]["closed_days"] == 1
+    assert feedback.get(PATH, date="2026-11-14").json()["comparison"]["closed_days"] == 3
+
+
+def test_without_age_and_sex_nothing_is_compared(feedback, state):
+    eat(state, feedback, 15, 16, 17)
+    body = feedback.get(PATH).json()
+    assert body["comparison"]["why_not"] == "profile_needed"
+    set_profile(state, birth_year=1990)
+    assert feedback.get(PATH).json()["comparison"]["why_not"] == "profile_needed"
+
+
+def test_partly_known_contents_never_tell_that_it_is_too_little(feedback, state):
+    set_profile(state, **WOMAN)
+    eat(state, feedback, 15, 16, 17)
+    add_meal(state, "P001", "2026-11-16", eaten_item(50.0, energy_kcal=10.0))
+    feedback.put("/v1/me/days/2026-11-16", json={"status": "closed"}, headers={"If-Match": "*"})
+    found = feedback.get(PATH).json()["comparison"]["components"]
+    assert found["vitamin_c_mg"]["verdict"] == "open_coverage"
+    assert found["vitamin_c_mg"]["coverage"] == pytest.approx((1 + 100 / 150 + 1) / 3)
+    assert found["protein_g"]["verdict"] == "reaches"
+
+
+def test_meal_that_failed_is_told_and_its_day_compared_with_nothing(feedback, state):
+    set_profile(state, **WOMAN)
+    eat(state, feedback, 15, 16, 17)
+    add_meal(state, "P001", "2026-11-17", hour=19, status="failed")
+    body = feedback.get(PATH).json()
+    energy = body["components"]["energy_kcal"]
+    assert (body["unmeasured_meals"], energy["amount"], energy["coverage"]) == (1, 2000.0, None)
+    assert "Meals that were not measured, and are missing from these figures: 1." in body["sentences"]
+    compared = body["comparison"]
+    assert (compared["closed_days"], compared["whole_days"], compared["why_not"]) == (3, 2, "days_needed")
+
+
+def test_day_with_a_provisional_record_is_left_out_of_the_comparison(feedback, state):
+    set_profile(state, **WOMAN)
+    eat(state, feedback, 14, 15, 16)
+    eat(state, feedback, 17, provisional=True)
+    body = feedback.get(PATH).json()
+    assert body["provisional_items"] == 1
+    compared = body["comparison"]
+    assert (compared["closed_days"], compared["whole_days"]) == (4, 3)
+    assert {each["days"] for each in compared["components"].values()} == {3}
+    left_out = "Of these, days left out because something could not be measured or is not final yet: 1."
+    assert left_out in body["sentences"]
+
+
+def test_leftovers_that_nobody_told_are_told_where_a_pair_is_expected(feedback, state):
+    items = eaten_item(100.0, origin="added"), eaten_item(50.0, origin="added", left_g=5.0), eaten_item(30.0)
+    add_meal(state, "P001", "2026-11-19", *items)
+    assert feedback.get(PATH).json()["leftovers_unknown_items"] == 0
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(expects_after_pair=True))
+    body = feedback.get(PATH).json()
+    assert body["leftovers_unknown_items"] == 1
+    assert "Foods counted as eaten up, since it is not known what was left of them: 1." in body["sentences"]
+
+
+def test_day_when_nothing_was_eaten_has_zeros_and_says_so(feedback):
+    body = {"status": "closed", "ate_nothing": True}
+    feedback.put("/v1/me/days/2026-11-19", json=body, headers={"If-Match": '"0"'})
+    found = feedback.get(PATH).json()
+    assert (found["ate_nothing"], found["components"]["energy_kcal"]["amount"]) == (True, 0.0)
+    assert found["sentences"][0] == "You told us that you ate nothing on 2026-11-19."
+
+
+@pytest.mark.parametrize(
+    ("locale", "advice"), [("de", "kein ärztlicher Rat"), ("es", "no un consejo médico"), ("zh", "不是医疗建议")]
+)
+def test_sentences_are_in_the_studys_language(feedback, state, locale, advice):
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(locale=locale))
+    set_profile(state, **WOMAN)
+    eat(state, feedback, 15, 16, 17)
+    body = feedback.get(PATH).json()
+    assert body["locale"] == locale
+    assert advice in body["disclaimer"]
+    assert len(body["sentences"]) == 9  # the day, its interval, the basis, five nutrients, the doubt
+
+
+def test_participant_of_another_study_is_not_found(phone, client, admin):
+    for path in ("/v1/studies/pilot/participants/P999/summary", "/v1/studies/none/participants/P001/summary"):
+        assert client.get(path, headers=admin).status_code == 404
+    assert phone.get("/v1/studies/pilot/participants/P001/summary").status_code == 403

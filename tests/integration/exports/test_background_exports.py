@@ -1,0 +1,464 @@
+"""Exports in the background: asked for over HTTP, made by a runner, fetched in parts, gone when they must be."""
+
+import csv
+import hashlib
+import io
+import json
+import uuid
+from datetime import UTC, datetime, timedelta
+
+import pytest
+import sqlalchemy as sa
+
+from app.exports import file_work_queries as file_work
+from app.exports import made_file
+from app.exports import queries as exports
+from app.exports.background_exports import MOST_OF_PERSON
+from app.exports.models import Export
+from app.people.access.secret_box import SecretBox
+from app.people.models import Participant
+from app.people.privacy_models import AuditEvent, BlobDeletion
+from app.privacy.delete_blobs import BlobDeleter
+from app.releases import file_runner
+from app.releases.file_runner import FileRunner
+from app.releases.file_work_chore import expire_exports
+from tests.integration.diary.eaten_days import add_meal, eaten_item
+from tests.integration.people.people import make_staff
+from tests.stores import make_old, stored_names
+
+PATH = "/v1/studies/pilot/exports"
+
+
+@pytest.fixture
+def eaten(enrol, state):
+    """Meals of two participants: their ids on the phone."""
+    phones = {code: enrol(code) for code in ("P001", "P002")}
+    first = add_meal(state, "P001", "2026-11-01", eaten_item(100.0, "apple", energy_kcal=52.0))
+    second = add_meal(state, "P002", "2026-11-02", eaten_item(50.0, "banana"), eaten_item(None))
+    return {"phones": phones, "P001": first, "P002": second}
+
+
+@pytest.fixture
+def viewer(client, admin, eaten):
+    return make_staff(client, admin, "vera", pilot="viewer")
+
+
+@pytest.fixture
+def run(state):
+    def run(**times):
+        return FileRunner(
+            state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4(), **times
+        ).run_one()
+
+    return run
+
+
+def ask(person, **body):
+    return person.post(PATH, json={"rows": "items", "format": "csv"} | body)
+
+
+def made(person, run, **body):
+    """An export that is done, as the API shows it."""
+    path = ask(person, **body).headers["location"]
+    assert run().outcome == "done"
+    return person.get(path).json()
+
+
+def events(state, action):
+    with state.database.read() as session:
+        return session.scalars(sa.select(AuditEvent).where(AuditEvent.action == action)).all()
+
+
+@pytest.mark.parametrize("output", ["csv", "ndjson", "parquet"])
+def test_file_made_in_the_background_is_the_one_that_is_streamed(viewer, run, state, output):
+    answer = ask(viewer, format=output)
+    assert answer.status_code == 202
+    assert answer.json()["state"] == "queued"
+    waiting = viewer.get(answer.headers["location"] + "/file")
+    assert (waiting.status_code, waiting.json()["code"]) == (409, "export_not_ready")
+    assert run().outcome == "done"
+    export = viewer.get(answer.headers["location"]).json()
+    assert (export["state"], export["rows_written"], export["rows_estimated"]) == ("done", 3, 3)
+    fetched = viewer.get(export["file"])
+    assert fetched.content == viewer.get(f"/v1/records?study=pilot&format={output}").content
+    assert export["sha256"] == hashlib.sha256(fetched.content).hexdigest()
+    assert export["bytes"] == len(fetched.content) == int(fetched.headers["content-length"])
+    assert (
+        fetched.headers["content-type"]
+        == viewer.get(f"/v1/records?study=pilot&format={output}").headers["content-type"]
+    )
+    assert f'filename="pilot-items.{output}"' in fetched.headers["content-disposition"]
+    assert export["asked_by"] == "vera"
+    assert run() is None
+    assert [event.actor for event in events(state, "export.request")] == ["vera"]
+    assert [event.actor for event in events(state, "export.download")] == ["vera"]
+
+
+def test_filters_leave_the_same_rows_as_the_pages(viewer, run):
+    export = made(viewer, run, format="ndjson", filters={"participant": "P002", "from": "2026-11-02"})
+    lines = [json.loads(line) for line in viewer.get(export["file"]).content.splitlines()]
+    pages = viewer.get("/v1/records?study=pilot&participant=P002&from=2026-11-02").json()["items"]
+    assert [line["id"] for line in lines] == [row["id"] for row in pages]
+    assert len(lines) == 2
+    assert export["filters"] == {"participant": "P002", "from": "2026-11-02"}
+
+
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        ({"rows": "photographs", "layout": "long"}, "export_not_offered"),
+        ({"rows": "days", "format": "geojson"}, "export_not_offered"),
+        ({"filters": {"from": "2026-11-03", "to": "2026-11-02"}}, "days_reversed"),
+        ({"rows": "everything"}, "invalid_input"),
+        ({"layout": "tall"}, "invalid_input"),
+        ({"format": "xlsx"}, "invalid_input"),
+        ({"components": "some"}, "invalid_input"),
+        ({"filters": {"status": ["eaten"]}}, "invalid_input"),
+        ({"filters": {"origin": "drawn"}}, "invalid_input"),
+        ({"filters": {"needs": "sleep"}}, "invalid_input"),
+        ({"filters": {"after_status": ["eaten"]}}, "invalid_input"),
+        ({"filters": {"colour": "red"}}, "invalid_input"),
+        ({"filters": {"participant": "\0"}}, "invalid_input"),
+    ],
+)
+def test_export_that_cannot_be_is_refused_at_once(viewer, body, code):
+    answer = ask(viewer, **body)
+    assert (answer.status_code, answer.json()["code"]) == (422, code)
+    assert viewer.get(PATH).json()["items"] == []
+
+
+def test_all_components_of_foods_that_nobody_has_named_are_none(client, admin, enrol, state, run):
+    enrol("P009", study="unnamed")
+    add_meal(state, "P009", "2026-11-01", eaten_item(100.0), study="unnamed")
+    viewer = make_staff(client, admin, "vera", unnamed="viewer")
+    asked = viewer.post("/v1/studies/unnamed/exports", json={"rows": "items", "components": "all"})
+    assert run().outcome == "done"
+    rows = list(csv.DictReader(io.StringIO(viewer.get(asked.headers["location"] + "/file").text)))
+    assert [row["consumed_g"] for row in rows] == ["100.0"]
+
+
+def test_broken_download_goes_on_where_it_ended(viewer, run):
+    export = made(viewer, run)
+    whole = viewer.get(export["file"])
+    etag, length = whole.headers["etag"], len(whole.content)
+    assert etag == f'"{export["sha256"]}"'
+    rest = viewer.get(export["file"], headers={"Range": "bytes=100-", "If-Range": etag})
+    assert rest.status_code == 206
+    assert rest.headers["content-range"] == f"bytes 100-{length - 1}/{length}"
+    assert whole.content[:100] + rest.content == whole.content
+    for header, expected in {
+        "bytes=0-0": whole.content[:1],
+        "bytes=10-19": whole.content[10:20],
+        "bytes=-7": whole.content[-7:],
+        f"bytes=5-{length + 1000}": whole.content[5:],
+        f"bytes=-{length + 1000}": whole.content,
+    }.items():
+        part = viewer.get(export["file"], headers={"Range": header})
+        assert (part.status_code, part.content) == (206, expected), header
+
+
+def test_range_that_is_none_or_of_another_file_gives_the_whole(viewer, run):
+    export = made(viewer, run)
+    whole = viewer.get(export["file"]).content
+    for headers in (
+        {"Range": "bytes=5-3"},
+        {"Range": "bytes=-"},
+        {"Range": "lines=1-2"},
+        {"Range": "bytes=0-1,4-5"},
+        {"Range": "bytes=3-", "If-Range": '"another"'},
+        {"Range": "bytes=3-", "If-Range": "Sat, 21 Nov 2026 10:00:00 GMT"},
+    ):
+        answer = viewer.get(export["file"], headers=headers)
+        assert (answer.status_code, answer.content) == (200, whole), headers
+
+
+def test_range_behind_the_end_is_refused_and_what_is_known_is_not_sent_again(viewer, run):
+    export = made(viewer, run)
+    for header in (f"bytes={export['bytes']}-", "bytes=-0"):
+        answer = viewer.get(export["file"], headers={"Range": header})
+        assert (answer.status_code, answer.json()["code"]) == (416, "range_not_satisfiable")
+        assert answer.headers["content-range"] == f"bytes */{export['bytes']}"
+    known = viewer.get(export["file"], headers={"If-None-Match": f'"{export["sha256"]}"'})
+    assert (known.status_code, known.content) == (304, b"")
+
+
+def test_the_same_asked_for_again_is_the_same_export_until_it_is_done(client, admin, viewer, run):
+    first, again = ask(viewer), ask(viewer)
+    assert (first.status_code, again.status_code) == (202, 200)
+    assert first.json()["id"] == again.json()["id"]
+    other = make_staff(client, admin, "otto", pilot="viewer")
+    assert ask(other).json()["id"] != first.json()["id"]
+    assert run().outcome == run().outcome == "done"
+    assert ask(viewer).status_code == 202
+
+
+def test_too_many_under_way_are_refused(client, admin, viewer, state, settings):
+    formats = ("csv", "ndjson", "parquet", "geojson")
+    answers = [ask(viewer, format=output) for output in formats]
+    assert [answer.status_code for answer in answers] == [202, 202, 202, 429]
+    assert (answers[3].json()["code"], answers[3].json()["limit"]) == (
+        "too_many_exports",
+        MOST_OF_PERSON,
+    )
+    assert viewer.delete(answers[0].headers["location"]).status_code == 204
+    assert ask(viewer, format="geojson").status_code == 202
+
+
+def test_exports_are_listed_newest_first_in_pages(viewer, run):
+    paths = []
+    for output in ("csv", "ndjson", "parquet"):
+        paths.append(ask(viewer, format=output).json()["id"])
+        run()
+    listed, path = [], f"{PATH}?limit=2"
+    while path:
+        page = viewer.get(path).json()
+        listed += [row["id"] for row in page["items"]]
+        path = page["next"]
+    assert listed == paths[::-1]
+
+
+def test_who_may_not_see_the_study_hears_of_no_export(client, admin, viewer, run, state):
+    export = made(viewer, run)
+    stranger = make_staff(client, admin, "sven")
+    for path in (PATH, f"{PATH}/{export['id']}", export["file"]):
+        assert stranger.get(path).status_code == 404
+    assert stranger.delete(f"{PATH}/{export['id']}").status_code == 404
+    assert client.delete("/v1/studies/pilot/members/vera", headers=admin).status_code == 204
+    assert viewer.get(export["file"]).status_code == 404
+    client.post("/v1/studies", headers=admin, json={"code": "other", "name": "other"})
+    elsewhere = f"/v1/studies/other/exports/{export['id']}"
+    assert client.get(elsewhere, headers=admin).status_code == 404
+    assert client.get(elsewhere + "/file", headers=admin).status_code == 404
+
+
+def test_only_who_asked_or_an_owner_removes_an_export_and_its_file_goes(client, admin, viewer, run, state):
+    export = made(viewer, run)
+    path = f"{PATH}/{export['id']}"
+    other = make_staff(client, admin, "otto", pilot="reviewer")
+    refused = other.delete(path)
+    assert (refused.status_code, refused.json()["code"]) == (403, "export_of_another")
+    owner = make_staff(client, admin, "olga", pilot="owner")
+    assert owner.delete(path).status_code == 204
+    assert owner.get(path).status_code == 404
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    assert not [name for name in stored_names(state.blobs) if "/exports/" in name]
+    assert [event.details["was"] for event in events(state, "export.remove")] == ["done"]
+
+
+def test_export_called_off_is_not_made_and_then_forgotten(viewer, run):
+    path = ask(viewer).headers["location"]
+    assert viewer.delete(path).status_code == 204
+    assert viewer.get(path).json()["state"] == "cancelled"
+    assert viewer.get(path + "/file").json()["code"] == "export_cancelled"
+    assert run() is None
+    assert viewer.delete(path).status_code == 204
+    assert viewer.get(path).status_code == 404
+
+
+def test_file_goes_when_its_time_is_over_and_its_line_a_month_later(viewer, run, state):
+    export = made(viewer, run)
+    path = f"{PATH}/{export['id']}"
+    assert expire_exports(state.database) == 0
+    week = datetime.now(UTC) + timedelta(days=7, seconds=1)
+    assert expire_exports(state.database, week) == 1
+    gone = viewer.get(path + "/file")
+    assert (gone.status_code, gone.json()["code"]) == (410, "export_expired")
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    assert not [name for name in stored_names(state.blobs) if "/exports/" in name]
+    expire_exports(state.database, week + timedelta(days=31))
+    assert viewer.get(path).status_code == 404
+
+
+def test_file_of_an_export_is_no_orphan(viewer, run, state):
+    export = made(viewer, run)
+    make_old(state.blobs)
+    assert BlobDeleter(state.database, state.blobs).delete_orphans() == 0
+    assert viewer.get(export["file"]).status_code == 200
+
+
+@pytest.fixture
+def during(monkeypatch):
+    """Do something once while a file is being written, behind its first piece."""
+
+    def during(action):
+        write, done = made_file.StagedFile.write, []
+
+        def write_and_act(file, piece):
+            write(file, piece)
+            if not done:
+                done.append(True)
+                action()
+
+        monkeypatch.setattr(made_file.StagedFile, "write", write_and_act)
+
+    return during
+
+
+def test_meal_erased_while_the_file_is_written_is_in_no_file(viewer, run, state, eaten, during):
+    path = ask(viewer).headers["location"]
+    phone = eaten["phones"]["P001"]
+    during(lambda: phone.client.delete(f"/v1/meals/{eaten['P001']}", headers=phone.headers))
+    assert run().outcome in ("lost", "again")
+    assert viewer.get(path).json()["state"] == "queued"
+    assert not [name for name in stored_names(state.blobs) if "/exports/" in name or "made-" in name]
+    assert run().outcome == "done"
+    rows = list(csv.DictReader(io.StringIO(viewer.get(path + "/file").text)))
+    assert {row["participant"] for row in rows} == {"P002"}
+
+
+def test_erasure_that_commits_before_the_claim_is_seen_is_met_by_the_last_transaction(
+    viewer, run, state, eaten, during, monkeypatch
+):
+    """Of an export that was still queued when the erasure looked, and whose snapshot is of before its commit."""
+    path = ask(viewer).headers["location"]
+    phone = eaten["phones"]["P001"]
+    monkeypatch.setattr(exports, "erase_from_exports", lambda *_: 0)
+    during(lambda: phone.client.delete(f"/v1/meals/{eaten['P001']}", headers=phone.headers))
+    assert run().outcome == "again"
+    assert viewer.get(path).json()["state"] == "queued"
+    assert run().outcome == "done"
+    assert "P001" not in viewer.get(path + "/file").text
+
+
+@pytest.mark.parametrize("policy", ["erase", "anonymise"])
+def test_withdrawal_ends_the_files_that_hold_the_person_and_what_names_them(
+    client, admin, viewer, run, state, eaten, policy
+):
+    tag = client.get("/v1/studies/pilot", headers=admin).headers["etag"]
+    body = {"withdrawal_policy": policy}
+    assert client.patch("/v1/studies/pilot", headers=admin | {"If-Match": tag}, json=body).status_code == 200
+    export = made(viewer, run)
+    named = made(viewer, run, filters={"participant": "P001"})
+    phone = eaten["phones"]["P001"]
+    assert client.post("/v1/me/withdrawal", headers=phone.headers).status_code == 200
+    answer = viewer.get(export["file"])
+    assert (answer.status_code, answer.json()["code"]) == (410, "export_expired")
+    assert viewer.get(f"{PATH}/{named['id']}").status_code == 404
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    assert not [name for name in stored_names(state.blobs) if "/exports/" in name]
+    with state.database.read() as session:
+        assert session.scalar(sa.select(sa.func.count()).select_from(BlobDeletion)) == 0
+        assert "P001" not in str([row.spec for row in session.scalars(sa.select(Export))])
+
+
+def test_participant_who_leaves_and_is_kept_stays_in_the_files(client, admin, viewer, run, eaten):
+    tag = client.get("/v1/studies/pilot", headers=admin).headers["etag"]
+    body = {"withdrawal_policy": "keep"}
+    assert client.patch("/v1/studies/pilot", headers=admin | {"If-Match": tag}, json=body).status_code == 200
+    export = made(viewer, run)
+    assert client.post("/v1/me/withdrawal", headers=eaten["phones"]["P001"].headers).status_code == 200
+    assert "P001" in viewer.get(export["file"]).text
+
+
+def test_called_off_while_it_is_written_leaves_nothing(viewer, run, state, during):
+    path = ask(viewer).headers["location"]
+    during(lambda: viewer.delete(path))
+    assert run().outcome == "lost"
+    assert viewer.get(path).json()["state"] == "cancelled"
+    assert not [name for name in stored_names(state.blobs) if "/exports/" in name or "made-" in name]
+
+
+def test_runner_that_died_is_taken_over_and_writes_nothing_when_it_comes_back(viewer, run, state, during):
+    path = ask(viewer).headers["location"]
+
+    def take_over():
+        assert run().outcome == "done"  # by another, since the lease of no time at all has run out
+
+    sleeping = FileRunner(
+        state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4(), beat_seconds=3600.0
+    )
+    during(lambda: run_over_dead_lease(state, take_over))
+    assert sleeping.run_one().outcome == "lost"
+    export = viewer.get(path).json()
+    assert export["state"] == "done"
+    assert hashlib.sha256(viewer.get(path + "/file").content).hexdigest() == export["sha256"]
+    assert len([name for name in stored_names(state.blobs) if "/exports/" in name]) == 1
+
+
+def run_over_dead_lease(state, action):
+    with state.database.write() as session:
+        long_ago = datetime.now(UTC) - timedelta(seconds=file_work.LEASE_SECONDS + 60)
+        session.execute(sa.update(Export).values(heartbeat_at=long_ago))
+    action()
+
+
+def test_living_runner_is_not_taken_over(viewer, run, during):
+    ask(viewer)
+    others = []
+    during(lambda: others.append(run()))
+    assert run().outcome == "done"
+    assert others == [None]
+
+
+def test_heartbeat_of_a_time_to_come_is_no_sign_of_life(viewer, run, state):
+    """The database's clock went back: who died before would else be taken for alive until it has caught up."""
+    ask(viewer)
+    with state.database.write() as session:
+        file_work.claim_next(session, uuid.uuid4())
+        session.execute(sa.update(Export).values(heartbeat_at=datetime.now(UTC) + timedelta(days=1)))
+    assert run().outcome == "done"
+
+
+def test_progress_is_told_while_the_file_is_written(viewer, run, state, during, monkeypatch):
+    path = ask(viewer).headers["location"]
+    seen = []
+
+    def look():
+        deadline = datetime.now(UTC) + timedelta(seconds=20)
+        while not seen or not seen[-1]["bytes"]:
+            assert datetime.now(UTC) < deadline
+            seen.append(viewer.get(path).json())
+
+    during(look)
+    assert run(beat_seconds=0.01).outcome == "done"
+    assert seen[-1]["state"] == "running"
+    assert seen[-1]["rows_estimated"] == 3
+
+
+def test_passing_fault_is_tried_again_later_and_a_lasting_one_ends_it(viewer, run, state, monkeypatch):
+    path = ask(viewer).headers["location"]
+
+    def broken(*_, **__):
+        raise ConnectionError("the store is away")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(file_runner, "write_export", broken)
+        for attempt in range(file_runner.MOST_ATTEMPTS):
+            assert viewer.get(path).json()["state"] == "queued", attempt
+            with state.database.write() as session:
+                assert file_work.has_work(session) == (attempt == 0)  # else it waits for a while first
+                session.execute(sa.update(Export).values(begin_after=None))
+            run()
+    export = viewer.get(path).json()
+    assert (export["state"], export["failure"]) == ("failed", "internal_error")
+    assert viewer.get(path + "/file").json()["code"] == "export_failed"
+    assert run() is None
+
+
+def test_maker_that_dies_again_and_again_ends_the_export(viewer, run, state):
+    path = ask(viewer).headers["location"]
+    for _ in range(file_runner.MOST_ATTEMPTS):
+        claim = uuid.uuid4()
+        with state.database.write() as session:
+            assert file_work.claim_next(session, claim) is not None
+            assert file_work.put_back(session, claim, counts=True) == 1
+    assert run().outcome == "export_gave_up"
+    assert viewer.get(path).json()["failure"] == "export_gave_up"
+
+
+def test_full_disk_ends_the_export_in_words(viewer, run, monkeypatch):
+    path = ask(viewer).headers["location"]
+    monkeypatch.setattr("app.exports.made_file.shutil.disk_usage", lambda _: type("Usage", (), {"free": -1}))
+    assert run().outcome == "storage_full"
+    assert viewer.get(path).json()["failure"] == "storage_full"
+
+
+def test_erasures_are_counted_but_not_those_that_take_no_row(client, admin, enrol, state, eaten):
+    with state.database.read() as session:
+        study_id = session.scalar(sa.select(Participant.study_id).limit(1))
+        before = exports.moment_of(session, study_id)
+    phone = eaten["phones"]["P001"]
+    phone.client.delete(f"/v1/meals/{eaten['P001']}", headers=phone.headers)
+    with state.database.read() as session:
+        after = exports.moment_of(session, study_id)
+    assert (after.erasures, after.change_seq > before.change_seq) == (before.erasures + 1, True)

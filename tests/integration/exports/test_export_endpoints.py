@@ -1,0 +1,269 @@
+"""The tables over HTTP: formats, GeoJSON, the data dictionary, who sees what, what is refused, what is noted."""
+
+import csv
+import io
+import json
+from datetime import date
+
+import pytest
+import sqlalchemy as sa
+
+from app.exports.export_spec import ExportFilters, ExportSpec, spec_as_json, spec_of_json
+from app.foods.models import Component, Food, FoodNutrient
+from app.http.tables import meal_columns, photograph_columns, record_columns
+from app.meals.event_models import LAYERS
+from app.meals.models import AFTER_SLOTS, AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, SLOTS, Meal
+from app.meals.record_models import HEADLINE_COLUMNS, ITEM_ORIGINS, RECORD_STATUSES
+from app.people.models import Participant, Study
+from app.people.privacy_models import AuditEvent
+from tests.integration.conftest import meal_metadata
+from tests.integration.diary.eaten_days import add_meal, eaten_item
+from tests.photographs import pair
+
+TABLES = {
+    "items": "/v1/records",
+    "meals": "/v1/meals",
+    "days": "/v1/days",
+    "photographs": "/v1/studies/pilot/photographs",
+}
+COMBINATIONS = [
+    (rows, layout, components)
+    for rows in ("items", "meals", "days")
+    for layout in ("wide", "long")
+    for components in ("headline", "all")
+] + [("photographs", "wide", "headline")]
+PLACE = {"latitude": 48.1371, "longitude": 11.5754, "accuracy_m": 5.0}
+
+
+@pytest.fixture
+def settings(settings):
+    return settings.model_copy(update={"exports_per_minute": 0})  # a test asks for more than a person does
+
+
+@pytest.fixture
+def study(enrol, state):
+    """Two participants, one of a code that a spreadsheet would compute, who ate and sent photographs."""
+    enrol("P002")
+    phone = enrol("P001", location_policy="keep")
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(location_policy="keep"))
+    assert phone.post(pair(), meal_metadata(location=PLACE)).status_code == 202
+    add_meal(state, "P002", "2026-11-02", eaten_item(200.0, "apple", energy_kcal=104.0), eaten_item(None))
+    with state.database.write() as session:
+        session.execute(sa.update(Participant).where(Participant.code == "P002").values(code="=1+2"))
+    return phone
+
+
+def read_csv(client, headers, path, **params):
+    answer = client.get(path, headers=headers, params=params | {"format": "csv"})
+    assert answer.status_code == 200, answer.text
+    return list(csv.DictReader(io.StringIO(answer.text, newline="")))
+
+
+def read_ndjson(client, headers, path, **params):
+    answer = client.get(path, headers=headers, params=params | {"format": "ndjson"})
+    assert answer.status_code == 200, answer.text
+    return [json.loads(line) for line in answer.content.splitlines()]
+
+
+def asked(rows, layout, components):
+    return {} if rows == "photographs" else {"layout": layout, "components": components}
+
+
+def test_dictionary_tells_every_column_of_every_table_with_its_meaning(study, client, admin):
+    for rows, layout, components in COMBINATIONS:
+        params = {"rows": rows, "layout": layout, "components": components}
+        told = client.get("/v1/data-dictionary", headers=admin, params=params).json()
+        header = client.get(
+            TABLES[rows], headers=admin, params=asked(rows, layout, components) | {"format": "csv"}
+        ).text.splitlines()[0]
+        assert ",".join(column["name"] for column in told["columns"]) == header
+        for column in told["columns"]:
+            assert column["meaning"].endswith("."), column
+            assert column["empty"] is None or column["empty"].endswith("."), column
+        assert set(told["key"]) <= {column["name"] for column in told["columns"]}
+        as_csv = read_csv(client, admin, "/v1/data-dictionary", **params)
+        assert [(row["name"], row["unit"], row["meaning"]) for row in as_csv] == [
+            (column["name"], column["unit"] or "", column["meaning"]) for column in told["columns"]
+        ]
+        schema = client.get("/v1/data-dictionary", headers=admin, params=params | {"format": "table-schema"}).json()
+        assert [field["name"] for field in schema["fields"]] == [column["name"] for column in told["columns"]]
+        assert schema["primaryKey"] == told["key"]
+
+
+def test_key_of_the_dictionary_tells_rows_apart(study, client, admin):
+    for rows, layout, components in COMBINATIONS:
+        params = {"rows": rows, "layout": layout, "components": components}
+        key = client.get("/v1/data-dictionary", headers=admin, params=params).json()["key"]
+        found = read_ndjson(client, admin, TABLES[rows], **asked(rows, layout, components))
+        assert found
+        assert len({tuple(row[name] for name in key) for row in found}) == len(found)
+
+
+def test_values_that_the_dictionary_lists_are_those_of_the_models():
+    assert record_columns.RECORD_STATUSES == RECORD_STATUSES
+    assert record_columns.ORIGINS == ITEM_ORIGINS
+    assert record_columns.LAYERS == LAYERS
+    assert meal_columns.MEAL_STATUSES == MEAL_STATUSES
+    assert meal_columns.MEAL_ORIGINS == MEAL_ORIGINS
+    assert meal_columns.AFTER_STATUSES == AFTER_STATUSES
+    assert (*SLOTS, *AFTER_SLOTS) == photograph_columns.SLOTS
+    assert tuple(column.name for column in record_columns.HEADLINES) == HEADLINE_COLUMNS
+
+
+def test_no_text_cell_of_any_table_is_a_formula(study, client, admin):
+    for rows, layout, components in COMBINATIONS:
+        told = client.get(TABLES[rows], headers=admin, params=asked(rows, layout, components) | {"format": "csv"}).text
+        cells = [cell for row in csv.reader(io.StringIO(told, newline="")) for cell in row]
+        assert not [cell for cell in cells if cell.startswith(("=", "+", "@", "\t", "\r"))]
+        assert rows == "photographs" or "'=1+2" in cells
+
+
+def test_components_of_the_foods_in_use_are_columns_and_unknown_ones_are_empty(study, client, admin, state):
+    with state.database.read() as session:
+        known = session.execute(
+            sa.select(Component.tagname, FoodNutrient.per_100_g)
+            .join(FoodNutrient, FoodNutrient.component_id == Component.id)
+            .join(Food, Food.id == FoodNutrient.food_id)
+            .where(Food.key == "apple", Component.tagname.is_not(None))
+        ).all()
+    apple, unknown = read_ndjson(client, admin, "/v1/records", components="all", participant="=1+2")[::1]
+    apple, unknown = (apple, unknown) if apple["food_key"] == "apple" else (unknown, apple)
+    by_tagname = {name.rpartition("_")[0]: value for name, value in apple.items()}
+    assert len(known) > 10
+    for tagname, per_100_g in known:
+        assert by_tagname[tagname] == pytest.approx(2.0 * per_100_g)
+    assert {unknown[f"{name}"] for name in apple if name.startswith(("FE_", "CA_", "VITC_"))} == {None}
+    (row,) = [row for row in read_csv(client, admin, "/v1/records", components="all") if row["consumed_g"] == ""]
+    assert row["FE_mg"] == ""
+    long = read_ndjson(client, admin, "/v1/records", layout="long", components="all", participant="=1+2")
+    iron = [row for row in long if row["tagname"] == "FE"]
+    assert sorted((row["known"], row["amount"] is None, row["per_100_g"] is None) for row in iron) == [
+        (False, True, True),
+        (True, False, False),
+    ]
+
+
+def test_geojson_has_a_point_where_the_study_keeps_locations_and_null_elsewhere(study, client, admin, state):
+    for path in ("/v1/meals", "/v1/records"):
+        answer = client.get(path, headers=admin, params={"format": "geojson"})
+        assert answer.headers["content-type"] == "application/geo+json"
+        told = answer.json()
+        assert told["type"] == "FeatureCollection"
+        rows = read_ndjson(client, admin, path)
+        assert [feature["id"] for feature in told["features"]] == [row.get("id", row["meal_id"]) for row in rows]
+        for feature, row in zip(told["features"], rows, strict=True):
+            assert feature["type"] == "Feature"
+            place = {"type": "Point", "coordinates": [PLACE["longitude"], PLACE["latitude"]]}
+            assert feature["geometry"] == (place if row["participant"] == "P001" else None)
+            assert feature["properties"] == {
+                name: value for name, value in row.items() if name not in ("longitude", "latitude")
+            }
+    (meal,) = [row for row in read_ndjson(client, admin, "/v1/meals") if row["participant"] == "P001"]
+    assert (meal["longitude"], meal["latitude"]) == (PLACE["longitude"], PLACE["latitude"])
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(location_policy="drop"))
+    told = client.get("/v1/meals", headers=admin, params={"format": "geojson"}).json()
+    assert [feature["geometry"] for feature in told["features"]] == [None, None]
+    assert {row["longitude"] for row in read_csv(client, admin, "/v1/meals")} == {""}
+
+
+def test_geojson_of_items_has_their_meals_place(study, client, admin, state):
+    with state.database.write() as session:
+        meal = session.scalars(sa.select(Meal).where(Meal.local_date == date(2026, 11, 2))).one()
+        meal.details = meal.details | {"location": {"latitude": -33.5, "longitude": -70.25}}
+    told = client.get("/v1/records", headers=admin, params={"format": "geojson"}).json()
+    assert [feature["geometry"]["coordinates"] for feature in told["features"]] == [[-70.25, -33.5]] * 2
+    nothing = client.get("/v1/records", headers=admin, params={"format": "geojson", "study": "none"}).json()
+    assert nothing == {"type": "FeatureCollection", "features": []}
+
+
+@pytest.mark.parametrize(
+    ("path", "params"),
+    [
+        ("/v1/records", {"layout": "long"}),
+        ("/v1/meals", {"components": "all"}),
+        ("/v1/days", {"format": "geojson"}),
+        ("/v1/records", {"format": "geojson", "layout": "long"}),
+        ("/v1/studies/pilot/photographs", {"format": "geojson"}),
+        ("/v1/data-dictionary", {"rows": "photographs", "layout": "long"}),
+    ],
+)
+def test_what_no_table_has_is_refused_by_name(study, client, admin, path, params):
+    answer = client.get(path, headers=admin, params=params)
+    assert (answer.status_code, answer.json()["code"]) == (422, "export_not_offered")
+
+
+def test_days_reversed_are_refused_in_every_format(study, client, admin):
+    for path in TABLES.values():
+        for output in ("json", "csv"):
+            params = {"from": "2026-11-03", "to": "2026-11-02", "format": output}
+            answer = client.get(path, headers=admin, params=params)
+            assert (answer.status_code, answer.json()["code"]) == (422, "days_reversed"), path
+
+
+def test_filters_of_meals_choose_the_same_in_pages_and_files(study, client, admin):
+    for params in (
+        {},
+        {"food": "apple"},
+        {"status": "queued"},
+        {"origin": "declared"},
+        {"needs": "review"},
+        {"participant": "P001"},
+        {"from": "2026-11-02", "to": "2026-11-02"},
+        {"study": "none"},
+    ):
+        pages = client.get("/v1/meals", headers=admin, params=params | {"order": "oldest"}).json()["items"]
+        rows = read_ndjson(client, admin, "/v1/meals", **params)
+        assert [row["meal_id"] for row in rows] == [meal["id"] for meal in pages]
+        for row, meal in zip(rows, pages, strict=True):
+            for name in ("status", "consumed_g", "energy_kcal", "unmeasured_items", "doubt", "flags", "provisional",
+                         "upload_delay_seconds", "captured_at", "local_date", "version", "after_status"):  # fmt: skip
+                assert row[name] == meal[name], name
+            assert row["items"] == meal["item_count"]
+            assert row["food_keys"] == [food["key"] for food in meal["foods"]]
+
+
+def test_manifest_in_pages_has_what_the_file_has(study, client, admin):
+    rows, path = [], "/v1/studies/pilot/photographs?limit=1"
+    while path:
+        page = client.get(path, headers=admin).json()
+        rows += page["items"]
+        path = page["next"]
+    assert rows == read_ndjson(client, admin, "/v1/studies/pilot/photographs")
+    assert [row["slot"] for row in rows] == ["left", "right"]
+    assert client.get(rows[0]["path"], headers=admin).headers["content-type"] == "image/jpeg"
+
+
+def test_phone_gets_its_own_participants_rows_alone(study, client):
+    for path in ("/v1/records", "/v1/meals", "/v1/days"):
+        rows = read_ndjson(client, study.headers, path, components="all")
+        assert {row["participant"] for row in rows} <= {"P001"}
+    assert client.get("/v1/studies/pilot/photographs?format=csv", headers=study.headers).status_code == 403
+
+
+def test_each_table_that_staff_take_is_noted_once(study, client, admin, state):
+    for path in TABLES.values():
+        client.get(
+            path, headers=admin, params={"format": "ndjson"} | ({"study": "pilot"} if "pilot" not in path else {})
+        )
+    client.get("/v1/meals?study=pilot&format=csv&layout=long&components=all", headers=admin)
+    with state.database.read() as session:
+        events = session.scalars(sa.select(AuditEvent).where(AuditEvent.action.like("%.export"))).all()
+    assert sorted(event.action for event in events) == [
+        "days.export", "meals.export", "meals.export", "photographs.export", "records.export",
+    ]  # fmt: skip
+    assert events[-1].details == {
+        "output": "csv", "filters": ["study_code"], "layout": "long", "components": "all",
+    }  # fmt: skip
+    assert {event.study_id for event in events} != {None}
+
+
+def test_spec_comes_back_from_json_as_it_was():
+    filters = ExportFilters("pilot", first_day=date(2026, 11, 1), statuses=("failed", "queued"), needs="review")
+    spec = ExportSpec("meals", "long", "parquet", "all", filters, provenance=False)
+    told = json.loads(json.dumps(spec_as_json(spec)))
+    assert spec_of_json(told) == spec
+    assert told["filters"] == {
+        "study_code": "pilot", "first_day": "2026-11-01", "statuses": ["failed", "queued"], "needs": "review",
+    }  # fmt: skip

@@ -1,0 +1,220 @@
+"""Every table that leaves: in each format the same values, in long the wide ones, and the API's own."""
+
+import csv
+import io
+import itertools
+import json
+import math
+from datetime import date, datetime
+
+import pytest
+import sqlalchemy as sa
+from pyarrow import parquet
+
+from app.exports.export_spec import ExportSpec
+from app.exports.tables import export_items, export_meals
+from app.exports.tables.export_tables import table_of, write_export
+from app.http.tables.columns import columns_of
+from app.meals.item_state import fold_meal
+from app.meals.meal_parts import parts_of
+from app.meals.models import Meal
+from app.meals.record_models import Item
+from app.people.access.caller import StaffCaller
+from app.people.models import Staff
+
+pytestmark = pytest.mark.slow
+
+ONE_SEED = pytest.mark.parametrize("talked_over", [3], indirect=True)
+SEEDS = pytest.mark.parametrize("talked_over", [0, 3], indirect=True)
+EXACT = 1e-9  # sums in another order
+TABLES = [
+    ExportSpec(rows, layout, components=components)
+    for rows in ("items", "meals", "days")
+    for layout in ("wide", "long")
+    for components in ("headline", "all")
+] + [ExportSpec("photographs"), ExportSpec("items", provenance=False), ExportSpec("meals", provenance=False)]
+
+
+@pytest.fixture
+def researcher(state, admin):
+    with state.database.read() as session:
+        found = session.scalars(sa.select(Staff)).one()
+        return StaffCaller(found.id, found.name, is_admin=True, token_id=found.id)
+
+
+@pytest.fixture
+def export(state, researcher):
+    """The bytes of a table."""
+
+    def export(spec, output):
+        with state.database.read() as session:
+            wanted = ExportSpec(spec.rows, spec.layout, output, spec.components, spec.filters, spec.provenance)
+            return b"".join(write_export(session, researcher, wanted))
+
+    return export
+
+
+@pytest.fixture
+def rows(export):
+    """A table's rows, by NDJSON."""
+    return lambda *args, **kwargs: [
+        json.loads(line) for line in export(ExportSpec(*args, **kwargs), "ndjson").splitlines()
+    ]
+
+
+def as_cell(value):
+    """A JSON value as its CSV cell reads."""
+    if value is None:
+        return ""
+    if isinstance(value, list):
+        value = " ".join(value)
+    if isinstance(value, bool):
+        return str(value)
+    if isinstance(value, str):
+        return f"'{value}" if value.startswith(("=", "+", "-", "@")) else value
+    return float(value)
+
+
+def read_cell(column, text):
+    return float(text) if text and column.type in {"number", "integer"} else text
+
+
+def parquet_value(value):
+    if isinstance(value, datetime):
+        return value.isoformat().replace("+00:00", "Z")
+    return value.isoformat() if isinstance(value, date) else value
+
+
+@ONE_SEED
+def test_csv_ndjson_and_parquet_have_the_same_values(talked_over, export, state, researcher, monkeypatch):
+    monkeypatch.setattr(export_meals, "MEALS_A_BATCH", 2)
+    monkeypatch.setattr(export_items, "MOST_LONG_ROWS", 7)
+    for spec in TABLES:
+        with state.database.read() as session:
+            columns = columns_of(table_of(session, researcher, spec).parts)
+        names = [column.name for column in columns]
+        assert len(set(names)) == len(names)
+        told = [json.loads(line) for line in export(spec, "ndjson").splitlines()]
+        assert told, spec
+        assert all(list(row) == names for row in told)
+        text = export(spec, "csv").decode()
+        read = list(csv.reader(io.StringIO(text, newline="")))
+        assert read[0] == names
+        assert [list(map(read_cell, columns, row)) for row in read[1:]] == [
+            [as_cell(row[name]) for name in names] for row in told
+        ], spec
+        table = parquet.read_table(io.BytesIO(export(spec, "parquet")))
+        assert [{name: parquet_value(value) for name, value in row.items()} for row in table.to_pylist()] == told
+        nullable = {column.name for column in columns if column.empty is not None}
+        empty = {name for row in told for name, value in row.items() if value is None}
+        assert empty <= nullable, (spec, empty - nullable)
+        for column in columns:
+            if column.values:
+                assert {row[column.name] for row in told} <= {*column.values, None}, column
+
+
+@ONE_SEED
+def test_long_rows_are_the_wide_ones_columns(talked_over, rows):
+    keys = {"items": ("id",), "meals": ("meal_id",), "days": ("participant", "local_date")}
+    for (table, key), components in itertools.product(keys.items(), ("headline", "all")):
+        wide = {tuple(row[name] for name in key): row for row in rows(table, "wide", components=components)}
+        long = rows(table, "long", components=components)
+        assert {tuple(row[name] for name in key) for row in long} == set(wide)
+        for row in long:
+            of_wide = wide[tuple(row[name] for name in key)]
+            assert row["amount"] == of_wide[row["component"]]
+            assert row["known"] is (row["amount"] is not None)
+            if table != "items":
+                assert row["coverage"] == of_wide[f"{row['component']}_coverage"]
+        for component in {row["component"] for row in long}:
+            total = math.fsum(row["amount"] or 0.0 for row in long if row["component"] == component)
+            assert total == pytest.approx(math.fsum(row[component] or 0.0 for row in wide.values()), rel=EXACT)
+
+
+@ONE_SEED
+def test_components_of_items_are_those_of_the_meals_and_those_of_records(talked_over, rows, phone):
+    long = rows("items", "long", components="all")
+    assert len({row["component"] for row in long}) > 20
+    for meal_id in {row["meal_id"] for row in long}:
+        for item in phone.get(f"/v1/meals/{meal_id}").json()["items"]:
+            known = {row["number"]: row["amount"] for row in long if row["id"] == item["id"] and row["known"]}
+            if item["status"] == "rejected":
+                assert known == {}
+                continue
+            assert known == {one["number"]: pytest.approx(one["amount"], rel=EXACT) for one in item["nutrients"]}
+    energy = {row["id"]: row["ENERC_KCAL_kcal"] for row in rows("items", components="all")}
+    assert energy == {row["id"]: row["energy_kcal"] for row in rows("items")}
+
+
+@SEEDS
+def test_provenance_of_items_is_what_their_meals_fold_to(talked_over, rows, state, phone):
+    told = {row["id"]: row for row in rows("items")}
+    seen = {}
+    with state.database.read() as session:
+        for parts in parts_of(session, session.scalars(sa.select(Meal)).all()):
+            for each in fold_meal(parts).items:
+                seen[str(each.item.id)] = each
+        assert set(told) <= {str(one) for one in session.scalars(sa.select(Item.id))}
+    assert set(told) == set(seen)
+    for item_id, row in told.items():
+        its = seen[item_id].taken_for
+        assert row["run_id"] == (str(seen[item_id].run_id) if seen[item_id].run_id else None)
+        assert (row["method"] is None) == (row["run_id"] is None)
+        assert row["food_said_by"] == (its.layer if its else None)
+        assert row["edible_share"] == (its.edible_share if its else None)
+    for meal_id in {row["meal_id"] for row in told.values()}:
+        for item in phone.get(f"/v1/meals/{meal_id}").json()["items"]:
+            row = told[item["id"]]
+            for name in ("density_basis", "density_sd_g_per_ml", "density_source", "flags", "status", "consumed_g"):
+                assert row[name] == item[name], name
+
+
+@ONE_SEED
+def test_meals_total_what_the_meal_itself_tells(talked_over, rows, phone):
+    told = rows("meals", components="all")
+    assert len(told) >= 6
+    for row in told:
+        meal = phone.get(f"/v1/meals/{row['meal_id']}").json()
+        totals = meal["totals"]
+        assert row["status"] == meal["status"]
+        assert row["unmeasured_items"] == totals["unmeasured_items"]
+        assert row["consumed_g"] == (
+            pytest.approx(totals["consumed_g"], rel=EXACT) if totals["consumed_g"] is not None else None
+        )
+        by_tagname = {one["tagname"]: one["amount"] for one in totals["nutrients"]}
+        for name, tagname in (("energy_kcal", "ENERC_KCAL"), ("FE_mg", "FE"), ("VITC_mg", "VITC")):
+            wanted = by_tagname.get(tagname)
+            if wanted is not None or row["items"]:
+                assert row[name] == (pytest.approx(wanted, rel=EXACT) if wanted is not None else None)
+        run = meal["run"] or {}
+        assert (row["run_id"], row["pipeline_version"]) == (run.get("id"), run.get("pipeline_version"))
+        assert row["food_tables"] == ("; ".join(run["food_tables"]) if run else None)
+        for slot in ("left", "right"):
+            its = meal["images"].get(slot, {})
+            assert row[f"{slot}_received_sha256"] == its.get("received_sha256")
+
+
+@ONE_SEED
+def test_days_are_those_of_the_pages(talked_over, rows, client, admin):
+    told = rows("days")
+    assert told == client.get("/v1/days?limit=1000", headers=admin).json()["items"]
+    everything = rows("days", components="all")
+    assert {row["ENERC_KCAL_kcal"] for row in everything} != {None}
+    for row in everything:
+        for one, other in (("energy_kcal", "ENERC_KCAL_kcal"), ("sodium_mg", "NA_mg")):
+            for end in ("", "_coverage"):
+                value = row[f"{one}{end}"]
+                assert row[f"{other}{end}"] == (pytest.approx(value, rel=EXACT) if value is not None else None)
+
+
+@ONE_SEED
+def test_manifest_names_every_photograph_with_a_path_that_gives_it(talked_over, rows, client, admin, phone):
+    told = rows("photographs")
+    meals = {row["meal_id"]: phone.get(f"/v1/meals/{row['meal_id']}").json() for row in told}
+    for row in told:
+        meal = meals[row["meal_id"]]
+        images = meal["images"] | (meal["after"]["images"] if meal["after"] else {})
+        assert row["received_sha256"] == images[row["slot"]]["received_sha256"]
+    count = sum(len(meal["images"]) + len((meal["after"] or {"images": {}})["images"]) for meal in meals.values())
+    assert len(told) == count
+    assert client.get(told[0]["path"], headers=admin).headers["content-type"] == "image/jpeg"

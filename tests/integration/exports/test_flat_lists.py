@@ -1,0 +1,149 @@
+"""Small lists leave as CSV and NDJSON too: the same rows as their pages, safe for a spreadsheet, by the same rights."""
+
+import csv
+import io
+import json
+import uuid
+
+import pytest
+import sqlalchemy as sa
+
+from app.http import flat_list
+from app.http.flat_list import ListRoute
+from app.http.tables.flat_rows import flat_paths
+from app.people.models import Participant
+from tests.integration.diary.eaten_days import add_meal, eaten_item
+
+
+def table(client, headers, path, output="csv", **params):
+    answer = client.get(path, headers=headers, params=params | {"format": output})
+    assert answer.status_code == 200, answer.text
+    if output == "ndjson":
+        return [json.loads(line) for line in answer.content.splitlines()]
+    return list(csv.DictReader(io.StringIO(answer.text, newline="")))
+
+
+def list_routes(app):
+    """(path, its rows' model) of every list that leaves by the small mechanism."""
+    found = {}
+    pending = [app.router]
+    while pending:
+        for route in pending.pop().routes:
+            if isinstance(route, ListRoute) and route._row is not None:
+                found[route.path] = route._row
+            inner = getattr(route, "original_router", None) or getattr(route, "router", None)
+            if inner is not None:
+                pending.append(inner)
+    return found
+
+
+def test_every_list_of_the_issue_leaves_as_a_table_whose_columns_differ(app):
+    routes = list_routes(app)
+    for path in (
+        "/v1/studies", "/v1/staff", "/v1/tokens", "/v1/foods", "/v1/studies/{study}/participants",
+        "/v1/studies/{study}/devices", "/v1/studies/{study}/members", "/v1/studies/{study}/densities",
+        "/v1/studies/{study}/webhooks/{webhook}/deliveries", "/v1/studies/{study}/review-queue",
+        "/v1/studies/{study}/intakes", "/v1/studies/{study}/adequacy",
+    ):  # fmt: skip
+        assert path in routes
+    assert "/v1/days" not in routes  # written in another way
+    for path, row in routes.items():
+        names = ["_".join(one) for one in flat_paths(row)]
+        assert len(set(names)) == len(names), path
+
+
+@pytest.mark.parametrize("output", ["csv", "ndjson"])
+def test_file_has_the_whole_list_however_long_its_pages(client, admin, enrol, output):
+    codes = [f"P{number:03}" for number in range(7)]
+    for code in codes:
+        enrol(code)
+    rows = table(client, admin, "/v1/studies/pilot/participants", output, limit=2)
+    assert [row["code"] for row in rows] == codes
+
+
+def test_file_that_is_many_pages_follows_them_all(client, admin, enrol, monkeypatch):
+    for number in range(5):
+        enrol(f"P{number}")
+    monkeypatch.setattr(ListRoute, "_greatest_limit", lambda _: 2)
+    rows = table(client, admin, "/v1/studies/pilot/participants")
+    assert [row["code"] for row in rows] == [f"P{number}" for number in range(5)]
+
+
+def test_nested_values_are_columns_and_null_is_an_empty_cell(client, admin, enrol):
+    enrol("P001", after_window_minutes=90)
+    study = table(client, admin, "/v1/studies")[0]
+    told = client.get("/v1/studies/pilot", headers=admin).json()
+    assert study["code"] == "pilot"
+    assert study["after_window_minutes"] == "90"
+    assert study["retention_days"] == ""
+    assert table(client, admin, "/v1/studies", "ndjson")[0]["retention_days"] is None
+    assert {*told} - {"camera"} <= set(study)
+    assert study["camera_fx"] == ""
+
+
+def test_accept_header_chooses_the_file(client, admin, enrol):
+    enrol()
+    answer = client.get("/v1/staff", headers=admin | {"Accept": "text/csv"})
+    assert answer.headers["content-type"].startswith("text/csv")
+    assert 'filename="staff.csv"' in answer.headers["content-disposition"]
+    assert answer.headers["cache-control"] == "private, no-store"
+    assert client.get("/v1/staff", headers=admin).json()["items"]
+
+
+def test_text_that_a_spreadsheet_would_compute_is_neutralised(client, admin, enrol, state):
+    formulas = {"P1": "=1+2", "P2": "+x", "P3": "-x", "P4": "@x", "P5": "\tx"}
+    for code in formulas:
+        enrol(code)
+    with state.database.write() as session:
+        for participant in session.scalars(sa.select(Participant)):
+            participant.code = formulas[participant.code]
+    path = "/v1/studies/pilot/participants"
+    assert {row["code"] for row in table(client, admin, path)} == {f"'{code}" for code in formulas.values()}
+    assert {row["code"] for row in table(client, admin, path, "ndjson")} == set(formulas.values())
+
+
+def test_stranger_and_phone_are_refused_as_by_the_pages(client, admin, enrol, phone):
+    path = "/v1/studies/pilot/participants?format=csv"
+    assert client.get(path).status_code == 401
+    assert client.get(path, headers=phone.headers).json()["code"] == "staff_only"
+    assert client.get("/v1/studies/none/participants?format=csv", headers=admin).status_code == 404
+    assert client.get("/v1/studies/pilot/participants?format=xlsx", headers=admin).status_code == 422
+
+
+def test_list_that_is_too_long_says_so(client, admin, enrol, monkeypatch):
+    for number in range(3):
+        enrol(f"P{number}")
+    monkeypatch.setattr(flat_list, "MOST_ROWS", 2)
+    answer = client.get("/v1/studies/pilot/participants?format=csv", headers=admin)
+    assert (answer.status_code, answer.json()["code"]) == (422, "list_too_long")
+
+
+def test_empty_list_still_has_its_header(client, admin, enrol):
+    enrol()
+    answer = client.get("/v1/studies/pilot/densities?format=csv", headers=admin)
+    assert answer.text.splitlines()[0].startswith("id,food,g_per_ml")
+    assert client.get("/v1/studies/pilot/densities?format=ndjson", headers=admin).content == b""
+
+
+def test_intakes_have_a_column_a_component(client, admin, state, enrol, phone):
+    add_meal(state, "P001", "2026-11-01", eaten_item(100.0, "apple", energy_kcal=52.0))
+    phone.put("/v1/me/days/2026-11-01", json={"status": "closed"}, headers={"If-Match": "*"})
+    (row,) = table(client, admin, "/v1/studies/pilot/intakes")
+    assert float(row["components_energy_kcal_mean"]) == 52.0
+    assert row["plausibility_verdict"] == "unknown"
+
+
+def test_audit_log_leaves_as_ndjson_too(client, admin, enrol):
+    enrol()
+    told = client.get("/v1/studies/pilot/audit?limit=1000", headers=admin).json()["items"]
+    assert table(client, admin, "/v1/studies/pilot/audit", "ndjson") == told
+    rows = table(client, admin, "/v1/studies/pilot/audit")
+    assert [json.loads(row["details"]) for row in rows] == [event["details"] for event in told]
+
+
+def test_further_pages_of_a_file_are_no_exports_of_their_own(client, admin, enrol, state):
+    for number in range(3):
+        enrol(f"P{number}")
+    first = client.get("/v1/studies/pilot/participants?format=csv", headers=admin)
+    assert first.headers["ratelimit-policy"].startswith('"export"')
+    assert uuid.UUID(first.headers["x-request-id"])

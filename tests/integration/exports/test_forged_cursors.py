@@ -1,0 +1,184 @@
+"""A cursor is not signed: whoever makes one up gets an answer, on every list that the document of the API knows."""
+
+import base64
+import itertools
+import json
+import uuid
+
+import pytest
+import sqlalchemy as sa
+
+from app.http import cursors
+from app.http.cursors import encode_cursor
+from app.outbox.models import Webhook
+from app.people.models import Study
+from tests.photographs import pair
+
+KEYED_BY_TEXT = {  # any text is a place in such a list
+    "/v1/staff",
+    "/v1/studies",
+    "/v1/studies/{study}/members",
+    "/v1/studies/{study}/participants",
+    "/v1/studies/{study}/intakes",
+    "/v1/studies/{study}/vessels",
+}
+NO_FILTERS = {"limit", "cursor", "format", "layout", "components", "provenance"}  # the last three are of files
+ID = uuid.UUID(int=7)
+NO_CURSORS = ("", "x", "%%%", "é", "\0", "=", "/" * 500, "e30", "W10")
+NO_PAIRS = (None, True, 1, 1e400, float("nan"), "x", [], {}, ["key"], ["key", "right", "more"], [[["key"]], "right"])
+NO_TEXTS = (None, True, 1, -1, 2**70, 1.5, float("nan"), float("inf"), [], ["key"], {"key": 1}, "a\0b", "\0", "\ud800")
+PIECES = (
+    "",
+    "x",
+    "-1",
+    "+5",
+    "007",
+    "1_0",
+    "\u0661",
+    str(2**63),
+    "9" * 300,
+    "5e-1",
+    "1e400",
+    "nan",
+    "inf",
+    "-inf",
+    "2026-02-30",
+    "2026-W47-5",
+    "0000-00-00",
+    "2026-11-20T12:00:00",
+    "2026-11-20T12:00:00+08:00",
+    "0001-01-01T00:00:00+23:59",
+    "9999-12-31T23:59:59-23:59",
+    "10000-01-01T00:00:00+00:00",
+    "record",
+    "erased",
+    str(ID),
+    f"{{{ID}}}",
+    "0" * 33,
+    "1; DROP TABLE meal",
+)
+FORGED_KEYS = (
+    *PIECES,
+    *(f"{piece} {ID.hex}" for piece in PIECES),
+    *(f"{good} {piece}" for good in ("0.5", "2026-11-20", "2026-11-20T12:00:00+00:00") for piece in PIECES),
+    *(
+        f"{number} {kind} {row}"
+        for number, kind, row in itertools.product(("-1", "7"), ("x", "record"), ("x", "\u0661"))
+    ),
+    f"20261120 {ID.hex}",
+    "a b c d",
+    " ",
+    "  ",
+)
+
+
+def lists_of(client):
+    """Path and operation of every list that takes a cursor."""
+    return {
+        path: operations["get"]
+        for path, operations in client.app.openapi()["paths"].items()
+        if any(each["name"] == "cursor" for each in operations.get("get", {}).get("parameters", ()))
+    }
+
+
+@pytest.fixture
+def settings(settings):
+    """Thousands of calls by one person in a minute."""
+    return settings.model_copy(update={"staff_calls_per_minute": 0, "address_calls_per_minute": 0})
+
+
+@pytest.fixture
+def ask(client, state, enrol, admin):
+    """Ask for a page of a list: ask(path, **query)."""
+    phone = enrol()
+    meal = phone.post(pair()).json()["id"]
+    hook = uuid.uuid4()
+    with state.database.write() as session:
+        pilot = session.scalars(sa.select(Study)).one()
+        session.add(
+            Webhook(
+                id=hook,
+                study_id=pilot.id,
+                url="https://example.org/",
+                events=["meal.confirmed"],
+                secret_sealed="x",
+                author="admin",
+                created_at=pilot.created_at,
+            )
+        )
+    places = {"study": "pilot", "meal_id": meal, "webhook": hook}
+
+    def ask(path, **query):
+        query |= {"participant": "P001"} if "{meal_id}" in path else {}
+        return client.get(path.format(**places), headers=admin, params=query)
+
+    return ask
+
+
+def packed(value):
+    return base64.urlsafe_b64encode(json.dumps(value).encode()).decode().rstrip("=")
+
+
+def test_every_list_is_asked_in_these_tests(client, ask):
+    lists = lists_of(client)
+    assert len(lists) >= 14
+    assert {path: ask(path).status_code for path in lists} == dict.fromkeys(lists, 200)
+
+
+def test_what_is_no_cursor_is_refused_by_every_list(client, ask, monkeypatch):
+    monkeypatch.setattr(cursors, "_fingerprint", lambda _: "right")
+    forged = [*NO_CURSORS, *map(packed, NO_PAIRS), *(packed([text, "right"]) for text in NO_TEXTS)]
+    forged += [packed(["key", fingerprint]) for fingerprint in (None, 1, [])]
+    assert faults(lists_of(client), ask, forged, may_be_a_place=()) == []
+
+
+@pytest.mark.slow
+def test_cursor_with_a_forged_key_is_refused_by_every_list_that_is_not_keyed_by_text(client, ask, monkeypatch):
+    monkeypatch.setattr(cursors, "_fingerprint", lambda _: "right")
+    forged = [packed([key, "right"]) for key in FORGED_KEYS]
+    assert faults(lists_of(client), ask, forged, may_be_a_place=KEYED_BY_TEXT) == []
+
+
+def test_cursor_of_another_list_is_refused_by_every_list(client, ask):
+    for path in lists_of(client):
+        answer = ask(path, cursor=encode_cursor("another list", "key"))
+        assert (path, answer.status_code, answer.json()["code"]) == (path, 422, "cursor_of_other_filters")
+
+
+def test_cursor_of_every_list_binds_each_of_its_filters(client, ask, monkeypatch):
+    asked = []
+    monkeypatch.setattr(cursors, "_fingerprint", lambda listed: asked.append(listed) or "")
+    cursor = packed(["key", "right"])
+    for path, operation in lists_of(client).items():
+        ask(path, cursor=cursor)
+        plain = asked[-1]
+        for parameter in operation["parameters"]:
+            if parameter["in"] != "query" or parameter["name"] in NO_FILTERS or "{meal_id}" in path:
+                continue
+            answer = ask(path, cursor=cursor, **{parameter["name"]: something(parameter["schema"])})
+            assert answer.json()["code"] == "cursor_of_other_filters", (path, parameter["name"], answer.text)
+            assert asked[-1] != plain, (path, parameter["name"])
+
+
+def something(schema):
+    """A value of a filter that is not its default."""
+    schema = next((each for each in schema.get("anyOf", ()) if each.get("type") != "null"), schema)
+    if schema.get("type") == "array":
+        schema = schema["items"]
+    if "enum" in schema:
+        return schema["enum"][-1]
+    by_format = {"uuid": str(ID), "date": "2026-11-20", "date-time": "2026-11-20T12:00:00Z"}
+    by_type = {"integer": 3, "number": 0.5, "boolean": "true"}
+    return by_format.get(schema.get("format")) or by_type.get(schema.get("type"), "pilot")
+
+
+def faults(lists, ask, forged, *, may_be_a_place):
+    """(path, cursor, answer) of those that were not refused as they should be."""
+    found = []
+    for path in lists:
+        for cursor in forged:
+            answer = ask(path, cursor=cursor)
+            is_refused = answer.status_code == 422 and answer.json()["code"] in ("cursor_invalid", "invalid_input")
+            if not (is_refused or (path in may_be_a_place and answer.status_code == 200)):
+                found.append((path, cursor, answer.status_code, answer.text[:200]))
+    return found

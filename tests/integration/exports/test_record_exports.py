@@ -1,0 +1,367 @@
+"""All records of a filter as a file: CSV, NDJSON and Parquet have what the pages of JSON have, of one moment."""
+
+import csv
+import io
+import json
+import threading
+import time
+from datetime import UTC, date, datetime, timedelta
+from types import SimpleNamespace
+
+import pytest
+import sqlalchemy as sa
+from pyarrow import parquet
+from pydantic_core import to_json
+
+from app.diary import day_summaries
+from app.exports import spooled_export
+from app.exports.export_file import ExportFile
+from app.exports.export_spec import ExportSpec
+from app.exports.tables import export_days, export_tables
+from app.exports.tables import record_queries as record_export
+from app.http.tables import cells
+from app.http.tables.columns import columns_of
+from app.http.tables.csv_rows import safe_cell
+from app.http.tables.record_columns import PROVENANCE_PARTS, RECORD_COLUMNS, RECORD_PARTS
+from app.http.tables.spool import Spool
+from app.meals.models import Meal
+from app.meals.record_models import EffectiveRecord
+from app.people.access.caller import StaffCaller
+from app.people.models import Participant, Staff
+from app.people.privacy_models import AuditEvent
+from app.privacy.export_me import ExportPlaces
+from app.records.schemas import RecordOut
+from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
+
+FILE_COLUMNS = columns_of((*RECORD_PARTS, *PROVENANCE_PARTS))
+RECORD_NAMES = [column.name for column in RECORD_COLUMNS]
+FILE_NAMES = [column.name for column in FILE_COLUMNS]
+PROVENANCE_NAMES = FILE_NAMES[len(RECORD_NAMES) :]
+
+
+@pytest.fixture
+def eaten(enrol, state):
+    """Records of all kinds: nulls, unicode, what a spreadsheet computes, microseconds, numbers large and small."""
+    with_codes = {"P001": "P001", "P002": "=2+3", "P003": "Zoë,\u201cx\u201d\n"}
+    for code in with_codes:
+        enrol(code)
+    add_meal(state, "P001", "2026-11-01", eaten_item(None, status="needs_review"), delay=timedelta(microseconds=1))
+    add_meal(
+        state,
+        "P002",
+        "2026-11-02",
+        eaten_item(0.1 + 0.2, "apple", energy_kcal=1e-7, sodium_mg=1e22, protein_g=0.0, volume_ml=185.0,
+                   volume_low_ml=-1.5, volume_high_ml=3.0, density_g_per_ml=0.8, density_source='@ "FAO", 2012',
+                   provisional=True, reviewed=True, status="corrected"),
+        eaten_item(-3.0, "banana", status="rejected"),
+    )  # fmt: skip
+    add_meal(state, "P003", "2026-11-03", eaten_item(5.0, "apple"), delay=timedelta(days=40, seconds=0.3))
+    set_profile(state, starts_on=date(2026, 10, 30))
+    with state.database.write() as session:
+        for participant in session.scalars(sa.select(Participant)):
+            participant.code = with_codes[participant.code]
+        meal = session.scalars(sa.select(Meal).where(Meal.local_date == date(2026, 11, 3))).one()
+        meal.captured_at = datetime(2026, 11, 3, 12, 0, 0, 123456, UTC)
+        changed = sa.update(EffectiveRecord).where(EffectiveRecord.meal_id == meal.id)
+        session.execute(changed.values(captured_at=meal.captured_at, flags=["=flag", "größer"]))
+
+
+def flat(record):
+    food = record.pop("food") or {"key": None, "name": None}
+    del record["nutrient_intervals"]
+    return record | {"food_key": food["key"], "food_name": food["name"]}
+
+
+def pages(client, headers, **params):
+    rows, path = [], f"/v1/records?limit=2&{'&'.join(f'{name}={value}' for name, value in params.items())}"
+    while path:
+        page = client.get(path, headers=headers).json()
+        rows += [flat(record) for record in page["items"]]
+        path = page["next"]
+    return rows
+
+
+def fetch(client, headers, output, **params):
+    answer = client.get("/v1/records", headers=headers, params=params | {"format": output})
+    assert answer.status_code == 200
+    return answer.content
+
+
+def csv_cell(column, value):
+    """A JSON value as its cell should read."""
+    if value is None:
+        return ""
+    if isinstance(value, list):
+        value = " ".join(value)
+    if isinstance(value, str):
+        return "'" + value if value.startswith(("=", "+", "-", "@")) else value
+    return value if isinstance(value, bool) else float(value)
+
+
+def read_cell(column, text):
+    if column.type == "boolean":
+        return {"True": True, "False": False}[text]
+    return float(text) if text and column.type in {"number", "integer"} else text
+
+
+def parquet_value(value):
+    if isinstance(value, datetime):
+        return value.isoformat().replace("+00:00", "Z")
+    return value.isoformat() if isinstance(value, date) else value
+
+
+def test_exported_columns_are_the_records_of_the_api():
+    names = [
+        name
+        for field in RecordOut.model_fields
+        if field != "nutrient_intervals"  # in a file they follow from the grams' (docs/exports.md)
+        for name in ([field] if field != "food" else ["food_key", "food_name"])
+    ]
+    assert names == RECORD_NAMES
+    ends = (("_g_per_ml", "g/ml"), ("_ml", "ml"), ("_kcal", "kcal"), ("_mg", "mg"), ("_g", "g"), ("_seconds", "s"))
+    for column in FILE_COLUMNS:
+        unit = next((unit for end, unit in ends if column.name.endswith(end)), None)
+        assert column.unit == ("1" if column.name in {"share", "edible_share", "doubt"} else unit), column.name
+
+
+@pytest.mark.usefixtures("eaten")
+@pytest.mark.parametrize("batch", [1, 2000])
+def test_csv_ndjson_parquet_and_pages_have_the_same_values(client, admin, monkeypatch, batch):
+    monkeypatch.setattr(record_export, "ROWS_A_BATCH", batch)
+    expected = pages(client, admin)
+    assert len(expected) == 4
+    assert expected[0]["study_day"] == 3
+    lines = fetch(client, admin, "ndjson").decode().splitlines()
+    whole = [json.loads(line) for line in lines]
+    assert [{name: row[name] for name in RECORD_NAMES} for row in whole] == expected
+    assert [list(row) for row in whole] == [FILE_NAMES] * len(expected)
+    text = fetch(client, admin, "csv").decode()
+    read = list(csv.DictReader(io.StringIO(text, newline="")))
+    by_name = {column.name: column for column in FILE_COLUMNS}
+    assert [{name: read_cell(by_name[name], cell) for name, cell in row.items()} for row in read] == [
+        {name: csv_cell(by_name[name], row[name]) for name in FILE_NAMES} for row in whole
+    ]
+    table = parquet.read_table(io.BytesIO(fetch(client, admin, "parquet")))
+    rows = [{name: parquet_value(value) for name, value in row.items()} for row in table.to_pylist()]
+    assert rows == whole
+    assert table.schema.field("energy_kcal").metadata[b"unit"] == b"kcal"
+
+
+def plain_csv(rows):
+    """The file by csv.writer, cell by cell."""
+    buffer = io.StringIO(newline="")
+    writer = csv.writer(buffer)
+    writer.writerow(FILE_NAMES)
+    for row in rows:
+        values = [row[name] for name in FILE_NAMES]
+        writer.writerow([to_json(one).decode() if isinstance(one, float) else safe_cell(one) for one in values])
+    return buffer.getvalue().encode()
+
+
+@pytest.mark.usefixtures("eaten")
+@pytest.mark.parametrize("batch", [3, 2000])
+def test_files_are_byte_for_byte_those_of_a_plain_writer(client, admin, monkeypatch, batch):
+    monkeypatch.setattr(record_export, "ROWS_A_BATCH", batch)
+    monkeypatch.setattr(cells, "MOST_KNOWN", 1)  # all is forgotten in between, and made again
+    rows = [json.loads(line) for line in fetch(client, admin, "ndjson").splitlines()]
+    assert fetch(client, admin, "csv") == plain_csv(rows)
+    assert fetch(client, admin, "ndjson") == b"".join(to_json(row) + b"\n" for row in rows)
+
+
+@pytest.mark.usefixtures("eaten")
+@pytest.mark.parametrize(
+    ("params", "count"),
+    [
+        ({"study": "pilot", "food": "apple"}, 2),
+        ({"food": "banana", "status": "rejected"}, 1),
+        ({"from": "2026-11-02", "to": "2026-11-02"}, 2),
+        ({"participant": "P001"}, 1),
+        ({"study": "none"}, 0),
+    ],
+)
+def test_filters_choose_the_same_rows_in_pages_and_files(client, admin, params, count):
+    expected = [row["id"] for row in pages(client, admin, **params)]
+    assert len(expected) == count
+    assert [json.loads(line)["id"] for line in fetch(client, admin, "ndjson", **params).splitlines()] == expected
+    rows = csv.DictReader(io.StringIO(fetch(client, admin, "csv", **params).decode(), newline=""))
+    assert [row["id"] for row in rows] == expected
+    table = parquet.read_table(io.BytesIO(fetch(client, admin, "parquet", **params)))
+    assert table.column("id").to_pylist() == expected
+    assert table.column_names == FILE_NAMES
+
+
+@pytest.mark.usefixtures("eaten")
+def test_several_foods_and_statuses_leave_any_of_them(client, admin):
+    rows = client.get("/v1/records?food=apple&food=banana", headers=admin).json()["items"]
+    assert sorted(row["food"]["key"] for row in rows) == ["apple", "apple", "banana"]
+    statuses = client.get("/v1/records?status=rejected&status=needs_review", headers=admin).json()["items"]
+    assert sorted(row["status"] for row in statuses) == ["needs_review", "rejected"]
+
+
+@pytest.mark.usefixtures("eaten")
+def test_accept_header_chooses_the_file(client, admin):
+    answer = client.get("/v1/records", headers=admin | {"Accept": "application/vnd.apache.parquet"})
+    assert answer.headers["content-type"] == "application/vnd.apache.parquet"
+    assert answer.content.startswith(b"PAR1")
+    assert 'filename="records.parquet"' in answer.headers["content-disposition"]
+
+
+@pytest.mark.usefixtures("eaten")
+def test_export_by_staff_is_noted_once_in_the_studys_log(client, admin, state):
+    fetch(client, admin, "parquet", study="pilot", food="apple")
+    client.get("/v1/records?study=pilot", headers=admin)
+    with state.database.read() as session:
+        events = session.scalars(sa.select(AuditEvent).where(AuditEvent.action == "records.export")).all()
+    assert [event.details for event in events] == [{"output": "parquet", "filters": ["food_keys", "study_code"]}]
+    assert events[0].study_id is not None
+
+
+def exporter(state, staff_id):
+    caller = StaffCaller(staff_id=staff_id, name="admin", is_admin=True, token_id=staff_id)
+    use_case = ExportFile(state.database, state.blobs, state.settings, state.part(ExportPlaces))
+    return lambda output="csv": use_case(caller, ExportSpec("items", output=output))
+
+
+@pytest.fixture
+def export(state, admin, eaten):
+    with state.database.read() as session:
+        return exporter(state, session.scalars(sa.select(Staff.id)).one())
+
+
+def wait_for_end_of_exports():
+    deadline = time.monotonic() + 20
+    while any(thread.name.startswith("export-") for thread in threading.enumerate()):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def held_after_the_first_row(monkeypatch):
+    """An export's writer waits behind the header and the first row: what it has written, and how to let it go on."""
+    written, go_on = [], threading.Event()
+    write = Spool.write
+
+    def slow_write(spool, data):
+        write(spool, data)
+        written.append(data)
+        if len(written) == 2:
+            assert go_on.wait(20)
+
+    monkeypatch.setattr(Spool, "write", slow_write)
+
+    def wait():
+        deadline = time.monotonic() + 20
+        while len(written) < 2:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        return go_on.set
+
+    return wait
+
+
+def test_export_is_of_one_moment_and_gives_the_database_back_before_the_reader_reads(
+    state, export, monkeypatch, held_after_the_first_row
+):
+    monkeypatch.setattr(record_export, "ROWS_A_BATCH", 1)
+    file = export()
+    go_on = held_after_the_first_row()
+    with state.database.write() as session:
+        session.execute(sa.update(EffectiveRecord).values(energy_kcal=77.0))
+    go_on()
+    wait_for_end_of_exports()  # and nobody has read a byte
+    text = b"".join(file.pieces).decode()
+    file.close()
+    assert len(text.splitlines()) >= 5
+    assert "77.0" not in text
+
+
+@pytest.mark.usefixtures("eaten")
+def test_days_as_csv_are_of_one_moment(state, client, admin, monkeypatch, held_after_the_first_row):
+    monkeypatch.setattr(day_summaries, "STREAM_PAGE", 1)
+    monkeypatch.setattr(export_days, "DAYS_A_BATCH", 1)
+    answers = []
+    reader = threading.Thread(target=lambda: answers.append(client.get("/v1/days?format=csv", headers=admin).text))
+    reader.start()
+    go_on = held_after_the_first_row()
+    with state.database.write() as session:
+        session.execute(sa.update(EffectiveRecord).values(energy_kcal=77.0))
+    go_on()
+    reader.join(20)
+    rows = list(csv.DictReader(io.StringIO(answers[0], newline="")))
+    assert len(rows) == 3
+    assert "77.0" not in [row["energy_kcal"] for row in rows]
+
+
+def test_reader_who_leaves_ends_the_query(export, monkeypatch):
+    monkeypatch.setattr(record_export, "ROWS_A_BATCH", 1)
+    batches, left = [], threading.Event()
+    write = Spool.write
+
+    def counted(spool, data):
+        batches.append(data)
+        if len(batches) == 2:
+            assert left.wait(20)
+        write(spool, data)
+
+    monkeypatch.setattr(Spool, "write", counted)
+    file = export()
+    next(file.pieces)
+    file.close()
+    left.set()
+    wait_for_end_of_exports()
+    assert len(batches) == 2  # of the five that there would have been
+
+
+def test_failure_in_the_midst_breaks_the_file_off(client, admin, export, monkeypatch):
+    def broken(output, parts, batches):
+        yield b"a part"
+        raise ConnectionError("the database went away")
+
+    monkeypatch.setattr(export_tables, "encoded", broken)
+    file = export()
+    assert next(file.pieces) == b"a part"
+    with pytest.raises(ConnectionError):
+        next(file.pieces)
+    file.close()
+
+
+def test_failure_before_the_first_byte_is_an_error_and_leaves_the_place(client, admin, export, monkeypatch):
+    def broken(output, parts, batches):
+        raise RuntimeError("a fault of ours")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(export_tables, "encoded", broken)
+        for _ in range(4):
+            assert client.get("/v1/records?format=csv", headers=admin).status_code == 500
+    assert client.get("/v1/records?format=csv", headers=admin).status_code == 200
+
+
+def test_system_without_threads_refuses_the_export_and_leaves_the_place(client, admin, export, monkeypatch):
+    class NoThread:
+        def __init__(self, **_):
+            pass
+
+        def start(self):
+            raise RuntimeError("can't start new thread")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(spooled_export, "threading", SimpleNamespace(Thread=NoThread))
+        for _ in range(4):
+            answer = client.get("/v1/records?format=csv", headers=admin)
+            assert (answer.status_code, answer.json()["code"]) == (503, "server_busy")
+    assert client.get("/v1/records?format=csv", headers=admin).status_code == 200
+
+
+def test_third_export_at_once_of_one_person_is_told_to_come_back(client, admin, export):
+    files = [export(), export()]
+    answer = client.get("/v1/records?format=csv", headers=admin)
+    assert (answer.status_code, answer.json()["code"]) == (503, "server_busy")
+    for file in files:
+        file.close()
+    assert client.get("/v1/records?format=csv", headers=admin).status_code == 200
+
+
+def test_full_disk_refuses_the_export(client, admin, export, monkeypatch):
+    monkeypatch.setattr("app.http.tables.spool.shutil.disk_usage", lambda _: type("Usage", (), {"free": -1}))
+    answer = client.get("/v1/records?format=csv", headers=admin)
+    assert (answer.status_code, answer.json()["code"]) == (503, "storage_full")

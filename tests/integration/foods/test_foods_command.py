@@ -1,0 +1,159 @@
+"""`tada foods import` as a person types it: what is wrong is named with file and line, and nothing is written."""
+
+import json
+import os
+import subprocess
+import sys
+import zipfile
+
+import pytest
+import sqlalchemy as sa
+
+from app.cli.database import opened_database
+from app.core.errors import StorageFullError
+from app.db.session import Database
+from app.foods.models import Food, FoodActivation, FoodNutrient, FoodRelease
+from tests.commands import run_tada
+
+APPLE = {
+    "FD_GROUP.txt": "~0900~^~Fruits and Fruit Juices~\r\n",
+    "NUTR_DEF.txt": "~208~^~kcal~^~ENERC_KCAL~^~Energy~^~0~^~300~\r\n~203~^~g~^~PROCNT~^~Protein~^~2~^~600~\r\n",
+    "FOOD_DES.txt": "~09003~^~0900~^~Apples, raw, with skin~^~APPLES~^^^~Y~^~Core and stem~^10^^^3.36^8.37^3.60\r\n",
+    "NUT_DATA.txt": (
+        "~09003~^~208~^52^0^^~4~^~NC~^^^^^^^^^^^08/2008\r\n~09003~^~203~^0.26^0^^~1~^^^^^^^^^^^^08/2008\r\n"
+    ),
+    "WEIGHT.txt": "~09003~^1^1^~cup slices~^109^^\r\r\n",
+}
+
+
+@pytest.fixture
+def tada(prepared_database_url, tmp_path):
+    def run(*arguments):
+        places = {"TADA_DATABASE_URL": prepared_database_url, "TADA_DATA_DIR": tmp_path / "data"}
+        return run_tada(*arguments, **places)
+
+    return run
+
+
+@pytest.fixture
+def counts(prepared_database_url):
+    def count():
+        database = Database(prepared_database_url)
+        with database.read() as session:
+            found = [
+                session.scalar(sa.select(sa.func.count()).select_from(model))
+                for model in (FoodRelease, FoodActivation, Food, FoodNutrient)
+            ]
+        database.dispose()
+        return found
+
+    return count
+
+
+def release(path, **changed):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in APPLE.items():
+            content = changed.get(name.removesuffix(".txt"), text)
+            if content is not None:
+                archive.writestr(f"sr28asc/{name}", content if isinstance(content, bytes) else content.encode("cp1252"))
+    return path
+
+
+def test_release_is_imported_shown_and_found(tada, tmp_path, counts):
+    done = tada("foods", "import", "sr28", release(tmp_path / "sr28.zip"))
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (0, "  1 of 1 foods written")
+    assert "sr28 28: 1 foods, 2 nutrient values, imported and in force" in done.stdout
+    shown = json.loads(tada("foods", "show", "sr28:09003", "--json").stdout)
+    assert {one["tagname"]: one["per_100_g"] for one in shown["nutrients"]} == {"ENERC_KCAL": 52.0, "PROCNT": 0.26}
+    assert shown["density"]["chosen"]["basis"] == "measured"
+    assert "ECUSTFD" in tada("foods", "show", "sr28:09003").stdout
+    found = json.loads(tada("foods", "search", "apple", "--json").stdout)
+    assert found[0]["key"] == "apple"
+    before = counts()
+    again = tada("foods", "import", "sr28", tmp_path / "sr28.zip")
+    assert (again.returncode, "was there already: nothing changed" in again.stdout) == (0, True)
+    assert counts() == before
+    assert "sr28" in tada("foods", "releases").stdout
+    assert tada("foods", "use", "sr28").returncode == 0
+    assert tada("foods", "show", "sr28:09003").returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("changed", "place"),
+    [
+        ({"WEIGHT": None}, "WEIGHT.txt"),
+        ({"FOOD_DES": 2 * APPLE["FOOD_DES.txt"]}, "FOOD_DES.txt, line 2"),
+        ({"NUTR_DEF": APPLE["NUTR_DEF.txt"].replace("~kcal~", "~g~")}, "NUTR_DEF.txt, line 1"),
+        ({"FOOD_DES": APPLE["FOOD_DES.txt"].replace("Apples", "\u00c4pfel").encode()}, "FOOD_DES.txt, line 1"),
+        ({"NUT_DATA": APPLE["NUT_DATA.txt"][:-30]}, "NUT_DATA.txt, line 2"),
+    ],
+    ids=["missing file", "duplicate id", "unit", "encoding", "cut off"],
+)
+def test_what_is_wrong_is_named_and_the_database_stays_as_it_is(tada, tmp_path, counts, changed, place):
+    before = counts()
+    done = tada("foods", "import", "sr28", release(tmp_path / "sr28.zip", **changed))
+    assert done.returncode == 2
+    assert place in done.stderr
+    assert "Traceback" not in done.stderr
+    assert counts() == before
+
+
+def test_truncated_zip_is_refused(tada, tmp_path, counts):
+    before = counts()
+    whole = release(tmp_path / "whole.zip").read_bytes()
+    (tmp_path / "cut.zip").write_bytes(whole[: len(whole) // 2])
+    done = tada("foods", "import", "sr28", tmp_path / "cut.zip")
+    assert (done.returncode, "only a part of one" in done.stderr) == (2, True)
+    assert counts() == before
+
+
+def test_unknown_format_and_missing_options_are_told(tada, tmp_path):
+    assert "give one of sr28, fdc, fao-density, csv" in tada("foods", "import", "usda", tmp_path).stderr
+    assert "--name, --version and --released-on" in tada("foods", "import", "csv", tmp_path).stderr
+    assert "leave the options out" in tada("foods", "import", "sr28", tmp_path, "--name", "x").stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["sqlite"])
+def test_the_program_itself_imports_refuses_and_searches(prepared_database_url, tmp_path):
+    """As processes of their own, where all else here runs in the test's."""
+
+    def tada(*arguments):
+        environment = os.environ | {"TADA_DATABASE_URL": prepared_database_url, "TADA_DATA_DIR": str(tmp_path / "data")}
+        command = [sys.executable, "-m", "app.cli", "foods", *map(str, arguments)]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+    done = tada("import", "sr28", release(tmp_path / "sr28.zip"))
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (0, "  1 of 1 foods written")
+    broken = tada("import", "sr28", release(tmp_path / "broken.zip", WEIGHT=None))
+    assert (broken.returncode, broken.stdout, "WEIGHT.txt" in broken.stderr) == (2, "", True)
+    assert "Traceback" not in broken.stderr
+    nothing = tada("search", "xyzzy")
+    assert (nothing.returncode, nothing.stdout) == (1, "No food of that name.\n")
+
+
+def test_database_that_does_not_answer_is_told_in_a_sentence(tmp_path):
+    environment = os.environ | {
+        "TADA_DATABASE_URL": "postgresql://nobody@127.0.0.1:1/x",
+        "TADA_DATA_DIR": str(tmp_path),
+    }
+    command = [sys.executable, "-m", "app.cli", "foods", "releases"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("tada: The database does not answer: ")
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.slow
+def test_full_disk_is_told_in_a_sentence(tmp_path, monkeypatch):
+    monkeypatch.setenv("TADA_DATA_DIR", str(tmp_path))
+    monkeypatch.delenv("TADA_DATABASE_URL", raising=False)
+    with pytest.raises(StorageFullError, match="make room"):
+        fill_database()
+
+
+def fill_database():
+    """SQLite's own limit of pages stands for the end of the disk."""
+    with opened_database() as database, database.write() as session:
+        session.execute(sa.text("PRAGMA max_page_count = 1"))
+        session.execute(sa.text("CREATE TABLE filler AS SELECT zeroblob(1000000)"))

@@ -1,0 +1,202 @@
+"""Hostile input and races: none makes a server error, none loses a photograph that was acknowledged."""
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+import uuid
+from concurrent.futures import ThreadPoolExecutor
+
+import httpx2
+import pytest
+
+from app.meals.models import MealImage
+from app.uploads.submit_meal import SubmitMeal
+from tests.integration.conftest import meal_metadata
+from tests.photographs import pair, photograph
+from tests.stores import stored_names
+
+
+def missing_blobs(state):
+    """Keys that the database names and the store does not have."""
+    with state.database.read() as session:
+        return [image.blob_key for image in session.query(MealImage) if not state.blobs.has(image.blob_key)]
+
+
+def at_once(call, times=8):
+    """Answers of calls that start together."""
+    barrier = threading.Barrier(times)
+
+    def run(_):
+        barrier.wait()
+        return call()
+
+    with ThreadPoolExecutor(times) as pool:
+        return list(pool.map(run, range(times)))
+
+
+@pytest.mark.parametrize("change", [{"app_version": "1\0"}, {"hints": [{"food": "app\0le"}]}], ids=str)
+def test_nul_in_metadata_is_422(phone, state, change):
+    answer = phone.post(pair(), **change)
+    assert (answer.status_code, answer.json()["code"]) == (422, "metadata_invalid")
+    assert stored_names(state.blobs) == []
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/v1/records?study=%00",
+        "/v1/records?participant=%00",
+        "/v1/records?food=%00",
+        "/v1/records?food=%00&format=csv",
+        "/v1/foods/a%00b",
+        "/v1/meals/0b0ccda4-7f0e-4e34-9a39-1f0c6d3bb9c1?participant=%00",
+    ],
+)
+def test_nul_in_a_question_is_no_server_error(client, admin, path):
+    assert client.get(path, headers=admin).status_code in {200, 404, 422}
+
+
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("/v1/studies", {"code": "s", "name": "a\0b"}),
+        ("/v1/studies/pi%00lot/participants", {"code": "P1"}),
+        ("/v1/studies/pilot/participants/P%001/enrolment-codes", None),
+    ],
+)
+def test_nul_in_an_admins_call_is_no_server_error(client, admin, enrol, path, body):
+    enrol()
+    assert client.post(path, headers=admin, json=body).status_code in {404, 422}
+
+
+def test_nul_in_a_devices_name_is_422_and_leaves_the_code_usable(client, enrol, admin):
+    enrol()
+    code = client.post("/v1/studies/pilot/participants/P001/enrolment-codes", headers=admin).json()["code"]
+    refused = client.post("/v1/enrolments", json={"code": code, "device_name": "a\0b"})
+    assert refused.status_code == 422
+    assert client.post("/v1/enrolments", json={"code": code, "device_name": "ab"}).status_code == 201
+
+
+def test_same_study_made_at_once_is_made_once_and_else_a_conflict(client, admin):
+    body = {"code": "race", "name": "race"}
+    answers = at_once(lambda: client.post("/v1/studies", headers=admin, json=body))
+    assert sorted(answer.status_code for answer in answers) == [201] + [409] * 7
+
+
+def test_same_participant_made_at_once_is_made_once_and_else_a_conflict(client, admin, enrol):
+    enrol()
+    answers = at_once(lambda: client.post("/v1/studies/pilot/participants", headers=admin, json={"code": "race"}))
+    assert sorted(answer.status_code for answer in answers) == [201] + [409] * 7
+
+
+@pytest.mark.parametrize("fx", [1e23, 1e308])
+def test_same_meal_with_a_camera_of_huge_numbers_is_refused_or_the_same_again(phone, fx):
+    photos = pair()
+    metadata = meal_metadata(camera={"width": 640, "height": 480, "fx": fx, "fy": 500, "cx": 320, "cy": 240})
+    first, second = phone.post(photos, metadata), phone.post(photos, metadata)
+    assert (first.status_code, second.status_code) in {(202, 200), (422, 422)}
+
+
+def test_full_disk_of_one_upload_takes_no_blob_of_the_same_meal_that_was_accepted(phone, state, monkeypatch):
+    """The phone sends again while its first request is still under way; the first then finds the disk full."""
+    metadata, photos, again = meal_metadata(), pair(), []
+    put_files = type(state.blobs).put_files
+
+    def full_at_right(self, files):
+        if not again:
+            again.append(None)
+            put_files(self, {key: source for key, source in files.items() if "/left/" in key})
+            again[0] = phone.post(photos, metadata)
+            raise OSError(errno.ENOSPC, "No space left on device")
+        put_files(self, files)
+
+    monkeypatch.setattr(type(state.blobs), "put_files", full_at_right)
+    assert phone.post(photos, metadata).status_code == 503
+    assert again[0].status_code == 202
+    assert missing_blobs(state) == []
+
+
+def test_conflict_of_one_upload_takes_no_blob_that_another_has_just_sealed(phone, state, monkeypatch):
+    """POST (left, other right) loses against PUT right and removes its left, which PUT left has sealed meanwhile."""
+    metadata = meal_metadata()
+    client_id = metadata["id"]
+    left, right, other_right = (photograph(seed) for seed in (1, 2, 3))
+    announcement = {key: value for key, value in metadata.items() if key != "id"}
+    phone.put(f"/v1/meals/{client_id}", json=announcement)
+    sealed, refused, answers = threading.Event(), threading.Event(), {}
+    write = SubmitMeal._write
+
+    def put(slot, content):
+        answers[slot] = phone.put(f"/v1/meals/{client_id}/images/{slot}", content=content).status_code
+
+    puts_left = threading.Thread(target=put, args=("left", left))
+
+    def staged_write(self, caller, arriving, photos, keys):
+        if arriving.metadata is not None:
+            put("right", right)
+            puts_left.start()
+            assert sealed.wait(10)
+        elif "left" in photos:
+            sealed.set()
+            assert refused.wait(10)
+        return write(self, caller, arriving, photos, keys)
+
+    monkeypatch.setattr(SubmitMeal, "_write", staged_write)
+    assert phone.post({"left": left, "right": other_right}, metadata).status_code == 409
+    refused.set()
+    puts_left.join()
+    assert answers == {"right": 202, "left": 202}
+    assert missing_blobs(state) == []
+
+
+def test_crash_answers_with_the_requests_id(client, phone, monkeypatch):
+    def crash(*_, **__):
+        raise RuntimeError
+
+    monkeypatch.setattr("app.meals.queries.find_meals", crash)
+    answer = phone.get(f"/v1/meals/{uuid.uuid4()}")
+    assert answer.status_code == 500
+    assert len(answer.headers.get("x-request-id", "")) == 32
+
+
+@pytest.mark.parametrize("known", ["W/{}", '"other", {}', "*"])
+def test_etag_that_is_known_in_any_spelling_of_rfc_9110_gives_304(phone, known):
+    meal = phone.post(pair())
+    headers = phone.headers | {"If-None-Match": known.format(meal.headers["etag"])}
+    assert phone.client.get(meal.headers["location"], headers=headers).status_code == 304
+
+
+@pytest.mark.slow
+def test_who_waits_at_shutdown_gets_the_meal_as_it_is(tmp_path):
+    environment = os.environ | {"TADA_DATA_DIR": str(tmp_path), "TADA_PORT": "0", "TADA_MIN_FREE_BYTES": "0"}
+    tada = [sys.executable, "-m", "app.cli"]
+    made = subprocess.run([*tada, "admin", "create", "a"], env=environment, capture_output=True, text=True, check=True)
+    admin = {"Authorization": f"Bearer {next(w for w in made.stdout.split() if w.startswith('tada_'))}"}
+    with subprocess.Popen([*tada, "serve"], env=environment, stderr=subprocess.PIPE, text=True) as server:
+        try:
+            address = next(line.split()[-1] for line in server.stderr if "listens on" in line)
+            threading.Thread(target=server.stderr.read, daemon=True).start()
+            with httpx2.Client(base_url=address, timeout=60) as client:
+                client.post("/v1/studies", headers=admin, json={"code": "s", "name": "s", "marker": "plain:9x7:11"})
+                client.post("/v1/studies/s/participants", headers=admin, json={"code": "P"})
+                code = client.post("/v1/studies/s/participants/P/enrolment-codes", headers=admin).json()["code"]
+                token = client.post("/v1/enrolments", json={"code": code, "device_name": "p"}).json()["token"]
+                phone = {"Authorization": f"Bearer {token}"}
+                metadata = meal_metadata()
+                path = f"/v1/meals/{metadata.pop('id')}"
+                assert client.put(path, headers=phone, content=json.dumps(metadata)).status_code == 202
+                with ThreadPoolExecutor(1) as pool:
+                    waiting = pool.submit(client.get, path, headers=phone, params={"wait": "50"})
+                    time.sleep(1)
+                    started = time.monotonic()
+                    server.send_signal(signal.SIGTERM)
+                    answer = waiting.result(timeout=30)
+                    assert (answer.status_code, time.monotonic() - started < 5) == (200, True), answer.text
+        finally:
+            if server.poll() is None:
+                server.kill()

@@ -1,0 +1,85 @@
+"""Refused calls as phones and staff see them; that a refused upload loses nothing."""
+
+import pytest
+
+from app.people.access import caller
+from app.people.access.call_limits import CallLimits
+from tests.integration.conftest import meal_metadata
+from tests.photographs import pair
+
+
+@pytest.fixture
+def limited(client, settings):
+    """limited(device_uploads_per_minute=1): the app as if it had been started with these settings."""
+
+    def limited(**changes):
+        limits = CallLimits(settings.model_copy(update=changes))
+        object.__setattr__(client.app.state.api, "call_limits", limits)
+
+    return limited
+
+
+def test_refused_upload_is_told_when_to_come_back_and_the_same_again_is_kept(phone, limited):
+    limited(device_uploads_per_minute=1)
+    assert phone.post(pair(1)).status_code == 202
+    meal = meal_metadata()
+    refused = phone.post(pair(2), meal)
+    assert (refused.status_code, refused.json()["code"]) == (429, "rate_limited")
+    assert refused.json()["retryable"] is True
+    assert 1 <= int(refused.headers["retry-after"]) <= 60
+    assert phone.get(f"/v1/meals/{meal['id']}").status_code == 404
+    limited()
+    assert phone.post(pair(2), meal).status_code == 202
+
+
+def test_other_phone_is_not_counted_with_the_first(enrol, limited):
+    first, second = enrol("P001"), enrol("P002")
+    limited(device_uploads_per_minute=1)
+    assert [first.post(pair()).status_code, first.post(pair()).status_code] == [202, 429]
+    assert second.post(pair()).status_code == 202
+
+
+def test_what_is_left_is_told_in_headers(phone, limited):
+    limited(device_calls_per_minute=60)
+    first, second = phone.get("/v1/me"), phone.get("/v1/me")
+    assert first.headers["ratelimit-policy"] == '"call";q=60;w=60'
+    assert [answer.headers["ratelimit"].split(";")[1] for answer in (first, second)] == ["r=59", "r=58"]
+
+
+def test_address_past_its_limit_is_refused_before_any_token_is_looked_up(client, limited, monkeypatch):
+    limited(address_calls_per_minute=2)
+    looked_up = []
+    monkeypatch.setattr(
+        "app.people.access.access_rules.authenticate", lambda *_: looked_up.append(1) or caller.authenticate(*_)
+    )
+    headers = {"Authorization": "Bearer wrong"}
+    assert [client.get("/v1/me", headers=headers).status_code for _ in range(4)] == [401, 401, 429, 429]
+    assert len(looked_up) == 2
+
+
+def test_health_is_never_counted(client, limited):
+    limited(address_calls_per_minute=1)
+    assert {client.get("/healthz").status_code for _ in range(5)} == {200}
+
+
+def test_persons_exports_and_calls_are_counted_apart(client, admin, limited):
+    limited(exports_per_minute=1)
+    assert [client.get("/v1/records?format=csv", headers=admin).status_code for _ in range(2)] == [200, 429]
+    assert client.get("/v1/records", headers=admin).status_code == 200
+
+
+def test_packed_body_is_refused_and_told_what_is_taken(client):
+    answer = client.post("/v1/enrolments", content=b"x", headers={"Content-Encoding": "gzip"})
+    assert (answer.status_code, answer.json()["code"]) == (415, "body_packed")
+    assert answer.headers["accept-encoding"] == "identity"
+
+
+def test_every_counted_operation_tells_429_in_the_document(client):
+    paths = client.get("/openapi.json").json()["paths"]
+    without = [
+        (method, path)
+        for path, operations in paths.items()
+        for method, operation in operations.items()
+        if "429" not in operation["responses"]
+    ]
+    assert {path for _, path in without} <= {"/healthz", "/readyz", "/metrics"}

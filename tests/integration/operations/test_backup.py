@@ -1,0 +1,518 @@
+"""A backup restored on an empty machine is the same deployment: every row, every byte, every answer."""
+
+import contextlib
+import csv
+import errno
+import shutil
+import tarfile
+import threading
+import time
+import uuid
+from datetime import UTC, datetime, timedelta
+
+import obstore
+import pytest
+import sqlalchemy as sa
+
+from app.core.errors import StorageFullError
+from app.db.migrate import upgrade
+from app.db.schema_state import current_revision, head_revision
+from app.diary.day_sums import compare_days, write_all_sums
+from app.diary.models import DiaryDay
+from app.foods.models import Food
+from app.jobs import queries as jobs
+from app.meals.job_models import Job
+from app.meals.models import Meal, MealImage
+from app.meals.record_models import Run, RunArtefact
+from app.operations.backup import backup, backup_check, restore
+from app.operations.backup.backup import write_backup
+from app.operations.backup.refill import Refill
+from app.operations.backup.restore import CHANGE_SEQ_JUMP
+from app.operations.backup.restore_ledger import LedgerDiffersError
+from app.operations.figure_queries import last_backup
+from app.people.access.last_use import LastUse
+from app.people.access.secret_box import SecretKeyError
+from app.privacy.delete_blobs import BlobDeleter
+from app.privacy.retention import erase_old_pictures
+from app.records.rebuild_records import rebuild_records
+from app.storage.blob_store import StoreRefusesError
+from app.storage.s3 import S3BlobStore
+from tests.conftest import postgres_database, s3_settings
+from tests.integration.conftest import meal_metadata
+from tests.integration.operations.deployments import (
+    Deployment,
+    deployment,
+    estimate,
+    named_blobs,
+    store_what_is_named,
+)
+from tests.integration.people.persons import Person
+from tests.photographs import pair
+from tests.stores import damage
+
+pytestmark = pytest.mark.slow
+
+OTHER = {"sqlite": "postgres", "postgres": "sqlite"}
+
+
+LARGE = ("food_posting", "food_word_trigram", "food_nutrient", "food_code", "food_density", "food_portion")
+
+
+@pytest.fixture
+def source(state, settings) -> Deployment:
+    """The deployment that the tests' phones send to, with a food table that is quick to copy."""
+    with state.database.write() as session:
+        apple = session.scalar(sa.select(Food.id).where(Food.key == "apple"))
+        for table in LARGE:
+            of_apple = "food_id = :apple" if table != "food_word_trigram" else "word LIKE 'apple%'"
+            session.execute(sa.text(f"DELETE FROM {table} WHERE NOT ({of_apple})"), {"apple": apple})
+    return Deployment(settings, state.database, state.blobs)
+
+
+@pytest.fixture
+def empty_machine(request, tmp_path):
+    """empty_machine("sqlite"): a new folder, a new database, a new store. has_tables: quicker to restore into."""
+    with contextlib.ExitStack() as stack:
+
+        def make(kind_of_database, *, has_tables=True, **settings):
+            folder = tmp_path / f"machine-{len(list(tmp_path.iterdir()))}"
+            folder.mkdir()
+            if kind_of_database == "sqlite":
+                url = f"sqlite:///{folder / 'tada.sqlite3'}"
+                if has_tables:
+                    shutil.copyfile(request.getfixturevalue("sqlite_migrated"), folder / "tada.sqlite3")
+            else:
+                template = {"template": request.getfixturevalue("postgres_migrated")} if has_tables else {}
+                server = request.getfixturevalue("postgres_server")
+                url = stack.enter_context(postgres_database(server, **template))
+            return stack.enter_context(deployment(folder, url, **settings))
+
+        yield make
+
+
+@pytest.fixture
+def person(state, enrol, source):
+    """Somebody who has a row in every table that can hold one of theirs, and the blobs that they name."""
+    person = Person(state, enrol, "somebody-7Kq", seed=3)
+    state.part(LastUse).settle()
+    store_what_is_named(source.database, source.blobs)
+    with state.database.write() as session:
+        session.execute(sa.update(DiaryDay).values(change_seq=1))  # changes count from 1
+    return person
+
+
+def later(rows):
+    """Rows as a restore makes them: every change has a later number."""
+    return {
+        table: {
+            key: {
+                name: value + CHANGE_SEQ_JUMP if name == "change_seq" and value is not None else value
+                for name, value in row.items()
+            }
+            for key, row in of_table.items()
+        }
+        for table, of_table in rows.items()
+    }
+
+
+def without_note(rows):
+    """Rows but the restore's own event in the audit log."""
+    events = {key: row for key, row in rows["audit_event"].items() if row["action"] != "server.restore"}
+    assert len(rows["audit_event"]) == len(events) + 1
+    return rows | {"audit_event": events}
+
+
+def answers(client, headers, person, jump=0):
+    """What researchers and the phone are told; change numbers less the jump, cursors, which hold them, left out."""
+    day = {"from": "2026-11-01", "to": "2026-11-30"}
+    told = {}
+    for path, params in (
+        ("/v1/records", {"limit": 1000}),
+        ("/v1/days", day),
+        (person.path, {"participant": person.mark}),
+        ("/v1/studies/pilot/changes", {}),
+        ("/v1/studies/pilot/webhooks", {}),
+        ("/v1/foods/apple", {}),
+    ):
+        answer = client.get(path, headers=headers, params=params)
+        assert answer.status_code == 200, (path, answer.text)
+        told[path] = as_before(answer.json(), jump)
+    lines = list(csv.DictReader(client.get("/v1/records", headers=headers, params={"format": "csv"}).text.splitlines()))
+    assert len(lines) == 2
+    told["csv"] = [line | {"change_seq": str(int(line["change_seq"]) - jump)} for line in lines]
+    told["phone"] = client.get(person.path, headers=person.phone.headers).json()
+    return told
+
+
+def as_before(document, jump):
+    if isinstance(document, list):
+        return [as_before(one, jump) for one in document]
+    if isinstance(document, dict):
+        told = {key: as_before(value, jump) for key, value in document.items() if key != "next"}
+        if "median_upload_delay_seconds" in told:  # SQLite counts time in days
+            told["median_upload_delay_seconds"] = round(told["median_upload_delay_seconds"], 3)
+        return told | {key: value - jump for key, value in told.items() if key == "change_seq"}
+    return document
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("onto_other", [False, True], ids=["same", "other"])
+def test_restored_deployment_has_every_row_every_byte_and_every_answer(
+    request, kind, onto_other, person, source, admin, client, empty_machine, tmp_path
+):
+    """SQLite + files and PostgreSQL + S3, each onto either database and either store."""
+    before = answers(client, admin, person)
+    is_to_s3 = (kind == "sqlite") != onto_other
+    store = s3_settings(request.getfixturevalue("s3_server")) if is_to_s3 else {}
+    machine = empty_machine(OTHER[kind] if onto_other else kind, has_tables=False, **store)
+    done = source.back_up(tmp_path / "one.tar")
+    assert (done.damaged, done.erased) == (0, 0)
+    machine.restore(tmp_path / "one.tar")
+    assert without_note(machine.rows()) == later(source.rows())
+    assert machine.stored() == {key: source.blobs.read(key) for key in named_blobs(source.database)}
+    assert len(machine.stored()) >= 4
+    with machine.served() as restored:
+        for path, told in answers(restored, admin, person, CHANGE_SEQ_JUMP).items():
+            assert told == before[path]
+        assert restored.post("/v1/studies", headers=admin, json={"code": "next", "name": "Next"}).status_code == 201
+
+
+def send_meal(state, phone, seed):
+    metadata = meal_metadata(hints=[{"point": [30, 20], "food": "apple"}])
+    assert phone.post(pair(seed), metadata).status_code == 202
+    estimate(state, metadata["id"])
+    return metadata["id"]
+
+
+def test_who_pulled_changes_that_the_backup_lacks_gets_all_of_it_again(
+    kind, state, phone, source, admin, client, empty_machine, tmp_path
+):
+    """Else figures that a restore took back would stay in a researcher's copy."""
+    send_meal(state, phone, 1)
+    source.back_up(tmp_path / "one.tar")
+    held = client.get("/v1/studies/pilot/changes", headers=admin).json()["records"]
+    send_meal(state, phone, 2)
+    pulled = client.get("/v1/studies/pilot/changes", headers=admin).json()
+    assert len(pulled["records"]) == 2
+    machine = empty_machine(kind)
+    machine.restore(tmp_path / "one.tar")
+    with machine.served() as restored:
+        again = restored.get(pulled["next"], headers=admin).json()["records"]
+    assert [row["id"] for row in again] == [row["id"] for row in held]
+    assert again[0]["change_seq"] > pulled["records"][-1]["change_seq"]
+
+
+def test_meals_that_come_during_a_backup_are_in_it_wholly_or_not_at_all(
+    kind, state, source, enrol, empty_machine, tmp_path
+):
+    phones = [enrol(f"P{number}") for number in range(2)]
+    sent, stop, waits = [], threading.Event(), iter(range(8))
+
+    def send(phone, seed):
+        while not stop.is_set():
+            sent.append(send_meal(state, phone, seed))
+            seed += 1
+
+    def wait_for_another(_words):
+        """The first steps of the backup each let a meal come in between."""
+        count, deadline = len(sent), time.monotonic() + 60
+        if next(waits, None) is not None:
+            while len(sent) == count:
+                assert time.monotonic() < deadline
+                time.sleep(0.01)
+
+    threads = [threading.Thread(target=send, args=(phone, 1000 * n)) for n, phone in enumerate(phones)]
+    for thread in threads:
+        thread.start()
+    try:
+        wait_for_another("before")
+        least = len(sent)
+        with (tmp_path / "busy.tar").open("wb") as file:
+            done = write_backup(source.database, source.blobs, source.box, file, wait_for_another)
+        most = len(sent)
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+    assert (done.damaged, done.erased) == (0, 0)
+    machine = empty_machine(kind)
+    machine.restore(tmp_path / "busy.tar")
+    rows = machine.rows()
+    assert least <= len(rows["meal"]) < most  # it is of one moment, and others came after it
+    assert len(rows["meal_image"]) == 2 * len(rows["meal"])
+    assert machine.stored().keys() == named_blobs(machine.database)
+    assert rows["study"].keys() == source.rows()["study"].keys()
+    assert rebuild_records(machine.database, write=False).different == 0
+    write_all_sums(machine.database)  # sums are in no backup: all days are marked, and written by the next worker
+    days = compare_days(machine.database, write=False)
+    assert (days.compared > 0, days.different) == (True, 0)
+
+
+def test_erasures_after_the_backup_are_done_again_before_anybody_is_served(
+    kind, state, source, enrol, client, settings, blob_settings, empty_machine, tmp_path
+):
+    gone, stays = Person(state, enrol, "nobodys-words-4Xz", seed=1), Person(state, enrol, "somebody-7Kq", seed=2)
+    store_what_is_named(source.database, source.blobs)
+    erased_meal = send_meal(state, stays.phone, 9)
+    source.back_up(tmp_path / "one.tar")
+    assert client.post("/v1/me/withdrawal", headers=gone.phone.headers).status_code == 200
+    assert client.delete(f"/v1/meals/{erased_meal}", headers=stays.phone.headers).status_code == 200
+    ledger = blob_settings | {"blob_url": None, "erasure_url": settings.resolved_erasure_url}
+    machine = empty_machine(kind, **ledger)
+    machine.restore(tmp_path / "one.tar")
+    codes = {row["code"] for row in machine.rows()["participant"].values()}
+    assert codes == {stays.mark}
+    assert {row["client_id"] for row in machine.rows()["meal"].values()} == {uuid.UUID(stays.metadata["id"])}
+    assert machine.stored().keys() == named_blobs(machine.database)
+    assert len(machine.stored()) == len(named_blobs(source.database)) > 3
+
+
+def test_restore_with_another_ledger_than_that_of_then_is_refused_unless_told(
+    kind, state, phone, source, client, settings, blob_settings, empty_machine, tmp_path
+):
+    """As after a move to S3, where the ledger's default is another place: erased people would come back."""
+    erased = send_meal(state, phone, 9)
+    assert client.delete(f"/v1/meals/{erased}", headers=phone.headers).status_code == 200
+    send_meal(state, phone, 10)
+    source.back_up(tmp_path / "one.tar")
+    machine = empty_machine(kind)
+    before = machine.rows()
+    with pytest.raises(LedgerDiffersError, match="lacks 1 erasures"):
+        machine.restore(tmp_path / "one.tar")
+    assert (machine.rows(), machine.stored()) == (before, {})
+    assert machine.restore(tmp_path / "one.tar", other_ledger=True).missing_in_ledger == 1
+    ledger = blob_settings | {"blob_url": None, "erasure_url": settings.resolved_erasure_url}
+    assert empty_machine(kind, **ledger).restore(tmp_path / "one.tar").missing_in_ledger == 0
+
+
+def test_erasures_of_after_the_backup_under_a_lost_key_are_refused_before_anything_is_written(
+    kind, state, phone, source, client, settings, blob_settings, empty_machine, tmp_path
+):
+    """Nobody can tell whom they erased; found out later, the restored deployment would not start any more."""
+    stays, erased = send_meal(state, phone, 9), send_meal(state, phone, 10)
+    source.back_up(tmp_path / "one.tar")
+    assert client.delete(f"/v1/meals/{erased}", headers=phone.headers).status_code == 200
+    ledger = blob_settings | {"blob_url": None, "erasure_url": settings.resolved_erasure_url}
+    machine = empty_machine(kind, **ledger, secret_key="x" * 40)
+    before = machine.rows()
+    with pytest.raises(SecretKeyError, match="erasures of after the backup"):
+        machine.restore(tmp_path / "one.tar", other_key=True)
+    assert (machine.rows(), machine.stored()) == (before, {})
+    machine = empty_machine(kind, **ledger | {"erasure_url": f"file://{tmp_path / 'new-ledger'}"}, secret_key="x" * 40)
+    machine.restore(tmp_path / "one.tar", other_key=True)
+    assert {row["client_id"] for row in machine.rows()["meal"].values()} == {uuid.UUID(stays), uuid.UUID(erased)}
+
+
+def test_backup_that_lacks_more_blobs_than_a_document_holds_is_restored(
+    kind, person, source, empty_machine, monkeypatch, tmp_path
+):
+    """A bucket that was emptied, in small: what is lacking has no limit, manifest and end have theirs."""
+    whole, there = source.back_up(tmp_path / "whole.tar"), named_blobs(source.database)
+    limit = 1000 + max(len(whole.manifest.to_bytes()), len(end_of(tmp_path / "whole.tar")))
+    meal_id = next(iter(source.rows()["meal_image"].values()))["meal_id"]
+    with source.database.write() as session:
+        run = session.scalars(sa.select(Run)).first()
+        for number in range(limit // 100):
+            name = f"lost-{number}"
+            place = {"run_id": run.id, "name": name, "blob_key": f"{meal_id}/runs/{name}/{number:064x}"}
+            session.add(RunArtefact(**place, media_type="image/png", sha256=f"{number:064x}", bytes=1))
+    for module in (backup_check, restore):
+        monkeypatch.setattr(module, "MAX_DOCUMENT_BYTES", limit)
+    monkeypatch.setattr(backup, "DAMAGED_TOLD", 3)
+    done = source.back_up(tmp_path / "one.tar")
+    assert (done.damaged, len(done.damaged_first)) == (limit // 100, 3)
+    machine = empty_machine(kind)
+    assert machine.restore(tmp_path / "one.tar").checked.end.damaged == done.damaged
+    assert machine.stored().keys() == there
+
+
+def end_of(path):
+    with tarfile.open(path) as tar:
+        return tar.extractfile("end.json").read()
+
+
+def test_meals_that_waited_are_queued_again(kind, state, phone, source, empty_machine, tmp_path):
+    ids = [meal_metadata()["id"] for _ in range(2)]
+    for seed, client_id in enumerate(ids):
+        assert phone.post(pair(seed), id=client_id).status_code == 202
+    with state.database.write() as session:
+        meal = session.scalars(sa.select(Meal).where(Meal.client_id == uuid.UUID(ids[0]))).one()
+        meal.status = session.scalars(sa.select(Job).where(Job.meal_id == meal.id)).one().state = "processing"
+    source.back_up(tmp_path / "one.tar")
+    machine = empty_machine(kind)
+    assert machine.restore(tmp_path / "one.tar").queued_again == 2
+    assert {row["state"] for row in machine.rows()["job"].values()} == {"queued"}
+    with machine.database.write() as session:
+        assert len(jobs.claim_jobs(session, "somebody", protocol=1, room=9)) == 2
+
+
+def test_restore_that_was_broken_off_can_be_done_again(kind, person, source, empty_machine, monkeypatch, tmp_path):
+    source.back_up(tmp_path / "one.tar")
+    machine = empty_machine(kind)
+    stored, put_file = [], machine.blobs.put_file
+
+    def put_one_and_break(key, path):
+        if stored:
+            raise OSError("the network is gone")
+        stored.append(key)
+        put_file(key, path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(machine.blobs, "put_file", put_one_and_break)
+        with pytest.raises(OSError, match="network"):
+            machine.restore(tmp_path / "one.tar")
+    assert machine.stored().keys() == set(stored)
+    put = Refill.put
+
+    def put_and_break(refill, table, rows):
+        if table.name == "meal_image":
+            raise KeyboardInterrupt
+        return put(refill, table, rows)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Refill, "put", put_and_break)
+        with pytest.raises(KeyboardInterrupt):
+            machine.restore(tmp_path / "one.tar")
+    assert machine.rows()["meal"] == {}
+    machine.restore(tmp_path / "one.tar")
+    assert without_note(machine.rows()) == later(source.rows())
+    assert machine.stored().keys() == named_blobs(source.database)
+
+
+def test_restore_asks_for_room_for_what_is_not_there_yet(kind, person, source, empty_machine, monkeypatch, tmp_path):
+    """The disk may be just large enough, and the restore was broken off and is done again."""
+    done = source.back_up(tmp_path / "one.tar")
+    machine = empty_machine(kind)
+    monkeypatch.setattr(machine.blobs, "free_bytes", lambda: done.blob_bytes - 1)
+    with pytest.raises(StorageFullError):
+        machine.restore(tmp_path / "one.tar")
+    assert machine.stored() == {}
+    there = min(named_blobs(source.database))
+    machine.blobs.put_bytes(there, source.blobs.read(there))
+    machine.restore(tmp_path / "one.tar")
+    assert machine.stored().keys() == named_blobs(source.database)
+
+
+def test_restore_into_a_bucket_does_not_ask_for_room_on_this_machine(
+    kind, person, source, s3_server, empty_machine, monkeypatch, tmp_path
+):
+    done = source.back_up(tmp_path / "one.tar")
+    machine = empty_machine(kind, **s3_settings(s3_server))
+    monkeypatch.setattr(machine.blobs, "free_bytes", lambda: done.blob_bytes // 2)
+    machine.restore(tmp_path / "one.tar")
+    assert machine.stored().keys() == named_blobs(source.database)
+
+
+def test_backup_of_an_older_schema_is_restored_and_brought_up_to_date(
+    kind, person, source, empty_machine, next_migration, tmp_path
+):
+    older = head_revision()
+    assert source.back_up(tmp_path / "old.tar").manifest.revision == older
+    assert next_migration() != older
+    upgrade(source.database)
+    machine = empty_machine(kind)
+    machine.restore(tmp_path / "old.tar")
+    assert current_revision(machine.database) == head_revision()
+    assert without_note(machine.rows()) == later(source.rows())
+
+
+def test_blob_that_an_erasure_takes_meanwhile_is_no_fault(kind, person, state, enrol, source, empty_machine, tmp_path):
+    """Retention takes pictures without the ledger: the restored rows say that they are gone."""
+    with state.database.write() as session:
+        session.execute(sa.text("UPDATE study SET retention_days = 1"))
+
+    def erase(words):
+        if words.startswith("item_measure"):  # the rows that name the blobs have been read
+            assert erase_old_pictures(state.database, datetime.now(UTC) + timedelta(days=2)) == 1
+            assert BlobDeleter(state.database, state.blobs).delete_wanted() == 3
+
+    with (tmp_path / "one.tar").open("wb") as file:
+        done = write_backup(source.database, source.blobs, source.box, file, erase)
+    assert (done.erased, done.damaged) == (3, 0)
+    machine = empty_machine(kind)
+    machine.restore(tmp_path / "one.tar")
+    with machine.database.read() as session:
+        assert all(session.scalars(sa.select(MealImage.erased_at)))
+        assert session.scalars(sa.select(RunArtefact)).all() == []
+    assert machine.stored().keys() == named_blobs(machine.database)
+
+
+def test_damaged_and_missing_blobs_are_told_by_name_and_all_others_are_in_the_backup(
+    kind, person, source, empty_machine, tmp_path
+):
+    damaged, missing, *whole = sorted(named_blobs(source.database))
+    assert source.stored().keys() >= {damaged, missing, *whole}
+    source.blobs.put_bytes(damaged, b"other bytes")
+    source.blobs.delete(missing)
+    done = source.back_up(tmp_path / "one.tar")
+    assert done.damaged_first == {damaged: "its bytes are not those that were stored", missing: "missing"}
+    machine = empty_machine(kind)
+    checked = machine.restore(tmp_path / "one.tar").checked
+    assert (checked.end.damaged, checked.damaged_first) == (2, done.damaged_first)
+    assert machine.stored().keys() == set(whole)
+
+
+def test_blob_that_a_disk_altered_is_told_by_name_on_any_store(kind, person, source, tmp_path):
+    """A bucket, whose metadata still tell the right digest, gives an error of its own; a folder gives the bytes."""
+    altered, *whole = sorted(named_blobs(source.database))
+    if isinstance(source.blobs, S3BlobStore):
+        obstore.put(source.blobs._store, altered, b"other bytes", attributes={"sha256": altered[-64:]})
+    else:
+        damage(source.blobs, altered, b"other bytes")
+    done = source.back_up(tmp_path / "one.tar")
+    assert done.damaged_first == {altered: "its bytes are not those that were stored"}
+    assert done.blobs == len(whole)
+
+
+def test_store_that_goes_away_during_a_backup_ends_it_and_calls_no_blob_damaged(
+    kind, person, source, monkeypatch, tmp_path
+):
+    """Else a key that expires, or an hour without the store, would give a backup without photographs that counts."""
+    for fault in (StoreRefusesError(errno.EIO, "our key"), OSError(errno.EIO, "answers with an error")):
+
+        def fail(*_arguments, fault=fault):
+            raise fault
+
+        with monkeypatch.context() as patch:
+            patch.setattr(source.blobs, "stream", fail)
+            patch.setattr(source.blobs, "keys", fail)
+            with pytest.raises(OSError, match=fault.strerror):
+                source.back_up(tmp_path / "one.tar")
+    assert not (tmp_path / "one.tar").exists()
+    with source.database.read() as session:
+        assert last_backup(session) is None
+
+
+def test_blob_that_alone_cannot_be_read_is_told_and_a_fault_that_passes_is_not(
+    kind, person, source, monkeypatch, tmp_path
+):
+    bad, once, *whole = sorted(named_blobs(source.database))
+    stream, failed = source.blobs.stream, []
+
+    def stream_or_fail(key, chunk_bytes):
+        if key == bad or (key == once and once not in failed):
+            failed.append(key)
+            raise OSError(errno.EIO, "input/output error")
+        return stream(key, chunk_bytes)
+
+    monkeypatch.setattr(source.blobs, "stream", stream_or_fail)
+    done = source.back_up(tmp_path / "one.tar")
+    assert done.damaged_first == {bad: "the store cannot read it"}
+    assert done.blobs == len(whole) + 1
+
+
+def test_orphans_and_what_an_upload_left_are_not_in_a_backup(kind, person, source, tmp_path):
+    source.blobs.put_bytes("study/meal/left/" + "0" * 64, b"of nobody")
+    done = source.back_up(tmp_path / "one.tar")
+    assert done.blobs == len(named_blobs(source.database))
+
+
+def test_backup_that_breaks_off_leaves_no_file(kind, person, source, tmp_path):
+    def break_off(words):
+        raise KeyboardInterrupt(words)
+
+    folder = tmp_path / "backups"
+    folder.mkdir()
+    with pytest.raises(KeyboardInterrupt):
+        source.back_up(folder / "one.tar", break_off)
+    assert list(folder.iterdir()) == []

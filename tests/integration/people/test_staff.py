@@ -1,0 +1,186 @@
+"""Staff: made by admins, members of studies by owners; the last admin and the last owner stay."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from app.people.models import Staff
+from app.people.privacy_models import AuditEvent
+from tests.integration.people.people import PASSWORD, bearer, make_staff, sign_in
+
+
+@pytest.fixture
+def study(client, admin):
+    client.post("/v1/studies", headers=admin, json={"code": "pilot", "name": "Pilot"})
+    return "/v1/studies/pilot"
+
+
+def test_admin_makes_staff_who_sign_in(client, admin):
+    made = client.post("/v1/staff", headers=admin, json={"name": "olga", "password": PASSWORD})
+    assert made.status_code == 201
+    body = made.json()
+    assert (body["name"], body["is_admin"], body["has_password"], body["disabled_at"]) == ("olga", False, True, None)
+    assert client.get("/v1/staff/olga", headers=admin).json() == body
+    assert sign_in(client, "olga").status_code == 201
+
+
+def test_staff_without_a_password_cannot_sign_in_until_they_have_one(client, admin):
+    client.post("/v1/staff", headers=admin, json={"name": "olga"})
+    assert sign_in(client, "olga", "").json()["code"] == "sign_in_failed"
+    client.patch("/v1/staff/olga", headers=admin, json={"password": PASSWORD})
+    assert sign_in(client, "olga").status_code == 201
+
+
+def test_name_is_taken_however_it_is_typed(client, admin):
+    client.post("/v1/staff", headers=admin, json={"name": "Ren\u00e9"})
+    again = client.post("/v1/staff", headers=admin, json={"name": " Rene\u0301 "})
+    assert (again.status_code, again.json()["code"]) == (409, "staff_exists")
+    assert client.get("/v1/staff/Rene\u0301", headers=admin).status_code == 200
+
+
+@pytest.mark.parametrize("name", ["olga@example.org", "a/b", "..", " ", "x" * 101, "a\nb", "<b>", "a?b"])
+def test_name_that_no_address_should_hold_is_refused(client, admin, name):
+    answer = client.post("/v1/staff", headers=admin, json={"name": name})
+    assert (answer.status_code, answer.json()["code"]) == (422, "staff_name_invalid")
+
+
+@pytest.mark.parametrize(
+    ("name", "password"),
+    [("olga", "short pass"), ("olga", "x" * 201), ("olga-petrova", "OLGA-Petrova"), ("olga", "aaaaaaaaaaaaaa")],
+)
+def test_password_that_is_too_easy_or_too_long_is_refused(client, admin, name, password):
+    answer = client.post("/v1/staff", headers=admin, json={"name": name, "password": password})
+    assert (answer.status_code, answer.json()["code"]) == (422, "password_refused")
+    assert password not in answer.text
+    assert client.get(f"/v1/staff/{name}", headers=admin).status_code == 404
+
+
+@pytest.mark.usefixtures("full_password_cost")
+def test_password_is_kept_as_argon2id_only(client, admin, state):
+    make_staff(client, admin, "olga")
+    with state.database.read() as session:
+        kept = session.query(Staff).filter_by(name="olga").one().password_hash
+    assert kept.startswith("$argon2id$v=19$m=65536,t=3,p=4$")
+
+
+def test_disabling_ends_sessions_and_tokens_for_good(client, admin, study):
+    olga = make_staff(client, admin, "olga", pilot="owner")
+    token = olga.post("/v1/tokens", json={"name": "script"}).json()["token"]
+    assert client.patch("/v1/staff/olga", headers=admin, json={"is_disabled": True}).json()["disabled_at"]
+    client.patch("/v1/staff/olga", headers=admin, json={"is_disabled": False})
+    assert olga.get(study).status_code == 401
+    assert client.get(study, headers=bearer(token)).status_code == 401
+    assert sign_in(client, "olga").status_code == 201
+
+
+def test_the_last_admin_is_neither_disabled_nor_made_less(client, admin):
+    for change in ({"is_disabled": True}, {"is_admin": False}):
+        answer = client.patch("/v1/staff/admin", headers=admin, json=change)
+        assert (answer.status_code, answer.json()["code"]) == (409, "last_admin")
+    make_staff(client, admin, "second", is_admin=True)
+    client.patch("/v1/staff/second", headers=admin, json={"is_disabled": True})
+    assert client.patch("/v1/staff/admin", headers=admin, json={"is_disabled": True}).status_code == 409
+    client.patch("/v1/staff/second", headers=admin, json={"is_disabled": False})
+    assert client.patch("/v1/staff/admin", headers=admin, json={"is_disabled": True}).status_code == 200
+    assert client.get("/v1/staff", headers=admin).status_code == 401
+
+
+def test_staff_page_by_name_and_unknown_ones_are_404(client, admin):
+    for name in ("c", "b"):
+        client.post("/v1/staff", headers=admin, json={"name": name})
+    first = client.get("/v1/staff?limit=2", headers=admin).json()
+    assert [row["name"] for row in first["items"]] == ["admin", "b"]
+    assert [row["name"] for row in client.get(first["next"], headers=admin).json()["items"]] == ["c"]
+    assert client.get("/v1/staff/nobody", headers=admin).status_code == 404
+    assert client.patch("/v1/staff/nobody", headers=admin, json={}).status_code == 404
+
+
+def test_owner_gives_a_role_changes_it_and_takes_it(client, admin, study):
+    olga, rita = make_staff(client, admin, "olga", pilot="owner"), make_staff(client, admin, "rita")
+    assert rita.get(study).status_code == 404
+    assert olga.put(f"{study}/members/rita", json={"role": "viewer"}).json()["role"] == "viewer"
+    assert rita.get(study).status_code == 200
+    assert rita.post(f"{study}/participants", json={"code": "P"}).json()["code"] == "role_too_low"
+    olga.put(f"{study}/members/rita", json={"role": "owner"})
+    assert rita.post(f"{study}/participants", json={"code": "P"}).status_code == 201
+    members = rita.get(f"{study}/members").json()["items"]
+    assert [(row["name"], row["role"]) for row in members] == [("olga", "owner"), ("rita", "owner")]
+    assert rita.delete(f"{study}/members/olga").status_code == 204
+    assert olga.get(study).status_code == 404
+
+
+def test_the_last_owner_is_neither_removed_nor_made_less(client, admin, study):
+    olga, rita = make_staff(client, admin, "olga", pilot="owner"), make_staff(client, admin, "rita", pilot="owner")
+    client.patch("/v1/staff/rita", headers=admin, json={"is_disabled": True})  # one who cannot act is no owner left
+    del rita
+    for answer in (
+        olga.delete(f"{study}/members/olga"),
+        olga.put(f"{study}/members/olga", json={"role": "viewer"}),
+    ):
+        assert (answer.status_code, answer.json()["code"]) == (409, "last_owner")
+    assert olga.put(f"{study}/members/olga", json={"role": "owner"}).status_code == 200
+
+
+def test_member_must_be_somebody(client, admin, study):
+    make_staff(client, admin, "gone")
+    client.patch("/v1/staff/gone", headers=admin, json={"is_disabled": True})
+    for name in ("nobody", "gone"):
+        assert client.put(f"{study}/members/{name}", headers=admin, json={"role": "owner"}).status_code == 404
+    assert client.delete(f"{study}/members/nobody", headers=admin).status_code == 404
+    assert client.delete(f"{study}/members/admin", headers=admin).status_code == 404  # no member, though an admin
+
+
+def test_every_change_of_people_stands_in_the_audit_log_without_secrets(client, admin, study, state):
+    make_staff(client, admin, "olga", pilot="owner")
+    client.patch("/v1/staff/olga", headers=admin, json={"password": "another " + PASSWORD})
+    client.delete(f"{study}/members/olga", headers=admin)  # refused: the last owner
+    with state.database.read() as session:
+        events = [
+            (row.actor, row.action, row.subject, row.details)
+            for row in session.query(AuditEvent).order_by(AuditEvent.id)
+            if row.subject == "olga"
+        ]
+    assert events == [
+        ("admin", "staff.create", "olga", {"is_admin": False}),
+        ("admin", "member.set", "olga", {"role": "owner"}),
+        ("admin", "staff.change", "olga", {"fields": ["password"], "sessions_ended": 1, "tokens_ended": 0}),
+    ]
+
+
+def at_once(*calls):
+    """Answers of calls that start together."""
+    barrier = threading.Barrier(len(calls))
+
+    def run(call):
+        barrier.wait()
+        return call()
+
+    with ThreadPoolExecutor(len(calls)) as pool:
+        return list(pool.map(run, calls))
+
+
+def test_of_two_admins_who_disable_each_other_one_stays(client, admin):
+    second = make_staff(client, admin, "second", is_admin=True)
+    answers = at_once(
+        lambda: client.patch("/v1/staff/second", headers=admin, json={"is_disabled": True}),
+        lambda: second.patch("/v1/staff/admin", json={"is_disabled": True}),
+    )
+    statuses = sorted(answer.status_code for answer in answers)
+    assert statuses[0] == 200
+    assert statuses[1] in (401, 409)  # shut out before the call, or the last one by then
+
+
+def test_of_two_owners_who_remove_each_other_one_stays(client, admin, study):
+    olga, rita = make_staff(client, admin, "olga", pilot="owner"), make_staff(client, admin, "rita", pilot="owner")
+    answers = at_once(
+        lambda: olga.delete(f"{study}/members/rita"),
+        lambda: rita.delete(f"{study}/members/olga"),
+    )
+    assert sum(answer.status_code == 204 for answer in answers) == 1
+    assert len(client.get(f"{study}/members", headers=admin).json()["items"]) == 1
+
+
+def test_of_two_who_make_the_same_name_one_hears_that_it_is_taken(client, admin):
+    answers = at_once(*[lambda: client.post("/v1/staff", headers=admin, json={"name": "olga"})] * 4)
+    assert sorted(answer.status_code for answer in answers) == [201, 409, 409, 409]

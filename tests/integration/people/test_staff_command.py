@@ -1,0 +1,83 @@
+"""`tada staff` and `tada admin` on a database of their own."""
+
+import io
+
+import pytest
+from typer.testing import CliRunner
+
+from app.cli.main import cli
+from app.cli.people import read_password
+from app.core.errors import ConflictError, InvalidInputError, UnauthenticatedError
+from app.db.session import Database
+from app.people.access.passwords import Passwords
+from app.people.access.sign_in import sign_in
+
+PASSWORD = "correct horse battery"
+
+
+@pytest.fixture
+def tada(monkeypatch, prepared_database_url, tmp_path):
+    monkeypatch.setenv("TADA_DATABASE_URL", prepared_database_url)
+    monkeypatch.setenv("TADA_DATA_DIR", str(tmp_path / "data"))
+
+    def run(*arguments, stdin=None):
+        result = CliRunner().invoke(cli, list(arguments), input=stdin)
+        if isinstance(result.exception, Exception):
+            raise result.exception
+        return result.output
+
+    return run
+
+
+@pytest.fixture
+def database(prepared_database_url):
+    database = Database(prepared_database_url)
+    yield database
+    database.dispose()
+
+
+def test_staff_is_made_with_a_password_from_a_file(tada, database, tmp_path):
+    file = tmp_path / "password"
+    file.write_bytes(PASSWORD.encode() + b"\r\nsecond line\n")
+    assert "olga can sign in" in tada("staff", "create", "olga", "--password-file", str(file))
+    assert not sign_in(database, Passwords(), "olga", PASSWORD).is_admin
+
+
+def test_password_comes_from_standard_input_and_is_not_shown(tada, database):
+    output = tada("staff", "create", "root", "--admin", "--password-file", "-", stdin=PASSWORD + "\n")
+    assert PASSWORD not in output
+    assert sign_in(database, Passwords(), "root", PASSWORD).is_admin
+
+
+def test_new_password_disabling_and_enabling(tada, database):
+    tada("admin", "create", "admin")
+    tada("staff", "create", "olga", "--password-file", "-", stdin=PASSWORD)
+    tada("staff", "password", "olga", "--password-file", "-", stdin="another " + PASSWORD)
+    sign_in(database, Passwords(), "olga", "another " + PASSWORD)
+    tada("staff", "disable", "olga")
+    with pytest.raises(UnauthenticatedError):
+        sign_in(database, Passwords(), "olga", "another " + PASSWORD)
+    assert "olga: staff, password, disabled" in tada("staff", "list")
+    tada("staff", "enable", "olga")
+    sign_in(database, Passwords(), "olga", "another " + PASSWORD)
+    assert "admin: admin, token only" in tada("staff", "list")
+
+
+def test_the_last_admin_is_not_disabled_from_the_command_line_either(tada):
+    tada("admin", "create", "admin")
+    with pytest.raises(ConflictError):
+        tada("staff", "disable", "admin")
+
+
+def test_without_anybody_to_ask_the_command_says_what_to_give(monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    with pytest.raises(InvalidInputError, match="--password-file"):
+        read_password(None)
+
+
+def test_file_that_cannot_be_read_is_told_in_a_sentence(tmp_path):
+    with pytest.raises(InvalidInputError, match="cannot be read"):
+        read_password(tmp_path / "absent")
+    (tmp_path / "bytes").write_bytes(b"\xff\xfe")
+    with pytest.raises(InvalidInputError, match="no text"):
+        read_password(tmp_path / "bytes")

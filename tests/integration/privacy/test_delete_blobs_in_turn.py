@@ -1,0 +1,61 @@
+"""A blob that the store does not delete waits, and holds up no other erasure; a store that is away is not worn out."""
+
+import errno
+from datetime import UTC, datetime
+
+import pytest
+
+from app.people.privacy_models import BlobDeletion
+from app.privacy import delete_blobs
+from app.privacy import queries as privacy
+from app.privacy.delete_blobs import FAULTS_IN_A_ROW, BlobDeleter
+from app.storage.local import LocalBlobStore
+
+KEYS = [f"study/meal/left/{number}" for number in range(8)]
+
+
+class StubbornStore(LocalBlobStore):
+    """A folder from which some blobs cannot be deleted."""
+
+    def __init__(self, root, stubborn):
+        super().__init__(root)
+        self.stubborn, self.asked = stubborn, []
+
+    def delete(self, key):
+        self.asked.append(key)
+        if key in self.stubborn:
+            raise OSError(errno.EIO, "input/output error")
+        super().delete(key)
+
+
+def stubborn_store(folder, database, stubborn):
+    blobs = StubbornStore(folder, stubborn)
+    for key in KEYS:
+        blobs.put_bytes(key, b"of somebody who left")
+    with database.write() as session:
+        session.add_all(BlobDeletion(blob_key=key, requested_at=datetime.now(UTC)) for key in KEYS)
+    return blobs
+
+
+def test_blob_that_cannot_be_deleted_holds_up_no_other(database, monkeypatch, tmp_path):
+    monkeypatch.setattr(delete_blobs, "BATCH", 4)
+    blobs = stubborn_store(tmp_path / "blobs", database, {KEYS[0]})
+    deleter = BlobDeleter(database, blobs)
+    for _ in range(3):
+        with pytest.raises(OSError, match="input/output"):
+            deleter.delete_wanted()
+    assert [blob.key for blob in blobs.keys()] == [KEYS[0]]  # noqa: SIM118  # no mapping
+    with database.read() as session:
+        assert privacy.wanted_deletions(session, 10) == [KEYS[0]]
+    blobs.stubborn.clear()
+    assert deleter.delete_wanted() == 1
+    assert list(blobs.keys()) == []
+
+
+def test_store_that_deletes_nothing_is_left_alone_for_a_while(database, tmp_path):
+    blobs = stubborn_store(tmp_path / "blobs", database, set(KEYS))
+    with pytest.raises(OSError, match="input/output"):
+        BlobDeleter(database, blobs).delete_wanted()
+    assert len(blobs.asked) == FAULTS_IN_A_ROW
+    with database.read() as session:
+        assert privacy.wanted_deletions(session, 10) == KEYS

@@ -1,0 +1,297 @@
+"""Crashes between the steps of an erasure, blobs that must not go, and those that nobody names."""
+
+import json
+import pathlib
+import uuid
+from datetime import UTC, datetime, timedelta
+from types import SimpleNamespace
+
+import pytest
+import sqlalchemy as sa
+
+from app.children.faults import JobFailure
+from app.estimates.estimate_meal import EstimateMeal
+from app.meals.job_models import Job
+from app.meals.models import Meal, MealImage
+from app.operations.chores import worker_chores
+from app.operations.clock_jumps import ClockJumps
+from app.people.access.secret_box import SecretBox
+from app.people.models import Participant, Study
+from app.people.privacy_models import BlobDeletion, ErasureReceipt
+from app.privacy import queries as privacy
+from app.privacy.delete_blobs import BlobDeleter
+from app.privacy.erase import PHOTOGRAPH_ERASED, Eraser
+from app.privacy.erasure_ledger import ErasureLedger, digest_of
+from app.privacy.reapply_erasures import reapply_erasures
+from app.privacy.retention import erase_old_pictures
+from app.storage.blob_store import BlobMissingError
+from app.storage.opening import open_blob_store
+from tests import estimates
+from tests.integration.conftest import meal_metadata
+from tests.integration.people.persons import Person
+from tests.photographs import pair
+from tests.stores import make_old, store_bytes, stored_names
+
+
+@pytest.fixture
+def person(state, enrol):
+    return Person(state, enrol, "somebody-2Wd", seed=1)
+
+
+def test_erasure_that_died_before_its_transaction_is_finished_by_the_next_start(person, state, client):
+    erasure = state.part(Eraser).intend("participant", "erase", person.participant_id)
+    assert person.phone.get(person.path).status_code == 200
+    assert reapply_erasures(state.part(Eraser), state.blobs) == 1
+    assert person.phone.get(person.path).json()["code"] == "withdrawn"
+    assert client.get(f"/v1/receipts/{erasure.receipt_id}").json()["counts"]["meal"] == 1
+    assert reapply_erasures(state.part(Eraser), state.blobs) == 0
+
+
+def test_erasure_asked_for_just_now_is_left_to_the_one_who_was_asked(person, state):
+    state.part(Eraser).intend("meal", "erase", person.meal_id)
+    assert reapply_erasures(state.part(Eraser), state.blobs, before=datetime.now(UTC) - timedelta(minutes=10)) == 0
+    assert person.phone.get(person.path).status_code == 200
+
+
+def test_erasure_of_one_who_is_in_no_row_is_looked_for_once(state):
+    erasure = state.part(Eraser).intend("participant", "erase", uuid.uuid4())
+    assert reapply_erasures(state.part(Eraser), state.blobs) == 0
+    with state.database.read() as session:
+        assert privacy.tombstones_among(session, "participant", [erasure.digest]) == {erasure.digest}
+
+
+def test_of_two_deeds_on_a_restored_person_both_are_done_and_the_stronger_holds(person, state):
+    state.part(Eraser).intend("participant", "erase", person.participant_id)
+    state.part(Eraser).intend("participant", "keep", person.participant_id)
+    assert reapply_erasures(state.part(Eraser), state.blobs) == 2
+    with state.database.read() as session:
+        assert session.get(Participant, person.participant_id) is None
+
+
+def test_ledger_holds_no_id_in_the_clear(person, state, settings):
+    state.part(Eraser).intend("participant", "erase", person.participant_id)
+    ledger = open_blob_store(settings.resolved_erasure_url, settings)
+    held = store_bytes(ledger)
+    for thing in (person.participant_id, person.meal_id):
+        assert str(thing).encode() not in held
+        assert thing.hex.encode() not in held
+    (key,) = (blob.key for blob in ledger.keys("participant/"))
+    entry = json.loads(ledger.read(key))
+    assert set(entry) == {"deed", "receipt", "at", "key"}
+
+
+def test_two_who_erase_the_same_meal_get_one_receipt(person, state):
+    first = state.part(Eraser).intend("meal", "erase", person.meal_id)
+    second = state.part(Eraser).intend("meal", "erase", person.meal_id)
+    assert state.part(Eraser).carry_out_on_meal(first, person.meal_id, None) is not None
+    assert state.part(Eraser).carry_out_on_meal(second, person.meal_id, None) is None
+    with state.database.read() as session:
+        receipt = session.scalars(sa.select(ErasureReceipt)).one()
+    assert (
+        state.part(Eraser).ledger.read("meal", first.digest).receipt_id == receipt.id
+    )  # what a restore would bring back
+
+
+def test_two_who_erase_the_same_meal_at_the_same_moment_get_one_receipt(person, state, monkeypatch):
+    """Each looked into the ledger before the other had written; the one who wrote first is the one who erases."""
+
+    def not_there_yet(_, kind, digest):
+        raise BlobMissingError(f"{kind}/{digest}")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ErasureLedger, "read", not_there_yet)
+        first, second = (state.part(Eraser).intend("meal", "erase", person.meal_id) for _ in "ab")
+    receipt = state.part(Eraser).carry_out_on_meal(first, person.meal_id, None)
+    assert state.part(Eraser).carry_out_on_meal(second, person.meal_id, None) is None
+    assert receipt.id == second.receipt_id
+    assert state.part(Eraser).ledger.read("meal", first.digest).receipt_id == receipt.id
+    other = state.part(Eraser).intend("meal", "erase", uuid.uuid4())
+    assert other.receipt_id != receipt.id
+
+
+def test_erasure_that_died_before_its_transaction_keeps_its_receipt_when_it_is_asked_for_again(person, state):
+    first = state.part(Eraser).intend("meal", "erase", person.meal_id)
+    answer = person.phone.client.delete(person.path, headers=person.phone.headers)
+    assert answer.json()["id"] == str(first.receipt_id)
+
+
+def test_blob_that_a_row_names_is_not_deleted_whatever_the_intent_says(person, state):
+    with state.database.write() as session:
+        keys = list(session.scalars(sa.select(MealImage.blob_key)))
+        study_id = session.scalars(sa.select(Study.id)).one()
+        wanted = [*keys, f"{study_id}/{person.meal_id}/"]
+        privacy.want_deleted(session, wanted, None, datetime.now(UTC))
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    assert all(state.blobs.has(key) for key in keys)
+    with state.database.read() as session:
+        assert session.scalars(sa.select(BlobDeletion)).all() == []
+
+
+def test_orphans_go_past_the_grace_time_and_what_is_named_or_young_stays(person, state, settings):
+    before = {blob.key for blob in state.blobs.keys()}  # noqa: SIM118  # a store is no mapping
+    study_id = next(iter(before)).split("/")[0]
+    old, young = (f"{study_id}/{uuid.uuid4()}/left/{n * 64}" for n in "ab")
+    for key in (old, young):
+        state.blobs.put_bytes(key, b"photograph of an upload that failed")
+    make_old(state.blobs, before | {old})
+    assert BlobDeleter(state.database, state.blobs).delete_orphans() == 1
+    assert {blob.key for blob in state.blobs.keys()} == before | {young}  # noqa: SIM118
+
+
+@pytest.mark.parametrize("how", ["retention", "anonymise"])
+def test_photograph_of_an_upload_that_lost_goes_though_its_meal_stays(how, person, state, settings, client):
+    stray = seal_stray(state, "left")
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(retention_days=1, withdrawal_policy="anonymise"))
+    if how == "retention":
+        erase_old_pictures(state.database, datetime.now(UTC) + timedelta(days=2))
+    else:
+        client.post("/v1/me/withdrawal", headers=person.phone.headers)
+    deleter = BlobDeleter(state.database, state.blobs)
+    deleter.delete_wanted()
+    make_old(state.blobs)
+    assert deleter.delete_orphans() == 1
+    assert not state.blobs.has(stray)
+
+
+def test_erased_photographs_that_a_restored_store_brings_back_go_again(person, state, settings):
+    saved = {blob.key: state.blobs.read(blob.key) for blob in state.blobs.keys()}  # noqa: SIM118
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(retention_days=1))
+    erase_old_pictures(state.database, datetime.now(UTC) + timedelta(days=2))
+    deleter = BlobDeleter(state.database, state.blobs)
+    deleter.delete_wanted()
+    for key, content in saved.items():
+        state.blobs.put_bytes(key, content)
+    make_old(state.blobs)
+    deleter.delete_orphans()
+    assert {key.split("/")[-2] for key in saved} > {"result.json"}
+    assert {blob.key.split("/")[-2] for blob in state.blobs.keys()} == {"result.json"}  # noqa: SIM118
+
+
+def test_what_a_job_under_way_has_sealed_is_no_orphan_however_old(person, state, settings):
+    sealed = seal_stray(state, f"runs/{uuid.uuid4()}/topview.jpg")
+    with state.database.write() as session:
+        session.execute(sa.update(Job).values(state="queued", finished_at=None))
+    make_old(state.blobs)
+    assert BlobDeleter(state.database, state.blobs).delete_orphans() == 0
+    assert state.blobs.has(sealed)
+
+
+def test_photograph_that_is_sent_again_while_orphans_are_looked_for_stays(person, state, settings, monkeypatch):
+    stray = seal_stray(state, "left")
+    make_old(state.blobs)
+    look = privacy.needed_keys
+
+    def look_then_sent_again(session, keys):
+        found = look(session, keys)
+        state.blobs.put_bytes(stray, b"sent again")
+        return found
+
+    monkeypatch.setattr(privacy, "needed_keys", look_then_sent_again)
+    assert BlobDeleter(state.database, state.blobs).delete_orphans() == 0
+    assert state.blobs.read(stray) == b"sent again"
+
+
+def test_store_of_another_database_is_left_alone(state, settings):
+    key = f"{uuid.uuid4()}/{uuid.uuid4()}/left/{'a' * 64}"
+    state.blobs.put_bytes(key, b"a photograph whose rows are elsewhere")
+    make_old(state.blobs)
+    assert BlobDeleter(state.database, state.blobs).delete_orphans() == 0
+    assert state.blobs.has(key)
+
+
+def seal_stray(state, slot):
+    """Seal a blob of the person's meal that no row names; its key."""
+    with state.database.read() as session:
+        study_id, meal_id = session.execute(sa.select(Meal.study_id, Meal.id)).one()
+    key = f"{study_id}/{meal_id}/{slot}/{'a' * 64}"
+    state.blobs.put_bytes(key, b"sealed, and never written down")
+    return key
+
+
+class ErasingChildren:
+    """A child pool of which the meal is erased while it computes."""
+
+    def __init__(self, erase):
+        self._erase = erase
+
+    def run(self, request, on_stage, *, name="", is_alone=False):
+        (pathlib.Path(request.arguments["output_dir"]) / "topview.jpg").write_bytes(b"a derived picture")
+        self._erase()
+        artefact = {"name": "topview.jpg", "media_type": "image/jpeg", "bytes": 17, "sha256": "c" * 64}
+        return SimpleNamespace(failure=None, result=estimates.answer(artefacts=[artefact]))
+
+
+@pytest.mark.parametrize("what", ["meal", "participant", "photographs"])
+def test_pictures_sealed_after_the_erasure_are_deleted_too(what, phone, state, settings, client):
+    body = meal_metadata()
+    phone.post(pair(), body)
+    with state.database.read() as session:
+        job_id = session.scalars(sa.select(Job.id)).one()
+
+    def erase():
+        if what == "meal":
+            client.delete(f"/v1/meals/{body['id']}", headers=phone.headers)
+        elif what == "participant":
+            client.post("/v1/me/withdrawal", headers=phone.headers)
+        else:
+            with state.database.write() as session:
+                found = privacy.ids_in(list(session.scalars(sa.select(Meal.id))))
+                privacy.want_deleted(
+                    session, privacy.mark_images_erased(session, found, datetime.now(UTC)), None, datetime.now(UTC)
+                )
+        BlobDeleter(state.database, state.blobs).delete_wanted()
+
+    work = EstimateMeal(state.database, state.blobs, ErasingChildren(erase), settings)
+    with pytest.raises(JobFailure) as caught:
+        work.compute(job_id)
+    assert caught.value.failure == PHOTOGRAPH_ERASED
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    assert list(state.blobs.keys()) == []
+    assert stored_names(state.blobs) == []
+
+
+def test_upload_that_is_sealed_while_its_person_leaves_is_refused_and_deleted(phone, state, client, monkeypatch):
+    put = state.blobs.put_files
+
+    def put_and_leave(files):
+        put(files)
+        client.post("/v1/me/withdrawal", headers=phone.headers)
+
+    monkeypatch.setattr(state.blobs, "put_files", put_and_leave)
+    answer = phone.post(pair())
+    assert (answer.status_code, answer.json()["code"]) == (410, "withdrawn")
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    assert list(state.blobs.keys()) == []
+
+
+def test_worker_does_the_chores_of_privacy(person, state, settings, client):
+    client.delete(person.path, headers=person.phone.headers)
+    chores = {
+        chore.name: chore for chore in worker_chores(state.database, state.blobs, state.part(SecretBox), settings)
+    }
+    for name in ("delete_blobs", "finish_erasures", "erase_old_pictures", "delete_orphans"):
+        chores[name].run()
+    assert list(state.blobs.keys()) == []
+
+
+def test_photographs_past_retention_stay_while_the_clock_is_in_doubt(person, state, settings):
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(retention_days=1))
+        session.execute(sa.update(Meal).values(received_at=datetime.now(UTC) - timedelta(days=2)))
+    wall = SimpleNamespace(seconds=0.0)
+    clock = ClockJumps(lambda: wall.seconds, lambda: 0.0)
+    chores = {
+        each.name: each for each in worker_chores(state.database, state.blobs, state.part(SecretBox), settings, clock)
+    }
+    wall.seconds = 1e9
+    assert chores["erase_old_pictures"].run() == 0
+    wall.seconds = 0.0
+    assert chores["erase_old_pictures"].run() == 1
+
+
+def test_digest_of_each_deed_differs(state):
+    one = uuid.uuid4()
+    digests = {digest_of(state.part(SecretBox), "participant", deed, one) for deed in ("keep", "anonymise", "erase")}
+    assert len(digests | {digest_of(state.part(SecretBox), "meal", "erase", one)}) == 4

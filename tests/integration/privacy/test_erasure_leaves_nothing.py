@@ -1,0 +1,250 @@
+"""After an erasure nothing of the person is anywhere: no row, no byte of the database, no file; the others' stay."""
+
+import contextlib
+import sqlite3
+
+import pytest
+import sqlalchemy as sa
+from fastapi.testclient import TestClient
+from pydantic import SecretStr
+
+from app.core.settings import Settings
+from app.db.base import Base
+from app.diary.day_sums import write_all_sums
+from app.diary.models import StudyDayMark, StudyDaySum
+from app.main import create_app
+from app.people.access.last_use import LastUse
+from app.people.access.secret_box import SecretKeyError
+from app.privacy.delete_blobs import BlobDeleter
+from app.privacy.erase import Eraser
+from app.privacy.reapply_erasures import reapply_erasures
+from app.records.rebuild_records import Rebuilt, rebuild_records
+from app.storage.opening import open_blob_store
+from tests.conftest import postgres_database
+from tests.integration.people.persons import (
+    FILE_TABLES,
+    OWNERS,
+    Person,
+    all_keys,
+    database_bytes,
+    make_files,
+    personal_tables,
+    tables_with_alias,
+)
+from tests.stores import copy_of_store, store_bytes
+
+STAYS_WITHOUT_MEAL = {
+    "access_token",
+    "camera_calibration",
+    "day_event",
+    "day_mark",  # its sums are to be written anew
+    "device",
+    "diary_day",
+    "enrolment",
+    "participant",
+    "webhook_delivery",
+}
+
+
+@pytest.fixture
+def bystander(state, enrol):
+    return Person(state, enrol, "somebody-else-7Kq", seed=5, with_files=True)
+
+
+@pytest.fixture
+def subject(state, enrol, bystander):
+    return Person(state, enrol, "nobodys-words-4Xz", seed=1, with_files=True)
+
+
+def finish(state):
+    state.part(LastUse).settle()
+    assert make_files(state) == ["done", "done"]  # both releases without what was erased
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    assert state.database.empty_log()
+
+
+def assert_nothing_is_left(state, needles):
+    assert_nothing_is_in("database", database_bytes(state.database), needles)
+    assert_nothing_is_in("store", store_bytes(state.blobs), needles)
+
+
+def assert_nothing_is_in(where, held, needles):
+    for needle in needles:
+        at = held.find(needle)
+        assert at < 0, f"{needle!r} is left in the {where}: ...{held[max(0, at - 200) : at + 100]!r}..."
+
+
+def test_what_a_study_s_days_come_to_goes_with_a_person_s_meals_and_is_counted_anew(state, subject, client):
+    write_all_sums(state.database)
+    assert study_days(state, StudyDaySum) == {subject.local_date}
+    assert study_days(state, StudyDayMark) == set()
+    assert client.post("/v1/me/withdrawal", headers=subject.phone.headers).status_code == 200
+    assert study_days(state, StudyDaySum) == set()
+    assert study_days(state, StudyDayMark) == {subject.local_date}
+    write_all_sums(state.database)
+    with state.database.read() as session:
+        assert session.scalars(sa.select(StudyDaySum.meals)).all() == [1], "the bystander's"
+
+
+def study_days(state, table):
+    with state.database.read() as session:
+        return set(session.scalars(sa.select(table.local_date)))
+
+
+def test_a_person_fills_every_table_that_can_hold_something_of_one(subject):
+    """A table that a later version adds must be filled in tests/integration/people/persons.py, and then be erased."""
+    empty = {table for table in personal_tables() | FILE_TABLES if not subject.rows[table]}
+    assert empty == set()
+
+
+def test_every_reference_to_rows_that_are_erased_has_an_index():
+    """Without one each erased row makes the database read the whole table that refers to it."""
+    missing = set()
+    for name in personal_tables():
+        table = Base.metadata.tables[name]
+        first = {next(iter(index.columns)).name for index in table.indexes} | {next(iter(table.primary_key)).name}
+        first |= {next(iter(each.columns)).name for each in table.constraints if isinstance(each, sa.UniqueConstraint)}
+        for key in table.foreign_keys:
+            if key.column.table.name in OWNERS and key.parent.name not in first:
+                missing.add((name, key.parent.name))
+    assert missing == set()
+
+
+def test_withdrawal_with_erasure_leaves_nothing_of_the_person(state, subject, bystander, client):
+    needles = subject.needles()
+    assert sum(needle in database_bytes(state.database) for needle in needles) > 20
+    assert sum(needle in store_bytes(state.blobs) for needle in needles) > 5
+    for folder in ("/exports/", "/releases/"):
+        assert subject.mark.lower().encode() in files_below(state, folder)
+    answer = client.post("/v1/me/withdrawal", headers=subject.phone.headers)
+    assert answer.status_code == 200, answer.text
+    state.part(LastUse).settle()
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    assert state.database.empty_log()
+    assert_nothing_is_in("database", database_bytes(state.database), needles)  # while the releases still have them
+    finish(state)
+    assert_nothing_is_left(state, needles)
+    assert tables_with_alias(state.database, subject.aliases) <= {"audit_event"}
+    assert_bystander_is_untouched(state, bystander)
+
+
+def test_erased_meal_leaves_nothing_but_its_person(state, subject, bystander, client):
+    needles = subject.needles()
+    of_the_person = keys_of_person_alone(state, subject)
+    assert client.delete(subject.path, headers=subject.phone.headers).status_code == 200
+    finish(state)
+    assert_nothing_is_left(state, [needle for needle in needles if needle not in of_the_person])
+    left = all_keys(state.database)
+    assert {table for table in personal_tables() if set(subject.rows[table]) & left[table]} == STAYS_WITHOUT_MEAL
+    assert_bystander_is_untouched(state, bystander)
+
+
+@pytest.mark.parametrize("what", ["participant", "meal"])
+def test_restored_backup_is_erased_again_before_anything_is_served(
+    request, what, state, settings, subject, bystander, client, tmp_path
+):
+    needles = subject.needles()
+    if what == "meal":
+        of_the_person = keys_of_person_alone(state, subject)
+        needles = [needle for needle in needles if needle not in of_the_person]
+    with backup(request, state.database, tmp_path) as url:
+        blob_url = copy_of_store(state.blobs, settings, tmp_path / "restored" / "blobs")
+        if what == "meal":
+            answer = client.delete(subject.path, headers=subject.phone.headers)
+        else:
+            answer = client.post("/v1/me/withdrawal", headers=subject.phone.headers)
+        restored = other_settings(
+            settings,
+            {
+                "database_url": url,
+                "blob_url": blob_url,
+                "erasure_url": settings.resolved_erasure_url,
+                "data_dir": tmp_path / "restored",
+            },
+        )
+        assert sum(needle in store_bytes(open_blob_store(blob_url, restored)) for needle in needles) > 3
+        with TestClient(create_app(restored)) as again:
+            state = again.app.state.api
+            assert state.database.url != client.app.state.api.database.url
+            finish(state)
+            assert_nothing_is_left(state, needles)
+            assert again.get(f"/v1/receipts/{answer.json()['id']}").json() == answer.json()
+            call = again.get(subject.path, headers=subject.phone.headers)
+            assert call.json()["code"] == ("meal_deleted" if what == "meal" else "withdrawn")
+            assert again.get(bystander.path, headers=bystander.phone.headers).status_code == 200
+            assert reapply_erasures(state.part(Eraser), state.blobs) == 0
+
+
+def test_ledger_under_another_key_refuses_to_start_with_a_restored_backup(
+    request, state, settings, subject, client, tmp_path
+):
+    with backup(request, state.database, tmp_path) as url:
+        client.post("/v1/me/withdrawal", headers=subject.phone.headers)
+        restored = other_settings(
+            settings,
+            {
+                "database_url": url,
+                "erasure_url": settings.resolved_erasure_url,
+                "data_dir": tmp_path / "restored",
+                "secret_key": SecretStr("another key, which made no digest at all"),
+            },
+        )
+        with pytest.raises(SecretKeyError, match="ledger"), TestClient(create_app(restored)):
+            pass
+
+
+def other_settings(settings, changes):
+    return Settings(**(settings.model_dump() | changes))  # a copy would keep what is resolved already
+
+
+@contextlib.contextmanager
+def backup(request, database, folder):
+    """A copy of the database as it is now: its URL."""
+    if database.is_sqlite:
+        path = folder / "restored" / "tada.sqlite3"
+        path.parent.mkdir(exist_ok=True)
+        with (
+            contextlib.closing(sqlite3.connect(sa.make_url(database.url).database)) as source,
+            contextlib.closing(sqlite3.connect(path)) as target,
+        ):
+            source.backup(target)
+        yield f"sqlite:///{path}"
+        return
+    database.dispose()
+    server = request.getfixturevalue("postgres_server")
+    with postgres_database(server, sa.make_url(database.url).database) as url:
+        yield url
+
+
+def keys_of_person_alone(state, person):
+    """Needles that belong to the person and not to the meal."""
+    stay = {person.mark.encode(), person.token_sha256.encode()}
+    with state.database.read() as session:
+        for name in STAYS_WITHOUT_MEAL:
+            table = Base.metadata.tables[name]
+            for row in session.execute(sa.select(table)):
+                stay.update(str(value).lower().encode() for value in row)
+                stay.update(str(value).replace("-", "").lower().encode() for value in row)
+    return stay - {str(person.meal_id).encode(), person.meal_id.hex.encode()}
+
+
+def assert_bystander_is_untouched(state, bystander):
+    left = all_keys(state.database)
+    assert {table: set(keys) - left[table] for table, keys in bystander.rows.items() if set(keys) - left[table]} == {}
+    answer = bystander.phone.get(bystander.path)
+    assert answer.status_code == 200
+    assert all(state.blobs.has(key) for key in blob_keys(state))
+    assert rebuild_records(state.database, write=False) == Rebuilt(compared=2, different=0)
+
+
+def files_below(state, folder):
+    keys = [blob.key for blob in state.blobs.keys() if folder in blob.key]  # noqa: SIM118  # a store is no mapping
+    return b"".join(b"".join(state.blobs.stream(key)) for key in keys).lower()
+
+
+def blob_keys(state):
+    with state.database.read() as session:
+        return [
+            *session.scalars(sa.text("SELECT blob_key FROM meal_image")),
+            *session.scalars(sa.text("SELECT blob_key FROM run_artefact")),
+        ]

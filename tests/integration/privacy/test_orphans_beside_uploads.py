@@ -1,0 +1,302 @@
+"""A phone sends again what an earlier try sealed and never wrote down, just when that goes as an orphan.
+
+Whoever comes first, a photograph that was acknowledged stays. Each test forces one order of the two.
+"""
+
+import threading
+
+import pytest
+import sqlalchemy as sa
+
+from app.core.errors import UnavailableError
+from app.db import spent_keys
+from app.meals import queries as meals
+from app.meals.job_models import Job
+from app.meals.models import MealImage
+from app.meals.record_models import Run
+from app.privacy import queries as privacy
+from app.privacy.delete_blobs import BlobDeleter
+from app.uploads.after_meal import SubmitAfterPair
+from app.uploads.submit_meal import SubmitMeal
+from tests import estimates
+from tests.integration.conftest import meal_metadata
+from tests.integration.records.after_pairs import Table
+from tests.photographs import pair
+from tests.stores import make_old
+
+PATIENCE_SECONDS = 10.0
+BLOCKED_SECONDS = 0.5  # long enough for whoever is not kept waiting by a lock
+
+
+class Sending:
+    """A phone with a meal whose first try failed after its photographs were sealed, two days ago."""
+
+    def __init__(self, phone, state, monkeypatch):
+        self.phone, self.state, self.metadata, self.photos = phone, state, meal_metadata(), pair(3)
+        Table(phone, state, seed=9)  # another meal, whose blobs are named
+        named = keys_of(state)
+        with monkeypatch.context() as patch:
+            patch.setattr(SubmitMeal, "_write", out_of_order)
+            assert self.send().status_code == 503
+        self.orphans = keys_of(state) - named
+        assert len(self.orphans) == 2
+        make_old(state.blobs)
+
+    def send(self):
+        return self.phone.post(self.photos, self.metadata)
+
+    def delete_orphans(self):
+        return BlobDeleter(self.state.database, self.state.blobs).delete_orphans()
+
+    def assert_kept(self):
+        """What was acknowledged: both photographs, in the store, and nothing else once orphans are gone."""
+        meal = self.phone.get(f"/v1/meals/{self.metadata['id']}").json()
+        assert {slot: image["durable"] for slot, image in meal["images"].items()} == {"left": True, "right": True}
+        with self.state.database.write() as session:
+            session.execute(
+                sa.update(Job).values(state="done", finished_at=Job.enqueued_at)
+            )  # while one waits, all of its meal stays
+        make_old(self.state.blobs)
+        self.delete_orphans()
+        with self.state.database.read() as session:
+            assert set(session.scalars(sa.select(MealImage.blob_key))) == keys_of(self.state)
+
+
+def keys_of(state):
+    return {blob.key for blob in state.blobs.keys()}  # noqa: SIM118  # a store is no mapping
+
+
+def out_of_order(*_, **__):
+    raise UnavailableError("The database does not answer.")
+
+
+def in_thread(work):
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    return thread
+
+
+class Halted:
+    """A call that waits: `reached` once somebody is in it, and goes on when `go_on` is set."""
+
+    def __init__(self, call):
+        self._call, self.reached, self.go_on = call, threading.Event(), threading.Event()
+
+    def __call__(self, *arguments, **options):
+        self.reached.set()
+        assert self.go_on.wait(PATIENCE_SECONDS)
+        return self._call(*arguments, **options)
+
+
+@pytest.fixture
+def sending(phone, state, monkeypatch):
+    return Sending(phone, state, monkeypatch)
+
+
+def test_photograph_acknowledged_while_its_orphan_is_just_deleted_stays(sending, state, monkeypatch):
+    """The deletion is on its way to the store: it deletes what it finds there, whenever it gets there."""
+    halted = Halted(state.blobs.delete)
+    monkeypatch.setattr(state.blobs, "delete", halted)
+    deletion = in_thread(sending.delete_orphans)
+    assert halted.reached.wait(PATIENCE_SECONDS)
+    acknowledged = sending.send()
+    halted.go_on.set()
+    deletion.join(PATIENCE_SECONDS)
+    assert acknowledged.status_code == 202
+    sending.assert_kept()
+
+
+def test_deleter_that_was_stopped_and_goes_on_long_after_another_took_its_place_deletes_no_photograph(
+    sending, state, monkeypatch
+):
+    delete = state.blobs.delete
+    halted = Halted(delete)
+    monkeypatch.setattr(state.blobs, "delete", halted)
+    deletion = in_thread(sending.delete_orphans)
+    assert halted.reached.wait(PATIENCE_SECONDS)
+    monkeypatch.setattr(state.blobs, "delete", delete)
+    assert sending.delete_orphans() == 2
+    assert sending.send().status_code == 202
+    halted.go_on.set()
+    deletion.join(PATIENCE_SECONDS)
+    sending.assert_kept()
+
+
+def test_photograph_whose_key_is_spent_after_it_was_sealed_is_refused_and_taken_when_it_is_sent_again(
+    sending, state, monkeypatch
+):
+    put_files = state.blobs.put_files
+
+    def put_and_deleted(files):
+        put_files(files)
+        make_old(state.blobs)  # as a worker sees it whose clock is days ahead
+        assert sending.delete_orphans() == 2
+
+    monkeypatch.setattr(state.blobs, "put_files", put_and_deleted)
+    refused = sending.send()
+    monkeypatch.setattr(state.blobs, "put_files", put_files)
+    assert (refused.status_code, refused.json()["retryable"]) == (503, True)
+    assert refused.headers["Retry-After"] == "1"
+    assert sending.send().status_code == 202
+    sending.assert_kept()
+
+
+def test_orphan_that_is_named_since_the_first_look_stays(sending, state, monkeypatch):
+    delete_orphans, answers = BlobDeleter._delete_orphans, []
+
+    def sent_meanwhile(self, keys, before):
+        if not answers:
+            answers.append(sending.send())
+            make_old(state.blobs)  # sealed again, it is young, or old by the clock of another machine
+        return delete_orphans(self, keys, before)
+
+    monkeypatch.setattr(BlobDeleter, "_delete_orphans", sent_meanwhile)
+    assert sending.delete_orphans() == 0
+    assert answers[0].status_code == 202
+    sending.assert_kept()
+
+
+def test_orphan_whose_row_is_written_and_not_committed_stays(sending, state, monkeypatch):
+    """PostgreSQL: the deleter cannot see the row, but that somebody holds the key. SQLite: it waits for its turn."""
+    lock_meal, deletions = meals.lock_meal, []
+
+    def while_orphans_are_deleted(session, meal_id):
+        if not deletions:
+            make_old(state.blobs)
+            deletions.append(in_thread(sending.delete_orphans))
+            deletions[0].join(BLOCKED_SECONDS)
+        return lock_meal(session, meal_id)
+
+    monkeypatch.setattr(meals, "lock_meal", while_orphans_are_deleted)
+    assert sending.send().status_code == 202
+    deletions[0].join(PATIENCE_SECONDS)
+    sending.assert_kept()
+
+
+def test_upload_that_meets_a_key_just_being_spent_waits_and_is_refused(sending, monkeypatch):
+    spend, uploads, answers = spent_keys.spend, [], []
+
+    def while_it_is_sent(session, keys, now):
+        spend(session, keys, now)
+        session.flush()
+        if not uploads:
+            uploads.append(in_thread(lambda: answers.append(sending.send())))
+            uploads[0].join(BLOCKED_SECONDS)
+            assert answers == []  # it waits
+
+    monkeypatch.setattr(spent_keys, "spend", while_it_is_sent)
+    sending.delete_orphans()
+    uploads[0].join(PATIENCE_SECONDS)
+    assert (answers[0].status_code, answers[0].json()["retryable"]) == (503, True)
+    assert sending.send().status_code == 202
+    sending.assert_kept()
+
+
+def test_orphans_of_a_batch_are_spent_together_before_the_first_is_deleted(sending, state, monkeypatch):
+    spend, delete, done = spent_keys.spend, state.blobs.delete, []
+    monkeypatch.setattr(spent_keys, "spend", lambda *given: (done.append(set(given[1])), spend(*given)))
+    monkeypatch.setattr(state.blobs, "delete", lambda key: (done.append(key), delete(key)))
+    assert sending.delete_orphans() == 2
+    assert done == [sending.orphans, *sorted(sending.orphans)]
+
+
+def test_listing_without_orphans_writes_nothing(sending, state, monkeypatch):
+    assert sending.delete_orphans() == 2
+    monkeypatch.setattr(state.database, "write", out_of_order)
+    assert sum(BlobDeleter(state.database, state.blobs).orphan_batches()) == 0
+
+
+@pytest.mark.parametrize("kind", ["postgres"])  # SQLite has one writer at a time
+def test_orphan_that_somebody_is_about_to_name_stays_and_the_others_of_its_batch_go(sending, state):
+    named, other = sorted(sending.orphans)
+    with state.database.write() as session:
+        spent_keys.hold(session, [named])
+        assert sending.delete_orphans() == 1
+    assert sending.orphans & keys_of(state) == {named}
+    with state.database.read() as session:
+        assert spent_keys.spent_among(session, sending.orphans) == {other}
+
+
+def test_deleter_that_died_before_it_deleted_keeps_no_phone_waiting(sending, state, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(state.blobs, "delete", out_of_order)
+        with pytest.raises(UnavailableError):
+            sending.delete_orphans()
+    assert sending.send().status_code == 202
+    sending.assert_kept()
+
+
+def test_photograph_of_an_after_pair_whose_orphan_is_just_deleted_stays(phone, state, monkeypatch):
+    table = Table(phone, state).measured()
+    with monkeypatch.context() as patch:
+        patch.setattr(SubmitAfterPair, "_write", out_of_order)
+        assert table.put("after_left").status_code == 503
+    make_old(state.blobs)
+    halted = Halted(state.blobs.delete)
+    monkeypatch.setattr(state.blobs, "delete", halted)
+    deletion = in_thread(BlobDeleter(state.database, state.blobs).delete_orphans)
+    assert halted.reached.wait(PATIENCE_SECONDS)
+    table.send_after()
+    halted.go_on.set()
+    deletion.join(PATIENCE_SECONDS)
+    with state.database.read() as session:
+        assert set(session.scalars(sa.select(MealImage.blob_key))) <= keys_of(state)
+
+
+def test_photograph_of_an_after_pair_is_refused_once_its_key_is_spent(phone, state, monkeypatch):
+    table = Table(phone, state).measured()
+    put_files = state.blobs.put_files
+
+    def put_and_deleted(files):
+        put_files(files)
+        make_old(state.blobs)
+        assert BlobDeleter(state.database, state.blobs).delete_orphans() == 1
+
+    monkeypatch.setattr(state.blobs, "put_files", put_and_deleted)
+    assert table.put("after_left").status_code == 503
+    monkeypatch.setattr(state.blobs, "put_files", put_files)
+    table.send_after()
+    with state.database.read() as session:
+        assert set(session.scalars(sa.select(MealImage.blob_key))) <= keys_of(state)
+
+
+def test_photograph_that_was_there_when_another_pair_took_its_place_is_not_taken_for_sealed(phone, state, monkeypatch):
+    """Nothing of it was put into the store by this request, and its row goes with the pair that failed."""
+    table = Table(phone, state).measured().send_after()
+    table.after_measured(failure={"code": "marker_not_found", "message": "No board.", "advice": ""})
+    write, answers = SubmitAfterPair._write, []
+
+    def after_another_pair(self, *arguments):
+        if not answers:
+            answers.append(None)
+            answers[0] = table.put("after_left", seed=99)
+        return write(self, *arguments)
+
+    monkeypatch.setattr(SubmitAfterPair, "_write", after_another_pair)
+    late = table.put("after_right")
+    assert answers[0].status_code == 202
+    assert late.status_code == 409
+    assert table.put("after_right").status_code == 202
+    with state.database.read() as session:
+        assert set(session.scalars(sa.select(MealImage.blob_key))) <= keys_of(state)
+
+
+@pytest.mark.parametrize("kind", ["postgres"])  # on SQLite nothing is committed while the deleter looks
+def test_answer_of_a_job_that_ends_between_two_queries_of_one_look_is_no_orphan(phone, state):
+    """Its run is not seen by the first, and its job is no longer under way for the second, were they the other way."""
+    table, saved = Table(phone, state), []
+    with state.database.read() as session:
+        job = session.scalars(sa.select(Job)).one()
+        sealed = f"{job.study_id}/{job.meal_id}/runs/{job.id}/result.json/{'a' * 64}"
+    with state.database.write() as session:
+
+        @sa.event.listens_for(session, "do_orm_execute")
+        def ends_before_the_second_query(_):
+            saved.append(None)
+            if len(saved) == 2:
+                run_id = estimates.save(state, table.id)
+                with state.database.write() as other:
+                    other.execute(sa.update(Run).where(Run.id == run_id).values(result_key=sealed))
+
+        assert privacy.needed_keys(session, [sealed]) == {sealed}
+    assert len(saved) >= 2

@@ -1,0 +1,165 @@
+"""The worker's part in an after-meal pair: its own photographs, hints and camera; and the whole way on real pixels."""
+
+import copy
+import io
+import json
+import pathlib
+from typing import ClassVar
+
+import pytest
+from PIL import Image
+
+from app.children.child_pool import ChildResult
+from app.core.errors import Failure
+from app.estimates.child_tasks import estimate_task
+from app.estimates.estimate_meal import EstimateMeal
+from app.jobs import queries as jobs
+from app.meals.job_models import Job
+from tests.estimates import answer
+from tests.integration.conftest import meal_metadata
+from tests.integration.records.after_pairs import Table, left_of_apple
+from tests.photographs import photograph
+
+RENDERED = pathlib.Path(__file__).parents[2] / "data" / "after_meal"
+DEMO = pathlib.Path(__file__).parents[3] / "app" / "demo_data"
+APPLE = (1092, 620)
+CAMERA = {"width": 640, "height": 480, "fx": 512.0, "fy": 512.0, "cx": 320.0, "cy": 240.0}
+
+
+class RecordingChildren:
+    """Answers as a child does, and keeps what it was asked and the photographs' bytes."""
+
+    def __init__(self, *items):
+        self.items = items
+        self.photos = {}
+        self.options = {}
+
+    def run(self, request, on_stage, *, seconds=None, name="", is_alone=False):
+        on_stage("read")
+        self.options = request.arguments["options"]
+        self.photos = {side: pathlib.Path(request.arguments[side]).read_bytes() for side in ("left", "right")}
+        return ChildResult("ok", answer(*self.items))
+
+
+class ChildrenInProcess:
+    """Runs the pipeline here, once for the same photographs and options: it knows no database."""
+
+    done: ClassVar = {}
+
+    def run(self, request, on_stage, *, seconds=None, name="", is_alone=False):
+        output = pathlib.Path(request.arguments["output_dir"])
+        photos = [pathlib.Path(request.arguments[side]).read_bytes() for side in ("left", "right")]
+        key = (*photos, json.dumps(request.arguments["options"], sort_keys=True))
+        if key not in self.done:
+            found = estimate_task(request.arguments, on_stage)
+            self.done[key] = (found, {path.name: path.read_bytes() for path in output.iterdir()})
+        found, files = self.done[key]
+        for file_name, content in files.items():
+            (output / file_name).write_bytes(content)
+        return ChildResult("ok", copy.deepcopy(found))
+
+
+def work(state, settings, children, purpose):
+    """Compute and save the newest job of a purpose, as a worker does."""
+    use_case = EstimateMeal(state.database, state.blobs, children, settings)
+    with state.database.read() as session:
+        job_id = session.query(Job).filter(Job.purpose == purpose).order_by(Job.enqueued_at.desc()).first().id
+    key = use_case.compute(job_id)
+    with state.database.write() as session:
+        use_case.save(session, job_id, use_case.load(key))
+    return key
+
+
+def test_after_run_has_the_pairs_own_photographs_hints_and_camera(phone, state, settings):
+    table = Table(phone, state).measured()
+    table.tell(hints=[{"point": [5, 6], "class": "refuse"}], camera=CAMERA)
+    table.send_after()
+    children = RecordingChildren(left_of_apple(hint=0))
+    key = work(state, settings, children, "after")
+    assert children.photos == {"left": photograph(71), "right": photograph(72)}
+    assert children.options["hints"] == [{"point": (5.0, 6.0)}]
+    assert children.options["camera"]["fx"] == 512.0
+    (left,) = table.after["leftovers"]
+    assert (left["class"], left["flags"]) == ("refuse", [])
+    assert table.get()["stage"] is None
+    assert "/runs/" in key
+
+
+def test_after_run_falls_back_on_the_meals_camera(phone, state, settings):
+    Table(phone, state, camera=CAMERA).measured().send_after()
+    children = RecordingChildren()
+    work(state, settings, children, "after")
+    assert (children.options["camera"]["fx"], children.options["hints"]) == (512.0, [])
+
+
+def test_worker_that_begins_or_fails_an_after_job_moves_the_pair_only(phone, state):
+    table = Table(phone, state).measured().send_after()
+    before = table.get()["status"]
+    with state.database.write() as session:
+        job = session.query(Job).filter(Job.purpose == "after").one()
+        job.executor_id = "worker"
+        assert jobs.start_attempt(session, job.id, "worker", job.enqueued_at) is job
+    assert (table.get()["status"], table.after["status"]) == (before, "processing")
+    with state.database.write() as session:
+        found = jobs.lock_live_job(session, job.id)
+        jobs.fail_job(*found, Failure("estimate_timed_out", "It took too long.", "Try again."), job.enqueued_at)
+        EstimateMeal(state.database, state.blobs, None, None).settle(session, found[1])
+    meal = table.get()
+    assert (meal["status"], meal["failure"]) == (before, None)
+    assert (meal["after"]["status"], meal["after"]["failure"]["code"]) == ("failed", "estimate_timed_out")
+    assert all("after_failed" in item["flags"] for item in meal["items"])
+
+
+def again(slot):
+    """The same photograph in other bytes, its EXIF kept."""
+    with Image.open(DEMO / f"{slot}.jpg") as image:
+        buffer = io.BytesIO()
+        image.save(buffer, "JPEG", quality=88, exif=image.getexif())
+    return buffer.getvalue()
+
+
+@pytest.mark.slow
+def test_meal_that_nobody_touched_was_not_eaten(phone, state, settings):
+    """The bundled pair before and after: matched by what is seen alone, and nothing eaten within the interval."""
+    photos = {slot: (DEMO / f"{slot}.jpg").read_bytes() for slot in ("left", "right")}
+    metadata = meal_metadata(hints=[{"point": list(APPLE), "food": "apple"}])
+    assert phone.post(photos, metadata).status_code == 202
+    path = f"/v1/meals/{metadata['id']}"
+    for slot in ("left", "right"):
+        assert phone.put(f"{path}/images/after_{slot}", content=again(slot)).status_code == 202
+    for purpose in ("after", "meal"):  # the after-meal pair's worker is quicker
+        work(state, settings, ChildrenInProcess(), purpose)
+    meal = phone.get(path).json()
+    apple = next(item for item in meal["items"] if item["food"] is not None)
+    left = next(each for each in meal["after"]["leftovers"] if each["item"] == apple["id"])
+    assert left["class"] == "food_left"
+    assert abs(apple["consumed_g"]) < 0.1 * apple["edible_g"]
+    assert apple["consumed_interval_g"][0] < 0.0 < apple["consumed_interval_g"][1]
+    assert meal["after"]["artefacts"]
+
+
+@pytest.mark.slow
+def test_half_an_orange_is_found_again_though_marker_and_phone_stand_elsewhere(phone, state, settings):
+    """A rendered meal of known volumes, the after-meal pair without a hint: who was eaten, and how much."""
+    truth = json.loads((RENDERED / "truth.json").read_text())
+    photos = {slot: (RENDERED / f"before_{slot}.jpg").read_bytes() for slot in ("left", "right")}
+    hints = [{"point": item["point"], "food": item["food"]} for item in truth["before"]["items"]]
+    metadata = meal_metadata(hints=hints)
+    assert phone.post(photos, metadata).status_code == 202
+    path = f"/v1/meals/{metadata['id']}"
+    for slot in ("left", "right"):
+        content = (RENDERED / f"after_{slot}.jpg").read_bytes()
+        assert phone.put(f"{path}/images/after_{slot}", content=content).status_code == 202
+    for purpose in ("meal", "after"):
+        work(state, settings, ChildrenInProcess(), purpose)
+    meal = phone.get(path).json()
+    orange, kiwi = (next(i for i in meal["items"] if i["food"]["key"] == hint["food"]) for hint in hints)
+    (left,) = meal["after"]["leftovers"]
+    assert (left["item"], left["class"], left["is_by_person"]) == (orange["id"], "food_left", False)
+    (served_ml, kiwi_ml), (left_ml,) = ([i["volume_ml"] for i in truth[pair]["items"]] for pair in ("before", "after"))
+    edible_g_per_ml = orange["density_g_per_ml"] * orange["edible_share"]
+    eaten_g = (served_ml - left_ml) * edible_g_per_ml
+    assert orange["consumed_g"] == pytest.approx(eaten_g, rel=0.15)  # two volumes, each within 5 % here
+    assert orange["consumed_interval_g"][0] < eaten_g < orange["consumed_interval_g"][1]
+    assert (kiwi["left_g"], kiwi["consumed_g"]) == (0.0, kiwi["edible_g"])
+    assert kiwi["volume_ml"] == pytest.approx(kiwi_ml, rel=0.15)

@@ -1,0 +1,201 @@
+"""Figures of a food change: records follow when asked, and only what follows from the food changes."""
+
+import dataclasses
+import uuid
+from datetime import UTC, date, datetime
+
+import pytest
+import sqlalchemy as sa
+
+from app.foods import queries as foods
+from app.foods.food_releases import use_release
+from app.foods.food_values import food_value
+from app.foods.import_foods import write_food
+from app.foods.models import FoodActivation, FoodRelease
+from app.meals.event_models import MealEvent
+from app.meals.models import Meal
+from app.meals.record_models import Item, ItemFood, Recompute
+from app.records.project_records import project_meal
+from app.records.rebuild_records import rebuild_records
+from app.records.recompute_records import recompute_nutrients
+from tests import estimates
+from tests.estimates import found_item, unmeasured_item
+from tests.integration.conftest import meal_metadata
+from tests.photographs import pair
+
+
+@pytest.fixture
+def meal_id(phone, state):
+    """Two apples, one of them without a volume."""
+    body = meal_metadata(hints=[{"point": [30, 20], "food": "apple"}, {"point": [60, 20], "food": "apple"}])
+    assert phone.post(pair(), body).status_code == 202
+    estimates.save(state, body["id"], found_item(hint=0), unmeasured_item(hint=1))
+    return body["id"]
+
+
+def correct_apple(state, **changes):
+    """A local version of the apple with other figures, as an edit makes it."""
+    now = datetime.now(UTC)
+    with state.database.write() as session:
+        apple = foods.foods_by_key(session, ["apple"])["apple"]
+        value = dataclasses.replace(food_value(session, apple), **changes)
+        release = FoodRelease(
+            source="local",
+            name="local",
+            version="1",
+            released_on=date(2026, 11, 21),
+            checksum="l" * 64,
+            imported_at=now,
+            completed_at=now,
+        )
+        session.add(release)
+        session.flush()
+        session.add(FoodActivation(name="local", release_id=release.id, author="me", activated_at=now))
+        write_food(session, release, value)
+
+
+def recompute(state, **changes):
+    told = []
+    arguments = {"write": True, "author": "me", "reason": "a test", "tell": told.append} | changes
+    return recompute_nutrients(state.database, **arguments), told
+
+
+def record_of(phone):
+    found = phone.get("/v1/records").json()["items"]
+    return sorted(found, key=lambda one: one["volume_ml"] is None)
+
+
+def test_nothing_changes_where_no_figure_has(meal_id, state):
+    done, told = recompute(state)
+    assert (done.compared, done.changed, told) == (2, 0, [])
+    with state.database.read() as session:
+        assert session.scalars(sa.select(Recompute)).all() == []
+
+
+@pytest.mark.usefixtures("meal_id")
+def test_dry_run_tells_the_difference_and_changes_nothing(phone, state):
+    before = record_of(phone)
+    correct_apple(state, per_100_g={"208": 104.0, "401": 4.6})
+    done, told = recompute(state, write=False)
+    assert done.changed == 2
+    measured = next(found for found in told if found.columns)
+    energy_before, energy_after = measured.columns["energy_kcal"]
+    assert energy_after == pytest.approx(2 * energy_before)
+    assert measured.columns["carbohydrate_g"][1] is None  # no longer known, and not 0
+    assert "mass_g" not in measured.columns
+    assert record_of(phone) == before
+
+
+@pytest.mark.usefixtures("meal_id")
+def test_records_are_made_anew_and_the_old_ones_stay(phone, state):
+    before = record_of(phone)
+    correct_apple(state, per_100_g={"208": 104.0})
+    done, _ = recompute(state)
+    after = record_of(phone)
+    assert done.changed == 2
+    assert [one["volume_ml"] for one in after] == [one["volume_ml"] for one in before]
+    assert after[0]["energy_kcal"] == pytest.approx(2 * before[0]["energy_kcal"])
+    assert after[0]["food_table"] == "local 1"
+    assert min(one["change_seq"] for one in after) > max(one["change_seq"] for one in before)
+    with state.database.read() as session:
+        versions = session.execute(sa.select(ItemFood.version, ItemFood.recompute_id).order_by(ItemFood.version)).all()
+        history = session.scalars(sa.select(Recompute)).one()
+    assert [version for version, _ in versions] == [1, 1, 2, 2]
+    assert {recompute_id for _, recompute_id in versions} == {None, history.id}
+    assert (history.author, history.reason) == ("me", "a test")
+    assert history.food_releases[0] == "local 1"
+    assert recompute(state)[0].changed == 0
+    assert rebuild_records(state.database, write=False).different == 0
+
+
+@pytest.mark.usefixtures("meal_id")
+def test_going_back_to_the_old_table_gives_the_old_figures_in_new_rows(phone, state):
+    before = record_of(phone)
+    correct_apple(state, per_100_g={"208": 104.0})
+    recompute(state)
+    use_release(state.database, "local", None, "me")
+    assert recompute(state)[0].changed == 2
+    changing = {"change_seq"}
+    assert [{name: one[name] for name in one.keys() - changing} for one in record_of(phone)] == [
+        {name: one[name] for name in one.keys() - changing} for one in before
+    ]
+    with state.database.read() as session:
+        assert session.scalar(sa.select(sa.func.max(ItemFood.version))) == 3
+
+
+@pytest.mark.parametrize(
+    ("kinds", "measured", "unmeasured"),
+    [
+        (["confirm"], "confirmed", "needs_review"),  # how much of it was eaten is still not known
+        (["set_mass"], "corrected", "corrected"),
+        (["set_mass", "reject"], "rejected", "rejected"),
+    ],
+)
+def test_word_of_a_person_survives(phone, state, meal_id, kinds, measured, unmeasured):
+    say(state, meal_id, kinds)
+    correct_apple(state, per_100_g={"208": 104.0})
+    done, _ = recompute(state)
+    assert done.changed == (0 if "reject" in kinds else 2)
+    assert [one["status"] for one in record_of(phone)] == [measured, unmeasured]
+    assert rebuild_records(state.database, write=False).different == 0
+
+
+def say(state, meal_client_id, kinds):
+    """A participant's events about both items."""
+    with state.database.write() as session:
+        meal = session.scalars(sa.select(Meal).where(Meal.client_id == uuid.UUID(meal_client_id))).one()
+        items = session.scalars(sa.select(Item).order_by(Item.position)).all()
+        events = [(kind, item.id) for kind in kinds for item in items]
+        session.add_all(
+            MealEvent(
+                id=uuid.uuid4(),
+                meal_id=meal.id,
+                sequence=number,
+                item_id=item_id,
+                kind=kind,
+                layer="participant",
+                old={},
+                new={"mass_g": 120.0, "of": "as_seen", "relative_sd": 0.1} if kind == "set_mass" else {},
+                request_sha256="",
+                created_at=datetime.now(UTC),
+            )
+            for number, (kind, item_id) in enumerate(events, 1)
+        )
+        project_meal(session, meal)
+
+
+@pytest.mark.usefixtures("meal_id")
+def test_food_that_no_table_has_any_more_is_left_as_it_is_and_counted(phone, state):
+    before = record_of(phone)
+    use_release(state.database, "tada-starter", None, "me")
+    done, told = recompute(state)
+    assert (done.changed, told, dict(done.gone)) == (0, [], {"apple": 2})
+    assert record_of(phone) == before
+
+
+@pytest.mark.usefixtures("meal_id")
+def test_only_the_named_study_is_computed_anew(phone, state, enrol):
+    other = enrol("P002", study="other")
+    body = meal_metadata(hints=[{"point": [30, 20], "food": "apple"}])
+    assert other.post(pair(1), body).status_code == 202
+    estimates.save(state, body["id"], found_item(hint=0))
+    correct_apple(state, per_100_g={"208": 104.0})
+    done, told = recompute(state, study_code="other")
+    assert (done.compared, done.changed) == (1, 1)
+    assert str(told[0].meal_id) == body["id"]
+    assert {one["food_table"] for one in record_of(phone)} != {"local 1"}
+
+
+@pytest.mark.usefixtures("meal_id")
+def test_items_and_their_volumes_are_never_touched(state):
+    def items():
+        with state.database.read() as session:
+            return [
+                (item.id, item.volume_ml, item.rings, item.flags)
+                for item in session.scalars(sa.select(Item).order_by(Item.id))
+            ]
+
+    before = items()
+    correct_apple(state, densities=(), per_100_g={"208": 1.0})
+    recompute(state)
+    assert items() == before

@@ -1,0 +1,461 @@
+"""What people say of a meal and what follows from it, over HTTP on both databases."""
+
+import uuid
+
+import pytest
+import sqlalchemy as sa
+
+from app.outbox.models import Webhook, WebhookDelivery
+from app.people.models import Study
+from app.records.rebuild_records import rebuild_records
+from tests import estimates
+from tests.estimates import found_item, unmeasured_item
+from tests.integration.conftest import meal_metadata
+from tests.integration.records.reviewing import Speaker, new_event
+from tests.photographs import pair
+
+HINTS = [{"point": [30, 20], "food": "apple"}, {"point": [60, 20], "food": "milk-whole"}, {"point": [90, 20]}]
+
+
+@pytest.fixture
+def body(phone, state):
+    """A meal of an apple, milk whose volume is not known, and something that nobody has named."""
+    body = meal_metadata(hints=HINTS)
+    assert phone.post(pair(), body).status_code == 202
+    estimates.save(state, body["id"], found_item(hint=0), unmeasured_item(hint=1), found_item(100.0, hint=2))
+    return body
+
+
+@pytest.fixture
+def participant(phone, client, body):
+    return Speaker(client, phone.headers, body["id"])
+
+
+@pytest.fixture
+def reviewer(client, admin, body):
+    return Speaker(client, admin, body["id"])
+
+
+@pytest.fixture(autouse=True)
+def _records_follow_from_events(request):
+    """Whatever a test has said, the records are those that would be built from nothing."""
+    state = request.getfixturevalue("state")
+    yield
+    assert rebuild_records(state.database, write=False).different == 0
+
+
+def measure_of(speaker, food):
+    """A household measure of a food."""
+    return speaker.client.get(f"/v1/foods/{food}", headers=speaker.headers).json()["portions"][0]["measure"]
+
+
+def statuses(meal):
+    return [item["status"] for item in meal["items"]]
+
+
+def test_confirmed_item_is_confirmed_and_the_version_grows(participant):
+    before = participant.meal()
+    meal = participant.say("confirm", item=before["items"][0]["id"])
+    assert statuses(meal) == ["confirmed", "needs_review", "needs_review"]
+    assert meal["version"] == before["version"] + 1
+    assert not meal["items"][0]["reviewed"]
+
+
+def test_item_without_food_or_amount_cannot_be_confirmed(participant):
+    _, milk, unnamed = participant.items()
+    assert participant.refused("confirm", item=milk["id"]) == (409, "item_incomplete")
+    assert participant.refused("confirm", item=unnamed["id"]) == (409, "item_incomplete")
+    assert participant.refused("confirm_meal") == (409, "item_incomplete")
+
+
+def test_meal_is_confirmed_once_all_is_settled(participant):
+    _, milk, unnamed = participant.items()
+    participant.say("set_volume", item=milk["id"], volume_ml=200)
+    participant.say("reject", item=unnamed["id"])
+    meal = participant.say("confirm_meal")
+    assert (meal["status"], statuses(meal)) == ("confirmed", ["confirmed", "corrected", "rejected"])
+    assert meal["totals"]["unmeasured_items"] == 0
+
+
+def test_without_if_match_it_is_428_and_with_an_older_version_412_with_the_current_one(participant, client):
+    event = new_event("confirm", item=participant.items()[0]["id"])
+    path = f"/v1/meals/{participant.meal_id}/events"
+    assert client.post(path, headers=participant.headers, json=event).status_code == 428
+    version = participant.meal()["version"]
+    answer = participant.send(event, if_match=f'"{version - 1}"')
+    assert (answer.status_code, answer.json()["code"], answer.json()["version"]) == (
+        412,
+        "precondition_failed",
+        version,
+    )
+
+
+def test_same_event_again_changes_nothing_and_another_of_its_id_is_refused(participant):
+    event = new_event("confirm", item=participant.items()[0]["id"])
+    first = participant.send(event)
+    again = participant.send(event, if_match='"0"')  # the phone did not hear the answer
+    assert (first.status_code, again.status_code) == (201, 200)
+    assert (again.json(), again.headers["etag"]) == (first.json(), first.headers["etag"])
+    other = participant.send(event | {"kind": "reject"})
+    assert (other.status_code, other.json()["code"]) == (409, "event_id_reused")
+
+
+def test_set_food_weighs_the_item_anew(participant):
+    apple = participant.items()[0]
+    changed = participant.say("set_food", item=apple["id"], food="banana")["items"][0]
+    assert (changed["food"]["key"], changed["status"]) == ("banana", "corrected")
+    assert changed["volume_ml"] == apple["volume_ml"]
+    assert changed["mass_g"] == pytest.approx(apple["volume_ml"] * changed["density_g_per_ml"])
+    assert participant.refused("set_food", item=apple["id"], food="no-such-food") == (422, "food_unknown")
+
+
+def test_reviewers_word_goes_over_what_the_participant_says_later(participant, reviewer):
+    apple = participant.items()[0]["id"]
+    reviewer.say("set_food", item=apple, food="pear")
+    meal = participant.say("set_food", item=apple, food="banana")
+    assert (meal["items"][0]["food"]["key"], meal["items"][0]["reviewed"]) == ("pear", True)
+    meal = participant.say("reject", item=apple)
+    assert meal["items"][0]["status"] == "corrected"
+
+
+def test_grams_and_household_measures_are_set_by_hand(participant):
+    apple, milk, _ = participant.items()
+    meal = participant.say("set_mass", item=apple["id"], mass_g=150, of="edible", relative_sd=0.02)
+    assert meal["items"][0]["edible_g"] == pytest.approx(150)
+    assert meal["items"][0]["mass_g"] == pytest.approx(150 / meal["items"][0]["edible_share"])
+    assert meal["items"][0]["volume_ml"] == apple["volume_ml"]
+    portion = next(
+        p for p in participant.client.get("/v1/foods/milk-whole", headers=participant.headers).json()["portions"]
+    )
+    meal = participant.say("set_mass", item=milk["id"], portion=portion["measure"], count=1.5)
+    assert meal["items"][1]["edible_g"] == pytest.approx(1.5 * portion["mass_g"] / portion["amount"])
+    assert participant.refused("set_mass", item=milk["id"], portion="a barrel", count=1) == (422, "portion_unknown")
+
+
+def test_density_is_shown_only_where_grams_follow_from_it(participant):
+    apple = participant.items()[0]
+    shown = ("density_g_per_ml", "density_sd_g_per_ml", "density_basis", "density_source")
+    assert None not in [apple[name] for name in shown]
+    weighed = participant.say("set_mass", item=apple["id"], mass_g=150)["items"][0]
+    assert [weighed[name] for name in shown] == [None] * 4
+    records = participant.client.get("/v1/records", headers=participant.headers).json()["items"]
+    record = next(record for record in records if record["id"] == apple["id"])
+    assert (record["density_g_per_ml"], record["density_source"]) == (None, None)
+    assert record["volume_ml"] == apple["volume_ml"]
+    measured = participant.say("set_volume", item=apple["id"], volume_ml=200)["items"][0]
+    assert [measured[name] for name in shown] == [apple[name] for name in shown]
+
+
+def test_household_measure_counts_for_the_food_that_it_was_told_of(participant):
+    before = participant.items()[0]
+    measure = measure_of(participant, "apple")
+    told = participant.say("set_mass", item=before["id"], portion=measure, count=2)["items"][0]
+    assert told["edible_g"] != before["edible_g"]
+    event = new_event("set_food", item=before["id"], food="banana")
+    changed = participant.send(event).json()["items"][0]
+    assert changed["volume_ml"] == before["volume_ml"]
+    assert changed["mass_g"] == pytest.approx(before["volume_ml"] * changed["density_g_per_ml"])
+    undone = participant.say("undo", event=event["id"])["items"][0]
+    assert undone == told
+
+
+def test_parts_of_a_portion_are_portions_of_the_same_food(participant):
+    apple = participant.items()[0]
+    participant.say("set_mass", item=apple["id"], portion=measure_of(participant, "apple"), count=2)
+    whole_g = participant.items()[0]["edible_g"]
+    parts = [{"share": 0.5}, {"share": 0.5, "food": "banana"}]
+    same, other = participant.say("split", item=apple["id"], parts=parts)["items"][-2:]
+    assert same["edible_g"] == pytest.approx(whole_g / 2)
+    assert other["volume_ml"] == pytest.approx(apple["volume_ml"] / 2)
+    assert other["mass_g"] == pytest.approx(other["volume_ml"] * other["density_g_per_ml"])
+
+
+def test_share_scales_what_was_consumed(participant):
+    apple = participant.items()[0]
+    changed = participant.say("set_share", item=apple["id"], share=0.25)["items"][0]
+    assert changed["consumed_g"] == pytest.approx(0.25 * apple["consumed_g"])
+    assert (changed["edible_g"], changed["status"]) == (apple["edible_g"], "proposed")
+
+
+def test_undo_restores_what_was_and_is_done_once(participant):
+    before = participant.items()[0]
+    event = new_event("set_food", item=before["id"], food="banana")
+    assert participant.send(event).status_code == 201
+    assert participant.say("undo", event=event["id"])["items"][0] == before
+    assert participant.refused("undo", event=event["id"]) == (409, "event_undone")
+
+
+def test_participant_cannot_undo_a_reviewers_word_but_a_reviewer_the_participants(participant, reviewer):
+    apple = participant.items()[0]["id"]
+    theirs, own = new_event("set_food", item=apple, food="pear"), new_event("set_share", item=apple, share=0.5)
+    reviewer.send(theirs)
+    participant.send(own)
+    assert participant.refused("undo", event=theirs["id"]) == (403, "event_not_yours")
+    assert reviewer.say("undo", event=own["id"])["items"][0]["share"] == 1.0
+
+
+def test_split_by_shares_gives_parts_that_sum_to_the_whole_and_undo_restores_it(participant):
+    apple = participant.items()[0]
+    event = new_event("split", item=apple["id"], parts=[{"share": 0.25}, {"share": 0.75, "food": "pear"}])
+    assert participant.send(event).status_code == 201
+    parts = [item for item in participant.items() if item["origin"] == "split"]
+    assert [part["food"]["key"] for part in parts] == ["apple", "pear"]
+    assert [part["volume_ml"] for part in parts] == pytest.approx([0.25 * 185, 0.75 * 185])
+    assert participant.refused("confirm", item=apple["id"]) == (409, "item_replaced")
+    meal = participant.say("undo", event=event["id"])
+    assert meal["items"][0] == apple
+    assert participant.refused("confirm", item=parts[0]["id"]) == (409, "item_replaced")
+
+
+def test_merged_items_are_one_with_the_amount_of_both(participant):
+    apple, _, unnamed = participant.items()
+    meal = participant.say("merge", items=[apple["id"], unnamed["id"]])
+    merged = next(item for item in meal["items"] if item["origin"] == "merged")
+    assert (merged["food"]["key"], merged["volume_ml"]) == ("apple", pytest.approx(285.0))
+    assert len(participant.items()) == 2
+
+
+def test_added_food_counts_at_once(participant):
+    meal = participant.say("add", food="bread-white", amount={"mass_g": 40})
+    added = meal["items"][-1]
+    assert (added["origin"], added["status"], added["mass_g"]) == ("added", "confirmed", pytest.approx(40))
+
+
+def test_redrawn_outline_is_measured_by_a_run_of_its_own(participant, state):
+    apple = participant.items()[0]
+    ring = [[5.0, 5.0], [80.0, 5.0], [80.0, 80.0]]
+    meal = participant.say("redraw", item=apple["id"], polygon=ring)
+    redrawn = meal["items"][0]
+    assert (redrawn["flags"], redrawn["volume_ml"], redrawn["polygon"]) == (["remeasuring"], 185.0, [ring])
+    assert participant.refused("confirm", item=apple["id"]) == (409, "item_remeasuring")
+    measured = found_item(220.0, polygon=ring)
+    estimates.save(state, participant.meal_id, measured, purpose="remeasure", regions=[apple["id"]])
+    measured = participant.items()[0]
+    assert (measured["flags"], measured["volume_ml"], measured["status"]) == ([], 220.0, "corrected")
+    assert participant.meal()["run"] == meal["run"]
+
+
+def test_outline_as_get_gives_it_is_drawn_anew_as_it_was(participant):
+    apple, milk, _ = participant.items()
+    ring_and_hole = [
+        [[5.0, 5.0], [80.0, 5.0], [80.0, 80.0], [5.0, 80.0]],
+        [[30.0, 30.0], [50.0, 30.0], [50.0, 50.0]],
+    ]
+    redrawn = participant.say("redraw", item=apple["id"], polygon=ring_and_hole)["items"][0]
+    assert redrawn["polygon"] == ring_and_hole
+    again = participant.say("redraw", item=apple["id"], polygon=redrawn["polygon"])["items"][0]
+    assert again["polygon"] == ring_and_hole
+    parts = [{"polygon": ring_and_hole}, {"polygon": ring_and_hole[1]}]
+    split = participant.say("split", item=milk["id"], parts=parts)["items"]
+    assert [item["polygon"] for item in split if item["parent"] == milk["id"]] == [ring_and_hole, ring_and_hole[1:]]
+
+
+@pytest.mark.parametrize(
+    "polygon",
+    [
+        [],
+        [[]],
+        [[[1, 1], [2, 2]]],
+        [[[1, 1], [2, 2], [3, 1]], []],
+        [[[1, 1], [2, 2], [3, "1"]]],
+        [[[x, x % 7] for x in range(1500)], [[x, x % 5] for x in range(1500)]],
+        [[[[1, 1], [2, 2], [3, 1]]]],
+        {"0": [[1, 1]]},
+        "ring",
+    ],
+)
+def test_outline_that_encloses_nothing_or_too_much_is_refused(participant, polygon):
+    apple = participant.items()[0]
+    assert participant.refused("redraw", item=apple["id"], polygon=polygon) == (422, "invalid_input")
+
+
+def test_region_that_cannot_be_measured_leaves_the_amount_unknown_but_not_what_was_told(participant, state):
+    apple, _, unnamed = participant.items()
+    ring = [[5.0, 5.0], [80.0, 5.0], [80.0, 80.0]]
+    participant.say("set_mass", item=unnamed["id"], mass_g=77)
+    for item in (apple, unnamed):
+        participant.say("redraw", item=item["id"], polygon=ring)
+        estimates.save(state, participant.meal_id, purpose="remeasure", regions=[item["id"]])
+    first, _, last = participant.items()
+    assert (first["flags"], first["volume_ml"], first["status"]) == (["not_measurable"], None, "needs_review")
+    assert (last["flags"], last["status"]) == (["not_measurable"], "needs_review")  # it has no food yet
+    assert participant.say("set_food", item=unnamed["id"], food="apple")["items"][2]["mass_g"] == pytest.approx(77)
+
+
+def test_answered_probe_is_an_item_of_its_own_and_not_asked_again(participant):
+    added = participant.say("add", food="potatoes-boiled", amount={"mass_g": 200})["items"][-1]
+    assert "fat_added" in added["open_probes"]
+    told = {"item": added["id"], "probe": "fat_added"}
+    meal = participant.say("declare", **told, answer="yes", food="butter", amount={"mass_g": 10})
+    butter = meal["items"][-1]
+    assert (butter["origin"], butter["parent"], butter["mass_g"]) == ("declared", added["id"], pytest.approx(10))
+    assert "fat_added" not in meal["items"][-2]["open_probes"]
+    assert participant.refused("declare", **told, answer="no") == (409, "probe_answered")
+    assert participant.refused("declare", item=added["id"], probe="drained", answer="no") == (422, "probe_unknown")
+    meal = participant.say("reject", item=added["id"])
+    assert meal["items"][-1]["status"] == "rejected"
+
+
+def test_reviewers_share_of_an_added_food_stands_over_the_participants(participant, reviewer):
+    told, untold = (
+        reviewer.say("add", food="potatoes-boiled", amount={"mass_g": 200}, **share)["items"][-1]["id"]
+        for share in ({"share": 0.5}, {})
+    )
+    for item in (told, untold):
+        participant.say("set_share", item=item, share=0.25)
+    assert [item["share"] for item in participant.items()[-2:]] == [0.5, 0.25]
+    reviewer.say("set_share", item=told, share=0.75)
+    assert participant.items()[-2]["share"] == 0.75
+
+
+@pytest.mark.parametrize("order", ["declared_then_shared", "shared_then_declared"])
+def test_what_was_declared_of_a_shared_dish_is_shared_as_the_dish_is(participant, order):
+    dish = participant.say("add", food="potatoes-boiled", amount={"mass_g": 200})["items"][-1]["id"]
+    own = participant.say("add", food="potatoes-boiled", amount={"mass_g": 200})["items"][-1]["id"]
+    butter = {"probe": "fat_added", "answer": "yes", "food": "butter", "amount": {"mass_g": 20}}
+    if order == "declared_then_shared":
+        participant.say("declare", item=dish, **butter)
+        participant.say("declare", item=own, **butter, share=0.25)
+    for item in (dish, own):
+        participant.say("set_share", item=item, share=0.5)
+    if order == "shared_then_declared":
+        participant.say("declare", item=dish, **butter)
+        participant.say("declare", item=own, **butter, share=0.25)
+    of_dish, of_own = participant.items()[-2:]
+    assert (of_dish["share"], of_dish["consumed_g"]) == (0.5, pytest.approx(10.0))
+    assert (of_own["share"], of_own["consumed_g"]) == (0.25, pytest.approx(5.0))
+    meal = participant.say("set_share", item=of_dish["id"], share=1.0)
+    assert meal["items"][-2]["consumed_g"] == pytest.approx(20.0)
+
+
+def test_history_tells_staff_names_and_participants_only_layers(participant, reviewer):
+    apple = participant.items()[0]["id"]
+    participant.say("set_food", item=apple, food="banana")
+    reviewer.say("comment", item=apple, text="Looks like a plantain.")
+    rows = participant.history()["items"]
+    assert [row["author"] for row in rows] == ["participant", "reviewer"]
+    assert rows[0]["old"] == {"food": "apple", "lies_as": None}
+    assert rows[0]["new"] == {"food": "banana", "lies_as": None}
+    assert [row["author"] for row in reviewer.history()["items"]] == ["P001", "admin"]
+
+
+def test_history_comes_in_pages(participant):
+    for number in range(5):
+        participant.say("comment", text=f"remark {number}")
+    first = participant.history(limit=3)
+    second = participant.client.get(first["next"], headers=participant.headers).json()
+    assert [row["sequence"] for row in first["items"] + second["items"]] == [1, 2, 3, 4, 5]
+    assert second["next"] is None
+
+
+def test_item_of_another_meal_is_unknown(participant, phone, state):
+    other = meal_metadata(hints=HINTS[:1])
+    phone.post(pair(), other)
+    estimates.save(state, other["id"], found_item())
+    item = phone.get(f"/v1/meals/{other['id']}").json()["items"][0]["id"]
+    assert participant.refused("confirm", item=item) == (404, "item_not_found")
+
+
+def test_meal_that_is_not_estimated_yet_takes_no_corrections(phone, client):
+    body = meal_metadata(hints=HINTS)
+    phone.post(pair(), body)
+    speaker = Speaker(client, phone.headers, body["id"])
+    assert speaker.refused("confirm_meal") == (409, "meal_not_estimated")
+    assert speaker.say("comment", text="It was my birthday.")["status"] == "queued"
+
+
+def test_answer_to_drained_says_what_the_food_is_and_makes_no_item(participant):
+    canned = participant.say("add", food="peaches-canned", amount={"mass_g": 120})["items"][-1]
+    told = {"item": canned["id"], "probe": "drained", "answer": "no"}
+    meal = participant.say("declare", **told, food="peach")
+    assert len(meal["items"]) == 4
+    assert meal["items"][-1]["food"]["key"] == "peach"
+    assert "drained" not in meal["items"][-1]["open_probes"]
+
+
+def test_yes_names_what_was_added_and_unknown_is_not_asked_again(participant):
+    added = participant.say("add", food="potatoes-boiled", amount={"mass_g": 200})["items"][-1]
+    told = {"item": added["id"], "probe": "fat_added"}
+    assert participant.refused("declare", **told, answer="yes") == (422, "declared_food_missing")
+    meal = participant.say("declare", **told, answer="unknown")
+    assert "fat_added" not in meal["items"][-1]["open_probes"]
+
+
+def test_declared_food_has_the_share_of_what_it_came_with(participant):
+    salad = participant.say("add", food="salad-greens", amount={"mass_g": 80}, share=0.5)["items"][-1]
+    told = {"item": salad["id"], "probe": "dressing", "answer": "yes", "food": "olive-oil"}
+    oil = participant.say("declare", **told, amount={"mass_g": 10})["items"][-1]
+    assert oil["consumed_g"] == pytest.approx(5)
+
+
+def test_participant_does_not_split_what_a_reviewer_has_spoken_of(participant, reviewer):
+    apple, _, unnamed = participant.items()
+    reviewer.say("confirm", item=apple["id"])
+    parts = [{"share": 0.5}, {"share": 0.5}]
+    assert participant.refused("split", item=apple["id"], parts=parts) == (409, "item_reviewed")
+    assert participant.refused("merge", items=[apple["id"], unnamed["id"]]) == (409, "item_reviewed")
+    event = new_event("split", item=unnamed["id"], parts=parts)
+    participant.send(event)
+    part = participant.items()[-1]
+    reviewer.say("set_food", item=part["id"], food="pear")
+    assert participant.refused("undo", event=event["id"]) == (409, "item_reviewed")
+    assert reviewer.say("undo", event=event["id"])["items"][2]["status"] == "needs_review"
+
+
+def test_different_foods_are_merged_only_as_one_that_is_named(participant):
+    apple, milk, _ = participant.items()
+    both = [apple["id"], milk["id"]]
+    assert participant.refused("merge", items=both) == (422, "merge_needs_food")
+    merged = participant.say("merge", items=both, food="fruit-salad")["items"][-1]
+    assert (merged["food"]["key"], merged["volume_ml"], merged["status"]) == ("fruit-salad", None, "needs_review")
+
+
+def test_meal_that_failed_can_be_told_in_words(phone, client, state):
+    body = meal_metadata(hints=HINTS)
+    phone.post(pair(), body)
+    failure = {"code": "marker_not_found", "message": "No board.", "advice": "Show it."}
+    estimates.save(state, body["id"], failure=failure)
+    speaker = Speaker(client, phone.headers, body["id"])
+    event = new_event("add", food="apple", amount={"mass_g": 150})
+    assert speaker.send(event).json()["status"] == "confirmed"
+    assert speaker.say("undo", event=event["id"])["status"] == "failed"
+    assert speaker.say("confirm_meal")["status"] == "confirmed"
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"kind": "set_mass", "mass_g": 100, "portion": "cup", "count": 1},
+        {"kind": "set_mass", "portion": "cup"},
+        {"kind": "set_mass", "mass_g": 0},
+        {"kind": "set_volume", "volume_ml": 1e300},
+        {"kind": "set_share", "share": 1.01},
+        {"kind": "set_share", "share": 0},
+        {"kind": "split", "parts": [{"share": 0.5}, {"share": 0.6}]},
+        {"kind": "split", "parts": [{"share": 0.5}, {"food": "apple"}]},
+        {"kind": "redraw", "polygon": [[0, 0], [1, 1]]},
+        {"kind": "confirm", "status": "confirmed"},
+        {"kind": "declare", "probe": "fat_added", "answer": "unknown", "food": "butter"},
+        {"kind": "eat"},
+    ],
+)
+def test_event_that_makes_no_sense_is_invalid(participant, fields):
+    answer = participant.send(new_event(fields["kind"], item=participant.items()[0]["id"]) | fields)
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input")
+    assert participant.history()["items"] == []
+
+
+def test_confirmed_meal_is_told_to_webhooks_once(participant, state):
+    with state.database.write() as session:
+        study = session.scalars(sa.select(Study)).one()
+        hook = Webhook(id=uuid.uuid4(), study_id=study.id, url="https://example.org", events=["meal.confirmed"])
+        hook.secret_sealed, hook.author, hook.created_at = "", "admin", study.created_at
+        session.add(hook)
+    _, milk, unnamed = participant.items()
+    for item in (milk, unnamed):
+        participant.say("reject", item=item["id"])
+    participant.say("confirm_meal")
+    participant.say("comment", text="Good.")
+    with state.database.read() as session:
+        told = [row.event for row in session.scalars(sa.select(WebhookDelivery))]
+    assert told == ["meal.confirmed"]

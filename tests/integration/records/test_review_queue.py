@@ -1,0 +1,116 @@
+"""The reviewers' queue and the participant's open questions."""
+
+import pytest
+
+from tests import estimates
+from tests.estimates import found_item, unmeasured_item
+from tests.integration.conftest import meal_metadata
+from tests.integration.records.reviewing import Speaker, new_event
+from tests.photographs import pair
+
+QUEUE = "/v1/studies/pilot/review-queue"
+
+
+@pytest.fixture
+def queue(client, admin):
+    def queue(**params):
+        answer = client.get(QUEUE, headers=admin, params=params)
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+    return queue
+
+
+@pytest.fixture
+def meal_of(state):
+    """An estimated meal of a phone, from a list of its items."""
+
+    def meal_of(phone, *items, **changes):
+        body = meal_metadata(hints=[{"point": [30, 20], "food": "apple"}], **changes)
+        assert phone.post(pair(), body).status_code == 202
+        estimates.save(state, body["id"], *items)
+        return body["id"]
+
+    return meal_of
+
+
+def doubtful(relative_sd, **changes):
+    return found_item(relative_sd={"pair": 0.0, "item": relative_sd}, **changes)
+
+
+def test_most_doubtful_item_comes_first_with_all_that_a_decision_needs(queue, phone, meal_of, client, admin):
+    meal_of(phone, doubtful(0.05))
+    wide = meal_of(phone, doubtful(0.4))
+    unknown = meal_of(phone, unmeasured_item())
+    rows = queue()["items"]
+    assert [row["meal"] for row in rows][:2] == [unknown, wide]
+    assert [row["doubt"] for row in rows] == sorted((row["doubt"] for row in rows), reverse=True)
+    assert rows[0]["doubt"] == 1.0
+    row = rows[1]
+    assert (row["food"]["key"], row["candidates"][0]["food"]["key"], row["participant"]) == ("apple", "apple", "P001")
+    assert client.get(row["meal_href"], headers=admin).headers["etag"] == row["etag"]
+    assert client.get(row["photograph_href"], headers=admin).status_code == 200
+
+
+def test_reviewed_and_rejected_items_leave_the_queue(queue, phone, meal_of, client, admin):
+    for word, headers in (("confirm", admin), ("reject", phone.headers)):
+        speaker = Speaker(client, headers, meal_of(phone, found_item()))
+        speaker.say(word, item=speaker.items()[0]["id"])
+    kept = Speaker(client, phone.headers, meal_of(phone, found_item()))
+    kept.say("confirm", item=kept.items()[0]["id"])
+    assert [row["meal"] for row in queue()["items"]] == [kept.meal_id]
+
+
+def test_pages_hold_every_item_once(queue, phone, meal_of, client, admin):
+    meals = {meal_of(phone, doubtful(sd)) for sd in (0.1, 0.1, 0.2, 0.3, 0.1)}
+    page = queue(limit=2)
+    rows = page["items"]
+    while page["next"]:
+        page = client.get(page["next"], headers=admin).json()
+        rows += page["items"]
+    assert (len(rows), {row["meal"] for row in rows}) == (5, meals)
+    assert [row["doubt"] for row in rows] == sorted((row["doubt"] for row in rows), reverse=True)
+
+
+def test_filters_leave_out_what_they_name(queue, enrol, meal_of):
+    first, second = enrol("P001"), enrol("P002")
+    meal_of(first, doubtful(0.1))
+    wide = meal_of(second, doubtful(0.5), unmeasured_item())
+    assert {row["participant"] for row in queue(participant="P002")["items"]} == {"P002"}
+    assert [row["status"] for row in queue(status="needs_review")["items"]] == ["needs_review"]
+    assert [row["meal"] for row in queue(min_doubt=0.45, status="proposed")["items"]] == [wide]
+    assert queue(food="banana")["items"] == []
+    assert len(queue(provisional=False)["items"]) == 3
+
+
+def test_viewers_and_phones_see_no_queue(client, phone):
+    assert client.get(QUEUE, headers=phone.headers).status_code == 403
+
+
+def test_question_is_open_until_it_is_answered(client, phone, admin, meal_of):
+    meal_id = meal_of(phone, found_item())
+    participant, reviewer = Speaker(client, phone.headers, meal_id), Speaker(client, admin, meal_id)
+    item = participant.items()[0]["id"]
+    question = new_event("question", item=item, text="Did you peel it?")
+    assert reviewer.send(question).status_code == 201
+    open_ones = phone.get("/v1/me/questions").json()["items"]
+    assert [(row["id"], row["meal"], row["text"]) for row in open_ones] == [
+        (question["id"], meal_id, "Did you peel it?")
+    ]
+    assert reviewer.refused("answer", question=question["id"], text="No.") == (403, "event_not_yours")
+    answer = new_event("answer", question=question["id"], text="Yes.")
+    assert participant.send(answer, if_match=open_ones[0]["etag"]).status_code == 201
+    assert phone.get("/v1/me/questions").json()["items"] == []
+    assert participant.refused("answer", question=question["id"], text="No.") == (409, "question_answered")
+    participant.say("undo", event=answer["id"])
+    assert len(phone.get("/v1/me/questions").json()["items"]) == 1
+    reviewer.say("undo", event=question["id"])
+    assert phone.get("/v1/me/questions").json()["items"] == []
+
+
+def test_participant_asks_no_questions_and_sees_only_their_own(client, enrol, admin, meal_of):
+    first, second = enrol("P001"), enrol("P002")
+    meal_id = meal_of(first, found_item())
+    Speaker(client, admin, meal_id).say("question", text="Who cooked it?")
+    assert Speaker(client, first.headers, meal_id).refused("question", text="Why?") == (403, "event_not_yours")
+    assert second.get("/v1/me/questions").json()["items"] == []

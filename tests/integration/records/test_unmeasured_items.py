@@ -1,0 +1,90 @@
+"""An item without a volume, from the pipeline's answer to what researchers get: kept, named, and nowhere a number."""
+
+import csv
+import io
+import uuid
+
+import pytest
+
+from app.cli.demo import show_meal
+from app.foods.food_amounts import RECORD_COLUMNS
+from app.records.rebuild_records import rebuild_records
+from tests import estimates
+from tests.estimates import found_item, unmeasured_item
+from tests.integration.conftest import meal_metadata
+from tests.photographs import pair
+
+HINTS = [{"point": [30, 20], "food": "apple"}, {"point": [60, 20], "food": "milk-whole"}]
+VOLUME = ("volume_ml", "volume_low_ml", "volume_high_ml")
+DERIVED = ("mass_g", "mass_low_g", "mass_high_g", "edible_g", *RECORD_COLUMNS)
+
+
+@pytest.fixture
+def meal(phone, state):
+    """An apple that was measured beside milk in an opaque bowl."""
+    body = meal_metadata(hints=HINTS)
+    assert phone.post(pair(), body).status_code == 202
+    estimates.save(state, body["id"], found_item(hint=0), unmeasured_item(hint=1))
+    return phone.get(f"/v1/meals/{body['id']}").json()
+
+
+def test_meal_shows_outline_food_and_flag_and_waits_for_a_person(meal):
+    apple, milk = meal["items"]
+    assert (meal["status"], apple["status"], milk["status"]) == ("needs_review", "proposed", "needs_review")
+    assert milk["polygon"] == apple["polygon"]
+    assert (milk["food"]["key"], milk["flags"]) == ("milk-whole", ["not_measurable"])
+    assert [candidate["food"]["key"] for candidate in milk["candidates"]] == ["milk-whole"]
+
+
+def test_meal_shows_no_amount_of_it(meal):
+    milk = meal["items"][1]
+    amounts = ("volume_ml", "volume_interval_ml", "mass_g", "mass_interval_g", "edible_g")
+    assert [milk[name] for name in amounts] == [None] * len(amounts)
+    assert milk["nutrients"] == []
+    assert milk["density_g_per_ml"] > 0  # for the volume that a person sets
+
+
+@pytest.mark.usefixtures("meal")
+def test_records_have_nulls_in_json_and_empty_cells_in_csv(phone):
+    record = phone.get("/v1/records", food="milk-whole").json()["items"][0]
+    assert [record[name] for name in (*VOLUME, *DERIVED)] == [None] * len((*VOLUME, *DERIVED))
+    assert record["status"] == "needs_review"
+    row = next(csv.DictReader(io.StringIO(phone.get("/v1/records", food="milk-whole", format="csv").text)))
+    assert {row[name] for name in (*VOLUME, *DERIVED)} == {""}
+    assert row["food_key"] == "milk-whole"
+
+
+@pytest.mark.usefixtures("meal")
+def test_totals_of_the_meal_say_that_they_are_incomplete(meal):
+    apple, totals = meal["items"][0], meal["totals"]
+    assert totals["unmeasured_items"] == 1
+    assert totals["consumed_g"] == apple["consumed_g"]
+    assert {total["coverage"] for total in totals["nutrients"]} == {None}
+    amounts = {one["number"]: [one["amount"], *(one["interval"] or [])] for one in apple["nutrients"]}
+    assert {
+        one["number"]: pytest.approx([one["amount"], *(one["interval"] or [])]) for one in totals["nutrients"]
+    } == amounts
+
+
+@pytest.mark.usefixtures("meal")
+def test_rebuilt_record_is_the_same(state):
+    assert rebuild_records(state.database, write=False).different == 0
+
+
+def test_demo_tells_that_it_was_not_measured(meal, capsys):
+    show_meal(meal)
+    assert "not measured: not_measurable" in capsys.readouterr().out
+
+
+def test_meal_that_is_not_measured_has_no_total_and_one_without_foods_has_nothing(phone, state):
+    body = meal_metadata()
+    phone.post(pair(), body)
+    path = f"/v1/meals/{body['id']}"
+    assert phone.get(path).json()["totals"]["consumed_g"] is None
+    estimates.save(state, body["id"], failure={"code": "no_food_found", "message": "no food"})
+    failed = phone.get(path).json()
+    assert (failed["status"], failed["totals"]["consumed_g"]) == ("failed", None)
+    event = {"id": str(uuid.uuid4()), "kind": "confirm_meal"}
+    headers = phone.headers | {"If-Match": "*"}
+    confirmed = phone.client.post(f"{path}/events", headers=headers, json=event).json()
+    assert (confirmed["status"], confirmed["totals"]["consumed_g"]) == ("confirmed", 0.0)

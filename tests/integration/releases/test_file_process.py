@@ -1,0 +1,87 @@
+"""The process beside a worker that makes files: a real one, that is killed, asked to end, and left behind."""
+
+import os
+import signal
+import sys
+import time
+
+import pytest
+import sqlalchemy as sa
+
+from app.exports.models import Export
+from app.jobs.chores import Chore, ChoreThread
+from app.releases.file_work_chore import file_process
+from tests.integration.diary.eaten_days import add_meal, eaten_item
+from tests.integration.people.people import make_staff
+from tests.stores import stored_names
+
+pytestmark = pytest.mark.slow
+SLOW = """
+import sys, time
+from app.exports import made_file
+from app import file_worker
+
+write = made_file.StagedFile.write
+def slow(file, piece):
+    write(file, piece)
+    time.sleep(60)
+made_file.StagedFile.write = slow
+file_worker.main()
+"""
+SECONDS = 60.0
+
+
+@pytest.fixture
+def asked(client, admin, enrol, state):
+    """A viewer's export that waits: how to look at it."""
+    enrol("P001")
+    add_meal(state, "P001", "2026-11-01", eaten_item(100.0, "apple"))
+    viewer = make_staff(client, admin, "vera", pilot="viewer")
+    path = viewer.post("/v1/studies/pilot/exports", json={"rows": "items", "format": "parquet"}).headers["location"]
+    return lambda: viewer.get(path).json()
+
+
+def wait_until(is_so, meanwhile=lambda: None):
+    deadline = time.monotonic() + SECONDS
+    while not is_so():
+        assert time.monotonic() < deadline
+        meanwhile()
+        time.sleep(0.05)
+
+
+def attempts(state):
+    with state.database.read() as session:
+        return session.scalar(sa.select(Export.attempts))
+
+
+def test_process_makes_the_file_and_ends(state, settings, asked):
+    process = file_process(state.database, settings)
+    wait_until(lambda: asked()["state"] == "done", process.look)
+    wait_until(lambda: process.pid is None, process.look)
+    assert asked()["rows_written"] == 1
+
+
+def test_killed_process_is_followed_by_another_at_once(state, settings, asked):
+    slow = file_process(state.database, settings, command=(sys.executable, "-c", SLOW))
+    wait_until(lambda: asked()["state"] == "running" and asked()["bytes"] > 0, slow.look)
+    os.kill(slow.pid, signal.SIGKILL)
+    wait_until(lambda: asked()["state"] == "queued", slow.look)
+    slow.stop()
+    other = file_process(state.database, settings)
+    wait_until(lambda: asked()["state"] == "done", other.look)
+    other.stop()
+    assert attempts(state) >= 2
+
+
+def test_worker_that_ends_gives_the_work_back_and_no_try_is_counted(state, settings, asked):
+    slow = file_process(state.database, settings, command=(sys.executable, "-c", SLOW))
+    chores = ChoreThread([Chore("make_files", 0.1, slow.look, at_end=slow.stop)])
+    chores.start()
+    wait_until(lambda: asked()["state"] == "running")
+    pid = slow.pid
+    chores.stop(SECONDS)
+    assert asked()["state"] == "queued"
+    assert attempts(state) == 0
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+    assert not [name for name in stored_names(state.blobs) if "made-" in name]

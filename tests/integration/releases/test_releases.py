@@ -1,0 +1,712 @@
+"""Releases: a study's data frozen under a name; what is frozen stays, but for what is erased."""
+
+import csv
+import hashlib
+import io
+import json
+import math
+import uuid
+from datetime import UTC, date, datetime, timedelta
+
+import pytest
+import sqlalchemy as sa
+from pyarrow import parquet
+from pydantic import SecretStr
+
+from app.diary.models import DiaryDay
+from app.exports import file_work_queries as file_work
+from app.exports.release_models import Release, ReleaseChange, ReleaseFile
+from app.foods.models import StudyDensity
+from app.meals.models import Meal, MealImage
+from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
+from app.people.access.last_use import LastUse
+from app.people.access.secret_box import SecretBox
+from app.people.models import Participant, Study
+from app.privacy.delete_blobs import BlobDeleter
+from app.releases import compare_release as compare
+from app.releases import release_runner
+from app.releases.compare_release import compare_release
+from app.releases.file_runner import MOST_TRIES_WITHOUT_FILES, FileRunner
+from app.releases.release_days import NOT_DERIVABLE, day_without
+from tests.commands import run_tada
+from tests.integration.diary.eaten_days import add_meal, eaten_item
+from tests.integration.people.people import make_staff
+from tests.integration.people.persons import database_bytes
+from tests.stores import make_old, store_bytes, stored_names
+
+PATH = "/v1/studies/pilot/releases"
+TABLES = ("items", "meals", "days", "photographs", "foods", "food_nutrients", "food_densities")
+MARKED = "P-marked-7Kq"
+
+
+@pytest.fixture
+def eaten(enrol, state):
+    """Three people, days of all kinds: two meals, one, none left to see, closed, with a word and without."""
+    phones = {code: enrol(code) for code in (MARKED, "P002", "P003")}
+    apple = {"energy_kcal": 52.0, "protein_g": 0.3, "volume_ml": 120.0, "volume_low_ml": 100.0, "volume_high_ml": 140.0}
+    meals = {
+        "two a": add_meal(state, MARKED, "2026-11-01", eaten_item(100.0, "apple", **apple), hour=8),
+        "two b": add_meal(
+            state,
+            MARKED,
+            "2026-11-01",
+            eaten_item(0.1, "banana", energy_kcal=0.1),
+            eaten_item(0.2, "apple", energy_kcal=0.2, status="rejected"),
+            eaten_item(0.2, "apple", energy_kcal=None, provisional=True),
+            hour=13,
+            delay=timedelta(hours=3),
+        ),
+        "alone": add_meal(state, MARKED, "2026-11-02", eaten_item(None)),
+        "closed": add_meal(state, MARKED, "2026-11-03", eaten_item(50.0, "banana", energy_kcal=44.0)),
+        "late": add_meal(
+            state, MARKED, "2026-11-03", eaten_item(-3.0, "apple", energy_kcal=-1.5), hour=20, delay=timedelta(days=3)
+        ),
+        "of another": add_meal(state, "P002", "2026-11-01", eaten_item(80.0, "apple", energy_kcal=41.6)),
+        "confirmed empty": add_meal(state, "P003", "2026-11-04", status="confirmed"),
+        "failed": add_meal(state, "P003", "2026-11-05", status="failed"),
+        "seen": add_meal(state, "P003", "2026-11-05", eaten_item(9.0, "apple", origin="added"), hour=9),
+    }  # fmt: skip
+    with state.database.write() as session:
+        for code, day in ((MARKED, 3), ("P003", 4)):
+            person = session.scalars(sa.select(Participant).where(Participant.code == code)).one()
+            session.add(
+                DiaryDay(
+                    participant_id=person.id,
+                    local_date=date(2026, 11, day),
+                    study_id=person.study_id,
+                    status="closed",
+                    ate_nothing=False,
+                    changed_at=datetime(2026, 11, day, 22, tzinfo=UTC),
+                    change_seq=1,
+                )
+            )
+        for meal in session.scalars(sa.select(Meal)):
+            session.add(
+                MealImage(
+                    id=uuid.uuid4(),
+                    meal_id=meal.id,
+                    slot="left",
+                    media_type="image/jpeg",
+                    width_px=4,
+                    height_px=3,
+                    bytes=5,
+                    received_sha256=hashlib.sha256(meal.id.bytes).hexdigest(),
+                    stored_sha256=hashlib.sha256(meal.id.bytes).hexdigest(),
+                    blob_key=f"{meal.study_id}/{meal.id}/left/{hashlib.sha256(meal.id.bytes).hexdigest()}",
+                    received_at=meal.received_at,
+                )
+            )
+    return {"phones": phones, "meals": meals}
+
+
+@pytest.fixture
+def owner(client, admin, eaten):
+    return make_staff(client, admin, "olga", pilot="owner")
+
+
+@pytest.fixture
+def run(state):
+    def run():
+        runner = FileRunner(state.database, state.blobs, state.settings, state.part(SecretBox), uuid.uuid4())
+        return runner.run_one()
+
+    return run
+
+
+def frozen(owner, run, name, **body):
+    answer = owner.post(PATH, json={"name": name} | body)
+    assert answer.status_code == 202, answer.text
+    ended = run()
+    assert ended.outcome == "done", ended
+    release = owner.get(answer.headers["location"]).json()
+    assert release["state"] == "ready"
+    return release
+
+
+def fetch(owner, release, name):
+    answer = owner.get(f"{PATH}/{release['name']}/files/{name}")
+    assert answer.status_code == 200, answer.text
+    return answer.content
+
+
+def rows(owner, release, table):
+    return list(csv.DictReader(io.StringIO(fetch(owner, release, f"{table}.csv").decode(), newline="")))
+
+
+def typed(owner, release, table):
+    return parquet.read_table(io.BytesIO(fetch(owner, release, f"{table}.parquet"))).to_pylist()
+
+
+def erase(eaten, meal):
+    phone = eaten["phones"][MARKED]
+    answer = phone.client.delete(f"/v1/meals/{eaten['meals'][meal]}", headers=phone.headers)
+    assert answer.status_code == 200, answer.text
+
+
+def test_release_holds_every_table_with_checksums_that_anybody_can_check(owner, run):
+    release = frozen(owner, run, "baseline", note="for the paper")
+    names = {f"{table}.{end}" for table in TABLES for end in ("csv", "parquet")}
+    assert {file["name"] for file in release["files"]} == names | {"data-dictionary.csv", "release.json"}
+    lines = []
+    for file in release["files"]:
+        content = fetch(owner, release, file["name"])
+        assert (hashlib.sha256(content).hexdigest(), len(content)) == (file["sha256"], file["bytes"])
+        if file["name"] != "release.json":
+            lines.append(f"{file['sha256']}  {file['name']}\n")
+    assert release["checksum"] == hashlib.sha256("".join(sorted(lines)).encode()).hexdigest()
+    told = json.loads(fetch(owner, release, "release.json"))
+    assert told["checksum"] == release["checksum"]
+    assert (told["study"], told["note"], told["frozen_by"]) == ("pilot", "for the paper", "olga")
+    assert told["protocol"]["marker"] == "plain:9x7:11"
+    assert told["change_seq"] == release["change_seq"]
+    assert sum(told["contents"]["food_tables"].values()) == 8
+    assert len(told["tables"]) == len(TABLES)
+
+
+@pytest.mark.parametrize("table", ["items", "meals", "days", "photographs"])
+def test_frozen_tables_are_the_exports_of_the_same_moment(owner, run, state, table):
+    release = frozen(owner, run, "baseline")
+    components = "all" if table == "items" else "headline"
+    path = owner.post(
+        "/v1/studies/pilot/exports", json={"rows": table, "format": "csv", "components": components}
+    ).headers["location"]
+    assert run().outcome == "done"
+    exported = list(csv.DictReader(io.StringIO(owner.get(path + "/file").text, newline="")))
+    kept = rows(owner, release, table)
+    assert kept
+    left_out = {"items": {"change_seq"}, "meals": {"version"}, "days": set(NOT_DERIVABLE)}.get(table, set())
+    assert set(exported[0]) - set(kept[0]) == left_out
+    assert kept == [{name: value for name, value in row.items() if name not in left_out} for row in exported]
+    typed_rows = typed(owner, release, table)
+    assert [str(row["participant"]) for row in typed_rows] == [row["participant"] for row in kept]
+    dictionary = list(csv.DictReader(io.StringIO(fetch(owner, release, "data-dictionary.csv").decode())))
+    assert [row["name"] for row in dictionary if row["table"] == table] == list(kept[0])
+    assert all(row["meaning"] for row in dictionary)
+
+
+def test_foods_of_a_release_are_those_of_its_items(owner, run):
+    release = frozen(owner, run, "baseline")
+    foods = rows(owner, release, "foods")
+    assert [food["food_key"] for food in foods] == ["apple", "banana"]
+    nutrients = rows(owner, release, "food_nutrients")
+    energy = [row for row in nutrients if row["food_key"] == "apple" and row["tagname"] == "ENERC_KCAL"]
+    [apple] = [one for one in owner.get("/v1/foods/apple").json()["nutrients"] if one["number"] == energy[0]["number"]]
+    assert float(energy[0]["per_100_g"]) == apple["per_100_g"]
+    assert {row["food_key"] for row in rows(owner, release, "food_densities")} == {"apple", "banana"}
+
+
+def test_the_same_data_frozen_twice_have_one_checksum_and_other_data_another(owner, run, state):
+    first, second = frozen(owner, run, "first"), frozen(owner, run, "second")
+    assert first["checksum"] == second["checksum"]
+    with state.database.write() as session:
+        session.execute(sa.update(EffectiveRecord).values(change_seq=EffectiveRecord.change_seq + 1000))
+    assert frozen(owner, run, "third")["checksum"] == first["checksum"]
+    with state.database.write() as session:
+        one = session.scalars(sa.select(EffectiveRecord).where(EffectiveRecord.consumed_g == 80.0)).one()
+        one.consumed_g = 80.00000000000001
+    assert frozen(owner, run, "fourth")["checksum"] != first["checksum"]
+
+
+def test_sums_of_days_do_not_depend_on_the_order_in_which_a_database_adds(owner, run, state):
+    """PostgreSQL adds rows as they lie, and gives another last digit once they lie otherwise."""
+    add_meal(
+        state,
+        "P002",
+        "2026-11-06",
+        *(eaten_item(grams, "apple", energy_kcal=grams) for grams in (0.1, 0.2, 0.3)),
+        delay=timedelta(seconds=61.2345),
+    )
+    first = frozen(owner, run, "first")
+    with state.database.write() as session:  # moves the row behind the others, and has the day counted anew
+        session.execute(sa.update(EffectiveRecord).where(EffectiveRecord.consumed_g == 0.1).values(doubt=0.5))
+        session.execute(sa.update(EffectiveRecord).where(EffectiveRecord.consumed_g == 0.1).values(doubt=0.0))
+    second = frozen(owner, run, "second")
+    assert second["checksum"] == first["checksum"]
+    [day] = [row for row in typed(owner, second, "days") if str(row["local_date"]) == "2026-11-06"]
+    assert day["consumed_g"] == day["energy_kcal"] == math.fsum([0.1, 0.2, 0.3])
+    assert (day["energy_kcal_coverage"], day["median_upload_delay_seconds"]) == (1.0, 61.2345)
+
+
+def test_what_is_edited_and_added_later_does_not_change_a_release(owner, run, state):
+    release = frozen(owner, run, "baseline")
+    before = fetch(owner, release, "items.csv")
+    with state.database.write() as session:
+        session.execute(sa.update(EffectiveRecord).values(energy_kcal=77.0, status="corrected"))
+    add_meal(state, "P002", "2026-11-09", eaten_item(5.0))
+    assert fetch(owner, release, "items.csv") == before
+    assert owner.get(f"{PATH}/baseline/check").json()["is_whole"] is True
+    assert owner.get(f"{PATH}/baseline").json() == release
+
+
+def test_filters_choose_days_and_statuses_and_days_need_all_statuses(owner, run):
+    release = frozen(owner, run, "early", **{"from": "2026-11-01", "to": "2026-11-02"})
+    for table in ("items", "meals", "days", "photographs"):
+        assert {row["local_date"] for row in rows(owner, release, table)} == {"2026-11-01", "2026-11-02"}
+    some = frozen(owner, run, "rejected", statuses=["rejected"])
+    assert {row["status"] for row in rows(owner, some, "items")} == {"rejected"}
+    assert not [file for file in some["files"] if file["name"].startswith("days")]
+
+
+def test_name_is_never_given_twice(owner, run):
+    frozen(owner, run, "baseline")
+    for _ in range(2):
+        answer = owner.post(PATH, json={"name": "baseline"})
+        assert (answer.status_code, answer.json()["code"]) == (409, "release_exists")
+    for name in ("Base", "a b", "../x", "", "x" * 65, "-x"):
+        assert owner.post(PATH, json={"name": name}).json()["code"] == "invalid_input", name
+    answer = owner.post(PATH, json={"name": "other", "from": "2026-11-03", "to": "2026-11-02"})
+    assert answer.json()["code"] == "days_reversed"
+
+
+def test_viewer_fetches_and_cannot_freeze_and_a_stranger_sees_nothing(client, admin, owner, run):
+    release = frozen(owner, run, "baseline")
+    viewer = make_staff(client, admin, "vera", pilot="viewer")
+    assert viewer.post(PATH, json={"name": "mine"}).json()["code"] == "role_too_low"
+    part = viewer.get(f"{PATH}/baseline/files/items.csv", headers={"Range": "bytes=2-5"})
+    assert (part.status_code, part.content) == (206, fetch(owner, release, "items.csv")[2:6])
+    assert [one["name"] for one in viewer.get(PATH).json()["items"]] == ["baseline"]
+    stranger = make_staff(client, admin, "sven")
+    for path in ("", "/baseline", "/baseline/check", "/baseline/files/items.csv"):
+        assert stranger.get(PATH + path).status_code == 404
+    assert owner.get(f"{PATH}/baseline/files/nothing.csv").status_code == 404
+    assert owner.get(f"{PATH}/other").status_code == 404
+
+
+def test_check_finds_a_file_that_was_altered_or_is_gone(owner, run, state):
+    frozen(owner, run, "baseline")
+    [key] = [name for name in stored_names(state.blobs) if "/items.csv/" in name]
+    state.blobs.delete(key)
+    checked = owner.get(f"{PATH}/baseline/check").json()
+    assert (checked["is_whole"], checked["checksum"]) == (False, None)
+    assert [one["name"] for one in checked["files"] if one["found"] == "missing"] == ["items.csv"]
+    state.blobs.put_bytes(key, b"other bytes")
+    checked = owner.get(f"{PATH}/baseline/check").json()
+    assert [one["name"] for one in checked["files"] if one["found"] == "damaged"] == ["items.csv"]
+
+
+def test_files_of_a_release_are_no_orphans(owner, run, state):
+    release = frozen(owner, run, "baseline")
+    make_old(state.blobs)
+    BlobDeleter(state.database, state.blobs).delete_orphans()
+    assert owner.get(f"{PATH}/baseline/check").json()["is_whole"] is True
+    assert release["files"]
+
+
+def test_workers_of_0_2_take_no_file_of_a_release_or_an_export_for_an_orphan_and_ours_take_those_that_are(
+    owner, run, state
+):
+    frozen(owner, run, "baseline")
+    path = owner.post("/v1/studies/pilot/exports", json={"rows": "meals"}).headers["location"]
+    assert run().outcome == "done"
+    made = [name for name in stored_names(state.blobs) if "/releases/" in name or "/exports/" in name]
+    assert len(made) == 2 * len(TABLES) + 3
+    with state.database.read() as session:
+        studies = set(map(str, session.scalars(sa.select(Study.id))))
+    assert not {name.split("/")[0] for name in made} & studies  # below a study 0.2 deletes what it has no row of
+    with state.database.write() as session:
+        session.execute(sa.delete(ReleaseFile).where(ReleaseFile.name == "items.csv"))
+    make_old(state.blobs)
+    assert BlobDeleter(state.database, state.blobs).delete_orphans() == 1
+    assert {*made} - {*stored_names(state.blobs)} == {name for name in made if "/items.csv/" in name}
+    assert owner.get(path + "/file").status_code == 200
+
+
+def expected_without(owner, release, gone, live):
+    """The tables that a release must have once these meals are out of it; days: as /v1/days has them now."""
+    return {
+        table: [row for row in rows(owner, release, table) if row["meal_id"] not in gone]
+        for table in ("items", "meals", "photographs")
+    } | {"days": live}
+
+
+def live_days(owner):
+    text = owner.get("/v1/days?study=pilot&format=csv").text
+    return [
+        {name: value for name, value in row.items() if name not in NOT_DERIVABLE}
+        for row in csv.DictReader(io.StringIO(text, newline=""))
+    ]
+
+
+def assert_same_days(found, expected):
+    assert len(found) == len(expected)
+    for one, other in zip(found, expected, strict=True):
+        assert one.keys() == other.keys()
+        for name in one:
+            if name in (*HEADLINE_COLUMNS, "consumed_g") or name.endswith("_coverage"):
+                assert (one[name] == "") == (other[name] == ""), (name, one, other)
+                assert one[name] == "" or float(one[name]) == pytest.approx(float(other[name]), rel=1e-12, abs=1e-15)
+            elif name == "median_upload_delay_seconds":
+                assert one[name] == other[name] == "" or float(one[name]) == pytest.approx(float(other[name]), abs=2e-3)
+            elif name != "study_day":  # stays as it was frozen
+                assert one[name] == other[name], (name, one, other)
+
+
+@pytest.mark.parametrize("meal", ["two a", "two b", "alone", "closed", "late"])
+def test_erased_meal_is_taken_out_and_its_day_is_what_the_study_has_now(owner, run, state, eaten, meal):
+    release = frozen(owner, run, "baseline")
+    expected = expected_without(owner, release, {str(eaten["meals"][meal])}, None)
+    erase(eaten, meal)
+    answer = owner.get(f"{PATH}/baseline/files/items.csv")
+    assert (answer.status_code, answer.json()["code"]) == (503, "release_changing")
+    assert owner.get(f"{PATH}/baseline").json()["state"] == "changing"
+    assert run().outcome == "done"
+    after = owner.get(f"{PATH}/baseline").json()
+    assert (after["state"], after["checksum"] != release["checksum"]) == ("ready", True)
+    assert [one["checksum"] for one in after["former_checksums"]] == [release["checksum"]]
+    assert after["altered_at"] is not None
+    for table in ("items", "meals", "photographs"):
+        assert rows(owner, after, table) == expected[table], table
+    assert_same_days(rows(owner, after, "days"), live_days(owner))
+    assert owner.get(f"{PATH}/baseline/check").json()["is_whole"] is True
+    told = json.loads(fetch(owner, after, "release.json"))
+    assert [one["checksum"] for one in told["altered"]] == [release["checksum"]]
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    needles = (str(eaten["meals"][meal]).encode(), eaten["meals"][meal].hex.encode())
+    assert not any(needle in store_bytes(state.blobs) for needle in needles)
+    assert len([name for name in stored_names(state.blobs) if "/releases/" in name]) == len(after["files"])
+    with state.database.read() as session:
+        assert session.scalar(sa.select(sa.func.count()).select_from(ReleaseChange)) == 0
+
+
+@pytest.mark.parametrize("meal", ["two a", "two b", "alone", "closed", "late"])
+def test_release_without_what_was_erased_is_the_one_that_would_be_frozen_now(owner, run, eaten, meal):
+    frozen(owner, run, "before")
+    erase(eaten, meal)
+    assert run().outcome == "done"
+    altered, anew = owner.get(f"{PATH}/before").json(), frozen(owner, run, "anew")
+    for file, other in zip(altered["files"], anew["files"], strict=True):
+        if file["name"] != "release.json":
+            assert file["sha256"] == other["sha256"], file["name"]
+    assert altered["checksum"] == anew["checksum"]
+
+
+@pytest.mark.parametrize("policy", ["erase", "anonymise"])
+def test_person_who_leaves_is_in_no_release_by_any_name_of_theirs(client, admin, owner, run, state, eaten, policy):
+    release = frozen(owner, run, "baseline")
+    owner.post("/v1/studies/pilot/exports", json={"rows": "items", "filters": {"participant": MARKED}})
+    others = {table: [row for row in rows(owner, release, table) if row["participant"] != MARKED] for table in
+              ("items", "meals", "days", "photographs")}  # fmt: skip
+    count = {table: len(rows(owner, release, table)) for table in others}
+    set_policy(client, admin, withdrawal_policy=policy)
+    assert client.post("/v1/me/withdrawal", headers=eaten["phones"][MARKED].headers).status_code == 200
+    assert run().outcome == "done"
+    after = owner.get(f"{PATH}/baseline").json()
+    for table, expected in others.items():
+        found = rows(owner, after, table)
+        assert [row for row in found if not row["participant"].startswith("withdrawn-")] == expected
+        is_kept = policy == "anonymise" and table != "photographs"
+        assert len(found) == (count[table] if is_kept else len(expected)), table
+    if policy == "anonymise":
+        for table in ("items", "meals"):
+            key = "id" if table == "items" else "captured_at"
+            live = owner.get("/v1/records?study=pilot").json()["items"] if table == "items" else None
+            for row in rows(owner, after, table):
+                assert row.get("left_received_sha256", "") == "" or not row["participant"].startswith("withdrawn-")
+                if live is not None:  # the ids of meals are drawn alike in the study and in its releases
+                    [same] = [one for one in live if one[key] == row[key]]
+                    assert (same["meal_id"], same["participant"]) == (row["meal_id"], row["participant"])
+    else:
+        assert {row["food_key"] for row in rows(owner, after, "foods")} == {"apple"}
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    held = store_bytes(state.blobs)
+    assert MARKED.lower().encode() not in held
+    state.part(LastUse).settle()
+    assert state.database.empty_log()
+    in_database = database_bytes(state.database)
+    assert MARKED.lower().encode() not in in_database  # nor in what exports were asked for, nor in what is to go
+    for name, meal in eaten["meals"].items():
+        if name not in ("of another", "confirmed empty", "failed", "seen"):
+            assert str(meal).encode() not in held + in_database, name
+            assert meal.hex.encode() not in in_database, name
+
+
+def test_release_that_holds_nothing_of_what_was_erased_stays_as_it_is(owner, run, eaten):
+    release = frozen(owner, run, "late", **{"from": "2026-11-03"})
+    erase(eaten, "two a")
+    assert run().outcome == "done"
+    assert owner.get(f"{PATH}/late").json() == release
+
+
+def test_second_erasure_while_the_release_changes_is_not_forgotten(owner, run, state, eaten, monkeypatch):
+    frozen(owner, run, "baseline")
+    erase(eaten, "two a")
+    hold, done = file_work.hold, []
+
+    def hold_after_another(session, work, claim):
+        if not done:
+            done.append(True)
+            session.add(
+                ReleaseChange(
+                    id=uuid.uuid4(), release_id=work.id, deed="meal", digest="0" * 64, requested_at=datetime.now(UTC)
+                )
+            )
+            session.flush()
+        return hold(session, work, claim)
+
+    monkeypatch.setattr(file_work, "hold", hold_after_another)
+    assert run().outcome == "again"
+    assert owner.get(f"{PATH}/baseline").json()["state"] == "changing"
+    assert run().outcome == "done"
+    assert owner.get(f"{PATH}/baseline").json()["state"] == "ready"
+    assert str(eaten["meals"]["two a"]) not in fetch(owner, {"name": "baseline"}, "meals.csv").decode()
+
+
+def test_erasure_while_a_release_is_frozen_begins_it_again(owner, run, state, eaten, monkeypatch):
+    owner.post(PATH, json={"name": "baseline"})
+    done = []
+    add = release_runner.ReleaseFiles.add_manifest
+
+    def add_after_erasure(files, told):
+        if not done:
+            done.append(True)
+            erase(eaten, "two a")
+        return add(files, told)
+
+    monkeypatch.setattr(release_runner.ReleaseFiles, "add_manifest", add_after_erasure)
+    assert run().outcome in ("again", "lost")
+    assert not [name for name in stored_names(state.blobs) if "/releases/" in name]
+    assert run().outcome == "done"
+    assert str(eaten["meals"]["two a"]) not in fetch(owner, {"name": "baseline"}, "meals.csv").decode()
+
+
+def test_change_that_fails_is_tried_again_and_never_given_up(owner, run, state, eaten, monkeypatch):
+    frozen(owner, run, "baseline")
+    erase(eaten, "two a")
+    with monkeypatch.context() as patch:
+        patch.setattr("app.exports.made_file.shutil.disk_usage", lambda _: type("Usage", (), {"free": -1}))
+        for _ in range(7):
+            begin_now(state)
+            assert run().outcome == "again"
+        begin_now(state, attempts=5000)  # for weeks
+        assert run().outcome == "again"
+        begin_now(state)
+        assert run().outcome == "again"
+    release = owner.get(f"{PATH}/baseline").json()
+    assert (release["state"], release["failure"]) == ("changing", "storage_full")
+    begin_now(state)
+    assert run().outcome == "done"
+    assert owner.get(f"{PATH}/baseline").json()["failure"] is None
+
+
+LOST = {"missing": "release_files_missing", "damaged": "release_files_damaged"}
+
+
+def lose(state, how):
+    """meals.parquet is gone from the store, or another byte stands in its middle. Returns its key and content."""
+    [key] = [name for name in stored_names(state.blobs) if "/meals.parquet/" in name]
+    content = state.blobs.read(key)
+    state.blobs.delete(key)
+    if how == "damaged":
+        middle = len(content) // 2
+        state.blobs.put_bytes(key, content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :])
+    return key, content
+
+
+def begin_now(state, **values):
+    with state.database.write() as session:
+        session.execute(sa.update(Release).values(begin_after=None, **values))
+
+
+@pytest.mark.parametrize("how", LOST)
+def test_release_that_must_change_and_whose_file_is_lost_says_so_until_the_file_is_put_back(
+    owner, run, state, eaten, how
+):
+    before = frozen(owner, run, "baseline")
+    key, content = lose(state, how)
+    erase(eaten, "two a")
+    assert run().outcome == "again"
+    release = owner.get(f"{PATH}/baseline").json()
+    assert (release["state"], release["failure"], release["files"]) == ("changing", LOST[how], [])
+    assert owner.get(f"{PATH}/baseline/files/items.csv").json()["code"] == "release_changing"
+    found = compare_release(state.database, state.blobs, "pilot", "baseline")
+    assert [(file.name, file.blob_key) for file in found.checked.files if file.found == how] == [("meals.parquet", key)]
+    assert found.tables is None
+    state.blobs.put_bytes(key, content)
+    begin_now(state)
+    assert run().outcome == "done"
+    after = owner.get(f"{PATH}/baseline").json()
+    assert (after["state"], after["failure"]) == ("ready", None)
+    assert str(eaten["meals"]["two a"]) not in fetch(owner, after, "meals.csv").decode()
+    assert [one["checksum"] for one in after["former_checksums"]] == [before["checksum"]]
+
+
+@pytest.mark.parametrize("how", LOST)
+def test_release_whose_file_is_not_put_back_for_three_days_fails_and_keeps_nothing(owner, run, state, eaten, how):
+    frozen(owner, run, "baseline")
+    lose(state, how)
+    erase(eaten, "two a")
+    assert run().outcome == "again"
+    begin_now(state, attempts=MOST_TRIES_WITHOUT_FILES - 2)
+    assert run().outcome == "again"
+    begin_now(state)
+    assert run().outcome == LOST[how]
+    release = owner.get(f"{PATH}/baseline").json()
+    assert (release["state"], release["failure"]) == ("failed", LOST[how])
+    assert owner.get(f"{PATH}/baseline/files/items.csv").json()["code"] == "release_failed"
+    assert owner.post(PATH, json={"name": "baseline"}).json()["code"] == "release_exists"
+    BlobDeleter(state.database, state.blobs).delete_wanted()  # what is left of it still holds what was erased
+    assert not [name for name in stored_names(state.blobs) if "/releases/" in name]
+    with state.database.read() as session:
+        for table in (ReleaseFile, ReleaseChange):
+            assert session.scalar(sa.select(sa.func.count()).select_from(table)) == 0
+
+
+def set_policy(client, admin, **policy):
+    tag = client.get("/v1/studies/pilot", headers=admin).headers["etag"]
+    client.patch("/v1/studies/pilot", headers=admin | {"If-Match": tag}, json=policy).raise_for_status()
+
+
+def test_places_that_a_study_stops_keeping_stay_in_releases_of_before_which_say_so_and_go_from_all_else(
+    client, admin, owner, run, state, eaten
+):
+    set_policy(client, admin, location_policy="keep")
+    add_meal(state, MARKED, "2026-11-07", place={"latitude": 48.1374, "longitude": 11.5755})
+    before = frozen(owner, run, "before")
+    assert json.loads(fetch(owner, before, "release.json"))["contents"]["placed_meals"] == 1
+    assert "48.1374" in fetch(owner, before, "meals.csv").decode()
+    paths = {}
+    for rows, output in (("meals", "csv"), ("items", "geojson"), ("items", "csv")):
+        body = {"rows": rows, "format": output}
+        paths[rows, output] = owner.post("/v1/studies/pilot/exports", json=body).headers["location"]
+        assert run().outcome == "done"
+    set_policy(client, admin, location_policy="drop")
+    states = {asked: owner.get(path).json()["state"] for asked, path in paths.items()}
+    assert states == {("meals", "csv"): "expired", ("items", "geojson"): "expired", ("items", "csv"): "done"}
+    assert owner.get(paths["meals", "csv"] + "/file").json()["code"] == "export_expired"
+    BlobDeleter(state.database, state.blobs).delete_wanted()
+    assert len([name for name in stored_names(state.blobs) if "/exports/" in name]) == 1
+    assert "48.1374" in fetch(owner, before, "meals.csv").decode()
+    after = frozen(owner, run, "after")
+    assert json.loads(fetch(owner, after, "release.json"))["contents"]["placed_meals"] == 0
+    assert "48.1374" not in fetch(owner, after, "meals.csv").decode()
+    set_policy(client, admin, withdrawal_policy="anonymise")
+    assert client.post("/v1/me/withdrawal", headers=eaten["phones"][MARKED].headers).status_code == 200
+    assert [run().outcome, run().outcome] == ["done", "done"]
+    assert json.loads(fetch(owner, before, "release.json"))["contents"]["placed_meals"] == 0
+    assert "48.1374" not in fetch(owner, before, "meals.csv").decode()
+
+
+@pytest.mark.parametrize("what", ["releases", "exports"])
+def test_file_in_the_making_while_places_are_dropped_is_made_again_without_them(
+    client, admin, owner, run, state, what, monkeypatch
+):
+    set_policy(client, admin, location_policy="keep")
+    add_meal(state, "P002", "2026-11-07", place={"latitude": 48.1374, "longitude": 11.5755})
+    body = {"name": "baseline"} if what == "releases" else {"rows": "meals", "format": "csv"}
+    path = owner.post(f"/v1/studies/pilot/{what}", json=body).headers["location"]
+    put, done = state.blobs.put_file, []
+
+    def put_after_change(key, source):
+        if not done:
+            done.append(True)
+            set_policy(client, admin, location_policy="drop")
+        put(key, source)
+
+    monkeypatch.setattr(state.blobs, "put_file", put_after_change)
+    assert run().outcome == "lost"
+    assert owner.get(path).json()["state"] == "queued"
+    assert run().outcome == "done"
+    made = owner.get(path + ("/files/meals.csv" if what == "releases" else "/file"))
+    assert (made.status_code, "48.1374" in made.text) == (200, False)
+
+
+def test_meal_that_came_last_is_told_by_instants_with_and_without_fractions():
+    day = {"day_status": "closed", "decided_by": "participant", "meals_after_closing": 1}
+    meal = {"status": "confirmed", "origin": "declared", "upload_delay_seconds": 1.0}
+    before = meal | {"meal_id": "a", "received_at": "2026-11-01T20:00:00Z"}
+    after = meal | {"meal_id": "b", "received_at": "2026-11-01T20:00:00.500000Z"}
+    assert day_without(day, [before], [after], [], expects_after_pair=False)["meals_after_closing"] == 0
+    assert day_without(day, [after], [before], [], expects_after_pair=False)["meals_after_closing"] == 1
+
+
+def test_day_worked_out_anew_with_nothing_gone_is_the_frozen_day(owner, run):
+    release = frozen(owner, run, "baseline")
+    items, meals, days = (typed(owner, release, table) for table in ("items", "meals", "days"))
+    meals = [row | {"received_at": row["received_at"].isoformat()} for row in meals]
+    assert len(days) == 6
+    for day in days:
+        key = (day["participant"], day["local_date"])
+        of_day = [[row for row in table if (row["participant"], row["local_date"]) == key] for table in (meals, items)]
+        assert day_without(day, of_day[0], [], of_day[1], expects_after_pair=False) == day
+
+
+def test_check_tells_whether_the_data_would_be_frozen_alike_now_and_which_rows_differ(
+    owner, run, state, eaten, monkeypatch
+):
+    frozen(owner, run, "baseline")
+    found = compare_release(state.database, state.blobs, "pilot", "baseline")
+    assert (found.checked.is_whole, found.is_reproduced) == (True, True)
+    assert all(table.is_same and not table.columns for table in found.tables)
+    with state.database.write() as session:
+        one = session.scalars(sa.select(EffectiveRecord).where(EffectiveRecord.consumed_g == 80.0)).one()
+        one.consumed_g, one.flags = 81.0, ["checked"]
+    add_meal(state, "P002", "2026-11-09", eaten_item(5.0))
+    erase(eaten, "closed")
+    assert run().outcome == "done"
+    found = compare_release(state.database, state.blobs, "pilot", "baseline")
+    assert (found.checked.is_whole, found.is_reproduced) == (True, False)
+    items = next(table for table in found.tables if table.table == "items")
+    assert (items.same, items.other, items.only_frozen, items.only_now) == (7, 1, 0, 1)
+    assert items.columns["consumed_g"] == items.columns["flags"] == items.columns["CA_mg"] == 1  # of grams and content
+    assert not {"energy_kcal", "edible_g", "id"} & set(items.columns)  # what the record itself tells is as it was
+    assert next(table for table in found.tables if table.table == "meals").only_now == 1
+    for rows_at_a_time in (1, 3):
+        monkeypatch.setattr(compare, "ROWS_AT_A_TIME", rows_at_a_time)
+        assert compare_release(state.database, state.blobs, "pilot", "baseline").tables == found.tables
+
+
+def test_command_tells_that_a_release_is_whole_and_names_a_lost_file_by_its_key(owner, run, state):
+    def command(*options):
+        given = {name: getattr(state.settings, name) for name in state.settings.model_fields_set}
+        told = {name: one.get_secret_value() if isinstance(one, SecretStr) else one for name, one in given.items()}
+        variables = {f"TADA_{name.upper()}": one for name, one in told.items()}
+        return run_tada("releases", "check", "pilot", "baseline", *options, **variables)
+
+    release = frozen(owner, run, "baseline")
+    whole = command()
+    assert (whole.returncode, whole.stdout.splitlines()) == (
+        0,
+        [f"files: whole, checksum {release['checksum']}", "frozen now, it would be the same"],
+    )
+    key, _ = lose(state, "damaged")
+    lost = command()
+    assert (lost.returncode, lost.stdout.splitlines()[0]) == (1, f"meals.parquet: damaged, {key}")
+    add_meal(state, "P002", "2026-11-09", eaten_item(5.0))
+    told = json.loads(command("--json").stdout)
+    assert (told["is_whole"], told["is_reproduced"], told["tables"]) == (False, False, None)
+    assert "which rows differ is not told without its files" in command().stdout
+
+
+def test_rows_that_are_alike_are_compared_by_how_many_there_are(owner, run, state, eaten):
+    """A study may have measured the same twice: the table of densities has no key."""
+
+    def measure():
+        now = datetime.now(UTC)
+        values = {"g_per_ml": 0.8, "sd_g_per_ml": 0.1, "state": "raw", "kind": "solid", "weighs": "edible"}
+        words = {"source": "a scale", "author": "olga", "reason": "measured"}
+        with state.database.write() as session:
+            study = session.scalars(sa.select(Study.id).where(Study.code == "pilot")).one()
+            session.add(
+                StudyDensity(
+                    id=uuid.uuid4(),
+                    study_id=study,
+                    food_key="apple",
+                    specimens=None,
+                    measured_at=now,
+                    created_at=now,
+                    **values,
+                    **words,
+                )
+            )
+
+    measure()
+    measure()
+    frozen(owner, run, "baseline")
+
+    def densities():
+        tables = compare_release(state.database, state.blobs, "pilot", "baseline").tables
+        return next(table for table in tables if table.table == "food_densities")
+
+    assert densities().is_same
+    measure()
+    assert (densities().only_frozen, densities().only_now) == (0, 1)

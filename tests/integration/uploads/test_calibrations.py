@@ -1,0 +1,291 @@
+"""/v1/calibrations: a phone's camera measured, kept with its error, used for its meals, withdrawn; bad ones refused."""
+
+import json
+import uuid
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+
+import cv2
+import numpy as np
+import pytest
+
+from app.children.api_children import ApiChildren
+from app.children.child_pool import ChildResult
+from app.estimates.camera_choice import choose_camera, median_camera
+from app.estimates.estimate_meal import EstimateMeal
+from app.estimates.save_estimate import save_estimate
+from app.meals.job_models import Job
+from app.meals.models import Meal
+from app.people.calibration_models import CameraCalibration
+from app.people.models import Device, Participant, Study
+from app.vision.intrinsics import camera_from_mapping
+from app.vision.marker_spec import parse_marker
+from tests.estimates import answer
+from tests.integration.conftest import meal_metadata
+from tests.photographs import pair
+from tests.unit.vision.synthetic import PHONE, look_at, render_board
+
+CAMERA = replace(PHONE, fx=960.0, fy=960.0, cx=590.0, cy=455.0, distortion=(0.06, -0.1, 0.0, 0.0, 0.0))
+SLANTS = [(60, -90, 0), (50, 0, 20), (55, 120, -30), (80, -90, 90), (45, 60, 10), (50, -150, 45)]
+AIMS = [(0, 0), (40, 25), (-45, -30), (35, -35), (-45, 35), (0, 0)]
+
+
+def jpeg(pixels):
+    return cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 92])[1].tobytes()
+
+
+@pytest.fixture(scope="module")
+def boards():
+    board = parse_marker("plain:9x7:11")
+    return [
+        render_board(board, CAMERA, look_at(*slant[:2], 200.0, slant[2], target_mm=(*aim, 0))).pixels_bgr
+        for slant, aim in zip(SLANTS, AIMS, strict=True)
+    ]
+
+
+def calibrate(phone, photos, **metadata):
+    files = [("photo", (f"{number}.jpg", content, "image/jpeg")) for number, content in enumerate(photos)]
+    if metadata:
+        files.append(("metadata", ("m.json", json.dumps(metadata), "application/json")))
+    return phone.client.post("/v1/calibrations", headers=phone.headers, files=files)
+
+
+def code(answer):
+    return answer.status_code, answer.json().get("code")
+
+
+def kept_camera(focal=960.0, width=1200, height=900, cx=600.0, k1=0.0):
+    numbers = {"fx": focal, "fy": focal, "cx": cx, "cy": 450.0 * height / 900}
+    return {"width": width, "height": height, "distortion": [k1, 0, 0, 0, 0]} | numbers
+
+
+def keep(state, device, *, model=None, age=0, withdrawn=False, **camera):
+    now = datetime.now(UTC)
+    row = CameraCalibration(
+        id=uuid.uuid4(),
+        device_id=device.id,
+        model=model,
+        marker="plain:9x7:11",
+        camera=kept_camera(**camera),
+        rms_px=0.2,
+        photographs=10,
+        author="test",
+        created_at=now - timedelta(hours=age),
+        withdrawn_at=now if withdrawn else None,
+    )
+    with state.database.write() as session:
+        session.add(row)
+    return row.id
+
+
+def devices(state):
+    with state.database.read() as session:
+        return session.query(Device).order_by(Device.enrolled_at, Device.id).all()
+
+
+def set_model(state, model):
+    with state.database.write() as session:
+        session.query(Device).update({"model": model})
+
+
+def chosen(state, device, sizes=((1200, 900), (1200, 900)), given=None):
+    with state.database.read() as session:
+        study = session.query(Study).one()
+        return choose_camera(session, given=given, device_id=device.id, study=study, sizes=list(sizes))
+
+
+@pytest.mark.slow
+def test_known_camera_comes_back_is_listed_and_can_be_withdrawn(phone, client, admin, boards):
+    made = calibrate(phone, [jpeg(board) for board in boards])
+    assert made.status_code == 201, made.text
+    body = made.json()
+    assert (body["camera"]["width"], body["camera"]["height"]) == (1200, 900)
+    # six views with 0.05 px of noise: half a percent of focal length (tests/unit/vision/test_calibration.py)
+    assert body["camera"]["fx"] == pytest.approx(960.0, rel=5e-3)
+    assert body["rms_px"] < 0.3
+    assert (body["photographs"], body["left_out"]) == (6, [])
+    (listed,) = phone.get("/v1/calibrations").json()["items"]
+    assert listed == {name: value for name, value in body.items() if name != "left_out"}
+    (of_study,) = client.get("/v1/studies/pilot/calibrations", headers=admin).json()["items"]
+    assert (of_study["id"], of_study["participant"]) == (body["id"], "P001")
+    for _ in range(2):
+        withdrawn = phone.client.post(f"/v1/calibrations/{body['id']}/withdrawal", headers=phone.headers)
+        assert withdrawn.status_code == 200
+        assert withdrawn.json()["withdrawn_at"] is not None
+
+
+def test_photograph_without_the_board_is_left_out_and_told(phone, boards):
+    bare = np.full((900, 1200, 3), 120, np.uint8)
+    made = calibrate(phone, [jpeg(bare), *(jpeg(board) for board in boards)])
+    assert made.status_code == 201
+    assert [(one["photograph"], one["code"]) for one in made.json()["left_out"]] == [(1, "image_blurred")]
+
+
+def test_bad_photographs_are_refused_with_their_reason(phone, boards):
+    good = [jpeg(board) for board in boards]
+    turned = jpeg(np.ascontiguousarray(np.rot90(boards[0])))
+    vast = jpeg(np.zeros((4000, 4000, 3), np.uint8))
+    assert code(calibrate(phone, good[:2])) == (422, "calibration_count")
+    assert code(calibrate(phone, [good[0]] * 3)) == (422, "calibration_views_insufficient")
+    assert code(calibrate(phone, [*good, turned])) == (422, "calibration_size_differs")
+    assert code(calibrate(phone, [*good, b"no picture"])) == (422, "not_an_image")
+    assert code(calibrate(phone, [*good, vast])) == (422, "image_too_many_pixels")
+    assert code(calibrate(phone, [*good[:3], good[3][:9000]])) == (422, "image_truncated")
+    assert code(calibrate(phone, good, marker="plain:9x7:0")) == (422, "marker_invalid")
+    assert phone.get("/v1/calibrations").json()["items"] == []
+
+
+def test_board_seen_in_the_middle_only_is_refused(phone, boards):
+    far = [cv2.resize(board, None, fx=0.55, fy=0.55, interpolation=cv2.INTER_AREA) for board in boards]
+    framed = [cv2.copyMakeBorder(board, 203, 202, 270, 270, cv2.BORDER_REPLICATE) for board in far]
+    assert code(calibrate(phone, [jpeg(one) for one in framed])) == (422, "calibration_coverage_small")
+
+
+def test_bent_board_is_refused(phone, boards):
+    rng = np.random.default_rng(3)
+    y, x = np.mgrid[:900, :1200].astype(np.float32)
+    bent = []
+    for board in boards:  # each photograph warped in its own way, as no camera does
+        a, b = rng.uniform(6, 9, 2) * rng.choice([-1, 1], 2)
+        map_x = (x + a * np.sin(y / 60)).astype(np.float32)
+        map_y = (y + b * np.sin(x / 70)).astype(np.float32)
+        bent.append(cv2.remap(board, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+    assert code(calibrate(phone, [jpeg(one) for one in bent])) == (422, "calibration_poor")
+
+
+def test_thirty_one_photographs_are_one_too_many(phone):
+    assert code(calibrate(phone, [b"x"] * 31)) == (400, "part_repeated")
+
+
+def test_calibration_of_another_phone_is_not_there(phone, enrol, client, boards, state):
+    other = enrol("P002")
+    number = keep(state, devices(state)[0])
+    path = f"/v1/calibrations/{number}/withdrawal"
+    assert client.post(path, headers=other.headers).status_code == 404
+    assert client.post(path).status_code == 401
+    assert client.post(f"/v1/calibrations/{uuid.uuid4()}/withdrawal", headers=phone.headers).status_code == 404
+    assert other.get("/v1/calibrations").json()["items"] == []
+
+
+def test_owner_can_withdraw(phone, client, admin, state):
+    number = keep(state, devices(state)[0])
+    answer = client.post(f"/v1/calibrations/{number}/withdrawal", headers=admin)
+    assert answer.json()["withdrawn_at"] is not None
+    assert chosen(state, devices(state)[0]).chosen_from == "exif"
+
+
+def test_newest_calibration_of_the_phone_holds_until_it_is_withdrawn(phone, state):
+    (device,) = devices(state)
+    older = keep(state, device, age=2, focal=950.0)
+    keep(state, device, age=1, focal=990.0, withdrawn=True)
+    found = chosen(state, device)
+    assert (found.chosen_from, found.calibrations, found.camera.fx) == ("device", (older,), 950.0)
+
+
+def test_phone_without_calibration_gets_the_median_of_its_model_at_its_size(phone, enrol, state):
+    for number in range(2, 5):
+        enrol(f"P00{number}")
+    set_model(state, "Phone 7")
+    first, *others = devices(state)
+    keep(state, others[0], model="Phone 7", focal=900.0, k1=0.1)
+    keep(state, others[0], model="Phone 7", focal=1500.0, age=5)  # not that phone's newest
+    keep(state, others[1], model="Phone 7", focal=1880.0, k1=0.3, width=2400, height=1800, cx=1200.5)
+    keep(state, others[2], model="Phone 7", focal=1000.0, k1=0.2, cx=610.0)
+    found = chosen(state, first)
+    assert found.chosen_from == "model"
+    assert len(found.calibrations) == 3
+    assert found.camera.fx == 940.0  # 1880 px at twice the size
+    assert found.camera.cx == 600.0
+    assert found.camera.distortion[0] == 0.2
+
+
+def test_single_phone_of_the_model_stands_for_it_and_other_models_do_not(phone, enrol, state):
+    enrol("P002")
+    set_model(state, "Phone 7")
+    first, second = devices(state)
+    number = keep(state, second, model="Phone 7", focal=930.0)
+    assert chosen(state, first).calibrations == (number,)
+    with state.database.write() as session:
+        session.get(Device, first.id).model = "Phone 8"
+    assert chosen(state, first).chosen_from == "exif"
+
+
+def test_calibrations_of_another_study_are_not_used(phone, enrol, state):
+    enrol("P001", study="another")
+    set_model(state, "Phone 7")
+    first, second = devices(state)
+    keep(state, second, model="Phone 7")
+    with state.database.read() as session:
+        study = session.query(Study).filter(Study.code == "pilot").one()
+        found = choose_camera(session, given=None, device_id=first.id, study=study, sizes=[(1200, 900)])
+    assert found.chosen_from == "exif"
+
+
+def test_calibration_that_does_not_fit_is_passed_over_but_the_meals_own_camera_never(phone, state):
+    (device,) = devices(state)
+    keep(state, device)
+    with state.database.write() as session:
+        session.query(Study).one().camera = kept_camera(width=1000, height=1000)
+    assert chosen(state, device, [(1000, 1000)] * 2).chosen_from == "study"
+    assert chosen(state, device, [(1200, 900), (1000, 1000)]).chosen_from == "exif"
+    assert chosen(state, device, [(900, 1200)] * 2).chosen_from == "device"  # turned by a quarter
+    own = chosen(state, device, [(1000, 1000)] * 2, given=kept_camera(focal=1234.0))
+    assert (own.chosen_from, own.camera.fx) == ("meal", 1234.0)
+
+
+def test_median_of_one_camera_is_that_camera():
+    camera = camera_from_mapping(kept_camera(focal=901.0, k1=0.05))
+    assert median_camera([camera], (1200, 900)) == camera
+    assert median_camera([], (1200, 900)) is None
+
+
+class RecordingChildren:
+    """Answers as a child does, and keeps what it was asked."""
+
+    def __init__(self):
+        self.requests = []
+
+    def run(self, request, on_stage, *, seconds=None, name="", is_alone=False):
+        self.requests.append(request)
+        camera = request.arguments["options"]["camera"]
+        return ChildResult("ok", answer(camera=camera, camera_right=camera))
+
+
+def test_meal_is_measured_with_its_phones_calibration_and_its_run_says_so(phone, state, settings):
+    (device,) = devices(state)
+    number = keep(state, device, width=640, height=480, cx=320.0, focal=512.0)
+    body = meal_metadata()
+    phone.post(pair(), metadata=body)
+    children = RecordingChildren()
+    use_case = EstimateMeal(state.database, state.blobs, children, settings)
+    with state.database.read() as session:
+        job = session.query(Job).join(Meal, Meal.id == Job.meal_id).one()
+    key = use_case.compute(job.id)
+    assert children.requests[0].arguments["options"]["camera"]["fx"] == 512.0
+    with state.database.write() as session:
+        save_estimate(session, job.id, json.loads(state.blobs.read(key)), key)
+    run = phone.get(f"/v1/meals/{body['id']}").json()["run"]
+    assert run["parameters"]["camera_from"] == "device"
+    assert run["camera"]["left"]["chosen_from"] == "device"
+    assert run["camera"]["left"]["calibrations"] == [str(number)]
+
+
+def test_calibration_of_who_leaves_meanwhile_is_not_kept_and_no_row_holds_the_alias(phone, state, boards, monkeypatch):
+    photos = [jpeg(board) for board in boards]
+    assert calibrate(phone, photos).status_code == 201
+    with state.database.read() as session:
+        alias = str(session.query(Participant).one().alias)
+        (row,) = session.query(CameraCalibration).all()
+    assert alias not in row.author
+    run = state.part(ApiChildren).run
+
+    def leaves(*arguments, **named):
+        found = run(*arguments, **named)
+        with state.database.write() as session:
+            session.query(Participant).update({"withdrawn_at": datetime.now(UTC)})
+        return found
+
+    monkeypatch.setattr(
+        type(state.part(ApiChildren)), "run", lambda _, *arguments, **named: leaves(*arguments, **named)
+    )
+    assert code(calibrate(phone, photos)) == (410, "withdrawn")

@@ -1,0 +1,221 @@
+"""POST /v1/checks: judged at once, told in the participant's language, nothing kept, no bytes can hurt the server."""
+
+import io
+import json
+import pathlib
+import threading
+import uuid
+from concurrent.futures import ThreadPoolExecutor
+
+import cv2
+import numpy as np
+import pillow_heif
+import pytest
+from PIL import Image
+
+from app.children.api_children import ApiChildren, Whose
+from app.children.fair_line import FairLine
+from app.messages.catalogue import sentence
+from tests.estimates import save
+from tests.integration.conftest import meal_metadata
+from tests.photographs import pair, photograph
+
+PAIR = pathlib.Path(__file__).parents[3] / "app" / "demo_data"
+
+
+@pytest.fixture
+def kind():
+    """One kind of database: what differs between them is read alone."""
+    return "sqlite"
+
+
+def original(slot):
+    return (PAIR / f"{slot}.jpg").read_bytes()
+
+
+def jpeg(pixels):
+    return cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 70])[1].tobytes()
+
+
+def pixels(slot):
+    return cv2.imread(str(PAIR / f"{slot}.jpg"))
+
+
+def check(phone, left=None, right=None, headers=None, **metadata):
+    files = {
+        "left": ("left.jpg", left if left is not None else original("left"), "image/jpeg"),
+        "right": ("right.jpg", right if right is not None else original("right"), "image/jpeg"),
+    }
+    if metadata:
+        files["metadata"] = ("m.json", json.dumps(metadata), "application/json")
+    return phone.client.post("/v1/checks", headers=phone.headers | (headers or {}), files=files)
+
+
+def stops(answer):
+    assert answer.status_code == 200, answer.text
+    return [(one["code"], one["side"]) for one in answer.json()["problems"] if one["severity"] == "stop"]
+
+
+def test_pair_that_can_be_measured_is_ok_and_nothing_of_it_is_kept(phone, state, settings):
+    answer = check(phone)
+    assert stops(answer) == []
+    body = answer.json()
+    assert body["ok"]
+    assert body["locale"] == "en"
+    assert 5 < body["measures"]["view_angle_deg"] < 10
+    assert 400 < body["measures"]["distance_mm_left"] < 600
+    kept = [path for path in settings.data_dir.rglob("*") if path.is_file() and path.stat().st_size > 50_000]
+    assert [path for path in kept if "sqlite" not in path.name] == []
+
+
+def test_each_side_without_the_board_is_told(phone):
+    bare = jpeg(cv2.GaussianBlur(pixels("left")[:, 700:], (0, 0), 1.0))
+    assert stops(check(phone, left=bare)) == [("marker_not_found", "left")]
+    assert stops(check(phone, right=bare)) == [("marker_not_found", "right")]
+
+
+def test_dark_blurred_and_equal_photographs_are_stopped(phone):
+    dark = jpeg((pixels("left") * 0.1).astype(np.uint8))
+    assert stops(check(phone, left=dark)) == [("image_too_dark", "left")]
+    blurred = jpeg(cv2.GaussianBlur(pixels("right"), (0, 0), 9.0))
+    assert stops(check(phone, right=blurred)) == [("image_blurred", "right")]
+    assert stops(check(phone, right=original("left"))) == [("same_photograph", None)]
+
+
+def test_board_cut_by_the_border_is_told_as_such(phone):
+    cut = pixels("left")[:, 420:]  # the board spans columns 250 to 640
+    assert stops(check(phone, left=jpeg(cut))) == [("marker_cut_off", "left")]
+
+
+def test_overexposed_photograph_warns(phone):
+    bright = pixels("left").astype(np.float64)
+    bright[:, 1100:] = 255
+    problems = check(phone, left=jpeg(bright.astype(np.uint8))).json()["problems"]
+    assert ("image_too_bright", "warn", "left") in [(one["code"], one["severity"], one["side"]) for one in problems]
+
+
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [
+        (b"%PDF-1.7 no picture", "not_an_image"),
+        (b"", "not_an_image"),
+        (original("left")[:40_000], "image_truncated"),
+        (photograph(size=(8, 8)), "image_too_small"),
+        (jpeg(np.zeros((4000, 4000, 3), np.uint8)), "image_too_many_pixels"),
+        (jpeg(np.zeros((1, 1, 3), np.uint8)), "image_too_small"),
+    ],
+)
+def test_bytes_that_are_no_good_photograph_are_told_as_problems(phone, content, code):
+    assert stops(check(phone, left=content)) == [(code, "left")]
+
+
+def test_png_that_unpacks_to_gigabytes_is_refused_by_its_header(phone):
+    buffer = io.BytesIO()
+    Image.new("1", (30_000, 30_000)).save(buffer, "PNG")
+    assert stops(check(phone, right=buffer.getvalue())) == [("image_too_many_pixels", "right")]
+
+
+@pytest.mark.parametrize("locale", ["en", "de", "es", "zh"])
+def test_sentence_is_in_the_language_that_was_asked_for(phone, locale):
+    answer = check(phone, right=original("left"), locale=locale).json()
+    assert answer["locale"] == locale
+    assert [one["message"] for one in answer["problems"]] == [sentence("same_photograph", locale)]
+
+
+def test_header_chooses_the_language_and_the_metadata_over_it(phone):
+    header = {"Accept-Language": "fr-FR, de-AT;q=0.8, es;q=0.9"}
+    assert check(phone, right=b"x", headers=header).json()["locale"] == "es"
+    assert check(phone, right=b"x", headers=header, locale="zh").json()["locale"] == "zh"
+    assert check(phone, right=b"x", headers={"Accept-Language": "fr, *;q=x;;,"}).json()["locale"] == "en"
+
+
+def test_missing_part_unknown_field_and_unknown_locale_are_refused(phone):
+    files = {"left": ("l.jpg", original("left"), "image/jpeg")}
+    missing = phone.client.post("/v1/checks", headers=phone.headers, files=files)
+    assert (missing.status_code, missing.json()["code"], missing.json()["parts"]) == (400, "part_missing", ["right"])
+    assert check(phone, langauge="de").json()["code"] == "metadata_field_unknown"
+    assert check(phone, locale="fr").json()["code"] == "metadata_invalid"
+    assert check(phone, marker="round:3").json()["code"] == "marker_invalid"
+
+
+def test_camera_of_another_shape_stops_the_pair(phone):
+    camera = {"width": 1000, "height": 1000, "fx": 900, "fy": 900, "cx": 500, "cy": 500}
+    assert stops(check(phone, camera=camera)) == [("camera_mismatch", None)]
+
+
+def test_staff_and_strangers_cannot_check(client, admin):
+    assert client.post("/v1/checks", headers=admin).status_code == 403
+    assert client.post("/v1/checks").status_code == 401
+
+
+def test_eight_checks_at_once_are_all_answered_or_told_to_come_back(phone):
+    with ThreadPoolExecutor(8) as threads:
+        answers = list(threads.map(lambda _: check(phone), range(8)))
+    assert {answer.status_code for answer in answers} <= {200, 503}
+    assert sum(answer.status_code == 200 for answer in answers) >= 1
+    for answer in answers:
+        if answer.status_code == 503:
+            assert answer.json()["code"] == "server_busy"
+            assert int(answer.headers["Retry-After"]) >= 1
+
+
+def test_check_beyond_the_waiting_room_is_turned_away_at_once(phone, state):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(state.part(ApiChildren), "_line", FairLine(1, most_waiting=0, wait_seconds=30))
+        answer = check(phone)
+    assert (answer.status_code, answer.json()["code"], answer.json()["retryable"]) == (503, "server_busy", True)
+    assert stops(check(phone)) == []
+
+
+def test_crashed_child_is_a_problem_of_the_request_and_the_next_check_works(phone, state, monkeypatch):
+    check(phone)
+    ended = threading.Event()
+    perform = type(next(iter(state.part(ApiChildren)._pool._alive))).perform
+
+    def killed(self, request, on_stage, *limits):
+        if not ended.is_set():
+            ended.set()
+            threading.Timer(0.05, self._process.kill).start()
+        return perform(self, request, on_stage, *limits)
+
+    monkeypatch.setattr(type(next(iter(state.part(ApiChildren)._pool._alive))), "perform", killed)
+    broken = check(phone)
+    assert broken.status_code in {200, 503}  # killed from outside: no fault of the photographs
+    assert stops(check(phone)) == []
+
+
+def test_failed_meal_tells_its_sentence_in_every_language(phone, state):
+    body = meal_metadata()
+    phone.post(pair(), metadata=body)
+    failure = {"code": "baseline_too_small", "message": "Too close.", "advice": "Step aside."}
+    save(state, body["id"], failure=failure)
+    told = phone.get(f"/v1/meals/{body['id']}").json()["failure"]
+    assert told["code"] == "baseline_too_small"
+    assert told["localised"] == {locale: sentence("baseline_too_small", locale) for locale in ("en", "de", "es", "zh")}
+
+
+def test_phone_that_hangs_up_in_the_midst_of_a_check_leaves_nothing(phone, state):
+    def cut():
+        yield b'--x\r\nContent-Disposition: form-data; name="left"; filename="l.jpg"\r\n\r\n' + original("left")
+
+    headers = phone.headers | {"Content-Type": "multipart/form-data; boundary=x"}
+    answer = phone.client.post("/v1/checks", headers=headers, content=cut())
+    assert (answer.status_code, answer.json()["code"]) == (400, "body_incomplete")
+    assert [path for path in state.blobs.staging_folder().rglob("*") if path.is_file()] == []
+    assert stops(check(phone)) == []
+
+
+@pytest.mark.slow
+def test_heic_of_forty_megapixels_is_judged_within_the_limits(enrol, client, state):
+    """The largest that phones send: whole in memory at once, and still in the child's time and address space."""
+    side = np.kron(pixels("left"), np.ones((4, 4, 1), np.uint8))[:, :6528]
+    buffer = io.BytesIO()
+    pillow_heif.from_pillow(Image.fromarray(np.ascontiguousarray(side[..., ::-1]))).save(buffer, quality=30)
+    path = state.blobs.staging_folder() / "large.heic"
+    path.write_bytes(buffer.getvalue())
+    small = state.blobs.staging_folder() / "small.jpg"
+    small.write_bytes(original("right"))
+    asked = {"left": str(path), "right": str(small), "marker": "plain:9x7:11", "camera": None, "max_pixels": 60_000_000}
+    found = state.part(ApiChildren).run("check", asked, seconds=60, whose=Whose(uuid.uuid4(), uuid.uuid4()))
+    assert "image_unreadable" not in [one["code"] for one in found["problems"]]
+    assert found["measures"]["square_px_left"] > 80

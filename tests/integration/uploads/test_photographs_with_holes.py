@@ -1,0 +1,70 @@
+"""A JPEG that lost bytes in its middle is refused before it is acknowledged: then the phone still has the whole one."""
+
+import pytest
+
+from app.children.api_children import ApiChildren
+from app.children.child_pool import ChildResult
+from app.children.fair_line import LineFullError
+from tests.integration.conftest import meal_metadata
+from tests.photographs import pair, photograph, with_hole
+
+
+@pytest.fixture
+def kind():
+    """One kind of database: nothing of this differs between them."""
+    return "sqlite"
+
+
+@pytest.fixture
+def phone(phone):
+    """Of a server whose children are up."""
+    files = {slot: (f"{slot}.jpg", content, "image/jpeg") for slot, content in pair().items()}
+    assert phone.client.post("/v1/checks", headers=phone.headers, files=files).status_code == 200
+    return phone
+
+
+@pytest.mark.parametrize("progressive", [False, True])
+def test_jpeg_with_a_hole_is_refused_and_the_whole_one_is_taken_afterwards(phone, progressive):
+    body, photos = meal_metadata(), pair(progressive=progressive)
+    answer = phone.post(photos | {"right": with_hole(photos["right"])}, metadata=body)
+    assert (answer.status_code, answer.json()["code"], answer.json()["slot"]) == (422, "image_unreadable", "right")
+    assert phone.get(f"/v1/meals/{body['id']}").status_code == 404
+    assert phone.post(photos, metadata=body).status_code == 202
+
+
+def test_after_meal_photograph_with_a_hole_is_refused(phone):
+    body = meal_metadata()
+    assert phone.post(pair(), metadata=body).status_code == 202
+    address = f"/v1/meals/{body['id']}/images/after_left"
+    answer = phone.put(address, content=with_hole(photograph(7)))
+    assert (answer.status_code, answer.json()["code"]) == (422, "image_unreadable")
+    assert phone.put(address, content=photograph(7)).status_code == 202
+
+
+def test_pre_check_tells_of_the_hole(phone):
+    photos = pair()
+    files = {slot: (slot, content, "image/jpeg") for slot, content in photos.items()}
+    files["left"] = ("left", with_hole(photos["left"]), "image/jpeg")
+    answer = phone.client.post("/v1/checks", headers=phone.headers, files=files).json()
+    assert ("image_unreadable", "left", "stop") in [(p["code"], p["side"], p["severity"]) for p in answer["problems"]]
+
+
+def test_meal_is_kept_where_all_children_are_busy(phone, monkeypatch):
+    def no_place(*_, **__):
+        raise LineFullError
+
+    monkeypatch.setattr("app.children.fair_line.FairLine.place", no_place)
+    assert phone.post(pair()).status_code == 202
+
+
+def test_meal_is_kept_where_the_child_makes_a_mistake(phone, monkeypatch):
+    def mistake(*_, **__):
+        return ChildResult("raised", message="KeyError: 'photo'")
+
+    monkeypatch.setattr("app.children.child_pool.ChildPool.run", mistake)
+    assert phone.post(pair()).status_code == 202
+
+
+def test_meal_is_kept_where_no_child_was_started(enrol, monkeypatch):
+    monkeypatch.setattr(ApiChildren, "run", None)
+    assert enrol("P002").post(pair()).status_code == 202

@@ -1,0 +1,159 @@
+"""`tada identify`: one photograph in, candidates out. The photograph is the demo's: a rendered apple and a marker."""
+
+import importlib.resources
+import json
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from app.candidates.identify_photo import identified_to_json, identify_photo, parse_box
+from app.cli.main import cli
+from app.core.errors import InvalidInputError
+from app.identification.food_index import shipped_foods
+from app.vision.looks.food_boxes import overlap, propose_boxes
+from app.vision.marker_spec import MarkerSpec
+from app.vision.model import Photo
+
+APPLE_BOX = (978.0, 506.0, 231.0, 232.0)
+
+
+@pytest.fixture(scope="module")
+def photo():
+    file = importlib.resources.files("app") / "demo_data" / "left.jpg"
+    return Photo(cv2.imdecode(np.frombuffer(file.read_bytes(), np.uint8), cv2.IMREAD_COLOR))
+
+
+@pytest.fixture
+def path(tmp_path, photo):
+    path = tmp_path / "photo.png"
+    cv2.imwrite(str(path), photo.pixels_bgr)
+    return str(path)
+
+
+def run(*arguments):
+    return CliRunner().invoke(cli, ["identify", *arguments])
+
+
+def test_apple_in_its_box_is_an_apple_before_all_others(photo):
+    found = identify_photo(photo, APPLE_BOX).identification
+    first, second = found.candidates[:2]
+    assert first.label == first.food_key == "apple"
+    assert first.probability > 0.5 > second.probability
+    assert found.none_probability < 0.5
+
+
+def test_probabilities_of_all_foods_and_of_none_add_up_to_one(photo):
+    found = identify_photo(photo, APPLE_BOX).identification
+    told = sum(one.probability for one in found.candidates)
+    assert len(found.candidates) == len(shipped_foods())
+    assert told + found.none_probability == pytest.approx(1.0)
+    assert [one.probability for one in found.candidates] == sorted(
+        (one.probability for one in found.candidates), reverse=True
+    )
+
+
+def test_what_is_printed_adds_up_where_the_food_is_hardly_known(photo):
+    grey = Photo(cv2.cvtColor(cv2.cvtColor(photo.pixels_bgr, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR))
+    answer = identified_to_json(identify_photo(grey, APPLE_BOX))
+    told = sum(one["probability"] for one in answer["candidates"])
+    assert told + answer["none_of_these"] == pytest.approx(1.0, abs=0.0011)  # of 20 numbers of four decimals
+
+
+def test_apple_is_found_where_nobody_points_at_it(photo):
+    found = identify_photo(photo, None)
+    assert found.identification.candidates[0].label == "apple"
+    assert overlap(found.box, APPLE_BOX) > 0.6
+
+
+def test_colours_are_corrected_by_a_marker_that_is_told(photo):
+    yellowish = Photo(np.clip(photo.pixels_bgr * np.array([0.6, 0.9, 1.0]), 0, 255).astype(np.uint8))
+    spec = MarkerSpec("plain", 9, 7, 11.0)
+    as_taken, corrected = (identify_photo(yellowish, APPLE_BOX, marker) for marker in (None, spec))
+    in_good_light = identify_photo(photo, APPLE_BOX, spec)
+    chances = [each.identification.candidates[0].probability for each in (as_taken, corrected, in_good_light)]
+    assert corrected.identification.candidates[0].label == "apple"
+    assert abs(chances[1] - chances[2]) < abs(chances[0] - chances[2])
+
+
+@pytest.mark.slow
+def test_marker_that_is_not_there_is_told(photo):
+    with pytest.raises(InvalidInputError) as raised:
+        identify_photo(photo, APPLE_BOX, MarkerSpec("colour", 4, 5, 12.0))
+    assert raised.value.code in {"marker_not_found", "marker_mismatch"}
+
+
+@pytest.mark.parametrize("box", ["5000,10,20,20", "-50,-50,20,20", "10,10,0.2,0.2"])
+def test_box_without_food_in_view_is_told(path, box):
+    done = run(path, f"--box={box}")
+    assert done.exit_code != 0
+    assert done.exception.code == "box_outside"
+    assert "1632 x 1224 px" in done.exception.message
+
+
+@pytest.mark.parametrize("text", ["", "1,2,3", "1,2,3,4,5", "a,b,c,d", "1,2,0,4", "1,2,-3,4", "nan,2,3,4", "1,2,inf,4"])
+def test_what_is_no_box_is_told(text):
+    with pytest.raises(InvalidInputError) as raised:
+        parse_box(text)
+    assert raised.value.code == "box_invalid"
+
+
+def test_box_partly_outside_is_looked_into_as_far_as_it_is_there(photo):
+    height, width = photo.pixels_bgr.shape[:2]
+    assert identify_photo(photo, (-100.0, -100.0, width + 200.0, height + 200.0)).identification.candidates
+
+
+def test_command_prints_the_agreed_keys(path):
+    done = run(path, "--box", ",".join(map(str, APPLE_BOX)), "--json")
+    answer = json.loads(done.stdout)
+    assert done.exit_code == 0
+    assert {"candidates", "none_of_these", "box", "index_version", "seconds"} == set(answer)
+    assert answer["candidates"][0]["food"] == "Apple, raw, with skin"
+    assert {"food", "food_key", "label", "probability"} == set(answer["candidates"][0])
+
+
+def test_command_speaks_to_people_without_json(path):
+    done = run(path)
+    assert "Apple, raw, with skin" in done.stdout
+    assert "none that the index knows" in done.stdout
+
+
+def test_foods_of_hardly_any_probability_are_not_listed_for_people(tmp_path):
+    path = tmp_path / "grey.png"
+    cv2.imwrite(str(path), np.full((400, 600, 3), 128, np.uint8))
+    lines = run(str(path)).stdout.splitlines()
+    assert "none that the index knows" in lines[-1]
+    assert not [line for line in lines if line.strip().startswith("0.0%")]
+
+
+def test_small_photograph_is_enough_for_a_food(tmp_path, photo):
+    height, width = 240, 320  # the shorter side of a pair has 480 at least
+    path = tmp_path / "small.jpg"
+    cv2.imwrite(str(path), cv2.resize(photo.pixels_bgr, (width, height), interpolation=cv2.INTER_AREA))
+    scale = width / photo.pixels_bgr.shape[1]
+    done = run(str(path), "--box", ",".join(str(each * scale) for each in APPLE_BOX), "--json")
+    assert json.loads(done.stdout)["candidates"][0]["label"] == "apple"
+
+
+def test_file_that_is_no_photograph_is_told(tmp_path):
+    path = tmp_path / "words.jpg"
+    path.write_text("no photograph")
+    assert run(str(path)).exception.code == "not_an_image"
+    assert "cannot be read" in run(str(tmp_path / "missing.jpg")).exception.message
+
+
+@pytest.mark.parametrize("pixels", [np.zeros((200, 300, 3), np.uint8), np.full((200, 300, 3), 255, np.uint8)])
+def test_photograph_of_nothing_has_a_box_and_an_answer(pixels):
+    assert propose_boxes(pixels) == [(30.0, 20.0, 240.0, 160.0)]
+    assert identify_photo(Photo(pixels), None).identification.candidates
+
+
+def test_disc_on_a_plain_ground_is_proposed():
+    pixels = np.full((600, 800, 3), 200, np.uint8)
+    cv2.circle(pixels, (300, 250), 90, (40, 60, 180), -1)
+    assert max(overlap(box, (210.0, 160.0, 180.0, 180.0)) for box in propose_boxes(pixels)) > 0.85
+
+
+def test_same_photograph_gives_the_same_answer(photo):
+    assert identify_photo(photo, None).identification == identify_photo(photo, None).identification

@@ -1,0 +1,98 @@
+import os
+
+import pytest
+
+from app.children import cores
+from app.children.cores import ESTIMATE_BYTES, usable_cores, usable_memory_bytes, worker_concurrency
+from app.core.settings import MEBIBYTE, Settings
+
+GIBIBYTE = 1024 * MEBIBYTE
+
+
+@pytest.fixture
+def sixteen_cores(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(16)), raising=False)
+
+
+def machine(root, files):
+    """Files of /proc and /sys below root; a machine of 64 GB."""
+    for name, content in {"proc/meminfo": "MemFree: 1 kB\nMemTotal:       67108864 kB\n", **files}.items():
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(content)
+    return root
+
+
+@pytest.mark.parametrize(
+    ("quota", "expected"),
+    [("400000 100000", 4), ("150000 100000", 1), ("50000 100000", 1), ("max 100000", 16), ("6400000 100000", 16)],
+)
+def test_quota_of_the_control_group_limits_the_cores_but_leaves_one(tmp_path, sixteen_cores, quota, expected):
+    root = machine(tmp_path, {"proc/self/cgroup": "0::/\n", "sys/fs/cgroup/cpu.max": f"{quota}\n"})
+    assert usable_cores(root) == expected
+
+
+def test_quota_of_a_group_above_counts(tmp_path, sixteen_cores):
+    root = machine(
+        tmp_path,
+        {
+            "proc/self/cgroup": "0::/system.slice/tada.service\n",
+            "sys/fs/cgroup/system.slice/cpu.max": "200000 100000",
+            "sys/fs/cgroup/system.slice/tada.service/cpu.max": "max 100000",
+        },
+    )
+    assert usable_cores(root) == 2
+
+
+def test_version_one_of_control_groups_is_read(tmp_path, sixteen_cores):
+    root = machine(
+        tmp_path,
+        {
+            "proc/self/cgroup": "5:cpu,cpuacct:/docker/x\n4:memory:/docker/x\n",
+            "sys/fs/cgroup/cpu/cpu.cfs_quota_us": "300000\n",
+            "sys/fs/cgroup/cpu/cpu.cfs_period_us": "100000\n",
+            "sys/fs/cgroup/memory/memory.limit_in_bytes": str(2 * GIBIBYTE),
+        },
+    )
+    assert usable_cores(root) == 3
+    assert usable_memory_bytes(root) == 2 * GIBIBYTE
+
+
+def test_no_limit_in_version_one_is_none(tmp_path, sixteen_cores):
+    root = machine(
+        tmp_path,
+        {
+            "proc/self/cgroup": "5:cpu,cpuacct:/\n4:memory:/\n",
+            "sys/fs/cgroup/cpu/cpu.cfs_quota_us": "-1\n",
+            "sys/fs/cgroup/cpu/cpu.cfs_period_us": "100000\n",
+            "sys/fs/cgroup/memory/memory.limit_in_bytes": "9223372036854771712",
+        },
+    )
+    assert usable_cores(root) == 16
+    assert usable_memory_bytes(root) == 64 * GIBIBYTE
+
+
+def test_machine_without_control_groups_has_what_it_has(tmp_path, sixteen_cores):
+    root = machine(tmp_path, {})
+    assert usable_cores(root) == 16
+    assert usable_memory_bytes(root) == 64 * GIBIBYTE
+
+
+def test_affinity_limits_the_cores(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {3, 5}, raising=False)
+    assert usable_cores(machine(tmp_path, {})) == 2
+
+
+@pytest.mark.parametrize(
+    ("cores_usable", "memory_bytes", "expected"),
+    [(8, 64 * GIBIBYTE, 8), (8, 4 * GIBIBYTE, 6), (8, ESTIMATE_BYTES, 1), (1, 64 * GIBIBYTE, 1)],
+)
+def test_concurrency_is_what_cores_and_memory_carry_and_one_at_least(monkeypatch, cores_usable, memory_bytes, expected):
+    monkeypatch.setattr(cores, "usable_cores", lambda: cores_usable)
+    monkeypatch.setattr(cores, "usable_memory_bytes", lambda: memory_bytes)
+    assert worker_concurrency(Settings()) == expected
+
+
+def test_concurrency_that_is_set_counts(monkeypatch):
+    monkeypatch.setattr(cores, "usable_cores", lambda: 8)
+    assert worker_concurrency(Settings(worker_concurrency=3)) == 3

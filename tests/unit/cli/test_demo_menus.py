@@ -1,0 +1,40 @@
+"""What the sample study eats is in the starter table, and its photographs are bundled."""
+
+import csv
+import importlib.resources
+import io
+
+import pytest
+from PIL import Image
+
+from app.cli import demo_menus
+from app.cli.demo_menus import OCCASIONS
+from app.cli.demo_study import PHOTOGRAPHED
+
+BUNDLED = importlib.resources.files("app") / "demo_data"
+STARTER = importlib.resources.files("app") / "nutrition" / "starter" / "nutrients.csv"
+PLATES = {plate.folder: plate for plate in vars(demo_menus).values() if isinstance(plate, demo_menus.Plate)}
+
+
+def test_every_food_of_the_sample_study_is_in_the_starter_table():
+    known = {row["key"] for row in csv.DictReader(io.StringIO(STARTER.read_text()))}
+    told = {food for _, dishes in OCCASIONS for dish in dishes for food, _ in dish}
+    seen = {food for plate in PLATES.values() for _, food in plate.points + plate.left_over}
+    assert told | seen <= known
+
+
+@pytest.mark.parametrize("folder", PLATES)
+def test_bundled_pair_shows_its_points(folder):
+    plate = PLATES[folder]
+    slots = ["left", "right"] + (["after_left", "after_right"] if plate.left_over else [])
+    sizes = {slot: Image.open(io.BytesIO((BUNDLED / folder / f"{slot}.jpg").read_bytes())).size for slot in slots}
+    assert len(set(sizes.values())) == 1
+    width, height = sizes["left"]
+    for (x, y), _ in plate.points + plate.left_over:
+        assert 0 < x < width
+        assert 0 < y < height
+
+
+def test_every_bundled_pair_is_of_the_sample_study():
+    folders = {entry.name for entry in BUNDLED.iterdir() if entry.is_dir()}
+    assert folders | {""} == {meal.plate.folder for meal in PHOTOGRAPHED} == set(PLATES)

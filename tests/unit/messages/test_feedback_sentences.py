@@ -1,0 +1,67 @@
+"""Every sentence of the feedback exists in every language, with the same values, and takes them."""
+
+import string
+
+import pytest
+
+from app.diary.feedback import COMPARED, sum_amounts
+from app.meals.record_models import EffectiveRecord
+from app.messages.catalogue import catalogue, choose_locale, feedback_sentence
+from app.nutrition.intakes.compare_intake import Verdict
+from app.people.models import LOCALES
+
+
+def fields_of(text):
+    return sorted(name for _, name, _, _ in string.Formatter().parse(text) if name)
+
+
+@pytest.mark.parametrize("code", sorted(catalogue("feedback")))
+def test_sentence_is_there_in_every_language_with_the_same_values(code):
+    sentences = catalogue("feedback")[code]
+    assert set(sentences) == set(LOCALES)
+    assert len({tuple(fields_of(text)) for text in sentences.values()}) == 1
+    for locale in LOCALES:
+        told = feedback_sentence(code, locale, **dict.fromkeys(fields_of(sentences[locale]), "1"))
+        assert told
+        assert "{" not in told
+
+
+def test_every_verdict_and_every_nutrient_has_its_words():
+    codes = set(catalogue("feedback"))
+    assert set(Verdict.__args__) <= codes
+    assert {f"name_{column}" for column in COMPARED} <= codes
+    assert {f"unit_{column.rpartition('_')[2]}" for column in COMPARED} <= codes
+
+
+def test_language_without_sentences_falls_back():
+    assert [choose_locale(None, None, name) for name in ("de", "fr", "")] == ["de", "en", "en"]
+
+
+def record(grams, low, high, energy):
+    return EffectiveRecord(consumed_g=grams, consumed_low_g=low, consumed_high_g=high, energy_kcal=energy)
+
+
+def test_interval_of_a_sum_reaches_from_all_low_to_all_high():
+    found = sum_amounts([record(100.0, 80.0, 120.0, 50.0), record(200.0, 150.0, 300.0, 100.0)])["energy_kcal"]
+    assert (found.amount, found.interval, found.coverage) == (150.0, (40.0 + 75.0, 60.0 + 150.0), 1.0)
+
+
+def test_sum_without_an_interval_or_with_unknown_grams_says_so():
+    unknown = sum_amounts([record(100.0, None, None, 50.0), record(None, None, None, None)])["energy_kcal"]
+    assert (unknown.amount, unknown.interval, unknown.coverage) == (50.0, None, None)
+    assert sum_amounts([])["energy_kcal"].amount is None
+
+
+def test_nothing_eaten_within_an_interval_of_grams_is_no_certain_nothing():
+    """A summary said [0, 0] kcal where the meal itself said -30.6 to 30.6."""
+    found = sum_amounts([record(0.0, -20.0, 20.0, 0.0)])["energy_kcal"]
+    assert (found.amount, found.interval) == (0.0, None)
+    certain = sum_amounts([record(0.0, 0.0, 0.0, 0.0)])["energy_kcal"]
+    assert (certain.amount, certain.interval) == (0.0, (0.0, 0.0))
+    by_the_table = sum_amounts([record(0.0, 0.0, 0.0, 0.0), record(100.0, 80.0, 120.0, 0.0)])["energy_kcal"]
+    assert (by_the_table.amount, by_the_table.interval) == (0.0, None)
+
+
+def test_what_is_shown_is_never_below_zero():
+    found = sum_amounts([record(-4.0, -10.0, 2.0, -2.0)])["energy_kcal"]
+    assert (found.amount, found.interval) == (0.0, (0.0, 1.0))

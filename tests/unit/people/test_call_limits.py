@@ -1,0 +1,160 @@
+import uuid
+
+import pytest
+
+from app.core.errors import RateLimitedError
+from app.core.settings import Settings
+from app.people.access.call_limits import CallLimits, call_class
+from app.people.access.caller import DeviceCaller, StaffCaller
+
+
+class Clock:
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+def limits(clock=None, **changes):
+    return CallLimits(Settings(**changes), clock or Clock())
+
+
+def phone():
+    return DeviceCaller(uuid.uuid4(), uuid.uuid4(), uuid.uuid4(), uuid.uuid4())
+
+
+def person():
+    return StaffCaller(uuid.uuid4(), "ann", False, uuid.uuid4())
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "query", "found"),
+    [
+        ("POST", "/v1/meals", b"", "upload"),
+        ("PUT", "/v1/meals/a", b"", "upload"),
+        ("PUT", "/v1/meals/a/images/left", b"", "upload"),
+        ("PUT", "/v1/meals/a/after", b"", "upload"),
+        ("POST", "/v1/checks", b"", "upload"),
+        ("POST", "/v1/calibrations", b"", "upload"),
+        ("GET", "/v1/meals/a", b"wait=25", "call"),
+        ("DELETE", "/v1/meals/a", b"", "call"),
+        ("POST", "/v1/meals/a/events", b"", "call"),
+        ("POST", "/v1/calibrations/a/withdrawal", b"", "call"),
+        ("GET", "/v1/meals/a/images/left", b"", "call"),
+        ("GET", "/v1/records", b"study=a", "call"),
+        ("GET", "/v1/records", b"format=json&study=a", "call"),
+        ("GET", "/v1/records", b"study=a&format=csv", "export"),
+        ("GET", "/v1/records", b"format=parquet", "export"),
+        ("GET", "/v1/records", b"f%6frmat=parquet", "export"),
+        ("GET", "/v1/me/export", b"", "export"),
+        ("GET", "/v1/exported", b"", "call"),
+        ("GET", "/healthz", b"", None),
+        ("GET", "/readyz", b"", None),
+        ("GET", "/metrics", b"", None),
+    ],
+)
+def test_call_counts_as_what_it_costs(method, path, query, found):
+    assert call_class({"method": method, "path": path, "query_string": query, "headers": []}) == found
+
+
+@pytest.mark.parametrize(
+    ("accept", "query", "found"),
+    [
+        (b"text/csv", b"", "export"),
+        (b"application/vnd.apache.parquet, */*", b"study=a", "export"),
+        (b"text/csv", b"format=json", "call"),
+        (b"application/json", b"", "call"),
+        (b"*/*", b"", "call"),
+    ],
+)
+def test_file_asked_for_by_the_header_counts_as_an_export(accept, query, found):
+    scope = {"method": "GET", "path": "/v1/records", "query_string": query, "headers": [(b"accept", accept)]}
+    assert call_class(scope) == found
+
+
+def test_phone_past_its_uploads_is_refused_and_may_still_ask():
+    counted, caller = limits(device_uploads_per_minute=2), phone()
+    assert counted.count_caller(caller, "upload").quota.left == 1
+    counted.count_caller(caller, "upload")
+    with pytest.raises(RateLimitedError) as caught:
+        counted.count_caller(caller, "upload")
+    assert caught.value.facts == {"retry_after_seconds": 30, "limit_per_minute": 2}
+    counted.count_caller(caller, "call")
+    counted.count_caller(phone(), "upload")
+
+
+def test_phone_that_waits_as_it_was_told_is_let_in_however_often_it_was_refused():
+    clock = Clock()
+    counted, caller = limits(clock, device_uploads_per_minute=1), phone()
+    counted.count_caller(caller, "upload")
+    for _ in range(5):
+        with pytest.raises(RateLimitedError):
+            counted.count_caller(caller, "upload")
+    clock.now += 60
+    counted.count_caller(caller, "upload")
+
+
+def test_exports_of_a_person_have_their_own_limit():
+    counted, caller = limits(exports_per_minute=1, staff_calls_per_minute=2), person()
+    counted.count_caller(caller, "export")
+    with pytest.raises(RateLimitedError):
+        counted.count_caller(caller, "export")
+    counted.count_caller(caller, "call")
+
+
+def test_limit_of_nought_is_none():
+    counted = limits(device_uploads_per_minute=0, address_uploads_per_minute=0)
+    caller = phone()
+    for _ in range(1000):
+        assert counted.count_caller(caller, "upload") is None
+        counted.enter("192.0.2.1", "upload")
+        counted.leave("192.0.2.1")
+
+
+def test_clinic_of_two_hundred_phones_behind_one_address_is_not_refused():
+    """For ten minutes each sends a meal in four parts a minute and waits for its estimate by calls of 25 s."""
+    clock = Clock()
+    counted, callers = limits(clock), [phone() for _ in range(200)]
+    for _ in range(10):
+        for caller in callers:
+            for call in ("upload",) * 4 + ("call",) * 3:
+                counted.enter("192.0.2.1", call)
+                counted.count_caller(caller, call)
+                counted.leave("192.0.2.1")
+        clock.now += 60
+
+
+def test_phone_that_was_offline_for_weeks_sends_all_in_the_time_that_it_is_told():
+    clock = Clock()
+    counted, caller = limits(clock), phone()
+    for _ in range(4 * 90):
+        while True:
+            try:
+                counted.count_caller(caller, "upload")
+            except RateLimitedError as error:
+                clock.now += error.facts["retry_after_seconds"]
+            else:
+                break
+    assert clock.now <= 180
+
+
+def test_requests_at_the_same_time_of_one_address_are_bounded_and_forgotten_when_they_end():
+    counted = limits(max_connections_per_address=2)
+    counted.enter("a", "call")
+    counted.enter("a", "call")
+    with pytest.raises(RateLimitedError) as caught:
+        counted.enter("a", "call")
+    assert caught.value.facts["limit_at_once"] == 2
+    counted.enter("b", "call")
+    counted.leave("a")
+    counted.enter("a", "call")
+    for address in "aab":
+        counted.leave(address)
+    assert not counted._under_way
+
+
+def test_quota_is_told_as_the_draft_writes_it():
+    clock = Clock()
+    told = limits(clock, device_calls_per_minute=60).count_caller(phone(), "call")
+    assert dict(told.headers) == {b"ratelimit-policy": b'"call";q=60;w=60', b"ratelimit": b'"call";r=59;t=1'}

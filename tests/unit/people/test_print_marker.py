@@ -1,0 +1,108 @@
+"""The printable board: what the PDF's content stream draws, measured in mm."""
+
+import re
+import zlib
+
+import pytest
+
+from app.core.errors import InvalidInputError
+from app.people.print_marker import render_marker_pdf
+from app.vision.board.colour_board import COLOUR_SQUARES
+from app.vision.marker_spec import parse_marker
+
+MM_PER_POINT = 25.4 / 72
+
+
+def content(pdf: bytes) -> str:
+    """The page's drawing commands."""
+    streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", pdf, re.DOTALL)
+    return zlib.decompress(streams[0]).decode("latin-1")
+
+
+def page_mm(pdf: bytes) -> tuple[float, float]:
+    box = re.search(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", pdf)
+    assert box
+    return float(box[1]) * MM_PER_POINT, float(box[2]) * MM_PER_POINT
+
+
+def squares_mm(pdf: bytes) -> list[tuple[tuple[int, ...], float, float, float, float]]:
+    """Filled rectangles: sRGB, then x and y of the upper left corner from the page's, width and height in mm."""
+    height = page_mm(pdf)[1]
+    colour, found = (0, 0, 0), []  # PDF begins with black
+    pattern = r"([\d. ]+) (rg|g)\b|([-\d.]+) ([-\d.]+) ([-\d.]+) ([-\d.]+) re f"
+    for grey, operator, *box in re.findall(pattern, content(pdf)):
+        if operator:
+            levels = [round(float(level) * 255) for level in grey.split()]
+            colour = tuple(levels * 3 if operator == "g" else levels)
+        else:
+            x, y, width, depth = (float(value) * MM_PER_POINT for value in box)
+            found.append((colour, x, height - max(y, y + depth), abs(width), abs(depth)))
+    return found
+
+
+def test_plain_board_has_true_size():
+    squares = squares_mm(render_marker_pdf(parse_marker("plain:9x7:11")))
+    assert len(squares) == 32
+    assert all(colour == (0, 0, 0) for colour, *_ in squares)
+    assert all((width, depth) == pytest.approx((11.0, 11.0), abs=0.01) for *_, width, depth in squares)
+    across = max(x for _, x, *_ in squares) - min(x for _, x, *_ in squares)
+    down = max(y for _, _, y, *_ in squares) - min(y for _, _, y, *_ in squares)
+    assert (across, down) == (pytest.approx(8 * 11, abs=0.02), pytest.approx(6 * 11, abs=0.02))
+
+
+def test_first_square_is_dark_and_they_alternate():
+    squares = squares_mm(render_marker_pdf(parse_marker("plain:10x7:11")))
+    left, top = min(x for _, x, *_ in squares), min(y for _, _, y, *_ in squares)
+    places = {(round((y - top) / 11), round((x - left) / 11)) for _, x, y, *_ in squares}
+    assert places == {(r, c) for r in range(7) for c in range(10) if (r + c) % 2 == 0}
+
+
+def test_colour_board_has_its_colours_in_their_places():
+    squares = squares_mm(render_marker_pdf(parse_marker("colour:4x5:12")))
+    left, top = min(x for _, x, *_ in squares), min(y for _, _, y, *_ in squares)
+    drawn = {(round((y - top) / 12), round((x - left) / 12)): colour for colour, x, y, *_ in squares}
+    assert drawn == COLOUR_SQUARES
+
+
+@pytest.mark.parametrize("marker", ["plain:9x7:11", "plain:4x4:40", "plain:20x9:12", "plain:12x20:15", "colour:4x5:30"])
+def test_a_square_of_white_lies_around_the_board(marker):
+    spec = parse_marker(marker)
+    pdf = render_marker_pdf(spec)
+    width, height = page_mm(pdf)
+    edges = squares_mm(pdf)
+    assert min(min(x, y, width - x - w) for _, x, y, w, _ in edges) >= spec.square_mm - 0.01
+    lowest_ink = max(y + d for _, _, y, _, d in edges)
+    lines_y = [height - float(y) * MM_PER_POINT for y in re.findall(r"[\d.]+ ([\d.]+) m [\d.]+ [\d.]+ l", content(pdf))]
+    assert lines_y
+    assert min(lines_y) - lowest_ink >= spec.square_mm - 0.01
+
+
+def test_ruler_is_100_mm_long():
+    lines = re.findall(
+        r"([\d.]+) ([\d.]+) m ([\d.]+) ([\d.]+) l", content(render_marker_pdf(parse_marker("plain:9x7:11")))
+    )
+    lengths = [abs(float(x1) - float(x0)) * MM_PER_POINT for x0, _, x1, _ in lines]
+    assert max(lengths) == pytest.approx(100.0, abs=0.01)
+
+
+def test_sheet_tells_which_marker_it_is():
+    assert "plain:9x7:11" in content(render_marker_pdf(parse_marker("plain:9x7:11")))
+
+
+@pytest.mark.parametrize(
+    ("marker", "page"),
+    [
+        ("plain:9x7:11", (210, 297)),
+        ("plain:20x9:12", (297, 210)),
+        ("plain:10x6:27", (420, 297)),
+        ("plain:6x10:27", (297, 420)),
+    ],
+)
+def test_smallest_sheet_that_fits_is_chosen(marker, page):
+    assert page_mm(render_marker_pdf(parse_marker(marker))) == pytest.approx(page, abs=0.02)
+
+
+def test_board_larger_than_a3_is_refused():
+    with pytest.raises(InvalidInputError) as refused:
+        render_marker_pdf(parse_marker("plain:20x20:30"))
+    assert refused.value.code == "marker_too_large"

@@ -1,0 +1,62 @@
+"""What becomes of a release's rows: of every change, in their order, and at the cost of one digest a name."""
+
+import uuid
+from datetime import UTC, datetime
+from itertools import permutations
+
+from app.exports.release_models import ReleaseChange
+from app.people.access.secret_box import SecretBox
+from app.releases.alter_release import Verdicts, meal_digest, participant_digest
+
+IDS = uuid.UUID(int=7)
+MEAL = str(uuid.UUID(int=1))
+NEW_MEAL = str(uuid.uuid5(IDS, MEAL))
+
+
+class CountingBox(SecretBox):
+    """Counts what it is asked for."""
+
+    asked = 0
+
+    def digest(self, kind, value):
+        self.asked += 1
+        return super().digest(kind, value)
+
+
+BOX = CountingBox("a key for tests only, of no worth")
+
+
+def change(deed, digest, **renamed):
+    return ReleaseChange(
+        id=uuid.uuid4(), release_id=IDS, deed=deed, digest=digest, requested_at=datetime.now(UTC), **renamed
+    )
+
+
+ANONYMISED = change("anonymise", participant_digest(BOX, "P001"), new_code="withdrawn-1", new_ids=IDS)
+LATER_ERASED = change("erase", participant_digest(BOX, "withdrawn-1"))
+LATER_MEAL = change("meal", meal_digest(BOX, "withdrawn-1", NEW_MEAL))
+
+
+def test_change_of_a_new_name_counts_after_the_renaming_only():
+    assert Verdicts(BOX, [ANONYMISED, LATER_ERASED])("P001", MEAL) is None
+    assert Verdicts(BOX, [LATER_ERASED, ANONYMISED])("P001", MEAL) == ("withdrawn-1", NEW_MEAL)
+    assert Verdicts(BOX, [ANONYMISED, LATER_MEAL])("P001", MEAL) is None
+    assert Verdicts(BOX, [ANONYMISED, LATER_MEAL])("P001") == ("withdrawn-1", None)
+
+
+def test_rows_of_nobody_who_is_meant_keep_their_names_and_erased_ones_go_in_any_order():
+    meal = change("meal", meal_digest(BOX, "P002", MEAL))
+    person = change("erase", participant_digest(BOX, "P003"))
+    for changes in permutations([meal, person, ANONYMISED]):
+        judge = Verdicts(BOX, changes)
+        assert judge("P002", MEAL) is judge("P003", MEAL) is judge("P003") is None
+        assert (judge("P002"), judge("P004", MEAL)) == (("P002", None), ("P004", MEAL))
+
+
+def test_a_row_costs_as_much_with_a_thousand_changes_as_with_one():
+    changes = [change("meal", meal_digest(BOX, "P002", str(number))) for number in range(1000)]
+    judge = Verdicts(BOX, changes)
+    BOX.asked = 0
+    assert judge("P002", "999") is None
+    assert judge("P002", "1000") == ("P002", "1000")
+    assert BOX.asked == 3  # the person and two meals

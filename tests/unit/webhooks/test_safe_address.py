@@ -1,0 +1,243 @@
+"""Where webhooks may go. Each refused address and URL here is a way in which servers were made to call themselves."""
+
+import ipaddress
+import socket
+import threading
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.webhooks import safe_address
+from app.webhooks.safe_address import AddressError, is_public, parse_target, resolve_safely, system_resolver
+
+NOT_PUBLIC = {
+    "0.0.0.0": "unspecified",
+    "0.1.2.3": "this network",
+    "10.0.0.1": "private",
+    "10.255.255.255": "private",
+    "100.64.0.1": "carriers' NAT",
+    "100.127.255.254": "carriers' NAT",
+    "127.0.0.1": "loopback",
+    "127.255.255.254": "loopback",
+    "169.254.169.254": "metadata",
+    "172.16.0.1": "private",
+    "172.31.255.255": "private",
+    "192.0.0.8": "protocol assignments",
+    "192.0.0.192": "metadata of a cloud",
+    "192.0.2.1": "documentation",
+    "192.88.99.1": "6to4 relay",
+    "192.168.1.1": "private",
+    "198.18.0.1": "benchmarks",
+    "198.19.255.255": "benchmarks",
+    "198.51.100.1": "documentation",
+    "203.0.113.1": "documentation",
+    "224.0.0.1": "multicast",
+    "239.255.255.250": "multicast",
+    "240.0.0.1": "reserved",
+    "255.255.255.255": "broadcast",
+    "::": "unspecified",
+    "::1": "loopback",
+    "::127.0.0.1": "IPv4-compatible",
+    "::8.8.8.8": "IPv4-compatible",
+    "::ffff:127.0.0.1": "IPv4-mapped",
+    "::ffff:8.8.8.8": "IPv4-mapped, even of a public one",
+    "::ffff:0:127.0.0.1": "IPv4-translated",
+    "64:ff9b::7f00:1": "NAT64",
+    "64:ff9b::808:808": "NAT64, even of a public one",
+    "64:ff9b:1::a00:1": "local NAT64",
+    "100::1": "discard",
+    "2001::1": "Teredo",
+    "2001:0:7f00:1::": "Teredo",
+    "2001:2::1": "benchmarks",
+    "2001:20::1": "ORCHID",
+    "2001:db8::1": "documentation",
+    "2002:7f00:1::": "6to4 of the loopback",
+    "2002:a9fe:a9fe::1": "6to4 of the metadata service",
+    "2606:4700::5efe:7f00:1": "ISATAP of the loopback",
+    "2606:4700::200:5efe:a00:1": "ISATAP of a private address",
+    "3fff::1": "documentation",
+    "5f00::1": "segment routing",
+    "fc00::1": "unique local",
+    "fd00:ec2::254": "metadata",
+    "fe80::1": "link-local",
+    "fe80::1%eth0": "link-local with a zone",
+    "2606:4700::1%eth0": "a zone",
+    "fec0::1": "site-local",
+    "ff02::1": "multicast",
+    "4000::1": "not handed out",
+    "no address": "no address",
+    "127.1": "short",
+    "0x7f.0.0.1": "hexadecimal",
+    "": "empty",
+}
+PUBLIC = ["1.1.1.1", "8.8.8.8", "9.255.255.255", "100.63.255.255", "100.128.0.1", "128.0.0.1", "172.15.0.1"]
+PUBLIC += ["172.32.0.1", "192.0.1.1", "198.17.0.1", "198.20.0.1", "223.255.255.255", "2606:4700::1111"]
+PUBLIC += ["2001:4860:4860::8888", "2a00:1450:4001::1", "2003::1"]
+
+REFUSED_URLS = [
+    # schemes
+    "http://hooks.example.org/", "ftp://hooks.example.org/", "file:///etc/passwd", "gopher://hooks.example.org/",
+    "javascript:alert(1)", "data:text/plain,x", "//hooks.example.org/", "hooks.example.org", "", "https:", "https://",
+    "https:///path", "https:hooks.example.org", "unix:///run/docker.sock", "ws://hooks.example.org/",
+    # who is it for: parts that readers of URLs take differently
+    "https://user@hooks.example.org/", "https://user:secret@hooks.example.org/", "https://:@hooks.example.org/",
+    "https://hooks.example.org@127.0.0.1/", "https://127.0.0.1:80@hooks.example.org/", "https://@hooks.example.org/",
+    "https://hooks.example.org\\@127.0.0.1/", "https:\\\\hooks.example.org/", "https://hooks.example.org\\.evil.org/",
+    "https://hooks.example.org/#fragment", "https://hooks.example.org#@127.0.0.1/", "https://hooks.example.org/#",
+    "https://hooks.example.org /", " https://hooks.example.org/", "https://hooks.example.org/a b",
+    "https://hooks.example.org/\r\nHost: 127.0.0.1", "https://hooks.example.org/\n", "https://hooks\t.example.org/",
+    "https://hooks.example.org/\x00", "https://hooks.example.org/\x7f", "https://[hooks.example.org]/",
+    "https://hooks.example.org:/", "https://hooks..example.org/", "https://.example.org/", "https://example.org./",
+    "https://-a.example.org/", "https://a-.example.org/", "https://a_b.example.org/", "https://*.example.org/",
+    "https://hooks%2eexample.org/", "https://127%2e0.0.1/", f"https://{'a' * 64}.example.org/",
+    # names of one label: the host itself, or whatever the search list makes of them
+    "https://localhost/", "https://LOCALHOST/", "https://metadata/", "https://db/", "https://localhost./",
+    # numbers that some resolvers take for an address
+    "https://2130706433/", "https://017700000001/", "https://0x7f000001/", "https://0x7f.0x0.0x0.0x1/",
+    "https://127.1/", "https://127.0.1/", "https://0177.0.0.1/", "https://0x7f.1/", "https://0/", "https://127.0.0.1./",
+    "https://1.2.3.4.5/", "https://256.1.1.1/", "https://01.02.03.04/", "https://hooks.example.0x1/", "https://a.0x/",
+    "https://1.2.3.0x/",
+    # letters that normalise to others
+    "https://１２７.0.0.1/", "https://127。0。0。1/", "https://①②⑦.0.0.1/", "https://ⓛⓞⓒⓐⓛⓗⓞⓢⓣ/", "https://ﬁle.example.org/",
+    "https://bücher.example/", "https://example.org／@127.0.0.1/", "https://hooks.example.org／", "https://exam\u00adple.org/",
+    "https://hooks\u200b.example.org/", "https://\u202ehooks.example.org/",
+    # addresses
+    "https://[::1", "https://::1/", "https://[::1%25eth0]/", "https://[fe80::1%eth0]/", "https://[v1.fe80::a]/",
+    "https://[1.2.3.4]/", "https://[]/", "https://[::ffff:127.0.0.1.1]/",
+    # ports
+    "https://hooks.example.org:22/", "https://hooks.example.org:25/", "https://hooks.example.org:80/",
+    "https://hooks.example.org:0/", "https://hooks.example.org:1023/", "https://hooks.example.org:65536/",
+    "https://hooks.example.org:-1/", "https://hooks.example.org:0x1bb/", "https://hooks.example.org:a/",
+    "https://hooks.example.org:443:443/", "https://hooks.example.org:٤٤٣/",
+    # the loopback, without the setting
+    "http://127.0.0.1:8000/",
+    "https://hooks.example.org/" + "a" * 500,
+]  # fmt: skip
+
+GOOD_URLS = {
+    "https://hooks.example.org": ("hooks.example.org", 443, "/", "hooks.example.org"),
+    "https://Hooks.Example.ORG/Path?a=B&c=%20": ("hooks.example.org", 443, "/Path?a=B&c=%20", "hooks.example.org"),
+    "HTTPS://hooks.example.org:443/": ("hooks.example.org", 443, "/", "hooks.example.org"),
+    "https://hooks.example.org:1024/a": ("hooks.example.org", 1024, "/a", "hooks.example.org:1024"),
+    "https://hooks.example.org:65535?x": ("hooks.example.org", 65535, "/?x", "hooks.example.org:65535"),
+    "https://xn--bcher-kva.example/": ("xn--bcher-kva.example", 443, "/", "xn--bcher-kva.example"),
+    "https://8.8.8.8/": ("8.8.8.8", 443, "/", "8.8.8.8"),
+    "https://[2606:4700:0:0::1111]:8443/": ("2606:4700::1111", 8443, "/", "[2606:4700::1111]:8443"),
+    "https://1.example.org/": ("1.example.org", 443, "/", "1.example.org"),
+}
+
+
+def resolving_to(*addresses):
+    return lambda host, port: list(addresses)
+
+
+@pytest.mark.parametrize("address", NOT_PUBLIC)
+def test_address_that_is_not_public_is_told_apart(address):
+    assert not is_public(address)
+
+
+@pytest.mark.parametrize("address", PUBLIC)
+def test_public_address_passes(address):
+    assert is_public(address)
+
+
+@given(st.ip_addresses())
+def test_nothing_that_python_calls_private_passes(address):
+    """An independent table: Python's own, of the same registries."""
+    if is_public(str(address)):
+        assert address.is_global or address in ipaddress.ip_network("2620:4f:8000::/48")
+        refused = (address.is_private, address.is_multicast, address.is_reserved, address.is_loopback)
+        assert not any(refused)
+
+
+@given(st.ip_addresses(v=4))
+def test_no_disguise_of_an_ipv4_address_passes(address):
+    number = int(address)
+    disguises = [
+        number,  # ::a.b.c.d
+        (0xFFFF << 32) | number,  # ::ffff:a.b.c.d
+        (0xFFFF << 48) | number,  # ::ffff:0:a.b.c.d
+        (0x0064FF9B << 96) | number,  # NAT64
+        (0x2002 << 112) | (number << 80),  # 6to4
+        (0x20010000 << 96) | (number ^ 0xFFFFFFFF),  # Teredo
+    ]
+    assert not any(is_public(str(ipaddress.IPv6Address(disguise))) for disguise in disguises)
+
+
+@pytest.mark.parametrize("url", REFUSED_URLS)
+def test_url_is_refused(url):
+    with pytest.raises(AddressError) as refused:
+        parse_target(url, allow_loopback=False)
+    assert (refused.value.code, refused.value.status) == ("webhook_address_refused", 422)
+
+
+@pytest.mark.parametrize("url", GOOD_URLS)
+def test_good_url_is_taken_apart(url):
+    target = parse_target(url, allow_loopback=False)
+    assert (target.host, target.port, target.path, target.host_header) == GOOD_URLS[url]
+    assert target.scheme == "https"
+
+
+@given(st.text(max_size=60))
+def test_any_text_is_taken_apart_or_refused(text):
+    for url in (text, f"https://{text}/", f"https://hooks.example.org{text}"):
+        try:
+            target = parse_target(url, allow_loopback=False)
+        except AddressError:
+            continue
+        assert target.scheme == "https"
+        assert (target.host_header + target.path).isascii()
+        assert not set("\r\n \t@#") & set(target.host_header + target.path.split("?")[0].replace("@", ""))
+
+
+@pytest.mark.parametrize("address", NOT_PUBLIC)
+def test_one_bad_answer_among_good_ones_refuses_all(address):
+    target = parse_target("https://hooks.example.org/", allow_loopback=False)
+    for answers in ([address], ["8.8.8.8", address], [address, "8.8.8.8"]):
+        with pytest.raises(AddressError) as refused:
+            resolve_safely(target, allow_loopback=False, resolve=resolving_to(*answers))
+        assert not address or address not in refused.value.message  # it would draw a map of the network
+
+
+def test_all_public_answers_are_handed_on_in_their_order():
+    target = parse_target("https://hooks.example.org/", allow_loopback=False)
+    found = resolve_safely(target, allow_loopback=False, resolve=resolving_to("2606:4700::1111", "8.8.8.8"))
+    assert found == ("2606:4700::1111", "8.8.8.8")
+
+
+def test_name_without_an_answer_is_refused():
+    target = parse_target("https://hooks.example.org/", allow_loopback=False)
+    with pytest.raises(AddressError, match="does not resolve"):
+        resolve_safely(target, allow_loopback=False, resolve=resolving_to())
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", "10.0.0.1", "169.254.169.254", "[::1]", "[::ffff:127.0.0.1]"])
+def test_address_in_the_url_is_checked_as_a_resolved_one_is(address):
+    target = parse_target(f"https://{address}/", allow_loopback=False)
+    with pytest.raises(AddressError, match="not public"):
+        resolve_safely(target, allow_loopback=False)
+
+
+def test_setting_opens_127_0_0_1_and_nothing_else():
+    target = parse_target("http://127.0.0.1:8000/hook", allow_loopback=True)
+    assert resolve_safely(target, allow_loopback=True) == ("127.0.0.1",)
+    for url in ("http://hooks.example.org/", "http://127.0.0.2/", "http://localhost/", "http://[::1]/"):
+        with pytest.raises(AddressError):
+            parse_target(url, allow_loopback=True)
+    for address in ("127.0.0.2", "::1", "10.0.0.1", "169.254.169.254"):
+        with pytest.raises(AddressError):
+            resolve_safely(target, allow_loopback=True, resolve=resolving_to(address))
+
+
+def test_resolver_that_hangs_or_fails_gives_no_answer(monkeypatch):
+    def fails(*_, **__):
+        raise socket.gaierror
+
+    monkeypatch.setattr(socket, "getaddrinfo", fails)
+    assert system_resolver("hooks.example.org", 443) == []
+    monkeypatch.setattr(safe_address, "RESOLVE_SECONDS", 0.05)
+    released = threading.Event()
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: released.wait(20) and [])
+    assert system_resolver("hooks.example.org", 443) == []
+    released.set()
