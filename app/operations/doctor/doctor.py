@@ -13,9 +13,8 @@ import structlog
 from app.core.errors import TadaError
 from app.core.settings import Settings
 from app.db.session import Database
-from app.operations.doctor import doctor_settings, doctor_work
+from app.operations.doctor import doctor_data, doctor_settings, doctor_work
 from app.operations.doctor.finding import Deployment, Finding, Verdict
-from app.services import doctor_data
 
 __all__ = ["Finding", "examine"]
 

@@ -18,14 +18,13 @@ from app.diary.models import DayMark
 from app.exports.release_models import Release, ReleaseFile
 from app.meals.models import Meal, MealImage
 from app.operations.backup.last_backup import note_backup
-from app.operations.doctor import doctor_work
+from app.operations.doctor import doctor_data, doctor_work
 from app.operations.doctor.doctor import examine
 from app.outbox.models import Webhook, WebhookDelivery
 from app.people.access.secret_box import SecretBox, open_secret_box
 from app.people.models import Staff, Study
 from app.people.privacy_models import AuditEvent, BlobDeletion, Tombstone
 from app.privacy.erasure_ledger import Erasure, ErasureLedger
-from app.services import doctor_data
 from app.storage.opening import open_blob_store
 from tests.commands import run_tada
 from tests.conftest import s3_settings
