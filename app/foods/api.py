@@ -13,7 +13,7 @@ from app.foods.search.search_foods import search_foods
 from app.http.flat_list import ListRoute
 from app.http.paging import Limit
 from app.http.problems import problem_responses
-from app.http.stored_words import stored_word
+from app.http.text_schemas import stored_word
 from app.nutrition.density import DensityChoice
 from app.nutrition.foods import FOOD_STATES
 from app.people.access.caller import DeviceCaller

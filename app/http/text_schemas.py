@@ -5,13 +5,15 @@ No NUL or lone surrogate in text, no number beyond what a measurement can be.
 
 import math
 import re
+from collections.abc import Sequence
 from datetime import date, datetime
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 WRITTEN_DAY, WRITTEN_INSTANT = re.compile(r"\d{4}-\d{2}-\d{2}"), re.compile(r"\d{4}-\d{2}-\d{2}[Tt ]")
+Word = TypeVar("Word", bound=str)
 LARGEST = 1e9  # of any number that a phone tells; JSON in a database keeps larger ones otherwise than they came
 
 
@@ -53,3 +55,11 @@ JsonNumber = Annotated[float, Field(strict=True), AfterValidator(_finite)]  # wh
 LocalDay = Annotated[date, BeforeValidator(_only_a_written_day)]
 Instant = Annotated[datetime, BeforeValidator(_only_a_written_instant)]
 AwareInstant = Annotated[AwareDatetime, BeforeValidator(_only_a_written_instant)]
+
+
+def stored_word(word: str | None, words: Sequence[Word]) -> Word | None:
+    """Return a word of a column that the database does not check as one of `words`, or None for an unknown one.
+
+    A row that another version has written must not turn an answer into a server error.
+    """
+    return next((each for each in words if each == word), None)

@@ -83,6 +83,27 @@ def records_of(session: Session, meal_id: uuid.UUID) -> dict[uuid.UUID, Effectiv
     return {record.item_id: record for record in session.scalars(query)}
 
 
+def candidates_of_items(
+    session: Session, item_ids: Collection[uuid.UUID]
+) -> tuple[dict[uuid.UUID, list[ItemCandidate]], dict[uuid.UUID, list[Identified]]]:
+    """Item -> its candidates of all runs; item -> what the index was asked of it, the newest last."""
+    candidates: dict[uuid.UUID, list[ItemCandidate]] = {}
+    for row in _of_items(session, ItemCandidate, item_ids):
+        candidates.setdefault(row.item_id, []).append(row)
+    seen = ItemIdentification
+    query = (
+        sa.select(
+            seen.item_id, seen.run_id, seen.vcm_version, seen.index_version, seen.none_probability, seen.created_at
+        )
+        .where(seen.item_id.in_(list(item_ids)))
+        .order_by(seen.item_id, seen.created_at, seen.vcm_version)
+    )
+    identified: dict[uuid.UUID, list[Identified]] = {}
+    for each in session.execute(query):
+        identified.setdefault(each.item_id, []).append(Identified(*each))
+    return candidates, identified
+
+
 def meals_after(
     session: Session, after: uuid.UUID | None, limit: int, *, lock: bool, study_id: uuid.UUID | None = None
 ) -> list[Meal]:
@@ -128,26 +149,13 @@ def _add_what_is_said_of_items(session: Session, by_item: Mapping[uuid.UUID, Mea
         by_item[row.item_id].food_keys[row.food_id] = keys[row.food_id]
     for measure in _of_items(session, ItemMeasure, by_item):
         by_item[measure.item_id].measures.setdefault(measure.item_id, []).append(measure)
-    for candidate in _of_items(session, ItemCandidate, by_item):
-        by_item[candidate.item_id].candidates.setdefault(candidate.item_id, []).append(candidate)
-    for seen in _identified(session, by_item):
-        by_item[seen.item_id].identified.setdefault(seen.item_id, []).append(seen)
+    candidates, identified = candidates_of_items(session, by_item)
+    for item_id, parts in by_item.items():
+        parts.candidates[item_id] = candidates.get(item_id, [])
+        parts.identified[item_id] = identified.get(item_id, [])
     after = sa.select(Leftover).where(Leftover.after_item_id.in_(list(by_item))).order_by(Leftover.version)
     for leftover in session.scalars(after):
         by_item[leftover.after_item_id].leftovers.setdefault(leftover.after_item_id, []).append(leftover)
-
-
-def _identified(session: Session, items: Collection[uuid.UUID]) -> list[Identified]:
-    """The newest last."""
-    seen = ItemIdentification
-    query = (
-        sa.select(
-            seen.item_id, seen.run_id, seen.vcm_version, seen.index_version, seen.none_probability, seen.created_at
-        )
-        .where(seen.item_id.in_(list(items)))
-        .order_by(seen.item_id, seen.created_at, seen.vcm_version)
-    )
-    return [Identified(*row) for row in session.execute(query)]
 
 
 def _keys_of(session: Session, food_ids: Collection[int]) -> dict[int, str]:

@@ -22,6 +22,9 @@ CLOCK_AHEAD = timedelta(hours=24)  # a phone's clock may be ahead by that much a
 CLOCK_RETRY_SECONDS = 600
 EASTERNMOST = timedelta(hours=14)  # ahead of UTC: where a day begins first (Kiribati)
 NOON = time(12)
+CLOCK_DOUBTFUL = "clock_doubtful"
+LONGEST_OFFLINE = timedelta(days=60)  # phones come back from a summer without a network; a clock is off by years
+MOST_AHEAD = timedelta(minutes=15)  # of the server's clock, when the meal had come
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +102,15 @@ def local_minute(instant: datetime, time_zone: str) -> int:
     """Minutes after midnight by the zone's wall clock, 0 to 1439."""
     local = instant.astimezone(ZoneInfo(time_zone))
     return local.hour * 60 + local.minute
+
+
+def time_flags(origin: str, captured_at: datetime, received_at: datetime) -> list[str]:
+    """The flag of a meal that came long after its time of capture, or before it: the phone's clock may be wrong.
+
+    origin: the meal's; what a person declares has no flag.
+    """
+    is_odd = origin == "photographed" and not -MOST_AHEAD <= received_at - captured_at <= LONGEST_OFFLINE
+    return [CLOCK_DOUBTFUL] if is_odd else []
 
 
 def latest_day(now: datetime) -> date:

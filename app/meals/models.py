@@ -2,12 +2,12 @@
 
 import uuid
 from datetime import date, datetime
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypedDict, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, BlobColumns, Personal, one_of
+from app.db.base import Base, BlobColumns, JsonValue, Personal, one_of
 
 MealStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"]
 MEAL_STATUSES: tuple[MealStatus, ...] = get_args(MealStatus)
@@ -18,6 +18,24 @@ AFTER_STATUSES: tuple[AfterStatus, ...] = get_args(AfterStatus)
 SLOTS = ("left", "right")
 AFTER_SLOTS = ("after_left", "after_right")
 
+# `class` is no name of a field in Python
+PieceDetails = TypedDict(
+    "PieceDetails",
+    {
+        "id": str,
+        "item": str | None,
+        "class": str,
+        "is_by_person": bool,
+        "polygon": list[Any],
+        "food": dict[str, str] | None,
+        "volume_ml": float | None,
+        "volume_interval_ml": list[float] | None,
+        "mass_g": float | None,
+        "mass_interval_g": list[float] | None,
+        "flags": list[str],
+    },
+)
+
 
 class Meal(Base):
     """One eating occasion. Its status is the truth about where it stands; `version` grows with every change of it.
@@ -26,6 +44,7 @@ class Meal(Base):
     captured_at is the instant, local_date the day in time_zone. details: the metadata as accepted. alias: its name in
     the audit log. origin "declared": told without photographs. after_*: how its after-meal pair stands, which moves the
     meal's own status never; after_due_at: until then its records are provisional, NULL: no pair is waited for.
+    leftovers: the pieces of the after-meal pair as the API shows them, a projection like the records.
     """
 
     __tablename__ = "meal"
@@ -53,6 +72,7 @@ class Meal(Base):
     after_failure_message: Mapped[str | None] = mapped_column(sa.Text)
     after_failure_advice: Mapped[str | None] = mapped_column(sa.Text)
     after_due_at: Mapped[datetime | None] = mapped_column(index=True)
+    leftovers: Mapped[list[PieceDetails]] = mapped_column(JsonValue, default=list, deferred=True)
     version: Mapped[int] = mapped_column(default=1)
     received_at: Mapped[datetime]
     submitted_at: Mapped[datetime | None]

@@ -2,12 +2,12 @@
 
 import uuid
 from datetime import date, datetime
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypedDict, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, BlobColumns, Personal, one_of
+from app.db.base import Base, BlobColumns, JsonValue, Personal, one_of
 from app.meals.event_models import LAYERS
 from app.meals.job_models import JOB_PURPOSES
 
@@ -30,6 +30,28 @@ ITEM_ORIGINS: tuple[ItemOrigin, ...] = get_args(ItemOrigin)
 LeftoverClass = Literal["food_left", "refuse", "unmatched"]
 CandidateSource = Literal["hint", "index"]  # the phone's hint, or the index of looks
 LEFTOVER_CLASSES: tuple[LeftoverClass, ...] = get_args(LeftoverClass)
+
+
+class MassDoubt(TypedDict):
+    """Edible grams as one term of a meal's total, with their relative standard deviation by part."""
+
+    edible_g: float
+    pair: float
+    density: float
+    item: float
+
+
+class RecordDetails(TypedDict):
+    """What a reader of the meal needs beside a record's columns.
+
+    rings: the region as it stands; None: the item's own. served, left: the terms of the meal's totals; left: of each
+    piece that was left over. open_probes: of its food, those that nobody has answered.
+    """
+
+    rings: list[Any] | None
+    served: MassDoubt | None
+    left: list[MassDoubt]
+    open_probes: list[str]
 
 
 class Run(Base):
@@ -231,7 +253,8 @@ class EffectiveRecord(Base):
     an unknown amount, and every amount of a rejected item. density_g_per_ml: turned the volume into grams; NULL where a
     person set the grams. provisional: an after-meal pair may still come. doubt: the
     review queue's order, the greatest first. The columns of the day's and the page's filters are copied from the meal,
-    which never changes them.
+    which never changes them. food_version: of the row of item_food that holds. run_id: of the run that saw the region
+    as it stands (no foreign key: its index would be for erasures alone, which delete the record first).
     """
 
     __tablename__ = "effective_record"
@@ -274,6 +297,9 @@ class EffectiveRecord(Base):
     vitamin_c_mg: Mapped[float | None]
     flags: Mapped[list[Any]] = mapped_column(default=list)
     doubt: Mapped[float] = mapped_column(default=0.0)
+    food_version: Mapped[int | None]
+    run_id: Mapped[uuid.UUID | None]
+    details: Mapped[RecordDetails] = mapped_column(JsonValue)
     change_seq: Mapped[int] = mapped_column(sa.BigInteger)
 
     __table_args__ = (

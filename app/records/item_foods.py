@@ -5,11 +5,13 @@ from datetime import UTC, datetime
 
 from sqlalchemy.orm import Session
 
-from app.foods.food_amounts import Weighing, weigh
+from app.foods.food_amounts import Weighing, mass_of, weigh
 from app.foods.food_values import choose_density, food_value
 from app.foods.models import Food
+from app.meals.item_state import Amount
 from app.meals.record_models import ItemFood
 from app.nutrition.foods import Density, food_form
+from app.nutrition.mass import Mass, weighed_mass
 
 
 def weighing_for(session: Session, food: Food, study_id: uuid.UUID, lies_as: str | None) -> Weighing:
@@ -65,3 +67,15 @@ def weighing_of(row: ItemFood) -> Weighing:
         weighs=row.density_weighs,  # type: ignore[arg-type]
     )
     return Weighing(density, row.edible_share)
+
+
+def served_mass(weighing: Weighing, amount: Amount) -> Mass | None:
+    """The mass of a helping, or of what was left of one by its item's own density; None where it is not known.
+
+    Grams that a person set go before volume and density.
+    """
+    if amount.mass is not None:
+        is_edible = amount.mass.of == "edible"
+        share = weighing.edible_share
+        return weighed_mass(amount.mass.mass_g, amount.mass.relative_sd, is_edible=is_edible, edible_share=share)
+    return mass_of(weighing, amount.volume_ml, amount.relative_sd)

@@ -18,8 +18,7 @@ from app.meals.meal_parts import MealParts
 from app.meals.record_models import Item, Leftover
 from app.nutrition.mass import Mass
 from app.nutrition.refuse_left import LeftoverClass, classify_left
-from app.records.item_foods import weighing_of
-from app.records.served_mass import served_mass
+from app.records.item_foods import served_mass, weighing_of
 from app.vision.leftovers import Match, Sight, match_pieces
 from app.vision.model import ItemTraits
 

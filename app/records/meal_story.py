@@ -9,7 +9,6 @@ from app.meals.record_models import Recompute, Run
 from app.people.access.caller import StaffCaller
 from app.people.models import Device
 from app.records import story_queries as meal_story
-from app.records.project_records import Projector
 from app.records.read_meal import MealView, find_meal, meal_view
 from app.records.review import queries as review
 from app.records.review.meal_events import MAX_EVENTS
@@ -45,7 +44,7 @@ def read_story(
         meal, participant, study = find_meal(session, caller, client_id, participant_code)
         undone = review.undone_events(session, meal.id)
         return MealStory(
-            view=meal_view(session, meal, participant, study, Projector(session)),
+            view=meal_view(session, meal, participant, study),
             events=tuple(
                 HistoryRow(event, name or participant, str(event.id) in undone)
                 for event, name in review.page_of_events(session, meal.id, after=0, limit=MAX_EVENTS)

@@ -1,7 +1,10 @@
 """Effective records: the projection of a meal's runs and events, written in the transaction of what changed them.
 
 One way for all: a run is saved, a person says something, an after-meal pair comes in, tables are put in force. Each
-ends here, and `tada records rebuild` compares with what comes out here.
+ends here. Reads use what is stored; `tada records rebuild` compares it with what comes out here.
+
+Entries of the index are projected along: there is one while the item's record is confirmed or corrected, a person has
+said or seen what it is, and the run that saw its region as it stands has described it.
 """
 
 import uuid
@@ -11,11 +14,13 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from app.candidates.item_candidates import ItemCandidates, candidates_of
-from app.candidates.project_index import entry_of, write_entries
+from app.candidates import queries as index_entries
+from app.candidates.item_candidates import current_candidates
+from app.candidates.models import IndexEntry
+from app.db.base import Base
 from app.foods import queries as foods
 from app.foods.food_amounts import NO_FOOD, FoodAmounts, Weighing, food_amounts
-from app.foods.models import Component, Food
+from app.foods.models import Food
 from app.meals import queries as meals
 from app.meals.item_state import (
     FOOD_DOUBTFUL,
@@ -25,36 +30,38 @@ from app.meals.item_state import (
     MealState,
     fold_meal,
 )
-from app.meals.meal_clock import time_flags
-from app.meals.meal_parts import MealParts, parts_of, records_of
-from app.meals.models import AFTER_SLOTS, AfterStatus, Meal, MealStatus
+from app.meals.meal_parts import FROM_INDEX, MealParts, parts_of, records_of
+from app.meals.meal_time import local_minute, time_flags
+from app.meals.models import AFTER_SLOTS, AfterStatus, Meal, MealStatus, PieceDetails
 from app.meals.queries import UNESTIMATED
-from app.meals.record_models import EffectiveRecord, ItemFood, RecordStatus
+from app.meals.record_models import EffectiveRecord, ItemCandidate, ItemFood, MassDoubt, RecordDetails, RecordStatus
 from app.nutrition.mass import Mass
 from app.outbox.announce import announce_meal
 from app.records import queries as records
-from app.records.item_foods import weighing_of
+from app.records.item_foods import served_mass, weighing_of
 from app.records.review.review_doubt import UNKNOWN, review_doubt
-from app.records.served_mass import served_mass
 
 AFTER_WAITED_FOR = frozenset({None, "receiving", "queued", "processing"})
 AFTER_MEASURED = frozenset({"estimated", "needs_review"})
 SURE = 0.95  # of the index that a hint names the wrong food: a phone is wrong less often than it is
 SETTLED = frozenset({"confirmed", "corrected", "rejected"})
+LEARNED = frozenset({"confirmed", "corrected"})  # record's statuses
+NEVER_LEARNED = frozenset({"after", "declared"})  # pieces that were left, and what no camera saw
+UNSEEN = frozenset({"food_version", "run_id", "details"})  # columns that readers of changes do not get
+
+Columns = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class ItemProjection:
-    """An item as it stands, what it amounts to (None: no food), and the effective record's columns but change_seq.
+    """An item as it stands, and the effective record's columns but change_seq.
 
     entry: the columns of its entry in the index; None: it has none.
     """
 
     state: ItemState
-    candidates: ItemCandidates
-    amounts: FoodAmounts | None
-    columns: Mapping[str, Any]
-    entry: Mapping[str, Any] | None
+    columns: Columns
+    entry: Columns | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +69,8 @@ class MealProjection:
     """A meal's items, what was left of them, and the meal's own status. status None: the run decides, or none is."""
 
     parts: MealParts
-    state: MealState
     items: tuple[ItemProjection, ...]
+    leftovers: list[PieceDetails]
     status: MealStatus | None
 
 
@@ -74,15 +81,16 @@ class Projector:
         self._session = session
         self._contents: dict[int, Mapping[str, float]] = {}
         self._foods: dict[int, Food] = {}
-        self.components: dict[str, Component] = {}
 
     def project(self, parts: MealParts) -> MealProjection:
         """What follows from the parts of a meal."""
         state = fold_meal(parts)
         self._read_foods(parts, state)
         left = _Leftovers(parts, state)
-        items = tuple(self._item(parts, each, left) for each in state.items)
-        return MealProjection(parts, state, items, _status(parts, state, items))
+        items = tuple(self._item(parts, each, left, state.answers[each.item.id]) for each in state.items)
+        taken_for: dict[uuid.UUID | None, ItemFood | None] = {each.item.id: each.taken_for for each in state.items}
+        pieces = [self._piece(each, taken_for.get(each.of_item_id, each.state.taken_for)) for each in state.leftovers]
+        return MealProjection(parts, items, pieces, _status(parts, state, items))
 
     def food(self, food_id: int) -> Food:
         """A version of a food."""
@@ -93,37 +101,41 @@ class Projector:
     def contents(self, food_id: int) -> Mapping[str, float]:
         """Component number -> content of 100 g edible portion."""
         if food_id not in self._contents:
-            known = foods.nutrients_of(self._session, food_id)
-            self._contents[food_id] = {row.component.number: row.per_100_g for row in known}
-            self.components |= {row.component.number: row.component for row in known}
+            self._read_contents({food_id})
         return self._contents[food_id]
+
+    def _read_contents(self, food_ids: set[int]) -> None:
+        for food_id, rows in foods.nutrients_of_each(self._session, food_ids - self._contents.keys()).items():
+            self._contents[food_id] = {row.component.number: row.per_100_g for row in rows}
 
     def _read_foods(self, parts: MealParts, state: MealState) -> None:
         """Read in two queries what the items of a meal need and is not known yet."""
         taken_for = {each.taken_for.food_id for each in state.items if each.taken_for is not None}
-        named = taken_for | {one.food_id for candidates in parts.candidates.values() for one in candidates}
+        named = taken_for | {row.food_id for candidates in parts.candidates.values() for row in candidates}
         self._foods |= {food.id: food for food in foods.foods_by_id(self._session, named - self._foods.keys())}
-        for food_id, known in foods.nutrients_of_each(self._session, taken_for - self._contents.keys()).items():
-            self._contents[food_id] = {row.component.number: row.per_100_g for row in known}
-            self.components |= {row.component.number: row.component for row in known}
+        self._read_contents(taken_for)
 
-    def _item(self, parts: MealParts, state: ItemState, leftovers: "_Leftovers") -> ItemProjection:
-        taken_for, candidates = state.taken_for, candidates_of(parts, state)
-        of_food = self._food_flags(state, candidates)
-        flags = [*state.flags, *leftovers.flags_of(state), *time_flags(parts.meal)]
+    def _item(
+        self, parts: MealParts, state: ItemState, leftovers: "_Leftovers", answers: frozenset[str]
+    ) -> ItemProjection:
+        taken_for, meal = state.taken_for, parts.meal
+        food = self.food(taken_for.food_id) if taken_for is not None else None
+        by_index = self._by_index(parts, state)
+        of_food = self._food_flags(state, by_index)
+        flags = [*state.flags, *leftovers.flags_of(state), *time_flags(meal.origin, meal.captured_at, meal.received_at)]
         amounts = None
-        if taken_for is not None and state.is_live:
+        if taken_for is not None and food is not None and state.is_live:
             weighing = weighing_of(taken_for)
             is_by_volume = state.amount.mass is None
             amounts = food_amounts(
-                self.food(taken_for.food_id).key,
-                self.contents(taken_for.food_id),
+                food.key,
+                self.contents(food.id),
                 weighing if is_by_volume else replace(weighing, density=None),
                 served_mass(weighing, state.amount),
                 left=leftovers.masses(state, weighing),
                 share=state.share,
             )
-        meal, status = parts.meal, _record_status(state, amounts)
+        status = _record_status(state, amounts)
         columns = {
             "item_id": state.item.id,
             "meal_id": meal.id,
@@ -135,7 +147,9 @@ class Projector:
             "origin": state.item.origin,
             "provisional": is_provisional(meal),
             "reviewed": state.reviewed,
-            "food_id": taken_for.food_id if taken_for is not None else None,
+            "food_id": food.id if food is not None else None,
+            "food_version": taken_for.version if taken_for is not None else None,
+            "run_id": state.run_id,
             "volume_ml": state.amount.volume_ml,
             "volume_low_ml": state.amount.volume_low_ml,
             "volume_high_ml": state.amount.volume_high_ml,
@@ -143,29 +157,60 @@ class Projector:
             **(amounts.record_columns() if amounts is not None else NO_FOOD),
             "flags": [*flags, *of_food],
             "doubt": 0.0,
+            "details": _details(state, amounts, food, answers),
         }
         if state.is_live:  # what the flags of the food say is in the probability already
-            columns["doubt"] = _doubt(self._probability(state, candidates) if of_food else 1.0, amounts, flags)
-        food_key = self.food(taken_for.food_id).key if taken_for is not None else None
-        entry = entry_of(parts, state, status, food_key)
-        return ItemProjection(state, candidates, amounts, columns, entry)
+            columns["doubt"] = _doubt(self._probability(state, by_index) if of_food else 1.0, amounts, flags)
+        return ItemProjection(state, columns, _entry(parts, state, status, food))
 
-    def _food_flags(self, state: ItemState, candidates: ItemCandidates) -> list[str]:
+    def _piece(self, leftover: LeftoverState, taken_for: ItemFood | None) -> PieceDetails:
+        """A piece of the after-meal pair. taken_for: by which it is weighed."""
+        state, amount = leftover.state, leftover.state.amount
+        food = self.food(taken_for.food_id) if taken_for is not None else None
+        mass = served_mass(weighing_of(taken_for), amount) if taken_for is not None else None
+        low_ml, high_ml = amount.volume_low_ml, amount.volume_high_ml
+        return {
+            "id": str(state.item.id),
+            "item": str(leftover.of_item_id) if leftover.of_item_id is not None else None,
+            "class": leftover.leftover_class,
+            "is_by_person": leftover.is_by_person,
+            "polygon": list(state.rings),
+            "food": {"key": food.key, "name": food.name} if food is not None else None,
+            "volume_ml": amount.volume_ml,
+            "volume_interval_ml": [low_ml, high_ml] if low_ml is not None and high_ml is not None else None,
+            "mass_g": mass.as_seen_g.value if mass is not None else None,
+            "mass_interval_g": [mass.as_seen_g.low, mass.as_seen_g.high] if mass is not None else None,
+            "flags": [*state.flags, *leftover.flags],
+        }
+
+    def _by_index(self, parts: MealParts, state: ItemState) -> list[ItemCandidate]:
+        """The index's candidates for the item's region as it stands, best first."""
+        item_id = state.item.id
+        rows, _ = current_candidates(
+            parts.candidates.get(item_id, ()),
+            parts.identified.get(item_id, ()),
+            seen_by=state.run_id,
+            found_by=state.item.run_id,
+        )
+        return [row for row in rows if row.source == FROM_INDEX]
+
+    def _food_flags(self, state: ItemState, by_index: Sequence[ItemCandidate]) -> list[str]:
         """Why the food may be another one, as long as no person has said or seen what it is."""
         if state.taken_for is None or state.food_is_told or not state.is_live:
             return []
         if state.food_is_guessed:
             return [FOOD_IDENTIFIED]
-        best = next(iter(candidates.by_index), None)
-        is_other = best is not None and self.food(best.food_id).key != self.food(state.taken_for.food_id).key
-        return [FOOD_DOUBTFUL] if is_other and best is not None and (best.probability or 0.0) >= SURE else []
+        if not by_index or (by_index[0].probability or 0.0) < SURE:
+            return []
+        is_other = self.food(by_index[0].food_id).key != self.food(state.taken_for.food_id).key
+        return [FOOD_DOUBTFUL] if is_other else []
 
-    def _probability(self, state: ItemState, candidates: ItemCandidates) -> float:
+    def _probability(self, state: ItemState, by_index: Sequence[ItemCandidate]) -> float:
         """Of the food that the item is taken for, by whichever version, as the index sees it."""
         if state.taken_for is None:
             return 0.0
         key = self.food(state.taken_for.food_id).key
-        return next((one.probability or 0.0 for one in candidates.by_index if self.food(one.food_id).key == key), 0.0)
+        return next((row.probability or 0.0 for row in by_index if self.food(row.food_id).key == key), 0.0)
 
 
 class _Leftovers:
@@ -207,14 +252,14 @@ def is_provisional(meal: Meal) -> bool:
     return meal.after_due_at is not None and meal.after_status in AFTER_WAITED_FOR
 
 
-def project_meal(session: Session, meal: Meal, projector: Projector | None = None) -> MealProjection:
+def project_meal(session: Session, meal: Meal) -> None:
     """Write the meal's records and status as they follow from all that is in the session by now.
 
     The meal is locked by the caller. Records that do not change keep their place in the order of changes.
     """
     session.flush()
     parts = _with_after_pair_settled(session, parts_of(session, [meal])[0])
-    projection = (projector or Projector(session)).project(parts)
+    projection = Projector(session).project(parts)
     write_records(session, projection)
     has_moved = projection.status is not None and projection.status != meal.status
     if projection.status is not None:
@@ -222,40 +267,80 @@ def project_meal(session: Session, meal: Meal, projector: Projector | None = Non
     meal.version += 1
     if has_moved:
         announce_meal(session, meal)
-    return projection
 
 
 def write_records(session: Session, projection: MealProjection) -> int:
-    """Write those records of a meal that differ from what they should be, as one change, and entries of the index.
+    """Write those rows of a meal's projection that differ from what they should be, the records as one change.
 
-    Returns of how many items one or the other did.
+    Returns of how many items one did.
     """
-    meal_id = projection.parts.meal.id
-    moved = write_entries(session, meal_id, entries_wanted(projection))
-    here = records_of(session, meal_id)
-    found = [(here.get(item.state.item.id), item.columns) for item in projection.items]
-    wanted = [(record, columns) for record, columns in found if record is None or differences(record, columns)]
-    if not wanted:
-        return len(moved)
-    change_seq = records.next_change_seq(session, projection.parts.meal.study_id)
-    for record, columns in wanted:
-        if record is None:
-            session.add(EffectiveRecord(**columns, change_seq=change_seq))
-            continue
-        for name, value in columns.items():
-            setattr(record, name, value)
-        record.change_seq = change_seq
-    return len(moved.union(columns["item_id"] for _, columns in wanted))
+    meal = projection.parts.meal
+    stale = _stale_entries(session, projection)
+    moved = set(stale)
+    for entry, wanted in stale.values():
+        _put(session, IndexEntry, entry, wanted)
+    if meal.leftovers != projection.leftovers:
+        moved |= _stale_pieces(projection)
+        meal.leftovers = projection.leftovers
+    change_seq: int | None = None
+    for record, columns in _stale_records(session, projection):
+        moved.add(columns["item_id"])
+        if record is None or not UNSEEN.issuperset(differences(record, columns)):
+            if change_seq is None:
+                change_seq = records.next_change_seq(session, meal.study_id)
+            columns = {**columns, "change_seq": change_seq}  # noqa: PLW2901
+        _put(session, EffectiveRecord, record, columns)
+    return len(moved)
 
 
-def differences(record: EffectiveRecord, columns: Mapping[str, Any]) -> list[str]:
+def count_stale(session: Session, projection: MealProjection) -> int:
+    """Of how many items of a meal what is stored is not what write_records would write."""
+    moved = set(_stale_entries(session, projection)) | _stale_pieces(projection)
+    return len(moved.union(columns["item_id"] for _, columns in _stale_records(session, projection)))
+
+
+def differences(row: Base, columns: Columns) -> list[str]:
     """Names of the columns that are not as they should be."""
-    return [name for name, value in columns.items() if getattr(record, name) != value]
+    return [name for name, value in columns.items() if getattr(row, name) != value]
 
 
-def entries_wanted(projection: MealProjection) -> dict[uuid.UUID, Mapping[str, Any] | None]:
-    """Item -> the columns of its entry in the index, None where it is to have none."""
-    return {item.state.item.id: item.entry for item in projection.items}
+def _put(session: Session, table: type[Base], row: Base | None, columns: Columns | None) -> None:
+    """Give the row these columns; make it where there is none, delete it where there are to be none."""
+    if row is None:
+        session.add(table(**columns or {}))
+    elif columns is None:
+        session.delete(row)
+    else:
+        for name, value in columns.items():
+            setattr(row, name, value)
+
+
+def _stale_records(session: Session, projection: MealProjection) -> list[tuple[EffectiveRecord | None, Columns]]:
+    """(the record that is there, the columns that it should have) of the items where they differ."""
+    stored = records_of(session, projection.parts.meal.id)
+    pairs = [(stored.get(item.state.item.id), item.columns) for item in projection.items]
+    return [(record, columns) for record, columns in pairs if record is None or differences(record, columns)]
+
+
+def _stale_entries(
+    session: Session, projection: MealProjection
+) -> dict[uuid.UUID, tuple[IndexEntry | None, Columns | None]]:
+    """Item -> (its entry in the index, the columns that it should have; None: no entry), where they differ."""
+    stored = index_entries.entries_of_meal(session, projection.parts.meal.id)
+    wanted = {item.state.item.id: item.entry for item in projection.items}
+    pairs = {item_id: (stored.get(item_id), wanted.get(item_id)) for item_id in {*stored, *wanted}}
+    return {
+        item_id: (entry, columns)
+        for item_id, (entry, columns) in pairs.items()
+        if (entry is None) != (columns is None) or (entry is not None and columns and differences(entry, columns))
+    }
+
+
+def _stale_pieces(projection: MealProjection) -> set[uuid.UUID]:
+    """The pieces of the after-meal pair that are stored otherwise, or not at all."""
+    stored = {piece["id"]: piece for piece in projection.parts.meal.leftovers}
+    wanted = {piece["id"]: piece for piece in projection.leftovers}
+    return {uuid.UUID(name) for name in {*stored, *wanted} if stored.get(name) != wanted.get(name)}
 
 
 def with_food(parts: MealParts, row: ItemFood, key: str) -> MealParts:
@@ -263,6 +348,44 @@ def with_food(parts: MealParts, row: ItemFood, key: str) -> MealParts:
     rows = [*parts.foods.get(row.item_id, ()), row]
     food_keys = parts.food_keys | {row.food_id: key}
     return replace(parts, foods={**parts.foods, row.item_id: rows}, food_keys=food_keys)
+
+
+def _details(
+    state: ItemState, amounts: FoodAmounts | None, food: Food | None, answers: frozenset[str]
+) -> RecordDetails:
+    is_own, probes = state.rings == state.item.rings, food.probes if food is not None and state.is_live else ()
+    return {
+        "rings": None if is_own else list(state.rings),
+        "served": _term(amounts.mass) if amounts is not None and amounts.mass is not None else None,
+        "left": [_term(mass) for mass in amounts.left or ()] if amounts is not None else [],
+        "open_probes": [probe for probe in probes if probe not in answers],
+    }
+
+
+def _term(mass: Mass) -> MassDoubt:
+    doubt = mass.doubt
+    return {"edible_g": mass.edible_g.value, "pair": doubt.pair, "density": doubt.density, "item": doubt.item}
+
+
+def _entry(parts: MealParts, state: ItemState, status: str, food: Food | None) -> Columns | None:
+    """The columns of the item's entry in the index, None where it has none. status: its record's."""
+    item, meal = state.item, parts.meal
+    seen = [each for each in parts.identified.get(item.id, ()) if each.run_id == state.run_id]
+    is_learned = state.is_live and state.stands and status in LEARNED and state.food_is_told
+    if not seen or not is_learned or food is None or item.origin in NEVER_LEARNED:
+        return None
+    newest = seen[-1]
+    return {
+        "item_id": item.id,
+        "run_id": newest.run_id,
+        "vcm_version": newest.vcm_version,
+        "study_id": meal.study_id,
+        "participant_id": meal.participant_id,
+        "food_key": food.key,
+        "volume_ml": state.amount.volume_ml,
+        "captured_at": meal.captured_at,
+        "day_minute": local_minute(meal.captured_at, meal.time_zone),
+    }
 
 
 def _doubt(probability: float, amounts: FoodAmounts | None, flags: Sequence[str]) -> float:

@@ -13,7 +13,7 @@ from app.diary import diary_queries as diary
 from app.diary.models import DayStatus, DiaryDay
 from app.foods.models import Food, FoodRelease
 from app.meals.models import Meal
-from app.meals.record_models import EffectiveRecord, Run, RunArtefact
+from app.meals.record_models import EffectiveRecord, Item, ItemFood, Run, RunArtefact
 from app.people.models import Participant, Study
 from app.records.page_queries import Key, RecordFilter, search_of
 
@@ -42,6 +42,15 @@ class RecordRow:
     day_status: DayStatus
     food: FoodName | None
     first_day: date | None
+
+
+class ItemRow(NamedTuple):
+    """An effective record, its item, and the food that it is taken for, as it was weighed."""
+
+    record: EffectiveRecord
+    item: Item
+    taken_for: ItemFood | None
+    food: Food | None
 
 
 def page_of_records(session: Session, chosen: RecordFilter, *, after: Key | None, limit: int) -> list[RecordRow]:
@@ -92,15 +101,25 @@ def _with_days(session: Session, query: sa.Select[*tuple[Any, ...]]) -> list[Rec
     ]
 
 
-def last_run(session: Session, meal_id: uuid.UUID, purpose: str = "meal") -> Run | None:
-    """The newest run of the meal's own pair, or of its after-meal pair."""
+def last_runs(session: Session, meal_id: uuid.UUID) -> dict[str, Run]:
+    """Purpose -> the newest run of it."""
+    query = sa.select(Run).where(Run.meal_id == meal_id).order_by(Run.created_at, Run.id.desc())
+    return {run.purpose: run for run in session.scalars(query)}
+
+
+def items_of_meal(session: Session, meal_id: uuid.UUID) -> list[ItemRow]:
+    """The records of a meal with what they are of, in the order of the items."""
+    record = EffectiveRecord
+    is_current = sa.and_(ItemFood.item_id == record.item_id, ItemFood.version == record.food_version)
     query = (
-        sa.select(Run)
-        .where(Run.meal_id == meal_id, Run.purpose == purpose)
-        .order_by(Run.created_at.desc(), Run.id)
-        .limit(1)
+        sa.select(record, Item, ItemFood, Food)
+        .join(Item, Item.id == record.item_id)
+        .outerjoin(ItemFood, is_current)
+        .outerjoin(Food, Food.id == record.food_id)
+        .where(record.meal_id == meal_id)
+        .order_by(Item.position, Item.id)
     )
-    return session.scalars(query).one_or_none()
+    return [ItemRow(*row) for row in session.execute(query)]
 
 
 def artefacts_of(session: Session, run_id: uuid.UUID) -> list[RunArtefact]:

@@ -2,28 +2,34 @@
 
 import uuid
 from collections.abc import Generator, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from sqlalchemy.orm import Session
 
+from app.candidates.item_candidates import ItemCandidates, candidates_of_records
 from app.core.errors import GoneError, NotFoundError
 from app.core.logs import tell
 from app.db.session import Database
-from app.foods.food_amounts import FoodAmounts
+from app.foods import queries as foods
 from app.foods.models import Component, Food
 from app.meals import queries as meals
-from app.meals.item_state import ItemState
-from app.meals.meal_parts import parts_of, records_of
-from app.meals.models import Meal, MealImage
-from app.meals.record_models import CandidateSource, EffectiveRecord, Run, RunArtefact
-from app.nutrition.nutrients import MassTotal, NutrientTotal, Portion, total_mass, total_nutrients
+from app.meals.models import Meal, MealImage, PieceDetails
+from app.meals.record_models import EffectiveRecord, Item, ItemFood, MassDoubt, Run, RunArtefact
+from app.nutrition.doubt import Doubt, Estimate, estimate
+from app.nutrition.mass import AFTER, BEFORE, Mass
+from app.nutrition.nutrients import (
+    MassTotal,
+    NutrientTotal,
+    Portion,
+    nutrients_in,
+    total_mass,
+    total_nutrients,
+)
 from app.people.access import audit
 from app.people.access.access import known_studies, require_study
 from app.people.access.caller import Caller, DeviceCaller
 from app.records import queries as records
-from app.records.probes import open_probes
-from app.records.project_records import MealProjection, Projector
-from app.records.read_after import AfterView, after_view
+from app.records.record_amounts import eaten_g
 from app.storage.blob_store import BlobStore
 
 NOBODY_KNOWS = MassTotal(None, 0)  # of a meal that failed or is not measured yet; confirmed without foods, it is 0
@@ -31,37 +37,36 @@ NOBODY_KNOWS = MassTotal(None, 0)  # of a meal that failed or is not measured ye
 
 @dataclass(frozen=True, slots=True)
 class ItemView:
-    """An item as it stands with its effective record; food and amounts are None where it is no food yet.
+    """An item with its effective record; food and taken_for are None where it is no food yet.
 
-    candidates: (food, probability, source); none_probability: that it is none of them, by the index of this version;
-    None: not identified. open_probes: what the participant is to be asked of it.
+    per_100_g, nutrients: component number -> content of the food, amount in what was eaten.
     """
 
-    state: ItemState
     record: EffectiveRecord
+    item: Item
+    taken_for: ItemFood | None
     food: Food | None
-    candidates: tuple[tuple[Food, float | None, CandidateSource], ...]
-    none_probability: float | None
-    index_version: str | None
-    amounts: FoodAmounts | None
-    open_probes: tuple[str, ...]
+    candidates: ItemCandidates
+    per_100_g: Mapping[str, float]
+    nutrients: Mapping[str, Estimate]
 
 
 @dataclass(frozen=True, slots=True)
 class MealView:
-    """Everything about one meal, detached from its session."""
+    """Everything about one meal, detached from its session. after_artefacts: of the after-meal pair's run."""
 
     meal: Meal
     participant_code: str
     study_code: str
-    images: tuple[MealImage, ...]
-    run: Run | None
-    artefacts: tuple[RunArtefact, ...]
-    items: tuple[ItemView, ...]
-    components: Mapping[str, Component]  # by number: those that the items have figures of
-    total_mass: MassTotal
-    totals: Mapping[str, NutrientTotal]
-    after: AfterView
+    images: tuple[MealImage, ...] = ()
+    run: Run | None = None
+    artefacts: tuple[RunArtefact, ...] = ()
+    items: tuple[ItemView, ...] = ()
+    components: Mapping[str, Component] = field(default_factory=dict)  # by number: those that the items have figures of
+    total_mass: MassTotal = NOBODY_KNOWS
+    totals: Mapping[str, NutrientTotal] = field(default_factory=dict)
+    leftovers: tuple[PieceDetails, ...] = ()
+    after_artefacts: tuple[RunArtefact, ...] = ()
 
 
 def find_meal(
@@ -71,18 +76,18 @@ def find_meal(
 
     Raises NotFoundError where the caller may not see it, NotAllowedError for a lower role.
     """
-    found = meals.find_meals(
+    matches = meals.find_meals(
         session,
         client_id,
         participant_id=caller.participant_id if isinstance(caller, DeviceCaller) else None,
         participant_code=participant_code,
         study_ids=known_studies(caller),
     )
-    if not found:
+    if not matches:
         raise NotFoundError("There is no such meal.")
-    require_study(caller, found[0][0].study_id, "meal")
-    tell(meal_id=str(found[0][0].id))
-    return found[0]
+    require_study(caller, matches[0][0].study_id, "meal")
+    tell(meal_id=str(matches[0][0].id))
+    return matches[0]
 
 
 def read_meal(
@@ -91,53 +96,43 @@ def read_meal(
     """The meal, its last run, items and records. Raises NotFoundError."""
     with database.read() as session:
         meal, participant, study = find_meal(session, caller, client_id, participant_code)
-        return meal_view(session, meal, participant, study, Projector(session))
+        return meal_view(session, meal, participant, study)
 
 
-def meal_view(
-    session: Session,
-    meal: Meal,
-    participant_code: str,
-    study_code: str,
-    projector: Projector,
-    projection: MealProjection | None = None,
-) -> MealView:
-    """A meal as it stands in this session. projection: what it came to just now, where that is known."""
-    if projection is None:
-        projection = projector.project(parts_of(session, [meal])[0])
-    run = projection.parts.run
-    items = tuple(_items(session, projector, projection))
-    portions = list(_portions(items))
+def meal_view(session: Session, meal: Meal, participant_code: str, study_code: str) -> MealView:
+    """A meal as it is stored by now: nothing of it is projected anew."""
+    runs = records.last_runs(session, meal.id)
+    run, after_run = runs.get("meal"), runs.get("after")
+    rows = records.items_of_meal(session, meal.id)
+    candidates = candidates_of_records(session, [(row.record, row.item) for row in rows]) if rows else {}
+    nutrients = foods.nutrients_of_each(session, {row.food.id for row in rows if row.food is not None}) if rows else {}
+    contents = {
+        food_id: {each.component.number: each.per_100_g for each in known} for food_id, known in nutrients.items()
+    }
+    items = tuple(
+        _item(row, candidates[row.record.item_id], contents[row.food.id] if row.food is not None else {})
+        for row in rows
+    )
+    portions = [portion for item in items for portion in _portions(item)]
     return MealView(
         meal=meal,
         participant_code=participant_code,
         study_code=study_code,
         images=tuple(meals.images_of(session, meal.id)),
         run=run,
-        artefacts=tuple(records.artefacts_of(session, run.id)) if run else (),
+        artefacts=tuple(records.artefacts_of(session, run.id)) if run is not None else (),
         items=items,
-        components=projector.components,
+        components={each.component.number: each.component for known in nutrients.values() for each in known},
         total_mass=total_mass(portions) if portions or meal.status == "confirmed" else NOBODY_KNOWS,
         totals=total_nutrients(portions),
-        after=after_view(session, projector, projection),
+        leftovers=tuple(meal.leftovers),
+        after_artefacts=tuple(records.artefacts_of(session, after_run.id)) if after_run is not None else (),
     )
 
 
 def view_of_new_meal(meal: Meal, participant_code: str, study_code: str, images: Iterable[MealImage]) -> MealView:
     """A meal that was written down a moment ago, as `read_meal` would read it: nothing is known of its foods yet."""
-    return MealView(
-        meal=meal,
-        participant_code=participant_code,
-        study_code=study_code,
-        images=tuple(sorted(images, key=lambda image: image.slot)),
-        run=None,
-        artefacts=(),
-        items=(),
-        components={},
-        total_mass=NOBODY_KNOWS,
-        totals={},
-        after=AfterView(run=None, artefacts=(), leftovers=()),
-    )
+    return MealView(meal, participant_code, study_code, tuple(sorted(images, key=lambda image: image.slot)))
 
 
 def open_artefact(
@@ -157,45 +152,41 @@ def open_artefact(
     """
     with database.read() as session:
         meal, _, _ = find_meal(session, caller, client_id, participant_code)
-        run = records.last_run(session, meal.id, purpose)
-        found = [a for a in records.artefacts_of(session, run.id) if a.name == name] if run else []
+        run = records.last_runs(session, meal.id).get(purpose)
+        artefacts = records.artefacts_of(session, run.id) if run is not None else []
+        artefact = next((each for each in artefacts if each.name == name), None)
         is_erased = any(image.erased_at is not None for image in meals.images_of(session, meal.id))
-    if not found and is_erased:
+    if artefact is None and is_erased:
         raise GoneError("The pictures of this meal were erased.", code="photograph_erased")
-    if not found:
+    if artefact is None:
         raise NotFoundError(f"This meal has no artefact {name!r}: GET the meal to see which it has.")
     with database.write() as session:  # it shows the meal, as its photographs do
-        audit.note(
-            session, caller, "photograph.read", study_id=meal.study_id, subject=meal.alias, artefact=found[0].name
-        )
-    return found[0], blobs.stream(found[0].blob_key)
+        audit.note(session, caller, "photograph.read", study_id=meal.study_id, subject=meal.alias, artefact=name)
+    return artefact, blobs.stream(artefact.blob_key)
 
 
-def _items(session: Session, projector: Projector, projection: MealProjection) -> Iterator[ItemView]:
-    asked = open_probes(projector, projection.state)
-    effective = records_of(session, projection.parts.meal.id)
-    for found in projection.items:
-        state, identified = found.state, found.candidates.identified
-        yield ItemView(
-            state=state,
-            record=effective[state.item.id],
-            food=projector.food(state.taken_for.food_id) if state.taken_for is not None else None,
-            candidates=tuple(
-                (projector.food(each.food_id), each.probability, each.source) for each in found.candidates.all
-            ),
-            none_probability=found.candidates.none_probability,
-            index_version=identified.index_version if identified is not None else None,
-            amounts=found.amounts,
-            open_probes=asked.get(state.item.id, ()),
-        )
+def _item(row: records.ItemRow, candidates: ItemCandidates, per_100_g: Mapping[str, float]) -> ItemView:
+    eaten = eaten_g(row.record)
+    nutrients = nutrients_in(per_100_g, eaten) if eaten is not None else {}
+    return ItemView(row.record, row.item, row.taken_for, row.food, candidates, per_100_g, nutrients)
 
 
-def _portions(items: Iterable[ItemView]) -> Iterator[Portion]:
-    """The items as terms of the meal's totals; one without a food counts as one whose mass is not known."""
-    for view in items:
-        if not view.state.is_live:
-            continue
-        if view.amounts is None:
-            yield Portion("", {}, None, "before")
-        else:
-            yield from view.amounts.portions()
+def _portions(view: ItemView) -> Iterator[Portion]:
+    """The item as terms of the meal's totals; one without a food counts as one whose mass is not known."""
+    record, details = view.record, view.record.details
+    if record.status == "rejected":
+        return
+    food_key = view.food.key if view.food is not None else ""
+    if record.consumed_g is None or details["served"] is None:
+        yield Portion(food_key, view.per_100_g, None, BEFORE)
+        return
+    yield Portion(food_key, view.per_100_g, _mass(details["served"]), BEFORE, share=record.share)
+    for term in details["left"]:
+        yield Portion(food_key, view.per_100_g, _mass(term), AFTER, -1, record.share)
+
+
+def _mass(term: MassDoubt) -> Mass:
+    """Edible grams by themselves, without refuse."""
+    doubt = Doubt(term["pair"], term["density"], term["item"])
+    edible_g = estimate(term["edible_g"], doubt)
+    return Mass(edible_g, edible_g, 1.0, doubt)

@@ -1,17 +1,20 @@
 """From the services' views to the wire's models."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
+from pydantic import BaseModel
+
+from app.candidates.item_candidates import ItemCandidates
+from app.db.base import Base
 from app.diary.study_days import number_of
-from app.foods.food_amounts import FoodAmounts
 from app.foods.models import Component, Food
 from app.foods.schemas import FoodRef, NutrientAmount, NutrientTotal
-from app.http.stored_words import stored_word
-from app.meals.meal_clock import time_flags
-from app.meals.models import AFTER_SLOTS, SLOTS
-from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, RunArtefact
+from app.http.text_schemas import stored_word
+from app.meals.meal_time import time_flags
+from app.meals.models import AFTER_SLOTS, SLOTS, Meal
+from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Run, RunArtefact
 from app.nutrition.doubt import Estimate
 from app.nutrition.foods import DENSITY_BASES, FOOD_FORMS
 from app.nutrition.nutrients import amount_interval
@@ -28,54 +31,45 @@ from app.records.meal_schemas import (
     TotalsOut,
 )
 from app.records.queries import FoodName, RecordRow
-from app.records.read_after import LeftoverView
 from app.records.read_meal import ItemView, MealView
-from app.records.record_amounts import nutrient_interval
+from app.records.record_amounts import eaten_g, nutrient_interval
 from app.records.schemas import RecordOut
 from app.uploads.submit_meal import IGNORED
 
-SHARED_COLUMNS = tuple(
-    column.name for column in EffectiveRecord.__table__.columns if column.name in RecordOut.model_fields
-)
+
+def shared_columns(table: type[Base], schema: type[BaseModel]) -> tuple[str, ...]:
+    """Columns that an answer shows as they are stored, under their own names; `id` means another one there."""
+    return tuple(
+        each.name for each in table.__table__.columns if each.name in schema.model_fields and each.name != "id"
+    )
+
+
+RECORD_SHOWN, ITEM_COLUMNS = shared_columns(EffectiveRecord, RecordOut), shared_columns(EffectiveRecord, ItemOut)
+MEAL_COLUMNS = shared_columns(Meal, MealOut)
+RUN_COLUMNS = (*shared_columns(Run, RunOut), "id")
 
 
 def render_meal(view: MealView) -> MealOut:
     """A meal as the API shows it."""
     meal, run = view.meal, view.run
-    images = {image.slot: image for image in view.images}
+    images, missing = _images(view, SLOTS)
     return MealOut(
+        **{name: getattr(meal, name) for name in MEAL_COLUMNS},
         id=meal.client_id,
         study=view.study_code,
         participant=view.participant_code,
-        status=meal.status,
-        stage=meal.stage,
-        captured_at=meal.captured_at,
-        time_zone=meal.time_zone,
-        local_date=meal.local_date,
-        received_at=meal.received_at,
-        version=meal.version,
-        flags=time_flags(meal),
+        flags=time_flags(meal.origin, meal.captured_at, meal.received_at),
         ignored=meal.details.get(IGNORED, []),
-        images={slot: ImageOut.model_validate(images[slot], from_attributes=True) for slot in SLOTS if slot in images},
-        missing=[slot for slot in SLOTS if slot not in images],
-        failure=FailureOut(code=meal.failure_code, message=meal.failure_message or "", advice=meal.failure_advice or "")
-        if meal.failure_code
-        else None,
+        images=images,
+        missing=missing,
+        failure=_failure(meal.failure_code, meal.failure_message, meal.failure_advice),
         after=render_after(view),
         items=[_item(item, view.components) for item in view.items],
         totals=_totals(view),
         run=RunOut(
-            id=run.id,
-            method=run.method,
-            pipeline_version=run.pipeline_version,
-            marker=run.marker,
-            camera=run.camera,
-            parameters=run.parameters,
-            stages=run.stages,
-            seconds=run.seconds,
+            **{name: getattr(run, name) for name in RUN_COLUMNS},
             food_tables=run.food_releases,
-            created_at=run.created_at,
-            artefacts=[_artefact(view, artefact) for artefact in view.artefacts],
+            artefacts=[_artefact(meal, artefact) for artefact in view.artefacts],
         )
         if run
         else None,
@@ -84,34 +78,26 @@ def render_meal(view: MealView) -> MealOut:
 
 def render_after(view: MealView) -> AfterOut | None:
     """The after-meal pair, if there is one or one is waited for."""
-    meal, details = view.meal, view.meal.after_details
+    meal, details = view.meal, view.meal.after_details or {}
     if meal.after_status is None and meal.after_due_at is None:
         return None
-    images = {image.slot: image for image in view.images}
+    images, missing = _images(view, AFTER_SLOTS)
     return AfterOut(
         status=meal.after_status,
         due_at=meal.after_due_at,
-        captured_at=datetime.fromisoformat(details["captured_at"]) if details is not None else None,
-        ignored=details.get(IGNORED, []) if details is not None else [],
-        images={
-            slot: ImageOut.model_validate(images[slot], from_attributes=True) for slot in AFTER_SLOTS if slot in images
-        },
-        missing=[slot for slot in AFTER_SLOTS if slot not in images],
-        failure=FailureOut(
-            code=meal.after_failure_code,
-            message=meal.after_failure_message or "",
-            advice=meal.after_failure_advice or "",
-        )
-        if meal.after_failure_code
-        else None,
-        leftovers=[_leftover(each) for each in view.after.leftovers],
-        artefacts=[_artefact(view, artefact, "?pair=after") for artefact in view.after.artefacts],
+        captured_at=datetime.fromisoformat(details["captured_at"]) if details else None,
+        ignored=details.get(IGNORED, []),
+        images=images,
+        missing=missing,
+        failure=_failure(meal.after_failure_code, meal.after_failure_message, meal.after_failure_advice),
+        leftovers=[LeftoverOut.model_validate(piece) for piece in view.leftovers],
+        artefacts=[_artefact(meal, artefact, "?pair=after") for artefact in view.after_artefacts],
     )
 
 
 def render_record(row: RecordRow) -> RecordOut:
     """A record as the API shows it."""
-    columns: dict[str, Any] = {name: getattr(row.record, name) for name in SHARED_COLUMNS}
+    columns: dict[str, Any] = {name: getattr(row.record, name) for name in RECORD_SHOWN}
     return RecordOut(
         id=row.record.item_id,
         study=row.study_code,
@@ -132,78 +118,68 @@ def food_ref(food: Food | FoodName | None) -> FoodRef | None:
     return FoodRef(key=food.key, name=food.name) if food is not None else None
 
 
-def _leftover(view: LeftoverView) -> LeftoverOut:
-    leftover, state = view.state, view.state.state
-    mass = view.mass.as_seen_g if view.mass is not None else None
-    of_class: dict[str, Any] = {"class": leftover.leftover_class}  # no name for an argument in Python
-    return LeftoverOut(
-        id=state.item.id,
-        item=leftover.of_item_id,
-        is_by_person=leftover.is_by_person,
-        polygon=[list(ring) for ring in state.rings],
-        food=food_ref(view.food),
-        volume_ml=state.amount.volume_ml,
-        volume_interval_ml=_interval(state.amount.volume_low_ml, state.amount.volume_high_ml),
-        mass_g=mass.value if mass is not None else None,
-        mass_interval_g=(mass.low, mass.high) if mass is not None else None,
-        flags=[*state.flags, *leftover.flags],
-        **of_class,
-    )
+def interval_of(record: EffectiveRecord, name: str, unit: str) -> tuple[float, float] | None:
+    """The 90 % interval of a record's `{name}_{unit}`; None where it is not known."""
+    low, high = getattr(record, f"{name}_low_{unit}"), getattr(record, f"{name}_high_{unit}")
+    return (low, high) if low is not None and high is not None else None
 
 
-def _artefact(view: MealView, artefact: RunArtefact, query: str = "") -> ArtefactOut:
+def render_candidates(candidates: ItemCandidates) -> list[CandidateOut]:
+    """The foods that an item may be."""
+    return [CandidateOut.model_validate(each, from_attributes=True) for each in candidates.candidates]
+
+
+def _images(view: MealView, slots: Sequence[str]) -> tuple[dict[str, ImageOut], list[str]]:
+    """The photographs of these slots that have arrived, and the slots that are missing."""
+    arrived = {image.slot: image for image in view.images}
+    images = {slot: ImageOut.model_validate(arrived[slot], from_attributes=True) for slot in slots if slot in arrived}
+    return images, [slot for slot in slots if slot not in arrived]
+
+
+def _failure(code: str | None, message: str | None, advice: str | None) -> FailureOut | None:
+    return FailureOut(code=code, message=message or "", advice=advice or "") if code else None
+
+
+def _artefact(meal: Meal, artefact: RunArtefact, query: str = "") -> ArtefactOut:
     return ArtefactOut(
         name=artefact.name,
         media_type=artefact.media_type,
         bytes=artefact.bytes,
-        href=f"/v1/meals/{view.meal.client_id}/artefacts/{artefact.name}{query}",
+        href=f"/v1/meals/{meal.client_id}/artefacts/{artefact.name}{query}",
     )
 
 
 def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
-    record, its = view.record, view.state.taken_for
-    density = its if record.density_g_per_ml is not None else None
+    record, row = view.record, view.taken_for
+    density = row if record.density_g_per_ml is not None else None
+    identified, rings = view.candidates.identified, record.details["rings"]
     return ItemOut(
+        **{name: getattr(record, name) for name in ITEM_COLUMNS},
         id=record.item_id,
-        status=record.status,
-        origin=record.origin,
-        polygon=[list(ring) for ring in view.state.rings],
+        polygon=view.item.rings if rings is None else rings,
         food=food_ref(view.food),
-        lies_as=stored_word(its.lies_as, FOOD_FORMS) if its else None,
-        candidates=[
-            CandidateOut(food=FoodRef(key=food.key, name=food.name), probability=probability, source=source)
-            for food, probability, source in view.candidates
-        ],
-        none_of_these=view.none_probability,
-        index_version=view.index_version,
-        volume_ml=record.volume_ml,
-        volume_interval_ml=_interval(record.volume_low_ml, record.volume_high_ml),
-        density_g_per_ml=record.density_g_per_ml,
+        lies_as=stored_word(row.lies_as, FOOD_FORMS) if row else None,
+        candidates=render_candidates(view.candidates),
+        none_of_these=view.candidates.none_probability,
+        index_version=identified.index_version if identified is not None else None,
+        volume_interval_ml=interval_of(record, "volume", "ml"),
         density_sd_g_per_ml=density.density_sd_g_per_ml if density else None,
         density_basis=stored_word(density.density_basis, DENSITY_BASES) if density else None,
-        density_source=record.density_source,
-        mass_g=record.mass_g,
-        mass_interval_g=_interval(record.mass_low_g, record.mass_high_g),
-        edible_share=its.edible_share if its else None,
-        edible_g=record.edible_g,
-        share=record.share,
-        left_g=record.left_g,
-        consumed_g=record.consumed_g,
-        consumed_interval_g=_interval(record.consumed_low_g, record.consumed_high_g),
-        provisional=record.provisional,
-        reviewed=record.reviewed,
-        parent=view.state.item.parent_id,
-        open_probes=list(view.open_probes),
-        nutrients=list(_nutrients(view.amounts, components)),
-        flags=record.flags,
+        mass_interval_g=interval_of(record, "mass", "g"),
+        edible_share=row.edible_share if row else None,
+        consumed_interval_g=interval_of(record, "consumed", "g"),
+        parent=view.item.parent_id,
+        open_probes=record.details["open_probes"],
+        nutrients=list(_nutrients(view, components)),
     )
 
 
-def _nutrients(amounts: FoodAmounts | None, components: Mapping[str, Component]) -> Iterator[NutrientAmount]:
-    if amounts is None or amounts.consumed_g is None:
+def _nutrients(view: ItemView, components: Mapping[str, Component]) -> Iterator[NutrientAmount]:
+    eaten = eaten_g(view.record)
+    if eaten is None:
         return
-    for number, amount in amounts.nutrients.items():
-        interval = amount_interval(amount, amounts.consumed_g)
+    for number, amount in view.nutrients.items():
+        interval = amount_interval(amount, eaten)
         yield NutrientAmount(**_component(components[number]), amount=amount.value, interval=interval)
 
 
@@ -232,7 +208,3 @@ def _component(component: Component) -> dict[str, Any]:
         "name": component.name,
         "unit": component.unit,
     }
-
-
-def _interval(low: float | None, high: float | None) -> tuple[float, float] | None:
-    return (low, high) if low is not None and high is not None else None

@@ -184,7 +184,7 @@ def _run_on(session: Session, meal: Meal, slot: str) -> Run | None:
     is_after = slot in AFTER_SLOTS
     if is_after and meal.after_status in meals.UNESTIMATED:  # a failed pair's run is not of the one sent in its place
         return None
-    return records.last_run(session, meal.id, "after" if is_after else "meal")
+    return records.last_runs(session, meal.id).get("after" if is_after else "meal")
 
 
 def _colour_of(run: Run | None, slot: str) -> Mapping[str, Any] | None:

@@ -26,9 +26,16 @@ from app.meals import queries as meals
 from app.meals.job_models import Job
 from app.meals.meal_time import MealTime
 from app.meals.models import AFTER_SLOTS, Meal, MealImage
-from app.meals.receive_photo import ReceivedFile, SealablePhoto, prepare_photo
-from app.meals.require_whole import require_whole
-from app.meals.seal_photos import image_row, require_unspent, seal_photos, unspent_keys
+from app.meals.receive_photo import (
+    ReceivedFile,
+    SealablePhoto,
+    image_row,
+    prepare_photo,
+    require_unspent,
+    require_whole,
+    seal_photos,
+    unspent_keys,
+)
 from app.people.access import audit
 from app.people.access.caller import DeviceCaller
 from app.people.access.secret_box import SecretBox

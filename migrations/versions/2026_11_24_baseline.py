@@ -886,6 +886,7 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("after_failure_message", sa.Text(), nullable=True),
         sa.Column("after_failure_advice", sa.Text(), nullable=True),
         sa.Column("after_due_at", sa.DateTime(timezone=True), nullable=True),
+        sa.Column("leftovers", JSON, nullable=False),
         sa.Column("version", sa.Integer(), nullable=False),
         sa.Column("received_at", sa.DateTime(timezone=True), nullable=False),
         sa.Column("submitted_at", sa.DateTime(timezone=True), nullable=True),
@@ -1210,6 +1211,9 @@ def upgrade() -> None:  # noqa: PLR0915  # one statement per table and index
         sa.Column("vitamin_c_mg", sa.Double(), nullable=True),
         sa.Column("flags", JSON, nullable=False),
         sa.Column("doubt", sa.Double(), nullable=False),
+        sa.Column("food_version", sa.Integer(), nullable=True),
+        sa.Column("run_id", sa.Uuid(), nullable=True),
+        sa.Column("details", JSON, nullable=False),
         sa.Column("change_seq", sa.BigInteger(), nullable=False),
         sa.CheckConstraint(
             "origin IN ('pipeline', 'after', 'declared', 'added', 'split', 'merged')",

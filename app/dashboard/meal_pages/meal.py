@@ -194,20 +194,17 @@ def _scene_items(story: MealStory) -> dict[int, dict[str, Any]]:
     """Place in the run's scene -> item, of those that still are what the run saw there."""
     run = story.view.run
     return {
-        item.state.item.position: {"id": str(item.record.item_id), "number": number}
-        for number, item in enumerate(story.view.items, start=1)
-        if run is not None
-        and item.state.item.run_id == item.state.run_id == run.id
-        and item.state.is_live
-        and item.state.stands
+        view.item.position: {"id": str(view.item.id), "number": number}
+        for number, view in enumerate(story.view.items, start=1)
+        if run is not None and view.item.run_id == view.record.run_id == run.id and view.record.status != "rejected"
     }
 
 
 def _scene_names(story: MealStory) -> list[str]:
     """What the run's foods are taken for, in the scene's order; "" where that is not known."""
     run = story.view.run
-    its = {item.state.item.position: item.food for item in story.view.items if run and item.state.item.run_id == run.id}
-    foods = [its.get(position) for position in range(1 + max(its, default=-1))]
+    of_run = {view.item.position: view.food for view in story.view.items if run and view.item.run_id == run.id}
+    foods = [of_run.get(position) for position in range(1 + max(of_run, default=-1))]
     return [food.name if food is not None else "" for food in foods]
 
 

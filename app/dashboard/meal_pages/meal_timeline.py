@@ -112,7 +112,7 @@ def food_names(story: MealStory) -> dict[str, str]:
     """Names of the foods that the meal's items are, or may be, by key: events hold keys."""
     names: dict[str, str] = {}
     for item in story.view.items:
-        names |= {food.key: food.name for food, _, _ in item.candidates}
+        names |= {each.food.key: each.food.name for each in item.candidates.candidates}
         if item.food is not None:
             names[item.food.key] = item.food.name
     return names

@@ -115,7 +115,7 @@ def get_item(
     """One item as it stands: shown anew after somebody else has changed its meal, with what they said."""
     now = read_review_item(page.state.database, in_study(page), meal_id, participant, item, seen=seen)
     said = said_of(now.item, now.said, page.caller.staff_id)
-    is_over = not now.item.state.stands or now.item.row.record.status == "rejected"
+    is_over = now.item.row.record.status == "rejected"
     return page.render(
         "review_again.html",
         card=card_of(now.item),

@@ -95,7 +95,7 @@ def outline_of(item: ReviewItem) -> Outline | None:
     if item.photograph is None:
         return None
     width, height = item.photograph.width_px, item.photograph.height_px
-    rings = [[(float(x), float(y)) for x, y in ring] for ring in item.state.rings if len(ring) > 2]
+    rings = [[(float(x), float(y)) for x, y in ring] for ring in item.rings if len(ring) > 2]
     crop = crop_of([point for ring in rings for point in ring], width, height)
     wanted = SHARP_PX * width / crop[2]
     most_corners = max(rings, key=len) if rings else []
@@ -131,12 +131,14 @@ def choices_of(item: ReviewItem) -> list[Choice]:
     """What the item may be: the food it is taken for first, if no candidate; then the candidates, each food once."""
     current = item.row.food
     foods: dict[str, tuple[Food, float | None, str]] = {}
-    if current is not None and all(food.key != current.key for food, _ in item.candidates):
+    candidates = item.candidates.candidates
+    if current is not None and all(each.food.key != current.key for each in candidates):
         foods[current.key] = (current, None, "told")
-    for food, one in item.candidates:
-        known = foods.get(food.key)
-        if known is None or (known[1] is None and one.probability is not None):  # the hint's, and then the index's
-            foods[food.key] = (food, one.probability, one.source if known is None else known[2])
+    for each in candidates:
+        key = each.food.key
+        first = foods.get(key)
+        if first is None or (first[1] is None and each.probability is not None):  # the hint's, and then the index's
+            foods[key] = (each.food, each.probability, each.source if first is None else first[2])
     marked = _marked(item, foods)
     return [
         Choice(
@@ -210,7 +212,7 @@ def _marked(item: ReviewItem, foods: Mapping[str, tuple[Food, float | None, str]
     if item.row.food is not None:
         return None if FOOD_DOUBTFUL in item.row.record.flags else item.row.food.key
     first, probability, _ = next(iter(foods.values()), (None, None, ""))
-    if first is None or probability is None or probability <= (item.none_probability or 0.0):
+    if first is None or probability is None or probability <= (item.candidates.none_probability or 0.0):
         return None
     return first.key
 

@@ -12,8 +12,8 @@ from app.db.base import Base
 from app.foods.models import Food
 from app.meals.item_state import ItemState
 from app.meals.record_models import Item
-from app.records.review.event_foods import named_food, taken_for
 from app.records.review.meal_events import Change, Standing
+from app.records.review.review_item import named_food, taken_for
 from app.records.review.review_meal import new_item
 from app.records.review.told_amounts import DECLARED_SD, told_amount
 

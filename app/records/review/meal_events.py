@@ -31,7 +31,7 @@ from app.meals.record_models import EffectiveRecord, Item
 from app.people.access import audit
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller
 from app.records.locked_meal import lock_meal_of
-from app.records.project_records import Projector, project_meal
+from app.records.project_records import project_meal
 from app.records.read_meal import MealView, meal_view
 
 MAX_EVENTS = 1000  # of a meal; each word reads them all
@@ -157,11 +157,10 @@ class MealEvents:
         with self._database.write() as session:
             locked = lock_meal_of(session, caller, client_id, participant_code)
             meal, participant, study = locked.meal, locked.participant_code, locked.study_code
-            projector = Projector(session)
             known = session.get(MealEvent, event.id)
             if known is not None:
                 _require_same(known, meal, caller, event)
-                return meal_view(session, meal, participant, study, projector), False
+                return meal_view(session, meal, participant, study), False
             if expected is not None and meal.version not in expected:
                 raise PreconditionFailedError(
                     "The meal has changed since you read it: GET it again, then say what still holds.",
@@ -169,8 +168,8 @@ class MealEvents:
                 )
             parts = parts_of(session, [meal])[0]  # held to the end, so that its rows need not be made again
             self._write(session, caller, parts, event)
-            projection = project_meal(session, meal, projector)
-            return meal_view(session, meal, participant, study, projector, projection), True
+            project_meal(session, meal)
+            return meal_view(session, meal, participant, study), True
 
     def _write(self, session: Session, caller: Caller, parts: MealParts, event: NewEvent) -> None:
         meal, rule, layer = parts.meal, self._rules[event.kind], layer_of(caller)

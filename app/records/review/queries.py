@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 from app.foods.models import Food
 from app.meals.event_models import MealEvent
 from app.meals.models import Meal, MealImage
-from app.meals.record_models import RECORD_STATUSES, EffectiveRecord
+from app.meals.record_models import RECORD_STATUSES, EffectiveRecord, Item
 from app.people.models import Participant, Staff
 from app.records.page_queries import MOST_BRANCHES, food_ids, participants_of
 
@@ -38,6 +38,7 @@ class QueueRow:
     meal: Meal
     participant_code: str
     food: Food | None
+    item: Item
 
 
 def page_of_events(
@@ -58,6 +59,17 @@ def undone_events(session: Session, meal_id: uuid.UUID) -> set[str]:
     """Ids of a meal's events that were taken back."""
     query = sa.select(MealEvent.new).where(MealEvent.meal_id == meal_id, MealEvent.kind == "undo")
     return {str(new["event"]) for new in session.scalars(query)}
+
+
+def last_events(session: Session, meal_ids: Collection[uuid.UUID]) -> dict[uuid.UUID, int]:
+    """Meal -> the number of its newest event; meals without events are left out."""
+    query = (
+        sa.select(MealEvent.meal_id, sa.func.max(MealEvent.sequence))
+        .where(MealEvent.meal_id.in_(list(meal_ids)))
+        .group_by(MealEvent.meal_id)
+    )
+    sequences: dict[uuid.UUID, int] = dict(session.execute(query).all())
+    return sequences
 
 
 def words_about_questions(session: Session, participant_id: uuid.UUID) -> list[tuple[MealEvent, Meal]]:
@@ -81,9 +93,10 @@ def page_of_queue(
         return []
     record = EffectiveRecord
     query = (
-        sa.select(record, Meal, Participant.code, Food)
+        sa.select(record, Meal, Participant.code, Food, Item)
         .select_from(page.join(record, record.item_id == page.c.item_id))
         .join(Meal, Meal.id == record.meal_id)
+        .join(Item, Item.id == record.item_id)
         .join(Participant, Participant.id == record.participant_id)
         .outerjoin(Food, Food.id == record.food_id)
         .order_by(page.c.doubt.desc(), page.c.item_id.desc())

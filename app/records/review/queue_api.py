@@ -5,20 +5,21 @@ from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Request
 
-from app.foods.schemas import FoodRef
 from app.http.flat_list import ListRoute
 from app.http.paging import Cursor, next_page
 from app.http.parameters import OfParticipant, StudyCode
 from app.http.problems import problem_responses
+from app.meals.record_models import EffectiveRecord
 from app.people.access.deps import CurrentStaff, State
 from app.people.studies import read_study
-from app.records.meal_schemas import CandidateOut
-from app.records.render import food_ref
+from app.records.render import food_ref, interval_of, render_candidates, shared_columns
 from app.records.review.queries import QueueFilter
 from app.records.review.queue_schemas import QueuedItemOut, ReviewQueue
 from app.records.review.review_queue import QueuedItem, read_queue
 
 router = APIRouter(prefix="/v1/studies", tags=["review"], route_class=ListRoute)
+
+QUEUED_COLUMNS = shared_columns(EffectiveRecord, QueuedItemOut)
 
 
 @router.get("/{study}/review-queue", responses=problem_responses(401, 403, 404, 422))
@@ -55,36 +56,17 @@ def _item(queued: QueuedItem) -> QueuedItemOut:
     row, record = queued.row, queued.row.record
     path, whose = f"/v1/meals/{row.meal.client_id}", f"?participant={quote(row.participant_code)}"
     return QueuedItemOut(
+        **{name: getattr(record, name) for name in QUEUED_COLUMNS},
         item=record.item_id,
         meal=row.meal.client_id,
         participant=row.participant_code,
-        doubt=record.doubt,
-        status=record.status,
-        origin=record.origin,
-        provisional=record.provisional,
         food=food_ref(row.food),
-        candidates=[
-            CandidateOut(food=FoodRef(key=one.key, name=one.name), probability=by.probability, source=by.source)
-            for one, by in queued.candidates
-        ],
-        none_of_these=queued.none_probability,
-        volume_ml=record.volume_ml,
-        volume_interval_ml=_interval(record.volume_low_ml, record.volume_high_ml),
-        mass_g=record.mass_g,
-        mass_interval_g=_interval(record.mass_low_g, record.mass_high_g),
-        share=record.share,
-        left_g=record.left_g,
-        consumed_g=record.consumed_g,
-        consumed_interval_g=_interval(record.consumed_low_g, record.consumed_high_g),
-        energy_kcal=record.energy_kcal,
-        flags=list(record.flags),
-        captured_at=record.captured_at,
-        local_date=record.local_date,
+        candidates=render_candidates(queued.candidates),
+        none_of_these=queued.candidates.none_probability,
+        volume_interval_ml=interval_of(record, "volume", "ml"),
+        mass_interval_g=interval_of(record, "mass", "g"),
+        consumed_interval_g=interval_of(record, "consumed", "g"),
         etag=f'"{row.meal.version}"',
         meal_href=f"{path}{whose}",
         photograph_href=f"{path}/images/left{whose}" if row.meal.origin == "photographed" else None,
     )
-
-
-def _interval(low: float | None, high: float | None) -> tuple[float, float] | None:
-    return (low, high) if low is not None and high is not None else None

@@ -8,16 +8,18 @@ import uuid
 from collections.abc import Sequence
 from typing import Any
 
-from app.core.errors import ConflictError
+from sqlalchemy.orm import Session
+
+from app.core.errors import ConflictError, InvalidInputError
+from app.foods import queries as foods
 from app.foods.models import Food
 from app.meals import queries as meals
 from app.meals.item_state import REMEASURING, ItemState
 from app.meals.job_models import Job
-from app.records.item_foods import weighing_of
-from app.records.review.event_foods import key_of, named_food, taken_for
+from app.meals.record_models import ItemFood
+from app.records.item_foods import item_food, served_mass, weighing_for, weighing_of
 from app.records.review.meal_events import Change, Standing
 from app.records.review.told_amounts import TOLD_SD, told_amount
-from app.records.served_mass import served_mass
 
 
 def confirm(standing: Standing) -> Change:
@@ -128,3 +130,41 @@ def remeasure_job(standing: Standing) -> Job:
 
 def _lies_as(state: ItemState) -> str | None:
     return state.taken_for.lies_as if state.taken_for is not None else None
+
+
+def named_food(session: Session, key: str) -> Food:
+    """The food of this key in the tables in force. Raises InvalidInputError (`food_unknown`)."""
+    found = foods.foods_by_key(session, {key}).get(key)
+    if found is None:
+        raise InvalidInputError(
+            "No food table in force has a food of this key: GET /v1/foods finds those that there are.",
+            code="food_unknown",
+            food=key,
+        )
+    return found
+
+
+def key_of(session: Session, taken_for: ItemFood | None) -> str | None:
+    """The key of the food that an item is taken for."""
+    return session.get_one(Food, taken_for.food_id).key if taken_for is not None else None
+
+
+def taken_for(
+    standing: Standing, item_id: uuid.UUID, food: Food, lies_as: str | None, before: Sequence[ItemFood] = ()
+) -> ItemFood:
+    """The row of an item that is this food from now on, weighed as is known by now. before: its rows so far."""
+    return item_food(
+        item_id,
+        food.id,
+        weighing_for(standing.session, food, standing.meal.study_id, lies_as),
+        lies_as,
+        version=1 + max((row.version for row in before), default=0),
+        layer=standing.layer,
+        event_id=standing.event.id,
+    )
+
+
+def same_food(standing: Standing, item_id: uuid.UUID, row: ItemFood, *, is_guessed: bool) -> ItemFood:
+    """The row of a new item that is the same food as another, weighed the same; what was guessed stays a guess."""
+    layer = "automatic" if is_guessed else standing.layer
+    return item_food(item_id, row.food_id, weighing_of(row), row.lies_as, layer=layer, event_id=standing.event.id)

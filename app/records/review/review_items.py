@@ -6,19 +6,16 @@ from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
+from app.candidates.item_candidates import ItemCandidates, candidates_of_records
 from app.core.errors import NotFoundError
 from app.db.session import Database
-from app.foods.food_amounts import RECORD_COLUMNS
 from app.foods.models import Food
 from app.http.cursors import Page
-from app.meals.item_state import ItemState
-from app.meals.meal_parts import MealParts, parts_of
 from app.meals.models import MealImage
-from app.meals.record_models import EffectiveRecord, ItemCandidate
-from app.nutrition.doubt import Estimate
+from app.meals.record_models import EffectiveRecord, Item
 from app.people.access.caller import StaffCaller
-from app.records.project_records import ItemProjection, Projector
 from app.records.read_meal import find_meal
+from app.records.record_amounts import nutrient_interval
 from app.records.review import queries as review
 from app.records.review.meal_history import HistoryRow
 from app.records.review.queries import QueueFilter, QueueRow
@@ -29,19 +26,23 @@ MOST_WORDS = 20  # that are told of what others said meanwhile; the rest stands 
 
 @dataclass(frozen=True, slots=True)
 class ReviewItem:
-    """An item as it stands. candidates: best first; none_probability: that it is none of them.
+    """An item as it stands.
 
-    energy: of what was eaten. photograph: the left one, None where there is none (any more). last_event: the number
-    of the newest word about the meal that is in it.
+    energy: the 90 % interval of what was eaten. photograph: the left one, None where there is none (any more).
+    last_event: the number of the newest event of the meal.
     """
 
     row: QueueRow
-    state: ItemState
-    candidates: tuple[tuple[Food, ItemCandidate], ...]
-    none_probability: float | None
-    energy: Estimate | None
+    candidates: ItemCandidates
+    energy: tuple[float, float] | None
     photograph: MealImage | None
     last_event: int
+
+    @property
+    def rings(self) -> Sequence[Sequence[Sequence[float]]]:
+        """Its region as it stands, upright pixels of the left photograph."""
+        rings = self.row.record.details["rings"]
+        return self.row.item.rings if rings is None else rings
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,43 +81,29 @@ def read_review_item(
     """
     with database.read() as session:
         meal, code, _ = find_meal(session, caller, client_id, participant_code)
-        record = session.get(EffectiveRecord, item_id)
-        food = session.get(Food, record.food_id) if record is not None and record.food_id is not None else None
-        found = _items(session, [QueueRow(record, meal, code, food)] if record and record.meal_id == meal.id else [])
-        if not found:
+        record, item = session.get(EffectiveRecord, item_id), session.get(Item, item_id)
+        if record is None or item is None or record.meal_id != meal.id:
             raise NotFoundError("This meal has no such item.", code="item_not_found")
+        food = session.get(Food, record.food_id) if record.food_id is not None else None
+        shown = _items(session, [QueueRow(record, meal, code, food, item)])[0]
         events = review.page_of_events(session, meal.id, after=seen, limit=MOST_WORDS)
         undone = review.undone_events(session, meal.id)
     said = tuple(HistoryRow(event, name or code, str(event.id) in undone) for event, name in events)
-    return ItemNow(found[0], said)
+    return ItemNow(shown, said)
 
 
 def _items(session: Session, rows: Sequence[QueueRow]) -> list[ReviewItem]:
-    """Without those that a new run has taken the place of, since the rows were read."""
-    meals = {row.meal.id: row.meal for row in rows}
+    meals = {row.meal.id for row in rows}
     photographs = review.left_photographs(session, meals)
-    projector = Projector(session)
-    projected: dict[uuid.UUID, tuple[MealParts, ItemProjection]] = {}
-    for parts in parts_of(session, list(meals.values())):
-        projected |= {item.state.item.id: (parts, item) for item in projector.project(parts).items}
-    shown = []
-    for row in rows:
-        if row.record.item_id in projected:
-            parts, item = projected[row.record.item_id]
-            shown.append(_item(row, parts, item, projector, photographs.get(row.meal.id)))
-    return shown
-
-
-def _item(
-    row: QueueRow, parts: MealParts, found: ItemProjection, projector: Projector, photograph: MealImage | None
-) -> ReviewItem:
-    nutrients = found.amounts.nutrients if found.amounts is not None else {}
-    return ReviewItem(
-        row=row,
-        state=found.state,
-        candidates=tuple((projector.food(one.food_id), one) for one in found.candidates.all),
-        none_probability=found.candidates.none_probability,
-        energy=next((nutrients[one] for one in RECORD_COLUMNS["energy_kcal"] if one in nutrients), None),
-        photograph=photograph,
-        last_event=max((event.sequence for event in parts.events), default=0),
-    )
+    last_events = review.last_events(session, meals)
+    candidates = candidates_of_records(session, [(row.record, row.item) for row in rows])
+    return [
+        ReviewItem(
+            row=row,
+            candidates=candidates[row.record.item_id],
+            energy=nutrient_interval(row.record, "energy_kcal"),
+            photograph=photographs.get(row.meal.id),
+            last_event=last_events.get(row.meal.id, 0),
+        )
+        for row in rows
+    ]

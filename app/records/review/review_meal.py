@@ -19,13 +19,11 @@ from app.meals.item_state import REMEASURING, ItemState, items_of, live_events
 from app.meals.record_models import Item
 from app.nutrition.doubt import Doubt, estimate
 from app.nutrition.mass import Mass
-from app.records.item_foods import weighing_of
+from app.records.item_foods import served_mass, weighing_of
 from app.records.outline_json import rings_of
-from app.records.review.event_foods import key_of, named_food, same_food, taken_for
 from app.records.review.meal_events import Change, Standing
-from app.records.review.review_item import remeasure_job, require_complete
+from app.records.review.review_item import key_of, named_food, remeasure_job, require_complete, same_food, taken_for
 from app.records.review.told_amounts import TOLD_SD, told_amount
-from app.records.served_mass import served_mass
 
 ITEMS_OF_EVENT = uuid.UUID("b1c4b7a3-8a0f-4f27-8d9d-2d9a4b2f60c5")  # drawn once; ids of items are derived under it
 SMALLEST = 0.001  # grams or millilitres, as of all that is told

@@ -1,21 +1,15 @@
 """What waits for a reviewer in a study, the most doubtful item first; what waits for a participant: open questions."""
 
-import uuid
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from sqlalchemy.orm import Session
 
-from app.candidates.item_candidates import NOT_IDENTIFIED, ItemCandidates, candidates_of
+from app.candidates.item_candidates import ItemCandidates, candidates_of_records
 from app.db.session import Database
-from app.foods import queries as foods
-from app.foods.models import Food
 from app.http.cursors import ID, NUMBER, Page, decode_cursor, encode_cursor
 from app.meals.event_models import MealEvent
-from app.meals.item_state import fold_meal
-from app.meals.meal_parts import parts_of
 from app.meals.models import Meal
-from app.meals.record_models import ItemCandidate
 from app.people.access.caller import DeviceCaller
 from app.records.review import queries as review
 from app.records.review.queries import QueueFilter, QueueRow
@@ -25,11 +19,10 @@ MOST_QUESTIONS = 100  # that are shown; when some are answered, others follow
 
 @dataclass(frozen=True, slots=True)
 class QueuedItem:
-    """An item and the foods that it may be, best first; none_probability: that it is none of them."""
+    """An item and the foods that it may be."""
 
     row: QueueRow
-    candidates: tuple[tuple[Food, ItemCandidate], ...]
-    none_probability: float | None
+    candidates: ItemCandidates
 
 
 def read_queue(database: Database, chosen: QueueFilter, *, cursor: str | None, limit: int) -> Page[QueuedItem]:
@@ -67,13 +60,5 @@ def open_questions(database: Database, caller: DeviceCaller) -> list[tuple[MealE
 
 
 def _with_candidates(session: Session, rows: Sequence[QueueRow]) -> list[QueuedItem]:
-    meals = {row.meal.id: row.meal for row in rows}
-    found: dict[uuid.UUID, ItemCandidates] = {}
-    for parts in parts_of(session, list(meals.values())):
-        found |= {state.item.id: candidates_of(parts, state) for state in fold_meal(parts).items}
-    shown = [(row, found.get(row.record.item_id, NOT_IDENTIFIED)) for row in rows]
-    named = {one.food_id for _, its in shown for one in its.all}
-    known = {food.id: food for food in foods.foods_by_id(session, named)}
-    return [
-        QueuedItem(row, tuple((known[one.food_id], one) for one in its.all), its.none_probability) for row, its in shown
-    ]
+    candidates = candidates_of_records(session, [(row.record, row.item) for row in rows])
+    return [QueuedItem(row, candidates[row.record.item_id]) for row in rows]

@@ -6,7 +6,7 @@ import re
 
 from app.core.settings import Settings
 from app.meals import item_state
-from app.meals.meal_clock import CLOCK_DOUBTFUL
+from app.meals.meal_time import CLOCK_DOUBTFUL
 
 DOCS = pathlib.Path(__file__).parents[3] / "docs"
 
