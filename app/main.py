@@ -9,10 +9,11 @@ from fastapi import Depends, FastAPI
 import app.tables  # noqa: F401  # defines every table
 from app import __version__
 from app.children.api_children import ApiChildren
+from app.core.errors import NotFoundError
 from app.core.settings import Settings
 from app.dashboard import api_reference
 from app.dashboard import routes as dashboard
-from app.dashboard.answers import DashboardAnswers
+from app.dashboard.answers import DASHBOARD_PATHS, DashboardAnswers
 from app.dashboard.static_files import DashboardFiles
 from app.db.session import open_database
 from app.diary import adequacy_api as adequacy
@@ -22,7 +23,7 @@ from app.diary import summary_api as summary
 from app.exports import api as exports
 from app.exports import data_dictionary_api as data_dictionary
 from app.exports.fhir import api as fhir
-from app.exports.fhir.answers import FhirErrors
+from app.exports.fhir.answers import FHIR_PATHS, FhirErrors
 from app.exports.lists import changes_api as changes
 from app.exports.lists import meals_api as meal_lists
 from app.exports.lists import photographs_api as study_photographs
@@ -32,15 +33,12 @@ from app.foods import groups_api as food_groups
 from app.foods import reference_intakes_api as reference_intakes
 from app.foods import study_densities_api as study_densities
 from app.foods.edits import api as food_edits
-from app.http.answers import ApiAnswers
-from app.http.body_limit import BodyLimit
-from app.http.known_parameters import require_known_parameters
+from app.http.answers import AroundPath, Edge
 from app.http.problems import install_problem_handlers
-from app.http.rate_limit import EnrolmentLimit
+from app.http.rate_limit import CallLimits, EnrolmentLimit
 from app.http.request_log import RequestLog
 from app.http.state import ApiState
 from app.jobs.queue import JobQueue
-from app.methods import Methods
 from app.metrics.instruments import tell_build
 from app.openapi import openapi_document
 from app.operations import health_api as health
@@ -58,8 +56,7 @@ from app.people.access import sessions_api as sessions
 from app.people.access import staff_api as staff
 from app.people.access import study_members_api as study_members
 from app.people.access import tokens_api as tokens
-from app.people.access.access_rules import authorise
-from app.people.access.call_limits import AddressLimit, CallLimits
+from app.people.access.access_rules import RULES, authorise
 from app.people.access.last_use import LastUse
 from app.people.access.passwords import Passwords
 from app.people.access.secret_box import open_secret_box
@@ -162,20 +159,18 @@ def create_app(settings: Settings) -> FastAPI:
         description=DESCRIPTION,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         lifespan=lifespan,
-        dependencies=[Depends(authorise), Depends(require_known_parameters)],
+        dependencies=[Depends(authorise)],
         docs_url=None,  # FastAPI's load their scripts from another host
         redoc_url=None,
         generate_unique_id_function=lambda route: route.name,
     )
     app.state.settings = settings
     install_problem_handlers(app)
-    app.add_middleware(Methods)
-    app.add_middleware(BodyLimit)
-    app.add_middleware(AddressLimit)  # before a body is read
-    app.add_middleware(FhirErrors)  # around all that answers with a problem document
-    app.add_middleware(ApiAnswers)
+    app.add_exception_handler(NotFoundError, me_privacy.on_not_found)
+    app.add_middleware(Edge, calls=RULES)
+    app.add_middleware(AroundPath, pattern=FHIR_PATHS, middleware=FhirErrors)
     app.add_middleware(RequestLog)
-    app.add_middleware(DashboardAnswers)
+    app.add_middleware(AroundPath, pattern=DASHBOARD_PATHS, middleware=DashboardAnswers)
     app.mount("/dashboard/static", DashboardFiles())
     app.add_route(api_reference.PATH, api_reference.api_reference, include_in_schema=False)
     for resource in (

@@ -11,10 +11,9 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from app.exports.fhir.answers import FHIR_JSON, PREFIX
-from app.http.known_parameters import OF_API
 from app.http.problems import Problem, problem_responses
-from app.people.access.access_rules import RULES, Rule
-from app.people.access.call_limits import UNCOUNTED_PATHS
+from app.http.rate_limit import UNCOUNTED_PATHS
+from app.people.access.access_rules import OF_API, RULES, Rule
 from app.people.calibration_schemas import CalibrationMetadataIn
 from app.records.meal_schemas import MealMetadataIn, NewMealMetadataIn
 from app.uploads.after_schemas import AfterMetadataIn
@@ -154,7 +153,7 @@ def _statuses(operation: dict[str, Any], rule: Rule, path: str) -> Iterator[int]
     if "requestBody" in operation:
         yield from OF_BODIES
     if path.startswith(OF_API):
-        yield OF_PARAMETERS  # of those that it has, and for any that it has not (known_parameters.py)
+        yield OF_PARAMETERS  # of those that it has, and for any that it has not (access.py)
     elif path.startswith(PREFIX) and any(each["in"] != "header" for each in operation.get("parameters", ())):
         yield OF_FHIR_PARAMETERS
     if not rule.is_open:

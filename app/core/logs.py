@@ -11,7 +11,7 @@ import logging
 import re
 import sys
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import structlog
@@ -22,9 +22,19 @@ from app.core.settings import Settings
 
 QUIET = ("python_multipart", "uvicorn.access", "alembic", "PIL", "httpx2")  # a line a step or a request each
 UUID_PATTERN = re.compile(r"[0-9a-f]{8}(-?)[0-9a-f]{4}\1[0-9a-f]{4}\1[0-9a-f]{4}\1[0-9a-f]{12}", re.IGNORECASE)
+NO_ROUTE = "(no route)"
 
 # one mapping for a whole request or job: threads that work for it copy the context, and share what is in it
 _facts: contextvars.ContextVar[dict[str, Any] | None] = contextvars.ContextVar("facts", default=None)
+
+
+def route_name(scope: Mapping[str, Any]) -> str:
+    """What logs call the target of a request of this ASGI scope: its route's pattern, such as /v1/meals/{meal_id}.
+
+    Never the path that was sent: paths hold participants' codes and the ids that phones make, and a path that fits no
+    route may hold anything.
+    """
+    return getattr(scope.get("route"), "path", NO_ROUTE)
 
 
 def request_id_of(sent: str | None) -> str:

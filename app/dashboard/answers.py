@@ -6,6 +6,7 @@ A problem document becomes a page where a browser asks for one; who is not signe
 
 import http
 import json
+import re
 from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote
@@ -20,6 +21,7 @@ from app.dashboard.templates import render
 from app.http.problems import PROBLEM_JSON
 from app.people.access.page_rules import PREFIX
 
+DASHBOARD_PATHS = re.compile(rf"(?:/|{PREFIX}(?:/.*)?)$", re.DOTALL)
 CONTENT_SECURITY_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; "
     "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
@@ -43,16 +45,13 @@ SIGN_IN_CODES = frozenset({"unauthenticated"})
 
 
 class DashboardAnswers:
-    """ASGI middleware around everything below PREFIX."""
+    """ASGI middleware around DASHBOARD_PATHS."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the call on; dress the answer."""
-        if scope["type"] != "http" or not is_of_dashboard(scope["path"]):
-            await self._app(scope, receive, send)
-            return
         request_headers = Headers(scope=scope)
         held: Message | None = None  # the start of a problem document
         body = b""
@@ -76,11 +75,6 @@ class DashboardAnswers:
             await send(message)
 
         await self._app(scope, receive, dressed_send)
-
-
-def is_of_dashboard(path: str) -> bool:
-    """Whether a path is the dashboard's."""
-    return path in ("/", PREFIX) or path.startswith(f"{PREFIX}/")
 
 
 def _wants_page(headers: Headers) -> bool:

@@ -9,8 +9,7 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from app.dashboard.templates import render
 from app.http.state import ApiState
-from app.people.access.access import role_in
-from app.people.access.caller import StaffCaller
+from app.people.access.caller import StaffCaller, role_in
 from app.people.access.deps import CurrentStaff, State
 from app.people.access.page_rules import PREFIX, is_https
 from app.people.models import ROLES, Role, Study

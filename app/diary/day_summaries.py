@@ -15,8 +15,7 @@ from app.diary.queries import DayFilter
 from app.diary.study_days import StudyDay, judge_days, number_days
 from app.http.cursors import DAY, ID, TEXT, Page, decode_cursor, encode_cursor
 from app.nutrition.plausible_energy import Plausibility
-from app.people.access.access import visible_studies
-from app.people.access.caller import Caller, DeviceCaller
+from app.people.access.caller import Caller, DeviceCaller, visible_studies
 from app.people.studies import enter_study
 
 STREAM_PAGE = 1000  # rows a query while streaming

@@ -25,9 +25,8 @@ from app.meals.event_models import LAYERS
 from app.meals.meal_time import EARLIEST, latest_day
 from app.outbox.announce import announce_day
 from app.people import queries as people
-from app.people.access.access import require_study
 from app.people.access.audit import note
-from app.people.access.caller import Caller, DeviceCaller
+from app.people.access.caller import Caller, DeviceCaller, require_study
 from app.people.models import Participant
 from app.privacy.withdraw import has_left
 from app.records import queries as records

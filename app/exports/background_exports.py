@@ -23,8 +23,7 @@ from app.exports.queries import AskedExport
 from app.exports.stored_file import StoredFile
 from app.http.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
 from app.people.access import audit
-from app.people.access.access import role_in
-from app.people.access.caller import StaffCaller
+from app.people.access.caller import StaffCaller, role_in
 from app.people.studies import enter_study
 from app.privacy import queries as privacy
 

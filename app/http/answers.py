@@ -1,32 +1,133 @@
-"""What every answer of the API is, whoever made it: nothing that a browser guesses at or keeps.
+"""What holds for every request and every answer, whatever the route.
 
-Amounts of food are health data, and tokens are secrets: nothing is kept but what an endpoint says may be.
+Requests: calls are counted by address; no body is larger than its route needs; none is packed, and no address holds a
+NUL. Uploads count their own bytes (upload.py). PostgreSQL can neither store nor compare a NUL. A packed body
+(Content-Encoding) is refused: a kilobyte may unpack to a gigabyte, and photographs hardly shrink. So is a part of one
+(Content-Range), which would be kept as if it were the whole (RFC 9110, section 14.5). HEAD is GET; the server leaves
+its body out.
+
+Answers: nothing that a browser guesses at or keeps (amounts of food are health data, tokens are secrets), what the
+caller has left of their limit, and in a 405 all methods that the address takes.
 """
 
+import re
+from collections.abc import Collection
+from contextlib import AbstractContextManager, nullcontext
+
 from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection
+from starlette.routing import compile_path
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.core.errors import InvalidInputError, MalformedRequestError, TadaError, TooLargeError, UnsupportedMediaError
+from app.http.problems import render_problem
+from app.http.rate_limit import CallClass, CallLimits, call_class, caller_address
 
 PREFIXES = ("/v1/", "/fhir/")
 NOT_KEPT = "private, no-store"
+UPLOADS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+)?)?|checks|calibrations)$")
+LIMIT_BYTES = 256 * 1024
+NOT_ALLOWED = 405
+OF_ROUTING = ("route", "endpoint", "path_params")  # what logs and limits read of a request once it is routed
 
 
-class ApiAnswers:
-    """ASGI middleware around the API."""
+class AroundPath:
+    """ASGI middleware that puts another one around the addresses of a pattern."""
 
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
+    def __init__(self, app: ASGIApp, pattern: re.Pattern[str], middleware: type) -> None:
+        self._app, self._pattern, self._within = app, pattern, middleware(app)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass the call on; dress the answer."""
-        if scope["type"] != "http" or not scope["path"].startswith(PREFIXES):
+        """Pass the call on."""
+        is_within = scope["type"] == "http" and self._pattern.match(scope["path"])
+        await (self._within if is_within else self._app)(scope, receive, send)
+
+
+class Edge:
+    """ASGI middleware around all routes. calls: (method, path pattern) of all of them."""
+
+    def __init__(self, app: ASGIApp, calls: Collection[tuple[str, str]]) -> None:
+        self._app, self._calls = app, calls
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the call on, or refuse it."""
+        if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
+        state = scope.setdefault("state", {})
+        is_waiting = any(name == b"expect" for name, _ in scope["headers"])
+        routed = {**scope, "method": "GET"} if scope["method"] == "HEAD" else scope  # routing writes into its own
 
-        async def dressed_send(message: Message) -> None:
+        async def noted_receive() -> Message:
+            nonlocal is_waiting
+            is_waiting = False  # uvicorn tells the caller to go on
+            return await receive()
+
+        async def completed_send(message: Message) -> None:
             if message["type"] == "http.response.start":
+                scope.update({name: routed[name] for name in OF_ROUTING if name in routed})
                 headers = MutableHeaders(scope=message)
-                headers.setdefault("X-Content-Type-Options", "nosniff")
-                headers.setdefault("Cache-Control", NOT_KEPT)
+                headers.update(state.get("rate_limit_headers", {}))
+                if scope["path"].startswith(PREFIXES):
+                    headers.setdefault("X-Content-Type-Options", "nosniff")
+                    headers.setdefault("Cache-Control", NOT_KEPT)
+                if is_waiting:  # will the body come or not? Nobody knows: the next request needs a new connection
+                    headers["Connection"] = "close"
+                if message["status"] == NOT_ALLOWED and (methods := self._allowed_methods(scope["path"])):
+                    headers["Allow"] = ", ".join(methods)
             await send(message)
 
-        await self._app(scope, receive, dressed_send)
+        call = call_class(scope)
+        try:
+            with _counted(scope, call) if call is not None else nullcontext():
+                await self._app(routed, await _checked_body(scope, noted_receive), completed_send)
+        except TadaError as error:
+            answer = render_problem(error)
+            if error.code == "body_packed":
+                answer.headers["Accept-Encoding"] = "identity"  # RFC 9110, section 15.5.16
+            await answer(scope, receive, completed_send)
+
+    def _allowed_methods(self, path: str) -> list[str]:
+        """Those that an address takes; none where there is no such address."""
+        taken = {method for method, pattern in self._calls if compile_path(pattern)[0].match(path)}
+        return sorted(taken | ({"HEAD"} if "GET" in taken else set()))
+
+
+def _counted(scope: Scope, call: CallClass) -> AbstractContextManager[None]:
+    limits: CallLimits = scope["app"].state.api.part(CallLimits)
+    return limits.under_way(caller_address(HTTPConnection(scope)), call)
+
+
+async def _checked_body(scope: Scope, receive: Receive) -> Receive:
+    """Take the body in, at most the limit, before the app sees the request; an upload's is left to its route.
+
+    Raises InvalidInputError, UnsupportedMediaError, MalformedRequestError, TooLargeError.
+    """
+    if "\0" in scope["path"] or b"%00" in scope["query_string"] or b"\0" in scope["query_string"]:
+        raise InvalidInputError("The address contains the character NUL, which no name of ours does.")
+    headers = dict(scope["headers"])
+    if headers.get(b"content-encoding", b"identity").strip().lower() not in (b"identity", b""):
+        raise UnsupportedMediaError("Send the body unpacked, without Content-Encoding.", code="body_packed")
+    if b"content-range" in headers:
+        raise MalformedRequestError(
+            "A body is taken whole: send it without Content-Range.", code="content_range_refused"
+        )
+    if UPLOADS.match(scope["path"]):
+        return receive
+    declared = headers.get(b"content-length", b"0")
+    received = int(declared) if declared.isdigit() else 0
+    messages: list[Message] = []
+    if received <= LIMIT_BYTES:
+        received, more = 0, True
+        while more and received <= LIMIT_BYTES:
+            message = await receive()
+            messages.append(message)
+            received += len(message.get("body", b""))
+            more = message["type"] == "http.request" and message.get("more_body", False)
+    if received > LIMIT_BYTES:
+        raise TooLargeError(f"The body is larger than {LIMIT_BYTES} bytes, the limit.", limit_bytes=LIMIT_BYTES)
+
+    async def replay() -> Message:
+        return messages.pop(0) if messages else await receive()
+
+    return replay

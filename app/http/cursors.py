@@ -89,6 +89,14 @@ def decode_cursor(listed: str, cursor: str | None, /, *parts: Part[Any]) -> Any:
     return values[0] if len(parts) == 1 else values
 
 
+def page_of(listed: str, rows: Sequence[Row], limit: int, key: Callable[[Row], object]) -> Page[Row]:
+    """A page out of rows of which one more than the limit was asked for. key: of a row; several parts as a tuple."""
+    if len(rows) <= limit:
+        return Page(list(rows), None)
+    last = key(rows[limit - 1])
+    return Page(list(rows[:limit]), encode_cursor(listed, *(last if isinstance(last, tuple) else (last,))))
+
+
 def broken_cursor() -> InvalidInputError:
     """The error for a cursor that is none."""
     return InvalidInputError("The cursor is broken: follow `next` of the page before it.", code="cursor_invalid")

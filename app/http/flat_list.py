@@ -1,18 +1,18 @@
 """Lists that are small tables too: `?format=csv|ndjson`, or the Accept header, gives the whole list as one flat file.
 
 A router of class ListRoute gives it to every GET whose answer is a list of `items` (or `groups`): the same endpoint is
-asked page by page, by the caller's own rights, so that a file has what the pages have. Tables that grow with meals
+called page by page, with the caller's own rights, so that a file has what the pages have. Tables that grow with meals
 (records, days, photographs ...) are written in another way (export_files.py).
 """
 
-import json
+import functools
+import inspect
 import re
 import typing
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from typing import Annotated, Any, Literal
-from urllib.parse import urlencode
+from urllib.parse import parse_qs
 
-import anyio
 from fastapi import Depends, Query, Request
 from fastapi.responses import Response
 from fastapi.routing import APIRoute
@@ -27,16 +27,20 @@ LIST_FIELDS = ("items", "groups")
 FORMATS: tuple[FlatFormat, ...] = ("csv", "ndjson")
 FILES = {MEDIA_TYPES[output].split(";")[0]: {"schema": {"type": "string"}} for output in FORMATS}
 
-Handler = Callable[[Request], Coroutine[Any, Any, Response]]
 
-
-def list_format(
+def wanted_format(
+    request: Request,
     output: Annotated[
         Literal["json", "csv", "ndjson"] | None,
         Query(alias="format", description="csv, ndjson: the whole list. Default: by the Accept header, else json."),
     ] = None,
-) -> None:
-    """Documents and checks the parameter; ListRoute reads it."""
+) -> FlatFormat | None:
+    """The file that is asked for, by the parameter or else by the header; None: JSON."""
+    accept = request.headers.get("accept", "")
+    for name in FORMATS:
+        if output == name or (output is None and accept.startswith(MEDIA_TYPES[name].split(";")[0])):
+            return name
+    return None
 
 
 class ListRoute(APIRoute):
@@ -45,33 +49,37 @@ class ListRoute(APIRoute):
     def __init__(self, path: str, endpoint: Callable[..., Any], **options: Any) -> None:
         self._row = row_of(endpoint) if options.get("methods") in (["GET"], {"GET"}) else None
         if self._row is not None:
-            options["dependencies"] = [*(options.get("dependencies") or ()), Depends(list_format)]
+            name = re.sub(r"[{}]", "", path.rsplit("/", 1)[-1])
+            endpoint = self._with_file(endpoint, self._row, name)
             options["responses"] = {
                 200: {"content": FILES, "description": "A page, or the whole list as a file."},
                 **(options.get("responses") or {}),
             }
         super().__init__(path, endpoint, **options)
 
-    def get_route_handler(self) -> Handler:
-        """The endpoint's own handler; for a file it is asked again and again."""
-        handler, row = super().get_route_handler(), self._row
-        if row is None:
-            return handler
-        name = re.sub(r"[{}]", "", self.path.rsplit("/", 1)[-1])
-        limit = self._greatest_limit()
+    def _with_file(self, endpoint: Callable[..., Any], row: type[BaseModel], name: str) -> Callable[..., Any]:
+        """The endpoint, which answers with a file of all its pages where one is asked for."""
 
-        async def handle(request: Request) -> Response:
-            output = file_format(request)
-            if output is None:
-                return await handler(request)
-            rows = await _all_rows(handler, request, limit)
-            content = await anyio.to_thread.run_sync(lambda: b"".join(encode_flat(output, flat_paths(row, rows), rows)))
-            headers = {
-                "Content-Disposition": f'attachment; filename="{name}.{output}"',
-            }
-            return Response(content, media_type=MEDIA_TYPES[output], headers=headers)
+        @functools.wraps(endpoint)
+        def paged_or_whole(*, file_format: FlatFormat | None, **arguments: Any) -> Any:
+            if file_format is None:
+                return endpoint(**arguments)
+            rows = _all_rows(endpoint, arguments, self._greatest_limit())
+            return Response(
+                b"".join(encode_flat(file_format, flat_paths(row, rows), rows)),
+                media_type=MEDIA_TYPES[file_format],
+                headers={"Content-Disposition": f'attachment; filename="{name}.{file_format}"'},
+            )
 
-        return handle
+        signature = inspect.signature(endpoint)
+        parameter = inspect.Parameter(
+            "file_format",
+            inspect.Parameter.KEYWORD_ONLY,
+            annotation=Annotated[FlatFormat | None, Depends(wanted_format)],
+        )
+        whole = signature.replace(parameters=[*signature.parameters.values(), parameter])
+        paged_or_whole.__signature__ = whole  # type: ignore[attr-defined]  # what FastAPI reads
+        return paged_or_whole
 
     def _greatest_limit(self) -> int | None:
         """Of the endpoint's `limit`; None: the list comes whole."""
@@ -95,38 +103,23 @@ def row_of(endpoint: Callable[..., Any]) -> type[BaseModel] | None:
     return None
 
 
-def file_format(request: Request) -> FlatFormat | None:
-    """The file that is asked for, by the parameter or else by the header; None: JSON."""
-    asked, accept = request.query_params.get("format"), request.headers.get("accept", "")
-    for output in FORMATS:
-        if asked == output or (asked is None and accept.startswith(MEDIA_TYPES[output].split(";")[0])):
-            return output
-    return None
-
-
-async def _all_rows(handler: Handler, request: Request, limit: int | None) -> list[dict[str, Any]]:
-    """Of all pages. The first call counts as an export, those that follow it as calls (call_limits.py).
-
-    Raises InvalidInputError (`list_too_long`), and what the endpoint raises.
-    """
-    kept = [(name, value) for name, value in request.query_params.multi_items() if name not in ("limit", "cursor")]
-    if limit is not None:
-        kept.append(("limit", str(limit)))
+def _all_rows(endpoint: Callable[..., Any], arguments: dict[str, Any], limit: int | None) -> list[dict[str, Any]]:
+    """Of all pages, as JSON has them. Raises InvalidInputError (`list_too_long`), and what the endpoint raises."""
     rows: list[dict[str, Any]] = []
-    query = kept
+    paging: dict[str, Any] = {} if limit is None else {"limit": limit}
+    if "cursor" in arguments:
+        paging["cursor"] = None
     while True:
-        scope = {**request.scope, "query_string": urlencode(query).encode()}
-        answer = json.loads(bytes((await handler(Request(scope, request.receive))).body))
-        rows += next(answer[name] for name in LIST_FIELDS if name in answer)
+        page = endpoint(**arguments | paging)
+        listed = next(getattr(page, name) for name in LIST_FIELDS if name in type(page).model_fields)
+        rows += [row.model_dump(mode="json", by_alias=True) for row in listed]
         if len(rows) > MOST_ROWS:
             raise InvalidInputError(
                 f"The list has more than {MOST_ROWS:,} rows: narrow it by a filter, or follow the pages of JSON.",
                 code="list_too_long",
                 limit_rows=MOST_ROWS,
             )
-        following = answer.get("next")
+        following = getattr(page, "next", None)
         if following is None:
             return rows
-        cursor = dict(Request({"type": "http", "query_string": following.partition("?")[2].encode()}).query_params)
-        others = [(name, value) for name, value in kept if name != "format"]
-        query = [*others, ("format", "json"), ("cursor", cursor["cursor"])]
+        paging["cursor"] = parse_qs(following.partition("?")[2])["cursor"][0]

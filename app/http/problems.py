@@ -14,9 +14,8 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 
 from app.core.errors import InvalidInputError, StorageFullError, TadaError, UnavailableError
-from app.core.logs import tell
+from app.core.logs import route_name, tell
 from app.db.session import is_disk_full
-from app.http.route_name import route_name
 
 log = structlog.get_logger()
 

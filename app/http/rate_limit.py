@@ -1,49 +1,82 @@
-"""At most N calls a minute for a key, in this process: a bucket that refills steadily. Memory is bounded."""
+"""How many calls an address and a caller may make: uploads, exports and all others counted apart, in this process.
+
+An address is counted before anything is looked up, a caller (a phone, a person of the staff) once their token is known
+(people/access/access_rules.py). What an address may do is enough for a clinic with hundreds of phones behind one address; what one
+phone may do is enough for one that was offline for weeks. A call that is refused has lost nothing: it was not read.
+"""
 
 import ipaddress
 import math
+import re
 import threading
 import time
-from collections import OrderedDict
-from collections.abc import Callable
+from collections import Counter, OrderedDict
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Literal
+from urllib.parse import parse_qs
 
-from starlette.requests import Request
+from starlette.requests import HTTPConnection
+from starlette.types import Scope
 
 from app.core.errors import RateLimitedError
+from app.core.settings import Settings
+
+CallClass = Literal["upload", "export", "call"]
+CallerKind = Literal["address", "device", "staff"]
 
 MAX_KEYS = 10_000  # the least recently seen go first; a flood of addresses cannot fill the memory
 IPV6_HOME = 64  # bits that a network gives to one customer: who has one such address has 2^64 of them
+UPLOAD_PATHS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+|/after)?)?|checks|calibrations)$")
+EXPORT_PATHS = re.compile(r"/export$|/exports/[^/]+/file$|/releases/[^/]+/(files/|check$)")
+BACKGROUND_PATHS = re.compile(r"/(exports|releases)$")
+EXPORT_TYPES = (b"text/csv", b"application/x-ndjson", b"application/vnd.apache.parquet")  # in Accept
+UNCOUNTED_PATHS = frozenset({"/healthz", "/readyz", "/metrics"})  # asked by machines of the people who run the server
+AT_ONCE_RETRY_SECONDS = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Quota:
-    """What a key has left: whole calls, and the seconds until the bucket is full again."""
+    """What a key has left of a limit: whole calls, and the seconds until the bucket is full again."""
 
+    per_minute: int
     left: int
     full_in_seconds: int
 
+    def headers(self, call: CallClass) -> dict[str, str]:
+        """The limit and what is left of it, as draft-ietf-httpapi-ratelimit-headers-10 writes them."""
+        return {
+            "RateLimit-Policy": f'"{call}";q={self.per_minute};w=60',
+            "RateLimit": f'"{call}";r={self.left};t={self.full_in_seconds}',
+        }
+
 
 class RateLimit:
-    """A token bucket a key (address, name). Endpoints run in threads: one lock keeps a burst from passing at once.
+    """A token bucket per key (address, name), refilled steadily; its memory is bounded.
 
-    What is refused is not counted: who comes back after the time that was told is let in.
+    Endpoints run in threads: one lock keeps a burst from passing at once. A refused call is not counted: who comes back
+    after the time in the refusal is let in.
     """
 
     def __init__(self, per_minute: int, clock: Callable[[], float] = time.monotonic) -> None:
         self.per_minute = per_minute
-        self._capacity = float(per_minute)
         self._per_second = per_minute / 60
         self._clock = clock
         self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()
         self._lock = threading.Lock()
 
-    def take(self, key: str) -> Quota:
-        """Count one call: what is left. Raises RateLimitedError when the key has none left."""
+    def take(self, key: str) -> Quota | None:
+        """Count one call and return what is left; None where the limit is 0, which is none.
+
+        Raises RateLimitedError when the key has none left.
+        """
+        if not self.per_minute:
+            return None
         with self._lock:
             now = self._clock()
-            level, since = self._buckets.pop(key, (self._capacity, now))
-            level = min(self._capacity, level + (now - since) * self._per_second)
+            level, since = self._buckets.pop(key, (float(self.per_minute), now))
+            level = min(float(self.per_minute), level + (now - since) * self._per_second)
             is_let_in = level >= 1
             if is_let_in:
                 level -= 1
@@ -57,10 +90,86 @@ class RateLimit:
                 retry_after_seconds=wait,
                 limit_per_minute=self.per_minute,
             )
-        return Quota(int(level), math.ceil((self._capacity - level) / self._per_second))
+        return Quota(self.per_minute, int(level), math.ceil((self.per_minute - level) / self._per_second))
 
 
-def caller_address(request: Request) -> str:
+class CallLimits:
+    """The limits of one process. A limit of 0 a minute is none."""
+
+    def __init__(self, settings: Settings, clock: Callable[[], float] = time.monotonic) -> None:
+        self._at_once = settings.max_connections_per_address
+        self._under_way: Counter[str] = Counter()
+        self._lock = threading.Lock()
+        of_address = RateLimit(settings.address_calls_per_minute, clock)
+        of_staff = RateLimit(settings.staff_calls_per_minute, clock)
+        self._limits: Mapping[CallerKind, Mapping[CallClass, RateLimit]] = {
+            "address": {
+                "upload": RateLimit(settings.address_uploads_per_minute, clock),
+                "export": of_address,
+                "call": of_address,
+            },
+            "device": {
+                "upload": RateLimit(settings.device_uploads_per_minute, clock),
+                "export": RateLimit(settings.exports_per_minute, clock),
+                "call": RateLimit(settings.device_calls_per_minute, clock),
+            },
+            "staff": {
+                "upload": of_staff,
+                "export": RateLimit(settings.exports_per_minute, clock),
+                "call": of_staff,
+            },
+        }
+
+    def count(self, kind: CallerKind, key: str, call: CallClass) -> Quota | None:
+        """Count a call; None: not limited. Raises RateLimitedError."""
+        return self._limits[kind][call].take(key)
+
+    @contextmanager
+    def under_way(self, address: str, call: CallClass) -> Iterator[None]:
+        """A call of an address, from its start to its end. Raises RateLimitedError."""
+        self.count("address", address, call)
+        with self._lock:
+            if self._under_way[address] >= self._at_once:
+                raise RateLimitedError(
+                    f"Your address has {self._at_once} requests under way, the limit.",
+                    retry_after_seconds=AT_ONCE_RETRY_SECONDS,
+                    limit_at_once=self._at_once,
+                )
+            self._under_way[address] += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._under_way[address] -= 1
+                if not self._under_way[address]:
+                    del self._under_way[address]
+
+
+def call_class(scope: Scope) -> CallClass | None:
+    """What a request counts as; None: not at all."""
+    path, is_safe = scope["path"], scope["method"] in {"GET", "HEAD"}
+    if path in UNCOUNTED_PATHS:
+        return None
+    if not is_safe and scope["method"] != "DELETE" and UPLOAD_PATHS.match(path):
+        return "upload"
+    if is_safe and (EXPORT_PATHS.search(path) or _wants_file(scope)):
+        return "export"
+    if scope["method"] == "POST" and BACKGROUND_PATHS.search(path):
+        return "export"
+    return "call"
+
+
+def _wants_file(scope: Scope) -> bool:
+    """Whether a file of everything is asked for rather than a page, by the parameter or else by the header."""
+    query: bytes = scope["query_string"]
+    formats = parse_qs(query.decode("latin-1")).get("format")
+    if formats is not None:
+        return formats[-1] != "json"
+    accepts: list[bytes] = [value for name, value in scope["headers"] if name == b"accept"]
+    return any(value.startswith(EXPORT_TYPES) for value in accepts)
+
+
+def caller_address(request: HTTPConnection) -> str:
     """Whom a limit by address counts: an IPv4 address, or an IPv6 home network.
 
     Behind proxies it is the address that a trusted one forwards (app/cli/serving.py), never what the caller claims.

@@ -11,9 +11,8 @@ import structlog
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.core.errors import TadaError
-from app.core.logs import request_id_of, telling
+from app.core.logs import request_id_of, route_name, telling
 from app.http.problems import render_problem
-from app.http.route_name import route_name
 from app.metrics import instruments
 
 log = structlog.get_logger()

@@ -18,8 +18,7 @@ from app.meals.receive_photo import ReceivedFile
 from app.people import calibration_queries as calibrations
 from app.people import queries as people
 from app.people.access import audit
-from app.people.access.access import require_study
-from app.people.access.caller import Caller, DeviceCaller
+from app.people.access.caller import Caller, DeviceCaller, require_study
 from app.people.calibration_models import CameraCalibration
 from app.people.models import Device, Study
 from app.privacy import queries as privacy

@@ -7,7 +7,7 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import NotFoundError
 from app.db.session import Database
-from app.http.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
+from app.http.cursors import ID, INSTANT, Page, decode_cursor, page_of
 from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller
@@ -26,10 +26,7 @@ def list_devices(
     with database.read() as session:
         study = known_study(people.find_study(session, study_code))
         rows = people.page_of_devices(session, study.id, participant_code, after=after, limit=limit + 1)
-    if len(rows) <= limit:
-        return Page(rows, None)
-    last = rows[limit - 1][0]
-    return Page(rows[:limit], encode_cursor(listed, last.enrolled_at, last.id))
+    return page_of(listed, rows, limit, lambda row: (row[0].enrolled_at, row[0].id))
 
 
 def revoke_device(database: Database, caller: StaffCaller, study_code: str, device_id: uuid.UUID) -> None:

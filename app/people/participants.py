@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError
 from app.db.session import Database
-from app.http.cursors import TEXT, Page, decode_cursor, encode_cursor
+from app.http.cursors import TEXT, Page, decode_cursor, page_of
 from app.nutrition.intakes.energy_requirement import Person
 from app.nutrition.intakes.life_stage import MAX_AGE_YEARS, PREGNANCY_YEARS
 from app.people import queries as people
@@ -83,7 +83,7 @@ def list_participants(database: Database, study_code: str, *, cursor: str | None
     with database.read() as session:
         study = known_study(people.find_study(session, study_code))
         rows = people.page_of_participants(session, study.id, after=after, limit=limit + 1)
-    return Page(rows[:limit], encode_cursor(listed, rows[limit - 1].code) if len(rows) > limit else None)
+    return page_of(listed, rows, limit, lambda participant: participant.code)
 
 
 def read_participant(database: Database, study_code: str, code: str) -> Participant:

@@ -13,19 +13,7 @@ from app.people.models import AccessToken, Device, Enrolment, Participant, Staff
 from app.people.privacy_models import Tombstone
 
 _TOKEN = (  # built once: every call asks
-    sa.select(
-        AccessToken.id.label("token_id"),
-        AccessToken.kind,
-        AccessToken.scope,
-        AccessToken.study_id.label("only_study_id"),
-        AccessToken.staff_id,
-        Staff.name.label("staff_name"),
-        Staff.is_admin,
-        AccessToken.device_id,
-        Device.participant_id,
-        Participant.study_id,
-        Participant.alias.label("participant_alias"),
-    )
+    sa.select(AccessToken, Staff, Device, Participant)
     .outerjoin(Staff, Staff.id == AccessToken.staff_id)
     .outerjoin(Device, Device.id == AccessToken.device_id)
     .outerjoin(Participant, Participant.id == Device.participant_id)
@@ -45,7 +33,7 @@ _TOKEN = (  # built once: every call asks
 
 def find_token(
     session: Session, token_sha256: str, now: datetime, *, idle_since: datetime
-) -> sa.Row[*tuple[Any, ...]] | None:
+) -> sa.Row[AccessToken, Staff, Device, Participant] | None:
     """A token that is valid now, with its owner, or None: neither it, its device nor its owner may be shut out.
 
     idle_since: a session must have been used, or opened, after it.

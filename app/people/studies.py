@@ -11,11 +11,10 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError, PreconditionFailedError
 from app.db.session import Database
-from app.http.cursors import TEXT, Page, decode_cursor, encode_cursor
+from app.http.cursors import TEXT, Page, decode_cursor, page_of
 from app.people import queries as people
-from app.people.access.access import known_studies, require_study
 from app.people.access.audit import note
-from app.people.access.caller import Caller, StaffCaller
+from app.people.access.caller import Caller, StaffCaller, known_studies, require_study
 from app.people.location_policy import stop_telling_places
 from app.people.models import Study
 from app.vision.marker_spec import parse_marker
@@ -62,7 +61,7 @@ def list_studies(database: Database, caller: StaffCaller, *, cursor: str | None,
     known, after = known_studies(caller), decode_cursor("studies", cursor, TEXT)
     with database.read() as session:
         rows = people.page_of_studies(session, known, after=after, limit=limit + 1)
-    return Page(rows[:limit], encode_cursor("studies", rows[limit - 1].code) if len(rows) > limit else None)
+    return page_of("studies", rows, limit, lambda study: study.code)
 
 
 def known_codes(database: Database, caller: StaffCaller) -> list[str]:

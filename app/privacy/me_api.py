@@ -4,19 +4,23 @@ import uuid
 from collections.abc import Iterator
 from typing import IO, Annotated, Any
 
-from fastapi import APIRouter, Path, Query
-from fastapi.responses import StreamingResponse
+from fastapi import APIRouter, Path, Query, Request
+from fastapi.responses import Response, StreamingResponse
 
+from app.core.errors import NotFoundError
 from app.http.closing_stream import ClosingStream
 from app.http.parameters import ParticipantCode, StudyCode
-from app.http.problems import problem_responses
+from app.http.problems import problem_responses, render_problem
+from app.http.state import ApiState
+from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
+from app.people.access.secret_box import SecretBox
 from app.people.privacy_models import ErasureReceipt
 from app.people.privacy_schemas import ReceiptOut
-from app.privacy.erase import Eraser
+from app.privacy.erase import Eraser, is_meal_deleted, meal_deleted
 from app.privacy.export_me import ExportPlaces, export_me
 from app.privacy.withdraw import withdraw_participant, withdraw_self
-from app.uploads.submit_meal import SubmitMeal
+from app.uploads.submit_meal import SubmitMeal, meal_id_of
 
 router = APIRouter(prefix="/v1", tags=["privacy"])
 
@@ -91,6 +95,20 @@ def get_my_export(state: State, caller: CurrentDevice) -> StreamingResponse:
 def _pieces(file: IO[bytes]) -> Iterator[bytes]:
     while piece := file.read(PIECE_BYTES):
         yield piece
+
+
+def on_not_found(request: Request, error: Exception) -> Response:
+    """Answer a NotFoundError; 410 to a phone whose call is about a meal that its participant deleted."""
+    if not isinstance(error, NotFoundError):
+        raise error
+    caller = getattr(request.state, "caller", None)
+    client_id = request.path_params.get("meal_id")
+    if isinstance(caller, DeviceCaller) and client_id is not None:
+        state: ApiState = request.app.state.api
+        with state.database.read() as session:
+            if is_meal_deleted(session, state.part(SecretBox), meal_id_of(caller.participant_id, uuid.UUID(client_id))):
+                return render_problem(meal_deleted())
+    return render_problem(error)
 
 
 def _receipt_out(receipt: ErasureReceipt) -> ReceiptOut:

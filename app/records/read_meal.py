@@ -26,8 +26,7 @@ from app.nutrition.nutrients import (
     total_nutrients,
 )
 from app.people.access import audit
-from app.people.access.access import known_studies, require_study
-from app.people.access.caller import Caller, DeviceCaller
+from app.people.access.caller import Caller, DeviceCaller, known_studies, require_study
 from app.records import queries as records
 from app.records.record_amounts import eaten_g
 from app.storage.blob_store import BlobStore

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Query
 from starlette.responses import HTMLResponse
 
 from app.dashboard.page import CurrentPage
-from app.people.access.access import role_in
+from app.people.access.caller import role_in
 from app.people.access.page_rules import PREFIX
 from app.people.studies import list_studies
 

@@ -1,6 +1,7 @@
 """How FHIR is spoken: application/fhir+json and no other; errors as OperationOutcome with the problem's own code."""
 
 import json
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,6 +18,7 @@ FHIR_JSON = "application/fhir+json"
 JSON_FORMATS = frozenset({"json", "application/json", "text/json", FHIR_JSON})
 TAKEN = JSON_FORMATS | {"*/*", "application/*"}
 PREFIX = "/fhir"
+FHIR_PATHS = re.compile(rf"{PREFIX}(/|$)")
 
 # The standard's issue types (http://hl7.org/fhir/issue-type) for our statuses.
 ISSUE_TYPES = {
@@ -66,7 +68,7 @@ def outcome_issue(
 
 
 class FhirErrors:
-    """ASGI middleware: whatever under /fhir would answer with a problem document answers with an OperationOutcome.
+    """ASGI middleware around FHIR_PATHS: what would be a problem document leaves as an OperationOutcome.
 
     So also what never reaches a route: a path that is none, too many calls, a database that is away. A value that
     cannot be accepted is 400, as FHIR has it, where the rest of the API says 422.
@@ -77,9 +79,6 @@ class FhirErrors:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on, and the answer through."""
-        if scope["type"] != "http" or not (scope["path"] + "/").startswith(f"{PREFIX}/"):
-            await self._app(scope, receive, send)
-            return
         begun: Message | None = None
         body = b""
 

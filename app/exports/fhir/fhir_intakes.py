@@ -13,8 +13,7 @@ from app.exports.fhir import queries as fhir_intakes
 from app.exports.fhir.queries import IntakeFilter, IntakeRow
 from app.http.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
 from app.people import queries as people
-from app.people.access.access import require_study, visible_studies
-from app.people.access.caller import Caller, DeviceCaller
+from app.people.access.caller import Caller, DeviceCaller, require_study, visible_studies
 from app.people.models import Participant, Study
 
 

@@ -17,8 +17,7 @@ from app.exports.lists import meal_row_queries as meal_rows
 from app.exports.lists.meal_page_queries import MealFilter
 from app.exports.lists.meal_row_queries import MealRow
 from app.http.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
-from app.people.access.access import visible_studies
-from app.people.access.caller import Caller, DeviceCaller
+from app.people.access.caller import Caller, DeviceCaller, visible_studies
 from app.records.queries import FoodName
 
 Order = Literal["newest", "oldest"]

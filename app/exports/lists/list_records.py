@@ -7,8 +7,7 @@ from datetime import datetime
 
 from app.db.session import Database
 from app.http.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
-from app.people.access.access import visible_studies
-from app.people.access.caller import Caller, DeviceCaller
+from app.people.access.caller import Caller, DeviceCaller, visible_studies
 from app.records import queries as records
 from app.records.page_queries import RecordFilter
 from app.records.queries import RecordRow

@@ -24,8 +24,7 @@ from app.http.tables.component_columns import (
     headline_columns,
 )
 from app.nutrition.components import COMPONENT_BY_NUMBER, HEADLINE_NUMBERS
-from app.people.access.access import visible_studies
-from app.people.access.caller import Caller
+from app.people.access.caller import Caller, visible_studies
 from app.records.page_queries import studies_of
 
 MOST_FOODS = 2000  # whose contents are kept in memory, some 100 figures each

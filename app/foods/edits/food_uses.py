@@ -9,8 +9,7 @@ from app.foods.edits import use_queries as food_uses
 from app.foods.edits.use_queries import FoodVersion, StudyRecords
 from app.foods.foods import require_food
 from app.foods.models import StudyDensity
-from app.people.access.access import known_studies
-from app.people.access.caller import StaffCaller
+from app.people.access.caller import StaffCaller, known_studies
 
 COUNTED = 1000  # records of a study; with more, that there are more is told
 MOST_STUDIES = 500

@@ -3,33 +3,36 @@
 A rule names who may call: anybody, a participant's phone, staff with at least a role in the study that the call is
 about, or admins. `authorise` runs before every route: it finds the rule, the caller, and, where the path names a
 study, lets the caller into it; where the study follows from something else (a meal), the service asks
-people/access/access.py, which goes by the role that the rule needs. docs/access.md is made from this table.
+`require_study`, which goes by the role that the rule needs. docs/access.md is made from this table.
 """
 
-import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from typing import Annotated, Literal
 
 from fastapi import Depends, Request, Security
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
-from starlette.datastructures import Headers
 
-from app.core.errors import NotAllowedError, NotFoundError, UnauthenticatedError
+from app.core.errors import InvalidInputError, NotAllowedError, NotFoundError, UnauthenticatedError
+from app.http.rate_limit import CallLimits, call_class
 from app.http.state import ApiState
 from app.metrics.reader import may_read
 from app.people import queries as people
 from app.people.access import page_rules as pages
-from app.people.access.access import require_study
-from app.people.access.call_limits import CallLimits, count_caller
-from app.people.access.caller import Caller, DeviceCaller, StaffCaller, authenticate
-from app.people.access.last_use import LastUse, clock_skew_seconds
+from app.people.access.caller import (
+    Caller,
+    DeviceCaller,
+    StaffCaller,
+    authenticate,
+    require_device,
+    require_staff,
+    require_study,
+)
+from app.people.access.last_use import LastUse
 from app.people.access.secret_box import SecretBox
-from app.privacy.erase import is_meal_deleted, meal_deleted
-from app.uploads.submit_meal import meal_id_of
 
 SAFE_METHODS = frozenset({"GET", "HEAD"})
+OF_API = "/v1/"
 
 bearer = HTTPBearer(auto_error=False, description="A device's token (POST /v1/enrolments) or a staff member's.")
 
@@ -212,44 +215,55 @@ async def api_state(request: Request) -> ApiState:
     return state
 
 
-State = Annotated[ApiState, Depends(api_state)]
-
-
 def authorise(
     request: Request,
-    state: State,
+    state: Annotated[ApiState, Depends(api_state)],
     credentials: Annotated[HTTPAuthorizationCredentials | None, Security(bearer)],
 ) -> Caller | None:
     """The caller, if the route's rule lets them in; None where it is open.
 
     Raises UnauthenticatedError, GoneError (left the study), RateLimitedError, NotAllowedError, NotFoundError (a study
-    not theirs).
+    not theirs), InvalidInputError (`parameter_unknown`).
     """
-    rule = RULES.get((request.method, request.scope["route"].path))
+    call = request.method, request.scope["route"].path
+    rule = RULES.get(call)
     if rule is None:
         raise NotAllowedError("Nobody may make this call: it has no rule.", code="no_rule")
     if rule.page and request.method not in SAFE_METHODS:
         pages.require_own_page(request, state.settings)
-    if rule.is_open:
-        return None
+    caller = None
     if rule.scraper:
         _require_scraper(request, state)
-        return None
-    caller = authenticate(state.database, state.part(SecretBox), _token(request, state, rule, credentials))
-    count_caller(request, state.part(CallLimits), caller)
-    if (request.method, request.scope["route"].path) not in pages.POLLED:
-        _note_use(state, caller, request.headers)
-    if isinstance(caller, DeviceCaller):
-        if not rule.device:
-            code = "admin_only" if rule.staff == "admin" else "staff_only"
-            raise NotAllowedError("A participant's device cannot do this: use a staff member's token.", code=code)
-        if "meal_id" in request.path_params:
-            _refuse_deleted_meal(state, caller, request.path_params["meal_id"])
-    else:
-        caller = _staff_by_rule(caller, rule, request.method)
-    if "study" in request.path_params:
-        _enter_study(state, caller, request.path_params["study"])
+    elif not rule.is_open:
+        caller = authenticate(state.database, state.part(SecretBox), _token(request, state, rule, credentials))
+        _count(request, state, caller)
+        if call not in pages.POLLED:
+            state.part(LastUse).note(caller, request.headers)
+        caller = _apply(rule, caller, request.method)
+        if "study" in request.path_params:
+            _enter_study(state, caller, request.path_params["study"])
+        request.state.caller = caller
+    if request.query_params and call[1].startswith(OF_API):
+        _require_known_parameters(request, call)
     return caller
+
+
+# async, since they wait for nothing: what is not goes to a thread and back, for each call
+async def current_caller(caller: Annotated[Caller | None, Depends(authorise)]) -> Caller:
+    """Who calls. Raises UnauthenticatedError."""
+    if caller is None:
+        raise UnauthenticatedError("Send the header `Authorization: Bearer TOKEN`.")
+    return caller
+
+
+async def current_device(caller: Annotated[Caller, Depends(current_caller)]) -> DeviceCaller:
+    """The calling phone. Raises NotAllowedError for staff."""
+    return require_device(caller)
+
+
+async def current_staff(caller: Annotated[Caller, Depends(current_caller)]) -> StaffCaller:
+    """The calling staff member. Raises NotAllowedError for a phone."""
+    return require_staff(caller)
 
 
 def _token(request: Request, state: ApiState, rule: Rule, credentials: HTTPAuthorizationCredentials | None) -> str:
@@ -274,7 +288,25 @@ def _require_scraper(request: Request, state: ApiState) -> None:
             raise NotFoundError("Not Found")
 
 
-def _staff_by_rule(caller: StaffCaller, rule: Rule, method: str) -> StaffCaller:
+def _count(request: Request, state: ApiState, caller: Caller) -> None:
+    """Count the call, and keep what is left for the answer's headers."""
+    call = call_class(request.scope)
+    if call is None:
+        return
+    is_device = isinstance(caller, DeviceCaller)
+    key = caller.device_id if isinstance(caller, DeviceCaller) else caller.staff_id
+    quota = state.part(CallLimits).count("device" if is_device else "staff", str(key), call)
+    if quota is not None:
+        request.state.rate_limit_headers = quota.headers(call)
+
+
+def _apply(rule: Rule, caller: Caller, method: str) -> Caller:
+    """The caller with the role that the rule needs. Raises NotAllowedError where the rule does not let them in."""
+    if isinstance(caller, DeviceCaller):
+        if not rule.device:
+            code = "admin_only" if rule.staff == "admin" else "staff_only"
+            raise NotAllowedError("A participant's device cannot do this: use a staff member's token.", code=code)
+        return caller
     if rule.staff is None:
         raise NotAllowedError("Only a participant's device can do this: use a device token.", code="device_only")
     if rule.staff == "admin" and not caller.is_admin:
@@ -286,29 +318,26 @@ def _staff_by_rule(caller: StaffCaller, rule: Rule, method: str) -> StaffCaller:
     return replace(caller, needs=rule.staff) if rule.staff in ("viewer", "reviewer", "owner") else caller
 
 
-def _note_use(state: ApiState, caller: Caller, headers: Headers) -> None:
-    """When, by which app and by which clock the token was used; phones tell the last two in their headers."""
-    state.part(LastUse).note(
-        caller,
-        clock_skew_seconds=clock_skew_seconds(headers.get("date"), datetime.now(UTC)),
-        app_version=headers.get("x-app-version"),
-    )
-
-
-def _refuse_deleted_meal(state: ApiState, caller: DeviceCaller, client_id: str) -> None:
-    """All calls about a meal that its participant deleted hear the same: it is gone."""
-    try:
-        meal_id = meal_id_of(caller.participant_id, uuid.UUID(client_id))
-    except ValueError:
-        return  # no id: the route says so
-    with state.database.read() as session:
-        if is_meal_deleted(session, state.part(SecretBox), meal_id):
-            raise meal_deleted()
-
-
 def _enter_study(state: ApiState, caller: Caller, code: str) -> None:
     with state.database.read() as session:
         study = people.find_study(session, code)
     if study is None:
         raise NotFoundError("There is no such study.")
     require_study(caller, study.id)
+
+
+def _require_known_parameters(request: Request, call: tuple[str, str]) -> None:
+    """No query parameter is passed over: a filter that is not heard gives other people's rows.
+
+    FHIR has rules of its own for these (Prefer: handling), pages of the dashboard have forms.
+    """
+    document = request.app.openapi_schema or request.app.openapi()
+    operation = document["paths"].get(call[1], {}).get(call[0].lower(), {})
+    known = {each["name"] for each in operation.get("parameters", ()) if each["in"] == "query"}
+    unknown = sorted(set(request.query_params) - known)
+    if unknown:
+        raise InvalidInputError(
+            f"There is no parameter {', '.join(unknown)[:200]!r} here. There is: {', '.join(sorted(known)) or 'none'}.",
+            code="parameter_unknown",
+            parameters=unknown,
+        )

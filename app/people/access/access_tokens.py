@@ -9,9 +9,8 @@ from sqlalchemy.orm import Session
 from app.core.errors import ConflictError, NotFoundError
 from app.db.session import Database
 from app.people import queries as people
-from app.people.access.access import known_studies
 from app.people.access.audit import note
-from app.people.access.caller import StaffCaller, new_token, sha256_hex
+from app.people.access.caller import StaffCaller, known_studies, new_token, sha256_hex
 from app.people.models import AccessToken, Scope, Staff
 
 MAX_DAYS = 365

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import JSONResponse, Response, StreamingResponse
 
 from app.exports.export_files import MEDIA_TYPES
-from app.http.flat_list import FILES, file_format
+from app.http.flat_list import FILES, wanted_format
 from app.http.paging import Limit, next_page
 from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
@@ -54,10 +54,10 @@ def get_study_audit(
     chosen: Chosen,
     limit: Limit = 100,
     cursor: Cursor = None,
-    _: Output = None,
+    output: Output = None,
 ) -> Response:
     """The audit log of a study, oldest first, for its owners."""
-    return _answer(request, state, caller, study, chosen, limit, cursor)
+    return _answer(request, state, caller, study, chosen, limit, cursor, output)
 
 
 @router.get("/audit", response_model=AuditPage, responses=RESPONSES)
@@ -68,10 +68,10 @@ def get_audit(
     chosen: Chosen,
     limit: Limit = 100,
     cursor: Cursor = None,
-    _: Output = None,
+    output: Output = None,
 ) -> Response:
     """The whole audit log, oldest first, for admins."""
-    return _answer(request, state, caller, None, chosen, limit, cursor)
+    return _answer(request, state, caller, None, chosen, limit, cursor, output)
 
 
 def _answer(
@@ -82,10 +82,11 @@ def _answer(
     chosen: AuditFilter,
     limit: int,
     cursor: str | None,
+    output: Literal["json", "csv", "ndjson"] | None,
 ) -> Response:
-    output = file_format(request)
-    if output is not None:
-        return audit_file(state, caller, study, chosen, output)
+    wanted = wanted_format(request, output)
+    if wanted is not None:
+        return audit_file(state, caller, study, chosen, wanted)
     page = read_audit(state.database, caller, study, chosen, cursor=cursor, limit=limit)
     body = AuditPage(items=[_event_out(row) for row in page.rows], next=next_page(request, page.cursor))
     return JSONResponse(body.model_dump(mode="json"))

@@ -8,7 +8,7 @@ import threading
 import time
 import uuid
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
@@ -38,22 +38,24 @@ class LastUse:
         self._lock = threading.Lock()
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="last-use")
 
-    def note(self, caller: Caller, *, clock_skew_seconds: float | None, app_version: str | None) -> None:
+    def note(self, caller: Caller, headers: Mapping[str, str]) -> None:
         """Note a use, unless this caller's was noted a moment ago. Returns at once.
 
-        clock_skew_seconds: the phone's clock minus the server's; None: not told.
+        headers: of the request; phones send their clock in `Date` and the app's version in `X-App-Version`.
         """
         key = caller.device_id if isinstance(caller, DeviceCaller) else caller.token_id
         with self._lock:
-            now = self._clock()
-            if now - self._noted.get(key, -EVERY_SECONDS) < EVERY_SECONDS:
+            seconds = self._clock()
+            if seconds - self._noted.get(key, -EVERY_SECONDS) < EVERY_SECONDS:
                 return
-            self._noted[key] = now
+            self._noted[key] = seconds
             self._noted.move_to_end(key)
             if len(self._noted) > REMEMBERED:
                 self._noted.popitem(last=False)
         with contextlib.suppress(RuntimeError):  # the server is going down: close() was called
-            self._writer.submit(self._write, caller, datetime.now(UTC), clock_skew_seconds, _storable(app_version))
+            now = datetime.now(UTC)
+            skew_seconds = clock_skew_seconds(headers.get("date"), now)
+            self._writer.submit(self._write, caller, now, skew_seconds, _storable(headers.get("x-app-version")))
 
     def settle(self) -> None:
         """Wait until what was noted so far is written, or given up."""

@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError
 from app.db.session import Database
-from app.http.cursors import TEXT, Page, decode_cursor, encode_cursor
+from app.http.cursors import TEXT, Page, decode_cursor, page_of
 from app.people import queries as people
 from app.people.access.access_tokens import EndedAccess, end_access
 from app.people.access.audit import note
@@ -81,7 +81,7 @@ def list_staff(database: Database, *, cursor: str | None, limit: int) -> Page[St
     after = decode_cursor("staff", cursor, TEXT)
     with database.read() as session:
         rows = people.page_of_staff(session, after=after, limit=limit + 1)
-    return Page(rows[:limit], encode_cursor("staff", rows[limit - 1].name) if len(rows) > limit else None)
+    return page_of("staff", rows, limit, lambda staff: staff.name)
 
 
 def read_staff(database: Database, name: str) -> Staff:

@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, NotFoundError
 from app.db.session import Database
-from app.http.cursors import TEXT, Page, decode_cursor, encode_cursor
+from app.http.cursors import TEXT, Page, decode_cursor, page_of
 from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import StaffCaller
@@ -34,8 +34,7 @@ def list_members(database: Database, study_code: str, *, cursor: str | None, lim
     with database.read() as session:
         study = known_study(people.find_study(session, study_code))
         rows = people.page_of_members(session, study.id, after=after, limit=limit + 1)
-    page = [_membership(member, staff) for member, staff in rows[:limit]]
-    return Page(page, encode_cursor(listed, page[-1].name) if len(rows) > limit else None)
+    return page_of(listed, [_membership(member, staff) for member, staff in rows], limit, lambda row: row.name)
 
 
 def set_member(database: Database, caller: StaffCaller, study_code: str, name: str, role: Role) -> Membership:

@@ -2,19 +2,21 @@
 
 import pytest
 
+from app.http.rate_limit import CallLimits
 from app.people.access import caller
-from app.people.access.call_limits import CallLimits
 from tests.integration.conftest import meal_metadata
 from tests.photographs import pair
 
 
 @pytest.fixture
-def limited(client, settings):
+def limited(client, settings, monkeypatch):
     """limited(device_uploads_per_minute=1): the app as if it had been started with these settings."""
 
     def limited(**changes):
         limits = CallLimits(settings.model_copy(update=changes))
-        object.__setattr__(client.app.state.api, "call_limits", limits)
+        state = client.app.state.api
+        others = state.part
+        monkeypatch.setattr(state, "part", lambda kind: limits if kind is CallLimits else others(kind))
 
     return limited
 

@@ -152,7 +152,7 @@ def test_callers_remembered_are_bounded(state, monkeypatch):
 
         for _ in range(10):
             ids = [uuid.uuid4() for _ in range(4)]
-            uses.note(DeviceCaller(*ids), clock_skew_seconds=None, app_version=None)
+            uses.note(DeviceCaller(*ids), {})
         assert len(uses._noted) == 3
     finally:
         uses.close()
