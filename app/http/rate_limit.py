@@ -1,8 +1,9 @@
 """How many calls an address and a caller may make: uploads, exports and all others counted apart, in this process.
 
 An address is counted before anything is looked up, a caller (a phone, a person of the staff) once their token is known
-(people/access/access_rules.py). What an address may do is enough for a clinic with hundreds of phones behind one address; what one
-phone may do is enough for one that was offline for weeks. A call that is refused has lost nothing: it was not read.
+(people/access/access_rules.py). What an address may do is enough for a clinic with hundreds of phones behind one
+address; what one phone may do is enough for one that was offline for weeks. A refused call has lost nothing: it was not
+read.
 """
 
 import ipaddress

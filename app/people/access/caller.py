@@ -1,8 +1,8 @@
 """Who calls, and what they may see and do in a study: a bearer token to a `Caller`, or UnauthenticatedError.
 
 Tokens are opaque; only their SHA-256 is stored. The route's rule (access_rules.py) has put into the caller which role
-it needs. A study where the caller has no role at all does not exist for them: 404. One where the role is too low says so:
-403. An admin has every role everywhere.
+it needs. A study where the caller has no role at all does not exist for them: 404. One where the role is too low says
+so: 403. An admin has every role everywhere.
 """
 
 import hashlib
