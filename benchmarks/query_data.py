@@ -19,12 +19,12 @@ from pyarrow import csv
 
 from app.db.base import Base  # fmt: skip
 from app.db.session import Database
+from app.db.triggers import MARK_ALL_DAYS
 from app.diary.day_sums import write_all_sums
 from app.diary.models import DiaryDay  # fmt: skip
 from app.foods.models import Food, FoodActivation, FoodRelease  # fmt: skip
 from app.meals.models import Meal  # fmt: skip
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Item  # fmt: skip
-from app.operations.backup.refill import MARK_DAYS
 from app.people.models import Device, Participant, Study  # fmt: skip
 
 STUDIES, PEOPLE, FOODS, FOODS_TWICE = 20, 10_000, 800, 200
@@ -337,7 +337,7 @@ class Loader:
                 cursor.execute("SET statement_timeout = 0")
             for sql in self._made_later:
                 cursor.execute(sql)
-            cursor.execute(MARK_DAYS)
+            cursor.execute(MARK_ALL_DAYS)
             self._connection.commit()
             write_all_sums(self._database, MARKS_A_TURN)
             if self._database.is_sqlite:
