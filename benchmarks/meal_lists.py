@@ -36,12 +36,12 @@ import sqlalchemy as sa
 from app.db.migrate import upgrade
 from app.db.session import Database
 from app.diary.models import DiaryDay
-from app.exports.lists.list_meals import Order, changed_meals, count_meals, cursor_behind, list_meals, visible_meals
-from app.exports.lists.meal_page_queries import MealFilter
+from app.exports.lists.list_meals import Order, changed_meals, count_meals, cursor_behind, list_meals
+from app.http.tables.columns import RowFilter
 from app.meals.event_models import MealEvent
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import EffectiveRecord, Item
-from app.people.access.caller import Caller, StaffCaller
+from app.people.access.caller import Caller, StaffCaller, visible_rows
 from app.people.models import Study
 from benchmarks import query_data
 from benchmarks.query import loading, quantile, row, server_url, wipe
@@ -233,7 +233,7 @@ def pages(kind: str, database: Database, who: Who, samples: int, chance: random.
         times: dict[str, list[float]] = {}
         for _ in range(samples):
             chosen = replace(draw(names, chance), study_code=who.study)
-            visible = visible_meals(who.caller, chosen)
+            visible = visible_rows(who.caller, chosen)
             places: tuple[tuple[str, Order, str | None], ...] = (
                 ("newest", "newest", None),
                 ("oldest", "oldest", None),
@@ -281,7 +281,7 @@ def filter_sets() -> list[tuple[str, ...]]:
     return [(), *single, *pairs]
 
 
-def draw(names: Sequence[str], chance: random.Random) -> MealFilter:
+def draw(names: Sequence[str], chance: random.Random) -> RowFilter:
     """A filter of these names, with values at random."""
     day = FIRST_DAY + timedelta(days=chance.randrange(ONE_STUDY.days))
     span = day + timedelta(days=chance.choice((1, 7, 30)))
@@ -306,7 +306,7 @@ def draw(names: Sequence[str], chance: random.Random) -> MealFilter:
         "review": lambda: {"needs": "review"},
         "answer": lambda: {"needs": "answer"},
     }
-    chosen = MealFilter()
+    chosen = RowFilter()
     for name in names:
         chosen = replace(chosen, **values[name]())
     return chosen

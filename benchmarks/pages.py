@@ -23,8 +23,8 @@ from pathlib import Path
 
 from app.db.session import Database
 from app.diary.day_summaries import list_day_summaries, list_intakes
-from app.diary.queries import DayFilter
 from app.diary.study_overview import study_overview
+from app.http.tables.columns import RowFilter
 from app.people.access.caller import StaffCaller
 from benchmarks import pages_http
 from benchmarks.query import PAGE, filled_database, quantile
@@ -57,7 +57,7 @@ def calls(database: Database, chance: random.Random) -> Sequence[Call]:
         first, last = window(days)
         return study_overview(database, admin, STUDY, first_day=first, last_day=last)
 
-    def days(chosen: DayFilter) -> object:
+    def days(chosen: RowFilter) -> object:
         return list_day_summaries(database, admin, chosen, cursor=None, limit=PAGE)
 
     def intakes(first: date | None, last: date | None) -> object:
@@ -67,10 +67,10 @@ def calls(database: Database, chance: random.Random) -> Sequence[Call]:
         Call("overview, as it opens", lambda: study_overview(database, admin, STUDY)),
         Call("overview, 28 days anywhere", lambda: overview(WINDOW)),
         Call("overview, a year", lambda: overview(ONE_STUDY.days)),
-        Call("days of the study", lambda: days(DayFilter(study_code=STUDY, first_day=window(1)[0]))),
+        Call("days of the study", lambda: days(RowFilter(study_code=STUDY, first_day=window(1)[0]))),
         Call(
             "days of a participant",
-            lambda: days(DayFilter(study_code=STUDY, participant_code=f"P{chance.randrange(PEOPLE):05d}")),
+            lambda: days(RowFilter(study_code=STUDY, participant_code=f"P{chance.randrange(PEOPLE):05d}")),
         ),
         Call("intakes, all days", lambda: intakes(None, None)),
         Call("intakes, 28 days", lambda: intakes(*window(WINDOW))),

@@ -41,13 +41,13 @@ from app.core.settings import Settings
 from app.db.migrate import upgrade
 from app.db.session import Database
 from app.diary.day_summaries import list_day_summaries
-from app.diary.queries import DayFilter
-from app.exports.lists.list_records import cursor_behind, list_records, visible_records
+from app.exports.lists.list_records import cursor_behind, list_records
+from app.http.tables.columns import RowFilter
 from app.meals.record_models import EffectiveRecord
-from app.people.access.caller import Caller, DeviceCaller, StaffCaller
+from app.people.access.caller import Caller, DeviceCaller, StaffCaller, visible_rows
 from app.people.access.staff import create_admin
 from app.people.models import AccessToken, Device, Participant, Staff, Study, StudyMember
-from app.records.page_queries import AFTER_INSTANT, AFTER_ITEM, BEFORE_ALL, RecordFilter, search_of
+from app.records.page_queries import AFTER_INSTANT, AFTER_ITEM, BEFORE_ALL, search_of
 from app.records.review.queries import QueueFilter, page_of_queue
 from app.records.review.review_queue import read_queue
 from benchmarks import query_data, query_exports
@@ -233,7 +233,7 @@ def callers(database: Database) -> list[Who]:
         ]
 
 
-def draw(names: Sequence[str], chance: random.Random) -> RecordFilter:
+def draw(names: Sequence[str], chance: random.Random) -> RowFilter:
     """A filter of these names, with values at random: common and rare ones, and some of nothing."""
     day = FIRST_DAY + timedelta(days=chance.randrange(DAYS))
     several = {food_key(chance.randrange(FOODS)) for _ in range(5)} | {food_key(0)}
@@ -248,7 +248,7 @@ def draw(names: Sequence[str], chance: random.Random) -> RecordFilter:
         "status": {"statuses": (chance.choice(STATUS_FILTERS),)},
         "statuses": {"statuses": tuple(chance.sample(STATUS_FILTERS, 2))},
     }
-    chosen = RecordFilter()
+    chosen = RowFilter()
     for name in names:
         chosen = replace(chosen, **values[name])
     return chosen
@@ -267,7 +267,7 @@ def pages(kind: str, database: Database, people: Sequence[Who], samples: int, ch
     sets: list[tuple[float, str]] = []
     for who in people:
         every: dict[str, list[float]] = {"first": [], "page 1,001": [], "last": []}
-        known: dict[RecordFilter, list[tuple[str, str | None]]] = {}
+        known: dict[RowFilter, list[tuple[str, str | None]]] = {}
         for names in filter_sets():
             times: dict[str, list[float]] = {position: [] for position in every}
             for _ in range(samples):
@@ -292,10 +292,10 @@ def pages(kind: str, database: Database, people: Sequence[Who], samples: int, ch
     return slowest[0][0]
 
 
-def positions(database: Database, who: Who, chosen: RecordFilter) -> list[tuple[str, str | None]]:
+def positions(database: Database, who: Who, chosen: RowFilter) -> list[tuple[str, str | None]]:
     """First page; the one behind 100,000 records and the last, where there are as many."""
     found: list[tuple[str, str | None]] = [("first", None)]
-    visible = visible_records(who.caller, chosen)
+    visible = visible_rows(who.caller, chosen)
     with database.read() as session:
         search = search_of(session, visible)
         if search is None:
@@ -321,12 +321,12 @@ def others(kind: str, database: Database, people: Sequence[Who], samples: int, c
         return FIRST_DAY + timedelta(days=chance.randrange(DAYS))
 
     for who in people:
-        cases: dict[str, Callable[[], DayFilter]] = {
-            "all days": DayFilter,
-            "days of a study": lambda: DayFilter(study_code=f"study-{chance.randrange(STUDIES):02d}"),
-            "days from": lambda: DayFilter(first_day=some_day()),
-            "a day": lambda: DayFilter(first_day=(day := some_day()), last_day=day),
-            "days of a participant": lambda: DayFilter(participant_code=f"P{chance.randrange(PEOPLE):05d}"),
+        cases: dict[str, Callable[[], RowFilter]] = {
+            "all days": RowFilter,
+            "days of a study": lambda: RowFilter(study_code=f"study-{chance.randrange(STUDIES):02d}"),
+            "days from": lambda: RowFilter(first_day=some_day()),
+            "a day": lambda: RowFilter(first_day=(day := some_day()), last_day=day),
+            "days of a participant": lambda: RowFilter(participant_code=f"P{chance.randrange(PEOPLE):05d}"),
         }
         for name, make in cases.items():
             report(kind, f"{who.name}: {name}", 3 * samples, lambda w=who, m=make: list_day_summaries(
@@ -384,7 +384,7 @@ def pages_by_http(
     return slowest
 
 
-def parameters(chosen: RecordFilter) -> dict[str, Any]:
+def parameters(chosen: RowFilter) -> dict[str, Any]:
     named = {
         "study": chosen.study_code,
         "participant": chosen.participant_code,

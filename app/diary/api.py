@@ -8,7 +8,6 @@ from fastapi.responses import JSONResponse
 
 from app.diary import day_summaries, diary
 from app.diary.diary import Whose, Word
-from app.diary.queries import DayFilter
 from app.diary.schemas import (
     DayIn,
     DayList,
@@ -21,14 +20,13 @@ from app.diary.schemas import (
     PlausibilityOut,
 )
 from app.diary.study_days import StudyDay
-from app.exports.export_files import FILES, ComponentsIn, Format, LayoutIn, answer_file, file_format
-from app.exports.export_spec import ExportFilters, ExportSpec
+from app.exports.export_files import FILES, ComponentsIn, DayFilterIn, Format, LayoutIn, answer_file, file_spec
 from app.exports.tables.export_days import day_values, decided_by
 from app.foods.edits.api import IfMatch, expected_versions
 from app.http.day_order import require_order
 from app.http.flat_list import ListRoute
 from app.http.paging import Cursor, Limit, next_page
-from app.http.parameters import FirstDay, LastDay, OfParticipant, OfStudy, ParticipantCode, StudyCode
+from app.http.parameters import FirstDay, LastDay, ParticipantCode, StudyCode
 from app.http.problems import problem_responses
 from app.http.text_schemas import LocalDay
 from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
@@ -107,10 +105,7 @@ def get_days(
     request: Request,
     state: State,
     caller: CurrentCaller,
-    study: OfStudy = None,
-    participant: OfParticipant = None,
-    first_day: FirstDay = None,
-    last_day: LastDay = None,
+    chosen: DayFilterIn,
     limit: Limit = 100,
     cursor: Cursor = None,
     output: Format = None,
@@ -118,15 +113,12 @@ def get_days(
     components: ComponentsIn = "headline",
 ) -> Response:
     """A row a participant-day, those without food too. JSON comes in pages; a file has all rows, of one moment."""
-    output = file_format(request, output, layout, components)
-    if output is not None:
-        filters = ExportFilters(study, participant, first_day, last_day)
-        return answer_file(state, caller, ExportSpec("days", layout, output, components, filters), "days")
-    require_order(first_day, last_day)
-    chosen = DayFilter(study_code=study, participant_code=participant, first_day=first_day, last_day=last_day)
+    spec = file_spec(request, "days", chosen, output, layout, components)
+    if spec is not None:
+        return answer_file(state, caller, spec, "days")
     page = day_summaries.list_day_summaries(state.database, caller, chosen, cursor=cursor, limit=limit)
     body = DaySummaryPage(
-        items=[DaySummaryOut(**day_values(day)) for day in page.rows], next=next_page(request, page.cursor)
+        items=[DaySummaryOut.model_validate(day_values(day)) for day in page.rows], next=next_page(request, page.cursor)
     )
     return JSONResponse(body.model_dump(mode="json"))
 

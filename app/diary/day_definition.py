@@ -12,6 +12,7 @@ import sqlalchemy as sa
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.functions import FunctionElement
 
+from app.db.statements import AnyQuery
 from app.diary.models import DaySum, DiaryDay
 from app.meals.models import MEAL_STATUSES, Meal
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
@@ -43,7 +44,7 @@ def _seconds_sqlite(element: Any, compiler: Any, **options: Any) -> str:
     return f"ROUND((julianday({second}) - julianday({first})) * 86400.0, 3)"  # it counts milliseconds
 
 
-def counted_days(page: sa.CTE) -> sa.Select[*tuple[Any, ...]]:
+def counted_days(page: sa.CTE) -> AnyQuery:
     """Of the days of a page (participant_id, local_date) those with a meal or a word, as DaySum has them: COLUMNS."""
     meals, delays, eaten = _meals_of(page), _delays_of(page), _records_of(page)
     found: dict[str, Any] = {

@@ -18,9 +18,9 @@ from app.db.session import Database
 from app.diary import diary_queries as diary
 from app.diary import queries as days
 from app.diary.models import DayEvent, DiaryDay
-from app.diary.queries import DayFilter
 from app.diary.study_days import StudyDay, number_days
 from app.http.day_order import require_order
+from app.http.tables.columns import RowFilter
 from app.meals.event_models import LAYERS
 from app.meals.meal_time import EARLIEST, latest_day
 from app.outbox.announce import announce_day
@@ -115,7 +115,7 @@ def list_days(
     first, last = day_range(first_day, last_day, datetime.now(UTC))
     with database.read() as session:
         participant = find_participant(session, caller, whose)
-        chosen = DayFilter(participant_id=participant.id, first_day=first, last_day=last)
+        chosen = RowFilter(participant_id=participant.id, first_day=first, last_day=last)
         return number_days(session, days.days_of(session, chosen))
 
 

@@ -8,7 +8,8 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.diary.models import DayEvent, DiaryDay
-from app.diary.queries import DayFilter, keys_of
+from app.diary.queries import keys_of
+from app.http.tables.columns import RowFilter
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord
 from app.people.models import Participant
@@ -69,7 +70,7 @@ def meals_of_day(
 
 def latest_day_of(session: Session, participant_id: uuid.UUID) -> date | None:
     """The last day that has a meal or a word."""
-    keys = keys_of(DayFilter(participant_id=participant_id), None).subquery()
+    keys = keys_of(RowFilter(participant_id=participant_id), None).subquery()
     latest: date | None = session.execute(sa.select(sa.func.max(keys.c.local_date))).scalar_one()
     return latest
 

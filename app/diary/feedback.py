@@ -19,9 +19,10 @@ from app.diary import queries as days
 from app.diary.day_definition import FULL
 from app.diary.diary import Whose, find_participant
 from app.diary.models import DayStatus
-from app.diary.queries import DayFilter, DayRow
+from app.diary.queries import DayRow
 from app.diary.study_days import number_days, stage_on
 from app.foods.food_amounts import RECORD_COLUMNS
+from app.http.tables.columns import RowFilter
 from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
 from app.messages.catalogue import feedback_sentence
@@ -156,7 +157,7 @@ def sum_amounts(records: Iterable[EffectiveRecord], *, is_all: bool = True) -> d
 
 
 def _feedback(session: Session, participant: Participant, study: Study, day: date) -> Feedback:
-    window = DayFilter(participant_id=participant.id, first_day=_window_start(day), last_day=day)
+    window = RowFilter(participant_id=participant.id, first_day=_window_start(day), last_day=day)
     rows = days.days_of(session, window)
     today = next((row for row in rows if row.local_date == day), None)
     eaten = diary.meals_of_day(session, participant.id, day)

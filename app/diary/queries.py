@@ -14,8 +14,10 @@ from typing import Any, Literal, NamedTuple
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
+from app.db.statements import AnyQuery
 from app.diary.day_definition import COLUMNS, counted_days
 from app.diary.models import DayEvent, DayMark, DaySum, DiaryDay
+from app.http.tables.columns import RowFilter
 from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.models import Participant, Study
@@ -23,18 +25,6 @@ from app.records.page_queries import MOST_BRANCHES, all_studies, participants_of
 
 DayStatus = Literal["open", "closed"]
 DayKey = tuple[date, uuid.UUID]  # local day, participant
-
-
-@dataclass(frozen=True, slots=True)
-class DayFilter:
-    """Which days: None leaves a filter out. first_day and last_day are local days, both included."""
-
-    study_code: str | None = None
-    participant_code: str | None = None
-    participant_id: uuid.UUID | None = None
-    study_ids: frozenset[uuid.UUID] | None = None
-    first_day: date | None = None
-    last_day: date | None = None
 
 
 class Amount(NamedTuple):
@@ -101,7 +91,7 @@ class DayRow:
         return Amount(0.0, 1.0) if self.is_nothing else self.amounts[column]
 
 
-def page_of_days(session: Session, chosen: DayFilter, *, after: DayKey | None, limit: int) -> list[DayRow]:
+def page_of_days(session: Session, chosen: RowFilter, *, after: DayKey | None, limit: int) -> list[DayRow]:
     """At most `limit` participant-days that have a meal or a word, in the order of (day, participant id)."""
     found = _page_keys(session, chosen, after, limit)
     if found is None:
@@ -109,9 +99,7 @@ def page_of_days(session: Session, chosen: DayFilter, *, after: DayKey | None, l
     return _rows_of(session, found.cte("page"))
 
 
-def _page_keys(
-    session: Session, chosen: DayFilter, after: DayKey | None, limit: int
-) -> sa.Select[*tuple[Any, ...]] | None:
+def _page_keys(session: Session, chosen: RowFilter, after: DayKey | None, limit: int) -> AnyQuery | None:
     """The first days behind `after`: those of each study, or participant, from an index that has them in this order.
 
     None: the filter names what is not there.
@@ -134,14 +122,12 @@ def _page_keys(
     return _first(sa.union(*parts).subquery(), limit)
 
 
-def _first(keys: sa.Subquery, limit: int) -> sa.Select[*tuple[Any, ...]]:
+def _first(keys: sa.Subquery, limit: int) -> AnyQuery:
     chosen = sa.select(keys.c.participant_id, keys.c.local_date)
     return chosen.order_by(keys.c.local_date, keys.c.participant_id).limit(limit)
 
 
-def _within(
-    query: sa.Select[*tuple[Any, ...]], table: type[Meal | DiaryDay], chosen: DayFilter, after: DayKey | None
-) -> sa.Select[*tuple[Any, ...]]:
+def _within(query: AnyQuery, table: type[Meal | DiaryDay], chosen: RowFilter, after: DayKey | None) -> AnyQuery:
     """The days of a range, behind a key."""
     if chosen.first_day is not None:
         query = query.where(table.local_date >= chosen.first_day)
@@ -153,18 +139,18 @@ def _within(
     return query
 
 
-def days_of(session: Session, chosen: DayFilter) -> list[DayRow]:
+def days_of(session: Session, chosen: RowFilter) -> list[DayRow]:
     """All days of the filter: for one participant, or a range that is bounded."""
     return _rows_of(session, keys_of(chosen, None).cte("page"))
 
 
 def find_day(session: Session, participant_id: uuid.UUID, local_date: date) -> DayRow | None:
     """One participant-day; None where nothing is known of it."""
-    chosen = DayFilter(participant_id=participant_id, first_day=local_date, last_day=local_date)
+    chosen = RowFilter(participant_id=participant_id, first_day=local_date, last_day=local_date)
     return next(iter(days_of(session, chosen)), None)
 
 
-def keys_of(chosen: DayFilter, after: DayKey | None) -> sa.Select[*tuple[Any, ...]]:
+def keys_of(chosen: RowFilter, after: DayKey | None) -> AnyQuery:
     """The participant-days that have a meal or a word."""
     parts = []
     for table in (Meal, DiaryDay):
@@ -178,9 +164,7 @@ def keys_of(chosen: DayFilter, after: DayKey | None) -> sa.Select[*tuple[Any, ..
     return sa.select(both.c.participant_id, both.c.local_date)
 
 
-def filtered(
-    query: sa.Select[*tuple[Any, ...]], study_id: Any, participant_id: Any, local_date: Any, chosen: DayFilter
-) -> sa.Select[*tuple[Any, ...]]:
+def filtered(query: AnyQuery, study_id: Any, participant_id: Any, local_date: Any, chosen: RowFilter) -> AnyQuery:
     """The query with the filter's conditions on these columns of it."""
     if chosen.study_code is not None:
         query = query.where(study_id == sa.select(Study.id).where(Study.code == chosen.study_code).scalar_subquery())

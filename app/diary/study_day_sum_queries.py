@@ -15,6 +15,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.sorted_values import SortedValues
+from app.db.statements import AnyQuery
 from app.diary.day_definition import FULL, STATUS_COLUMNS, seconds_between
 from app.diary.day_sum_queries import keys_after
 from app.diary.intake_queries import is_day_of_nothing, is_measured_whole, within
@@ -212,7 +213,7 @@ def _changed_days(session: Session, study_id: uuid.UUID, first: date, last: date
     return list(session.scalars(sa.union(*marked)))
 
 
-def _counts_of(day: sa.Subquery) -> sa.Select[*tuple[Any, ...]]:
+def _counts_of(day: sa.Subquery) -> AnyQuery:
     is_closed = day.c.status == "closed"
     open_kcal = sa.case((~is_closed, day.c.energy_kcal))
     is_told = sa.or_(day.c.meals > 0, is_closed)

@@ -4,30 +4,19 @@ from fastapi import APIRouter, Request, Response
 
 from app.exports import background_exports
 from app.exports.export_files import FILES
-from app.exports.export_spec import ExportFilters, ExportSpec, spec_of_json
+from app.exports.export_spec import ExportSpec, spec_of_json
 from app.exports.queries import AskedExport
-from app.exports.schemas import ExportFiltersIn, ExportIn, ExportList, ExportOut
+from app.exports.schemas import ExportIn, ExportList, ExportOut
 from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import ExportId, StudyCode
 from app.http.problems import problem_responses
 from app.http.ranges import answer_stored_file
+from app.http.tables.columns import WIRE_NAMES
 from app.people.access.deps import CurrentStaff, State
 
 router = APIRouter(prefix="/v1/studies/{study}/exports", tags=["exports"])
 
 ACCEPTED = 202
-NAMES = {  # a filter as it is kept -> over the wire
-    "participant_code": "participant",
-    "first_day": "from",
-    "last_day": "to",
-    "food_keys": "food",
-    "statuses": "status",
-    "flags": "flag",
-    "origin": "origin",
-    "needs": "needs",
-    "failure_codes": "failure",
-    "after_statuses": "after_status",
-}
 
 
 @router.post(
@@ -41,7 +30,7 @@ NAMES = {  # a filter as it is kept -> over the wire
 def post_export(study: StudyCode, body: ExportIn, state: State, caller: CurrentStaff, response: Response) -> ExportOut:
     """Ask for a file of any size; a worker makes it, of one moment. Look at `Location` until its state is done."""
     spec = ExportSpec(
-        body.rows, body.layout, body.format, body.components, _filters(body.filters), provenance=body.provenance
+        body.rows, body.layout, body.format, body.components, body.filters.as_filter(), provenance=body.provenance
     )
     asked, is_new = background_exports.request_export(state.database, caller, study, spec)
     response.headers["Location"] = f"/v1/studies/{study}/exports/{asked.export.id}"
@@ -90,21 +79,6 @@ def delete_export(study: StudyCode, export_id: ExportId, state: State, caller: C
     return Response(status_code=204)
 
 
-def _filters(told: ExportFiltersIn) -> ExportFilters:
-    return ExportFilters(
-        participant_code=told.participant,
-        first_day=told.first_day,
-        last_day=told.last_day,
-        food_keys=tuple(told.food),
-        statuses=tuple(told.status),
-        flags=tuple(told.flag),
-        origin=told.origin,
-        needs=told.needs,
-        failure_codes=tuple(told.failure),
-        after_statuses=tuple(told.after_status),
-    )
-
-
 def _out(study: str, asked: AskedExport) -> ExportOut:
     export, spec = asked.export, spec_of_json(asked.export.spec)
     path = f"/v1/studies/{study}/exports/{export.id}/file"
@@ -114,7 +88,7 @@ def _out(study: str, asked: AskedExport) -> ExportOut:
         format=spec.output,
         components=spec.components,
         provenance=spec.provenance,
-        filters={NAMES[name]: value for name, value in export.spec["filters"].items() if name in NAMES},
+        filters={WIRE_NAMES[name]: value for name, value in export.spec["filters"].items() if name != "study_code"},
         asked_by=asked.asked_by,
         change_seq=export.at_change_seq,
         failure=export.failure_code,

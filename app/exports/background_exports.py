@@ -21,7 +21,7 @@ from app.exports.export_spec import ExportSpec, check_spec, spec_as_json, spec_o
 from app.exports.models import UNDER_WAY, Export
 from app.exports.queries import AskedExport
 from app.exports.stored_file import StoredFile
-from app.http.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
+from app.http.cursors import ID, INSTANT, Page, decode_cursor, page_of
 from app.people.access import audit
 from app.people.access.caller import StaffCaller, role_in
 from app.people.studies import enter_study
@@ -96,9 +96,8 @@ def list_exports(
     after = decode_cursor(listed, cursor, INSTANT, ID)
     with database.read() as session:
         study = enter_study(session, caller, study_code)
-        found = exports.page_of_exports(session, study.id, after=after, limit=limit + 1)
-    last = found[limit - 1].export if len(found) > limit else None
-    return Page(found[:limit], encode_cursor(listed, last.requested_at, last.id) if last is not None else None)
+        rows = exports.page_of_exports(session, study.id, after=after, limit=limit + 1)
+    return page_of(listed, rows, limit, lambda row: (row.export.requested_at, row.export.id))
 
 
 def read_export(database: Database, caller: StaffCaller, study_code: str, export_id: uuid.UUID) -> AskedExport:

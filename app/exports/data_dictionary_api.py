@@ -8,9 +8,9 @@ from fastapi.responses import JSONResponse, Response
 from app.exports.data_dictionary import columns_for, key_of
 from app.exports.data_dictionary_schemas import DataDictionary, DictionaryColumn, TableSchema
 from app.exports.export_files import MEDIA_TYPES, ComponentsIn, LayoutIn, ProvenanceIn
-from app.exports.export_spec import ExportFilters, ExportSpec, Rows
+from app.exports.export_spec import ExportSpec, Rows
 from app.http.problems import problem_responses
-from app.http.tables.columns import PartOfBatch
+from app.http.tables.columns import PartOfBatch, RowFilter
 from app.http.tables.csv_rows import encode_csv
 from app.http.tables.dictionary import DICTIONARY_PARTS, entries, table_schema
 from app.people.access.deps import CurrentCaller, State
@@ -40,7 +40,7 @@ def get_data_dictionary(
     provenance: ProvenanceIn = True,
 ) -> Response:
     """Every column's name, type, unit, meaning, values, and what an empty cell says."""
-    spec = ExportSpec(rows, layout, components=components, filters=ExportFilters(study), provenance=provenance)
+    spec = ExportSpec(rows, layout, components=components, filters=RowFilter(study), provenance=provenance)
     columns = columns_for(state.database, caller, spec)
     if output == "table-schema":
         return JSONResponse(table_schema(columns, key=key_of(spec)))
@@ -55,6 +55,6 @@ def get_data_dictionary(
         layout=layout,
         components=components,
         key=list(key_of(spec)),
-        columns=[DictionaryColumn(**dict(zip(names, row, strict=True))) for row in told],
+        columns=[DictionaryColumn.model_validate(dict(zip(names, row, strict=True))) for row in told],
     )
     return JSONResponse(body.model_dump(mode="json"))

@@ -1,14 +1,21 @@
 """What every table that is a file too takes (`format`, `layout`, `components`), and the file as an answer."""
 
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
-from fastapi import Query, Request
+from fastapi import Depends, Query, Request
+from pydantic import StringConstraints
 
 from app.core.errors import InvalidInputError
 from app.exports.export_file import ExportFile
-from app.exports.export_spec import Components, ExportSpec, Layout, Output
+from app.exports.export_spec import Components, ExportSpec, Layout, Output, Rows
 from app.http.closing_stream import ClosingStream
+from app.http.day_order import require_order
+from app.http.parameters import FirstDay, LastDay, OfParticipant, OfStudy
 from app.http.state import ApiState
+from app.http.tables.columns import RowFilter
+from app.meals.models import AfterStatus, MealOrigin, MealStatus
+from app.meals.record_models import RecordStatus
 from app.people.access.caller import Caller
 from app.privacy.export_me import ExportPlaces
 
@@ -32,21 +39,94 @@ LayoutIn = Annotated[Layout, Query(description="Of files. long: a row a componen
 ComponentsIn = Annotated[
     Components, Query(description="Of files. all: every component of the foods in use, beside the ten headline ones.")
 ]
-
 ProvenanceIn = Annotated[bool, Query(description="Of files: with columns that tell where the figures come from.")]
+FoodKey = Annotated[str, StringConstraints(max_length=100)]
+Word = Annotated[str, StringConstraints(max_length=64, pattern="^[a-z0-9_]+$")]
+MOST_VALUES = 10  # of one filter, any of which will do: each is found in an index by itself
 
 
-def file_format(
-    request: Request, output: str | None, layout: Layout = "wide", components: Components = "headline"
-) -> Output | None:
-    """The file that is asked for, by the parameter or else by the header; None: pages of JSON.
+def day_filter(
+    study: OfStudy = None, participant: OfParticipant = None, first_day: FirstDay = None, last_day: LastDay = None
+) -> RowFilter:
+    """Return the filter of days. Raises InvalidInputError (`days_reversed`)."""
+    require_order(first_day, last_day)
+    return RowFilter(study, participant, first_day, last_day)
+
+
+DayFilterIn = Annotated[RowFilter, Depends(day_filter)]
+
+
+def record_filter(
+    chosen: DayFilterIn,
+    food: Annotated[
+        list[FoodKey] | None, Query(max_length=MOST_VALUES, description="A food's key; any of several.")
+    ] = None,
+    status: Annotated[
+        list[RecordStatus] | None, Query(max_length=5, description="The items' status; any of several.")
+    ] = None,
+) -> RowFilter:
+    """Return the filter of records."""
+    return replace(chosen, food_keys=tuple(food or ()), statuses=tuple(status or ()))
+
+
+def meal_filter(
+    chosen: DayFilterIn,
+    status: Annotated[
+        list[MealStatus] | None, Query(max_length=7, description="The meals' status; any of several.")
+    ] = None,
+    origin: Annotated[
+        MealOrigin | None,
+        Query(description="Whether the meal was photographed, or declared without photographs."),
+    ] = None,
+    failure: Annotated[
+        list[Word] | None, Query(max_length=MOST_VALUES, description="A failure's code; any of several.")
+    ] = None,
+    after_status: Annotated[
+        list[AfterStatus] | None, Query(max_length=7, description="How the after-meal pair stands; any of several.")
+    ] = None,
+    food: Annotated[
+        list[FoodKey] | None,
+        Query(max_length=MOST_VALUES, description="The key of a food of an item; any of several."),
+    ] = None,
+    flag: Annotated[
+        list[Word] | None, Query(max_length=MOST_VALUES, description="A flag of an item; any of several.")
+    ] = None,
+    needs: Annotated[
+        Literal["review", "answer"] | None,
+        Query(description="review: an item is in the review queue; answer: a question to the participant is open."),
+    ] = None,
+) -> RowFilter:
+    """Return the filter of meals."""
+    return replace(
+        chosen,
+        food_keys=tuple(food or ()),
+        statuses=tuple(status or ()),
+        flags=tuple(flag or ()),
+        origin=origin,
+        needs=needs,
+        failure_codes=tuple(failure or ()),
+        after_statuses=tuple(after_status or ()),
+    )
+
+
+def file_spec(
+    request: Request,
+    rows: Rows,
+    filters: RowFilter,
+    output: str | None,
+    layout: Layout = "wide",
+    components: Components = "headline",
+    *,
+    provenance: bool = True,
+) -> ExportSpec | None:
+    """Return the file that is asked for, by the parameter or else by the header; None: pages of JSON.
 
     Raises InvalidInputError (`export_not_offered`) for pages in another layout.
     """
     accept = request.headers.get("accept", "")
     for name, media_type in MEDIA_TYPES.items():
         if output == name or (output is None and accept.startswith(media_type.split(";")[0])):
-            return name
+            return ExportSpec(rows, layout, name, components, filters, provenance)
     if layout != "wide" or components != "headline":
         raise InvalidInputError(
             "layout and components are of files: add format=csv, ndjson or parquet.", code="export_not_offered"

@@ -1,15 +1,16 @@
-"""About how many rows an export would have, told beforehand: a long one is better made in the background."""
+"""About how many rows an export has, by the filters that are cheap to count by."""
 
 import uuid
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from sqlalchemy.orm import Session
 
 from app.db.session import Database
-from app.exports import size_queries as export_size
-from app.exports.export_spec import ExportSpec
-from app.records.page_queries import RecordFilter, search_of
+from app.exports import queries as exports
+from app.exports.export_spec import FILTERS, ExportSpec
+from app.records.page_queries import search_of
 
 MOST_COUNTED = 50_000  # an index is read along so far; a file of more rows takes longer than one waits
-CHEAP = frozenset({"study_code", "participant_code", "first_day", "last_day"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,22 +22,21 @@ class RowsAbout:
 
 
 def rows_about(database: Database, study_id: uuid.UUID, spec: ExportSpec) -> RowsAbout | None:
-    """Rows by the filters that are cheap to count by; None: of days and photographs, and else, nobody knows."""
-    filters = spec.filters
-    chosen = RecordFilter(
-        study_ids=frozenset({study_id}),
-        participant_code=filters.participant_code,
-        first_day=filters.first_day,
-        last_day=filters.last_day,
-        food_keys=filters.food_keys,
-        statuses=filters.statuses,
-    )
+    """Return how many rows a file of items or meals has, so that a long one is made in the background."""
+    if spec.rows not in ("items", "meals"):
+        return None
     with database.read() as session:
-        if spec.rows == "items":
-            search = search_of(session, chosen)
-            count = export_size.count_records(session, search, MOST_COUNTED + 1) if search is not None else 0
-        elif spec.rows == "meals" and not set(filters.set_names) - CHEAP:
-            count = export_size.count_meals(session, study_id, chosen, MOST_COUNTED + 1)
-        else:
-            return None
-    return RowsAbout(min(count, MOST_COUNTED), count > MOST_COUNTED)
+        count = estimate_rows(session, study_id, replace(spec, layout="wide"), MOST_COUNTED + 1)
+    return RowsAbout(min(count, MOST_COUNTED), count > MOST_COUNTED) if count is not None else None
+
+
+def estimate_rows(session: Session, study_id: uuid.UUID, spec: ExportSpec, most: int | None = None) -> int | None:
+    """Return the number of rows, counted up to `most`; None: of the long layout and other filters it is not known."""
+    if spec.layout == "long":
+        return None
+    if spec.rows == "items":
+        chosen = replace(spec.filters, study_code=None, study_ids=frozenset({study_id}))
+        return exports.count_records(session, search_of(session, chosen), most)
+    if set(spec.filters.set_names) - set(FILTERS["days"]):
+        return None
+    return exports.count_rows(session, study_id, spec.rows, spec.filters, most)

@@ -4,12 +4,14 @@ A spec is plain values: it can be kept as JSON and done later, by another proces
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
-from datetime import date
-from typing import Any, Literal, get_args
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+from pydantic import JsonValue, TypeAdapter
 
 from app.core.errors import InvalidInputError
 from app.http.day_order import require_order
+from app.http.tables.columns import RowFilter
 
 Rows = Literal["items", "meals", "days", "photographs"]
 Layout = Literal["wide", "long"]
@@ -36,31 +38,6 @@ FILTERS: Mapping[Rows, tuple[str, ...]] = {  # which filters each table has: tho
 
 
 @dataclass(frozen=True, slots=True)
-class ExportFilters:
-    """None, or an empty tuple, leaves a filter out. first_day, last_day: local days, both included.
-
-    statuses: of the item or the meal, by what a row is. flags to after_statuses: as GET /v1/meals has them.
-    """
-
-    study_code: str | None = None
-    participant_code: str | None = None
-    first_day: date | None = None
-    last_day: date | None = None
-    food_keys: tuple[str, ...] = ()
-    statuses: tuple[str, ...] = ()
-    flags: tuple[str, ...] = ()
-    origin: str | None = None
-    needs: str | None = None
-    failure_codes: tuple[str, ...] = ()
-    after_statuses: tuple[str, ...] = ()
-
-    @property
-    def set_names(self) -> list[str]:
-        """Names of the filters that are set."""
-        return sorted(each.name for each in fields(self) if getattr(self, each.name))
-
-
-@dataclass(frozen=True, slots=True)
 class ExportSpec:
     """One table. long: a row a component. all: every component of the foods in use, not the ten headline ones alone.
 
@@ -71,8 +48,11 @@ class ExportSpec:
     layout: Layout = "wide"
     output: Output = "csv"
     components: Components = "headline"
-    filters: ExportFilters = field(default_factory=ExportFilters)
+    filters: RowFilter = field(default_factory=RowFilter)
     provenance: bool = True
+
+
+SPEC = TypeAdapter(ExportSpec)
 
 
 def check_spec(spec: ExportSpec) -> None:
@@ -92,34 +72,21 @@ def check_spec(spec: ExportSpec) -> None:
     others = [name for name in spec.filters.set_names if name not in FILTERS[spec.rows]]
     if others:
         raise _not_offered(f"No filter of {spec.rows}: {', '.join(others)}.")
-    first_day, last_day = spec.filters.first_day, spec.filters.last_day
-    require_order(first_day, last_day)
+    require_order(spec.filters.first_day, spec.filters.last_day)
 
 
-def spec_as_json(spec: ExportSpec) -> dict[str, Any]:
-    """The spec as JSON values, without filters that are not set; the same of the same."""
-    told = asdict(spec)
-    told["filters"] = {
-        name: value.isoformat() if isinstance(value, date) else list(value) if isinstance(value, tuple) else value
-        for name, value in told["filters"].items()
-        if value
-    }
-    return told
+def spec_as_json(spec: ExportSpec) -> dict[str, JsonValue]:
+    """Return the spec as JSON values, without filters that are not set; the same of the same."""
+    told: dict[str, JsonValue] = SPEC.dump_python(spec, mode="json", exclude={"filters"})
+    filters: dict[str, JsonValue] = SPEC.dump_python(
+        spec, mode="json", include={"filters": set(spec.filters.set_names)}
+    )
+    return told | filters
 
 
-def spec_of_json(told: Mapping[str, Any]) -> ExportSpec:
-    """The spec that was told by spec_as_json. Raises what check_spec raises."""
-    filters: dict[str, Any] = {
-        name: date.fromisoformat(value) if name in ("first_day", "last_day") else _as_told(value)
-        for name, value in told["filters"].items()
-    }
-    spec = ExportSpec(**{**told, "filters": ExportFilters(**filters)})
-    check_spec(spec)
-    return spec
-
-
-def _as_told(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
+def spec_of_json(stored: Mapping[str, JsonValue]) -> ExportSpec:
+    """Return the spec that spec_as_json gave as JSON."""
+    return SPEC.validate_python(stored)
 
 
 def _not_offered(message: str) -> InvalidInputError:

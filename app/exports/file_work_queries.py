@@ -5,6 +5,7 @@ after a takeover finds another claim in the row, or none, and writes nothing: ea
 """
 
 import uuid
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any, TypeVar
@@ -20,7 +21,7 @@ from app.people.models import Staff
 LEASE_SECONDS = 60.0  # longer than a writer may wait for its turn on SQLite
 
 Work = Export | Release
-OneWork = TypeVar("OneWork", Export, Release)
+OneWork = TypeVar("OneWork", bound=Export | Release)
 WorkKey = tuple[datetime, uuid.UUID]  # requested_at, id
 KINDS: tuple[type[Work], ...] = (Release, Export)  # in this order where several wait
 ACTIVE = (*UNDER_WAY, "changing")
@@ -67,16 +68,16 @@ def has_work(session: Session, lease_seconds: float = LEASE_SECONDS) -> bool:
 def claim_next(session: Session, claim: uuid.UUID, lease_seconds: float = LEASE_SECONDS) -> Work | None:
     """What waits longest, now ours; None: nothing waits."""
     for model in KINDS:
-        query = (
-            sa.select(model)
-            .where(_is_free(session, model, lease_seconds))
-            .order_by(model.requested_at, model.id)
-            .limit(1)
-            .with_for_update(skip_locked=True)
-        )
-        for found in _works(session, query):
-            _begin(session, found, claim)
-            return found
+        for work in _works(session, model, _is_free(session, model, lease_seconds), limit=1, skip_locked=True):
+            begin_again(work, counts=True)
+            work.claim = claim
+            work.attempts += 1
+            work.started_at = work.started_at or datetime.now(UTC)
+            if work.state == "queued":
+                work.state = "running"
+            session.flush()
+            beat(session, work, claim, Sums(0, 0))
+            return work
     return None
 
 
@@ -103,18 +104,17 @@ def estimate(session: Session, work: Work, claim: uuid.UUID, rows: int) -> None:
     )
 
 
-def hold(session: Session, work: Work, claim: uuid.UUID) -> Work | None:
+def hold(session: Session, work: OneWork, claim: uuid.UUID) -> OneWork | None:
     """The work as it is now, locked; None: it is not ours any more."""
     model = type(work)
-    query = sa.select(model).where(model.id == work.id, model.claim == claim).with_for_update()
-    return next(iter(_works(session, query)), None)
+    return next(iter(_works(session, model, sa.and_(model.id == work.id, model.claim == claim))), None)
 
 
 def put_back(session: Session, claim: uuid.UUID, *, counts: bool) -> int:
     """Let others begin what this claim has, at once. counts: as a try. Returns how many."""
     total = 0
     for model in KINDS:
-        for work in _works(session, sa.select(model).where(model.claim == claim).with_for_update()):
+        for work in _works(session, model, model.claim == claim):
             begin_again(work, counts=counts)
             total += 1
     return total
@@ -135,20 +135,18 @@ def _asked_for(model: type[OneWork], study_id: uuid.UUID) -> sa.Select[OneWork, 
     return sa.select(model, Staff.name).join(Staff, Staff.id == model.staff_id).where(model.study_id == study_id)
 
 
-def _begin(session: Session, work: Work, claim: uuid.UUID) -> None:
-    begin_again(work, counts=True)
-    work.claim = claim
-    work.attempts += 1
-    work.started_at = work.started_at or datetime.now(UTC)
-    if work.state == "queued":
-        work.state = "running"
-    session.flush()
-    beat(session, work, claim, Sums(0, 0))
-
-
-def _works(session: Session, query: sa.Select[Any]) -> list[Work]:
-    """As they are now, not as they were read before."""
-    return list(session.scalars(query.execution_options(populate_existing=True)))
+def _works(
+    session: Session,
+    model: type[OneWork],
+    which: sa.ColumnElement[bool],
+    *,
+    limit: int | None = None,
+    skip_locked: bool = False,
+) -> Sequence[OneWork]:
+    """As they are now, not as they were read before, and locked; the one that waits longest first."""
+    query = sa.select(model).where(which).order_by(model.requested_at, model.id).limit(limit)
+    query = query.with_for_update(skip_locked=skip_locked).execution_options(populate_existing=True)
+    return session.scalars(query).all()
 
 
 def _is_free(session: Session, model: type[Work], lease_seconds: float) -> sa.ColumnElement[bool]:

@@ -10,23 +10,29 @@ import shutil
 import tempfile
 import threading
 import uuid
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Self
+from typing import Generic, Self
 
+import sqlalchemy as sa
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
 
 from app.core.errors import StorageFullError
+from app.core.settings import Settings
 from app.db.session import Database
 from app.exports import file_work_queries as file_work
-from app.exports.file_work_queries import Sums, Work
+from app.exports import queries as exports
+from app.exports.file_work_queries import OneWork, Sums, Work
 from app.privacy import queries as privacy
+from app.storage.blob_store import BlobStore
 
 log = structlog.get_logger()
 
 BEAT_SECONDS = 1.0
+STATEMENT_SECONDS = 3600  # PostgreSQL; requests have their own, shorter limit
 ROOM_CHECKED_EVERY_BYTES = 16 * 1024 * 1024
 
 
@@ -54,10 +60,15 @@ class WorkLife:
         self._ending.set()
         self._thread.join()
 
-    def require_claim(self) -> None:
-        """Raises ClaimLostError once a beat has met no claim of ours."""
+    def count_rows(self, rows: int) -> None:
+        """Note that so many more rows are written."""
+        self.rows += rows
+
+    def count_bytes(self, length: int) -> None:
+        """Note that so many more bytes are written. Raises ClaimLostError once a beat has met no claim of ours."""
         if self._lost.is_set():
             raise ClaimLostError
+        self.bytes += length
 
     def _beat(self) -> None:
         while not self._ending.wait(self._every):
@@ -75,12 +86,12 @@ class WorkLife:
 class StagedFile:
     """A file in the staging folder that is being written. length and sha256: of what was written so far."""
 
-    def __init__(self, path: Path, handle: int, life: WorkLife, min_free_bytes: int) -> None:
+    def __init__(self, path: Path, handle: int, count_bytes: Callable[[int], None], min_free_bytes: int) -> None:
         self.path = path
         self.length = 0
         self._file = os.fdopen(handle, "wb", buffering=1024 * 1024)
         self._digest = hashlib.sha256()
-        self._life, self._min_free_bytes = life, min_free_bytes
+        self._count_bytes, self._min_free_bytes = count_bytes, min_free_bytes
         self._checked_at = -ROOM_CHECKED_EVERY_BYTES
 
     @property
@@ -90,7 +101,7 @@ class StagedFile:
 
     def write(self, piece: bytes) -> None:
         """Append. Raises ClaimLostError, StorageFullError."""
-        self._life.require_claim()
+        self._count_bytes(len(piece))
         if self.length - self._checked_at >= ROOM_CHECKED_EVERY_BYTES:
             self._checked_at = self.length
             if shutil.disk_usage(self.path.parent).free < self._min_free_bytes:
@@ -98,7 +109,6 @@ class StagedFile:
         self._file.write(piece)
         self._digest.update(piece)
         self.length += len(piece)
-        self._life.bytes += len(piece)
 
     def write_all(self, pieces: Iterable[bytes]) -> None:
         """Append one after the other, then close. Raises as `write`."""
@@ -111,19 +121,85 @@ class StagedFile:
         self._file.close()
 
 
-def file_key(kind: str, study_id: uuid.UUID, work_id: uuid.UUID, claim: uuid.UUID, *rest: str) -> str:
-    """The key that a file gets in the store; another one at every try."""
-    return "/".join((privacy.MADE_FILES, kind, str(study_id), str(work_id), claim.hex, *rest))
-
-
 @contextmanager
-def staged_file(folder: Path, life: WorkLife, min_free_bytes: int) -> Iterator[StagedFile]:
-    """A new file; at the end it is gone, unless the store has moved it away."""
+def staged_file(folder: Path, count_bytes: Callable[[int], None], min_free_bytes: int) -> Iterator[StagedFile]:
+    """Open a new file; at the end it is gone, unless it was moved away. count_bytes: called with each piece's size."""
     handle, name = tempfile.mkstemp(prefix="made-", dir=folder)
-    file = StagedFile(Path(name), handle, life, min_free_bytes)
+    file = StagedFile(Path(name), handle, count_bytes, min_free_bytes)
     try:
         yield file
     finally:
         with contextlib.suppress(OSError):  # a full disk, which the writer has told
             file.close()
         file.path.unlink(missing_ok=True)
+
+
+@contextmanager
+def long_snapshot(database: Database) -> Iterator[Session]:
+    """Read as of one moment, for as long as a large study takes."""
+    with database.read() as session:
+        if not database.is_sqlite:
+            session.execute(sa.text(f"SET LOCAL statement_timeout = {STATEMENT_SECONDS * 1000}"))
+        yield session
+
+
+class Attempt(Generic[OneWork]):
+    """One attempt at the files of an export or a release: staged, sealed in the store, named by the last transaction.
+
+    Sealed blobs are removed at the end unless rows name them. They also stay if the last transaction broke off, since
+    it may have been carried out; if it was not, they go as orphans.
+    """
+
+    def __init__(
+        self, database: Database, blobs: BlobStore, settings: Settings, work: OneWork, claim: uuid.UUID, life: WorkLife
+    ) -> None:
+        self.database, self.blobs, self.settings, self.work, self.life = database, blobs, settings, work, life
+        self._claim = claim
+        self._keys: list[str] = []
+        self._is_named = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if not self._is_named:
+            for key in self._keys:
+                self.blobs.delete(key)
+
+    def new_file(self) -> AbstractContextManager[StagedFile]:
+        """Open a file in the staging folder."""
+        return staged_file(self.blobs.staging_folder(), self.life.count_bytes, self.settings.export_min_free_bytes)
+
+    def seal(self, file: StagedFile, *names: str) -> str:
+        """Move a file into the store; returns its key, another one at every attempt."""
+        work = self.work
+        parts = (privacy.MADE_FILES, f"{work.__tablename__}s", str(work.study_id), str(work.id), self._claim.hex)
+        key = "/".join((*parts, *names, file.sha256))
+        self.blobs.put_file(key, file.path)
+        self._keys.append(key)
+        return key
+
+    def finish(self, is_unchanged: Callable[[Session], bool], end: Callable[[Session, OneWork], None]) -> bool:
+        """Run the last transaction: if nothing that matters was erased meanwhile, `end` names the files.
+
+        Returns False if the work begins again instead. The study is locked first, as erasures do (exports/queries.py).
+        Raises ClaimLostError.
+        """
+        self._is_named = True  # as far as anybody knows, once the transaction has begun
+        try:
+            with self.database.write() as session:
+                exports.lock_study(session, self.work.study_id, shared=True)
+                held = file_work.hold(session, self.work, self._claim)
+                if held is None:
+                    raise ClaimLostError  # noqa: TRY301  # rolls the transaction back
+                is_over = is_unchanged(session)
+                if is_over:
+                    end(session, held)
+                    held.claim = held.heartbeat_at = None
+                else:
+                    file_work.begin_again(held, counts=False)
+        except ClaimLostError:
+            self._is_named = False
+            raise
+        self._is_named = is_over
+        return is_over

@@ -2,7 +2,7 @@
 
 import uuid
 from collections.abc import Iterable
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from typing import Literal, NamedTuple
 
 import sqlalchemy as sa
@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 
 from app.exports.file_work_queries import WorkKey, begin_again, find_work, page_of_works
 from app.exports.models import UNDER_WAY, Export
+from app.http.tables.columns import RowFilter
 from app.meals.models import Meal, MealImage
 from app.people.models import Participant, Study
 from app.people.privacy_models import ErasureReceipt
@@ -67,35 +68,35 @@ def under_way(session: Session, study_id: uuid.UUID, staff_id: uuid.UUID) -> tup
     return mine, every
 
 
-def count_found(session: Session, search: RecordSearch | None) -> int:
-    """How many records a search finds."""
+def count_records(session: Session, search: RecordSearch | None, most: int | None = None) -> int:
+    """Return how many records a search finds, counted up to `most`."""
     if search is None:
         return 0
-    return session.scalar(sa.select(sa.func.count()).select_from(search.rows().subquery())) or 0
+    rows = search.rows().subquery() if most is None else search.page(None, most)
+    return session.scalar(sa.select(sa.func.count()).select_from(rows)) or 0
 
 
 def count_rows(
     session: Session,
     study_id: uuid.UUID,
-    what: Literal["items", "meals", "days", "photographs"],
-    participant_code: str | None,
-    first_day: date | None,
-    last_day: date | None,
+    rows: Literal["meals", "days", "photographs"],
+    chosen: RowFilter,
+    most: int | None = None,
 ) -> int:
-    """Meals, photographs or days with a meal, of a participant (None: of all) within local days."""
-    of_meal = sa.select(Meal.participant_id, Meal.local_date).where(Meal.study_id == study_id)
-    if what == "photographs":
-        of_meal = of_meal.join(MealImage, MealImage.meal_id == Meal.id)
-    if participant_code is not None:
-        of_meal = of_meal.join(Participant, Participant.id == Meal.participant_id)
-        of_meal = of_meal.where(Participant.code == participant_code)
-    if first_day is not None:
-        of_meal = of_meal.where(Meal.local_date >= first_day)
-    if last_day is not None:
-        of_meal = of_meal.where(Meal.local_date <= last_day)
-    if what == "days":
-        of_meal = of_meal.distinct()
-    return session.scalar(sa.select(sa.func.count()).select_from(of_meal.subquery())) or 0
+    """Return how many meals, photographs or days with a meal there are, of a participant, within local days."""
+    query = sa.select(Meal.participant_id, Meal.local_date).where(Meal.study_id == study_id)
+    if rows == "photographs":
+        query = query.join(MealImage, MealImage.meal_id == Meal.id)
+    if chosen.participant_code is not None:
+        query = query.join(Participant, Participant.id == Meal.participant_id)
+        query = query.where(Participant.code == chosen.participant_code)
+    if chosen.first_day is not None:
+        query = query.where(Meal.local_date >= chosen.first_day)
+    if chosen.last_day is not None:
+        query = query.where(Meal.local_date <= chosen.last_day)
+    if rows == "days":
+        query = query.distinct()
+    return session.scalar(sa.select(sa.func.count()).select_from(query.limit(most).subquery())) or 0
 
 
 def lock_study(session: Session, study_id: uuid.UUID, *, shared: bool = False) -> None:
@@ -118,6 +119,11 @@ def moment_of(session: Session, study_id: uuid.UUID) -> Moment:
     change_seq = sa.select(Study.change_seq).where(Study.id == study_id)
     row = session.execute(sa.select(change_seq.scalar_subquery(), receipts.scalar_subquery())).one()
     return Moment(*row)
+
+
+def erasures_since(session: Session, study_id: uuid.UUID, moment: Moment) -> int:
+    """Return how many erasures of rows of the study there were since that moment."""
+    return moment_of(session, study_id).erasures - moment.erasures
 
 
 def expire(session: Session, exports: Iterable[Export], now: datetime) -> int:

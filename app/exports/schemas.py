@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.exports.export_spec import Components, Layout, Output, Rows
-from app.exports.lists.meal_page_queries import Needs
 from app.exports.models import ExportState
 from app.http.field_descriptions import NEXT, PAGE
+from app.http.tables.columns import RowFilter
 from app.http.text_schemas import LocalDay, Text
 from app.meals.models import AfterStatus, MealOrigin, MealStatus
 from app.meals.record_models import RecordStatus
@@ -36,12 +36,28 @@ class ExportFiltersIn(BaseModel):
     )
     flag: Words = Field(default=[], description="Only meals with an item that has this flag; any of several.")
     origin: MealOrigin | None = Field(default=None, description="Only meals of this origin.")
-    needs: Needs | None = Field(
+    needs: Literal["review", "answer"] | None = Field(
         default=None,
         description="review: an item is in the review queue. answer: a question to the participant is open.",
     )
     failure: Words = Field(default=[], description="Only meals that failed with this code; any of several.")
     after_status: AfterStatuses = Field(default=[], description="How the after-meal pair stands; any of several.")
+
+    def as_filter(self, study: str | None = None) -> RowFilter:
+        """Return the filter of these values."""
+        return RowFilter(
+            study,
+            self.participant,
+            self.first_day,
+            self.last_day,
+            food_keys=tuple(self.food),
+            statuses=tuple(self.status),
+            flags=tuple(self.flag),
+            origin=self.origin,
+            needs=self.needs,
+            failure_codes=tuple(self.failure),
+            after_statuses=tuple(self.after_status),
+        )
 
 
 class ExportIn(BaseModel):

@@ -14,52 +14,50 @@ import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql
 from sqlalchemy.orm import Session, aliased
 
+from app.db.statements import AnyColumn, AnyQuery, Condition
 from app.meals.event_models import MealEvent
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord
 
-Condition = sa.ColumnElement[bool]
-Conditions = tuple[Condition, ...]
-
 NO_ID = uuid.UUID(int=0)
 
 
-def holds(record: Any) -> Condition:
+def holds(record: type[EffectiveRecord]) -> Condition:
     """The record counts: nobody has rejected it. A literal, as partial indexes have it: planners see no parameters."""
-    return cast(Condition, record.status != sa.literal_column("'rejected'"))
+    return record.status != sa.literal_column("'rejected'")
 
 
-def has_flags(record: Any) -> Condition:
+def has_flags(record: type[EffectiveRecord]) -> Condition:
     """The record has any flag, as the partial index has it."""
     return cast(Condition, record.flags.op("<>", is_comparison=True)(sa.literal_column("'[]'")))
 
 
-def is_question(event: Any) -> Condition:
+def is_question(event: type[MealEvent]) -> Condition:
     """As the partial index has it."""
-    return cast(Condition, event.kind == sa.literal_column("'question'"))
+    return event.kind == sa.literal_column("'question'")
 
 
-def one_of_words(column: Any, values: Collection[str]) -> Condition:
+def one_of_words(column: AnyColumn, values: Collection[str]) -> Condition:
     """A column of text has one of these values."""
     return sa.func.coalesce(column, "").in_(values)
 
 
-def one_of_numbers(column: Any, values: Collection[int]) -> Condition:
+def one_of_numbers(column: AnyColumn, values: Collection[int]) -> Condition:
     """A column of numbers has one of these values, all above 0."""
     return sa.func.coalesce(column, 0).in_(values)
 
 
-def one_of_ids(column: Any, values: Collection[uuid.UUID]) -> Condition:
+def one_of_ids(column: AnyColumn, values: Collection[uuid.UUID]) -> Condition:
     """A column of ids has one of these values."""
     return sa.func.coalesce(column, sa.literal(NO_ID, column.type), type_=column.type).in_(values)
 
 
-def meal_is(meal_id: Any, conditions: Iterable[Condition]) -> Condition:
+def meal_is(meal_id: AnyColumn, conditions: Iterable[Condition]) -> Condition:
     """The meal of this id fulfils conditions on Meal."""
     return _is_there(sa.select(sa.literal(1)).where(Meal.id == meal_id, *conditions))
 
 
-def has_record(meal_id: Any, asked: Callable[[Any], Condition]) -> Condition:
+def has_record(meal_id: AnyColumn, asked: Callable[[type[EffectiveRecord]], Condition]) -> Condition:
     """One record of the meal holds and is as asked of EffectiveRecord, or of an alias of it."""
     record = aliased(EffectiveRecord)
     return _is_there(sa.select(sa.literal(1)).where(record.meal_id == meal_id, holds(record), asked(record)))
@@ -70,7 +68,7 @@ def was_asked() -> Condition:
     return Meal.id.in_(sa.select(MealEvent.meal_id).where(is_question(MealEvent)))
 
 
-def waits_for_answer(meal_id: Any) -> Condition:
+def waits_for_answer(meal_id: AnyColumn) -> Condition:
     """A question to the participant is neither answered nor taken back, as services/review_queue has it.
 
     An answer that was taken back leaves its question open.
@@ -90,7 +88,7 @@ def waits_for_answer(meal_id: Any) -> Condition:
     return _is_there(asked.where(~is_taken_back, ~is_answered))
 
 
-def has_flag(column: Any, flags: Sequence[str], *, is_on_sqlite: bool) -> Condition:
+def has_flag(column: AnyColumn, flags: Sequence[str], *, is_on_sqlite: bool) -> Condition:
     """A list of flags has one of these."""
     if is_on_sqlite:
         text = sa.type_coerce(column, sa.Text())
@@ -99,7 +97,7 @@ def has_flag(column: Any, flags: Sequence[str], *, is_on_sqlite: bool) -> Condit
     return cast(Condition, sa.type_coerce(column, postgresql.JSONB()).has_any(wanted))
 
 
-def is_list_of_flags(column: Any, text: Any, *, is_on_sqlite: bool) -> Condition:
+def is_list_of_flags(column: AnyColumn, text: str | AnyColumn, *, is_on_sqlite: bool) -> Condition:
     """A list of flags is this one, given as text as lists_of_flags has it."""
     is_it: Condition = sa.type_coerce(column, sa.Text()) == text
     if not is_on_sqlite:
@@ -133,12 +131,12 @@ def flags_in(text: str) -> frozenset[str]:
     return frozenset(json.loads(text))
 
 
-def _names(event: Any, key: str, other: Any) -> Condition:
+def _names(event: type[MealEvent], key: str, other: type[MealEvent]) -> Condition:
     """The event's new value names the other event; ids stand in it with hyphens, in SQLite's columns without."""
     named = sa.func.replace(event.new[key].as_string(), "-", "")
     return named == sa.func.replace(sa.cast(other.id, sa.String()), "-", "")
 
 
-def _is_there(query: sa.Select[*tuple[Any, ...]]) -> Condition:
+def _is_there(query: AnyQuery) -> Condition:
     """A scalar, not EXISTS: PostgreSQL makes a join of that, which may read a whole table for a page."""
     return query.limit(1).scalar_subquery().is_not(None)

@@ -18,7 +18,9 @@ import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql
 from sqlalchemy.orm import Session
 
+from app.db.statements import AnyColumn, AnyQuery, Conditions
 from app.foods.models import Food
+from app.http.tables.columns import RowFilter
 from app.meals.record_models import RECORD_STATUSES, EffectiveRecord
 from app.people.models import Participant, Study
 
@@ -35,25 +37,7 @@ ORDER = (EffectiveRecord.captured_at, EffectiveRecord.item_id)
 AFTER_INSTANT, AFTER_ITEM = "after_instant", "after_item"  # parameters of RecordSearch.pages
 
 Key = tuple[datetime, uuid.UUID]
-Conditions = tuple[sa.ColumnElement[bool], ...]
-Branch = tuple[Any, ...]  # a value of each key column
-
-
-@dataclass(frozen=True, slots=True)
-class RecordFilter:
-    """Which records: None, or an empty tuple, leaves a filter out. first_day and last_day: local days, both included.
-
-    food_keys, statuses: one of these.
-    """
-
-    study_code: str | None = None
-    participant_code: str | None = None
-    participant_id: uuid.UUID | None = None
-    study_ids: frozenset[uuid.UUID] | None = None
-    first_day: date | None = None
-    last_day: date | None = None
-    food_keys: tuple[str, ...] = ()
-    statuses: tuple[str, ...] = ()
+Branch = tuple[object, ...]  # a value of each key column
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +49,12 @@ class RecordSearch:
     sort each that has a limit.
     """
 
-    keys: tuple[Any, ...]
+    keys: tuple[AnyColumn, ...]
     branches: Sequence[Branch]
     conditions: Conditions
     is_on_sqlite: bool
 
-    def page(self, after: Key | None, limit: int, *columns: Any) -> sa.CTE:
+    def page(self, after: Key | None, limit: int, *columns: AnyColumn) -> sa.CTE:
         """At most `limit` records behind `after`: captured_at, item_id and these columns of theirs.
 
         In no order: the reader sorts what it has joined them with.
@@ -80,7 +64,7 @@ class RecordSearch:
             return self._page(conditions, limit, columns)
         return self._page_by_arrays(conditions, limit, columns)
 
-    def pages(self, limit: int, *columns: Any) -> sa.CTE:
+    def pages(self, limit: int, *columns: AnyColumn) -> sa.CTE:
         """The same for one page after the other: AFTER_INSTANT and AFTER_ITEM are the statement's parameters."""
         record = EffectiveRecord
         after = (
@@ -90,14 +74,14 @@ class RecordSearch:
         behind = sa.tuple_(record.captured_at, record.item_id) > sa.tuple_(*after)
         return self._page((*self.conditions, behind), limit, columns)
 
-    def rows(self, *columns: Any) -> sa.Select[*tuple[Any, ...]] | sa.CompoundSelect[*tuple[Any, ...]]:
+    def rows(self, *columns: AnyColumn) -> AnyQuery | sa.CompoundSelect[*tuple[Any, ...]]:
         """All records in their order, as SQLite finds them: captured_at, item_id and these columns of theirs."""
         parts = self._parts(self.conditions, columns)
         if len(parts) == 1:
             return parts[0].order_by(*ORDER)
         return sa.union_all(*parts).order_by(*(sa.literal_column(column.key) for column in ORDER))
 
-    def _parts(self, conditions: Conditions, columns: Sequence[Any]) -> list[sa.Select[*tuple[Any, ...]]]:
+    def _parts(self, conditions: Conditions, columns: Sequence[AnyColumn]) -> list[AnyQuery]:
         """A query a branch."""
         found = sa.select(*ORDER, *columns).where(*conditions)
         return [
@@ -105,14 +89,14 @@ class RecordSearch:
             for values in self.branches
         ]
 
-    def _page(self, conditions: Conditions, limit: int, columns: Sequence[Any]) -> sa.CTE:
+    def _page(self, conditions: Conditions, limit: int, columns: Sequence[AnyColumn]) -> sa.CTE:
         parts = self._parts(conditions, columns)
         if not self.is_on_sqlite:
             parts = [sa.select(part.order_by(*ORDER).limit(limit).subquery()) for part in parts]
         every = sa.union_all(*parts).subquery("branch")
         return sa.select(every).order_by(every.c.captured_at, every.c.item_id).limit(limit).cte("page")
 
-    def _page_by_arrays(self, conditions: Conditions, limit: int, columns: Sequence[Any]) -> sa.CTE:
+    def _page_by_arrays(self, conditions: Conditions, limit: int, columns: Sequence[AnyColumn]) -> sa.CTE:
         """PostgreSQL: one plan for however many branches, each of which gives a page of its own."""
         names = [f"key_{number}" for number in range(len(self.keys))]
         arrays = (
@@ -127,18 +111,18 @@ class RecordSearch:
         return every.order_by(branch.c.captured_at, branch.c.item_id).limit(limit).cte("page")
 
 
-def search_of(session: Session, chosen: RecordFilter) -> RecordSearch | None:
+def search_of(session: Session, chosen: RowFilter) -> RecordSearch | None:
     """The filter as it is searched for; None: it names what is not there, or what the caller may not see."""
     record = EffectiveRecord
     studies = studies_of(session, chosen.study_code, chosen.study_ids)
-    people = _participants(session, chosen, studies)
+    people = participants_of(session, chosen.participant_code, chosen.participant_id, studies)
     foods = food_ids(session, chosen.food_keys) if chosen.food_keys else None
     statuses = sorted(set(chosen.statuses)) or None
     if any(found is not None and not found for found in (studies, people, foods)):
         return None
     days = within_days(chosen.first_day, chosen.last_day)
     of_food, of_status = _one_of(record.food_id, foods), _one_of(record.status, statuses)
-    by: list[tuple[Any, Sequence[Any]]] = []
+    by: list[tuple[AnyColumn, Sequence[object]]] = []
     if people is not None:
         by, rest = [(record.participant_id, people)], (*of_food, *of_status, *days)
     elif foods is not None:
@@ -193,12 +177,6 @@ def participants_of(
     return list(session.scalars(query))
 
 
-def _participants(
-    session: Session, chosen: RecordFilter, studies: Sequence[uuid.UUID] | None
-) -> list[uuid.UUID] | None:
-    return participants_of(session, chosen.participant_code, chosen.participant_id, studies)
-
-
 def food_ids(session: Session, keys: Sequence[str]) -> list[int]:
     """The ids of all versions of these foods, in all releases."""
     return list(session.scalars(sa.select(Food.id).where(Food.key.in_(keys)).order_by(Food.id)))
@@ -224,7 +202,7 @@ def _midnight(day: date) -> datetime:
     return datetime.combine(day, time(), UTC)
 
 
-def _one_of(column: Any, values: Sequence[Any] | None) -> Conditions:
+def _one_of(column: AnyColumn, values: Sequence[object] | None) -> Conditions:
     return (column.in_(values),) if values is not None else ()
 
 

@@ -4,18 +4,20 @@ import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date, datetime
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
+from app.db.statements import AnyColumn, AnyQuery
 from app.diary import diary_queries as diary
 from app.diary.models import DayStatus, DiaryDay
 from app.foods.models import Food, FoodRelease
+from app.http.tables.columns import RowFilter
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord, Item, ItemFood, Run, RunArtefact
 from app.people.models import Participant, Study
-from app.records.page_queries import Key, RecordFilter, search_of
+from app.records.page_queries import Key, search_of
 
 
 class FoodName(NamedTuple):
@@ -34,6 +36,7 @@ class RecordRow:
 
     record: EffectiveRecord
     meal_client_id: uuid.UUID
+    utc_offset_minutes: int
     time_zone: str
     study_code: str
     participant_code: str
@@ -53,30 +56,35 @@ class ItemRow(NamedTuple):
     food: Food | None
 
 
-def page_of_records(session: Session, chosen: RecordFilter, *, after: Key | None, limit: int) -> list[RecordRow]:
+def page_of_records(session: Session, chosen: RowFilter, *, after: Key | None, limit: int) -> list[RecordRow]:
     """At most `limit` records in the order of (captured_at, item id), those behind `after`."""
     search = search_of(session, chosen)
     if search is None:
         return []
-    page = search.page(after, limit)
+    return rows_of_page(session, search.page(after, limit))
+
+
+def rows_of_page(session: Session, page: sa.CTE) -> list[RecordRow]:
+    """The records of a page of keys, captured_at and item_id, in this order."""
     query = _rows(page.join(EffectiveRecord, EffectiveRecord.item_id == page.c.item_id))
     return _with_days(session, query.order_by(page.c.captured_at, page.c.item_id))
 
 
 def rows_of_records(
-    session: Session, where: Sequence[sa.ColumnElement[bool]], order: Sequence[Any], limit: int
+    session: Session, where: Sequence[sa.ColumnElement[bool]], order: Sequence[AnyColumn], limit: int
 ) -> list[RecordRow]:
     """At most `limit` records that fulfil the conditions, in this order."""
     return _with_days(session, _rows(EffectiveRecord).where(*where).order_by(*order).limit(limit))
 
 
-def _with_days(session: Session, query: sa.Select[*tuple[Any, ...]]) -> list[RecordRow]:
+def _with_days(session: Session, query: AnyQuery) -> list[RecordRow]:
     rows = session.execute(query).all()
     first = diary.first_days(session, {row[0].participant_id for row in rows})
     return [
         RecordRow(
             record=record,
             meal_client_id=meal,
+            utc_offset_minutes=offset,
             time_zone=time_zone,
             study_code=study,
             participant_code=participant,
@@ -91,6 +99,7 @@ def _with_days(session: Session, query: sa.Select[*tuple[Any, ...]]) -> list[Rec
             food_key,
             food_name,
             meal,
+            offset,
             time_zone,
             study,
             participant,
@@ -135,7 +144,7 @@ def next_change_seq(session: Session, study_id: uuid.UUID) -> int:
     return session.execute(query).scalar_one()
 
 
-def _rows(source: Any) -> sa.Select[*tuple[Any, ...]]:
+def _rows(source: sa.FromClause | type[EffectiveRecord]) -> AnyQuery:
     """Records with what goes with them, from a source that has EffectiveRecord in it."""
     record = EffectiveRecord
     return (
@@ -144,6 +153,7 @@ def _rows(source: Any) -> sa.Select[*tuple[Any, ...]]:
             Food.key,
             Food.name,
             Meal.client_id,
+            Meal.utc_offset_minutes,
             Meal.time_zone,
             Study.code,
             Participant.code,

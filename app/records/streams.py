@@ -11,9 +11,10 @@ from typing import Any, cast
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql
 
+from app.db.statements import AnyColumn, AnyQuery, Condition, Conditions
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord
-from app.records.conditions import Condition, Conditions, is_list_of_flags
+from app.records.conditions import is_list_of_flags
 from app.records.page_queries import Branch, Key
 
 MOST_PLANNED = 8  # PostgreSQL plans each branch by itself; more of them are given as arrays
@@ -28,19 +29,19 @@ class Stream:
     """
 
     model: type[Meal | EffectiveRecord]
-    keys: tuple[Any, ...]
+    keys: tuple[AnyColumn, ...]
     branches: Sequence[Branch]
     part: Conditions = ()
     is_small: bool = False
 
     @property
-    def columns(self) -> tuple[Any, Any]:
+    def columns(self) -> tuple[AnyColumn, AnyColumn]:
         """The instant and the id of the meal."""
         if self.model is Meal:
             return Meal.captured_at, Meal.id
         return EffectiveRecord.captured_at, EffectiveRecord.meal_id.label("id")
 
-    def order(self, *, is_newest_first: bool) -> tuple[Any, Any]:
+    def order(self, *, is_newest_first: bool) -> tuple[AnyColumn, AnyColumn]:
         """As the index has it, forwards or backwards."""
         ordered = (self.model.captured_at, Meal.id if self.model is Meal else EffectiveRecord.meal_id)
         return (ordered[0].desc(), ordered[1].desc()) if is_newest_first else ordered
@@ -118,7 +119,7 @@ class MealSearch:
         )
         return sa.func.unnest(*arrays).table_valued(*names).render_derived("listed")
 
-    def _arms(self, conditions: Conditions) -> Iterator[sa.Select[*tuple[Any, ...]]]:
+    def _arms(self, conditions: Conditions) -> Iterator[AnyQuery]:
         """A query a branch."""
         found = sa.select(*self.stream.columns).where(*self.stream.part, *conditions)
         for values in self.stream.branches:
@@ -133,7 +134,7 @@ class MealSearch:
         """
         stream, order = self.stream, self.stream.order(is_newest_first=is_newest_first)
 
-        def limited(arm: sa.Select[*tuple[Any, ...]]) -> sa.Select[*tuple[Any, ...]]:
+        def limited(arm: AnyQuery) -> AnyQuery:
             return (arm.distinct() if is_distinct and stream.model is not Meal else arm).order_by(*order).limit(limit)
 
         if len(stream.branches) <= MOST_PLANNED:
@@ -146,7 +147,7 @@ class MealSearch:
         branch = limited(found).lateral("branch")
         return sa.select(branch).select_from(listed.join(branch, sa.true())).subquery("every")
 
-    def _is(self, key: Any, value: Any) -> Condition:
+    def _is(self, key: AnyColumn, value: Any) -> Condition:
         """Flags are compared as the database keeps them: whole lists, given as text."""
         if key is not EffectiveRecord.flags:
             return cast(Condition, key == value)
@@ -161,11 +162,11 @@ class MealSearch:
         return here < key if is_newest_first else here > key
 
 
-def _named_order(*, is_newest_first: bool) -> tuple[Any, Any]:
+def _named_order(*, is_newest_first: bool) -> tuple[AnyColumn, AnyColumn]:
     instant: Any = sa.literal_column("captured_at")
     meal: Any = sa.literal_column("id")
     return (instant.desc(), meal.desc()) if is_newest_first else (instant, meal)
 
 
-def _sent_as(key: Any) -> Any:
+def _sent_as(key: AnyColumn) -> Any:
     return sa.Text() if key is EffectiveRecord.flags else key.type

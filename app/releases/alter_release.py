@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from app.exports.release_models import ReleaseChange
-from app.http.tables.columns import Column
+from app.http.tables.columns import Column, Row
 from app.people.access.secret_box import SecretBox
 from app.releases.freeze_release import OF_FOODS
-from app.releases.release_days import day_without
-from app.releases.release_files import Contents, ReleaseFiles, Row, columns_told
+from app.releases.release_days import NamedRow, day_without
+from app.releases.release_files import Contents, ReleaseFiles, columns_told
 
 OF_PERSON = frozenset(  # columns that are emptied where a person's data stay without them
     {
@@ -94,9 +94,9 @@ class Verdicts:
 class _Touched:
     """A day that a meal was taken from: rows of its meals, and of the items of those that are left."""
 
-    left: list[Mapping[str, Any]] = field(default_factory=list)
-    gone: list[Mapping[str, Any]] = field(default_factory=list)
-    items: list[Mapping[str, Any]] = field(default_factory=list)
+    left: list[NamedRow] = field(default_factory=list)
+    gone: list[NamedRow] = field(default_factory=list)
+    items: list[NamedRow] = field(default_factory=list)
 
 
 class ReleaseAlteration:
@@ -149,7 +149,7 @@ class ReleaseAlteration:
             is_renamed = verdict[0] != row["participant"]
             if is_renamed and name == "photographs":
                 continue
-            kept: Mapping[str, Any] | None = row
+            kept: NamedRow | None = row
             if not has_meal and (touched := self._days.get((row["participant"], row["local_date"]))) is not None:
                 kept = day_without(
                     row,
@@ -172,7 +172,7 @@ class ReleaseAlteration:
             if food in contents.foods or (row["food_table"] is None and row["food_key"] in keys):
                 yield tuple(row[column.name] for column in columns)
 
-    def _note(self, row: Mapping[str, Any], what: str) -> None:
+    def _note(self, row: NamedRow, what: str) -> None:
         touched = self._days.get((row["participant"], row["local_date"]))
         if touched is not None and self._judge(row["participant"], row["meal_id"]) is not GONE:
             (touched.left if what == "left" else touched.items).append(row)
@@ -182,7 +182,7 @@ class ReleaseAlteration:
         for row in self._rows(table, only=("participant", "meal_id")):
             yield row["participant"], row.get("meal_id")
 
-    def _rows(self, name: str, only: Collection[str] | None = None) -> Iterator[Mapping[str, Any]]:
+    def _rows(self, name: str, only: Collection[str] | None = None) -> Iterator[NamedRow]:
         """A table's rows. only: columns that are wanted; None: all."""
         from app.http.tables.table_files import read_rows  # noqa: PLC0415  # pyarrow
 
@@ -193,7 +193,7 @@ class ReleaseAlteration:
             yield dict(zip(names, row, strict=True))
 
 
-def _renamed(row: Mapping[str, Any], participant: str, meal_id: str | None) -> Mapping[str, Any]:
+def _renamed(row: NamedRow, participant: str, meal_id: str | None) -> NamedRow:
     changed = {name: None if name in OF_PERSON else value for name, value in row.items()}
     changed["participant"] = participant
     if meal_id is not None:

@@ -5,28 +5,26 @@ table by the rows' own keys. Nothing is changed. Of a large table some rows at a
 choose them: the files' order does not serve, since of whom a name was taken the ids changed and the places did not.
 """
 
-import hashlib
 import json
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, NotFoundError
 from app.db.session import Database
-from app.http.tables.columns import Column
+from app.exports.made_file import StagedFile, long_snapshot, staged_file
+from app.http.tables.columns import Column, Row
 from app.people import queries as people
 from app.people.models import Study
 from app.releases import queries as releases
 from app.releases.freeze_release import filters_of_json, freeze
 from app.releases.queries import NamedRelease
-from app.releases.release_files import MANIFEST, ReleaseFiles, Row, Sink, Writable, columns_told
+from app.releases.release_files import MANIFEST, ReleaseFiles, columns_told
 from app.releases.releases import CheckedRelease, check_files
 from app.storage.blob_store import BlobStore
 
@@ -38,7 +36,6 @@ KEYS: Mapping[str, tuple[str, ...]] = {
     "foods": ("food_key", "food_version", "food_table"),
     "food_nutrients": ("food_key", "food_version", "food_table", "number"),
 }
-STATEMENT_SECONDS = 3600
 ROWS_AT_A_TIME = 200_000  # in memory; the files are read as often as it takes
 MOST_LISTED = 10_000
 
@@ -122,44 +119,15 @@ def _find(session: Session, study_code: str, name: str) -> NamedRelease:
     return found
 
 
-class _File:
-    """A file in a folder."""
-
-    def __init__(self, path: Path) -> None:
-        self.path, self.length = path, 0
-        self._digest = hashlib.sha256()
-
-    @property
-    def sha256(self) -> str:
-        return self._digest.hexdigest()
-
-    def write_all(self, pieces: Iterable[bytes]) -> None:
-        with self.path.open("wb") as file:
-            for piece in pieces:
-                file.write(piece)
-                self._digest.update(piece)
-                self.length += len(piece)
-
-
 def _freeze_now(database: Database, found: NamedRelease, folder: Path) -> ReleaseFiles:
     folder.mkdir()
-    count = 0
 
-    @contextmanager
-    def new_file() -> Iterator[Writable]:
-        nonlocal count
-        count += 1
-        yield _File(folder / f"{count}")
+    def keep(name: str, file: StagedFile) -> str:
+        file.path.rename(folder / name)
+        return name
 
-    def keep(name: str, file: Writable) -> str:
-        place = folder / name
-        file.path.rename(place)
-        return str(place)
-
-    files = ReleaseFiles(Sink(new_file, keep))
-    with database.read() as session:
-        if not database.is_sqlite:
-            session.execute(sa.text(f"SET LOCAL statement_timeout = {STATEMENT_SECONDS * 1000}"))
+    files = ReleaseFiles(lambda: staged_file(folder, lambda _: None, 0), keep)
+    with long_snapshot(database) as session:
         study = session.get_one(Study, found.release.study_id)
         freeze(session, study.id, study.code, filters_of_json(found.release.filters), files)
     return files

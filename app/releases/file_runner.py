@@ -8,12 +8,9 @@ from its beginning, of the moment of then.
 
 import errno
 import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
-import sqlalchemy as sa
 import structlog
 from sqlalchemy.orm import Session
 
@@ -22,26 +19,24 @@ from app.core.settings import Settings
 from app.db.session import Database
 from app.exports import file_work_queries as file_work
 from app.exports import queries as exports
-from app.exports.export_estimate import estimate_rows
+from app.exports.export_size import estimate_rows
 from app.exports.export_spec import spec_of_json
 from app.exports.file_work_queries import Work
-from app.exports.made_file import ClaimLostError, WorkLife, file_key, staged_file
+from app.exports.made_file import Attempt, ClaimLostError, WorkLife, long_snapshot
 from app.exports.models import Export
-from app.exports.queries import Moment
 from app.exports.release_models import Release
 from app.exports.tables.export_tables import write_export
 from app.people.access.caller import StaffCaller
 from app.people.access.secret_box import SecretBox
 from app.people.models import Staff
 from app.releases import queries as releases
-from app.releases.release_runner import FilesLostError, ReleaseRunner
+from app.releases.release_runner import FilesLostError, make_release
 from app.storage.blob_store import BlobStore
 
 log = structlog.get_logger()
 
 MOST_ATTEMPTS = 5
 FIRST_WAIT_SECONDS, LONGEST_WAIT_SECONDS = 5.0, 300.0
-STATEMENT_SECONDS = 3600  # PostgreSQL; requests have their own, shorter limit
 DONE, AGAIN, LOST = "done", "again", "lost"
 CHANGING = "changing"  # of a release: it is tried until it is done
 MOST_TRIES_WITHOUT_FILES = 870  # of such a one whose files are lost: three days, in which they can be put back
@@ -88,12 +83,12 @@ class FileRunner:
     def _try(self, work: Work) -> str:
         try:
             with WorkLife(self._database, work, self._claim, self._beat_seconds) as life:
+                parts = self._database, self._blobs, self._settings
                 if isinstance(work, Export):
-                    return self._make_export(work, life)
-                runner = ReleaseRunner(
-                    self._database, self._blobs, self._settings, self._box, self._claim, self._snapshot
-                )
-                return DONE if runner.run(work, life) else AGAIN
+                    with Attempt(*parts, work, self._claim, life) as attempt:
+                        return DONE if self._make_export(attempt) else AGAIN
+                with Attempt(*parts, work, self._claim, life) as making:
+                    return DONE if make_release(making, self._box) else AGAIN
         except ClaimLostError:
             return LOST
         except Exception as error:  # the worker's edge: the work's row tells it
@@ -103,50 +98,22 @@ class FileRunner:
             )
             return self._tell(work, _lasting_code(error, work.attempts), is_over=is_over)
 
-    def _make_export(self, export: Export, life: WorkLife) -> str:
-        def count(rows: int) -> None:
-            life.rows += rows
-
-        spec = spec_of_json(export.spec)
-        with staged_file(self._blobs.staging_folder(), life, self._settings.export_min_free_bytes) as file:
-            with self._snapshot() as session:
+    def _make_export(self, attempt: Attempt[Export]) -> bool:
+        export, life, spec = attempt.work, attempt.life, spec_of_json(attempt.work.spec)
+        with attempt.new_file() as file:
+            with long_snapshot(self._database) as session:
                 moment = exports.moment_of(session, export.study_id)
                 self._estimate(export, estimate_rows(session, export.study_id, spec))
-                file.write_all(write_export(session, _acting_for(session, export), spec, counted=count))
-            key = file_key("exports", export.study_id, export.id, self._claim, file.sha256)
-            self._blobs.put_file(key, file.path)
-        is_named = None  # unknown: the last transaction may be carried out, though it broke off
-        try:
-            with self._database.write() as session:
-                held = self._hold_unchanged(session, export, moment)
-                if held is not None:
-                    held.state, held.blob_key, held.sha256 = "done", key, file.sha256
-                    held.rows_written, held.bytes, held.at_change_seq = life.rows, file.length, moment.change_seq
-                    held.finished_at = datetime.now(UTC)
-                    held.expires_at = held.finished_at + timedelta(days=self._settings.export_days)
-                    held.claim = held.heartbeat_at = None
-            is_named = held is not None
-        except ClaimLostError:
-            is_named = False
-            raise
-        finally:
-            if is_named is False:  # nobody will name it; if we die before, it goes as an orphan
-                self._blobs.delete(key)
-        return DONE if is_named else AGAIN
+                file.write_all(write_export(session, _acting_for(session, export), spec, counted=life.count_rows))
+            key = attempt.seal(file)
 
-    def _hold_unchanged(self, session: Session, export: Export, moment: Moment) -> Export | None:
-        """The export, if nothing of the study was erased since the moment; else it is begun again, and None.
+        def end(_: Session, held: Export) -> None:
+            held.state, held.blob_key, held.sha256 = "done", key, file.sha256
+            held.rows_written, held.bytes, held.at_change_seq = life.rows, file.length, moment.change_seq
+            held.finished_at = datetime.now(UTC)
+            held.expires_at = held.finished_at + timedelta(days=self._settings.export_days)
 
-        The study is locked first, as erasures do (exports/queries.py). Raises ClaimLostError.
-        """
-        exports.lock_study(session, export.study_id, shared=True)
-        held = file_work.hold(session, export, self._claim)
-        if not isinstance(held, Export):
-            raise ClaimLostError
-        if exports.moment_of(session, export.study_id).erasures == moment.erasures:
-            return held
-        file_work.begin_again(held, counts=False)
-        return None
+        return attempt.finish(lambda session: exports.erasures_since(session, export.study_id, moment) == 0, end)
 
     def _estimate(self, work: Work, rows: int | None) -> None:
         if rows is not None:
@@ -168,14 +135,6 @@ class FileRunner:
             if isinstance(held, Release):
                 releases.drop_files(session, held, held.finished_at)
             return code
-
-    @contextmanager
-    def _snapshot(self) -> Iterator[Session]:
-        """A read of one moment that may take as long as a large study takes."""
-        with self._database.read() as session:
-            if not self._database.is_sqlite:
-                session.execute(sa.text(f"SET LOCAL statement_timeout = {STATEMENT_SECONDS * 1000}"))
-            yield session
 
 
 def _acting_for(session: Session, export: Export) -> StaffCaller:

@@ -13,18 +13,16 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from app.exports.export_spec import ExportFilters, ExportSpec, Rows
+from app.exports.export_spec import ExportSpec, Rows
 from app.exports.tables.export_tables import table_of
-from app.http.tables.columns import Column, columns_of
-from app.meals.record_models import HEADLINE_COLUMNS
+from app.http.tables.columns import Column, Row, RowFilter, columns_of
 from app.people.access.caller import StaffCaller
 from app.releases import queries as releases
 from app.releases.queries import UsedFood
-from app.releases.release_days import NOT_DERIVABLE, exact_sums, median_delay
-from app.releases.release_files import Contents, ReleaseFiles, Row
+from app.releases.release_days import EATEN, NOT_DERIVABLE, NamedRow, exact_sums, median_delay
+from app.releases.release_files import Contents, ReleaseFiles
 
 DAYS_AT_A_TIME = 500
-EATEN = ("consumed_g", *HEADLINE_COLUMNS)  # of a record, as eaten_on_days has them
 TABLES: tuple[Rows, ...] = ("items", "meals", "days", "photographs")
 LEFT_OUT: Mapping[Rows, Collection[str]] = {
     "items": ("change_seq",),
@@ -140,7 +138,7 @@ def _table(
         name,
         output="parquet",
         components="all" if name == "items" else "headline",
-        filters=ExportFilters(
+        filters=RowFilter(
             study_code=study_code,
             first_day=filters.first_day,
             last_day=filters.last_day,
@@ -158,10 +156,11 @@ def _table(
 def exact_days(session: Session, study_id: uuid.UUID, columns: Sequence[Column], rows: Iterator[Row]) -> Iterator[Row]:
     """Rows of days, by day, with figures that do not depend on the order in which a database adds."""
     names = [column.name for column in columns]
-    while some := [dict(zip(names, row, strict=True)) for row in islice(rows, DAYS_AT_A_TIME)]:
+    named: Iterator[NamedRow] = (dict(zip(names, row, strict=True)) for row in rows)
+    while some := list(islice(named, DAYS_AT_A_TIME)):
         codes = {day["participant"] for day in some}
         first, last = (date.fromisoformat(some[place]["local_date"]) for place in (0, -1))
-        eaten: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+        eaten: dict[tuple[str, str], list[NamedRow]] = {}
         for code, local_date, *amounts in releases.eaten_on_days(session, study_id, codes, first, last):
             record = dict(zip(EATEN, amounts, strict=True))
             eaten.setdefault((code, local_date.isoformat()), []).append(record)
@@ -179,7 +178,7 @@ def exact_days(session: Session, study_id: uuid.UUID, columns: Sequence[Column],
             yield tuple(exact.get(name, day[name]) for name in names)
 
 
-def _is_nothing(day: Mapping[str, Any]) -> bool:
+def _is_nothing(day: NamedRow) -> bool:
     """As of DayRow: by that word, or since each meal was confirmed to be without food."""
     is_empty = day["meals"] > 0 and day["items"] == 0 and day["unmeasured_meals"] == 0
     return bool(day["ate_nothing"] or (day["day_status"] == "closed" and is_empty))

@@ -9,22 +9,28 @@ is asked. The number of the day in the study stays as it was. Where the only mea
 was eaten: the sums are unknown, never 0; a day of which nobody has said a word goes with its meal, as in GET /v1/days.
 """
 
-import math
 import statistics
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
 from app.diary.day_definition import SEEN
+from app.exports.tables.export_components import Eaten, sums
 from app.meals.record_models import HEADLINE_COLUMNS
 
-Row = Mapping[str, Any]
+NamedRow = Mapping[str, Any]  # a row of a file, by its columns
+EATEN = ("consumed_g", *HEADLINE_COLUMNS)  # of a record, as eaten_on_days has them
 NOT_DERIVABLE = ("energy_to_basal_rate", "plausibility")  # from a person's profile of then: not in a release
 
 
 def day_without(
-    day: Row, left: Sequence[Row], gone: Sequence[Row], items: Sequence[Row], *, expects_after_pair: bool
-) -> dict[str, Any] | None:
+    day: NamedRow,
+    left: Sequence[NamedRow],
+    gone: Sequence[NamedRow],
+    items: Sequence[NamedRow],
+    *,
+    expects_after_pair: bool,
+) -> NamedRow | None:
     """The day's row; None: there is no such day any more.
 
     left, gone: rows of the day's meals. items: rows of the items of those that are left.
@@ -51,17 +57,15 @@ def day_without(
     return {**day, **known, **exact_sums(holding, is_nothing=is_nothing, is_partial=bool(unmeasured))}
 
 
-def exact_sums(holding: Sequence[Row], *, is_nothing: bool, is_partial: bool) -> dict[str, float | None]:
+def exact_sums(holding: Sequence[NamedRow], *, is_nothing: bool, is_partial: bool) -> dict[str, float | None]:
     """consumed_g, and each headline component's sum and coverage, over a day's records that hold.
 
     is_nothing: it is known that nothing was eaten. is_partial: something was eaten of which there is no record.
     """
-    sums = {"consumed_g": 0.0 if is_nothing else _sum(item["consumed_g"] for item in holding)}
-    for name in HEADLINE_COLUMNS:
-        sums[name] = 0.0 if is_nothing else _sum(item[name] for item in holding)
-        coverage = None if is_partial else _coverage(holding, name)
-        sums[f"{name}_coverage"] = 1.0 if is_nothing else coverage
-    return sums
+    eaten = [Eaten(item["consumed_g"], [item[name] for name in EATEN]) for item in holding]
+    values = sums(eaten, len(EATEN), is_nothing=is_nothing, is_partial=is_partial)
+    exact = dict(zip(EATEN, (value for value, _ in values), strict=True))
+    return exact | {f"{name}_coverage": coverage for name, (_, coverage) in zip(EATEN[1:], values[1:], strict=True)}
 
 
 def median_delay(seconds: Sequence[float]) -> float | None:
@@ -69,7 +73,7 @@ def median_delay(seconds: Sequence[float]) -> float | None:
     return statistics.median(seconds) if seconds else None
 
 
-def _late(day: Row, left: Sequence[Row], gone: Sequence[Row]) -> int:
+def _late(day: NamedRow, left: Sequence[NamedRow], gone: Sequence[NamedRow]) -> int:
     """Meals that came in after the day was closed: those that came last of all, as many as there were."""
     both = [*left, *gone]
     latest_first = sorted(both, key=lambda meal: datetime.fromisoformat(meal["received_at"]), reverse=True)
@@ -77,22 +81,5 @@ def _late(day: Row, left: Sequence[Row], gone: Sequence[Row]) -> int:
     return sum(meal["meal_id"] in late for meal in left)
 
 
-def _is_leftover_unknown(item: Row) -> bool:
+def _is_leftover_unknown(item: NamedRow) -> bool:
     return item["origin"] in SEEN and item["consumed_g"] is not None and item["left_g"] is None
-
-
-def _sum(amounts: Any) -> float | None:
-    known = [amount for amount in amounts if amount is not None]
-    return math.fsum(known) if known else None
-
-
-def _coverage(holding: Sequence[Row], name: str) -> float | None:
-    """The share of the eaten grams for which the amount is known (diary/day_definition.py, coverage_of)."""
-    if not holding or any(item["consumed_g"] is None for item in holding):
-        return None
-    weights = [max(item["consumed_g"], 0.0) for item in holding]
-    whole = math.fsum(weights)
-    if whole == 0.0:
-        return float(all(item[name] is not None for item in holding))
-    is_known = [item[name] is not None for item in holding]
-    return math.fsum(weight for weight, known in zip(weights, is_known, strict=True) if known) / whole

@@ -1,6 +1,6 @@
 """The files of a release in the making: tables as Parquet and CSV, what they are made of counted on the way.
 
-Where the files go is the caller's business (Sink): into the store for a release, a folder for a comparison. The
+The caller decides where the files go: into the store for a release, a folder for a comparison. The
 checksum of a release is the SHA-256 over the sorted lines `sha256  name` of its files, as sha256sum writes them,
 without release.json, which tells who froze it when: the same data frozen twice have one checksum.
 """
@@ -11,49 +11,27 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, cast
 
-from app.http.tables.columns import Column, Part, PartOfBatch
+from app.exports.made_file import StagedFile
+from app.http.tables.columns import Column, Part, PartOfBatch, Row
 from app.http.tables.csv_rows import encode_csv
 from app.http.tables.dictionary import DICTIONARY_PARTS, entries
+from app.releases.queries import UsedFood
 
-Row = tuple[Any, ...]
 MANIFEST, DICTIONARY = "release.json", "data-dictionary.csv"
 FORMAT = 1
 
 
-class Writable(Protocol):
-    """A file that is being written."""
-
-    path: Path
-    length: int
-
-    @property
-    def sha256(self) -> str:
-        """Of the bytes so far."""
-
-    def write_all(self, pieces: Iterable[bytes]) -> None:
-        """Append, then close."""
-
-
 @dataclass(frozen=True, slots=True)
 class MadeFile:
-    """A file of a release. rows: None, it is no table. place: where the sink has put it."""
+    """A file of a release. rows: None, it is no table. place: where it was put."""
 
     name: str
     rows: int | None
     bytes: int
     sha256: str
     place: str
-
-
-@dataclass(frozen=True, slots=True)
-class Sink:
-    """new_file: a file to write, gone at its end unless it was kept. keep: name, file -> its place."""
-
-    new_file: Callable[[], AbstractContextManager[Writable]]
-    keep: Callable[[str, Writable], str]
 
 
 @dataclass(slots=True)
@@ -63,7 +41,7 @@ class Contents:
     pipeline_versions: Counter[str] = field(default_factory=Counter)
     methods: Counter[str] = field(default_factory=Counter)
     food_tables: Counter[str] = field(default_factory=Counter)
-    foods: set[tuple[str, int | None, str]] = field(default_factory=set)
+    foods: set[UsedFood] = field(default_factory=set)
     placed_meals: int = 0
 
     def of_table(self, name: str, columns: Sequence[Column], rows: Iterable[Row]) -> Iterable[Row]:
@@ -88,11 +66,11 @@ class Contents:
         key, version, table = place["food_key"], place["food_version"], place["food_table"]
         for row in rows:
             if row[run] is not None:
-                self.pipeline_versions[row[run]] += 1
-                self.methods[row[method]] += 1
+                self.pipeline_versions[str(row[run])] += 1
+                self.methods[str(row[method])] += 1
             if row[key] is not None:
-                self.food_tables[row[table]] += 1
-                self.foods.add((row[key], row[version], row[table]))
+                self.food_tables[str(row[table])] += 1
+                self.foods.add(cast("UsedFood", (row[key], row[version], row[table])))
             yield row
 
     def told(self) -> dict[str, Any]:
@@ -107,12 +85,21 @@ class Contents:
 
 
 class ReleaseFiles:
-    """Writes the files one after the other. progress: told the rows of each table as they are written."""
+    """Writes the files one after the other.
 
-    def __init__(self, sink: Sink, progress: Callable[[int], None] = lambda _: None) -> None:
+    new_file: a file to write, gone at its end unless it was kept. keep: name, file -> its place. progress: called with
+    the number of rows of each table as they are written.
+    """
+
+    def __init__(
+        self,
+        new_file: Callable[[], AbstractContextManager[StagedFile]],
+        keep: Callable[[str, StagedFile], str],
+        progress: Callable[[int], None] = lambda _: None,
+    ) -> None:
         self.files: dict[str, MadeFile] = {}
         self.columns: dict[str, tuple[Column, ...]] = {}
-        self._sink, self._progress = sink, progress
+        self._new_file, self._place, self._progress = new_file, keep, progress
 
     def add_table(self, name: str, columns: Sequence[Column], rows: Iterable[Row]) -> None:
         """`name`.parquet and `name`.csv."""
@@ -128,7 +115,7 @@ class ReleaseFiles:
                     self._progress(1000)
                 yield row
 
-        with self._sink.new_file() as table, self._sink.new_file() as text:
+        with self._new_file() as table, self._new_file() as text:
             table.write_all(parquet_pieces(columns, counted()))
             self._progress(count % 1000)
             text.write_all(csv_pieces(columns, table.path))
@@ -140,7 +127,7 @@ class ReleaseFiles:
         """Every column of every table, by the columns that the tables were written by."""
         part = Part("shared", (Column("table", "word", meaning="The table."), *DICTIONARY_PARTS[0].columns))
         rows = [(name, *entry) for name, columns in sorted(self.columns.items()) for entry in entries(columns)]
-        with self._sink.new_file() as file:
+        with self._new_file() as file:
             file.write_all(encode_csv((part,), [[PartOfBatch(part, rows)]]))
             self._keep(DICTIONARY, file, len(rows))
 
@@ -156,7 +143,7 @@ class ReleaseFiles:
             ],
             "checksum": self.checksum,
         }
-        with self._sink.new_file() as file:
+        with self._new_file() as file:
             file.write_all([json.dumps(manifest, indent=1, ensure_ascii=False).encode() + b"\n"])
             self._keep(MANIFEST, file, None)
         return manifest
@@ -166,9 +153,9 @@ class ReleaseFiles:
         """Over all files but release.json."""
         return checksum_of({file.name: file.sha256 for file in self.files.values()})
 
-    def _keep(self, name: str, file: Writable, rows: int | None) -> None:
+    def _keep(self, name: str, file: StagedFile, rows: int | None) -> None:
         length, sha256 = file.length, file.sha256
-        self.files[name] = MadeFile(name, rows, length, sha256, self._sink.keep(name, file))
+        self.files[name] = MadeFile(name, rows, length, sha256, self._place(name, file))
 
 
 def checksum_of(sha256s: Mapping[str, str]) -> str:

@@ -16,7 +16,7 @@ from app.core.errors import ConflictError, NotFoundError, UnavailableError
 from app.db.session import Database
 from app.exports.release_models import Release
 from app.exports.stored_file import StoredFile
-from app.http.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
+from app.http.cursors import ID, INSTANT, Page, decode_cursor, page_of
 from app.http.day_order import require_order
 from app.people.access import audit
 from app.people.access.caller import StaffCaller
@@ -105,9 +105,8 @@ def list_releases(
     after = decode_cursor(listed, cursor, INSTANT, ID)
     with database.read() as session:
         study = enter_study(session, caller, study_code)
-        found = releases.page_of_releases(session, study.id, after=after, limit=limit + 1)
-    last = found[limit - 1].release if len(found) > limit else None
-    return Page(found[:limit], encode_cursor(listed, last.requested_at, last.id) if last is not None else None)
+        rows = releases.page_of_releases(session, study.id, after=after, limit=limit + 1)
+    return page_of(listed, rows, limit, lambda row: (row.release.requested_at, row.release.id))
 
 
 def read_release(database: Database, caller: StaffCaller, study_code: str, name: str) -> NamedRelease:

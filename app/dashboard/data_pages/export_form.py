@@ -11,9 +11,9 @@ from starlette.datastructures import ImmutableMultiDict
 from app.core.errors import InvalidInputError
 from app.dashboard.meal_pages.flag_words import FLAGS
 from app.dashboard.refusals import sentence
-from app.exports.api import NAMES
-from app.exports.export_spec import FILTERS, ExportFilters, ExportSpec, Rows, check_spec
+from app.exports.export_spec import FILTERS, ExportSpec, Rows, check_spec
 from app.exports.schemas import ExportIn
+from app.http.tables.columns import WIRE_NAMES
 from app.meals.models import AfterStatus, MealStatus
 from app.meals.record_models import RecordStatus
 
@@ -58,7 +58,7 @@ class Choice:
     @property
     def filters(self) -> frozenset[str]:
         """The filters that the table has, by the API's names."""
-        return frozenset(NAMES[name] for name in FILTERS[_rows(self.rows)] if name in NAMES)
+        return frozenset(WIRE_NAMES[name] for name in FILTERS[_rows(self.rows)])
 
     @property
     def statuses(self) -> Sequence[str]:
@@ -90,12 +90,8 @@ def choice_of(fields: ImmutableMultiDict[str, Any], study: str, *, drop_others: 
     if body is None or wrong:
         told = {**told, "rows": _rows(str(told["rows"]))}
         return Choice(told, None, wrong)
-    found = body.filters.model_dump(by_alias=True)
-    filters: dict[str, Any] = {
-        name: tuple(found[wire]) if isinstance(found[wire], list) else found[wire] for name, wire in NAMES.items()
-    }
     spec = ExportSpec(
-        body.rows, body.layout, body.format, body.components, ExportFilters(study, **filters), body.provenance
+        body.rows, body.layout, body.format, body.components, body.filters.as_filter(study), body.provenance
     )
     try:
         check_spec(spec)
@@ -123,9 +119,10 @@ def _told(fields: ImmutableMultiDict[str, Any]) -> dict[str, Any]:
 def _fitting(told: dict[str, Any]) -> dict[str, Any]:
     """Without filters, statuses and formats that the table does not have."""
     rows = _rows(told["rows"])
-    offered = {NAMES[name] for name in FILTERS[rows] if name in NAMES}
+    offered = {WIRE_NAMES[name] for name in FILTERS[rows]}
     kept = {
-        name: value if name in offered or name not in NAMES.values() else _none(value) for name, value in told.items()
+        name: value if name in offered or name not in WIRE_NAMES.values() else _none(value)
+        for name, value in told.items()
     }
     kept |= {"rows": rows, "status": [status for status in kept["status"] if status in STATUSES[rows]]}
     if told["format"] not in FORMATS[rows]:

@@ -13,7 +13,6 @@ from app.dashboard.forms import Fields
 from app.dashboard.one_study import in_study
 from app.dashboard.page import CurrentPage, Page
 from app.exports import background_exports
-from app.exports.api import NAMES
 from app.exports.data_dictionary import columns_for, key_of
 from app.exports.data_dictionary_api import get_data_dictionary
 from app.exports.export_files import answer_file
@@ -22,6 +21,7 @@ from app.exports.export_spec import ExportSpec, spec_of_json
 from app.exports.models import UNDER_WAY
 from app.exports.queries import AskedExport
 from app.http.ranges import answer_stored_file
+from app.http.tables.columns import WIRE_NAMES
 from app.people.access.page_rules import STUDY_PAGES
 
 router = APIRouter(include_in_schema=False)
@@ -139,8 +139,8 @@ def _shown(page: Page, asked: AskedExport) -> dict[str, Any]:
     told = export.spec["filters"]
     filters = {
         wire: ", ".join(told[name]) if isinstance(told[name], list) else told[name]
-        for name, wire in NAMES.items()
-        if name in told
+        for name, wire in WIRE_NAMES.items()
+        if name in told and name != "study_code"
     }
     return {
         "export": export,

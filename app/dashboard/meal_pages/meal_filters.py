@@ -4,15 +4,15 @@ A form sends a field that says nothing as ""; that is the same as no field.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from fastapi import Depends, Query
 from pydantic import BeforeValidator
 
-from app.exports.export_spec import FILTERS, ExportFilters, Rows
-from app.exports.lists.meal_page_queries import MealFilter
-from app.exports.lists.meals_api import MOST_VALUES, FoodKey, Word
+from app.exports.export_files import MOST_VALUES, FoodKey, Word, meal_filter
+from app.exports.export_spec import FILTERS, Rows
 from app.http.day_order import told_reversed
+from app.http.tables.columns import RowFilter
 from app.http.text_schemas import LocalDay
 from app.meals.models import AfterStatus, MealStatus
 
@@ -26,6 +26,7 @@ def _without_blanks(told: Any) -> Any:
     return [one for one in told if str(one).strip()] if isinstance(told, list) else told
 
 
+Value = TypeVar("Value")
 Blank = BeforeValidator(lambda told: None if isinstance(told, str) and not told.strip() else told)
 Blanks = BeforeValidator(_without_blanks)
 MORE = ("statuses", "flags", "origin", "needs", "failure_codes", "after_statuses")  # behind the form's first row
@@ -33,30 +34,12 @@ MORE = ("statuses", "flags", "origin", "needs", "failure_codes", "after_statuses
 
 @dataclass(frozen=True, slots=True)
 class MealFilters:
-    """What was asked for, checked. filters: without the study, which the page names."""
+    """What was asked for, checked."""
 
     study: str
-    filters: ExportFilters
+    filters: RowFilter
     order: Order
     view: View
-
-    @property
-    def of_list(self) -> MealFilter:
-        """For the list of meals."""
-        its = self.filters
-        return MealFilter(
-            study_code=self.study,
-            participant_code=its.participant_code,
-            first_day=its.first_day,
-            last_day=its.last_day,
-            statuses=its.statuses,
-            origin=its.origin,
-            failure_codes=its.failure_codes,
-            after_statuses=its.after_statuses,
-            food_keys=its.food_keys,
-            flags=its.flags,
-            needs="review" if its.needs == "review" else "answer" if its.needs == "answer" else None,
-        )
 
     @property
     def is_any(self) -> bool:
@@ -95,18 +78,16 @@ def meal_filters(
     view: View = "gallery",
 ) -> MealFilters:
     """The address's parameters; FastAPI refuses what is none."""
-    filters = ExportFilters(
-        study_code=study,
-        participant_code=participant.strip() if participant is not None else None,
-        first_day=first_day,
-        last_day=last_day,
-        food_keys=_each_once(food),
-        statuses=_each_once(status),
-        flags=_each_once(flag),
+    code = participant.strip() if participant is not None else None
+    filters = meal_filter(
+        RowFilter(study, code, first_day, last_day),
+        status=_each_once(status),
         origin=origin,
+        failure=_each_once(failure),
+        after_status=_each_once(after_status),
+        food=_each_once(food),
+        flag=_each_once(flag),
         needs=needs,
-        failure_codes=_each_once(failure),
-        after_statuses=_each_once(after_status),
     )
     return MealFilters(study, filters, order or "newest", view)
 
@@ -114,5 +95,5 @@ def meal_filters(
 Filters = Annotated[MealFilters, Depends(meal_filters)]
 
 
-def _each_once(told: list[Any] | None) -> tuple[Any, ...]:
-    return tuple(dict.fromkeys(told or ()))
+def _each_once(values: list[Value] | None) -> list[Value]:
+    return list(dict.fromkeys(values or ()))

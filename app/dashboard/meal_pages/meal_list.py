@@ -60,7 +60,7 @@ def get_meals(
     if chosen.told_reversed is not None:
         return _render(page, chosen, [], next_cursor=None, status=422)
     found = list_meals(
-        database, caller, chosen.of_list, order=chosen.order, cursor=cursor, limit=MEALS_A_PAGE[chosen.view]
+        database, caller, chosen.filters, order=chosen.order, cursor=cursor, limit=MEALS_A_PAGE[chosen.view]
     )
     return _render(page, chosen, [listed(row) for row in found.rows], next_cursor=found.cursor)
 

@@ -17,11 +17,10 @@ from app.dashboard.page import CurrentPage, Page
 from app.diary import day_summaries, diary
 from app.diary.api import word_of
 from app.diary.feedback import Feedback, read_feedback
-from app.diary.queries import DayFilter
 from app.diary.schemas import DayIn
 from app.diary.study_days import judge_day
 from app.exports.lists.list_meals import list_meals, sums_of
-from app.exports.lists.meal_page_queries import MealFilter
+from app.http.tables.columns import RowFilter
 from app.http.text_schemas import LocalDay
 from app.people import devices, participants
 from app.people.access.page_rules import STUDY_PAGES
@@ -110,9 +109,9 @@ def _participant(
     end = last or (feedback.date if feedback is not None else datetime.now(UTC).date())
     first = end - min(timedelta(days=WINDOW_DAYS - 1), end - date.min)
     caller = in_study(page)
-    chosen = DayFilter(study_code=study, participant_code=code, first_day=first, last_day=end)
+    chosen = RowFilter(study_code=study, participant_code=code, first_day=first, last_day=end)
     days = day_summaries.list_day_summaries(page.state.database, caller, chosen, cursor=None, limit=WINDOW_DAYS).rows
-    eaten = MealFilter(study_code=study, participant_code=code, first_day=first, last_day=end)
+    eaten = RowFilter(study_code=study, participant_code=code, first_day=first, last_day=end)
     meals = list_meals(page.state.database, caller, eaten, order="oldest", cursor=None, limit=MOST_MEALS)
     of_day = defaultdict(list)
     for row in meals.rows:

@@ -88,7 +88,7 @@ def get_nutrition_intake(request: Request, intake_id: LogicalId, state: State, c
     except ValueError:
         raise NotFoundError("There is no such NutritionIntake.") from None
     row = read_intake(state.database, caller, item_id)
-    return FhirJson(Intakes(names_of(request)).resource(row), headers={"ETag": f'W/"{row.record.change_seq}"'})
+    return FhirJson(Intakes(names_of(request)).resource(row), headers={"ETag": f'W/"{row.of.record.change_seq}"'})
 
 
 @router.get("/Patient/{patient_id}", responses=_responses("Patient", 401, 404, 406, 503))

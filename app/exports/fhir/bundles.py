@@ -18,7 +18,7 @@ def search_bundle(names: Names, asked: Asked, page: Page[IntakeRow]) -> dict[str
     if page.cursor is not None:
         links.append({"relation": "next", "url": _url(here, asked.used, page.cursor)})
     entries = [
-        {"fullUrl": f"{here}/{row.record.item_id}", "resource": intakes.resource(row), "search": {"mode": "match"}}
+        {"fullUrl": f"{here}/{row.of.record.item_id}", "resource": intakes.resource(row), "search": {"mode": "match"}}
         for row in page.rows
     ]
     if asked.ignored:

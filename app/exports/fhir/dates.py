@@ -6,13 +6,15 @@ local day. A date with a time is an instant, and must have an offset: without on
 
 import calendar
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta
-from typing import Literal
+from typing import Literal, TypeVar
 
 from app.core.errors import MalformedRequestError
+from app.exports.fhir.queries import IntakeFilter
 
-Prefix = Literal["eq", "ge", "le", "gt", "lt", "sa", "eb"]
+Prefix = Literal["eq", "ge", "le", "gt", "lt"]
+Moment = TypeVar("Moment", date, datetime)
 
 DAY = timedelta(days=1)
 DATE = re.compile(r"(\d{4})(?:-(\d{2})(?:-(\d{2}))?)?")
@@ -22,71 +24,53 @@ COMPARED: dict[str, Prefix] = {"eq": "eq", "ge": "ge", "le": "le", "gt": "gt", "
 UNSUPPORTED = ("ne", "ap")
 
 
-@dataclass(frozen=True, slots=True)
-class DateBounds:
-    """first_day and last_day: local days, both included; since <= instant < before. None: no bound."""
-
-    first_day: date | None = None
-    last_day: date | None = None
-    since: datetime | None = None
-    before: datetime | None = None
-
-    def narrowed(self, value: str) -> "DateBounds":
-        """These and what one more `date=` asks for. Raises MalformedRequestError (`search_parameter_invalid`)."""
-        prefix, text = (value[:2], value[2:]) if value[:2].isalpha() else ("eq", value)
-        if prefix in UNSUPPORTED:
-            raise bad_date(value, f"the prefix {prefix} is not supported; these are: {', '.join(COMPARED)}")
-        if prefix not in COMPARED:
-            raise bad_date(value, f"{prefix!r} is no prefix; these are: {', '.join(COMPARED)}")
-        try:
-            if DATE.fullmatch(text):
-                return self._with_days(COMPARED[prefix], *_days(text))
-            if TIME.fullmatch(text):
-                return self._with_instants(COMPARED[prefix], *_instants(value, text))
-        except (ValueError, OverflowError):
-            raise bad_date(value, "there is no such date") from None
-        raise bad_date(value, "write YYYY, YYYY-MM, YYYY-MM-DD or YYYY-MM-DDThh:mm:ss+hh:mm (+ is %2B in an address)")
-
-    def _with_days(self, prefix: Prefix, first: date, last: date) -> "DateBounds":
-        match prefix:
-            case "eq":
-                return self._within_days(first, last)
-            case "ge":
-                return self._within_days(first, None)
-            case "le":
-                return self._within_days(None, last)
-            case "gt":
-                return self._within_days(last + DAY, None)
-            case _:
-                return self._within_days(None, first - DAY)
-
-    def _with_instants(self, prefix: Prefix, start: datetime, end: datetime) -> "DateBounds":
-        match prefix:
-            case "eq":
-                return self._between(start, end)
-            case "ge":
-                return self._between(start, None)
-            case "le":
-                return self._between(None, end)
-            case "gt":
-                return self._between(end, None)
-            case _:
-                return self._between(None, start)
-
-    def _within_days(self, first: date | None, last: date | None) -> "DateBounds":
-        firsts = [day for day in (self.first_day, first) if day is not None]
-        lasts = [day for day in (self.last_day, last) if day is not None]
-        return replace(self, first_day=max(firsts, default=None), last_day=min(lasts, default=None))
-
-    def _between(self, since: datetime | None, before: datetime | None) -> "DateBounds":
-        starts = [instant for instant in (self.since, since) if instant is not None]
-        ends = [instant for instant in (self.before, before) if instant is not None]
-        return replace(self, since=max(starts, default=None), before=min(ends, default=None))
+def narrowed(bounds: IntakeFilter, value: str) -> IntakeFilter:
+    """Return these bounds and what one more `date=` asks for. Raises MalformedRequestError."""
+    prefix, text = (value[:2], value[2:]) if value[:2].isalpha() else ("eq", value)
+    if prefix in UNSUPPORTED:
+        raise bad_date(value, f"the prefix {prefix} is not supported; these are: {', '.join(COMPARED)}")
+    if prefix not in COMPARED:
+        raise bad_date(value, f"{prefix!r} is no prefix; these are: {', '.join(COMPARED)}")
+    try:
+        if DATE.fullmatch(text):
+            first, last = _ends(COMPARED[prefix], *_days(text), DAY)
+            return replace(
+                bounds, first_day=_latest(bounds.first_day, first), last_day=_earliest(bounds.last_day, last)
+            )
+        if TIME.fullmatch(text):
+            since, before = _ends(COMPARED[prefix], *_instants(value, text), timedelta())
+            return replace(bounds, since=_latest(bounds.since, since), before=_earliest(bounds.before, before))
+    except (ValueError, OverflowError):
+        raise bad_date(value, "there is no such date") from None
+    raise bad_date(value, "write YYYY, YYYY-MM, YYYY-MM-DD or YYYY-MM-DDThh:mm:ss+hh:mm (+ is %2B in an address)")
 
 
 def bad_date(value: str, why: str) -> MalformedRequestError:
     """The error for a `date` that cannot be read."""
     return MalformedRequestError(f"date={value}: {why}.", code="search_parameter_invalid", parameter="date")
+
+
+def _ends(prefix: Prefix, first: Moment, last: Moment, step: timedelta) -> tuple[Moment | None, Moment | None]:
+    """The ends of what is compared with a period. step: from an end to what lies beyond it."""
+    match prefix:
+        case "eq":
+            return first, last
+        case "ge":
+            return first, None
+        case "le":
+            return None, last
+        case "gt":
+            return last + step, None
+        case _:
+            return None, first - step
+
+
+def _latest(*moments: Moment | None) -> Moment | None:
+    return max((moment for moment in moments if moment is not None), default=None)
+
+
+def _earliest(*moments: Moment | None) -> Moment | None:
+    return min((moment for moment in moments if moment is not None), default=None)
 
 
 def _days(text: str) -> tuple[date, date]:

@@ -1,9 +1,7 @@
 """Records for FHIR: searched by person and date, read by id, and the person whom they are of, by code alone."""
 
-import json
 import uuid
-from dataclasses import asdict, dataclass
-from datetime import date, datetime
+from dataclasses import dataclass, replace
 
 from sqlalchemy.orm import Session
 
@@ -11,7 +9,7 @@ from app.core.errors import GoneError, MalformedRequestError, NotFoundError
 from app.db.session import Database
 from app.exports.fhir import queries as fhir_intakes
 from app.exports.fhir.queries import IntakeFilter, IntakeRow
-from app.http.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
+from app.http.cursors import ID, INSTANT, Page, decode_cursor, page_of
 from app.people import queries as people
 from app.people.access.caller import Caller, DeviceCaller, require_study, visible_studies
 from app.people.models import Participant, Study
@@ -27,19 +25,10 @@ class PersonName:
 
 @dataclass(frozen=True, slots=True)
 class IntakeSearch:
-    """What is asked for; None leaves a filter out.
+    """What is asked for. people: one of each group."""
 
-    people: one of each group. item_ids: one of these. The days are local ones, both included; since <= captured_at <
-    before. provisional: whether the amount may still change by an after-meal pair.
-    """
-
-    people: tuple[tuple[PersonName, ...], ...] = ()
-    item_ids: tuple[uuid.UUID, ...] | None = None
-    first_day: date | None = None
-    last_day: date | None = None
-    since: datetime | None = None
-    before: datetime | None = None
-    provisional: bool | None = None
+    people: tuple[tuple[PersonName, ...], ...]
+    chosen: IntakeFilter
 
 
 def search_intakes(
@@ -50,35 +39,26 @@ def search_intakes(
     Raises MalformedRequestError (`patient_ambiguous`), InvalidInputError for a cursor that is broken or of other
     filters.
     """
-    listed = "intakes " + json.dumps(asdict(asked), default=str, sort_keys=True)
+    listed = (
+        f"intakes {replace(asked, chosen=replace(asked.chosen, item_ids=None))} {sorted(asked.chosen.item_ids or ())}"
+    )
     after = decode_cursor(listed, cursor, INSTANT, ID)
     studies = visible_studies(caller)
     with database.read() as session:
-        chosen = IntakeFilter(
-            study_ids=studies,
-            participant_ids=_participants(session, caller, asked, studies),
-            item_ids=frozenset(asked.item_ids) if asked.item_ids is not None else None,
-            first_day=asked.first_day,
-            last_day=asked.last_day,
-            since=asked.since,
-            before=asked.before,
-            provisional=asked.provisional,
-        )
+        participants = _participants(session, caller, asked, studies)
+        chosen = replace(asked.chosen, study_ids=studies, participant_ids=participants)
         rows = fhir_intakes.page_of_intakes(session, chosen, after=after, limit=limit + 1)
-    if len(rows) <= limit:
-        return Page(rows, None)
-    last = rows[limit - 1].record
-    return Page(rows[:limit], encode_cursor(listed, last.captured_at, last.item_id))
+    return page_of(listed, rows, limit, lambda row: (row.of.record.captured_at, row.of.record.item_id))
 
 
 def read_intake(database: Database, caller: Caller, item_id: uuid.UUID) -> IntakeRow:
     """One record. Raises NotFoundError, GoneError (`record_rejected`: somebody said that it is no food)."""
     with database.read() as session:
         row = fhir_intakes.find_intake(session, item_id)
-    if row is None or (isinstance(caller, DeviceCaller) and row.record.participant_id != caller.participant_id):
+    if row is None or (isinstance(caller, DeviceCaller) and row.of.record.participant_id != caller.participant_id):
         raise NotFoundError("There is no such NutritionIntake.")
-    require_study(caller, row.record.study_id, "NutritionIntake")
-    if row.record.status == "rejected":
+    require_study(caller, row.of.record.study_id, "NutritionIntake")
+    if row.of.record.status == "rejected":
         raise GoneError("The record was rejected: nobody ate this.", code="record_rejected")
     return row
 

@@ -8,16 +8,16 @@ import uuid
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime
-from typing import Any
+from typing import NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
+from app.db.statements import AnyColumn
 from app.foods.models import Component, Food, FoodNutrient, FoodRelease
-from app.meals.models import Meal
 from app.meals.record_models import RECORD_STATUSES, EffectiveRecord
-from app.people.models import Participant, Study
 from app.records.page_queries import MOST_BRANCHES, Key, RecordSearch, all_studies, participants_of, within_days
+from app.records.queries import RecordRow, rows_of_page, rows_of_records
 
 STANDING = tuple(status for status in RECORD_STATUSES if status != "rejected")
 
@@ -61,17 +61,10 @@ class IntakeFood:
     contents: tuple[tuple[FoodComponent, float], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class IntakeRow:
-    """A record and what it is of. received_at: when the first of its meal arrived."""
+class IntakeRow(NamedTuple):
+    """A record, and the food that it is of."""
 
-    record: EffectiveRecord
-    meal_client_id: uuid.UUID
-    utc_offset_minutes: int
-    time_zone: str
-    received_at: datetime
-    study_code: str
-    participant_code: str
+    of: RecordRow
     food: IntakeFood | None
 
 
@@ -80,13 +73,13 @@ def page_of_intakes(session: Session, chosen: IntakeFilter, *, after: Key | None
     page = _keys(session, chosen, after, limit)
     if page is None:
         return []
-    query = _rows().join(page, page.c.item_id == EffectiveRecord.item_id)
-    return _with_foods(session, query.order_by(page.c.captured_at, page.c.item_id))
+    return _with_foods(session, rows_of_page(session, page))
 
 
 def find_intake(session: Session, item_id: uuid.UUID) -> IntakeRow | None:
     """One record, rejected or not."""
-    return next(iter(_with_foods(session, _rows().where(EffectiveRecord.item_id == item_id))), None)
+    rows = rows_of_records(session, [EffectiveRecord.item_id == item_id], (), 1)
+    return next(iter(_with_foods(session, rows)), None)
 
 
 def people_called(session: Session, code: str, studies: Collection[uuid.UUID] | None) -> list[uuid.UUID]:
@@ -101,7 +94,7 @@ def _keys(session: Session, chosen: IntakeFilter, after: Key | None, limit: int)
     if chosen.provisional is not None:
         rest.append(record.provisional.is_(chosen.provisional))
     is_on_sqlite = session.get_bind().dialect.name == "sqlite"
-    named: list[tuple[Any, Collection[uuid.UUID]]] = [
+    named: list[tuple[AnyColumn, Collection[uuid.UUID]]] = [
         (column, values)
         for column, values in (
             (record.item_id, chosen.item_ids),
@@ -168,49 +161,18 @@ def _between(since: datetime | None, before: datetime | None) -> list[sa.ColumnE
     return conditions
 
 
-def _rows() -> sa.Select[*tuple[Any, ...]]:
-    record = EffectiveRecord
-    return (
-        sa.select(
-            record,
-            Meal.client_id,
-            Meal.utc_offset_minutes,
-            Meal.time_zone,
-            Meal.received_at,
-            Study.code,
-            Participant.code,
-            Food,
-            FoodRelease.name + " " + FoodRelease.version,
+def _with_foods(session: Session, rows: Sequence[RecordRow]) -> list[IntakeRow]:
+    ids = {row.record.food_id for row in rows if row.record.food_id is not None}
+    contents = _contents(session, ids)
+    query = sa.select(Food, FoodRelease.name + " " + FoodRelease.version)
+    query = query.join(FoodRelease, FoodRelease.id == Food.release_id).where(Food.id.in_(ids))
+    foods = {
+        food.id: IntakeFood(
+            food.key, food.name, food.version, food.source_ids, release, tuple(contents.get(food.id, ()))
         )
-        .join(Meal, Meal.id == record.meal_id)
-        .join(Study, Study.id == record.study_id)
-        .join(Participant, Participant.id == record.participant_id)
-        .outerjoin(Food, Food.id == record.food_id)
-        .outerjoin(FoodRelease, FoodRelease.id == Food.release_id)
-    )
-
-
-def _with_foods(session: Session, query: sa.Select[*tuple[Any, ...]]) -> list[IntakeRow]:
-    rows = session.execute(query).all()
-    contents = _contents(session, {row[-2].id for row in rows if row[-2] is not None})
-    foods: dict[int, IntakeFood] = {}
-    for *_, food, release in rows:
-        if food is not None and food.id not in foods:
-            known = tuple(contents.get(food.id, ()))
-            foods[food.id] = IntakeFood(food.key, food.name, food.version, food.source_ids, release, known)
-    return [
-        IntakeRow(
-            record=record,
-            meal_client_id=meal,
-            utc_offset_minutes=offset,
-            time_zone=time_zone,
-            received_at=received_at,
-            study_code=study,
-            participant_code=participant,
-            food=foods[food.id] if food is not None else None,
-        )
-        for record, meal, offset, time_zone, received_at, study, participant, food, _ in rows
-    ]
+        for food, release in session.execute(query)
+    }
+    return [IntakeRow(row, foods[row.record.food_id] if row.record.food_id is not None else None) for row in rows]
 
 
 def _contents(session: Session, food_ids: Collection[int]) -> dict[int, list[tuple[FoodComponent, float]]]:

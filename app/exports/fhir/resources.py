@@ -16,6 +16,7 @@ from app.foods.food_amounts import RECORD_COLUMNS
 from app.meals.record_models import EffectiveRecord
 from app.nutrition.components import COMPONENT_BY_NUMBER, Component
 from app.people.models import Participant
+from app.records.queries import RecordRow
 
 Resource = dict[str, Any]
 
@@ -36,9 +37,9 @@ class Intakes:
         self._names = names
         self._nutrients: dict[str, Resource] = {}
 
-    def resource(self, row: IntakeRow) -> Resource:
+    def resource(self, intake: IntakeRow) -> Resource:
         """The NutritionIntake of a record."""
-        names, record = self._names, row.record
+        names, row, record = self._names, intake.of, intake.of.record
         local = timezone(timedelta(minutes=row.utc_offset_minutes))
         found: Resource = {
             "resourceType": "NutritionIntake",
@@ -68,16 +69,16 @@ class Intakes:
             "consumedItem": [
                 {
                     "type": {"text": "Food or drink"},
-                    "nutritionProduct": {"concept": self._food(row.food)},
+                    "nutritionProduct": {"concept": self._food(intake.food)},
                     "amount": self._amount(record),
                 }
             ],
         }
-        labels = list(self._labels(record, row.food))
+        labels = list(self._labels(record, intake.food))
         notes = list(_notes(record))
         return found | ({"ingredientLabel": labels} if labels else {}) | ({"note": notes} if notes else {})
 
-    def _reported(self, row: IntakeRow) -> Resource:
+    def _reported(self, row: RecordRow) -> Resource:
         """Declared: the participant told it. Added: somebody saw it in the photographs. Else it was measured there."""
         if row.record.origin == "declared":
             return {"reportedReference": subject_of(self._names, row.study_code, row.participant_code)}

@@ -10,9 +10,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from app.core.errors import MalformedRequestError
-from app.exports.fhir.dates import DateBounds
+from app.exports.fhir.dates import narrowed
 from app.exports.fhir.fhir_intakes import IntakeSearch, PersonName
 from app.exports.fhir.names import EVENT_STATUS, Names, person_of_id, person_of_token
+from app.exports.fhir.queries import IntakeFilter
 
 DEFAULT_COUNT, MOST_COUNT = 50, 100
 MOST_VALUES = 50  # of one parameter, comma between
@@ -40,8 +41,7 @@ class Asked:
 class _Reading:
     names: Names
     people: list[tuple[PersonName, ...]] = field(default_factory=list)
-    bounds: DateBounds = field(default_factory=DateBounds)
-    item_ids: set[uuid.UUID] | None = None
+    chosen: IntakeFilter = field(default_factory=IntakeFilter)
     provisional: set[bool] = field(default_factory=lambda: {True, False})
     count: int = DEFAULT_COUNT
     cursor: str | None = None
@@ -82,17 +82,12 @@ def _is_known(name: str, value: str) -> bool:
 
 
 def _search(reading: _Reading) -> IntakeSearch:
-    search = IntakeSearch(
-        people=tuple(reading.people),
-        item_ids=tuple(sorted(reading.item_ids)) if reading.item_ids is not None else None,
-        first_day=reading.bounds.first_day,
-        last_day=reading.bounds.last_day,
-        since=reading.bounds.since,
-        before=reading.bounds.before,
-    )
+    chosen = reading.chosen
     if not reading.provisional:
-        return replace(search, item_ids=())  # a state that no record is in
-    return replace(search, provisional=reading.provisional.pop() if len(reading.provisional) == 1 else None)
+        chosen = replace(chosen, item_ids=frozenset())  # a state that no record is in
+    elif len(reading.provisional) == 1:
+        chosen = replace(chosen, provisional=reading.provisional.pop())
+    return IntakeSearch(tuple(reading.people), chosen)
 
 
 def _read_person(reading: _Reading, name: str, value: str) -> None:
@@ -117,7 +112,7 @@ def _read_person_token(reading: _Reading, name: str, value: str) -> None:
 def _read_date(reading: _Reading, name: str, value: str) -> None:
     if "," in value:
         raise _invalid(name, "takes one value; several of them must all be met")
-    reading.bounds = reading.bounds.narrowed(value)
+    reading.chosen = narrowed(reading.chosen, value)
 
 
 def _read_status(reading: _Reading, name: str, value: str) -> None:
@@ -129,9 +124,11 @@ def _read_status(reading: _Reading, name: str, value: str) -> None:
 
 
 def _read_ids(reading: _Reading, name: str, value: str) -> None:
-    found = {_id(text) for text in _values(name, value)} - {None}
-    named = {each for each in found if each is not None}
-    reading.item_ids = named if reading.item_ids is None else reading.item_ids & named
+    found = (_id(text) for text in _values(name, value))
+    named = frozenset(each for each in found if each is not None)
+    if reading.chosen.item_ids is not None:
+        named &= reading.chosen.item_ids
+    reading.chosen = replace(reading.chosen, item_ids=named)
 
 
 def _read_identifier(reading: _Reading, name: str, value: str) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
+from app.db.statements import AnyColumn
 from app.diary.models import DiaryDay
 from app.meals.record_models import EffectiveRecord
 from app.people.models import Participant
@@ -81,7 +82,9 @@ def _erased(session: Session, study_id: uuid.UUID, after: Place, limit: int) -> 
     return [Change(Place(row.change_seq or 0, "erased", row.digest), row) for row in session.scalars(query)]
 
 
-def _behind(after: Place, kind: str, change_seq: Any, column: Any, key: Any) -> sa.ColumnElement[bool]:
+def _behind(
+    after: Place, kind: str, change_seq: AnyColumn, column: AnyColumn, key: uuid.UUID | str | None
+) -> sa.ColumnElement[bool]:
     """Rows of a kind behind a place: of later changes, and of the same change those that come after it there."""
     if KINDS.index(kind) > KINDS.index(after.kind):
         return sa.and_(change_seq >= after.change_seq)

@@ -4,20 +4,19 @@ And what a gallery asks beside them: how many there are of each status, which of
 are gone.
 """
 
-import json
 import math
 import uuid
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal
 
 from app.db.session import Database
 from app.exports.lists import meal_row_queries as meal_rows
-from app.exports.lists.meal_page_queries import MealFilter
 from app.exports.lists.meal_row_queries import MealRow
-from app.http.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
-from app.people.access.caller import Caller, DeviceCaller, visible_studies
+from app.http.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor, list_name, page_of
+from app.http.tables.columns import RowFilter
+from app.people.access.caller import Caller, visible_rows
 from app.records.queries import FoodName
 
 Order = Literal["newest", "oldest"]
@@ -56,28 +55,20 @@ class StatusCount:
 
 
 def list_meals(
-    database: Database, caller: Caller, chosen: MealFilter, *, order: Order, cursor: str | None, limit: int
+    database: Database, caller: Caller, chosen: RowFilter, *, order: Order, cursor: str | None, limit: int
 ) -> Page[MealRow]:
     """One page. Raises InvalidInputError for a cursor that is broken or of other filters."""
-    chosen = visible_meals(caller, chosen)
-    after = decode_cursor(_listed(chosen, order), cursor, INSTANT, ID)
+    chosen = visible_rows(caller, chosen)
+    listed = list_name(f"meals {order}", chosen)
+    after = decode_cursor(listed, cursor, INSTANT, ID)
     with database.read() as session:
         rows = meal_rows.page_of_meals(session, chosen, after=after, limit=limit + 1, is_newest_first=order == "newest")
-    if len(rows) <= limit:
-        return Page(rows, None)
-    last = rows[limit - 1].meal
-    return Page(rows[:limit], cursor_behind(chosen, order, last.captured_at, last.id))
+    return page_of(listed, rows, limit, lambda row: (row.meal.captured_at, row.meal.id))
 
 
-def cursor_behind(visible: MealFilter, order: Order, captured_at: datetime, meal_id: uuid.UUID) -> str:
-    """The cursor of the page behind a place in the list, whether or not a meal is there. visible: visible_meals."""
-    return encode_cursor(_listed(visible, order), captured_at, meal_id)
-
-
-def visible_meals(caller: Caller, chosen: MealFilter) -> MealFilter:
-    """Of these the ones that the caller may see: a phone its participant's only, staff those of their studies."""
-    visible = replace(chosen, study_ids=visible_studies(caller))
-    return replace(visible, participant_id=caller.participant_id) if isinstance(caller, DeviceCaller) else visible
+def cursor_behind(visible: RowFilter, order: Order, captured_at: datetime, meal_id: uuid.UUID) -> str:
+    """Return the cursor of the page behind a place in the list, whether or not a meal is there."""
+    return encode_cursor(list_name(f"meals {order}", visible), captured_at, meal_id)
 
 
 def sums_of(row: MealRow) -> MealSums:
@@ -127,8 +118,3 @@ def missing_meals(
     with database.read() as session:
         there = meal_rows.meals_there(session, study_id, [client_id for _, client_id in known])
     return [key for key in known if key not in there]
-
-
-def _listed(visible: MealFilter, order: Order) -> str:
-    asked = asdict(replace(visible, study_ids=None))  # what the caller may see is no filter of theirs
-    return f"meals {order} " + json.dumps(asked, default=str, sort_keys=True)

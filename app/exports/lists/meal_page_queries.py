@@ -11,15 +11,16 @@ import uuid
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, time
-from typing import Any, Literal
+from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
+from app.db.statements import AnyColumn, Condition, Conditions
+from app.http.tables.columns import RowFilter
 from app.meals.models import MEAL_ORIGINS, MEAL_STATUSES, Meal
 from app.meals.record_models import EffectiveRecord
 from app.records import conditions as conditions_of
-from app.records.conditions import Condition, Conditions
 from app.records.page_queries import (
     CALENDAR,
     EASTERNMOST,
@@ -39,33 +40,8 @@ MOST_LISTS = 2000  # of flags in a study, and
 MOST_STUDIES_FLAGGED = 64  # studies in which they are looked up; with more the meals are read in their order
 SAMPLED = 1000  # meals of each filter are looked at, to read along the one that has the fewest
 
-Needs = Literal["review", "answer"]
 Span = tuple[datetime | None, datetime | None]  # both included; None: no bound
 ALWAYS: Span = (None, None)
-
-
-@dataclass(frozen=True, slots=True)
-class MealFilter:
-    """Which meals: None, or an empty tuple, leaves a filter out. first_day and last_day: local days, both included.
-
-    statuses, failure_codes, after_statuses, food_keys, flags: one of these. food_keys, flags: of a record that holds
-    (not rejected). needs: "review", it has a record that holds and that no reviewer has spoken of, as the review queue
-    has it; "answer", a question to the participant is open.
-    """
-
-    study_code: str | None = None
-    participant_code: str | None = None
-    participant_id: uuid.UUID | None = None
-    study_ids: frozenset[uuid.UUID] | None = None
-    first_day: date | None = None
-    last_day: date | None = None
-    statuses: tuple[str, ...] = ()
-    origin: str | None = None
-    failure_codes: tuple[str, ...] = ()
-    after_statuses: tuple[str, ...] = ()
-    food_keys: tuple[str, ...] = ()
-    flags: tuple[str, ...] = ()
-    needs: Needs | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,12 +54,12 @@ class _Asked:
 
     stream: Stream | None
     of_meal: Conditions = ()
-    of_record: Callable[[Any], Condition] | None = None
+    of_record: Callable[[type[EffectiveRecord]], Condition] | None = None
     is_of_questions: bool = False
 
 
 def search_of(
-    session: Session, chosen: MealFilter, *, after: Key | None = None, is_newest_first: bool = True
+    session: Session, chosen: RowFilter, *, after: Key | None = None, is_newest_first: bool = True
 ) -> MealSearch | None:
     """The filter as it is searched for; None: it names what is not there, or what the caller may not see.
 
@@ -120,7 +96,7 @@ def search_of(
 
 
 def pages_of_keys(
-    session: Session, chosen: MealFilter, *, size: int = 1000, is_newest_first: bool = False
+    session: Session, chosen: RowFilter, *, size: int = 1000, is_newest_first: bool = False
 ) -> Iterator[list[Key]]:
     """All meals of a filter, page by page, each in its order: what an export reads on, in its one transaction."""
     search = search_of(session, chosen, is_newest_first=is_newest_first)
@@ -141,7 +117,7 @@ def keys_of(session: Session, search: MealSearch, after: Key | None, limit: int,
     return sorted(((instant, meal) for instant, meal in found), reverse=is_newest_first)
 
 
-def within_days(model: type[Meal | EffectiveRecord], chosen: MealFilter) -> Conditions:
+def within_days(model: type[Meal | EffectiveRecord], chosen: RowFilter) -> Conditions:
     """The local days exactly, and bounds of the instant around them, by which an index is entered and left."""
     earliest, latest = CALENDAR
     found: list[Condition] = []
@@ -158,7 +134,7 @@ def within_days(model: type[Meal | EffectiveRecord], chosen: MealFilter) -> Cond
 
 def _asked(
     session: Session,
-    chosen: MealFilter,
+    chosen: RowFilter,
     studies: Sequence[uuid.UUID],
     foods: Sequence[int] | None,
     *,
@@ -167,7 +143,9 @@ def _asked(
     """Each filter beside study, participant and days."""
     record = EffectiveRecord
 
-    def stream(model: Any, keys: tuple[Any, ...], *values: Sequence[Any], part: Conditions = ()) -> Stream | None:
+    def stream(
+        model: type[Meal | EffectiveRecord], keys: tuple[AnyColumn, ...], *values: Sequence[Any], part: Conditions = ()
+    ) -> Stream | None:
         return _stream(model, keys, list(itertools.product(*values)), part, is_on_sqlite=is_on_sqlite)
 
     if chosen.statuses or chosen.origin is not None:
@@ -198,7 +176,7 @@ def _asked(
         yield _Asked(asked, is_of_questions=True)
 
 
-def _flagged(session: Session, chosen: MealFilter, studies: Sequence[uuid.UUID], *, is_on_sqlite: bool) -> _Asked:
+def _flagged(session: Session, chosen: RowFilter, studies: Sequence[uuid.UUID], *, is_on_sqlite: bool) -> _Asked:
     """An index by whole lists of flags: of the lists that a study's records have, those with one of the flags."""
     record, flags = EffectiveRecord, sorted(set(chosen.flags))
     asked = _Asked(None, of_record=lambda its: conditions_of.has_flag(its.flags, flags, is_on_sqlite=is_on_sqlite))
@@ -216,7 +194,12 @@ def _flagged(session: Session, chosen: MealFilter, studies: Sequence[uuid.UUID],
 
 
 def _stream(
-    model: Any, keys: tuple[Any, ...], branches: Sequence[Branch], part: Conditions, *, is_on_sqlite: bool
+    model: type[Meal | EffectiveRecord],
+    keys: tuple[AnyColumn, ...],
+    branches: Sequence[Branch],
+    part: Conditions,
+    *,
+    is_on_sqlite: bool,
 ) -> Stream | None:
     most = MOST_BRANCHES if is_on_sqlite else MOST_BY_ARRAYS
     return Stream(model, keys, branches, part) if len(branches) <= most else None
@@ -232,7 +215,7 @@ class _Searching:
     """Which of several filters to read along, for one page."""
 
     session: Session
-    chosen: MealFilter
+    chosen: RowFilter
     after: Key | None
     is_newest_first: bool
     is_on_sqlite: bool

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import sqlalchemy as sa
 from sqlalchemy.orm import Session, defer
 
-from app.exports.lists.meal_page_queries import MealFilter, keys_of, search_of
+from app.exports.lists.meal_page_queries import keys_of, search_of
 from app.foods.models import Food
+from app.http.tables.columns import RowFilter
 from app.meals.models import MEAL_STATUSES, Meal, MealImage
 from app.meals.record_models import EffectiveRecord, Item
 from app.people.models import Participant, Study
@@ -51,7 +52,7 @@ class MealRow:
 
 
 def page_of_meals(
-    session: Session, chosen: MealFilter, *, after: Key | None, limit: int, is_newest_first: bool = True
+    session: Session, chosen: RowFilter, *, after: Key | None, limit: int, is_newest_first: bool = True
 ) -> list[MealRow]:
     """At most `limit` meals by (captured_at, id), those behind `after`."""
     search = search_of(session, chosen, after=after, is_newest_first=is_newest_first)

@@ -4,7 +4,7 @@ import uuid
 from typing import Annotated, Literal
 from urllib.parse import quote
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import JSONResponse, Response
 from pydantic import StringConstraints
 
@@ -16,11 +16,10 @@ from app.exports.export_files import (
     LayoutIn,
     ProvenanceIn,
     answer_file,
-    file_format,
+    file_spec,
+    meal_filter,
 )
-from app.exports.export_spec import ExportFilters, ExportSpec
 from app.exports.lists.list_meals import MOST_WATCHED, changed_meals, count_meals, list_meals, sums_of
-from app.exports.lists.meal_page_queries import MealFilter
 from app.exports.lists.meal_row_queries import MealRow
 from app.exports.lists.meal_schemas import (
     ChangedMeals,
@@ -30,11 +29,10 @@ from app.exports.lists.meal_schemas import (
     MealPage,
     StatusCountOut,
 )
-from app.http.day_order import require_order
 from app.http.paging import Cursor, Limit, next_page
-from app.http.parameters import FirstDay, LastDay, OfParticipant, OfStudy, StudyCode
+from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
-from app.meals.models import AfterStatus, MealOrigin, MealStatus
+from app.http.tables.columns import RowFilter
 from app.people.access.caller import Caller, DeviceCaller
 from app.people.access.deps import CurrentCaller, CurrentStaff, State
 from app.people.studies import read_study
@@ -42,10 +40,7 @@ from app.records.render import food_ref
 
 router = APIRouter(prefix="/v1", tags=["meals"])
 
-FoodKey = Annotated[str, StringConstraints(max_length=100)]
-Word = Annotated[str, StringConstraints(max_length=64, pattern="^[a-z0-9_]+$")]
 Known = Annotated[str, StringConstraints(max_length=50, pattern=r"^[0-9A-Fa-f-]{32,36}:[0-9]{1,9}$")]
-MOST_VALUES = 10  # of one filter, any of which will do
 
 
 @router.get(
@@ -60,34 +55,7 @@ def get_meals(
     request: Request,
     state: State,
     caller: CurrentCaller,
-    study: OfStudy = None,
-    participant: OfParticipant = None,
-    first_day: FirstDay = None,
-    last_day: LastDay = None,
-    status: Annotated[
-        list[MealStatus] | None, Query(max_length=7, description="The meals' status; any of several.")
-    ] = None,
-    origin: Annotated[
-        MealOrigin | None,
-        Query(description="Whether the meal was photographed, or declared without photographs."),
-    ] = None,
-    failure: Annotated[
-        list[Word] | None, Query(max_length=MOST_VALUES, description="A failure's code; any of several.")
-    ] = None,
-    after_status: Annotated[
-        list[AfterStatus] | None, Query(max_length=7, description="How the after-meal pair stands; any of several.")
-    ] = None,
-    food: Annotated[
-        list[FoodKey] | None,
-        Query(max_length=MOST_VALUES, description="The key of a food of an item; any of several."),
-    ] = None,
-    flag: Annotated[
-        list[Word] | None, Query(max_length=MOST_VALUES, description="A flag of an item; any of several.")
-    ] = None,
-    needs: Annotated[
-        Literal["review", "answer"] | None,
-        Query(description="review: an item is in the review queue; answer: a question to the participant is open."),
-    ] = None,
+    chosen: Annotated[RowFilter, Depends(meal_filter)],
     order: Annotated[Literal["newest", "oldest"], Query(description="Which come first.")] = "newest",
     limit: Limit = 100,
     cursor: Cursor = None,
@@ -100,37 +68,9 @@ def get_meals(
 
     A file has all that the filters leave, of one moment, the oldest first.
     """
-    output = file_format(request, output, layout, components)
-    if output is not None:
-        filters = ExportFilters(
-            study,
-            participant,
-            first_day,
-            last_day,
-            food_keys=tuple(food or ()),
-            statuses=tuple(status or ()),
-            flags=tuple(flag or ()),
-            origin=origin,
-            needs=needs,
-            failure_codes=tuple(failure or ()),
-            after_statuses=tuple(after_status or ()),
-        )
-        spec = ExportSpec("meals", layout, output, components, filters, provenance)
+    spec = file_spec(request, "meals", chosen, output, layout, components, provenance=provenance)
+    if spec is not None:
         return answer_file(state, caller, spec, "meals")
-    require_order(first_day, last_day)
-    chosen = MealFilter(
-        study_code=study,
-        participant_code=participant,
-        first_day=first_day,
-        last_day=last_day,
-        statuses=tuple(status or ()),
-        origin=origin,
-        failure_codes=tuple(failure or ()),
-        after_statuses=tuple(after_status or ()),
-        food_keys=tuple(food or ()),
-        flags=tuple(flag or ()),
-        needs=needs,
-    )
     page = list_meals(state.database, caller, chosen, order=order, cursor=cursor, limit=limit)
     body = MealPage(items=[render_meal_row(row, caller) for row in page.rows], next=next_page(request, page.cursor))
     return JSONResponse(body.model_dump(mode="json"))

@@ -3,12 +3,9 @@
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse, Response
 
-from app.exports.export_files import FILES, Format, answer_file, file_format
-from app.exports.export_spec import ExportFilters, ExportSpec
+from app.exports.export_files import FILES, Format, answer_file, day_filter, file_spec
 from app.exports.lists.list_photographs import list_photographs
-from app.exports.lists.meal_page_queries import MealFilter
 from app.exports.lists.photograph_schemas import PhotographOut, PhotographPage
-from app.http.day_order import require_order
 from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import FirstDay, LastDay, OfParticipant, StudyCode
 from app.http.problems import problem_responses
@@ -38,12 +35,12 @@ def get_photographs(
     output: Format = None,
 ) -> Response:
     """A row a photograph with its hashes. `limit` is of meals: a page has all photographs of so many."""
-    output = file_format(request, output)
-    if output is not None:
-        filters = ExportFilters(study, participant, first_day, last_day)
-        return answer_file(state, caller, ExportSpec("photographs", output=output, filters=filters), "photographs")
-    require_order(first_day, last_day)
-    chosen = MealFilter(study_code=study, participant_code=participant, first_day=first_day, last_day=last_day)
+    chosen = day_filter(study, participant, first_day, last_day)
+    spec = file_spec(request, "photographs", chosen, output)
+    if spec is not None:
+        return answer_file(state, caller, spec, "photographs")
     page = list_photographs(state.database, caller, chosen, cursor=cursor, limit=limit)
-    body = PhotographPage(items=[PhotographOut(**row) for row in page.rows], next=next_page(request, page.cursor))
+    body = PhotographPage(
+        items=[PhotographOut.model_validate(row) for row in page.rows], next=next_page(request, page.cursor)
+    )
     return JSONResponse(body.model_dump(mode="json"))

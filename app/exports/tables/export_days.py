@@ -3,13 +3,13 @@
 import uuid
 from collections.abc import Iterator, Sequence
 from datetime import date
-from itertools import islice
-from typing import Any, Literal
+from itertools import chain, islice
+from typing import Literal
 
 from sqlalchemy.orm import Session
 
 from app.diary.day_summaries import all_day_summaries
-from app.diary.queries import DayFilter, DayRow
+from app.diary.queries import DayRow
 from app.diary.study_days import StudyDay, judge_day
 from app.exports.export_spec import ExportSpec
 from app.exports.tables.export_components import (
@@ -21,10 +21,10 @@ from app.exports.tables.export_components import (
     long_batch,
     sums,
 )
-from app.exports.tables.export_table import Table
+from app.exports.tables.export_table import Readers, Table, batch_of, named_cells
 from app.exports.tables.meal_queries import records_of_days
 from app.http.tables import day_columns as of_day
-from app.http.tables.columns import Batch, Part, PartOfBatch
+from app.http.tables.columns import Batch, Cell, PartOfBatch, Row
 from app.http.tables.component_columns import KNOWN, LONG_SUM, OF_COMPONENT, ComponentColumn, wide_sums
 from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.access.caller import Caller
@@ -40,44 +40,33 @@ def day_table(session: Session, caller: Caller, spec: ExportSpec) -> Table:
     sums_of_all = (wide_sums(components),) if is_all and components else ()
 
     def batches() -> Iterator[Batch]:
-        for days in _batches(all_day_summaries(session, caller, _filter(spec))):
-            values = _values(days)
-            found = _sums_of(session, days, contents, components) if is_all else headline_sums(days)
+        for days in _batches(all_day_summaries(session, caller, spec.filters)):
+            sums_of_days = _sums_of(session, days, contents, components) if is_all else list(map(_headline_sums, days))
             if spec.layout == "wide":
-                values |= {part: [[value for pair in its for value in pair] for its in found] for part in sums_of_all}
-                yield [PartOfBatch(part, values[part]) for part in (*of_day.DAY_PARTS, *sums_of_all)]
+                batch = batch_of(of_day.DAY_PARTS, READERS, days)
+                yield batch + [
+                    PartOfBatch(part, [tuple(chain(*pairs)) for pairs in sums_of_days]) for part in sums_of_all
+                ]
             elif components:
-                own = [PartOfBatch(part, values[part]) for part in of_day.OF_LONG]
-                yield long_batch(own, components, found, LONG_SUM)
+                yield long_batch(batch_of(of_day.OF_LONG, READERS, days), components, sums_of_days, LONG_SUM)
 
     long = (*of_day.OF_LONG, OF_COMPONENT, LONG_SUM, KNOWN)
     return Table((*of_day.DAY_PARTS, *sums_of_all) if spec.layout == "wide" else long, batches())
 
 
-def day_values(day: StudyDay) -> dict[str, Any]:
+def day_values(day: StudyDay) -> dict[str, Cell]:
     """A day's columns by name, as JSON and files have them."""
-    values = _values([day])
-    names = [column.name for part in of_day.DAY_PARTS for column in part.columns]
-    row = [value for part in of_day.DAY_PARTS for value in next(iter(PartOfBatch(part, values[part]).as_tuples()))]
-    return dict(zip(names, row, strict=True))
+    return named_cells(of_day.DAY_PARTS, READERS, day)
 
 
-def headline_sums(days: Sequence[StudyDay]) -> list[Sums]:
-    """Of each day, of the ten that records have themselves: as the database has summed them."""
-    return [[(its.value, its.coverage) for its in map(day.row.amount, HEADLINE_COLUMNS)] for day in days]
+def _headline_sums(day: StudyDay) -> Sums:
+    """Of the ten that records have themselves, as the database has summed them."""
+    return [day.row.amount(name) for name in HEADLINE_COLUMNS]
 
 
-def _values(days: Sequence[StudyDay]) -> dict[Part, Sequence[Any]]:
-    """The rows of each part."""
-    judged = [judge_day(day.row) for day in days]
-    return {
-        of_day.WHOSE: [(day.row.study_code, day.row.participant_code) for day in days],
-        of_day.WHICH: [str(day.row.local_date) for day in days],
-        of_day.STANDING: [(day.number, day.row.status, day.row.ate_nothing, decided_by(day.row)) for day in days],
-        of_day.COUNTS: [_counts(day.row) for day in days],
-        of_day.SUMS: [[value for pair in its for value in pair] for its in headline_sums(days)],
-        of_day.PLAUSIBLE: [(each.ratio, each.verdict) for each in judged],
-    }
+def _plausible(day: StudyDay) -> Row:
+    judged = judge_day(day.row)
+    return judged.ratio, judged.verdict
 
 
 def decided_by(row: DayRow) -> Literal["participant", "reviewer"] | None:
@@ -87,7 +76,8 @@ def decided_by(row: DayRow) -> Literal["participant", "reviewer"] | None:
     return "reviewer" if row.is_by_reviewer else "participant"
 
 
-def _counts(row: DayRow) -> tuple[float | int | None, ...]:
+def _counts(day: StudyDay) -> Row:
+    row = day.row
     return (
         row.meals,
         row.meals_after_closing,
@@ -99,6 +89,16 @@ def _counts(row: DayRow) -> tuple[float | int | None, ...]:
         row.leftovers_unknown_items,
         0.0 if row.is_nothing else row.consumed_g,
     )
+
+
+READERS: Readers[StudyDay] = {
+    of_day.WHOSE: lambda day: (day.row.study_code, day.row.participant_code),
+    of_day.WHICH: lambda day: str(day.row.local_date),
+    of_day.STANDING: lambda day: (day.number, day.row.status, day.row.ate_nothing, decided_by(day.row)),
+    of_day.COUNTS: _counts,
+    of_day.SUMS: lambda day: tuple(chain(*_headline_sums(day))),
+    of_day.PLAUSIBLE: _plausible,
+}
 
 
 def _sums_of(
@@ -126,13 +126,3 @@ def _sums_of(
 def _batches(days: Iterator[StudyDay]) -> Iterator[list[StudyDay]]:
     while batch := list(islice(days, DAYS_A_BATCH)):
         yield batch
-
-
-def _filter(spec: ExportSpec) -> DayFilter:
-    filters = spec.filters
-    return DayFilter(
-        study_code=filters.study_code,
-        participant_code=filters.participant_code,
-        first_day=filters.first_day,
-        last_day=filters.last_day,
-    )

@@ -1,17 +1,16 @@
 """The table of items: a row an effective record, or a row a component of it."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import cast
 
 from sqlalchemy.orm import Session
 
 from app.exports.export_spec import ExportSpec
-from app.exports.lists.list_records import visible_records
-from app.exports.tables.export_components import HEADLINE_COMPONENTS, FoodContents, components_for, long_batch
+from app.exports.tables.export_components import HEADLINE_COMPONENTS, Amounts, FoodContents, components_for, long_batch
 from app.exports.tables.export_provenance import Provenance
 from app.exports.tables.export_table import Table
-from app.exports.tables.record_queries import Keys, export_batches
-from app.http.tables.columns import Batch, Part, PartOfBatch, rows_of
+from app.exports.tables.record_queries import Keys, More, export_batches
+from app.http.tables.columns import Batch, Cells, Part, PartOfBatch, rows_of
 from app.http.tables.component_columns import KNOWN, LONG_AMOUNT, OF_COMPONENT, wide_part
 from app.http.tables.geojson_rows import POINT
 from app.http.tables.record_columns import (
@@ -25,8 +24,8 @@ from app.http.tables.record_columns import (
     RECORD_PARTS,
     STATE,
 )
-from app.people.access.caller import Caller
-from app.records.page_queries import RecordFilter, search_of
+from app.people.access.caller import Caller, visible_rows
+from app.records.page_queries import search_of
 
 CONSUMED = Part("numbers", (CONSUMED_G,))
 OF_LONG = (RECORD_ID, OF_MEAL, STATE, OF_FOOD)
@@ -37,7 +36,7 @@ def item_table(session: Session, caller: Caller, spec: ExportSpec) -> Table:
     if spec.layout == "long":
         return _long(session, caller, spec)
     parts: tuple[Part, ...] = (*RECORD_PARTS, *PROVENANCE_PARTS) if spec.provenance else RECORD_PARTS
-    gives: list[Any] = [Provenance(session)] if spec.provenance else []
+    gives: list[More] = [Provenance(session)] if spec.provenance else []
     if spec.components == "all":
         components = components_for(session, caller, spec)
         part, contents = wide_part(components), FoodContents(session, components)
@@ -46,14 +45,14 @@ def item_table(session: Session, caller: Caller, spec: ExportSpec) -> Table:
             gives.append(lambda keys: {part: rows_of(part, contents.amounts(keys.food_ids, keys.consumed_g))})
     wanted = (*parts, POINT) if spec.output == "geojson" else parts
 
-    def more(keys: Keys) -> Mapping[Part, Sequence[Any]]:
-        found: dict[Part, Sequence[Any]] = {}
+    def more(keys: Keys) -> Mapping[Part, Cells]:
+        found: dict[Part, Cells] = {}
         for give in gives:
             found |= give(keys)
         return found
 
     def batches() -> Iterator[Batch]:
-        yield from export_batches(session, search_of(session, _filter(caller, spec)), wanted, more)
+        yield from export_batches(session, search_of(session, visible_rows(caller, spec.filters)), wanted, more)
 
     return Table(parts, batches())
 
@@ -66,20 +65,22 @@ def _long(session: Session, caller: Caller, spec: ExportSpec) -> Table:
     def batches() -> Iterator[Batch]:
         kept: list[Keys] = []
 
-        def more(keys: Keys) -> Mapping[Part, Sequence[Any]]:
+        def more(keys: Keys) -> Mapping[Part, Cells]:
             kept[:] = [keys]
             return {CONSUMED: keys.consumed_g}
 
-        search = search_of(session, _filter(caller, spec))
+        search = search_of(session, visible_rows(caller, spec.filters))
         for *own, of_record in export_batches(session, search, (*OF_LONG, CONSUMED, AMOUNTS), more):
             food_ids, consumed_g = kept[0].food_ids, kept[0].consumed_g
             if is_headline:  # as the record has them
-                amounts = [row[-len(HEADLINES) :] for row in of_record.rows]
+                amounts = [cast("Amounts", row[-len(HEADLINES) :]) for row in of_record.as_tuples()]
             else:
                 amounts = contents.amounts(food_ids, consumed_g)
             yield from _in_pieces(own, amounts, contents.per_100_g(food_ids))
 
-    def _in_pieces(own: Sequence[PartOfBatch], amounts: Sequence[Any], per_100_g: Sequence[Any]) -> Iterator[Batch]:
+    def _in_pieces(
+        own: Sequence[PartOfBatch], amounts: Sequence[Amounts], per_100_g: Sequence[Amounts]
+    ) -> Iterator[Batch]:
         size = max(1, MOST_LONG_ROWS // max(1, len(components)))
         for start in range(0, len(amounts), size):
             end = start + size
@@ -91,18 +92,3 @@ def _long(session: Session, caller: Caller, spec: ExportSpec) -> Table:
 
 
 MOST_LONG_ROWS = 10_000  # of a batch
-
-
-def _filter(caller: Caller, spec: ExportSpec) -> RecordFilter:
-    filters = spec.filters
-    return visible_records(
-        caller,
-        RecordFilter(
-            study_code=filters.study_code,
-            participant_code=filters.participant_code,
-            first_day=filters.first_day,
-            last_day=filters.last_day,
-            food_keys=filters.food_keys,
-            statuses=filters.statuses,
-        ),
-    )

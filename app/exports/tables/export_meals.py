@@ -2,7 +2,8 @@
 
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, cast
+from dataclasses import dataclass
+from itertools import chain
 from urllib.parse import quote
 
 from sqlalchemy.orm import Session
@@ -10,8 +11,7 @@ from sqlalchemy.orm import Session
 from app.diary import diary_queries as diary
 from app.diary.study_days import number_of
 from app.exports.export_spec import ExportSpec
-from app.exports.lists.list_meals import visible_meals
-from app.exports.lists.meal_page_queries import MealFilter, pages_of_keys
+from app.exports.lists.meal_page_queries import pages_of_keys
 from app.exports.tables import meal_queries as meal_export
 from app.exports.tables.export_components import (
     HEADLINE_COMPONENTS,
@@ -23,20 +23,21 @@ from app.exports.tables.export_components import (
     long_batch,
     sums,
 )
-from app.exports.tables.export_table import Table
+from app.exports.tables.export_table import Readers, Table, batch_of
+from app.exports.tables.meal_queries import ExportedMeal, HeldAmounts, MealRun
 from app.exports.tables.record_queries import point_of
 from app.http.tables import meal_columns as of_meal
-from app.http.tables.columns import Batch, Part, PartOfBatch, instant_text
+from app.http.tables.columns import Batch, PartOfBatch, Row, instant_text
 from app.http.tables.component_columns import KNOWN, LONG_SUM, OF_COMPONENT, wide_sums
 from app.http.tables.geojson_rows import POINT
 from app.http.tables.photograph_columns import PHOTOGRAPH_PARTS
+from app.meals.models import SLOTS, MealImage
 from app.meals.record_models import HEADLINE_COLUMNS
-from app.people.access.caller import Caller
+from app.people.access.caller import Caller, visible_rows
 
 MEALS_A_BATCH = 1000
-Ids = list[uuid.UUID]
+Photograph = tuple[ExportedMeal, MealImage]
 NO_RUN = (None,) * len(of_meal.MEAL_RUN.columns)
-ORDINARY = ("left", "right")
 
 
 def meal_table(session: Session, caller: Caller, spec: ExportSpec) -> Table:
@@ -53,18 +54,17 @@ def meal_table(session: Session, caller: Caller, spec: ExportSpec) -> Table:
 
     def batches() -> Iterator[Batch]:
         for ids in _pages(session, caller, spec):
-            meals = _Meals(session, ids)
+            meals = _meals(session, ids)
             if spec.layout == "wide":
-                values = meals.values() | {
-                    part: _side_by_side(meals.sums_of(contents, len(components))) for part in sums_of_all
-                }
-                parts = (*wide, POINT) if spec.output == "geojson" else wide
-                yield [PartOfBatch(part, values[part]) for part in parts]
+                batch = batch_of([part for part in wide if part not in sums_of_all], READERS, meals)
+                for part in sums_of_all:
+                    batch.append(PartOfBatch(part, list(map(_flat, _sums_of(meals, contents, len(components))))))
+                yield batch + batch_of((POINT,) if spec.output == "geojson" else (), READERS, meals)
             elif in_long:
-                found = meals.sums_of(contents, len(components)) if is_all else meals.headline_sums()
-                values = meals.values()
-                own = [PartOfBatch(part, values[part]) for part in of_meal.OF_LONG]
-                yield long_batch(own, in_long, found, LONG_SUM)
+                sums_of_meals = (
+                    _sums_of(meals, contents, len(components)) if is_all else list(map(_headline_sums, meals))
+                )
+                yield long_batch(batch_of(of_meal.OF_LONG, READERS, meals), in_long, sums_of_meals, LONG_SUM)
 
     return Table(wide if spec.layout == "wide" else long, batches())
 
@@ -74,151 +74,156 @@ def photograph_table(session: Session, caller: Caller, spec: ExportSpec) -> Tabl
 
     def batches() -> Iterator[Batch]:
         for ids in _pages(session, caller, spec):
-            rows = photographs_of(session, ids)
-            if rows:
-                columns = zip(PHOTOGRAPH_PARTS, zip(*rows, strict=True), strict=True)
-                yield [PartOfBatch(part, own) for part, own in columns]
+            photographs = photographs_of(session, ids)
+            if photographs:
+                yield batch_of(PHOTOGRAPH_PARTS, PHOTOGRAPH_READERS, photographs)
 
     return Table(PHOTOGRAPH_PARTS, batches())
 
 
-def photographs_of(session: Session, ids: Sequence[uuid.UUID]) -> list[tuple[Any, ...]]:
-    """The photographs of these meals in the order of capture: of each the values of PHOTOGRAPH_PARTS."""
+def photographs_of(session: Session, ids: Sequence[uuid.UUID]) -> list[Photograph]:
+    """The photographs of these meals in the order of capture, each with its meal."""
     images = meal_export.images_of_meals(session, ids)
-    meals = meal_export.meals_by_id(session, ids)
-    return [_photograph(meal, image) for meal in meals for image in images.get(meal.id, ())]
+    return [(meal, image) for meal in meal_export.meals_by_id(session, ids) for image in images.get(meal.id, ())]
 
 
-class _Meals:
-    """A page of meals with their records."""
+@dataclass(frozen=True, slots=True)
+class _Meal:
+    """A meal with its records that hold, its newest run and its photographs by slot."""
 
-    def __init__(self, session: Session, ids: Ids) -> None:
-        self._meals = meal_export.meals_by_id(session, ids)
-        self._runs = meal_export.last_runs(session, ids)
-        self._images = meal_export.images_of_meals(session, ids)
-        self._first_days = diary.first_days(session, {meal.participant_id for meal in self._meals})
-        self._records: dict[uuid.UUID, list[Any]] = {meal.id: [] for meal in self._meals}
-        for record in meal_export.records_of_meals(session, ids):
-            self._records[record.meal_id].append(record)
+    row: ExportedMeal
+    records: Sequence[HeldAmounts]
+    run: MealRun | None
+    images: Mapping[str, MealImage]
+    study_day: int | None
 
-    def values(self) -> dict[Part, Sequence[Any]]:
-        """The rows of each part."""
-        meals = self._meals
-        return {
-            of_meal.MEAL_KEY: [str(meal.client_id) for meal in meals],
-            of_meal.WHOSE: [(meal.study_code, meal.participant_code) for meal in meals],
-            of_meal.WHEN: [(instant_text(meal.captured_at), meal.time_zone, str(meal.local_date)) for meal in meals],
-            of_meal.ARRIVAL: [
-                (instant_text(meal.received_at), (meal.received_at - meal.captured_at).total_seconds())
-                for meal in meals
-            ],
-            of_meal.DAY: [
-                (meal.day_status, number_of(meal.local_date, self._first_days.get(meal.participant_id)))
-                for meal in meals
-            ],
-            of_meal.STANDING: [self._standing(meal) for meal in meals],
-            of_meal.FOODS: [_foods(self._records[meal.id]) for meal in meals],
-            of_meal.COUNTS: [self._counts(meal) for meal in meals],
-            of_meal.SUMS: _side_by_side(self.headline_sums()),
-            of_meal.MEAL_RUN: [_run(self._runs.get(meal.id)) for meal in meals],
-            of_meal.PHOTOGRAPHS: [_hashes(self._images.get(meal.id, ())) for meal in meals],
-            POINT: [point_of(meal.longitude, meal.latitude) for meal in meals],
-        }
-
-    def headline_sums(self) -> list[Sums]:
-        """Of each meal, of the ten that records have themselves."""
-        return [
-            self._sums(meal, [[getattr(one, name) for name in HEADLINE_COLUMNS] for one in self._records[meal.id]])
-            for meal in self._meals
-        ]
-
-    def sums_of(self, contents: FoodContents, count: int) -> list[Sums]:
-        """Of each meal, of these components."""
-        records = [one for meal in self._meals for one in self._records[meal.id]]
-        amounts = iter(contents.amounts([one.food_id for one in records], [one.consumed_g for one in records]))
-        return [self._sums(meal, [next(amounts) for _ in self._records[meal.id]], count) for meal in self._meals]
-
-    def _sums(self, meal: Any, amounts: Sequence[Amounts], count: int = len(HEADLINE_COLUMNS)) -> Sums:
-        records = self._records[meal.id]
-        eaten = [Eaten(one.consumed_g, its) for one, its in zip(records, amounts, strict=True)]
-        is_nothing = not records and meal.status == "confirmed"
+    def sums(self, amounts: Sequence[Amounts], count: int) -> Sums:
+        """Of `count` components, of which each record has these amounts."""
+        eaten = [Eaten(record.consumed_g, its) for record, its in zip(self.records, amounts, strict=True)]
+        is_nothing = not self.records and self.row.status == "confirmed"
         return sums(eaten, count, is_nothing=is_nothing, is_partial=False)
 
-    def _standing(self, meal: Any) -> tuple[Any, ...]:
-        is_provisional = any(one.provisional for one in self._records[meal.id])
-        return meal.status, meal.origin, meal.failure_code, meal.after_status, is_provisional
 
-    def _counts(self, meal: Any) -> tuple[Any, ...]:
-        records = self._records[meal.id]
-        [(consumed_g, _)] = self._sums(meal, [(one.consumed_g,) for one in records], 1)
-        return (
-            len(records),
-            sum(one.consumed_g is None for one in records),
-            sum(not one.reviewed for one in records),
-            max((one.doubt for one in records), default=None),
-            meal.version,
-            consumed_g,
+def _meals(session: Session, ids: Sequence[uuid.UUID]) -> list[_Meal]:
+    rows = meal_export.meals_by_id(session, ids)
+    runs, images = meal_export.last_runs(session, ids), meal_export.images_of_meals(session, ids)
+    first_days = diary.first_days(session, {row.participant_id for row in rows})
+    records = meal_export.records_of_meals(session, ids)
+    return [
+        _Meal(
+            row,
+            records.get(row.id, ()),
+            runs.get(row.id),
+            {image.slot: image for image in images.get(row.id, ())},
+            number_of(row.local_date, first_days.get(row.participant_id)),
         )
+        for row in rows
+    ]
 
 
-def _pages(session: Session, caller: Caller, spec: ExportSpec) -> Iterator[Ids]:
-    filters = spec.filters
-    chosen = MealFilter(
-        study_code=filters.study_code,
-        participant_code=filters.participant_code,
-        first_day=filters.first_day,
-        last_day=filters.last_day,
-        statuses=filters.statuses,
-        origin=filters.origin,
-        failure_codes=filters.failure_codes,
-        after_statuses=filters.after_statuses,
-        food_keys=filters.food_keys,
-        flags=filters.flags,
-        needs=cast(Any, filters.needs),
+def _sums_of(meals: Sequence[_Meal], contents: FoodContents, count: int) -> list[Sums]:
+    """Of each meal, of these components."""
+    records = [record for meal in meals for record in meal.records]
+    amounts = iter(contents.amounts([one.food_id for one in records], [one.consumed_g for one in records]))
+    return [meal.sums([next(amounts) for _ in meal.records], count) for meal in meals]
+
+
+def _headline_sums(meal: _Meal) -> Sums:
+    return meal.sums([record.amounts for record in meal.records], len(HEADLINE_COLUMNS))
+
+
+def _flat(pairs: Sums) -> Row:
+    """Sum and coverage of each component, one after the other."""
+    return tuple(chain.from_iterable(pairs))
+
+
+def _when(meal: ExportedMeal) -> Row:
+    return instant_text(meal.captured_at), meal.time_zone, str(meal.local_date)
+
+
+def _standing(meal: _Meal) -> Row:
+    is_provisional = any(record.provisional for record in meal.records)
+    return meal.row.status, meal.row.origin, meal.row.failure_code, meal.row.after_status, is_provisional
+
+
+def _foods(meal: _Meal) -> Row:
+    keys = dict.fromkeys(record.food_key for record in meal.records if record.food_key is not None)
+    return tuple(keys), tuple(dict.fromkeys(flag for record in meal.records for flag in record.flags))
+
+
+def _counts(meal: _Meal) -> Row:
+    records = meal.records
+    [(consumed_g, _)] = meal.sums([(record.consumed_g,) for record in records], 1)
+    return (
+        len(records),
+        sum(record.consumed_g is None for record in records),
+        sum(not record.reviewed for record in records),
+        max((record.doubt for record in records), default=None),
+        meal.row.version,
+        consumed_g,
     )
-    for keys in pages_of_keys(session, visible_meals(caller, chosen), size=MEALS_A_BATCH):
-        yield [meal_id for _, meal_id in keys]
 
 
-def _foods(records: Sequence[Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    keys = dict.fromkeys(one.food_key for one in records if one.food_key is not None)
-    return tuple(keys), tuple(dict.fromkeys(flag for one in records for flag in one.flags))
-
-
-def _run(run: Any) -> tuple[Any, ...]:
-    if run is None:
+def _run(meal: _Meal) -> Row:
+    if meal.run is None:
         return NO_RUN
+    run = meal.run
     return str(run.id), run.method, run.pipeline_version, run.marker, "; ".join(run.food_releases)
 
 
-def _hashes(images: Sequence[Any]) -> tuple[str | None, ...]:
-    found: Mapping[str, Any] = {image.slot: image for image in images}
-    return tuple(
-        getattr(found[slot], name) if slot in found else None
-        for slot in ORDINARY
-        for name in ("received_sha256", "stored_sha256")
-    )
+def _hashes(meal: _Meal) -> Row:
+    pair = [meal.images.get(slot) for slot in SLOTS]
+    return tuple(chain(*((image.received_sha256, image.stored_sha256) if image else (None, None) for image in pair)))
 
 
-def _photograph(meal: Any, image: Any) -> tuple[Any, ...]:
-    is_erased = image.erased_at is not None
+def _file(photograph: Photograph) -> Row:
+    meal, image = photograph
     path = f"/v1/meals/{meal.client_id}/images/{image.slot}?participant={quote(meal.participant_code, safe='')}"
     return (
-        str(meal.client_id),
-        (meal.study_code, meal.participant_code, instant_text(meal.captured_at), str(meal.local_date)),
-        (image.slot, image.media_type),
-        (image.width_px, image.height_px, image.bytes),
-        (
-            image.received_sha256,
-            image.stored_sha256,
-            instant_text(image.received_at),
-            is_erased,
-            instant_text(image.erased_at) if is_erased else None,
-            None if is_erased else path,
-        ),
+        image.received_sha256,
+        image.stored_sha256,
+        instant_text(image.received_at),
+        image.erased_at is not None,
+        instant_text(image.erased_at) if image.erased_at is not None else None,
+        path if image.erased_at is None else None,
     )
 
 
-def _side_by_side(found: Sequence[Sums]) -> list[list[float | None]]:
-    """Sum and coverage of each component, one after the other."""
-    return [[value for pair in its for value in pair] for its in found]
+READERS: Readers[_Meal] = {
+    of_meal.MEAL_KEY: lambda meal: str(meal.row.client_id),
+    of_meal.WHOSE: lambda meal: (meal.row.study_code, meal.row.participant_code),
+    of_meal.WHEN: lambda meal: _when(meal.row),
+    of_meal.ARRIVAL: lambda meal: (
+        instant_text(meal.row.received_at),
+        (meal.row.received_at - meal.row.captured_at).total_seconds(),
+    ),
+    of_meal.DAY: lambda meal: (meal.row.day_status, meal.study_day),
+    of_meal.STANDING: _standing,
+    of_meal.FOODS: _foods,
+    of_meal.COUNTS: _counts,
+    of_meal.SUMS: lambda meal: _flat(_headline_sums(meal)),
+    of_meal.MEAL_RUN: _run,
+    of_meal.PHOTOGRAPHS: _hashes,
+    POINT: lambda meal: point_of(meal.row.longitude, meal.row.latitude),
+}
+PHOTOGRAPH_READERS: Readers[Photograph] = dict(
+    zip(
+        PHOTOGRAPH_PARTS,
+        (
+            lambda one: str(one[0].client_id),
+            lambda one: (
+                *(one[0].study_code, one[0].participant_code),
+                *(instant_text(one[0].captured_at), str(one[0].local_date)),
+            ),
+            lambda one: (one[1].slot, one[1].media_type),
+            lambda one: (one[1].width_px, one[1].height_px, one[1].bytes),
+            _file,
+        ),
+        strict=True,
+    )
+)
+
+
+def _pages(session: Session, caller: Caller, spec: ExportSpec) -> Iterator[list[uuid.UUID]]:
+    for keys in pages_of_keys(session, visible_rows(caller, spec.filters), size=MEALS_A_BATCH):
+        yield [meal_id for _, meal_id in keys]

@@ -1,13 +1,12 @@
 """Where each exported record comes from: its run, who said what it is, what kind of density weighed it."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from sqlalchemy.orm import Session
 
 from app.exports.tables.provenance_queries import foods_said, meals_to_fold, runs_by_id, runs_of_items, runs_of_meals
 from app.exports.tables.record_queries import Keys, Lookup, hyphenated, spellings
-from app.http.tables.columns import Part
+from app.http.tables.columns import Cell, Part
 from app.http.tables.record_columns import OF_RUN, OF_WEIGHING
 from app.meals.event_models import LAYERS
 from app.meals.item_state import fold_meal
@@ -16,10 +15,10 @@ from app.meals.record_models import ItemFood
 
 NO_RUN = (None, None, None)
 NOT_SAID = (None, None, None, None)
-RANKS = {layer: rank for rank, layer in enumerate(LAYERS)}
+RANKS: dict[Cell, int] = {layer: rank for rank, layer in enumerate(LAYERS)}
 SEEN = "pipeline"  # the origin of items that a run found in the meal's pair
 
-Told = tuple[Any, ...]  # the values of OF_RUN, or of OF_WEIGHING
+Told = tuple[Cell, ...]  # the values of OF_RUN, or of OF_WEIGHING
 
 
 class Provenance:

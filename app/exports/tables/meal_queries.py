@@ -2,11 +2,13 @@
 
 import uuid
 from collections.abc import Sequence
-from typing import Any
+from datetime import date, datetime
+from typing import NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
+from app.db.statements import AnyRow
 from app.diary.models import DiaryDay
 from app.exports.tables.record_queries import coordinates
 from app.foods.models import Food
@@ -14,20 +16,62 @@ from app.meals.models import AFTER_SLOTS, SLOTS, Meal, MealImage
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Item, Run
 from app.people.models import Participant, Study
 
-Row = sa.Row[*tuple[Any, ...]]
+
+class ExportedMeal(NamedTuple):
+    """A meal with the names that go with it; without long texts."""
+
+    id: uuid.UUID
+    client_id: uuid.UUID
+    participant_id: uuid.UUID
+    study_code: str
+    participant_code: str
+    captured_at: datetime
+    time_zone: str
+    local_date: date
+    received_at: datetime
+    status: str
+    origin: str
+    failure_code: str | None
+    after_status: str | None
+    version: int
+    day_status: str
+    longitude: float | None
+    latitude: float | None
 
 
-def meals_by_id(session: Session, ids: Sequence[uuid.UUID]) -> list[Row]:
-    """With the names that go with them, in the order of capture; without long texts."""
-    longitude, latitude = coordinates()
+class HeldAmounts(NamedTuple):
+    """A record that holds, with its amounts of HEADLINE_COLUMNS."""
+
+    food_id: int | None
+    food_key: str | None
+    consumed_g: float | None
+    provisional: bool
+    reviewed: bool
+    flags: list[str]
+    doubt: float
+    amounts: tuple[float | None, ...]
+
+
+class MealRun(NamedTuple):
+    """The newest run of a meal's own pair."""
+
+    id: uuid.UUID
+    method: str
+    pipeline_version: str
+    marker: str
+    food_releases: list[str]
+
+
+def meals_by_id(session: Session, ids: Sequence[uuid.UUID]) -> list[ExportedMeal]:
+    """Return these meals in the order of capture."""
     of_day = sa.and_(DiaryDay.participant_id == Meal.participant_id, DiaryDay.local_date == Meal.local_date)
     query = (
         sa.select(
             Meal.id,
             Meal.client_id,
             Meal.participant_id,
-            Study.code.label("study_code"),
-            Participant.code.label("participant_code"),
+            Study.code,
+            Participant.code,
             Meal.captured_at,
             Meal.time_zone,
             Meal.local_date,
@@ -37,9 +81,8 @@ def meals_by_id(session: Session, ids: Sequence[uuid.UUID]) -> list[Row]:
             Meal.failure_code,
             Meal.after_status,
             Meal.version,
-            sa.func.coalesce(DiaryDay.status, "open").label("day_status"),
-            longitude.label("longitude"),
-            latitude.label("latitude"),
+            sa.func.coalesce(DiaryDay.status, "open"),
+            *coordinates(),
         )
         .join(Study, Study.id == Meal.study_id)
         .join(Participant, Participant.id == Meal.participant_id)
@@ -47,17 +90,17 @@ def meals_by_id(session: Session, ids: Sequence[uuid.UUID]) -> list[Row]:
         .where(Meal.id.in_(ids))
         .order_by(Meal.captured_at, Meal.id)
     )
-    return list(session.execute(query))
+    return [ExportedMeal._make(row) for row in session.execute(query)]
 
 
-def records_of_meals(session: Session, ids: Sequence[uuid.UUID]) -> list[Row]:
-    """Records that hold, in the items' order."""
+def records_of_meals(session: Session, ids: Sequence[uuid.UUID]) -> dict[uuid.UUID, list[HeldAmounts]]:
+    """Meal -> its records that hold, in the items' order."""
     record = EffectiveRecord
     query = (
         sa.select(
             record.meal_id,
             record.food_id,
-            Food.key.label("food_key"),
+            Food.key,
             record.consumed_g,
             record.provisional,
             record.reviewed,
@@ -70,17 +113,20 @@ def records_of_meals(session: Session, ids: Sequence[uuid.UUID]) -> list[Row]:
         .where(record.meal_id.in_(ids), record.status != "rejected")
         .order_by(record.meal_id, Item.position, record.item_id)
     )
-    return list(session.execute(query))
+    records: dict[uuid.UUID, list[HeldAmounts]] = {}
+    for meal_id, *values in session.execute(query):
+        records.setdefault(meal_id, []).append(HeldAmounts._make([*values[:7], tuple(values[7:])]))
+    return records
 
 
-def last_runs(session: Session, ids: Sequence[uuid.UUID]) -> dict[uuid.UUID, Row]:
+def last_runs(session: Session, ids: Sequence[uuid.UUID]) -> dict[uuid.UUID, MealRun]:
     """Meal -> the newest run of its own pair."""
     query = (
         sa.select(Run.meal_id, Run.id, Run.method, Run.pipeline_version, Run.marker, Run.food_releases)
         .where(Run.meal_id.in_(ids), Run.purpose == "meal")
         .order_by(Run.created_at, Run.id.desc())
     )
-    return {row.meal_id: row for row in session.execute(query)}
+    return {meal_id: MealRun._make(values) for meal_id, *values in session.execute(query)}
 
 
 def images_of_meals(session: Session, ids: Sequence[uuid.UUID]) -> dict[uuid.UUID, list[MealImage]]:
@@ -92,7 +138,9 @@ def images_of_meals(session: Session, ids: Sequence[uuid.UUID]) -> dict[uuid.UUI
     return {meal_id: sorted(images, key=lambda image: places[image.slot]) for meal_id, images in found.items()}
 
 
-def records_of_days(session: Session, participant_ids: Sequence[uuid.UUID], first_day: Any, last_day: Any) -> list[Row]:
+def records_of_days(
+    session: Session, participant_ids: Sequence[uuid.UUID], first_day: date, last_day: date
+) -> list[AnyRow]:
     """(participant, day, food, grams) of records that hold, of these participants within these days."""
     record = EffectiveRecord
     query = sa.select(record.participant_id, record.local_date, record.food_id, record.consumed_g).where(

@@ -11,6 +11,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
+from app.db.statements import AnyColumn, AnyQuery
 from app.exports.tables.record_queries import one_of, rows_of_ids, stored_id
 from app.meals.event_models import MealEvent
 from app.meals.models import Meal
@@ -62,9 +63,7 @@ def runs_by_id(session: Session, run_ids: Collection[str]) -> dict[str, tuple[st
     return {run_id: (method, version) for run_id, method, version in _rows(session, query, Run.id, run_ids)}
 
 
-def _rows(
-    session: Session, query: sa.Select[*tuple[Any, ...]], column: Any, ids: Collection[str]
-) -> Iterable[tuple[Any, ...]]:
+def _rows(session: Session, query: AnyQuery, column: AnyColumn, ids: Collection[str]) -> Iterable[tuple[Any, ...]]:
     is_on_sqlite = session.get_bind().dialect.name == "sqlite"
     query = query.where(one_of(column, is_on_sqlite=is_on_sqlite))
     return rows_of_ids(session.connection(), query, ids, is_on_sqlite=is_on_sqlite)

@@ -9,22 +9,24 @@ making objects.
 import json
 import uuid
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from datetime import UTC, date, datetime
+from datetime import date, datetime
 from operator import itemgetter
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import sqlalchemy as sa
-from psycopg import pq
+from psycopg import Cursor, pq
 from sqlalchemy.dialects import postgresql
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.orm import Session
+from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import FunctionElement
 
+from app.db.statements import AnyColumn, AnyQuery
 from app.diary import diary_queries as diary
 from app.diary.models import DiaryDay
 from app.foods.models import Food, FoodRelease
 from app.http.tables.cells import MadeOnce
-from app.http.tables.columns import Batch, Part, PartOfBatch
+from app.http.tables.columns import Batch, Cells, Part, PartOfBatch, Row, instant_text
 from app.http.tables.geojson_rows import POINT
 from app.http.tables.record_columns import (
     AMOUNTS,
@@ -54,7 +56,7 @@ KEYS = ("captured_at", "item_id", "meal_id", "food_id")  # what a row begins wit
 HEX_DIGITS = 32  # of an id without hyphens
 IDS = "ids"  # parameter of a look-up
 NOWHERE = (None, None)
-Rows = Sequence[tuple[Any, ...]]  # of the columns KEYS and those of OWN
+Rows = Sequence[tuple[Any, ...]]  # as the driver gives them: the columns KEYS and those of OWN
 Known = TypeVar("Known")
 Id = TypeVar("Id")
 
@@ -67,14 +69,13 @@ class stored_id(FunctionElement[str]):  # noqa: N801  # named as the SQL functio
 
 
 @compiles(stored_id, "postgresql")
-def _id_postgresql(element: Any, compiler: Any, **options: Any) -> str:
+def _id_postgresql(element: stored_id, compiler: SQLCompiler, **options: Any) -> str:
     return f"CAST({compiler.process(element.clauses, **options)} AS TEXT)"
 
 
 @compiles(stored_id, "sqlite")
-def _id_sqlite(element: Any, compiler: Any, **options: Any) -> str:
-    column: str = compiler.process(element.clauses, **options)
-    return column
+def _id_sqlite(element: stored_id, compiler: SQLCompiler, **options: Any) -> str:
+    return compiler.process(element.clauses, **options)
 
 
 class _Person(NamedTuple):
@@ -83,8 +84,8 @@ class _Person(NamedTuple):
 
 
 class _Meal(NamedTuple):
-    of_meal: tuple[Any, ...]  # the values of OF_MEAL
-    of_day: tuple[Any, ...]  # and of OF_DAY
+    of_meal: Row  # the values of OF_MEAL
+    of_day: Row  # and of OF_DAY
     point: tuple[float | None, float | None]  # longitude, latitude
 
 
@@ -104,7 +105,7 @@ class Keys(NamedTuple):
     consumed_g: Sequence[float | None]
 
 
-More = Callable[[Keys], Mapping[Part, Sequence[Any]]]
+More = Callable[[Keys], Mapping[Part, Cells]]
 
 
 class Lookup(Generic[Id, Known]):
@@ -146,7 +147,7 @@ def export_batches(
         own = {part: list(map(itemgetter(place), rows)) for part, place in PLACES.items()}
         item_ids, meal_ids, food_ids = ([row[place] for row in rows] for place in (1, 2, 3))
         of_meals, of_foods = meals(meal_ids), foods(food_ids)
-        values: dict[Part, Sequence[Any]] = {
+        values: dict[Part, Cells] = {
             **own,
             RECORD_ID: list(map(hyphenated, item_ids)),
             OF_MEAL: [meal.of_meal for meal in of_meals],
@@ -213,7 +214,7 @@ def _query_by_query(connection: sa.Connection, search: RecordSearch) -> Iterator
         after = (rows[-1][0], uuid.UUID(rows[-1][1]))
 
 
-def _ask_for_binary(_connection: Any, cursor: Any, *_: Any) -> None:
+def _ask_for_binary(_connection: sa.Connection, cursor: Cursor, *_: object) -> None:
     """Let PostgreSQL send numbers as they are: it need not write them as text, nor we read them."""
     cursor.format = pq.Format.BINARY
 
@@ -222,7 +223,7 @@ def _flags(text: str) -> tuple[str, ...]:
     return tuple(json.loads(text))
 
 
-def _state(row: tuple[Any, ...]) -> tuple[Any, ...]:
+def _state(row: Row) -> Row:
     status, origin, provisional, reviewed = row
     return status, origin, bool(provisional), bool(reviewed)  # SQLite's are numbers
 
@@ -249,9 +250,9 @@ def _meal_finder(session: Session, *, with_point: bool) -> Callable[[Collection[
     return find
 
 
-def _meals(*, is_on_sqlite: bool, with_point: bool) -> sa.Select[*tuple[Any, ...]]:
+def _meals(*, is_on_sqlite: bool, with_point: bool) -> AnyQuery:
     of_day = sa.and_(DiaryDay.participant_id == Meal.participant_id, DiaryDay.local_date == Meal.local_date)
-    query: sa.Select[*tuple[Any, ...]] = (
+    query: AnyQuery = (
         sa.select(
             stored_id(Meal.id),
             stored_id(Meal.client_id),
@@ -270,7 +271,7 @@ def _meals(*, is_on_sqlite: bool, with_point: bool) -> sa.Select[*tuple[Any, ...
     return query.add_columns(*coordinates()).join(Study, Study.id == Meal.study_id) if with_point else query
 
 
-def one_of(column: Any, *, is_on_sqlite: bool) -> sa.ColumnElement[bool]:
+def one_of(column: AnyColumn, *, is_on_sqlite: bool) -> sa.ColumnElement[bool]:
     """Whether an id is one of those that rows_of_ids is given: one parameter, however many they are."""
     ids: Any = sa.bindparam(IDS, type_=sa.Text() if is_on_sqlite else postgresql.ARRAY(sa.Text))
     if is_on_sqlite:
@@ -279,9 +280,7 @@ def one_of(column: Any, *, is_on_sqlite: bool) -> sa.ColumnElement[bool]:
     return found
 
 
-def rows_of_ids(
-    connection: sa.Connection, query: sa.Select[*tuple[Any, ...]], ids: Collection[str], *, is_on_sqlite: bool
-) -> Rows:
+def rows_of_ids(connection: sa.Connection, query: AnyQuery, ids: Collection[str], *, is_on_sqlite: bool) -> Rows:
     """All rows of a query with one_of, as the driver gives them."""
     result = connection.execute(query, {IDS: json.dumps(sorted(ids)) if is_on_sqlite else sorted(ids)})
     rows: Rows = result.cursor.fetchall()
@@ -289,7 +288,7 @@ def rows_of_ids(
     return rows
 
 
-def coordinates() -> tuple[Any, Any]:
+def coordinates() -> tuple[AnyColumn, AnyColumn]:
     """Longitude and latitude of a meal whose study keeps locations; for a query of meals with their Study."""
     keeps = Study.location_policy != "drop"  # a study that keeps them no longer does not show those that it has
     place = Meal.details["location"]
@@ -301,13 +300,13 @@ def point_of(longitude: float | None, latitude: float | None) -> tuple[float | N
     return (float(longitude), float(latitude)) if longitude is not None and latitude is not None else NOWHERE
 
 
-def _captured(captured_at: Any, received_at: Any) -> tuple[str, float]:
+def _captured(captured_at: str | datetime, received_at: str | datetime) -> tuple[str, float]:
     """An instant as JSON has it, and the seconds to the other one. From SQLite's texts, or PostgreSQL's instants."""
-    if isinstance(captured_at, str):
-        delay = datetime.fromisoformat(received_at) - datetime.fromisoformat(captured_at)
-        return f"{captured_at[:10]}T{captured_at[11:].removesuffix('.000000')}Z", delay.total_seconds()
-    text = captured_at.astimezone(UTC).isoformat().removesuffix("+00:00")
-    return f"{text}Z", (received_at - captured_at).total_seconds()
+    if isinstance(captured_at, str) or isinstance(received_at, str):
+        captured, received = str(captured_at), str(received_at)
+        delay = datetime.fromisoformat(received) - datetime.fromisoformat(captured)
+        return f"{captured[:10]}T{captured[11:].removesuffix('.000000')}Z", delay.total_seconds()
+    return instant_text(captured_at), (received_at - captured_at).total_seconds()
 
 
 def _day(value: str | date) -> tuple[str, int]:

@@ -3,13 +3,17 @@
 Whoever writes a file, and the data dictionary, go by these definitions and nothing else.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from datetime import UTC, datetime
-from typing import Any, Literal
+import uuid
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from datetime import UTC, date, datetime
+from typing import Literal, cast
 
 ColumnType = Literal["id", "word", "instant", "day", "number", "integer", "boolean", "words"]
 PartType = Literal["id", "shared", "numbers"]
+Cell = str | float | bool | None | tuple[str, ...]
+Row = Sequence[Cell]
+Cells = Sequence[Cell | Row]  # of a part: a row's values, or of a single column the value itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +30,52 @@ class Column:
     meaning: str = ""
     values: tuple[str, ...] = ()
     empty: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RowFilter:
+    """Which records (items), meals or days. None, or an empty tuple, leaves a filter out.
+
+    first_day, last_day: local days, both included. statuses: of the item or the meal, by what a row is. Of a filter
+    with several values any will do. food_keys, flags: of a record that holds (not rejected). needs: "review", the meal
+    has a record that holds and that no reviewer has spoken of, as the review queue has it; "answer", a question to the
+    participant is open. participant_id, study_ids: what the caller may see.
+    """
+
+    study_code: str | None = None
+    participant_code: str | None = None
+    first_day: date | None = None
+    last_day: date | None = None
+    food_keys: tuple[str, ...] = ()
+    statuses: tuple[str, ...] = ()
+    flags: tuple[str, ...] = ()
+    origin: Literal["photographed", "declared"] | None = None
+    needs: Literal["review", "answer"] | None = None
+    failure_codes: tuple[str, ...] = ()
+    after_statuses: tuple[str, ...] = ()
+    participant_id: uuid.UUID | None = None
+    study_ids: frozenset[uuid.UUID] | None = None
+
+    @property
+    def set_names(self) -> list[str]:
+        """Names of the filters that are set; what the caller may see is no filter of theirs."""
+        names = (each.name for each in fields(self) if each.name != "study_ids")
+        return sorted(name for name in names if getattr(self, name) not in (None, ()))
+
+
+WIRE_NAMES: Mapping[str, str] = {  # a field of RowFilter -> its parameter
+    "study_code": "study",
+    "participant_code": "participant",
+    "first_day": "from",
+    "last_day": "to",
+    "food_keys": "food",
+    "statuses": "status",
+    "flags": "flag",
+    "origin": "origin",
+    "needs": "needs",
+    "failure_codes": "failure",
+    "after_statuses": "after_status",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +100,11 @@ class PartOfBatch:
     """
 
     part: Part
-    rows: Sequence[Any]
+    rows: Cells
 
-    def as_tuples(self) -> Iterable[tuple[Any, ...]]:
+    def as_tuples(self) -> Iterable[Row]:
         """The rows as tuples, whatever the number of columns."""
-        return self.rows if len(self.part.columns) > 1 else zip(self.rows, strict=True)
+        return cast("Iterable[Row]", self.rows if len(self.part.columns) > 1 else zip(self.rows, strict=True))
 
 
 Batch = list[PartOfBatch]
@@ -65,9 +115,14 @@ def columns_of(parts: Iterable[Part]) -> tuple[Column, ...]:
     return tuple(column for part in parts for column in part.columns)
 
 
-def rows_of(part: Part, rows: Sequence[Sequence[Any]]) -> Sequence[Any]:
+def rows_of(part: Part, rows: Sequence[Row]) -> Cells:
     """Rows of values as a PartOfBatch has them: of a single column the value itself."""
     return rows if len(part.columns) > 1 else [value for (value,) in rows]
+
+
+def as_row(columns: Sequence[Column], values: Cell | Row) -> Row:
+    """Return a part's row, of a single column too."""
+    return cast("Row", values if len(columns) > 1 else (values,))
 
 
 def instant_text(instant: datetime) -> str:

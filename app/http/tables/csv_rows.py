@@ -4,12 +4,12 @@ import csv
 import io
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
-from typing import Any
+from typing import cast
 
 from pydantic_core import to_json
 
 from app.http.tables.cells import MadeOnce
-from app.http.tables.columns import Batch, Column, ColumnType, Part, PartOfBatch
+from app.http.tables.columns import Batch, Cell, Cells, Column, ColumnType, Part, PartOfBatch, Row, as_row
 
 # a spreadsheet would compute such a cell; the last four are full-width, as Chinese and Japanese keyboards type them
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")
@@ -18,7 +18,7 @@ LINE_END = "\r\n"
 
 def encode_csv(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[bytes]:
     """The header, then each batch's rows. Lists of words stand in one cell, a blank between; None is an empty cell."""
-    words = MadeOnce(_word)
+    words = MadeOnce[Cell, str](_word)
     shared = {part: MadeOnce(partial(_cells, part.columns, words)) for part in parts if part.type == "shared"}
     yield (",".join(column.name for part in parts for column in part.columns) + LINE_END).encode()
     for batch in batches:
@@ -33,7 +33,7 @@ def safe_cell(value: object) -> object:
     return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA_STARTS) else value
 
 
-def number_cells(rows: Sequence[Any]) -> list[str]:
+def number_cells(rows: Cells) -> list[str]:
     """Numbers, or tuples of them, as cells: each the shortest text that reads back as the same number, as JSON has it.
 
     All of them by one call of pydantic's encoder: several times as fast as repr(), number by number.
@@ -42,22 +42,23 @@ def number_cells(rows: Sequence[Any]) -> list[str]:
     return text[2:-2].split("],[") if text.startswith("[[") else text[1:-1].split(",")
 
 
-def _texts(some: PartOfBatch, shared: dict[Part, MadeOnce[Any, str]]) -> Sequence[str]:
+def _texts(some: PartOfBatch, shared: dict[Part, MadeOnce[Cell | Row, str]]) -> Sequence[str]:
     match some.part.type:
         case "id":
-            return some.rows
+            return cast("Sequence[str]", some.rows)
         case "numbers":
             return number_cells(some.rows)
         case "shared":
             return shared[some.part].of(some.rows)
 
 
-def _cells(columns: tuple[Column, ...], words: MadeOnce[Any, str], values: Any) -> str:
-    row = values if len(columns) > 1 else (values,)
-    return ",".join([_cell(column.type, words, value) for column, value in zip(columns, row, strict=True)])
+def _cells(columns: tuple[Column, ...], words: MadeOnce[Cell, str], values: Cell | Row) -> str:
+    return ",".join(
+        [_cell(column.type, words, value) for column, value in zip(columns, as_row(columns, values), strict=True)]
+    )
 
 
-def _cell(column_type: ColumnType, words: MadeOnce[Any, str], value: Any) -> str:
+def _cell(column_type: ColumnType, words: MadeOnce[Cell, str], value: Cell) -> str:
     match column_type:
         case "word" | "words":
             return words[value]

@@ -4,9 +4,11 @@ From the columns that the files are written by; as rows, and as a Table Schema (
 """
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
-from app.http.tables.columns import Column, ColumnType, Part
+from pydantic import JsonValue
+
+from app.http.tables.columns import Column, ColumnType, Part, Row
 
 DictionaryType = Literal["id", "text", "list of words", "instant", "day", "number", "integer", "boolean"]
 TYPES: dict[ColumnType, DictionaryType] = {  # in words of the dictionary
@@ -19,7 +21,7 @@ TYPES: dict[ColumnType, DictionaryType] = {  # in words of the dictionary
     "integer": "integer",
     "boolean": "boolean",
 }
-SCHEMA_TYPES: dict[ColumnType, dict[str, Any]] = {
+SCHEMA_TYPES: dict[ColumnType, dict[str, JsonValue]] = {
     "id": {"type": "string", "format": "uuid"},
     "word": {"type": "string"},
     "words": {"type": "string"},  # in one cell, a blank between
@@ -46,7 +48,7 @@ DICTIONARY_PARTS = (
 )
 
 
-def entries(columns: Sequence[Column]) -> list[tuple[Any, ...]]:
+def entries(columns: Sequence[Column]) -> list[Row]:
     """A row of DICTIONARY_PARTS each."""
     return [
         (place, one.name, TYPES[one.type], one.unit, one.meaning, one.values, one.empty)
@@ -54,7 +56,7 @@ def entries(columns: Sequence[Column]) -> list[tuple[Any, ...]]:
     ]
 
 
-def table_schema(columns: Sequence[Column], *, key: Sequence[str]) -> dict[str, Any]:
+def table_schema(columns: Sequence[Column], *, key: Sequence[str]) -> dict[str, JsonValue]:
     """The CSV file's Table Schema; units stand in `unit`, which is not of the standard but allowed by it."""
     return {
         "fields": [_field(column) for column in columns],
@@ -63,8 +65,8 @@ def table_schema(columns: Sequence[Column], *, key: Sequence[str]) -> dict[str, 
     }
 
 
-def _field(column: Column) -> dict[str, Any]:
-    constraints: dict[str, Any] = {}
+def _field(column: Column) -> dict[str, JsonValue]:
+    constraints: dict[str, JsonValue] = {}
     if column.empty is None and column.type not in ("word", "words"):  # text may be the empty text
         constraints["required"] = True
     if column.values:

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any, Literal
 
-from pydantic import BaseModel
+from pydantic import BaseModel, JsonValue
 from pydantic_core import to_json
 
 from app.http.tables.csv_rows import safe_cell
@@ -24,12 +24,12 @@ Path = tuple[str, ...]
 FlatFormat = Literal["csv", "ndjson"]
 
 
-def flat_paths(model: type[BaseModel], rows: Iterable[Mapping[str, Any]] = ()) -> list[Path]:
+def flat_paths(model: type[BaseModel], rows: Iterable[Mapping[str, JsonValue]] = ()) -> list[Path]:
     """Where each column's value is in a row, from left to right. rows: all of them, where the model has free names."""
     return list(_paths(model, (), list(rows)))
 
 
-def encode_flat(output: FlatFormat, paths: Sequence[Path], rows: Iterable[Mapping[str, Any]]) -> Iterator[bytes]:
+def encode_flat(output: FlatFormat, paths: Sequence[Path], rows: Iterable[Mapping[str, JsonValue]]) -> Iterator[bytes]:
     """Rows as JSON has them, in pieces; of no rows CSV still has its header."""
     names = ["_".join(path) for path in paths]
     left = iter(rows)
@@ -43,25 +43,26 @@ def encode_flat(output: FlatFormat, paths: Sequence[Path], rows: Iterable[Mappin
             yield b"".join(to_json(dict(zip(names, row, strict=True))) + b"\n" for row in values)
 
 
-def _paths(model: type[BaseModel], prefix: Path, rows: Sequence[Mapping[str, Any]]) -> Iterator[Path]:
+def _paths(model: type[BaseModel], prefix: Path, rows: Sequence[Mapping[str, JsonValue]]) -> Iterator[Path]:
     for name, field in model.model_fields.items():
         told = field.serialization_alias or name
         yield from _paths_of(field.annotation, (*prefix, told), [row[told] for row in rows if row.get(told)])
 
 
-def _paths_of(annotation: Any, path: Path, values: Sequence[Any]) -> Iterator[Path]:
+def _paths_of(annotation: object, path: Path, values: Sequence[JsonValue]) -> Iterator[Path]:
     """Of a field. values: those that it has anywhere, which tell the names of a dict."""
     inner = _without_none(annotation)
+    members = [value for value in values if isinstance(value, dict)]
     if isinstance(inner, type) and issubclass(inner, BaseModel):
-        yield from _paths(inner, path, values)
+        yield from _paths(inner, path, members)
     elif typing.get_origin(inner) is dict and typing.get_args(inner)[1] is not Any:
-        for name in dict.fromkeys(name for value in values for name in value):
-            yield from _paths_of(typing.get_args(inner)[1], (*path, name), [v[name] for v in values if v.get(name)])
+        for name in dict.fromkeys(name for value in members for name in value):
+            yield from _paths_of(typing.get_args(inner)[1], (*path, name), [v[name] for v in members if v.get(name)])
     else:
         yield path
 
 
-def _without_none(annotation: Any) -> Any:
+def _without_none(annotation: object) -> object:
     """X of X | None; anything else as it is."""
     if typing.get_origin(annotation) in (types.UnionType, typing.Union):
         others = [one for one in typing.get_args(annotation) if one is not type(None)]
@@ -69,14 +70,14 @@ def _without_none(annotation: Any) -> Any:
     return annotation
 
 
-def _at(row: Mapping[str, Any], path: Path) -> Any:
-    value: Any = row
+def _at(row: Mapping[str, JsonValue], path: Path) -> JsonValue:
+    value: JsonValue = dict(row)
     for name in path:
-        value = value.get(name) if value is not None else None
+        value = value.get(name) if isinstance(value, dict) else None
     return value
 
 
-def _cell(value: Any) -> Any:
+def _cell(value: JsonValue) -> object:
     if isinstance(value, dict) or (isinstance(value, list) and any(isinstance(one, dict | list) for one in value)):
         return safe_cell(json.dumps(value, sort_keys=True, ensure_ascii=False))
     if isinstance(value, float):
@@ -84,7 +85,7 @@ def _cell(value: Any) -> Any:
     return safe_cell(value)
 
 
-def _lines(rows: Iterable[Sequence[Any]]) -> bytes:
+def _lines(rows: Iterable[Sequence[object]]) -> bytes:
     buffer = io.StringIO(newline="")
     csv.writer(buffer).writerows(rows)
     return buffer.getvalue().encode()

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from pydantic_core import to_json
 
-from app.http.tables.columns import Batch, Column, Part
+from app.http.tables.columns import Batch, Cell, Column, Part, Row, as_row
 from app.http.tables.ndjson_rows import known_members, member_texts
 
 UNKNOWN_PLACE = "Not told, or the study keeps no locations."
@@ -29,5 +29,9 @@ def encode_geojson(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[
     yield ("" if head == "," else head).encode() + b"\n]}\n"
 
 
-def _geometry(point: tuple[float | None, float | None]) -> str:
-    return "null" if None in point else f'{{"type":"Point","coordinates":{to_json(point).decode()}}}'
+def _geometry(point: Cell | Row) -> str:
+    return (
+        "null"
+        if None in as_row(POINT.columns, point)
+        else f'{{"type":"Point","coordinates":{to_json(point).decode()}}}'
+    )

@@ -2,14 +2,13 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
-from typing import Any
 
 from pydantic_core import to_json
 
 from app.http.tables.cells import MadeOnce
-from app.http.tables.columns import Batch, Part, PartOfBatch
+from app.http.tables.columns import Batch, Cell, Part, PartOfBatch, Row, as_row
 
-Members = dict[Part, MadeOnce[Any, str]]
+Members = dict[Part, MadeOnce[Cell | Row, str]]
 
 
 def encode_ndjson(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[bytes]:
@@ -21,7 +20,7 @@ def encode_ndjson(parts: Sequence[Part], batches: Iterable[Batch]) -> Iterator[b
 
 def known_members(parts: Sequence[Part]) -> Members:
     """The texts of shared parts' rows, made once each."""
-    return {part: MadeOnce(partial(_members, _names(part))) for part in parts if part.type == "shared"}
+    return {part: MadeOnce(partial(_members, part)) for part in parts if part.type == "shared"}
 
 
 def member_texts(batch: Batch, shared: Members) -> Iterator[str]:
@@ -41,9 +40,8 @@ def _texts(some: PartOfBatch, shared: Members) -> Sequence[str]:
             return shared[some.part].of(some.rows)
 
 
-def _members(names: tuple[str, ...], values: Any) -> str:
-    row = values if len(names) > 1 else (values,)
-    return to_json(dict(zip(names, row, strict=True)))[1:-1].decode()
+def _members(part: Part, values: Cell | Row) -> str:
+    return to_json(dict(zip(_names(part), as_row(part.columns, values), strict=True)))[1:-1].decode()
 
 
 def _names(part: Part) -> tuple[str, ...]:

@@ -10,10 +10,10 @@ from typing import Any
 import pyarrow as pa
 from pyarrow import parquet
 
-from app.http.tables.columns import Batch, Column, ColumnType, Part, PartOfBatch
+from app.http.tables.columns import Batch, Cell, Column, ColumnType, Part, PartOfBatch, Row
 
 ROWS_A_GROUP = 32_768  # some 10 MB in memory, and large enough to be read in few pieces
-TYPES: dict[ColumnType, Any] = {
+TYPES: dict[ColumnType, pa.DataType] = {
     "id": pa.string(),
     "word": pa.string(),
     "instant": pa.timestamp("us", tz="UTC"),
@@ -79,13 +79,13 @@ def _arrays(some: PartOfBatch) -> list[pa.Array]:
         return [
             _array(column, values) for column, values in zip(columns, zip(*some.as_tuples(), strict=True), strict=True)
         ]
-    places: dict[Any, int] = {}
+    places: dict[Cell | Row, int] = {}
     taken = pa.array([places.setdefault(row, len(places)) for row in some.rows], pa.int32())
     rows = PartOfBatch(some.part, list(places)).as_tuples()
     return [_array(column, values).take(taken) for column, values in zip(columns, zip(*rows, strict=True), strict=True)]
 
 
-def _array(column: Column, values: Sequence[Any]) -> pa.Array:
+def _array(column: Column, values: Row) -> pa.Array:
     if column.type in {"instant", "day"}:
         return pa.array(values, pa.string()).cast(TYPES[column.type])
     return pa.array(values, TYPES[column.type])

@@ -12,12 +12,11 @@ from typing import Any
 import pyarrow as pa
 from pyarrow import parquet
 
-from app.http.tables.columns import Batch, Column, ColumnType, Part, PartOfBatch, instant_text, rows_of
+from app.http.tables.columns import Batch, Column, ColumnType, Part, PartOfBatch, Row, instant_text, rows_of
 from app.http.tables.csv_rows import encode_csv
 from app.http.tables.parquet_rows import encode_parquet
 
 ROWS_A_BATCH = 8192  # a row group is four of them
-Row = tuple[Any, ...]
 NUMBERS = frozenset({"number", "integer"})
 
 

@@ -9,12 +9,13 @@ import hashlib
 import secrets
 import uuid
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from typing import Literal
 
 from app.core.errors import GoneError, NotAllowedError, NotFoundError, UnauthenticatedError
 from app.db.session import Database
+from app.http.tables.columns import RowFilter
 from app.people import queries as people
 from app.people.access.secret_box import SecretBox
 from app.people.models import ROLES, Role
@@ -114,6 +115,12 @@ def visible_studies(caller: Caller) -> frozenset[uuid.UUID] | None:
     if caller.is_admin:
         return None
     return frozenset(study for study, role in caller.roles.items() if reaches(role, caller.needs))
+
+
+def visible_rows(caller: Caller, chosen: RowFilter) -> RowFilter:
+    """Limit the filter to what the caller may see: a phone its participant's rows, staff those of their studies."""
+    visible = replace(chosen, study_ids=visible_studies(caller))
+    return replace(visible, participant_id=caller.participant_id) if isinstance(caller, DeviceCaller) else visible
 
 
 def known_studies(caller: Caller) -> frozenset[uuid.UUID] | None:

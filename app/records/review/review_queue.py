@@ -7,7 +7,7 @@ from sqlalchemy.orm import Session
 
 from app.candidates.item_candidates import ItemCandidates, candidates_of_records
 from app.db.session import Database
-from app.http.cursors import ID, NUMBER, Page, decode_cursor, encode_cursor
+from app.http.cursors import ID, NUMBER, Page, decode_cursor, page_of
 from app.meals.event_models import MealEvent
 from app.meals.models import Meal
 from app.people.access.caller import DeviceCaller
@@ -39,11 +39,7 @@ def read_rows(session: Session, chosen: QueueFilter, *, cursor: str | None, limi
     """A page of the queue's rows alone; what is shown of each, `read_queue` and review_items.py add. Raises as it."""
     listed = f"review-queue/{sorted((name, str(value)) for name, value in asdict(chosen).items())}"
     rows = review.page_of_queue(session, chosen, after=decode_cursor(listed, cursor, NUMBER, ID), limit=limit + 1)
-    shown = rows[:limit]
-    if len(rows) <= limit:
-        return Page(shown, None)
-    last = shown[-1].record
-    return Page(shown, encode_cursor(listed, last.doubt, last.item_id))
+    return page_of(listed, rows, limit, lambda row: (row.record.doubt, row.record.item_id))
 
 
 def open_questions(database: Database, caller: DeviceCaller) -> list[tuple[MealEvent, Meal]]:

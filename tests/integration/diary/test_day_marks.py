@@ -21,7 +21,7 @@ from app.diary.day_sums import (
     write_sums,
 )
 from app.diary.models import DayMark, DaySum, DiaryDay, StudyDayMark, StudyDaySum
-from app.diary.queries import DayFilter
+from app.http.tables.columns import RowFilter
 from app.meals.models import MEAL_STATUSES, Meal
 from app.meals.record_models import HEADLINE_COLUMNS, RECORD_STATUSES, EffectiveRecord, Item
 from app.people.models import Device, Participant, Study
@@ -78,7 +78,7 @@ def told(database):
     """All that is told of days, page by page, of intakes, and of the study's days."""
     with database.read() as session:
         rows, after = [], None
-        while page := days.page_of_days(session, DayFilter(), after=after, limit=5):
+        while page := days.page_of_days(session, RowFilter(), after=after, limit=5):
             rows += page
             after = (page[-1].local_date, page[-1].participant_id)
         means = intakes.page_of_intakes(session, STUDY, first_day=None, last_day=None, after=None, limit=10)

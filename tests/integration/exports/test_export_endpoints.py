@@ -8,9 +8,10 @@ from datetime import date
 import pytest
 import sqlalchemy as sa
 
-from app.exports.export_spec import ExportFilters, ExportSpec, spec_as_json, spec_of_json
+from app.exports.export_spec import ExportSpec, spec_as_json, spec_of_json
 from app.foods.models import Component, Food, FoodNutrient
 from app.http.tables import meal_columns, photograph_columns, record_columns
+from app.http.tables.columns import RowFilter
 from app.meals.event_models import LAYERS
 from app.meals.models import AFTER_SLOTS, AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, SLOTS, Meal
 from app.meals.record_models import HEADLINE_COLUMNS, ITEM_ORIGINS, RECORD_STATUSES
@@ -260,7 +261,7 @@ def test_each_table_that_staff_take_is_noted_once(study, client, admin, state):
 
 
 def test_spec_comes_back_from_json_as_it_was():
-    filters = ExportFilters("pilot", first_day=date(2026, 11, 1), statuses=("failed", "queued"), needs="review")
+    filters = RowFilter("pilot", first_day=date(2026, 11, 1), statuses=("failed", "queued"), needs="review")
     spec = ExportSpec("meals", "long", "parquet", "all", filters, provenance=False)
     told = json.loads(json.dumps(spec_as_json(spec)))
     assert spec_of_json(told) == spec

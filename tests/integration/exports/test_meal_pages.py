@@ -10,8 +10,9 @@ import pytest
 import sqlalchemy as sa
 
 from app.exports.lists import meal_page_queries as meal_pages
-from app.exports.lists.meal_page_queries import MealFilter, keys_of, pages_of_keys, search_of
+from app.exports.lists.meal_page_queries import keys_of, pages_of_keys, search_of
 from app.foods.models import Food, FoodRelease
+from app.http.tables.columns import RowFilter
 from app.meals.event_models import MealEvent
 from app.meals.models import AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, Meal
 from app.meals.record_models import RECORD_STATUSES, EffectiveRecord, Item
@@ -165,16 +166,16 @@ def some_filters(meals):
     """Every fourth pair of values of different filters, and a hundred of more."""
     drawn = random.Random(3)
     studies = frozenset({meal["study_id"] for meal in meals if meal["study"] != "c"})
-    yield MealFilter()
+    yield RowFilter()
     pairs = (
-        MealFilter(**dict(zip(names, values, strict=True)))
+        RowFilter(**dict(zip(names, values, strict=True)))
         for names in itertools.combinations(VALUES, 2)
         for values in itertools.product(*(VALUES[name] for name in names))
     )
     yield from itertools.islice(dict.fromkeys(pairs), 0, None, 4)
     for _ in range(60):
         some = {name: drawn.choice(values) for name, values in VALUES.items() if drawn.random() < 0.4}
-        yield MealFilter(**some, study_ids=drawn.choice((None, studies)))
+        yield RowFilter(**some, study_ids=drawn.choice((None, studies)))
 
 
 LIMITS = {
@@ -202,10 +203,10 @@ def test_any_filters_leave_the_meals_that_a_slow_reference_finds(database, meals
 
 
 @pytest.mark.parametrize("chosen", [
-    MealFilter(),
-    MealFilter(origin="declared"),
-    MealFilter(failure_codes=("marker_not_found",)),
-    MealFilter(needs="review"),
+    RowFilter(),
+    RowFilter(origin="declared"),
+    RowFilter(failure_codes=("marker_not_found",)),
+    RowFilter(needs="review"),
 ], ids=["all", "origin", "failure", "review"])  # fmt: skip
 def test_meals_of_more_studies_than_a_statement_has_branches_are_all_there(database, meals, chosen):
     """An admin sees all studies; those with meals are the last of them here."""
@@ -226,7 +227,7 @@ def test_meals_of_more_studies_than_a_statement_has_branches_are_all_there(datab
 
 @pytest.mark.parametrize(
     "chosen",
-    [MealFilter(), MealFilter(statuses=("failed",)), MealFilter(needs="answer")],
+    [RowFilter(), RowFilter(statuses=("failed",)), RowFilter(needs="answer")],
     ids=["all", "status", "answer"],
 )
 def test_where_there_is_no_study_there_is_no_meal(database, chosen):
@@ -235,10 +236,10 @@ def test_where_there_is_no_study_there_is_no_meal(database, chosen):
 
 
 @pytest.mark.parametrize("chosen", [
-    MealFilter(),
-    MealFilter(study_code="a", food_keys=("apple", "pear")),
-    MealFilter(needs="review", flags=("low_texture",)),
-    MealFilter(participant_code="P001"),
+    RowFilter(),
+    RowFilter(study_code="a", food_keys=("apple", "pear")),
+    RowFilter(needs="review", flags=("low_texture",)),
+    RowFilter(participant_code="P001"),
 ], ids=["all", "foods", "review+flag", "participant"])  # fmt: skip
 @pytest.mark.parametrize("is_newest_first", [True, False], ids=["newest", "oldest"])
 def test_pages_of_meals_follow_each_other_without_gap_or_repeat(database, meals, chosen, is_newest_first):
@@ -266,7 +267,7 @@ def test_pages_of_meals_follow_each_other_without_gap_or_repeat(database, meals,
     ids=["none", "days", "status", "origin", "failure", "after", "food", "flag", "review", "participant"],
 )
 def test_no_page_of_meals_sorts_or_reads_a_whole_table(database, named, index):
-    chosen = MealFilter(study_code="a", **named)
+    chosen = RowFilter(study_code="a", **named)
     with database.read() as session:
         search = search_of(session, chosen)
         plan = plan_of(session, sa.select(search.page((NOW, uuid.UUID(int=0)), 100)))

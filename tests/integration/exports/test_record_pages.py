@@ -12,13 +12,14 @@ import sqlalchemy as sa
 
 from app.diary import queries as days
 from app.diary.models import DiaryDay
-from app.diary.queries import DayFilter, page_of_days
+from app.diary.queries import page_of_days
 from app.foods.models import Food, FoodRelease
+from app.http.tables.columns import RowFilter
 from app.meals.models import Meal
 from app.meals.record_models import RECORD_STATUSES, EffectiveRecord, Item
 from app.people.models import Device, Participant, Study
 from app.records import page_queries as record_pages
-from app.records.page_queries import RecordFilter, search_of
+from app.records.page_queries import search_of
 from app.records.queries import page_of_records
 from app.records.review import queries as review
 from app.records.review.queries import QueueFilter, page_of_queue, queue_keys
@@ -132,7 +133,7 @@ def filters(rows):
     for values in itertools.product(*VALUES.values()):
         named = dict(zip(VALUES, values, strict=True))
         is_some = named.pop("some_studies")
-        yield RecordFilter(**named, study_ids=studies if is_some else None)
+        yield RowFilter(**named, study_ids=studies if is_some else None)
 
 
 @pytest.mark.parametrize(("most_branches", "most_planned"), [(256, 8), (256, 1), (3, 8)])
@@ -151,7 +152,7 @@ def test_any_filters_leave_what_a_slow_reference_finds(database, eaten, monkeypa
 
 
 def test_pages_follow_each_other_without_gap_or_repeat(database, eaten):
-    chosen = RecordFilter(food_keys=("apple", "pear"))
+    chosen = RowFilter(food_keys=("apple", "pear"))
     seen, after = [], None
     with database.read() as session:
         while page := page_of_records(session, chosen, after=after, limit=3):
@@ -186,17 +187,17 @@ def _stored(statement, name):
 @pytest.mark.parametrize(
     "chosen",
     [
-        RecordFilter(),
-        RecordFilter(first_day=FIRST_DAY, last_day=FIRST_DAY),
-        RecordFilter(study_code="a"),
-        RecordFilter(study_code="a", first_day=FIRST_DAY),
-        RecordFilter(statuses=("rejected", "confirmed")),
-        RecordFilter(study_code="a", statuses=("rejected",)),
-        RecordFilter(food_keys=("apple",)),
-        RecordFilter(study_code="a", food_keys=("apple", "pear"), statuses=("rejected",)),
-        RecordFilter(participant_code="P-b", food_keys=("apple",), statuses=("rejected",)),
+        RowFilter(),
+        RowFilter(first_day=FIRST_DAY, last_day=FIRST_DAY),
+        RowFilter(study_code="a"),
+        RowFilter(study_code="a", first_day=FIRST_DAY),
+        RowFilter(statuses=("rejected", "confirmed")),
+        RowFilter(study_code="a", statuses=("rejected",)),
+        RowFilter(food_keys=("apple",)),
+        RowFilter(study_code="a", food_keys=("apple", "pear"), statuses=("rejected",)),
+        RowFilter(participant_code="P-b", food_keys=("apple",), statuses=("rejected",)),
     ],
-    ids=lambda chosen: "+".join(name for name in RecordFilter.__slots__ if getattr(chosen, name)) or "none",
+    ids=lambda chosen: "+".join(name for name in RowFilter.__slots__ if getattr(chosen, name)) or "none",
 )
 def test_no_page_sorts_or_reads_a_whole_table(database, chosen):
     after = (NOW - timedelta(days=60), uuid.UUID(int=0))
@@ -231,7 +232,7 @@ def test_pages_of_days_are_those_of_meals_and_words_in_their_order(database, eat
                 for key, row in every.items()
                 if study in (None, row["study"]) and code in (None, row["person"]) and key[0] >= (first or date.min)
             )
-            chosen = DayFilter(study_code=study, participant_code=code, first_day=first)
+            chosen = RowFilter(study_code=study, participant_code=code, first_day=first)
             seen, after = [], None
             while page := page_of_days(session, chosen, after=after, limit=4):
                 after = (page[-1].local_date, page[-1].participant_id)

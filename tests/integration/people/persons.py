@@ -12,10 +12,11 @@ from app.candidates.models import IndexEntry, ItemIdentification
 from app.db.base import Base
 from app.diary import day_sum_queries as day_sums
 from app.diary.models import DayEvent, DiaryDay
-from app.exports.export_spec import ExportFilters, ExportSpec, spec_as_json
+from app.exports.export_spec import ExportSpec, spec_as_json
 from app.exports.models import Export
 from app.exports.release_models import Release
 from app.foods.models import Food
+from app.http.tables.columns import RowFilter
 from app.meals.event_models import MealEvent
 from app.meals.job_models import Job
 from app.meals.models import Meal
@@ -286,7 +287,7 @@ class Person:
 
     def _ask_for_files(self, state):
         """An export that names them, and a release of the whole study."""
-        spec = ExportSpec("meals", output="csv", filters=ExportFilters(study_code="pilot", participant_code=self.mark))
+        spec = ExportSpec("meals", output="csv", filters=RowFilter(study_code="pilot", participant_code=self.mark))
         with state.database.write() as session:
             asked = {
                 "id": uuid.uuid4(),

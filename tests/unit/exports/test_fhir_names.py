@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.core.errors import MalformedRequestError
-from app.exports.fhir.dates import DateBounds
+from app.exports.fhir.dates import narrowed
 from app.exports.fhir.fhir_intakes import PersonName
 from app.exports.fhir.names import Names, patient_id, person_of_id, person_of_token
+from app.exports.fhir.queries import IntakeFilter
 
 NAMES = Names("https://tada.example.org/fhir")
 codes = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_-]{0,40}", fullmatch=True)
@@ -42,4 +43,4 @@ def test_what_no_participant_is_called_is_nobody(text):
 )
 def test_any_text_is_a_date_or_refused(text):
     with contextlib.suppress(MalformedRequestError):
-        assert DateBounds().narrowed(text) != DateBounds()
+        assert narrowed(IntakeFilter(), text) != IntakeFilter()

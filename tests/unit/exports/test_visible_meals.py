@@ -2,9 +2,8 @@
 
 import uuid
 
-from app.exports.lists.list_meals import visible_meals
-from app.exports.lists.meal_page_queries import MealFilter
-from app.people.access.caller import DeviceCaller, StaffCaller
+from app.http.tables.columns import RowFilter
+from app.people.access.caller import DeviceCaller, StaffCaller, visible_rows
 
 ANY_ID, PERSON, STUDY, OTHER = (uuid.UUID(int=n) for n in range(1, 5))
 
@@ -12,11 +11,11 @@ ANY_ID, PERSON, STUDY, OTHER = (uuid.UUID(int=n) for n in range(1, 5))
 def test_phone_sees_its_participants_meals_and_no_other_study_is_looked_into():
     """What another filter asks (flags) is looked up study by study: a phone's call must not read all of them."""
     phone = DeviceCaller(device_id=ANY_ID, participant_id=PERSON, study_id=STUDY, participant_alias=ANY_ID)
-    visible = visible_meals(phone, MealFilter(participant_id=ANY_ID, study_ids=frozenset({OTHER}), flags=("a",)))
-    assert visible == MealFilter(participant_id=PERSON, study_ids=frozenset({STUDY}), flags=("a",))
+    visible = visible_rows(phone, RowFilter(participant_id=ANY_ID, study_ids=frozenset({OTHER}), flags=("a",)))
+    assert visible == RowFilter(participant_id=PERSON, study_ids=frozenset({STUDY}), flags=("a",))
 
 
 def test_staff_see_the_studies_in_which_their_role_suffices():
     roles = {STUDY: "viewer", OTHER: "reviewer"}
     staff = StaffCaller(staff_id=ANY_ID, name="ann", is_admin=False, token_id=ANY_ID, roles=roles, needs="reviewer")
-    assert visible_meals(staff, MealFilter()).study_ids == {OTHER}
+    assert visible_rows(staff, RowFilter()).study_ids == {OTHER}

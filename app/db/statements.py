@@ -1,0 +1,12 @@
+"""Types of statements whose columns are put together at run time."""
+
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.orm import InstrumentedAttribute
+
+AnyColumn = sa.ColumnElement[Any] | InstrumentedAttribute[Any]
+AnyQuery = sa.Select[*tuple[Any, ...]]
+AnyRow = sa.Row[*tuple[Any, ...]]
+Condition = sa.ColumnElement[bool]
+Conditions = tuple[Condition, ...]
