@@ -50,7 +50,7 @@ def main() -> None:
         blobs = open_blob_store(settings.resolved_blob_url, settings)
         box = open_secret_box(settings)
         ended = FileRunner(database, blobs, settings, box, arguments.claim).run_one()
-        told = {"outcome": None} if ended is None else asdict(ended)
+        told = {} if ended is None else asdict(ended)
     except AskedToEndError:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         with database.write() as session:

@@ -24,7 +24,7 @@ from pathlib import Path
 from app.db.session import Database
 from app.diary.day_summaries import list_day_summaries, list_intakes
 from app.diary.study_overview import study_overview
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.people.access.caller import StaffCaller
 from benchmarks import pages_http
 from benchmarks.query import PAGE, filled_database, quantile

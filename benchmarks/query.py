@@ -42,7 +42,7 @@ from app.db.migrate import upgrade
 from app.db.session import Database
 from app.diary.day_summaries import list_day_summaries
 from app.exports.lists.list_records import cursor_behind, list_records
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.meals.record_models import EffectiveRecord
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller, visible_rows
 from app.people.access.staff import create_admin

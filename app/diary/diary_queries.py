@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from app.diary.models import DayEvent, DiaryDay
 from app.diary.queries import keys_of
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord
 from app.people.models import Participant

@@ -22,7 +22,7 @@ from app.diary.models import DayStatus
 from app.diary.queries import DayRow
 from app.diary.study_days import number_days, stage_on
 from app.foods.food_amounts import RECORD_COLUMNS
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
 from app.messages.catalogue import feedback_sentence

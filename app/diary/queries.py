@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 from app.db.statements import AnyQuery
 from app.diary.day_definition import COLUMNS, counted_days
 from app.diary.models import DayEvent, DayMark, DaySum, DiaryDay
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.models import Participant, Study

@@ -11,7 +11,7 @@ from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import ExportId, StudyCode
 from app.http.problems import problem_responses
 from app.http.ranges import answer_stored_file
-from app.http.tables.columns import WIRE_NAMES
+from app.http.row_filter import WIRE_NAMES
 from app.people.access.deps import CurrentStaff, State
 
 router = APIRouter(prefix="/v1/studies/{study}/exports", tags=["exports"])

@@ -10,7 +10,8 @@ from app.exports.data_dictionary_schemas import DataDictionary, DictionaryColumn
 from app.exports.export_files import MEDIA_TYPES, ComponentsIn, LayoutIn, ProvenanceIn
 from app.exports.export_spec import ExportSpec, Rows
 from app.http.problems import problem_responses
-from app.http.tables.columns import PartOfBatch, RowFilter
+from app.http.row_filter import RowFilter
+from app.http.tables.columns import PartOfBatch
 from app.http.tables.csv_rows import encode_csv
 from app.http.tables.dictionary import DICTIONARY_PARTS, entries, table_schema
 from app.people.access.deps import CurrentCaller, State

@@ -12,8 +12,8 @@ from app.exports.export_spec import Components, ExportSpec, Layout, Output, Rows
 from app.http.closing_stream import ClosingStream
 from app.http.day_order import require_order
 from app.http.parameters import FirstDay, LastDay, OfParticipant, OfStudy
+from app.http.row_filter import RowFilter
 from app.http.state import ApiState
-from app.http.tables.columns import RowFilter
 from app.meals.models import AfterStatus, MealOrigin, MealStatus
 from app.meals.record_models import RecordStatus
 from app.people.access.caller import Caller

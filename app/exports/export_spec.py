@@ -11,7 +11,7 @@ from pydantic import JsonValue, TypeAdapter
 
 from app.core.errors import InvalidInputError
 from app.http.day_order import require_order
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 
 Rows = Literal["items", "meals", "days", "photographs"]
 Layout = Literal["wide", "long"]

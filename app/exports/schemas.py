@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.exports.export_spec import Components, Layout, Output, Rows
 from app.exports.models import ExportState
 from app.http.field_descriptions import NEXT, PAGE
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.http.text_schemas import LocalDay, Text
 from app.meals.models import AfterStatus, MealOrigin, MealStatus
 from app.meals.record_models import RecordStatus

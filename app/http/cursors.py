@@ -12,7 +12,7 @@ from datetime import UTC, date, datetime
 from typing import Any, Generic, TypeVar, overload
 
 from app.core.errors import InvalidInputError
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 
 Row = TypeVar("Row")
 Value = TypeVar("Value")
@@ -50,13 +50,6 @@ def list_name(name: str, chosen: RowFilter) -> str:
     """Return the name of a list of these filters, to which its cursors are bound."""
     asked = {name: getattr(chosen, name) for name in chosen.set_names}
     return f"{name} {json.dumps(asked, default=str)}"
-
-
-def page_of(listed: str, rows: list[Row], limit: int, key: Callable[[Row], tuple[object, ...]]) -> Page[Row]:
-    """Return a page of at most `limit` rows. rows: one more than that where there are more; key: a row's place."""
-    if len(rows) <= limit:
-        return Page(rows, None)
-    return Page(rows[:limit], encode_cursor(listed, *key(rows[limit - 1])))
 
 
 def encode_cursor(listed: str, *key: object) -> str:

@@ -18,7 +18,7 @@ from app.privacy.erasure_ledger import ErasureLedger
 from app.privacy.orphan_rounds import OrphanRounds
 from app.privacy.reapply_erasures import reapply_erasures
 from app.privacy.retention import erase_old_pictures
-from app.releases.file_work_chore import expire_exports, file_process
+from app.releases.file_work_chore import FileProcess, expire_exports
 from app.storage.blob_store import BlobStore
 from app.storage.opening import open_blob_store
 from app.uploads.after_windows import AfterWindows
@@ -53,7 +53,7 @@ def worker_chores(
             return 0
         return erase_old_pictures(database)
 
-    files = file_process(database, settings)
+    files = FileProcess(database, settings)
     deliver = DeliverWebhooks(database, box, WebhookPost(allow_loopback=settings.webhook_allow_loopback))
     return [
         Chore("close_after_windows", 10.0, AfterWindows(database).close_due),

@@ -20,7 +20,7 @@ from sqlalchemy.orm import Session
 
 from app.db.statements import AnyColumn, AnyQuery, Conditions
 from app.foods.models import Food
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.meals.record_models import RECORD_STATUSES, EffectiveRecord
 from app.people.models import Participant, Study
 

@@ -13,7 +13,7 @@ from app.db.statements import AnyColumn, AnyQuery
 from app.diary import diary_queries as diary
 from app.diary.models import DayStatus, DiaryDay
 from app.foods.models import Food, FoodRelease
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord, Item, ItemFood, Run, RunArtefact
 from app.people.models import Participant, Study

@@ -15,7 +15,8 @@ from sqlalchemy.orm import Session
 
 from app.exports.export_spec import ExportSpec, Rows
 from app.exports.tables.export_tables import table_of
-from app.http.tables.columns import Column, Row, RowFilter, columns_of
+from app.http.row_filter import RowFilter
+from app.http.tables.columns import Column, Row, columns_of
 from app.people.access.caller import StaffCaller
 from app.releases import queries as releases
 from app.releases.queries import UsedFood

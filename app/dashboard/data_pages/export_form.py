@@ -13,7 +13,7 @@ from app.dashboard.meal_pages.flag_words import FLAGS
 from app.dashboard.refusals import sentence
 from app.exports.export_spec import FILTERS, ExportSpec, Rows, check_spec
 from app.exports.schemas import ExportIn
-from app.http.tables.columns import WIRE_NAMES
+from app.http.row_filter import WIRE_NAMES
 from app.meals.models import AfterStatus, MealStatus
 from app.meals.record_models import RecordStatus
 

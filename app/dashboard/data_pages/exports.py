@@ -21,7 +21,7 @@ from app.exports.export_spec import ExportSpec, spec_of_json
 from app.exports.models import UNDER_WAY
 from app.exports.queries import AskedExport
 from app.http.ranges import answer_stored_file
-from app.http.tables.columns import WIRE_NAMES
+from app.http.row_filter import WIRE_NAMES
 from app.people.access.page_rules import STUDY_PAGES
 
 router = APIRouter(include_in_schema=False)

@@ -20,7 +20,7 @@ from app.diary.feedback import Feedback, read_feedback
 from app.diary.schemas import DayIn
 from app.diary.study_days import judge_day
 from app.exports.lists.list_meals import list_meals, sums_of
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.http.text_schemas import LocalDay
 from app.people import devices, participants
 from app.people.access.page_rules import STUDY_PAGES

@@ -5,7 +5,7 @@ from datetime import datetime
 
 from app.db.session import Database
 from app.http.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor, list_name, page_of
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.people.access.caller import Caller, visible_rows
 from app.records import queries as records
 from app.records.queries import RecordRow

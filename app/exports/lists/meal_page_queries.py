@@ -17,7 +17,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.statements import AnyColumn, Condition, Conditions
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.meals.models import MEAL_ORIGINS, MEAL_STATUSES, Meal
 from app.meals.record_models import EffectiveRecord
 from app.records import conditions as conditions_of

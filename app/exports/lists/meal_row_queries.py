@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session, defer
 
 from app.exports.lists.meal_page_queries import keys_of, search_of
 from app.foods.models import Food
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.meals.models import MEAL_STATUSES, Meal, MealImage
 from app.meals.record_models import EffectiveRecord, Item
 from app.people.models import Participant, Study

@@ -32,7 +32,7 @@ from app.exports.lists.meal_schemas import (
 from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.people.access.caller import Caller, DeviceCaller
 from app.people.access.deps import CurrentCaller, CurrentStaff, State
 from app.people.studies import read_study

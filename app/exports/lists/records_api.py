@@ -18,7 +18,7 @@ from app.exports.export_files import (
 from app.exports.lists.list_records import list_records
 from app.http.paging import Cursor, Limit, next_page
 from app.http.problems import problem_responses
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.people.access.deps import CurrentCaller, State
 from app.records.render import render_record
 from app.records.schemas import RecordPage

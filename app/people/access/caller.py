@@ -15,7 +15,7 @@ from typing import Literal
 
 from app.core.errors import GoneError, NotAllowedError, NotFoundError, UnauthenticatedError
 from app.db.session import Database
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.people import queries as people
 from app.people.access.secret_box import SecretBox
 from app.people.models import ROLES, Role

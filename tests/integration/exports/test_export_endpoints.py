@@ -10,8 +10,8 @@ import sqlalchemy as sa
 
 from app.exports.export_spec import ExportSpec, spec_as_json, spec_of_json
 from app.foods.models import Component, Food, FoodNutrient
+from app.http.row_filter import RowFilter
 from app.http.tables import meal_columns, photograph_columns, record_columns
-from app.http.tables.columns import RowFilter
 from app.meals.event_models import LAYERS
 from app.meals.models import AFTER_SLOTS, AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, SLOTS, Meal
 from app.meals.record_models import HEADLINE_COLUMNS, ITEM_ORIGINS, RECORD_STATUSES

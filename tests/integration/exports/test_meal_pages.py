@@ -12,7 +12,7 @@ import sqlalchemy as sa
 from app.exports.lists import meal_page_queries as meal_pages
 from app.exports.lists.meal_page_queries import keys_of, pages_of_keys, search_of
 from app.foods.models import Food, FoodRelease
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.meals.event_models import MealEvent
 from app.meals.models import AFTER_STATUSES, MEAL_ORIGINS, MEAL_STATUSES, Meal
 from app.meals.record_models import RECORD_STATUSES, EffectiveRecord, Item

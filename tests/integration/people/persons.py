@@ -16,7 +16,7 @@ from app.exports.export_spec import ExportSpec, spec_as_json
 from app.exports.models import Export
 from app.exports.release_models import Release
 from app.foods.models import Food
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.meals.event_models import MealEvent
 from app.meals.job_models import Job
 from app.meals.models import Meal

@@ -10,7 +10,7 @@ import sqlalchemy as sa
 
 from app.exports.models import Export
 from app.jobs.chores import Chore, ChoreThread
-from app.releases.file_work_chore import file_process
+from app.releases.file_work_chore import FileProcess
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.integration.people.people import make_staff
 from tests.stores import stored_names
@@ -55,26 +55,26 @@ def attempts(state):
 
 
 def test_process_makes_the_file_and_ends(state, settings, asked):
-    process = file_process(state.database, settings)
+    process = FileProcess(state.database, settings)
     wait_until(lambda: asked()["state"] == "done", process.look)
     wait_until(lambda: process.pid is None, process.look)
     assert asked()["rows_written"] == 1
 
 
 def test_killed_process_is_followed_by_another_at_once(state, settings, asked):
-    slow = file_process(state.database, settings, command=(sys.executable, "-c", SLOW))
+    slow = FileProcess(state.database, settings, command=(sys.executable, "-c", SLOW))
     wait_until(lambda: asked()["state"] == "running" and asked()["bytes"] > 0, slow.look)
     os.kill(slow.pid, signal.SIGKILL)
     wait_until(lambda: asked()["state"] == "queued", slow.look)
     slow.stop()
-    other = file_process(state.database, settings)
+    other = FileProcess(state.database, settings)
     wait_until(lambda: asked()["state"] == "done", other.look)
     other.stop()
     assert attempts(state) >= 2
 
 
 def test_worker_that_ends_gives_the_work_back_and_no_try_is_counted(state, settings, asked):
-    slow = file_process(state.database, settings, command=(sys.executable, "-c", SLOW))
+    slow = FileProcess(state.database, settings, command=(sys.executable, "-c", SLOW))
     chores = ChoreThread([Chore("make_files", 0.1, slow.look, at_end=slow.stop)])
     chores.start()
     wait_until(lambda: asked()["state"] == "running")

@@ -2,7 +2,7 @@
 
 import uuid
 
-from app.http.tables.columns import RowFilter
+from app.http.row_filter import RowFilter
 from app.people.access.caller import DeviceCaller, StaffCaller, visible_rows
 
 ANY_ID, PERSON, STUDY, OTHER = (uuid.UUID(int=n) for n in range(1, 5))
