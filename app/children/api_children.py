@@ -68,7 +68,7 @@ class ApiChildren:
     def run(
         self,
         task: str,
-        arguments: Mapping[str, Any],
+        arguments: Mapping[str, object],
         *,
         seconds: float,
         whose: Whose,

@@ -25,7 +25,8 @@ from typing import Any, TextIO
 
 from app.children.process_life import die_with_parent
 
-Task = Callable[[Mapping[str, Any], Callable[[str], None]], Mapping[str, Any]]
+Task = Callable[[Mapping[str, Any], Callable[[str], None]], Mapping[str, object]]
+Message = Mapping[str, object]
 
 COSTLY_NICENESS = 15  # next to an ordinary request some 3 % of a core, and all of it while nobody else wants it
 OPENCV_NO_MEMORY = -4  # cv::Error::StsNoMem
@@ -50,7 +51,7 @@ def main(arguments: list[str]) -> None:
         _send(answers, _at_low_priority(perform) if request["is_costly"] else perform())
 
 
-def _at_low_priority(perform: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+def _at_low_priority(perform: Callable[[], Message]) -> Message:
     """In a thread of its own: Linux gives each thread its priority, and a lowered one cannot be raised again."""
 
     def lower() -> None:
@@ -96,7 +97,7 @@ def _load_tasks(name: str) -> Mapping[str, Task]:
     return tasks
 
 
-def _perform(tasks: Mapping[str, Task], name: str, arguments: Mapping[str, Any], answers: TextIO) -> dict[str, Any]:
+def _perform(tasks: Mapping[str, Task], name: str, arguments: Mapping[str, object], answers: TextIO) -> Message:
     try:
         result = tasks[name](arguments, lambda stage: _send(answers, {"stage": stage}))
         json.dumps(result, allow_nan=False)  # an answer that is no JSON is a fault of the task, told as one
@@ -117,7 +118,7 @@ def _is_out_of_memory(error: Exception) -> bool:
     return is_opencv and (getattr(error, "code", None) == OPENCV_NO_MEMORY or "bad_alloc" in str(error))
 
 
-def _send(answers: TextIO, message: Mapping[str, Any]) -> None:
+def _send(answers: TextIO, message: Message) -> None:
     answers.write(json.dumps(message, allow_nan=False) + "\n")
     answers.flush()
 

@@ -63,7 +63,7 @@ class ChildRequest:
     """
 
     task: str
-    arguments: Mapping[str, Any]
+    arguments: Mapping[str, object]
     is_costly: bool = False
 
 
@@ -404,7 +404,7 @@ class _Child:
         number = -status if status < 0 else None
         return ChildResult("crashed", message=f"the child process ended with status {status}", signal=number)
 
-    def _messages(self, seconds: float) -> Iterator[Any]:
+    def _messages(self, seconds: float) -> Iterator[object]:
         """Its messages as they come, until the time is over or the pipe ends; None for one that is no JSON."""
         stdout = self._process.stdout
         if stdout is None:

@@ -5,10 +5,10 @@ import json
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,8 +17,7 @@ from app.core.errors import InvalidInputError, StorageFullError, UnavailableErro
 from app.core.settings import Settings
 
 if TYPE_CHECKING:
-    from app.operations.backup.backup_check import CheckedBackup
-    from app.operations.backup.backup_format import Manifest
+    from app.operations.backup.backup_format import Backup
 
 PROGRESS_SECONDS = 2.0
 LISTED = 20  # damaged blobs told by name; --json tells a thousand, and the backup's lacking.jsonl all
@@ -51,17 +50,15 @@ def backup(
             sys.stdout.buffer.flush()
         else:
             done = backup_to_file(database, blobs, box, file, tell)
-        note_backup(database, blobs=done.blobs, damaged=done.damaged, piped=to_pipe)
-    answer = _described(
-        done.manifest, done.rows, done.blobs, done.blob_bytes, done.erased, done.damaged, done.damaged_first
-    )
+        note_backup(database, blobs=done.end.blobs, damaged=done.end.damaged, piped=to_pipe)
+    answer = _described(done)
     if as_json:
         print(json.dumps(answer), file=sys.stderr if to_pipe else sys.stdout)
     else:
-        print(f"{file}: {_counted(answer)}.", file=sys.stderr)
-        _tell_damaged(done.damaged, done.damaged_first)
+        print(f"{file}: {_counted(done)}.", file=sys.stderr)
+        _tell_damaged(done)
         print(KEPT_APART, file=sys.stderr)
-    raise SystemExit(1 if done.damaged else 0)
+    raise SystemExit(1 if done.end.damaged else 0)
 
 
 def restore(
@@ -100,55 +97,46 @@ def restore(
     raise SystemExit(1 if done.checked.end.damaged else 0)
 
 
-def _tell_checked(checked: "CheckedBackup", more: dict[str, Any], deed: str, *, as_json: bool) -> None:
-    end = checked.end
-    answer = _described(
-        checked.manifest, end.rows, end.blobs, end.blob_bytes, end.erased, end.damaged, checked.damaged_first
-    )
-    answer |= more
+def _tell_checked(checked: "Backup", more: dict[str, int], deed: str, *, as_json: bool) -> None:
+    answer = _described(checked)
     if as_json:
-        print(json.dumps(answer))
+        print(json.dumps({**answer, **more}))
         return
-    print(f"{deed}: {_counted(answer)}, of {checked.manifest.created_at.isoformat(timespec='seconds')}.")
+    print(f"{deed}: {_counted(checked)}, of {checked.manifest.created_at.isoformat(timespec='seconds')}.")
     if more.get("queued_again"):
         print(f"{more['queued_again']} meals wait for a worker.")
-    _tell_damaged(end.damaged, checked.damaged_first)
+    _tell_damaged(checked)
 
 
-def _described(
-    manifest: "Manifest",
-    rows: Mapping[str, int],
-    blobs: int,
-    blob_bytes: int,
-    erased: int,
-    damaged: int,
-    damaged_first: Mapping[str, str],
-) -> dict[str, Any]:
+def _described(backup: "Backup") -> dict[str, object]:
+    manifest, end = backup.manifest, backup.end
     return {
         "backup": manifest.backup,
         "created_at": manifest.created_at.isoformat(),
         "program": manifest.program,
         "revision": manifest.revision,
         "database": manifest.database,
-        "rows": sum(rows.values()),
-        "tables": dict(rows),
-        "blobs": blobs,
-        "blob_bytes": blob_bytes,
-        "erased_meanwhile": erased,
-        "damaged_blobs": damaged,
-        "damaged": dict(damaged_first),
+        "rows": sum(end.rows.values()),
+        "tables": end.rows,
+        "blobs": end.blobs,
+        "blob_bytes": end.blob_bytes,
+        "erased_meanwhile": end.erased,
+        "damaged_blobs": end.damaged,
+        "damaged": dict(backup.damaged_first),
     }
 
 
-def _counted(answer: Mapping[str, Any]) -> str:
-    return f"{answer['rows']} rows, {answer['blobs']} blobs ({answer['blob_bytes'] / 1e6:.1f} MB)"
+def _counted(backup: "Backup") -> str:
+    end = backup.end
+    return f"{sum(end.rows.values())} rows, {end.blobs} blobs ({end.blob_bytes / 1e6:.1f} MB)"
 
 
-def _tell_damaged(damaged: int, first: Mapping[str, str]) -> None:
+def _tell_damaged(backup: "Backup") -> None:
+    damaged = backup.end.damaged
     if not damaged:
         return
     print(f"{damaged} blobs are not in the backup:", file=sys.stderr)
-    for key, why in list(first.items())[:LISTED]:
+    for key, why in list(backup.damaged_first.items())[:LISTED]:
         print(f"  {key}: {why}", file=sys.stderr)
     if damaged > LISTED:
         print(f"  and {damaged - LISTED} more: `tar xOf FILE lacking.jsonl`", file=sys.stderr)

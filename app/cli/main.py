@@ -6,7 +6,6 @@ Errors are sentences on standard error; exit status 0: done, 1: an answer that s
 
 import json
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,6 +26,8 @@ from app.core.private_files import keep_files_private
 from app.core.settings import Settings
 
 if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
+
     from app.vision.model import Photo
 
 cli = typer.Typer(
@@ -68,7 +69,7 @@ def main() -> None:
         fail(" ".join(f"{_variable(one)}: {one['msg']}." for one in error.errors(include_input=False)))
 
 
-def _variable(error: Mapping[str, Any]) -> str:
+def _variable(error: "ErrorDetails") -> str:
     """Which setting it is about; never its value, which may be a secret."""
     name = str(error["loc"][0]) if error["loc"] else "settings"
     return name.upper() if name.upper().startswith("TADA_") else f"TADA_{name.upper()}"

@@ -12,7 +12,6 @@ import re
 import sys
 import uuid
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import structlog
 from structlog.typing import EventDict, Processor, WrappedLogger
@@ -25,7 +24,7 @@ UUID_PATTERN = re.compile(r"[0-9a-f]{8}(-?)[0-9a-f]{4}\1[0-9a-f]{4}\1[0-9a-f]{4}
 NO_ROUTE = "(no route)"
 
 # one mapping for a whole request or job: threads that work for it copy the context, and share what is in it
-_facts: contextvars.ContextVar[dict[str, Any] | None] = contextvars.ContextVar("facts", default=None)
+_facts: contextvars.ContextVar[dict[str, object] | None] = contextvars.ContextVar("facts", default=None)
 
 
 def route_name(scope: Mapping[str, Any]) -> str:
@@ -48,7 +47,7 @@ def request_id_of(sent: str | None) -> str:
 
 
 @contextlib.contextmanager
-def telling(**facts: Any) -> Iterator[dict[str, Any]]:
+def telling(**facts: object) -> Iterator[dict[str, object]]:
     """All lines until the end carry these facts, and those that `tell` adds. Ids and codes only."""
     mine = dict(facts)
     token = _facts.set(mine)
@@ -58,7 +57,7 @@ def telling(**facts: Any) -> Iterator[dict[str, Any]]:
         _facts.reset(token)
 
 
-def tell(**facts: Any) -> None:
+def tell(**facts: object) -> None:
     """Add facts to all further lines of this request or job; outside of one, nothing."""
     mine = _facts.get()
     if mine is not None:

@@ -29,11 +29,11 @@ class RawJson(sa.types.UserDefinedType[str]):
 
     cache_ok = True
 
-    def get_col_spec(self, **_: Any) -> str:
+    def get_col_spec(self, **_: object) -> str:
         """Only for statements that are printed: no table is made with it."""
         return "JSON"
 
-    def column_expression(self, colexpr: sa.ColumnElement[Any]) -> sa.ColumnElement[str]:
+    def column_expression(self, colexpr: sa.ColumnElement[str]) -> sa.ColumnElement[str]:
         """As text."""
         return sa.cast(colexpr, sa.Text())
 

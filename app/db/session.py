@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Self, TypeVar
 
 import psycopg
 import sqlalchemy as sa
@@ -178,7 +178,7 @@ def _sqlite_engine(url: str, limits: PoolLimits, *, begin: str, query_only: bool
     )
 
     @event.listens_for(engine, "connect")
-    def prepare(connection: sqlite3.Connection, _record: Any) -> None:
+    def prepare(connection: sqlite3.Connection, _record: object) -> None:
         connection.isolation_level = None  # the driver begins nothing by itself: `begin` below does
         sqlite_connection_pragmas(connection)
         if query_only:

@@ -6,7 +6,6 @@ locked against migrations (ACCESS SHARE) before the first look, as pg_dump does.
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 import sqlalchemy as sa
 from alembic.migration import MigrationContext
@@ -24,7 +23,7 @@ class Snapshot:
     def __init__(self, connection: sa.Connection) -> None:
         self._connection = connection
 
-    def rows(self, table: TableLayout) -> Iterator[Sequence[Any]]:
+    def rows(self, table: TableLayout) -> Iterator[Sequence[object]]:
         """All rows of a table, in no order, each a value for every column of the layout."""
         query = sa.select(table.table()).execution_options(yield_per=ROWS_AT_A_TIME)
         with self._connection.execute(query) as result:

@@ -68,7 +68,8 @@ class RequestLog:
                 await render_problem(crash)(scope, counted_receive, stamped_send)
             finally:
                 instruments.IN_FLIGHT.dec()
-                seen.count(scope, facts.get("code"))
+                code = facts.get("code")
+                seen.count(scope, str(code) if code is not None else None)
                 if scope["path"] not in QUIET_PATHS:
                     log.info(
                         "request",

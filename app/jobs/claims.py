@@ -56,17 +56,17 @@ class Claims:
         self._look.set()
         self._thread.join(STOP_SECONDS)
 
-    def note_computed(self, job_id: uuid.UUID) -> None:
+    def note_computed(self, job_id: str) -> None:
         """The job needs no child any more: while its result is sealed and saved, the next job may have it."""
         with self._lock:
-            if job_id in self._claimed:
-                self._computed.add(job_id)
+            if uuid.UUID(job_id) in self._claimed:
+                self._computed.add(uuid.UUID(job_id))
         self._look.set()
 
-    def note_computing(self, job_id: uuid.UUID) -> None:
+    def note_computing(self, job_id: str) -> None:
         """The job needs a child, maybe again: its result could not be sealed."""
         with self._lock:
-            self._computed.discard(job_id)
+            self._computed.discard(uuid.UUID(job_id))
 
     def _claim_until_the_end(self) -> None:
         while not self._ending.is_set():

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Any, Protocol
+from typing import Generic, Protocol, TypeVar
 
 import sqlalchemy.exc
 import structlog
@@ -35,8 +35,10 @@ log = structlog.get_logger()
 TRIES = 3  # of what looks like a bug, in one claim of the job
 TRIES_ALONE = 2  # more, of what was killed or took too long
 
+ResultT = TypeVar("ResultT")
 
-class EstimateUseCases(Protocol):
+
+class EstimateUseCases(Protocol[ResultT]):
     """What services do for a job: compute; load what that sealed, maybe in another worker; save it.
 
     compute and save may raise JobFailure: the meal fails with its code. A passing fault (is_passing) is tried again
@@ -55,11 +57,11 @@ class EstimateUseCases(Protocol):
         """The job waits to be computed again: the phone is told so. A fault of this must not be raised."""
         ...
 
-    def load(self, result_key: str) -> object:
+    def load(self, result_key: str) -> ResultT:
         """Fetch the sealed result: outside of any transaction, since the store may be slow."""
         ...
 
-    def save(self, session: Session, job_id: uuid.UUID, result: Any) -> None:
+    def save(self, session: Session, job_id: uuid.UUID, result: ResultT) -> None:
         """Write run, items, records and the meal's status in this transaction. It is committed at most once.
 
         result: as `load` gave it.
@@ -83,10 +85,12 @@ class Computed:
     failure: Failure | None = None
 
 
-class JobRunner:
+class JobRunner(Generic[ResultT]):
     """One a worker process."""
 
-    def __init__(self, database: Database, lease: Lease, use_cases: EstimateUseCases, times: WorkerTimes) -> None:
+    def __init__(
+        self, database: Database, lease: Lease, use_cases: EstimateUseCases[ResultT], times: WorkerTimes
+    ) -> None:
         self._database = database
         self._lease = lease
         self._use_cases = use_cases
@@ -122,7 +126,7 @@ class JobRunner:
                 self._tell_end(facts)
 
     @contextmanager
-    def _at_work_on(self, job_id: uuid.UUID) -> Iterator[dict[str, Any]]:
+    def _at_work_on(self, job_id: uuid.UUID) -> Iterator[dict[str, object]]:
         """Count it, and name it in all that is logged meanwhile. Yields the facts that were told of it."""
         with self._lock:
             self._running[job_id] += 1
@@ -154,9 +158,9 @@ class JobRunner:
             instruments.JOB_WAIT.observe(max(waited, 0.0))
         log.info("job_begins", attempt=names.attempts + 1, waited_seconds=round(waited, 1))
 
-    def _tell_end(self, facts: Mapping[str, Any]) -> None:
+    def _tell_end(self, facts: Mapping[str, object]) -> None:
         """Once its end is committed."""
-        outcome = facts.get("outcome", "ok")
+        outcome = str(facts.get("outcome", "ok"))
         instruments.ESTIMATES.labels(facts.get("purpose", "unknown"), instruments.outcome_label(outcome)).inc()
         log.info("job_ended", outcome=outcome)
 
@@ -205,7 +209,7 @@ class JobRunner:
 
         False: it was committed before, or another worker has the job.
         """
-        result: object | None = None
+        result: ResultT | None = None
         failed, waits = 0, 0
         while True:
             self._go_on_or_leave()
@@ -225,7 +229,7 @@ class JobRunner:
             self._wait(waits)
             waits += 1
 
-    def _finish(self, session: Session, job_id: uuid.UUID, result: object | None, failure: Failure | None) -> bool:
+    def _finish(self, session: Session, job_id: uuid.UUID, result: ResultT | None, failure: Failure | None) -> bool:
         self._lease.guard(session)
         live = jobs.lock_live_job(session, job_id)
         if live is None or live[0].executor_id != self._lease.executor_id:

@@ -7,13 +7,14 @@ import threading
 import uuid
 from collections import Counter
 from collections.abc import Callable
+from typing import Generic
 
 import structlog
 
 from app.db.session import Database
 from app.jobs import queries as jobs
 from app.jobs.claims import Claims
-from app.jobs.job_runner import EstimateUseCases, JobRunner
+from app.jobs.job_runner import EstimateUseCases, JobRunner, ResultT
 from app.jobs.leases import open_lease
 from app.jobs.queue import JOB_PROTOCOL_VERSION, JobQueue
 from app.jobs.sweep import sweep
@@ -29,13 +30,13 @@ LOOKS_A_SWEEP = 5
 LEFT_SECONDS = 2.0  # for threads to notice that their child was killed
 
 
-class JobWorker:
+class JobWorker(Generic[ResultT]):
     """Makes one worker live: start, then drain and stop. `lost` is set when others were told that it is dead."""
 
     def __init__(
         self,
         database: Database,
-        use_cases: EstimateUseCases,
+        use_cases: EstimateUseCases[ResultT],
         *,
         concurrency: int,
         times: WorkerTimes | None = None,
@@ -45,7 +46,7 @@ class JobWorker:
         self._times = times or WorkerTimes()
         self._lease = open_lease(database, self._times)
         self._runner = JobRunner(database, self._lease, use_cases, self._times)
-        self._claims = Claims(
+        self.claims = Claims(
             database,
             self._lease,
             self._runner.run,
@@ -68,21 +69,13 @@ class JobWorker:
         """Live, then claim jobs."""
         self._lease.acquire()
         self._begin(self._beat, "heartbeat")
-        self._claims.start()
+        self.claims.start()
         self._begin(self._look_after_others, "takeover")
         log.info("worker_started", executor_id=self.executor_id)
 
-    def note_computing(self, job_id: str) -> None:
-        """The job needs a child, maybe again, if what it had found could not be sealed."""
-        self._claims.note_computing(uuid.UUID(job_id))
-
-    def note_computed(self, job_id: str) -> None:
-        """The job needs no child any more: the next may be claimed while it is sealed and saved."""
-        self._claims.note_computed(uuid.UUID(job_id))
-
     def drain(self) -> bool:
         """Claim nothing more and give running jobs a while to end; then let go of them. False: some still run."""
-        self._claims.stop()
+        self.claims.stop()
         is_idle = self._runner.wait_until_idle(self._times.drain)
         self._runner.leave()
         return is_idle

@@ -19,7 +19,7 @@ from app.children.cores import worker_concurrency
 from app.core.settings import Settings
 from app.db.session import Database, open_database
 from app.jobs.chores import Chore, ChoreThread
-from app.jobs.job_runner import EstimateUseCases
+from app.jobs.job_runner import EstimateUseCases, ResultT
 from app.jobs.job_worker import JobWorker
 from app.jobs.supervisor import LEASE_LOST
 from app.jobs.times import WorkerTimes
@@ -28,12 +28,12 @@ log = structlog.get_logger()
 
 END_SECONDS = 10.0  # after a signal the process is gone by then, whatever hangs
 
-MakeUseCases = Callable[[Database, ChildPool], EstimateUseCases]
+MakeUseCases = Callable[[Database, ChildPool], EstimateUseCases[ResultT]]
 
 
 def run_jobs(
     settings: Settings,
-    make_use_cases: MakeUseCases,
+    make_use_cases: MakeUseCases[ResultT],
     *,
     tasks: str,
     make_chores: Callable[[Database], Sequence[Chore]] = lambda _: (),
@@ -55,8 +55,8 @@ def run_jobs(
         pool = ChildPool(settings, tasks, children=concurrency)
         use_cases = make_use_cases(database, pool)
         worker = JobWorker(database, use_cases, concurrency=concurrency, times=times, protocol=protocol)
-        pool.on_begin = worker.note_computing
-        pool.on_done = worker.note_computed
+        pool.on_begin = worker.claims.note_computing
+        pool.on_done = worker.claims.note_computed
         worker.start()
         chores = ChoreThread(make_chores(database))
         chores.start()

@@ -7,7 +7,6 @@ fails. Sending is the worker's (webhooks/deliver_webhooks.py).
 import uuid
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
-from typing import Any
 
 from sqlalchemy.orm import Session
 
@@ -29,7 +28,7 @@ def announce(
     session: Session,
     study_id: uuid.UUID,
     event: Event,
-    data: Mapping[str, Any],
+    data: Mapping[str, object],
     *,
     meal_id: uuid.UUID | None = None,
     participant_id: uuid.UUID | None = None,
@@ -63,7 +62,7 @@ def deliver_to(
     session: Session,
     hooks: Iterable[Webhook],
     event: DeliveredEvent,
-    data: Mapping[str, Any],
+    data: Mapping[str, object],
     *,
     meal_id: uuid.UUID | None = None,
     participant_id: uuid.UUID | None = None,

@@ -8,7 +8,6 @@ enrolment code of theirs works any more, and a receipt tells in numbers what was
 import secrets
 import uuid
 from datetime import datetime
-from typing import Any
 
 from sqlalchemy.orm import Session
 
@@ -33,7 +32,7 @@ from app.records.project_records import project_meal
 
 WITHDRAWN = "withdrawn"  # stands where a name stood
 KEPT_DETAILS = ("captured_at", "time_zone", "marker", "camera")
-NO_DETAILS: dict[str, Any] = {"hints": [], "location": None, "app_version": None}
+NO_DETAILS: dict[str, object] = {"hints": [], "location": None, "app_version": None}
 FREE_TEXT = "text"  # the one value of events that people write in their own words (records/review/ask.py)
 
 
@@ -191,7 +190,7 @@ def _anonymise(session: Session, participant: Participant, now: datetime, new_id
     return counts | {"meals_anonymised": len(stay)}
 
 
-def _without_person(details: dict[str, Any]) -> dict[str, Any]:
+def _without_person(details: dict[str, object]) -> dict[str, object]:
     return {name: details[name] for name in KEPT_DETAILS if name in details} | NO_DETAILS
 
 

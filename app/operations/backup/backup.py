@@ -11,12 +11,11 @@ import hashlib
 import os
 import secrets
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO, Any
+from typing import IO
 
 import app
 from app.core.errors import ConflictError, InvalidInputError
@@ -40,12 +39,13 @@ from app.operations.backup.backup_format import (
     MAX_CHUNK_BYTES,
     MAX_LACKING_BYTES,
     SUMS,
+    Backup,
     End,
-    Lacking,
     Manifest,
     chunk_name,
     described,
     key_check,
+    lacking_line,
 )
 from app.operations.backup.backup_tar import PIECE_BYTES, TarWriter
 from app.operations.backup.backup_values import row_writer
@@ -58,28 +58,13 @@ COMPRESSION = 3  # of rows, by gzip; photographs do not shrink
 Tell = Callable[[str], None]  # how far it is, for a person
 
 
-@dataclass(frozen=True, slots=True)
-class BackupDone:
-    """What a backup holds. erased: blobs that an erasure took meanwhile; damaged: blobs that it lacks.
-
-    damaged_first: key -> why, of the first DAMAGED_TOLD of them.
-    """
-
-    manifest: Manifest
-    rows: Mapping[str, int]
-    blobs: int
-    blob_bytes: int
-    erased: int
-    damaged: int
-    damaged_first: Mapping[str, str]
-
-
-def backup_to_file(database: Database, blobs: BlobStore, box: SecretBox, path: Path, tell: Tell) -> BackupDone:
+def backup_to_file(database: Database, blobs: BlobStore, box: SecretBox, path: Path, tell: Tell) -> Backup:
     """Write the backup under its name once it is whole and on disk, for its owner only.
 
     Raises ConflictError (`backup_exists`) for a file that is there, or was made by another meanwhile; OSError.
     """
-    _require_free_name(path)
+    if path.exists():
+        raise _taken(path)
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     try:
@@ -99,7 +84,7 @@ def backup_to_file(database: Database, blobs: BlobStore, box: SecretBox, path: P
     return done
 
 
-def write_backup(database: Database, blobs: BlobStore, box: SecretBox, out: IO[bytes], tell: Tell) -> BackupDone:
+def write_backup(database: Database, blobs: BlobStore, box: SecretBox, out: IO[bytes], tell: Tell) -> Backup:
     """Write the backup, from front to back. What breaks off in between lacks its end and is refused by a restore."""
     revision = current_revision(database)
     if revision is None:
@@ -128,10 +113,18 @@ def write_backup(database: Database, blobs: BlobStore, box: SecretBox, out: IO[b
         _add_file(tar, LACKING, lacking)
         members = tar.members
         sums_sha256 = _add_file(tar, SUMS, sums)
-        end = End(members, sums_sha256, rows, copied.count, copied.bytes, copied.erased, copied.damaged)
+        end = End(
+            members=members,
+            sums_sha256=sums_sha256,
+            rows=rows,
+            blobs=copied.count,
+            blob_bytes=copied.bytes,
+            erased=copied.erased,
+            damaged=copied.damaged,
+        )
         tar.add_bytes(END, end.to_bytes(box))
         tar.close()
-    return BackupDone(manifest, rows, copied.count, copied.bytes, copied.erased, copied.damaged, copied.damaged_first)
+    return Backup(manifest, end, copied.damaged_first)
 
 
 class _Blobs:
@@ -151,15 +144,15 @@ class _Blobs:
                 self._tell(f"{self.count} blobs, {self.bytes / 1e6:.0f} MB")
             elif blob.fault == MISSING and self._is_erased(blob.key):
                 self.erased += 1
-                self._note(Lacking(blob.key, ERASED))
+                self._note(blob.key, ERASED)
             else:
                 self.damaged += 1
-                self._note(Lacking(blob.key, blob.fault))
+                self._note(blob.key, blob.fault)
                 if len(self.damaged_first) < DAMAGED_TOLD:
                     self.damaged_first[blob.key] = blob.fault
 
-    def _note(self, lacking: Lacking) -> None:
-        line = lacking.to_line()
+    def _note(self, key: str, why: str) -> None:
+        line = lacking_line(key, why)
         if len(line) > MAX_LACKING_BYTES:
             raise InvalidInputError("A row names a blob by more than a key can be.", code="database_inconsistent")
         self._lacking.write(line)
@@ -197,13 +190,13 @@ def _write_table(tar: TarWriter, snapshot: Snapshot, table: TableLayout, keys: S
     return count
 
 
-def blob_namer(table: TableLayout, keys: ScratchKeys) -> Callable[[Sequence[Any]], None]:
+def blob_namer(table: TableLayout, keys: ScratchKeys) -> Callable[[Sequence[object]], None]:
     """What notes the blob that a row of this table names, if it names one that is not erased."""
     columns = BLOB_COLUMNS.get(table.name)
     key = table.place(columns[0]) if columns else None
     erased = table.place(columns[1]) if columns and columns[1] else None
 
-    def name(row: Sequence[Any]) -> None:
+    def name(row: Sequence[object]) -> None:
         if key is not None and (erased is None or row[erased] is None):
             keys.name(str(row[key]))
 
@@ -226,11 +219,6 @@ def _add_file(tar: TarWriter, name: str, file: IO[bytes]) -> str:
 
     tar.add(name, size, pieces())
     return digest.hexdigest()
-
-
-def _require_free_name(path: Path) -> None:
-    if path.exists():
-        raise _taken(path)
 
 
 def _take_name(partial: Path, path: Path) -> None:

@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import IO, Any
+from typing import IO
 
 from app.db.layout import TableLayout, layout_at
 from app.db.schema_state import is_before_baseline, revisions
@@ -30,6 +30,7 @@ from app.operations.backup.backup_format import (
     MAX_LACKING_BYTES,
     SUMS,
     TABLE_MEMBER,
+    Backup,
     End,
     Manifest,
     broken,
@@ -51,18 +52,12 @@ OpenBox = Callable[[Manifest], SecretBox | None]  # the key to check the seal wi
 
 
 @dataclass(frozen=True, slots=True)
-class CheckedBackup:
-    """A backup that is what was written. chunks: table -> SHA-256 of each chunk of its rows.
+class CheckedBackup(Backup):
+    """A backup that is what was written. chunks: table -> SHA-256 of each chunk of its rows."""
 
-    damaged_first: key -> why, of the first DAMAGED_TOLD blobs that it lacks.
-    """
-
-    manifest: Manifest
-    end: End
     layout: tuple[TableLayout, ...]
     chunks: Mapping[str, list[str]]
     blobs_offset: int
-    damaged_first: Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,16 +95,16 @@ def check_backup(file: IO[bytes], open_box: OpenBox, named: Named, tell: Tell) -
         raise broken("its counts are not those of its end")
     if named.blobs.has_unseen():
         raise broken("its rows name blobs that are not in it")
-    return CheckedBackup(manifest, end, layout, chunks, blobs_offset, damaged_first)
+    return CheckedBackup(manifest, end, damaged_first, layout, chunks, blobs_offset)
 
 
-def erasure_namer(table: TableLayout, erasures: ScratchKeys) -> Callable[[Sequence[Any]], None]:
+def erasure_namer(table: TableLayout, erasures: ScratchKeys) -> Callable[[Sequence[object]], None]:
     """What notes the erasure that a row of this table tells of, if it is one that stands in the ledger."""
     if table.name != "tombstone":
         return lambda _row: None
     places = [place for column in ("kind", "digest") if (place := table.place(column)) is not None]
 
-    def name(row: Sequence[Any]) -> None:
+    def name(row: Sequence[object]) -> None:
         kind, digest = (row[place] for place in places)
         if kind in KINDS:
             erasures.name(f"{kind}/{digest}")
@@ -117,7 +112,7 @@ def erasure_namer(table: TableLayout, erasures: ScratchKeys) -> Callable[[Sequen
     return name
 
 
-def unpacked_rows(content: bytes, name: str, read: Callable[[bytes], list[Any]]) -> Iterator[list[Any]]:
+def unpacked_rows(content: bytes, name: str, read: Callable[[bytes], list[object]]) -> Iterator[list[object]]:
     """The rows of a chunk. Raises InvalidInputError (`backup_broken`)."""
     unpacker = zlib.decompressobj(GZIP_WINDOW)
     try:
@@ -191,16 +186,16 @@ class _Reading:
         if member.name != LACKING:
             raise broken(f"{LACKING} is not where it should be")
         for line in member.lines(MAX_LACKING_BYTES):
-            found = read_lacking(line)
-            see = self._named.blobs.see_erased if found.why == ERASED else self._named.blobs.see
-            if not see(found.key):
+            key, why = read_lacking(line)
+            see = self._named.blobs.see_erased if why == ERASED else self._named.blobs.see
+            if not see(key):
                 raise broken("it lacks a blob that it holds, or that none of its rows names")
-            if found.why == ERASED:
+            if why == ERASED:
                 erased += 1
                 continue
             damaged += 1
             if len(first) < DAMAGED_TOLD:
-                first[found.key] = found.why
+                first[key] = why
         self._done(member)
         return erased, damaged, first
 

@@ -14,11 +14,14 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
-from datetime import datetime
-from typing import Any
+from dataclasses import dataclass
+from typing import TypeVar
 
+from pydantic import AwareDatetime, BaseModel, ConfigDict, TypeAdapter, ValidationError
+
+import app.tables  # noqa: F401  # defines every table
 from app.core.errors import InvalidInputError
+from app.db.base import Base
 from app.db.layout import TableLayout
 from app.people.access.secret_box import SecretBox
 
@@ -35,33 +38,34 @@ BLOBS = "blobs/"
 
 # table -> (column of the key, column that says that the blob is deleted)
 BLOB_COLUMNS = {
-    "meal_image": ("blob_key", "erased_at"),
-    "run": ("result_key", None),
-    "run_artefact": ("blob_key", None),
-    "release_file": ("blob_key", None),
+    mapper.class_.__tablename__: (mapper.class_.blob.key, mapper.class_.blob.erased_at)
+    for mapper in Base.registry.mappers
+    if mapper.class_.blob is not None
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Manifest:
+class _Document(BaseModel):
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
+
+
+class Manifest(_Document):
     """What a backup is of. tables: name -> [column, type] of each value of a row; key_check: names the secret key."""
 
     format: int
     backup: str
-    created_at: datetime
+    created_at: AwareDatetime
     program: str
     revision: str
     database: str
     key_check: str
-    tables: Mapping[str, list[list[str]]]
+    tables: dict[str, list[tuple[str, str]]]
 
     def to_bytes(self) -> bytes:
-        """As the member."""
-        return json.dumps(asdict(self) | {"created_at": self.created_at.isoformat()}, indent=1).encode()
+        """Return the member."""
+        return self.model_dump_json(indent=1).encode()
 
 
-@dataclass(frozen=True, slots=True)
-class End:
+class End(_Document):
     """What was written, in numbers. rows: of each table. erased: blobs that an erasure took while it was written.
 
     damaged: blobs that should be there and could not be copied. lacking.jsonl names both.
@@ -69,29 +73,51 @@ class End:
 
     members: int
     sums_sha256: str
-    rows: Mapping[str, int]
+    rows: dict[str, int]
     blobs: int
     blob_bytes: int
     erased: int
     damaged: int
 
     def to_bytes(self, box: SecretBox) -> bytes:
-        """As the member, sealed under the server's key: nobody else can make or change a backup unseen."""
-        text = _canonical(asdict(self))
-        document = {"contents": asdict(self), "sha256": _sha256(text), "seal": box.digest("backup.end", text)}
-        return json.dumps(document).encode()
+        """Return the member, sealed under the server's key: nobody else can make or change a backup unseen."""
+        text = self.canonical()
+        document = _SealedEnd(contents=self, sha256=_sha256(text), seal=box.digest("backup.end", text))
+        return document.model_dump_json().encode()
+
+    def canonical(self) -> str:
+        """Return the text that is sealed."""
+        return json.dumps(self.model_dump(), sort_keys=True, separators=(",", ":"))
+
+
+class _SealedEnd(_Document):
+    contents: End
+    sha256: str
+    seal: str
+
+
+class _Format(BaseModel):
+    """Of a manifest that a newer program may have written in another way."""
+
+    format: int
+
+
+DocumentT = TypeVar("DocumentT")
+_LACKING = TypeAdapter(tuple[str, str])
 
 
 @dataclass(frozen=True, slots=True)
-class Lacking:
-    """A blob that rows name and the backup does not hold. why: ERASED, or what is wrong with it."""
+class Backup:
+    """A backup as a whole. damaged_first: key -> why, of the first DAMAGED_TOLD blobs that it lacks."""
 
-    key: str
-    why: str
+    manifest: Manifest
+    end: End
+    damaged_first: Mapping[str, str]
 
-    def to_line(self) -> bytes:
-        """As a line of the member."""
-        return json.dumps([self.key, self.why]).encode() + b"\n"
+
+def lacking_line(key: str, why: str) -> bytes:
+    """Return the line of a blob that rows name and the backup does not hold. why: ERASED, or what is wrong with it."""
+    return json.dumps([key, why]).encode() + b"\n"
 
 
 def chunk_name(table: str, number: int) -> str:
@@ -99,63 +125,44 @@ def chunk_name(table: str, number: int) -> str:
     return f"tables/{table}/{number:06d}.jsonl.gz"
 
 
-def described(layout: Iterable[TableLayout]) -> dict[str, list[list[str]]]:
-    """The layout as the manifest tells it."""
-    return {table.name: [[column.name, column.type] for column in table.columns] for table in layout}
+def described(layout: Iterable[TableLayout]) -> dict[str, list[tuple[str, str]]]:
+    """Return the layout as the manifest has it."""
+    return {table.name: [(column.name, column.type) for column in table.columns] for table in layout}
 
 
 def key_check(box: SecretBox, backup: str) -> str:
-    """What only the same secret key makes of this backup's id."""
+    """Return what only the same secret key makes of this backup's id."""
     return box.digest("backup.key", backup)
 
 
 def read_manifest(content: bytes) -> Manifest:
     """Raises InvalidInputError: `backup_broken`, `backup_too_new`."""
-    document = _document(content, MANIFEST)
-    number = document.get("format")
-    if isinstance(number, int) and number > FORMAT:
+    number = _read(TypeAdapter(_Format), content, MANIFEST).format
+    if number > FORMAT:
         raise too_new(f"its format is {number}, this program reads {FORMAT}")
-    try:
-        manifest = Manifest(**document | {"created_at": datetime.fromisoformat(document["created_at"])})
-    except (TypeError, ValueError, KeyError) as error:
-        raise broken(f"{MANIFEST} is not as it must be") from error
-    texts = (manifest.backup, manifest.program, manifest.revision, manifest.database, manifest.key_check)
-    if manifest.format != FORMAT or not all(isinstance(text, str) for text in texts):
-        raise broken(f"{MANIFEST} is not as it must be")
-    if not isinstance(manifest.tables, dict) or not all(map(_is_table, manifest.tables.values())):
-        raise broken(f"{MANIFEST} is not as it must be")
-    if manifest.created_at.tzinfo is None:
-        raise broken(f"{MANIFEST} has a time without a zone")
+    manifest = _read(TypeAdapter(Manifest), content, MANIFEST)
+    if manifest.format != FORMAT:
+        raise _not_as_it_must_be(MANIFEST)
     return manifest
 
 
 def read_end(content: bytes, box: SecretBox | None) -> End:
     """Raises InvalidInputError (`backup_broken`). box None: it was sealed under a key that nobody has any more."""
-    document = _document(content, END)
-    try:
-        contents = document["contents"]
-        end = End(**contents)
-        is_whole = document["sha256"] == _sha256(_canonical(contents)) and _is_end(end)
-        is_sealed = box is None or document["seal"] == box.digest("backup.end", _canonical(contents))
-    except (TypeError, KeyError, AttributeError) as error:
-        raise broken(f"{END} is not as it must be") from error
-    if not is_whole:
+    sealed = _read(TypeAdapter(_SealedEnd), content, END)
+    text = sealed.contents.canonical()
+    if sealed.sha256 != _sha256(text):
         raise broken(f"{END} is not what was written")
-    if not is_sealed:
+    if box is not None and sealed.seal != box.digest("backup.end", text):
         raise broken("its seal is not of the server's secret key: it was changed after it was made")
-    return end
+    return sealed.contents
 
 
-def read_lacking(line: bytes) -> Lacking:
-    """A line of the member. Raises InvalidInputError (`backup_broken`)."""
+def read_lacking(line: bytes) -> tuple[str, str]:
+    """The key and why it is lacking, of a line. Raises InvalidInputError (`backup_broken`)."""
     try:
-        key, why = json.loads(line)
-        key.encode()
-    except (AttributeError, ValueError, TypeError, RecursionError) as error:
+        return _LACKING.validate_json(line, strict=True)
+    except ValidationError as error:
         raise broken(f"{LACKING} holds a line that is none") from error
-    if not isinstance(key, str) or not isinstance(why, str):
-        raise broken(f"{LACKING} holds a line that is none")
-    return Lacking(key, why)
 
 
 def broken(why: str) -> InvalidInputError:
@@ -179,30 +186,15 @@ def too_old(why: str) -> InvalidInputError:
     )
 
 
-def _is_table(columns: object) -> bool:
-    return isinstance(columns, list) and all(
-        isinstance(column, list) and len(column) == 2 and all(isinstance(word, str) for word in column)
-        for column in columns
-    )
-
-
-def _is_end(end: End) -> bool:
-    numbers = (end.members, end.blobs, end.blob_bytes, end.erased, end.damaged, *end.rows.values())
-    return all(isinstance(number, int) for number in numbers) and isinstance(end.sums_sha256, str)
-
-
-def _document(content: bytes, name: str) -> dict[str, Any]:
+def _read(document: TypeAdapter[DocumentT], content: bytes, name: str) -> DocumentT:
     try:
-        document = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise broken(f"{name} is no JSON") from error
-    if not isinstance(document, dict):
-        raise broken(f"{name} is not as it must be")
-    return document
+        return document.validate_json(content, strict=True)
+    except ValidationError as error:
+        raise _not_as_it_must_be(name) from error
 
 
-def _canonical(document: Mapping[str, Any]) -> str:
-    return json.dumps(document, sort_keys=True, separators=(",", ":"))
+def _not_as_it_must_be(name: str) -> InvalidInputError:
+    return broken(f"{name} is not as it must be")
 
 
 def _sha256(text: str) -> str:

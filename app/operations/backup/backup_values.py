@@ -10,24 +10,27 @@ import json
 import math
 import uuid
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from datetime import UTC, date, datetime
-from typing import Any
+from typing import NoReturn, TypeVar
 
 from app.db.layout import ColumnType, TableLayout
 
 NOT_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 LEAST_INTEGER, MOST_INTEGER = -(2**63), 2**63 - 1
 
+ValueT = TypeVar("ValueT")
 
-def row_writer(table: TableLayout) -> Callable[[Sequence[Any]], bytes]:
+
+def row_writer(table: TableLayout) -> Callable[[Sequence[object]], bytes]:
     """From a row to its line, the line's end included. The line's maker raises TypeError for a value of another type.
 
     A database that holds such (SQLite may) is to be told of now, not when the backup is needed.
     """
-    writers = [_WRITERS[column.type] for column in table.columns]
+    writers = [_CODECS[column.type].write for column in table.columns]
     dumps = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), check_circular=False).encode
 
-    def write(row: Sequence[Any]) -> bytes:
+    def write(row: Sequence[object]) -> bytes:
         values = [
             None if value is None else writer(value) for writer, value in zip(writers, row, strict=True)
         ]  # fmt: skip
@@ -36,18 +39,15 @@ def row_writer(table: TableLayout) -> Callable[[Sequence[Any]], bytes]:
     return write
 
 
-def row_reader(table: TableLayout) -> Callable[[bytes], list[Any]]:
+def row_reader(table: TableLayout) -> Callable[[bytes], list[object]]:
     """From a line to its row; ValueError, which names the column, for what no row_writer made."""
-    columns = [(column.name, _READERS[column.type], column.is_nullable) for column in table.columns]
+    columns = [(column.name, _CODECS[column.type].read, column.is_nullable) for column in table.columns]
 
-    def read(line: bytes) -> list[Any]:
-        try:
-            values = json.loads(line.decode("utf-8", "surrogatepass"), parse_constant=_no_constant)
-        except RecursionError as error:
-            raise ValueError("nested too deep") from error
+    def read(line: bytes) -> list[object]:
+        values = _parsed(line.decode("utf-8", "surrogatepass"), parse_constant=_no_constant)
         if not isinstance(values, list) or len(values) != len(columns):
             raise ValueError("not the table's columns")  # what was written is wrong, not the call
-        row: list[Any] = []
+        row: list[object] = []
         for value, (name, reader, is_nullable) in zip(values, columns, strict=True):
             if value is None:
                 if not is_nullable:
@@ -63,18 +63,18 @@ def row_reader(table: TableLayout) -> Callable[[bytes], list[Any]]:
     return read
 
 
-def _checked(*types: type) -> Callable[[Any], Any]:
-    """The value itself, of exactly one of these types (True is no integer)."""
-
-    def check(value: Any) -> Any:
-        if type(value) not in types:
-            raise TypeError(type(value).__name__)
-        return value
-
-    return check
+def _exactly(kind: type[ValueT], value: object) -> ValueT:
+    """Return a value of exactly this type (True is no integer)."""
+    if not isinstance(value, kind) or type(value) is not kind:
+        raise TypeError(type(value).__name__)
+    return value
 
 
-def _write_float(value: Any) -> float | str:
+def _number(value: object) -> float:
+    return value if isinstance(value, float) else _exactly(int, value)
+
+
+def _write_float(value: object) -> float | str:
     number = float(_number(value))
     if math.isfinite(number):
         return number
@@ -83,71 +83,76 @@ def _write_float(value: Any) -> float | str:
     return "Infinity" if number > 0 else "-Infinity"
 
 
-def _read_float(value: Any) -> float:
+def _read_float(value: object) -> float:
     if isinstance(value, str):
         return NOT_FINITE[value] if value in NOT_FINITE else _no_constant(value)
     return float(_number(value))
 
 
-def _read_integer(value: Any) -> int:
-    number: int = _integer(value)
+def _integer(value: object) -> int:
+    return _exactly(int, value)
+
+
+def _read_integer(value: object) -> int:
+    number = _integer(value)
     if not LEAST_INTEGER <= number <= MOST_INTEGER:
         raise ValueError(number)
     return number
 
 
-def _write_instant(value: datetime) -> str:
-    return value.astimezone(UTC).isoformat()
+def _text(value: object) -> str:
+    return _exactly(str, value)
 
 
-def _read_instant(value: Any) -> datetime:
+def _boolean(value: object) -> bool:
+    return _exactly(bool, value)
+
+
+def _read_instant(value: object) -> datetime:
     instant = datetime.fromisoformat(_text(value))
     if instant.tzinfo is None:
         raise ValueError(value)
     return instant.astimezone(UTC)
 
 
-def _read_json(value: Any) -> str:
-    """The text, which must be JSON."""
-    text: str = _text(value)
-    try:
-        json.loads(text)
-    except RecursionError as error:
-        raise ValueError("nested too deep") from error
+def _read_json(value: object) -> str:
+    """Return the text, which must be JSON."""
+    text = _text(value)
+    _parsed(text)
     return text
 
 
-def _read_bytes(value: Any) -> bytes:
-    return base64.b64decode(_text(value), validate=True)
+def _parsed(text: str, parse_constant: Callable[[str], float] | None = None) -> object:
+    try:
+        parsed: object = json.loads(text, parse_constant=parse_constant)
+    except RecursionError as error:
+        raise ValueError("nested too deep") from error
+    return parsed
 
 
-def _no_constant(name: str) -> float:
+def _no_constant(name: str) -> NoReturn:
     raise ValueError(name)
 
 
-_text = _checked(str)
-_integer = _checked(int)
-_number = _checked(int, float)
+@dataclass(frozen=True, slots=True)
+class _Codec:
+    """write: from a value of the database to one of JSON, read: back; both raise for a value of another type."""
 
-_WRITERS: dict[ColumnType, Callable[[Any], Any]] = {
-    "uuid": lambda value: str(_checked(uuid.UUID)(value)),
-    "instant": _write_instant,
-    "date": date.isoformat,
-    "json": _text,
-    "bytes": lambda value: base64.b64encode(value).decode("ascii"),
-    "float": _write_float,
-    "integer": _integer,
-    "boolean": _checked(bool),
-    "text": _text,
-}
-_READERS: dict[ColumnType, Callable[[Any], Any]] = {
-    "uuid": lambda value: uuid.UUID(_text(value)),
-    "instant": _read_instant,
-    "date": lambda value: date.fromisoformat(_text(value)),
-    "json": _read_json,
-    "bytes": _read_bytes,
-    "float": _read_float,
-    "integer": _read_integer,
-    "boolean": _checked(bool),
-    "text": _text,
+    write: Callable[[object], object]
+    read: Callable[[object], object]
+
+
+_CODECS: dict[ColumnType, _Codec] = {
+    "uuid": _Codec(lambda value: str(_exactly(uuid.UUID, value)), lambda value: uuid.UUID(_text(value))),
+    "instant": _Codec(lambda value: _exactly(datetime, value).astimezone(UTC).isoformat(), _read_instant),
+    "date": _Codec(lambda value: _exactly(date, value).isoformat(), lambda value: date.fromisoformat(_text(value))),
+    "json": _Codec(_text, _read_json),
+    "bytes": _Codec(
+        lambda value: base64.b64encode(_exactly(bytes, value)).decode("ascii"),
+        lambda value: base64.b64decode(_text(value), validate=True),
+    ),
+    "float": _Codec(_write_float, _read_float),
+    "integer": _Codec(_integer, _read_integer),
+    "boolean": _Codec(_boolean, _boolean),
+    "text": _Codec(_text, _text),
 }

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import psycopg
 import sqlalchemy as sa
@@ -95,7 +94,7 @@ class Refill:
     def __init__(self, connection: sa.Connection) -> None:
         self._connection = connection
 
-    def put(self, table: TableLayout, rows: Iterable[Sequence[Any]]) -> int:
+    def put(self, table: TableLayout, rows: Iterable[Sequence[object]]) -> int:
         """Insert rows, each a value for every column of the layout. Returns how many.
 
         Raises InvalidInputError (`backup_refused`) for what this database cannot hold.
@@ -109,7 +108,7 @@ class Refill:
         """Carry out a change of what was put. Returns how many rows it met."""
         return self._connection.execute(statement).rowcount
 
-    def _insert(self, table: TableLayout, rows: Iterable[Sequence[Any]]) -> int:
+    def _insert(self, table: TableLayout, rows: Iterable[Sequence[object]]) -> int:
         names, count = [column.name for column in table.columns], 0
         statement, remaining = sa.insert(table.table()), iter(rows)
         while batch := [dict(zip(names, row, strict=True)) for row in islice(remaining, ROWS_AT_A_TIME)]:
@@ -117,7 +116,7 @@ class Refill:
             count += len(batch)
         return count
 
-    def _copy(self, table: TableLayout, rows: Iterable[Sequence[Any]]) -> int:
+    def _copy(self, table: TableLayout, rows: Iterable[Sequence[object]]) -> int:
         quote, count = self._connection.dialect.identifier_preparer.quote, 0
         names = ", ".join(quote(column.name) for column in table.columns)
         cursor = self._connection.connection.cursor()

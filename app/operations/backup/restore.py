@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import sqlalchemy as sa
 
@@ -145,7 +145,7 @@ def _put_rows(refill: Refill, file: IO[bytes], checked: CheckedBackup, tell: Tel
     chunks = members(file)
     next(chunks).content(MAX_DOCUMENT_BYTES)  # the manifest
 
-    def rows_of(table: TableLayout) -> Iterator[Sequence[Any]]:
+    def rows_of(table: TableLayout) -> Iterator[Sequence[object]]:
         read, change = row_reader(table), table.place("change_seq")
         for sha256 in checked.chunks[table.name]:
             member = next(chunks)
@@ -153,8 +153,8 @@ def _put_rows(refill: Refill, file: IO[bytes], checked: CheckedBackup, tell: Tel
             if member.sha256 != sha256:
                 raise broken("it was changed while it was read")
             for row in unpacked_rows(content, member.name, read):
-                if change is not None and row[change] is not None:
-                    row[change] = _later(row[change])
+                if change is not None and isinstance(number := row[change], int):
+                    row[change] = _later(number)
                 yield row
 
     for table in checked.layout:
@@ -186,7 +186,9 @@ def _mark_erased(refill: Refill, checked: CheckedBackup, keys: ScratchKeys) -> N
                 refill.change(sa.delete(table).where(of_some))
 
 
-def _mark_release(refill: Refill, files: sa.TableClause, tables: Mapping[str, Any], of_some: Any) -> None:
+def _mark_release(
+    refill: Refill, files: sa.TableClause, tables: Mapping[str, TableLayout], of_some: sa.ColumnElement[bool]
+) -> None:
     """A release that was written anew while the backup was written: it has its old rows and not all their files.
 
     Those that it has may hold what was erased: no row names them, so they go as orphans.

@@ -5,7 +5,6 @@ People appear by alias. What is written never holds a password, token, code, nam
 
 import uuid
 from datetime import UTC, datetime
-from typing import Any
 
 import structlog
 from sqlalchemy.orm import Session
@@ -21,7 +20,7 @@ def note(
     *,
     study_id: uuid.UUID | None = None,
     subject: uuid.UUID | str | None = None,
-    **details: Any,
+    **details: object,
 ) -> None:
     """Write one event. caller None: the server itself. action: "thing.deed"; subject: an alias, or a code of no person.
 

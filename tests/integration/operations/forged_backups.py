@@ -1,6 +1,5 @@
 """Backups taken apart and put together again with something changed: checksums, counts and seal as if nothing were."""
 
-import dataclasses
 import gzip
 import hashlib
 import io
@@ -64,7 +63,6 @@ class Forgery:
         count, text = tar.members, sums.getvalue()
         tar.add_bytes(SUMS, text)
         told = {"members": count, "sums_sha256": hashlib.sha256(text).hexdigest()}
-        fields = {one.name for one in dataclasses.fields(End)}
-        tar.add_bytes(END, End(**{name: (self.end | told)[name] for name in fields}).to_bytes(box))
+        tar.add_bytes(END, End(**{name: (self.end | told)[name] for name in End.model_fields}).to_bytes(box))
         tar.close()
         return out.getvalue()

@@ -166,7 +166,7 @@ def test_restored_deployment_has_every_row_every_byte_and_every_answer(
     store = s3_settings(request.getfixturevalue("s3_server")) if is_to_s3 else {}
     machine = empty_machine(OTHER[kind] if onto_other else kind, has_tables=False, **store)
     done = source.back_up(tmp_path / "one.tar")
-    assert (done.damaged, done.erased) == (0, 0)
+    assert (done.end.damaged, done.end.erased) == (0, 0)
     machine.restore(tmp_path / "one.tar")
     assert without_note(machine.rows()) == later(source.rows())
     assert machine.stored() == {key: source.blobs.read(key) for key in named_blobs(source.database)}
@@ -234,7 +234,7 @@ def test_meals_that_come_during_a_backup_are_in_it_wholly_or_not_at_all(
         stop.set()
         for thread in threads:
             thread.join()
-    assert (done.damaged, done.erased) == (0, 0)
+    assert (done.end.damaged, done.end.erased) == (0, 0)
     machine = empty_machine(kind)
     machine.restore(tmp_path / "busy.tar")
     rows = machine.rows()
@@ -320,9 +320,9 @@ def test_backup_that_lacks_more_blobs_than_a_document_holds_is_restored(
         monkeypatch.setattr(module, "MAX_DOCUMENT_BYTES", limit)
     monkeypatch.setattr(backup, "DAMAGED_TOLD", 3)
     done = source.back_up(tmp_path / "one.tar")
-    assert (done.damaged, len(done.damaged_first)) == (limit // 100, 3)
+    assert (done.end.damaged, len(done.damaged_first)) == (limit // 100, 3)
     machine = empty_machine(kind)
-    assert machine.restore(tmp_path / "one.tar").checked.end.damaged == done.damaged
+    assert machine.restore(tmp_path / "one.tar").checked.end.damaged == done.end.damaged
     assert machine.stored().keys() == there
 
 
@@ -428,7 +428,7 @@ def test_blob_that_an_erasure_takes_meanwhile_is_no_fault(kind, person, state, e
 
     with (tmp_path / "one.tar").open("wb") as file:
         done = write_backup(source.database, source.blobs, source.box, file, erase)
-    assert (done.erased, done.damaged) == (3, 0)
+    assert (done.end.erased, done.end.damaged) == (3, 0)
     machine = empty_machine(kind)
     machine.restore(tmp_path / "one.tar")
     with machine.database.read() as session:
@@ -461,7 +461,7 @@ def test_blob_that_a_disk_altered_is_told_by_name_on_any_store(kind, person, sou
         damage(source.blobs, altered, b"other bytes")
     done = source.back_up(tmp_path / "one.tar")
     assert done.damaged_first == {altered: "its bytes are not those that were stored"}
-    assert done.blobs == len(whole)
+    assert done.end.blobs == len(whole)
 
 
 def test_store_that_goes_away_during_a_backup_ends_it_and_calls_no_blob_damaged(
@@ -498,13 +498,13 @@ def test_blob_that_alone_cannot_be_read_is_told_and_a_fault_that_passes_is_not(
     monkeypatch.setattr(source.blobs, "stream", stream_or_fail)
     done = source.back_up(tmp_path / "one.tar")
     assert done.damaged_first == {bad: "the store cannot read it"}
-    assert done.blobs == len(whole) + 1
+    assert done.end.blobs == len(whole) + 1
 
 
 def test_orphans_and_what_an_upload_left_are_not_in_a_backup(kind, person, source, tmp_path):
     source.blobs.put_bytes("study/meal/left/" + "0" * 64, b"of nobody")
     done = source.back_up(tmp_path / "one.tar")
-    assert done.blobs == len(named_blobs(source.database))
+    assert done.end.blobs == len(named_blobs(source.database))
 
 
 def test_backup_that_breaks_off_leaves_no_file(kind, person, source, tmp_path):

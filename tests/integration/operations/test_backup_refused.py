@@ -82,7 +82,7 @@ def backup_file(tmp_path_factory, sqlite_migrated):
     shutil.copyfile(sqlite_migrated, folder / "tada.sqlite3")
     with deployment(folder, f"sqlite:///{folder / 'tada.sqlite3'}") as here:
         add_meal(here)
-        assert here.back_up(folder / "small.tar").damaged == 0
+        assert here.back_up(folder / "small.tar").end.damaged == 0
     return folder / "small.tar"
 
 

@@ -124,9 +124,9 @@ def test_next_job_is_claimed_while_one_that_is_computed_is_saved_but_results_do_
     database = FakeDatabase((1, job_id) for job_id in ids(3))
     claiming, runs = start(database, concurrency=1)
     wait_for(runs.has_begun)
-    claiming.note_computed(first)
+    claiming.note_computed(str(first))
     wait_for(runs.has_begun)
-    claiming.note_computed(second)
+    claiming.note_computed(str(second))
     wait_for(database.looked, 4)  # two claims, each after a look
     assert runs.begun == [first, second]
 
@@ -136,7 +136,7 @@ def test_job_that_needs_its_child_again_takes_its_room_back(start):
     database = FakeDatabase([(1, first)])
     claiming, runs = start(database, concurrency=1)
     wait_for(runs.has_begun)
-    claiming.note_computing(first)
+    claiming.note_computing(str(first))
     database.waiting.append((1, ids(2)[1]))
     claiming._claim_what_there_is_room_for()
     assert runs.begun == [first]
