@@ -15,7 +15,7 @@ def check_stores(settings: Settings) -> None:
     blobs = open_blob_store(settings.resolved_blob_url, settings)
     _check("TADA_BLOB_URL", blobs)
     _check("TADA_ERASURE_URL", open_blob_store(settings.resolved_erasure_url, settings))
-    if getattr(blobs, "keeps_versions", None):  # the ledger may: it names nobody, and is to stay
+    if blobs.keeps_versions:  # the ledger may: it names nobody, and is to stay
         log.error(
             "store_keeps_versions", variable="TADA_BLOB_URL", detail="What is erased stays in it: docs/storage.md."
         )

@@ -5,13 +5,15 @@ key again is harmless, so an upload or a job that is tried again needs no clean-
 """
 
 import re
+import shutil
+from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Protocol
 
 from app.core.errors import TadaError
+from app.storage.staging import Staging
 
 KEY_PATTERN = re.compile(r"^[A-Za-z0-9_][A-Za-z0-9_.-]*(/[A-Za-z0-9_][A-Za-z0-9_.-]*)*$")
 
@@ -54,77 +56,85 @@ class StoredBlob:
     size: int
 
 
-class BlobStore(Protocol):
+class BlobStore(ABC):
     """What the services need of a store. All calls block, for a bounded time; errors of the store are OSError.
 
     A store on another machine compares what it gives back with the SHA-256 of what was put: BlobDamagedError.
+    keeps_versions: whether it keeps what is deleted, so that no erasure is one; None: not known, or not before `check`.
     """
+
+    keeps_versions: bool | None = None
+
+    def __init__(self, staging: Path) -> None:
+        self._staging = Staging(staging)
 
     def staging_folder(self) -> Path:
         """A local folder for files in the making, from which `put_file` is cheapest."""
-        ...
+        return self._staging.folder
 
+    def remove_abandoned(self) -> None:
+        """Remove what processes that died left in the staging folder."""
+        self._staging.remove_abandoned()
+
+    def free_bytes(self) -> int:
+        """Room left for uploads on this machine: where the blobs are, or for a store elsewhere the staging folder."""
+        return shutil.disk_usage(self._staging.folder).free
+
+    @abstractmethod
     def put_file(self, key: str, source: Path) -> None:
         """Move a finished local file under the key. When this returns, the blob is durable and the file gone."""
-        ...
 
+    @abstractmethod
     def put_files(self, files: Mapping[str, Path]) -> None:
         """As put_file, of several at once, by key. If it raises, some may be stored."""
-        ...
 
+    @abstractmethod
     def put_bytes(self, key: str, content: bytes) -> None:
         """Store bytes under the key. When this returns, the blob is durable."""
-        ...
 
     def fetch(self, key: str, destination: Path) -> None:
         """Copy a blob to a local file. Raises BlobMissingError."""
-        ...
+        pieces = self.stream(key)
+        with destination.open("wb") as file:
+            file.writelines(pieces)
 
     def read(self, key: str) -> bytes:
         """A small blob's bytes. Raises BlobMissingError."""
-        ...
+        return b"".join(self.stream(key))
 
+    @abstractmethod
     def stream(self, key: str, chunk_bytes: int = 256 * 1024) -> Generator[bytes, None, None]:
         """A blob's bytes piece by piece; close it if you do not read it to the end.
 
         Raises BlobMissingError before the first piece, BlobDamagedError instead of the last one.
         """
-        ...
 
+    @abstractmethod
     def stream_part(self, key: str, start: int, length: int) -> Generator[bytes, None, None]:
         """`length` bytes of a blob from `start` on, piece by piece; close it if you do not read it to the end.
 
         Raises BlobMissingError before the first piece, BlobDamagedError where the blob is too short. A part cannot be
         compared with what was put: whoever has all parts can.
         """
-        ...
 
+    @abstractmethod
     def has(self, key: str) -> bool:
         """Whether a blob is there."""
-        ...
 
+    @abstractmethod
     def delete(self, key: str) -> None:
         """Remove a blob; one that is not there is no error."""
-        ...
 
+    @abstractmethod
     def keys(self, prefix: str = "") -> Iterator[StoredBlob]:
         """All blobs whose keys begin with the prefix, which is empty or ends with a slash, in no order.
 
         What is put or deleted meanwhile may be listed or not.
         """
-        ...
 
-    def remove_abandoned(self) -> None:
-        """Remove what processes that died left in the staging folder."""
-        ...
-
-    def free_bytes(self) -> int:
-        """Room left for uploads on this machine: where the blobs are, or for a store elsewhere the staging folder."""
-        ...
-
+    @abstractmethod
     def check(self) -> None:
         """Raise OSError if the store cannot be written now."""
-        ...
 
 
 def require_valid_prefix(prefix: str) -> None:

@@ -7,22 +7,22 @@ have made them a moment ago and not have synced them yet.
 
 import contextlib
 import os
-import shutil
 import tempfile
 import uuid
 from collections.abc import Generator, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import BinaryIO
 
 from app.storage.blob_store import (
     BlobDamagedError,
     BlobMissingError,
+    BlobStore,
     StoredBlob,
     require_valid_key,
     require_valid_prefix,
 )
-from app.storage.staging import Staging
 
 STAGING = ".incoming"  # no key starts with a full stop (KEY_PATTERN)
 PIECE_BYTES = 256 * 1024
@@ -30,17 +30,13 @@ SYNCS_AT_ONCE = 32  # threads, which only wait for the disk
 MOVES = 5  # tries to move a file into a folder that a deletion beside us may take away as empty
 
 
-class LocalBlobStore:
+class LocalBlobStore(BlobStore):
     """A BlobStore in a folder of this machine."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
-        self._staging = Staging(root / STAGING)
+        super().__init__(root / STAGING)
         self._syncs = ThreadPoolExecutor(SYNCS_AT_ONCE, thread_name_prefix="fsync")
-
-    def staging_folder(self) -> Path:
-        """The folder of files in the making, on the store's own file system."""
-        return self._staging.folder
 
     def put_file(self, key: str, source: Path) -> None:
         """Sync the file, rename it to its place, sync the folders."""
@@ -68,26 +64,9 @@ class LocalBlobStore:
         finally:
             staged.unlink(missing_ok=True)
 
-    def fetch(self, key: str, destination: Path) -> None:
-        """Copy the file."""
-        try:
-            shutil.copyfile(self._path(key), destination)
-        except FileNotFoundError:
-            raise BlobMissingError(key) from None
-
-    def read(self, key: str) -> bytes:
-        """Read the file whole."""
-        try:
-            return self._path(key).read_bytes()
-        except FileNotFoundError:
-            raise BlobMissingError(key) from None
-
-    def stream(self, key: str, chunk_bytes: int = 256 * 1024) -> Generator[bytes, None, None]:
+    def stream(self, key: str, chunk_bytes: int = PIECE_BYTES) -> Generator[bytes, None, None]:
         """Read the file piece by piece; it is opened before the first piece is asked for."""
-        try:
-            file = self._path(key).open("rb")
-        except FileNotFoundError:
-            raise BlobMissingError(key) from None
+        file = self._open(key)
 
         def pieces() -> Generator[bytes, None, None]:
             with file:
@@ -98,10 +77,7 @@ class LocalBlobStore:
 
     def stream_part(self, key: str, start: int, length: int) -> Generator[bytes, None, None]:
         """Read from there on; the file is opened before the first piece is asked for."""
-        try:
-            file = self._path(key).open("rb")
-        except FileNotFoundError:
-            raise BlobMissingError(key) from None
+        file = self._open(key)
 
         def pieces() -> Generator[bytes, None, None]:
             left = length
@@ -157,10 +133,6 @@ class LocalBlobStore:
                     stored_at = datetime.fromtimestamp(found.st_mtime, UTC)
                     yield StoredBlob(Path(entry.path).relative_to(self._root).as_posix(), stored_at, found.st_size)
 
-    def free_bytes(self) -> int:
-        """What the file system has left for us."""
-        return shutil.disk_usage(self._root).free
-
     def check(self) -> None:
         """Write, sync and remove a small file."""
         probe = self._staging.folder / f"probe-{uuid.uuid4().hex}"
@@ -170,6 +142,12 @@ class LocalBlobStore:
                 os.fsync(file.fileno())
         finally:
             probe.unlink(missing_ok=True)
+
+    def _open(self, key: str) -> BinaryIO:
+        try:
+            return self._path(key).open("rb")
+        except FileNotFoundError:
+            raise BlobMissingError(key) from None
 
     def _path(self, key: str) -> Path:
         require_valid_key(key)
@@ -185,10 +163,6 @@ class LocalBlobStore:
             errors = [error for future in waiting if (error := future.exception()) is not None]
         for error in errors:
             raise error
-
-    def remove_abandoned(self) -> None:
-        """Remove the folders of processes that died."""
-        self._staging.remove_abandoned()
 
 
 def _move(source: Path, target: Path) -> None:

@@ -9,7 +9,6 @@ import errno
 import hashlib
 import io
 import mmap
-import shutil
 import threading
 import uuid
 from collections.abc import Generator, Iterator, Mapping
@@ -29,12 +28,12 @@ from app.storage.blob_store import (
     KEY_PATTERN,
     BlobDamagedError,
     BlobMissingError,
+    BlobStore,
     StoredBlob,
     require_valid_key,
     require_valid_prefix,
 )
 from app.storage.s3_errors import is_empty_range, is_missing, store_error
-from app.storage.staging import Staging
 
 if TYPE_CHECKING:
     from obstore.store import S3Config  # not there at run time
@@ -83,24 +82,18 @@ PROBE_PATIENCE = Patience(
 )  # readiness is asked often
 
 
-class S3BlobStore:
+class S3BlobStore(BlobStore):
     """A BlobStore in a bucket, with a staging folder on this machine."""
 
     def __init__(self, place: S3Place, staging: Path, patience: Patience = PATIENCE) -> None:
         self._place = place
-        self._staging = Staging(staging)
+        super().__init__(staging)
         self._patience = patience
         self._store = _open(place, patience)
         self._turns = threading.BoundedSemaphore(PUTS_AT_ONCE)
-        self.keeps_versions: bool | None = None
-        """Whether the bucket keeps what is deleted, so that no erasure is one; None before the first `check`."""
 
     def __str__(self) -> str:
         return str(self._place)
-
-    def staging_folder(self) -> Path:
-        """A folder of this machine."""
-        return self._staging.folder
 
     def put_file(self, key: str, source: Path) -> None:
         """Send the file, in parts if it is large; then remove it."""
@@ -197,10 +190,6 @@ class S3BlobStore:
                 if KEY_PATTERN.match(found["path"]):
                     yield StoredBlob(found["path"], found["last_modified"], found["size"])
 
-    def free_bytes(self) -> int:
-        """What the staging folder's file system has left; a bucket tells no limit."""
-        return shutil.disk_usage(self._staging.folder).free
-
     def check(self) -> None:
         """Put and delete a probe that no listing shows."""
         key = f"{PROBES}/{uuid.uuid4().hex}"
@@ -208,10 +197,6 @@ class S3BlobStore:
             made = obstore.put(self._probed, key, b"ok")
             obstore.delete(self._probed, key)
         self.keeps_versions = made["version"] not in (None, "null")
-
-    def remove_abandoned(self) -> None:
-        """Remove what nobody has touched for an hour; parts of uploads that were cut are the bucket's own business."""
-        self._staging.remove_abandoned()
 
     @cached_property
     def _probed(self) -> S3Store:

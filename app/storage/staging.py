@@ -10,12 +10,10 @@ import fcntl
 import os
 import shutil
 import tempfile
-import time
 import weakref
 from pathlib import Path
 
 LOCK_SUFFIX = ".lock"
-ABANDONED_SECONDS = 3600  # of what has no lock: files of versions before 0.4, which nobody has touched for so long
 
 
 class Staging:
@@ -39,8 +37,6 @@ class Staging:
             with contextlib.suppress(FileNotFoundError):  # another process cleans up at the same time
                 if path.suffix == LOCK_SUFFIX:
                     _remove_if_unlocked(path)
-                elif not path.with_name(path.name + LOCK_SUFFIX).exists():
-                    _remove_if_old(path)
 
 
 def _new_lock(parent: Path) -> tuple[Path, int]:
@@ -60,11 +56,6 @@ def _remove_if_unlocked(lock: Path) -> None:
         except BlockingIOError:
             return
         _remove(lock)
-
-
-def _remove_if_old(path: Path) -> None:
-    if path.stat().st_mtime < time.time() - ABANDONED_SECONDS:
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def _remove(lock: Path) -> None:

@@ -216,7 +216,7 @@ def look_at_disk(deployment: Deployment) -> Verdict:
 
 def look_at_versions(deployment: Deployment) -> Verdict | None:
     """Check that what is deleted is gone."""
-    if not getattr(deployment.blobs, "keeps_versions", None):
+    if not deployment.blobs.keeps_versions:
         return None
     return bad(
         "the bucket keeps what is deleted: a participant's erased photographs are still there.",

@@ -1,6 +1,5 @@
 """Files in the making: what a dead process left goes, what a living process writes stays, whatever the clock says."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -9,7 +8,7 @@ import time
 import pytest
 
 from app.storage import staging
-from app.storage.staging import ABANDONED_SECONDS, LOCK_SUFFIX, Staging
+from app.storage.staging import LOCK_SUFFIX, Staging
 
 LONG_AGO = 400 * 24 * 3600.0
 OTHER_PROCESS = """
@@ -77,20 +76,6 @@ def test_store_that_is_given_up_leaves_nothing(tmp_path):
     (ours.folder / "photograph").write_bytes(b"x")
     del ours
     assert everything_in(tmp_path) == []
-
-
-def test_files_of_older_versions_go_by_their_age(tmp_path):
-    old, old_folder, young = tmp_path / "old", tmp_path / "old-folder", tmp_path / "young"
-    old.write_bytes(b"x")
-    young.write_bytes(b"x")
-    old_folder.mkdir()
-    past = time.time() - ABANDONED_SECONDS - 60
-    for path in (old, old_folder):
-        os.utime(path, (past, past))
-    Staging(tmp_path)
-    assert not old.exists()
-    assert not old_folder.exists()
-    assert young.exists()
 
 
 def test_lock_that_was_removed_before_it_was_held_is_not_used(tmp_path, monkeypatch):
