@@ -383,7 +383,7 @@ def test_restore_asks_for_room_for_what_is_not_there_yet(kind, person, source, e
     """The disk may be just large enough, and the restore was broken off and is done again."""
     done = source.back_up(tmp_path / "one.tar")
     machine = empty_machine(kind)
-    monkeypatch.setattr(machine.blobs, "free_bytes", lambda: done.blob_bytes - 1)
+    monkeypatch.setattr(machine.blobs, "free_bytes", lambda: done.end.blob_bytes - 1)
     with pytest.raises(StorageFullError):
         machine.restore(tmp_path / "one.tar")
     assert machine.stored() == {}
@@ -398,7 +398,7 @@ def test_restore_into_a_bucket_does_not_ask_for_room_on_this_machine(
 ):
     done = source.back_up(tmp_path / "one.tar")
     machine = empty_machine(kind, **s3_settings(s3_server))
-    monkeypatch.setattr(machine.blobs, "free_bytes", lambda: done.blob_bytes // 2)
+    monkeypatch.setattr(machine.blobs, "free_bytes", lambda: done.end.blob_bytes // 2)
     machine.restore(tmp_path / "one.tar")
     assert machine.stored().keys() == named_blobs(source.database)
 
