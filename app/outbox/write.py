@@ -71,29 +71,41 @@ def deliver_to(
     now, event_id = datetime.now(UTC), uuid.uuid4()
     rows = []
     for hook in hooks:
-        study = session.get_one(Study, hook.study_id)
-        payload = {
+        payload: dict[str, object] = {
             "id": str(event_id),
             "type": event,
             "timestamp": now.isoformat().replace("+00:00", "Z"),
-            "data": {"study": study.code, **data},
+            "data": {"study": session.get_one(Study, hook.study_id).code, **data},
         }
-        rows.append(
-            WebhookDelivery(
-                id=uuid.uuid4(),
-                webhook_id=hook.id,
-                event=event,
-                payload=payload,
-                meal_id=meal_id,
-                participant_id=participant_id,
-                state="waiting",
-                attempts=0,
-                next_try_at=now,
-                created_at=now,
-            )
-        )
-    session.add_all(rows)
+        rows.append(add_delivery(session, hook, event, payload, now, meal_id=meal_id, participant_id=participant_id))
     return rows
+
+
+def add_delivery(
+    session: Session,
+    hook: Webhook,
+    event: DeliveredEvent,
+    payload: dict[str, object],
+    now: datetime,
+    *,
+    meal_id: uuid.UUID | None,
+    participant_id: uuid.UUID | None,
+) -> WebhookDelivery:
+    """Add a delivery that is due at once."""
+    row = WebhookDelivery(
+        id=uuid.uuid4(),
+        webhook_id=hook.id,
+        event=event,
+        payload=payload,
+        meal_id=meal_id,
+        participant_id=participant_id,
+        state="waiting",
+        attempts=0,
+        next_try_at=now,
+        created_at=now,
+    )
+    session.add(row)
+    return row
 
 
 def _wants(hook: Webhook, event: str) -> bool:

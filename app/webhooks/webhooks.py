@@ -8,7 +8,6 @@ from datetime import UTC, datetime
 from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, NotFoundError, PreconditionFailedError
-from app.core.settings import Settings
 from app.db.session import Database
 from app.http.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
 from app.outbox import write as outbox
@@ -35,48 +34,51 @@ class IssuedSecret:
     previous_until: datetime | None
 
 
+@dataclass(frozen=True, slots=True)
 class Webhooks:
-    """The use case. A webhook of another study does not exist here: NotFoundError."""
+    """The use cases of one study's webhooks, for one caller. A webhook of another study does not exist here.
 
-    def __init__(self, database: Database, box: SecretBox, settings: Settings) -> None:
-        self._database = database
-        self._box = box
-        self._settings = settings
+    All raise NotFoundError, for a study or a webhook that is not there, and NotAllowedError.
+    """
 
-    def create(self, caller: StaffCaller, study_code: str, url: str, events: Sequence[str]) -> IssuedSecret:
-        """A new webhook. Raises AddressError (InvalidInputError), ConflictError (too many), NotFoundError."""
+    database: Database
+    box: SecretBox
+    allow_loopback: bool
+    caller: StaffCaller
+    study_code: str
+
+    def create(self, url: str, events: Sequence[str]) -> IssuedSecret:
+        """A new webhook. Raises AddressError (InvalidInputError), ConflictError (too many)."""
         self._check_url(url)
         secret, now = new_secret(), datetime.now(UTC)
-        with self._database.write() as session:
-            study = enter_study(session, caller, study_code)
-            _require_room(session, study)
+        with self.database.write() as session:
+            study = self._enter(session)
+            _require_room(session, study.id)
             hook = Webhook(
                 id=uuid.uuid4(),
                 study_id=study.id,
                 url=url,
                 events=sorted(set(events)),
-                secret_sealed=seal_secrets(self._box, SigningSecrets(secret)),
-                author=caller.name,
+                secret_sealed=seal_secrets(self.box, SigningSecrets(secret)),
+                author=self.caller.name,
                 created_at=now,
             )
             session.add(hook)
-            audit.note(session, caller, "webhook.create", study_id=study.id, subject=hook.id, events=hook.events)
+            self._note(session, hook, "create", events=hook.events)
         return IssuedSecret(hook, secret, None)
 
-    def list(self, caller: StaffCaller, study_code: str) -> list[Webhook]:
+    def list(self) -> list[Webhook]:
         """The study's webhooks, the newest first."""
-        with self._database.read() as session:
-            return sql.list_webhooks(session, enter_study(session, caller, study_code).id, LISTED)
+        with self.database.read() as session:
+            return sql.list_webhooks(session, self._enter(session).id, LISTED)
 
-    def read(self, caller: StaffCaller, study_code: str, webhook_id: uuid.UUID) -> Webhook:
+    def read(self, webhook_id: uuid.UUID) -> Webhook:
         """One webhook."""
-        with self._database.read() as session:
-            return _webhook(session, caller, study_code, webhook_id)
+        with self.database.read() as session:
+            return self._find(session, webhook_id)
 
     def change(
         self,
-        caller: StaffCaller,
-        study_code: str,
         webhook_id: uuid.UUID,
         *,
         expected: frozenset[int] | None,
@@ -86,12 +88,12 @@ class Webhooks:
     ) -> Webhook:
         """Change what is not None. expected: versions that it is a change of; None: whatever is there.
 
-        Raises AddressError, ConflictError (too many enabled), NotFoundError, PreconditionFailedError (changed since).
+        Raises AddressError, ConflictError (too many enabled), PreconditionFailedError (changed since).
         """
         if url is not None:
             self._check_url(url)
-        with self._database.write() as session:
-            hook = _webhook(session, caller, study_code, webhook_id, lock=True)
+        with self.database.write() as session:
+            hook = self._find(session, webhook_id, lock=True)
             if expected is not None and hook.version not in expected:
                 raise PreconditionFailedError(
                     "The webhook was changed after you read it: read it again, then change it.", version=hook.version
@@ -105,61 +107,53 @@ class Webhooks:
                 changed.append("events")
             if is_enabled is not None and is_enabled != (hook.disabled_at is None):
                 if is_enabled:
-                    _require_room(session, session.get_one(Study, hook.study_id))
+                    _require_room(session, hook.study_id)
                 hook.disabled_at = None if is_enabled else datetime.now(UTC)
                 changed.append("is_enabled")
             if changed:
                 hook.version += 1
-                audit.note(session, caller, "webhook.change", study_id=hook.study_id, subject=hook.id, fields=changed)
+                self._note(session, hook, "change", fields=changed)
         return hook
 
-    def disable(self, caller: StaffCaller, study_code: str, webhook_id: uuid.UUID) -> None:
+    def disable(self, webhook_id: uuid.UUID) -> None:
         """Send nothing more to it; its log stays to be read. Doing it again changes nothing."""
-        with self._database.write() as session:
-            hook = _webhook(session, caller, study_code, webhook_id, lock=True)
+        with self.database.write() as session:
+            hook = self._find(session, webhook_id, lock=True)
             if hook.disabled_at is None:
                 hook.disabled_at = datetime.now(UTC)
                 hook.version += 1
-                audit.note(session, caller, "webhook.disable", study_id=hook.study_id, subject=hook.id)
+                self._note(session, hook, "disable")
 
-    def rotate_secret(self, caller: StaffCaller, study_code: str, webhook_id: uuid.UUID) -> IssuedSecret:
+    def rotate_secret(self, webhook_id: uuid.UUID) -> IssuedSecret:
         """A fresh secret. One that TADA_SECRET_KEY does not open any more is replaced without an old one beside it."""
-        now = datetime.now(UTC)
-        with self._database.write() as session:
-            hook = _webhook(session, caller, study_code, webhook_id, lock=True)
-            known = self._open_or_new(hook, now)
-            hook.secret_sealed = seal_secrets(self._box, known)
-            audit.note(session, caller, "webhook.rotate_secret", study_id=hook.study_id, subject=hook.id)
-        return IssuedSecret(hook, known.current, known.previous_until)
+        with self.database.write() as session:
+            hook = self._find(session, webhook_id, lock=True)
+            try:
+                signing = open_secrets(self.box, hook.secret_sealed).rotated(datetime.now(UTC))
+            except SecretKeyError:
+                signing = SigningSecrets(new_secret())
+            hook.secret_sealed = seal_secrets(self.box, signing)
+            self._note(session, hook, "rotate_secret")
+        return IssuedSecret(hook, signing.current, signing.previous_until)
 
     def list_deliveries(
-        self,
-        caller: StaffCaller,
-        study_code: str,
-        webhook_id: uuid.UUID,
-        *,
-        state: str | None,
-        cursor: str | None,
-        limit: int,
+        self, webhook_id: uuid.UUID, *, state: str | None, cursor: str | None, limit: int
     ) -> Page[WebhookDelivery]:
         """The log, the newest first. Raises InvalidInputError for a cursor that is broken or of another list."""
         listed = f"deliveries {webhook_id.hex} {state}"
         before = decode_cursor(listed, cursor, INSTANT, ID)
-        with self._database.read() as session:
-            hook = _webhook(session, caller, study_code, webhook_id)
+        with self.database.read() as session:
+            hook = self._find(session, webhook_id)
             rows = sql.page_of_deliveries(session, hook.id, state=state, before=before, limit=limit + 1)
         if len(rows) <= limit:
             return Page(rows, None)
         last = rows[limit - 1]
         return Page(rows[:limit], encode_cursor(listed, last.created_at, last.id))
 
-    def replay(
-        self, caller: StaffCaller, study_code: str, webhook_id: uuid.UUID, delivery_id: uuid.UUID
-    ) -> WebhookDelivery:
-        """Send the frozen payload again, as a new delivery. Raises NotFoundError, ConflictError."""
-        now = datetime.now(UTC)
-        with self._database.write() as session:
-            hook = _enabled(_webhook(session, caller, study_code, webhook_id, lock=True))
+    def replay(self, webhook_id: uuid.UUID, delivery_id: uuid.UUID) -> WebhookDelivery:
+        """Send the frozen payload again, as a new delivery. Raises ConflictError."""
+        with self.database.write() as session:
+            hook = _enabled(self._find(session, webhook_id, lock=True))
             old = sql.find_delivery(session, hook.id, delivery_id)
             if old is None:
                 raise NotFoundError("This webhook has no such delivery.")
@@ -167,50 +161,42 @@ class Webhooks:
                 raise ConflictError(
                     "What this delivery said of a participant was removed after it.", code="webhook_payload_removed"
                 )
-            again = WebhookDelivery(
-                id=uuid.uuid4(),
-                webhook_id=hook.id,
-                event=old.event,
-                payload=old.payload,
+            again = outbox.add_delivery(
+                session,
+                hook,
+                old.event,
+                old.payload,
+                datetime.now(UTC),
                 meal_id=old.meal_id,
                 participant_id=old.participant_id,
-                state="waiting",
-                attempts=0,
-                next_try_at=now,
-                created_at=now,
             )
-            session.add(again)
-            audit.note(session, caller, "webhook.replay", study_id=hook.study_id, subject=hook.id, delivery=str(old.id))
+            self._note(session, hook, "replay", delivery=str(old.id))
         return again
 
-    def test(self, caller: StaffCaller, study_code: str, webhook_id: uuid.UUID) -> WebhookDelivery:
-        """Send a `ping`. Raises NotFoundError, ConflictError (disabled)."""
-        with self._database.write() as session:
-            hook = _enabled(_webhook(session, caller, study_code, webhook_id, lock=True))
+    def test(self, webhook_id: uuid.UUID) -> WebhookDelivery:
+        """Send a `ping`. Raises ConflictError (disabled)."""
+        with self.database.write() as session:
+            hook = _enabled(self._find(session, webhook_id, lock=True))
             (ping,) = outbox.deliver_to(session, [hook], PING, {})
-            audit.note(session, caller, "webhook.test", study_id=hook.study_id, subject=hook.id)
+            self._note(session, hook, "test")
         return ping
+
+    def _enter(self, session: Session) -> Study:
+        return enter_study(session, self.caller, self.study_code)
+
+    def _find(self, session: Session, webhook_id: uuid.UUID, *, lock: bool = False) -> Webhook:
+        hook = sql.find_webhook(session, self._enter(session).id, webhook_id, lock=lock)
+        if hook is None:
+            raise NotFoundError("The study has no such webhook.")
+        return hook
+
+    def _note(self, session: Session, hook: Webhook, deed: str, **details: object) -> None:
+        audit.note(session, self.caller, f"webhook.{deed}", study_id=hook.study_id, subject=hook.id, **details)
 
     def _check_url(self, url: str) -> None:
         """Before any transaction: a name's resolution takes its time."""
-        allow = self._settings.webhook_allow_loopback
+        allow = self.allow_loopback
         resolve_safely(parse_target(url, allow_loopback=allow), allow_loopback=allow)
-
-    def _open_or_new(self, hook: Webhook, now: datetime) -> SigningSecrets:
-        try:
-            return open_secrets(self._box, hook.secret_sealed).rotated(now)
-        except SecretKeyError:
-            return SigningSecrets(new_secret())
-
-
-def _webhook(
-    session: Session, caller: StaffCaller, study_code: str, webhook_id: uuid.UUID, *, lock: bool = False
-) -> Webhook:
-    study = enter_study(session, caller, study_code)
-    hook = sql.find_webhook(session, study.id, webhook_id, lock=lock)
-    if hook is None:
-        raise NotFoundError("The study has no such webhook.")
-    return hook
 
 
 def _enabled(hook: Webhook) -> Webhook:
@@ -219,9 +205,9 @@ def _enabled(hook: Webhook) -> Webhook:
     return hook
 
 
-def _require_room(session: Session, study: Study) -> None:
-    sql.lock_study(session, study.id)
-    if len(sql.enabled_webhooks(session, study.id)) >= MOST_ENABLED:
+def _require_room(session: Session, study_id: uuid.UUID) -> None:
+    sql.lock_study(session, study_id)
+    if len(sql.enabled_webhooks(session, study_id)) >= MOST_ENABLED:
         raise ConflictError(
             f"The study has {MOST_ENABLED} webhooks already: disable one first.", code="webhooks_too_many"
         )

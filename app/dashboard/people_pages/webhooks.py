@@ -39,7 +39,7 @@ def post_webhook(page: CurrentPage, study: str, fields: Fields) -> Response:
     if body is None:
         return _webhooks(page, study, url=str(values["url"]), wrong=wrong, status=422)
     try:
-        issued = _use_case(page).create(page.caller, study, body.url, body.events)
+        issued = _use_case(page, study).create(body.url, body.events)
     except (InvalidInputError, ConflictError) as error:
         return _webhooks(page, study, url=body.url, wrong={"url": error.message}, status=error.status)
     return _webhooks(page, study, issued=issued)
@@ -50,11 +50,9 @@ def get_webhook(
     page: CurrentPage, study: str, webhook: uuid.UUID, state: DeliveryState = "", cursor: CursorIn = None
 ) -> Response:
     """One of them, and the log of its deliveries, the newest first."""
-    hooks = _use_case(page)
-    hook = hooks.read(page.caller, study, webhook)
-    found = hooks.list_deliveries(
-        page.caller, study, webhook, state=state or None, cursor=cursor, limit=DELIVERIES_A_PAGE
-    )
+    hooks = _use_case(page, study)
+    hook = hooks.read(webhook)
+    found = hooks.list_deliveries(webhook, state=state or None, cursor=cursor, limit=DELIVERIES_A_PAGE)
     return page.render("webhook.html", hook=hook, rows=found.rows, next=found.cursor, state=state)
 
 
@@ -63,16 +61,12 @@ def post_state(page: CurrentPage, study: str, webhook: uuid.UUID, fields: Fields
     """Disable: what waits is given up; or enable again, as it was when the page was opened."""
     values = typed(fields)
     if values.get("is_enabled") != "true":
-        _use_case(page).disable(page.caller, study, webhook)
+        _use_case(page, study).disable(webhook)
         return page.go(study_address(study, "webhooks", webhook), "Nothing more is sent to it.")
     version = values.get("version", "")
-    _use_case(page).change(
-        page.caller,
-        study,
+    _use_case(page, study).change(
         webhook,
         expected=frozenset({int(version)}) if version.isdecimal() else frozenset(),
-        url=None,
-        events=None,
         is_enabled=True,
     )
     return page.go(study_address(study, "webhooks", webhook), "It is told again from now on.")
@@ -81,25 +75,27 @@ def post_state(page: CurrentPage, study: str, webhook: uuid.UUID, fields: Fields
 @router.post(f"{PATH}/{{webhook}}/secret")
 def post_secret(page: CurrentPage, study: str, webhook: uuid.UUID) -> Response:
     """A fresh secret, shown once; for a day deliveries are signed by the old one too."""
-    return _webhooks(page, study, issued=_use_case(page).rotate_secret(page.caller, study, webhook))
+    return _webhooks(page, study, issued=_use_case(page, study).rotate_secret(webhook))
 
 
 @router.post(f"{PATH}/{{webhook}}/test")
 def post_test(page: CurrentPage, study: str, webhook: uuid.UUID) -> Response:
     """Send a ping."""
-    _use_case(page).test(page.caller, study, webhook)
+    _use_case(page, study).test(webhook)
     return page.go(study_address(study, "webhooks", webhook), "A ping is on its way; its delivery stands in the log.")
 
 
 @router.post(f"{PATH}/{{webhook}}/deliveries/{{delivery}}/replay")
 def post_replay(page: CurrentPage, study: str, webhook: uuid.UUID, delivery: uuid.UUID) -> Response:
     """Send a payload once more, as it was then."""
-    _use_case(page).replay(page.caller, study, webhook, delivery)
+    _use_case(page, study).replay(webhook, delivery)
     return page.go(study_address(study, "webhooks", webhook), "It is sent once more, as a new delivery.")
 
 
-def _use_case(page: Page) -> Webhooks:
-    return Webhooks(page.state.database, page.state.part(SecretBox), page.state.settings)
+def _use_case(page: Page, study: str) -> Webhooks:
+    state = page.state
+    allow_loopback = state.settings.webhook_allow_loopback
+    return Webhooks(state.database, state.part(SecretBox), allow_loopback, page.caller, study)
 
 
 def _webhooks(
@@ -114,7 +110,7 @@ def _webhooks(
     return page.render(
         "webhooks.html",
         status=status,
-        rows=_use_case(page).list(page.caller, study),
+        rows=_use_case(page, study).list(),
         events=(ALL_EVENTS, *EVENTS),
         url=url,
         wrong=wrong or {},
