@@ -3,9 +3,10 @@
 import json
 import sys
 import uuid
+from collections.abc import Callable
 from dataclasses import asdict
 from datetime import UTC, datetime
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -36,13 +37,14 @@ def jobs_list(
     as_json: JsonOption = False,
 ) -> None:
     """What waits or runs, in the order of its turns; with --failed, what failed, the last one first."""
-    from app.uploads.look_after_jobs import Failures, failed_pairs, waiting_jobs
+    from app.uploads.job_list_queries import FailedFilter
+    from app.uploads.look_after_jobs import failed_pairs, waiting_jobs
 
     if not failed and (code is not None or since is not None):
         raise InvalidInputError("--code and --since are of what failed: add --failed.")
     with opened_database() as database:
         if failed:
-            rows = failed_pairs(database, Failures(study, code, _instant(since)), limit=limit)
+            rows = failed_pairs(database, FailedFilter(study, code, _instant(since)), limit=limit)
         else:
             rows = waiting_jobs(database, study_code=study, limit=limit)
     if as_json:
@@ -66,7 +68,8 @@ def jobs_retry(
 ) -> None:
     """Have meals that failed estimated again: those named, or all that failed with --code."""
     from app.jobs.queue import JobQueue
-    from app.uploads.look_after_jobs import Failures, retry_failed, retry_named
+    from app.uploads.job_list_queries import FailedFilter
+    from app.uploads.look_after_jobs import retry_failed, retry_named
 
     if bool(meals) == (code is not None):
         raise InvalidInputError("Name meals, or say with --code which failures.")
@@ -75,21 +78,12 @@ def jobs_retry(
     instant, queue = _instant(since), JobQueue()
     with opened_database() as database:
         if not meals:
-            done = retry_failed(database, queue, Failures(study, code, instant))
+            done = retry_failed(database, queue, FailedFilter(study, code, instant))
             print(f"{done.queued} meals queued again")
             for why, count in sorted(done.left.items()):
                 print(f"{count} left as they are: {why}")
             return
-        refused = 0
-        for meal in meals:
-            try:
-                is_new = retry_named(database, queue, meal, participant)
-            except TadaError as error:
-                refused += 1
-                print(f"tada: {meal}: {error.message}", file=sys.stderr)
-            else:
-                print(f"{meal}: {'queued again' if is_new else 'waits already'}")
-    raise SystemExit(1 if refused else 0)
+        _of_each(meals, lambda meal: retry_named(database, queue, meal, participant), "queued again", "waits already")
 
 
 @jobs_cli.command("cancel")
@@ -100,16 +94,21 @@ def jobs_cancel(
     """Call off estimates that are not made yet: the meals fail with the code cancelled, and can be retried."""
     from app.uploads.look_after_jobs import cancel_named
 
-    refused = 0
     with opened_database() as database:
-        for meal in meals:
-            try:
-                is_new = cancel_named(database, meal, participant)
-            except TadaError as error:
-                refused += 1
-                print(f"tada: {meal}: {error.message}", file=sys.stderr)
-            else:
-                print(f"{meal}: {'cancelled' if is_new else 'was cancelled before'}")
+        _of_each(meals, lambda meal: cancel_named(database, meal, participant), "cancelled", "was cancelled before")
+
+
+def _of_each(meals: list[uuid.UUID], act: Callable[[uuid.UUID], bool], done: str, done_before: str) -> NoReturn:
+    """Print what came of each meal, and end. act: returns whether it changed anything."""
+    refused = 0
+    for meal in meals:
+        try:
+            is_new = act(meal)
+        except TadaError as error:
+            refused += 1
+            print(f"tada: {meal}: {error.message}", file=sys.stderr)
+        else:
+            print(f"{meal}: {done if is_new else done_before}")
     raise SystemExit(1 if refused else 0)
 
 

@@ -2,8 +2,9 @@
 
 import uuid
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
+from typing import Literal
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session, object_session
@@ -141,12 +142,8 @@ def start_attempt(session: Session, job_id: uuid.UUID, executor_id: str, now: da
     job.state = "processing"
     job.attempts += 1
     job.started_at = job.started_at or now
-    if job.purpose == "meal" and meal.status == "queued":
-        meal.status = "processing"
-        meal.version += 1
-    elif job.purpose == "after" and meal.after_status == "queued":
-        meal.after_status = "processing"
-        meal.version += 1
+    if pair_status(meal, job.purpose) == "queued":
+        advance_pair(meal, job.purpose, "processing")
     return job
 
 
@@ -172,31 +169,38 @@ def fail_job(job: Job, meal: Meal, failure: Failure, now: datetime) -> None:
     Records that follow from more than the meal's own pair are brought in line by the caller (EstimateUseCases.settle).
     """
     job.state, job.finished_at, job.result_key = "failed", now, None
-    if job.purpose == "meal" and meal.status in WAITING:
-        fail_meal(meal, failure)
-    elif job.purpose == "after" and meal.after_status in WAITING:
-        fail_after_pair(meal, failure)
+    if pair_status(meal, job.purpose) in WAITING:
+        fail_pair(meal, job.purpose, failure)
 
 
-def fail_meal(meal: Meal, failure: Failure) -> None:
-    """The meal's answer is this failure."""
-    meal.status, meal.stage = "failed", None
-    meal.failure_code = failure.code
-    meal.failure_message = failure.message
-    meal.failure_advice = failure.advice
+def pair_status(meal: Meal, purpose: str) -> str | None:
+    """The status of the pair of photographs that a job of this purpose is for; None: it is for none of its own."""
+    return {"meal": meal.status, "after": meal.after_status}.get(purpose)
+
+
+def advance_pair(meal: Meal, purpose: str, status: Literal["queued", "processing"]) -> None:
+    """Let the pair have this status; if it has it, nothing changes."""
+    if pair_status(meal, purpose) == status:
+        return
+    if purpose == "meal":
+        meal.status, meal.stage = status, None
+    else:
+        meal.after_status = status
     meal.version += 1
+
+
+def fail_pair(meal: Meal, purpose: str, failure: Failure) -> None:
+    """The answer of the meal's own pair, or of its after-meal pair, is this failure; the other one's stays."""
+    meal.version += 1
+    if purpose != "meal":
+        meal.after_status, meal.after_failure_code = "failed", failure.code
+        meal.after_failure_message, meal.after_failure_advice = failure.message, failure.advice
+        return
+    meal.status, meal.stage, meal.failure_code = "failed", None, failure.code
+    meal.failure_message, meal.failure_advice = failure.message, failure.advice
     session = object_session(meal)
     if session is not None:
         announce_meal(session, meal)
-
-
-def fail_after_pair(meal: Meal, failure: Failure) -> None:
-    """The answer of the meal's after-meal pair is this failure; the meal's own stays."""
-    meal.after_status = "failed"
-    meal.after_failure_code = failure.code
-    meal.after_failure_message = failure.message
-    meal.after_failure_advice = failure.advice
-    meal.version += 1
 
 
 def exhausted_jobs(session: Session) -> list[uuid.UUID]:
@@ -223,16 +227,7 @@ def count_jobs(session: Session, meal_id: uuid.UUID, purpose: str) -> tuple[int,
 
 def insert_lease(session: Session, executor: Executor) -> None:
     """The first heartbeat of a worker, on the database's clock."""
-    session.execute(
-        sa.insert(WorkerLease).values(
-            executor_id=executor.executor_id,
-            host=executor.host,
-            pid=executor.pid,
-            version=executor.version,
-            started_at=executor.started_at,
-            heartbeat_at=_clock(),
-        )
-    )
+    session.execute(sa.insert(WorkerLease).values(**asdict(executor), heartbeat_at=_clock()))
 
 
 def renew_lease(session: Session, executor_id: str) -> bool:

@@ -55,7 +55,7 @@ def _give_up(session: Session, job_id: uuid.UUID, settle: Settle) -> bool:
 
 def _move_meal(session: Session, queue: JobQueue, meal_id: uuid.UUID, purpose: str, settle: Settle) -> bool:
     meal = lock_meal(session, meal_id)
-    if meal is None or (meal.status if purpose == "meal" else meal.after_status) not in WAITING:
+    if meal is None or jobs.pair_status(meal, purpose) not in WAITING:
         return False
     made, live = jobs.count_jobs(session, meal_id, purpose)
     if live:
@@ -65,10 +65,8 @@ def _move_meal(session: Session, queue: JobQueue, meal_id: uuid.UUID, purpose: s
         instruments.SWEPT.labels("queued").inc()
         log.warning("meal_queued_again", meal_id=str(meal_id), purpose=purpose, reason="it had no job")
         return True
-    if purpose == "meal":  # its job is finished and left it waiting: another would do the same
-        jobs.fail_meal(meal, INTERNAL_ERROR)
-    else:
-        jobs.fail_after_pair(meal, INTERNAL_ERROR)
+    jobs.fail_pair(meal, purpose, INTERNAL_ERROR)  # its job is finished: another would leave it waiting too
+    if purpose != "meal":
         settle(session, meal)
     instruments.SWEPT.labels("failed").inc()
     log.error("meal_failed", meal_id=str(meal_id), purpose=purpose, code=INTERNAL_ERROR.code)
@@ -78,10 +76,5 @@ def _move_meal(session: Session, queue: JobQueue, meal_id: uuid.UUID, purpose: s
 def _queue_first_job(session: Session, queue: JobQueue, meal: Meal, purpose: str) -> None:
     now = datetime.now(UTC)
     job = Job(id=uuid.uuid4(), meal_id=meal.id, purpose=purpose, state="queued", attempts=0, enqueued_at=now)
-    if purpose == "meal" and meal.status != "queued":
-        meal.status, meal.stage = "queued", None
-        meal.version += 1
-    elif purpose == "after" and meal.after_status != "queued":
-        meal.after_status = "queued"
-        meal.version += 1
+    jobs.advance_pair(meal, purpose, "queued")
     queue.enqueue(session, job)

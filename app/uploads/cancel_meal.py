@@ -59,10 +59,8 @@ def cancel_locked_meal(session: Session, meal: Meal, caller: Caller | None) -> i
     now = datetime.now(UTC)
     for job in live:
         jobs.fail_job(job, meal, CANCELLED, now)
-    if "meal" in lost:
-        jobs.fail_meal(meal, CANCELLED)
-    if "after" in lost:
-        jobs.fail_after_pair(meal, CANCELLED)
+    for purpose in lost:
+        jobs.fail_pair(meal, purpose, CANCELLED)
     project_meal(session, meal)
     purposes = sorted([*(job.purpose for job in live), *lost])
     audit.note(session, caller, "meal.cancel", study_id=meal.study_id, subject=meal.alias, purposes=purposes)

@@ -37,12 +37,12 @@ class JobRow:
 class FailedFilter:
     """Which failed pairs: None leaves a filter out. since: their last job ended then or later."""
 
-    study_id: uuid.UUID | None = None
+    study_code: str | None = None
     code: str | None = None
     since: datetime | None = None
 
 
-def list_live_jobs(session: Session, study_id: uuid.UUID | None, limit: int) -> list[JobRow]:
+def list_live_jobs(session: Session, study_code: str | None, limit: int) -> list[JobRow]:
     """Jobs to be done, those that are worked on first, the others in the order of their turns."""
     query = (
         sa.select(Study.code, Participant.code, Meal.client_id, Job)
@@ -53,8 +53,8 @@ def list_live_jobs(session: Session, study_id: uuid.UUID | None, limit: int) -> 
         .order_by(Job.state == "queued", Job.turn, Job.enqueued_at, Job.id)
         .limit(limit)
     )
-    if study_id is not None:
-        query = query.where(Meal.study_id == study_id)
+    if study_code is not None:
+        query = query.where(Study.code == study_code)
     return [
         JobRow(study, person, meal, job.purpose, job.state, job.enqueued_at, None, job.attempts, job.executor_id)
         for study, person, meal, job in session.execute(query)
@@ -76,8 +76,8 @@ def list_failed(session: Session, wanted: FailedFilter, limit: int) -> list[JobR
             .limit(limit)
         )
         for study, person, meal, failure, job in session.execute(query):
-            ended = (job.finished_at, job.attempts, job.executor_id) if job is not None else (None, 0, None)
-            rows.append(JobRow(study, person, meal, purpose, "failed", ended[0], failure, ended[1], ended[2]))
+            at, attempts, worker = (job.finished_at, job.attempts, job.executor_id) if job else (None, 0, None)
+            rows.append(JobRow(study, person, meal, purpose, "failed", at, failure, attempts, worker))
     rows.sort(key=_last_first)
     return rows[:limit]
 
@@ -112,8 +112,8 @@ def _has_failed(purpose: str, wanted: FailedFilter) -> sa.ColumnElement[bool]:
     conditions = [status == "failed"]
     if wanted.code is not None:
         conditions.append(code == wanted.code)
-    if wanted.study_id is not None:
-        conditions.append(Meal.study_id == wanted.study_id)
+    if wanted.study_code is not None:
+        conditions.append(Meal.study_id.in_(sa.select(Study.id).where(Study.code == wanted.study_code)))
     if wanted.since is not None:
         ended = sa.exists().where(Job.meal_id == Meal.id, Job.purpose == purpose, Job.finished_at >= wanted.since)
         conditions.append(ended)

@@ -8,7 +8,6 @@ import uuid
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from datetime import datetime
 
 from sqlalchemy.orm import Session
 
@@ -35,25 +34,18 @@ class Retried:
     left: Counter[str] = field(default_factory=Counter)
 
 
-@dataclass(frozen=True, slots=True)
-class Failures:
-    """Which failed meals, as people name them: None leaves a filter out. since: failed then or later."""
-
-    study_code: str | None = None
-    code: str | None = None
-    since: datetime | None = None
-
-
 def waiting_jobs(database: Database, *, study_code: str | None, limit: int) -> list[JobRow]:
     """What is to be done, in the order in which it will be. Raises NotFoundError for an unknown study."""
     with database.read() as session:
-        return job_lists.list_live_jobs(session, _study_id(session, study_code), limit)
+        _require_study(session, study_code)
+        return job_lists.list_live_jobs(session, study_code, limit)
 
 
-def failed_pairs(database: Database, failures: Failures, *, limit: int) -> list[JobRow]:
+def failed_pairs(database: Database, failures: FailedFilter, *, limit: int) -> list[JobRow]:
     """What failed, the last one first. Raises NotFoundError for an unknown study."""
     with database.read() as session:
-        return job_lists.list_failed(session, _filter(session, failures), limit)
+        _require_study(session, failures.study_code)
+        return job_lists.list_failed(session, failures, limit)
 
 
 def retry_named(database: Database, queue: JobQueue, client_id: uuid.UUID, participant_code: str | None) -> bool:
@@ -65,14 +57,14 @@ def retry_named(database: Database, queue: JobQueue, client_id: uuid.UUID, parti
         return bool(retry_locked_meal(session, queue, _locked(session, client_id, participant_code), None))
 
 
-def retry_failed(database: Database, queue: JobQueue, failures: Failures) -> Retried:
+def retry_failed(database: Database, queue: JobQueue, failures: FailedFilter) -> Retried:
     """All that failed so, and nothing else of those meals: what somebody called off stays so.
 
     Raises NotFoundError for an unknown study.
     """
     done = Retried()
     with database.read() as session:
-        wanted = _filter(session, failures)
+        _require_study(session, failures.study_code)
 
     def retry(session: Session, meal: Meal) -> None:
         try:
@@ -80,7 +72,7 @@ def retry_failed(database: Database, queue: JobQueue, failures: Failures) -> Ret
         except (ConflictError, GoneError) as error:
             done.left[error.code] += 1
 
-    _each(database, wanted, retry)
+    _each(database, failures, retry)
     return done
 
 
@@ -133,14 +125,6 @@ def _locked(session: Session, client_id: uuid.UUID, participant_code: str | None
     return meal
 
 
-def _filter(session: Session, failures: Failures) -> FailedFilter:
-    return FailedFilter(_study_id(session, failures.study_code), failures.code, failures.since)
-
-
-def _study_id(session: Session, code: str | None) -> uuid.UUID | None:
-    if code is None:
-        return None
-    study = people.find_study(session, code)
-    if study is None:
+def _require_study(session: Session, code: str | None) -> None:
+    if code is not None and people.find_study(session, code) is None:
         raise NotFoundError(f"There is no study {code!r}.")
-    return study.id
