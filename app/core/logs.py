@@ -27,7 +27,7 @@ NO_ROUTE = "(no route)"
 _facts: contextvars.ContextVar[dict[str, object] | None] = contextvars.ContextVar("facts", default=None)
 
 
-def route_name(scope: Mapping[str, Any]) -> str:
+def route_name(scope: Mapping[str, object]) -> str:
     """What logs call the target of a request of this ASGI scope: its route's pattern, such as /v1/meals/{meal_id}.
 
     Never the path that was sent: paths hold participants' codes and the ids that phones make, and a path that fits no

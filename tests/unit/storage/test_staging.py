@@ -49,7 +49,7 @@ def everything_in(parent):
 def test_what_a_living_process_writes_stays_whatever_our_clock_says(tmp_path, other_process, monkeypatch):
     _, theirs = other_process(tmp_path, "stay")
     now = time.time()
-    monkeypatch.setattr(staging.time, "time", lambda: now + LONG_AGO)
+    monkeypatch.setattr(time, "time", lambda: now + LONG_AGO)
     ours = Staging(tmp_path)
     ours.remove_abandoned()
     assert (theirs / "photograph").read_bytes() == b"x"
