@@ -18,7 +18,8 @@ from app.meals.models import Meal, MealImage
 from app.meals.record_models import Run
 from app.people.privacy_models import AuditEvent
 from app.privacy import queries as privacy
-from app.uploads.look_after_jobs import Failures, failed_pairs, retry_failed
+from app.uploads.job_list_queries import FailedFilter
+from app.uploads.look_after_jobs import failed_pairs, retry_failed
 from tests import estimates
 from tests.commands import run_tada
 from tests.estimates import found_item
@@ -274,9 +275,9 @@ def test_failed_meals_are_listed_the_last_first_and_those_without_a_time_behind_
         fail(state, meal)
     with state.database.write() as session:
         session.delete(session.get_one(Job, jobs_of(state, meals[1])[-1].id))
-    listed = [str(row.meal) for row in failed_pairs(state.database, Failures(), limit=10)]
+    listed = [str(row.meal) for row in failed_pairs(state.database, FailedFilter(), limit=10)]
     assert listed == [meals[2], meals[0], meals[1]]
-    assert [str(row.meal) for row in failed_pairs(state.database, Failures(), limit=2)] == listed[:2]
+    assert [str(row.meal) for row in failed_pairs(state.database, FailedFilter(), limit=2)] == listed[:2]
 
 
 def test_retry_that_the_database_ends_for_anothers_sake_is_done_again(phone, state, meal):
@@ -294,7 +295,7 @@ def test_retry_that_the_database_ends_for_anothers_sake_is_done_again(phone, sta
     other = threading.Thread(target=lock_in_the_other_order)
     other.start()
     assert has_meal.wait(10)
-    assert retry_failed(state.database, state.part(JobQueue), Failures(code=INTERNAL_ERROR.code)).queued == 1
+    assert retry_failed(state.database, state.part(JobQueue), FailedFilter(code=INTERNAL_ERROR.code)).queued == 1
     other.join()
     assert [one.state for one in jobs_of(state, meal)] == ["failed", "queued"]
 
