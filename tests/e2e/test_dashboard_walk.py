@@ -257,7 +257,7 @@ def enrol_by_card(page, world):
     """A card with a QR code; its code opens a phone, once."""
     page.get_by_role("link", name=re.compile("nrol")).first.click()
     page.fill("#participants", "P002")
-    page.get_by_role("button", name="Make the cards").click()
+    page.get_by_role("button", name="Create the cards").click()
     assert page.locator("[role=img] svg path, [role=img] svg rect").count() > 0
     code = page.inner_text(".enrol-card .secret").strip()
     from_screen = read_qr(page.locator(".enrol-card").screenshot())

@@ -127,7 +127,7 @@ def test_conflict_is_told_and_the_word_can_be_said_all_the_same(served, meal, op
     assert "boss" in told
     assert "Orange" in told
     assert second(served, meal)["mass_g"] != 120.0
-    page.click("#conflict button:text('Say it all the same')")
+    page.click("#conflict button:text('Apply it nevertheless')")
     page.wait_for_selector("#conflict", state="detached")
     assert second(served, meal)["mass_g"] == 120.0
 

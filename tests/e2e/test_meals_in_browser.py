@@ -62,7 +62,7 @@ def test_meal_that_is_erased_leaves_the_page(served, phone, open_page):
     assert phone.delete(f"/v1/meals/{erased}").status_code == 200
     tab.page.wait_for_selector(f"#meal-P001-{erased}", state="detached")
     assert tab.page.locator(".meal-card").count() == others
-    assert tab.page.text_content("#meals-live") == "A meal of P001 is not there any more."
+    assert tab.page.text_content("#meals-live") == "A meal of P001 no longer exists."
 
 
 def test_page_asks_less_and_less_often_until_something_changes(served, phone, open_page):

@@ -14,7 +14,7 @@ def meals_chart(days: Sequence[OverviewDay]) -> Chart:
     """Meals a day."""
     return _of_days(
         days,
-        "Meals a day",
+        "Meals per day",
         "",
         _series("Meals", [day.counts.meals for day in days], "series-1"),
         whole=True,

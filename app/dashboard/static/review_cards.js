@@ -108,7 +108,7 @@ export class Cards {
       }
     } catch (problem) {
       if (problem.status === 404 || problem.status === 410) {
-        this.#notices.add(`${title} (${who}) is not there any more.`, problem);
+        this.#notices.add(`${title} (${who}) no longer exists.`, problem);
         this.#queue.drop(entry.id);
       } else {
         this.#tellOn(this.of(entry.id), problem);

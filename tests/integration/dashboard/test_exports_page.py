@@ -80,7 +80,7 @@ def test_page_shows_how_many_rows_and_the_dictionary_of_the_columns(client, admi
     page = viewer.page(PATH, rows="items", components="all")
     told = client.get("/v1/data-dictionary?rows=items&components=all&study=pilot", headers=admin).json()
     assert figures_of(page)[:2] == [3, len(told["columns"])]
-    table = page[page.index("What each column says") :]
+    table = page[page.index("Meaning of each column") :]
     assert re.findall(r'<th scope="row"><code>(\w+)</code>', table) == [one["name"] for one in told["columns"]]
     (address,) = re.findall(r'href="([^"]+/dictionary\?[^"]+)" download>Data dictionary', page)
     file = follow(viewer, address)

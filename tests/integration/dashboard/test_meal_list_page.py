@@ -109,7 +109,7 @@ def test_rows_and_figures_are_those_of_the_api_and_of_the_files(client, admin, v
         assert f"status-{row['status']}" in card
         for food in row["foods"]:
             assert html.escape(food["name"]) in line
-    assert ("No meal is left by these filters" in browser.page(PAGE, **params)) is (not rows)
+    assert ("No meals match these filters" in browser.page(PAGE, **params)) is (not rows)
 
 
 def test_filters_that_were_set_stand_in_the_form_and_lead_on(various, sign_in_browser):
@@ -192,7 +192,7 @@ def test_polling_tells_nothing_of_another_participant_or_study(enrol, meal_of, s
     browser = sign_in_browser("ann", pilot="viewer", second="viewer")
     for known in (f"P002:{meal_id}:9", f"P001:{elsewhere}:9", f"P001:{uuid.uuid4()}:1"):
         told = text_of(browser.get(CHANGED, headers=HTMX, meal=known).text)
-        assert told.split() == f"A meal of {known[:4]} is not there any more.".split()
+        assert told.split() == f"A meal of {known[:4]} no longer exists.".split()
     assert browser.get(CHANGED, headers=HTMX, meal=f"P001:{meal_id}:9").status_code == 200
     assert browser.get(CHANGED, headers=HTMX, meal="P001:x:1").status_code == 422
     assert sign_in_browser("eve", second="viewer").get(CHANGED, meal=f"P001:{meal_id}:9").status_code == 404
@@ -241,7 +241,7 @@ def test_files_have_what_the_filters_leave(various, sign_in_browser):
     assert browser.get(PAGE, status="failed", rows="items", format="csv").status_code == 422
     of_status = browser.page(PAGE, status="failed")
     assert "rows=items" not in of_status
-    assert "Items leave by participant, days and foods" in of_status
+    assert "Items have the filters participant, days and foods" in of_status
 
 
 def test_days_the_wrong_way_round_are_refused_with_the_form_as_it_was(sign_in_browser, enrol):

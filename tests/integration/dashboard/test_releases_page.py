@@ -86,12 +86,12 @@ def test_page_follows_a_release_until_it_is_ready(owner, run):
 
 
 def test_check_tells_which_file_is_not_what_was_frozen(state, owner, ready):
-    assert "each is what was frozen" in owner.page(f"{ready}/check")
+    assert "each is as frozen" in owner.page(f"{ready}/check")
     with state.database.read() as session:
         keys = {file.name: file.blob_key for file in session.scalars(sa.select(ReleaseFile))}
     state.blobs.delete(keys["items.csv"])
     page = owner.page(f"{ready}/check")
-    assert "not those that were frozen" in page
+    assert "differ from the frozen ones" in page
     states = dict(re.findall(r'download>([\w.-]+)</a>.*?status-(?:done|failed)">(\w+)<', page, re.DOTALL))
     assert states.pop("items.csv") == "missing"
     assert set(states.values()) == {"whole"}
@@ -132,12 +132,12 @@ def test_places_in_a_release_are_told(owner, state, run):
     add_meal(state, "P001", "2026-11-03", place={"latitude": 48.1, "longitude": 11.5})
     owner.post(PATH, name="placed")
     assert run().outcome == "done"
-    assert "Meals whose place it holds: 1 ." in text_of(owner.page(f"{PATH}/placed"))
+    assert "Meals with a place: 1 ." in text_of(owner.page(f"{PATH}/placed"))
     with state.database.write() as session:
         session.execute(sa.update(Study).values(location_policy="drop"))
     owner.post(PATH, name="unplaced")
     assert run().outcome == "done"
-    assert "place it holds" not in text_of(owner.page(f"{PATH}/unplaced"))
+    assert "Meals with a place" not in text_of(owner.page(f"{PATH}/unplaced"))
 
 
 def test_form_that_is_refused_keeps_what_was_typed_and_a_name_is_given_once(client, admin, owner, ready):

@@ -101,7 +101,7 @@ def test_filters_and_pages_are_those_of_the_api(client, admin, meal_of, sign_in_
     of_one = cards_of(browser.page(PAGE, participant="P002", status="", food="", min_doubt="", provisional=""))
     assert {attribute(card, "who") for card in of_one} == {"P002"}
     assert len(of_one) == 7
-    assert "No item waits for a reviewer by these filters" in browser.page(PAGE, food="banana")
+    assert "No item with these filters waits for a reviewer" in browser.page(PAGE, food="banana")
     assert browser.get(PAGE, min_doubt="2").status_code == 422
 
 

@@ -48,12 +48,12 @@ def test_owner_adds_measures_anew_and_retires(owner, library):
     assert vessel["inside_profile_mm"] == [[0.0, 6.0], [35.0, 6.0], [41.0, 95.0]]
     shown = owner.page(path)
     assert "0, 6\n35, 6\n41, 95" in shown
-    assert "as it was measured" in text_of(shown)
+    assert "as measured" in text_of(shown)
     (end,) = re.findall(r'action="([^"]+/retirement)"', shown)
     assert owner.post(end).status_code == 303
     assert library()[0]["is_retired"]
     assert "retired" in text_of(owner.page(PATH))
-    assert "use it again" in text_of(owner.page(path))
+    assert "put back in use" in text_of(owner.page(path))
     assert owner.post(path, **changed | {"version": "3"}).status_code == 303
     assert not library()[0]["is_retired"]
 
