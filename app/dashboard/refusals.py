@@ -22,11 +22,11 @@ PATTERNS: Final[Mapping[str, str]] = {
     r"^(?:(?:0\d|1[01]):[0-5]\d|12:00)$": "Write a time from 00:00 to 12:00, as 03:00.",
 }
 _PLAIN: Final[Mapping[str, str]] = {
-    "missing": "This is needed.",
-    "extra_forbidden": "This is not asked for here.",
-    "bool_parsing": "This is said by true or false.",
-    "uuid_parsing": "This is no id.",
-    "uuid_type": "This is no id.",
+    "missing": "This field is required.",
+    "extra_forbidden": "This field is not allowed here.",
+    "bool_parsing": "Write true or false.",
+    "uuid_parsing": "This is not an id.",
+    "uuid_type": "This is not an id.",
     "string_type": "Write text.",
     "int_type": WHOLE,
     "int_parsing": WHOLE,
@@ -66,10 +66,10 @@ def sentence(kind: str, message: str) -> str:
         return A_MOMENT
     if kind in ("literal_error", "enum"):
         choices = [choice.replace("_", " ") for choice in _CHOICE.findall(message)]
-        return f"There is no such choice; there is: {', '.join(choices)}."
+        return f"There is no such choice; choose: {', '.join(choices)}."
     if kind == "string_pattern_mismatch":
         known = (words for pattern, words in PATTERNS.items() if f"'{pattern}'" in message)
-        return next(known, "A letter or a sign in this cannot stand here.")
+        return next(known, "It contains a character that is not allowed here.")
     said = message.removeprefix("Value error, ").rstrip(".")
     return f"{said[:1].upper()}{said[1:]}."
 

@@ -80,7 +80,7 @@ def test_form_says_what_the_same_call_of_the_api_says(reviewed, said, fields, ne
         ("answer", {"item": "", "text": "yes"}, "This cannot be said"),
         ("hack", {}, "This cannot be said"),
         ("confirm", {"item": "x"}, "This cannot be said"),
-        ("confirm", {"mass_g": "1"}, "Grams: This is not asked for here."),
+        ("confirm", {"mass_g": "1"}, "Grams: This field is not allowed here."),
         ("set_mass", {"mass_g": "-5"}, "Grams: This must be 0.001 or more."),
     ],
     ids=str,

@@ -252,7 +252,7 @@ def test_days_the_wrong_way_round_are_refused_with_the_form_as_it_was(sign_in_br
     assert "The first day lies after the last: 2026-11-20, 2026-11-01." in answer.text
     assert 'value="2026-11-20"' in answer.text
     for asked, told in (
-        ({"status": "eaten"}, "Status: There is no such choice; there is: receiving"),
+        ({"status": "eaten"}, "Status: There is no such choice; choose: receiving"),
         ({"from": "yesterday"}, "From: Write a day as 2026-11-30."),
     ):
         answer = browser.get(PAGE, **asked)

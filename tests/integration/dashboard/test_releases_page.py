@@ -148,7 +148,7 @@ def test_form_that_is_refused_keeps_what_was_typed_and_a_name_is_given_once(clie
             {"name": "two", "from": "2026-11-03", "to": "2026-11-02"},
             "The first day lies after the last",
         ),
-        ({"name": "three", "statuses": "eaten"}, "There is no such choice; there is: proposed, needs review"),
+        ({"name": "three", "statuses": "eaten"}, "There is no such choice; choose: proposed, needs review"),
     ):
         answer = owner.post(PATH, note=NOTE, **fields)
         assert answer.status_code in (409, 422)

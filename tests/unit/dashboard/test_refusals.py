@@ -18,7 +18,7 @@ from app.releases.schemas import ReleaseIn
         (date, "yesterday", "Write a day as 2026-11-30."),
         (date, "2026-02-31", "Write a day as 2026-11-30."),
         (datetime, "noon", "Write a day and a time as 2026-11-30T12:30:00+01:00."),
-        (Literal["needs_review", "rejected"], "banana", "There is no such choice; there is: needs review, rejected."),
+        (Literal["needs_review", "rejected"], "banana", "There is no such choice; choose: needs review, rejected."),
         (Annotated[float, Field(gt=0)], "-5", "This must be more than 0."),
         (Annotated[float, Field(le=0.5)], "2", "This must be 0.5 or less."),
         (Annotated[int, Field(ge=-3)], "-4", "This must be -3 or more."),
@@ -27,7 +27,7 @@ from app.releases.schemas import ReleaseIn
         (Annotated[str, Field(min_length=1)], "", "This must not be empty."),
         (Annotated[str, Field(max_length=3)], "four", "This is too long: 3 characters at most."),
         (Annotated[list[str], Field(max_length=1)], ["a", "b"], "Choose 1 at most."),
-        (Annotated[str, Field(pattern="^z$")], "a", "A letter or a sign in this cannot stand here."),
+        (Annotated[str, Field(pattern="^z$")], "a", "It contains a character that is not allowed here."),
     ],
     ids=str,
 )
@@ -62,11 +62,11 @@ def test_name_of_a_release_that_cannot_be_hears_what_can():
 
 def test_part_of_a_field_is_named():
     _, wrong = checked(ParticipantPatch, {"profile": {"birth_year": "1700", "sex": "cat"}})
-    assert "sex: There is no such choice; there is: female, male." in wrong["profile"]
+    assert "sex: There is no such choice; choose: female, male." in wrong["profile"]
     assert "birth year: This must be " in wrong["profile"]
 
 
 def test_parameter_of_an_address_is_named_without_its_place():
     errors = [{"at": "query.status.0", "message": "Input should be 'a' or 'b'", "type": "literal_error"}]
-    assert sentence_of_request(errors) == "Status: There is no such choice; there is: a, b."
+    assert sentence_of_request(errors) == "Status: There is no such choice; choose: a, b."
     assert sentence_of_request([]) is None
