@@ -97,3 +97,14 @@ def flags_of_foods():
 def test_every_flag_stands_in_the_documents_and_no_other():
     listed = set(re.findall(r"^\| `([a-z_]+)` \|", (DOCS / "flags.md").read_text(), re.MULTILINE))
     assert flags_in_the_source() | flags_of_foods() | {CLOCK_DOUBTFUL} == listed
+
+
+def test_every_folder_of_the_program_stands_in_the_layout_once():
+    table = (DOCS / "development.md").read_text().partition("## Code layout")[2].partition("In a domain's folder")[0]
+    listed = [
+        name
+        for cell in re.findall(r"^\| (`.*?`) \|", table, re.MULTILINE)
+        for name in re.findall(r"`([a-z_.]+)`", cell)
+    ]
+    folders = {path.parent.name for path in (DOCS.parent / "app").glob("*/__init__.py")}
+    assert sorted(name for name in listed if not name.endswith(".py")) == sorted(folders - {"demo_data"})

@@ -33,6 +33,24 @@ def test_every_page_is_reached_from_the_readme():
     assert pages <= seen, sorted(page.name for page in pages - seen)
 
 
+def anchors_of(page):
+    """The anchors that GitHub gives a page's headings."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+    return {
+        re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+        for heading in re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    }
+
+
+def test_every_anchor_is_a_heading_of_its_page():
+    for page in [README, DOCS.parent / "CHANGELOG.md", *DOCS.rglob("*.md")]:
+        for target, anchor in re.findall(r"\]\(([^)#\s]*)#([^)\s]+)\)", page.read_text()):
+            if "://" not in target:
+                assert anchor in anchors_of((page.parent / target) if target else page), (
+                    f"{page.name}: {target}#{anchor}"
+                )
+
+
 @pytest.mark.parametrize(
     ("model", "heading"), [(NewMealMetadataIn, "| field | needed |"), (HintIn, "| field | meaning |")]
 )
