@@ -180,7 +180,7 @@ def test_meal_that_was_erased_is_taken_away_and_asked_for_no_more(client, admin,
     assert client.delete(f"/v1/meals/{erased}", headers=admin).status_code == 200
     answer = follow(browser, watch, headers=HTMX)
     assert f'<hx-partial hx-target="#meal-P001-{erased}" hx-swap="delete">' in answer.text
-    assert "A meal of P001 is not there any more" in text_of(answer.text)
+    assert "A meal of P001 no longer exists" in text_of(answer.text)
     watch = html.unescape(re.search(r'id="meals-watch" hx-get="([^"]*)"', answer.text)[1])
     assert [one.split(":")[1] for one in re.findall(r"meal=([^&]*)", watch)] == [waiting]
     assert follow(browser, watch, headers=HTMX).status_code == 204

@@ -73,7 +73,7 @@ def test_every_figure_of_the_api_is_on_the_page_whole(show):
     missing = [number for number in expected if number not in figures and number != meal["totals"]["unmeasured_items"]]
     assert missing == []
     assert set(meal["run"]["stages"].values()) <= figures
-    assert "1 of the items have no known mass" in text_of(seen.html())
+    assert "1 of the items have an unknown mass" in text_of(seen.html())
 
 
 def test_json_of_the_page_is_the_apis(show):

@@ -120,7 +120,7 @@ def test_lost_file_is_told_on_the_page_of_a_release_that_must_change(client, sta
     assert client.delete(f"/v1/meals/{meals}", headers=phones["P001"].headers).status_code == 200
     assert run().outcome == "again"
     page = text_of(owner.page(ready))
-    assert re.search(r"could not be written without it yet:\s+release files missing", page)
+    assert re.search(r"could not be rewritten yet:\s+release files missing", page)
     assert "put lost files back from a backup" in page
     assert "items.parquet" not in page
     assert owner.get(f"{ready}/files/items.csv").status_code == 503
