@@ -3,7 +3,6 @@
 import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -21,8 +20,8 @@ class SeenRegion:
 
     item_id: uuid.UUID
     run_id: uuid.UUID
-    rings: Sequence[Any]
-    colour: dict[str, Any] | None
+    rings: Sequence[object]
+    colour: dict[str, object] | None
     marker: str
 
 
@@ -121,6 +120,6 @@ def _is_bare_measure(vcm_version: str) -> sa.ColumnElement[bool]:
     return sa.and_(Item.origin != "after", ~has_vector)
 
 
-def _is_outline(rings: Any) -> bool:
+def _is_outline(rings: Sequence[Sequence[object]] | None) -> bool:
     """Whether there is a region at all: what could not be measured may have none."""
-    return bool(rings) and all(ring and len(ring) >= 3 for ring in rings)
+    return all(len(ring) >= 3 for ring in rings) if rings else False

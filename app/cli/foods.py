@@ -5,11 +5,11 @@ import sys
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from app.cli.database import JsonOption, author, opened_database
+from app.cli.database import JsonOption, author, opened_database, read_json
 from app.core.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -110,9 +110,10 @@ def foods_import(
     with opened_database() as database:
         report = import_foods(database, imported, author=author(), on_progress=tell)
     done = "was there already: nothing changed" if report.was_there else "imported and in force"
-    print(f"{report.name} {report.version}: {report.foods} foods, {report.values} nutrient values, {done}")
-    print(f"checksum {report.checksum}")
-    for sentence in report.skipped.sentences():
+    table = imported.table
+    print(f"{table.name} {table.version}: {report.foods} foods, {report.values} nutrient values, {done}")
+    print(f"checksum {table.checksum}")
+    for sentence in imported.skipped.sentences():
         print(f"skipped: {sentence}")
 
 
@@ -123,8 +124,9 @@ def foods_releases() -> None:
 
     with opened_database() as database:
         found = list_releases(database)
-    for release in found:
-        mark = "in force" if release.is_in_force else "complete" if release.is_complete else "broken off"
+    for listed in found:
+        release = listed.release
+        mark = "in force" if listed.is_in_force else "complete" if release.completed_at else "broken off"
         print(f"{release.name:<24} {release.version:<12} {release.released_on}  {mark:<10}  {release.checksum[:12]}")
 
 
@@ -151,7 +153,7 @@ def foods_create(
     from app.foods.edits.edit_food import Editor, create_food
     from app.foods.edits.schemas import FoodIn
 
-    body = _body(FoodIn, _read_json(file), reason)
+    body = _body(FoodIn, _read_object(file), reason)
     with opened_database() as database:
         made = create_food(database, body.key, new_food_edit(body), Editor(author(), body.reason))
     _tell_version(made)
@@ -180,7 +182,7 @@ def foods_edit(
 
     if file is None and not changes:
         raise InvalidInputError("Say what to change: a FILE, or --set FIELD=VALUE.")
-    document = _read_json(file) if file is not None else {}
+    document = _read_object(file) if file is not None else {}
     for change in changes or ():
         _set(document, change)
     body = _body(FoodPatch, document, reason)
@@ -211,7 +213,7 @@ def foods_density(
     from app.foods.edits.schemas import MeasuredDensityIn
     from app.foods.study_densities import Measurement, add_study_density
 
-    document: dict[str, Any] = {"kind": kind, "state": state, "method": method, "weighs": weighs}
+    document: dict[str, object] = {"kind": kind, "state": state, "method": method, "weighs": weighs}
     document |= {"g_per_ml": g_per_ml, "sd_g_per_ml": sd, "volume_step_ml": volume_step}
     if specimens:
         document["specimens"] = [_specimen(text) for text in specimens]
@@ -264,25 +266,19 @@ def _tell_version(view: "FoodView") -> None:
     print(f"{view.value.key}: version {view.food.version} of {view.release} is in force")
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     text = json.dumps(value, ensure_ascii=False)
     return "unknown" if value is None else text if len(text) <= 100 else text[:97] + "..."
 
 
-def _read_json(file: Path) -> dict[str, Any]:
-    try:
-        text = sys.stdin.read() if str(file) == "-" else file.read_text(encoding="utf-8")
-        found = json.loads(text)
-    except OSError as error:
-        raise InvalidInputError(f"{file} cannot be read: {error.strerror}.") from None
-    except (ValueError, RecursionError) as error:
-        raise InvalidInputError(f"{file} is no JSON: {error}.") from None
+def _read_object(file: Path) -> dict[str, object]:
+    found = read_json(file)
     if not isinstance(found, dict):
         raise InvalidInputError(f"{file} holds no JSON object.")
     return found
 
 
-def _set(document: dict[str, Any], change: str) -> None:
+def _set(document: dict[str, object], change: str) -> None:
     """Put `FIELD=VALUE` into the document; a field `nutrients.VITC` is one of the nutrients."""
     name, equals, text = change.partition("=")
     if not equals:
@@ -309,7 +305,7 @@ def _specimen(text: str) -> dict[str, float]:
         raise InvalidInputError(f"--specimen takes ML:G, such as 200:168, not {text!r}.") from None
 
 
-def _body(model: type[Model], document: dict[str, Any], reason: str | None) -> Model:
+def _body(model: type[Model], document: dict[str, object], reason: str | None) -> Model:
     """The document as the API would take it."""
     from pydantic import ValidationError
 

@@ -7,13 +7,11 @@ from typing import Annotated
 
 import typer
 
-from app.cli.database import JsonOption, author, opened_database
-from app.core.errors import InvalidInputError
+from app.cli.database import JsonOption, author, opened_database, read_json
 
 vessels_cli = typer.Typer(no_args_is_help=True, help="A study's mugs and bowls, measured once.")
 
 StudyArgument = Annotated[str, typer.Argument(metavar="STUDY", help="The study's code.")]
-MAX_FILE_BYTES = 16 * 2**20  # 500 vessels with 200 profile points each are some 3 MB
 
 
 @vessels_cli.command("list")
@@ -45,7 +43,7 @@ def vessels_import(
     """Add the vessels of a file, or change those of the same name; all of them or none (docs/vessels.md)."""
     from app.vessels.study_vessels import VesselAuthor, import_vessels
 
-    value = _read_json(path)
+    value = read_json(path)
     with opened_database() as database:
         report = import_vessels(database, study, value, VesselAuthor(author()))
     print(f"{report.added} added, {report.changed} changed, {report.unchanged} unchanged")
@@ -65,21 +63,8 @@ def vessels_export(study: StudyArgument) -> None:
 @vessels_cli.command("remove")
 def vessels_remove(study: StudyArgument, name: Annotated[str, typer.Argument(help="The vessel's name.")]) -> None:
     """Retire a vessel: estimates get it no more. It stays to be seen."""
-    from app.vessels.study_vessels import VesselAuthor, retire_vessel_by_name
+    from app.vessels.study_vessels import VesselAuthor, retire_vessel
 
     with opened_database() as database:
-        view = retire_vessel_by_name(database, study, name, VesselAuthor(author()))
+        view = retire_vessel(database, study, name, VesselAuthor(author()))
     print(f"{view.vessel.name} is retired.")
-
-
-def _read_json(path: Path) -> object:
-    try:
-        with path.open("rb") as file:
-            content = file.read(MAX_FILE_BYTES + 1)
-        if len(content) > MAX_FILE_BYTES:
-            raise InvalidInputError(f"{path} is larger than {MAX_FILE_BYTES} bytes, the limit.")
-        return json.loads(content)
-    except OSError as error:
-        raise InvalidInputError(f"{path} cannot be read: {error.strerror}.") from None
-    except (ValueError, RecursionError):
-        raise InvalidInputError(f"{path} is not JSON.") from None

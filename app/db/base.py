@@ -74,7 +74,12 @@ class Base(DeclarativeBase):
     type_annotation_map = {  # noqa: RUF012  # SQLAlchemy's own form
         datetime: UtcDateTime(),
         dict[str, Any]: JsonValue,
+        dict[str, str]: JsonValue,
+        dict[str, float]: JsonValue,
+        dict[str, list[object]]: JsonValue,
         list[Any]: JsonValue,
+        list[str]: JsonValue,
+        list[list[float]]: JsonValue,
     }
 
 

@@ -1,7 +1,7 @@
 """Components as a person names them, by their source's number or INFOODS tagname -> numbers, figures in their unit."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TypeVar
 
 from sqlalchemy.orm import Session
@@ -11,6 +11,7 @@ from app.core.units import Unit, UnitMismatchError, convert
 from app.foods import queries as foods
 from app.foods.models import Component
 from app.nutrition.components import COMPONENT_BY_NUMBER, NUMBER_BY_TAGNAME
+from app.nutrition.components import Component as ComponentValue
 
 T = TypeVar("T")
 
@@ -66,17 +67,17 @@ def add_missing_components(session: Session, numbers: Mapping[str, object]) -> N
     """Rows for the components of components.csv that no table has brought yet."""
     known = foods.components_by_number(session)
     session.add_all(
-        Component(
-            number=component.number,
-            name=component.name[:200],
-            unit=component.unit.value,
-            tagname=component.tagname,
-            expression=component.expression,
-        )
+        component_row(component)
         for number, component in COMPONENT_BY_NUMBER.items()
         if number in numbers and number not in known
     )
     session.flush()
+
+
+def component_row(component: ComponentValue) -> Component:
+    """Return a row for a component."""
+    row = asdict(component)
+    return Component(**row | {"name": component.name[:200], "unit": component.unit.value})
 
 
 def _number_called(name: str, known: Mapping[str, Component]) -> str:

@@ -22,16 +22,3 @@ def components_in_use(session: Session, study_ids: Collection[uuid.UUID] | None)
     used = sa.select(Food.id).where(first.correlate(Food).scalar_subquery().is_not(None))
     known = sa.select(FoodNutrient.component_id).where(FoodNutrient.food_id.in_(used))
     return session.scalars(sa.select(Component).where(Component.id.in_(known)).order_by(Component.id)).all()
-
-
-def contents_of(session: Session, food_ids: Collection[int | None]) -> dict[int | None, dict[str, float]]:
-    """Food -> component number -> content of 100 g edible portion; nothing is known of no food."""
-    found: dict[int | None, dict[str, float]] = {food_id: {} for food_id in food_ids}
-    query = (
-        sa.select(FoodNutrient.food_id, Component.number, FoodNutrient.per_100_g)
-        .join(Component, Component.id == FoodNutrient.component_id)
-        .where(FoodNutrient.food_id.in_([food_id for food_id in food_ids if food_id is not None]))
-    )
-    for food_id, number, per_100_g in session.execute(query):
-        found[food_id][number] = per_100_g
-    return found

@@ -1,47 +1,28 @@
 """Which releases of food tables there are, and which of a name is in force: one row switches, back too."""
 
 from dataclasses import dataclass
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 
 from app.core.errors import NotFoundError
 from app.db.session import Database
 from app.foods import queries as foods
-from app.foods.models import FoodActivation
+from app.foods.models import FoodActivation, FoodRelease
 
 
 @dataclass(frozen=True, slots=True)
-class ReleaseView:
-    """A release. is_complete: all its foods are written."""
+class ListedRelease:
+    """A release, and whether foods are looked up in it."""
 
-    name: str
-    version: str
-    source: str
-    released_on: date
-    imported_at: datetime
-    checksum: str
-    is_complete: bool
+    release: FoodRelease
     is_in_force: bool
 
 
-def list_releases(database: Database) -> list[ReleaseView]:
+def list_releases(database: Database) -> list[ListedRelease]:
     """Those in force first, in the order in which foods are looked up; then the others, the newest first."""
     with database.read() as session:
         in_force = foods.releases_in_force(session)
-        ids = {release.id for release in in_force}
-        others = [release for release in foods.all_releases(session) if release.id not in ids]
-    return [
-        ReleaseView(
-            release.name,
-            release.version,
-            release.source,
-            release.released_on,
-            release.imported_at,
-            release.checksum,
-            release.completed_at is not None,
-            release.id in ids,
-        )
-        for release in (*in_force, *others)
-    ]
+        others = [release for release in foods.all_releases(session) if release not in in_force]
+    return [ListedRelease(release, release in in_force) for release in (*in_force, *others)]
 
 
 def use_release(database: Database, name: str, version: str | None, author: str) -> None:

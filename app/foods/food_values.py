@@ -1,7 +1,7 @@
 """A food's rows as the value that nutrition/ works with; its density pooled from all that is known of the same food."""
 
 import uuid
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from sqlalchemy.orm import Session
@@ -120,20 +120,14 @@ def _value(session: Session, row: Food, densities: tuple[Density, ...]) -> FoodV
 
 def density_value(row: FoodDensity | StudyDensity) -> Density:
     """A density's row as a value."""
-    return Density(
-        g_per_ml=row.g_per_ml,
-        sd_g_per_ml=row.sd_g_per_ml,
-        state=row.state,
-        kind=row.kind,
-        basis=row.basis if isinstance(row, FoodDensity) else "study",  # type: ignore[arg-type]  # Density checks it
-        source=row.source,
-        weighs=row.weighs,
-    )
+    basis = row.basis if isinstance(row, FoodDensity) else "study"
+    columns = {name: getattr(row, name) for name in ("g_per_ml", "sd_g_per_ml", "state", "kind", "source", "weighs")}
+    return Density(**columns, basis=basis)  # type: ignore[arg-type]  # Density checks it
 
 
 def choose_density(
     session: Session, food: FoodValue, study_id: uuid.UUID | None, lies_as: FoodForm | None = None
 ) -> DensityChoice | None:
     """The density for this food in this study and form (None: as it usually lies); None if none is known."""
-    own: Iterable[StudyDensity] = foods.study_densities_of(session, study_id, food.key) if study_id is not None else ()
+    own = foods.densities_of_studies(session, [study_id], food.key) if study_id is not None else []
     return resolve_density(food, form=lies_as, study_densities=[density_value(row) for row in own])

@@ -19,8 +19,9 @@ from app.core.errors import ConflictError
 from app.db.bulk import insert_rows, refresh_statistics
 from app.db.session import Database
 from app.foods import queries as foods
+from app.foods.component_names import component_row
 from app.foods.importers.imported import ImportedTable, Skipped
-from app.foods.models import Component, Food, FoodActivation, FoodDensity, FoodNutrient, FoodPortion, FoodRelease
+from app.foods.models import Food, FoodActivation, FoodDensity, FoodNutrient, FoodPortion, FoodRelease
 from app.foods.search.index_foods import index_foods, is_code
 from app.foods.search.models import FoodCode, FoodPosting
 from app.nutrition.components import COMPONENT_BY_NUMBER
@@ -37,13 +38,9 @@ ABANDONED_AFTER = timedelta(seconds=60)  # no batch for so long: whoever wrote i
 class ImportReport:
     """What an import did. was_there: the same files had been imported before, and nothing was written."""
 
-    name: str
-    version: str
-    checksum: str
     foods: int
     values: int
     was_there: bool
-    skipped: Skipped
 
 
 Progress = Callable[[int, int], None]  # foods written, foods in all
@@ -84,15 +81,7 @@ def import_foods(
         _put_in_force(session, session.get_one(FoodRelease, release.id), author)
         if not was_there:
             refresh_statistics(session, (Food, FoodNutrient, FoodDensity, FoodPortion, FoodCode, FoodPosting))
-    return ImportReport(
-        table.name,
-        table.version,
-        table.checksum,
-        len(table.foods),
-        sum(len(food.per_100_g) for food in table.foods),
-        was_there,
-        imported.skipped,
-    )
+    return ImportReport(len(table.foods), sum(len(food.per_100_g) for food in table.foods), was_there)
 
 
 def load_starter(database: Database) -> None:
@@ -204,16 +193,7 @@ def _component_ids(database: Database, imported: ImportedTable) -> dict[str, int
             with database.write() as session:
                 known = foods.components_by_number(session)
                 missing = [component for component in imported.components if component.number not in known]
-                session.add_all(
-                    Component(
-                        number=component.number,
-                        name=component.name[:200],
-                        unit=component.unit.value,
-                        tagname=component.tagname,
-                        expression=component.expression,
-                    )
-                    for component in missing
-                )
+                session.add_all(map(component_row, missing))
                 session.flush()
                 return {number: component.id for number, component in foods.components_by_number(session).items()}
         except IntegrityError:
@@ -231,6 +211,7 @@ def _write_foods(
     version: int = 1,
 ) -> list[Food]:
     rows = [_food_row(release.id, value, version) for value in values]
+    pairs = list(zip(rows, values, strict=True))
     session.add_all(rows)
     session.flush()
     insert_rows(
@@ -238,28 +219,20 @@ def _write_foods(
         FoodNutrient,
         [
             {"food_id": row.id, "component_id": component_ids[number], "per_100_g": content}
-            for row, value in zip(rows, values, strict=True)
+            for row, value in pairs
             for number, content in value.per_100_g.items()
         ],
     )
-    insert_rows(
-        session,
-        FoodDensity,
-        [
-            {"food_id": row.id, "position": position, **asdict(density)}
-            for row, value in zip(rows, values, strict=True)
-            for position, density in enumerate(value.densities)
-        ],
-    )
-    insert_rows(
-        session,
-        FoodPortion,
-        [
-            {"food_id": row.id, "position": position, **asdict(portion)}
-            for row, value in zip(rows, values, strict=True)
-            for position, portion in enumerate(value.portions)
-        ],
-    )
+    for model, parts in ((FoodDensity, "densities"), (FoodPortion, "portions")):
+        insert_rows(
+            session,
+            model,
+            [
+                {"food_id": row.id, "position": position, **asdict(part)}
+                for row, value in pairs
+                for position, part in enumerate(getattr(value, parts))
+            ],
+        )
     insert_rows(session, FoodCode, [code for row in rows for code in _codes(row, release.source)])
     if release.source != foods.DENSITIES_ONLY:
         index_foods(session, rows)
@@ -267,17 +240,12 @@ def _write_foods(
 
 
 def _food_row(release_id: int, value: FoodValue, version: int) -> Food:
+    own = ("key", "name", "food_group", "form", "slice_form", "state", "is_mixed_dish")
     return Food(
         release_id=release_id,
-        key=value.key,
         version=version,
-        name=value.name,
+        **{name: getattr(value, name) for name in own},
         aliases=list(value.aliases),
-        food_group=value.food_group,
-        form=value.form,
-        slice_form=value.slice_form,
-        state=value.state,
-        is_mixed_dish=value.is_mixed_dish,
         refuse=[asdict(part) for part in value.refuse],
         probes=list(value.probes),
         source_ids=dict(value.source_ids),

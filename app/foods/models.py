@@ -72,16 +72,16 @@ class Food(Base):
     key: Mapped[str] = mapped_column(sa.String(100))
     version: Mapped[int] = mapped_column(default=1)
     name: Mapped[str] = mapped_column(sa.String(300))
-    aliases: Mapped[list[Any]]
+    aliases: Mapped[list[str]]
     food_group: Mapped[str] = mapped_column(sa.String(100))
     form: Mapped[str] = mapped_column(sa.String(16))
     slice_form: Mapped[str | None] = mapped_column(sa.String(16))
     state: Mapped[str | None] = mapped_column(sa.String(16))
     is_mixed_dish: Mapped[bool] = mapped_column(default=False)
     refuse: Mapped[list[Any]]
-    probes: Mapped[list[Any]]
+    probes: Mapped[list[str]]
     recipe_yield: Mapped[float | None]  # prepared mass / mass of the ingredients; NULL: no recipe
-    source_ids: Mapped[dict[str, Any]]
+    source_ids: Mapped[dict[str, str]]
     superseded_by_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food.id"), index=True)
 
     __table_args__ = (
@@ -158,7 +158,7 @@ class FoodIngredient(Base):
     position: Mapped[int] = mapped_column(primary_key=True)
     ingredient_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), index=True)
     mass_g: Mapped[float]
-    retention: Mapped[dict[str, Any]]  # component number -> share; 1 where not named
+    retention: Mapped[dict[str, float]]  # component number -> share; 1 where not named
     retention_source: Mapped[str | None] = mapped_column(sa.String(300))
 
 
@@ -171,7 +171,7 @@ class FoodChange(Base):
     previous_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food.id"), index=True)
     author: Mapped[str] = mapped_column(sa.String(200))
     reason: Mapped[str] = mapped_column(sa.Text)
-    differences: Mapped[dict[str, Any]]
+    differences: Mapped[dict[str, list[object]]]
     changed_at: Mapped[datetime]
 
 
@@ -192,7 +192,7 @@ class StudyDensity(Base):
     kind: Mapped[DensityKind] = mapped_column(sa.String(8))
     weighs: Mapped[WeighedPart] = mapped_column(sa.String(8))
     source: Mapped[str] = mapped_column(sa.String(300))
-    specimens: Mapped[list[Any] | None]
+    specimens: Mapped[list[list[float]] | None]
     author: Mapped[str] = mapped_column(sa.String(200))
     reason: Mapped[str] = mapped_column(sa.Text)
     measured_at: Mapped[datetime]

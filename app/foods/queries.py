@@ -25,6 +25,7 @@ from app.foods.models import (
 from app.foods.search.models import FoodCode
 
 T = TypeVar("T")
+F = TypeVar("F", int, int | None)
 
 LOCAL = "local"
 DENSITIES_ONLY = "fao-density"
@@ -134,12 +135,14 @@ def densities_of(session: Session, food_ids: Collection[int]) -> dict[int, list[
     return found
 
 
-def study_densities_of(session: Session, study_id: uuid.UUID, food_key: str) -> list[StudyDensity]:
-    """The study's own measurements of a food, the newest first, without withdrawn ones."""
+def densities_of_studies(session: Session, study_ids: Collection[uuid.UUID], food_key: str) -> list[StudyDensity]:
+    """These studies' own measurements of a food, the newest first, without withdrawn ones."""
     query = (
         sa.select(StudyDensity)
         .where(
-            StudyDensity.study_id == study_id, StudyDensity.food_key == food_key, StudyDensity.withdrawn_at.is_(None)
+            StudyDensity.study_id.in_(study_ids),
+            StudyDensity.food_key == food_key,
+            StudyDensity.withdrawn_at.is_(None),
         )
         .order_by(StudyDensity.measured_at.desc(), StudyDensity.id)
     )
@@ -148,13 +151,7 @@ def study_densities_of(session: Session, study_id: uuid.UUID, food_key: str) -> 
 
 def nutrients_of(session: Session, food_id: int) -> list[NutrientRow]:
     """All components that are known of a food, in the order of components.csv."""
-    query = (
-        sa.select(Component, FoodNutrient.per_100_g)
-        .join(FoodNutrient, FoodNutrient.component_id == Component.id)
-        .where(FoodNutrient.food_id == food_id)
-        .order_by(Component.id)
-    )
-    return [NutrientRow(component, per_100_g) for component, per_100_g in session.execute(query)]
+    return nutrients_of_each(session, [food_id])[food_id]
 
 
 def nutrients_of_each(session: Session, food_ids: Collection[int]) -> dict[int, list[NutrientRow]]:
@@ -165,23 +162,31 @@ def nutrients_of_each(session: Session, food_ids: Collection[int]) -> dict[int, 
         .where(FoodNutrient.food_id.in_(food_ids))
         .order_by(Component.id)
     )
-    found: dict[int, list[NutrientRow]] = {food_id: [] for food_id in food_ids}
+    nutrients: dict[int, list[NutrientRow]] = {food_id: [] for food_id in food_ids}
     for food_id, component, per_100_g in session.execute(query):
-        found[food_id].append(NutrientRow(component, per_100_g))
-    return found
+        nutrients[food_id].append(NutrientRow(component, per_100_g))
+    return nutrients
 
 
-def contents_of(session: Session, food_ids: Collection[int], numbers: Collection[str]) -> dict[int, dict[str, float]]:
-    """Food -> component number -> content of 100 g edible portion, of these components as far as they are known."""
+def contents_of(
+    session: Session, food_ids: Collection[F], numbers: Collection[str] | None = None
+) -> dict[F, dict[str, float]]:
+    """Food -> component number -> content of 100 g edible portion; of no food (None) nothing is known.
+
+    numbers: only these components; None: all that are known, in the order of components.csv.
+    """
     query = (
         sa.select(FoodNutrient.food_id, Component.number, FoodNutrient.per_100_g)
         .join(Component, Component.id == FoodNutrient.component_id)
-        .where(FoodNutrient.food_id.in_(food_ids), Component.number.in_(numbers))
+        .where(FoodNutrient.food_id.in_([food_id for food_id in food_ids if food_id is not None]))
+        .order_by(Component.id)
     )
-    found: dict[int, dict[str, float]] = {food_id: {} for food_id in food_ids}
+    if numbers is not None:
+        query = query.where(Component.number.in_(numbers))
+    contents: dict[F, dict[str, float]] = {food_id: {} for food_id in food_ids}
     for food_id, number, per_100_g in session.execute(query):
-        found[food_id][number] = per_100_g
-    return found
+        contents[food_id][number] = per_100_g
+    return contents
 
 
 def portions_of(session: Session, food_id: int) -> list[FoodPortion]:

@@ -100,7 +100,7 @@ def cook(session: Session, key: str, recipe: NamedRecipe) -> tuple[PinnedRecipe,
             for row, named in zip(rows, recipe.ingredients, strict=True)
         ),
     )
-    contents = food_changes.contents_of(session, {row.id for row in rows})
+    contents = foods.contents_of(session, {row.id for row in rows})
     ingredients = [
         Ingredient(replace(bare_value(row), per_100_g=contents[row.id]), part.mass_g, named.state, part.retention)
         for row, part, named in zip(rows, pinned.ingredients, recipe.ingredients, strict=True)
@@ -153,7 +153,7 @@ def read_recipe(session: Session, food: Food) -> RecipeView | None:
         )
         for part, row in kept
     ]
-    contents = food_changes.contents_of(session, {food.id, *(row.id for _, row in kept)})
+    contents = foods.contents_of(session, {food.id, *(row.id for _, row in kept)})
     known_g: dict[str, float] = {}
     for part, row in kept:
         for number in contents[row.id].keys() - contents[food.id].keys():

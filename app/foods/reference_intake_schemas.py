@@ -1,8 +1,9 @@
 """Reference intakes over the wire. What a source does not set is null, never 0."""
 
+from dataclasses import asdict
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from app.core.units import Unit
 from app.http.field_descriptions import NUMBER
@@ -14,8 +15,6 @@ from app.nutrition.intakes.reference_intakes import Per, UlScope
 
 class ReferenceIntakeOut(BaseModel):
     """One nutrient: each kind of reference value in its own field, in `unit` a day, or a day and kilogram."""
-
-    model_config = ConfigDict(from_attributes=True)
 
     number: str = Field(description="The component to compare with, after what `compared_with` says.")
     tagname: str = Field(description="INFOODS tagname, such as VITC.")
@@ -35,8 +34,6 @@ class ReferenceIntakeOut(BaseModel):
 
 class DistributionRangeOut(BaseModel):
     """Acceptable Macronutrient Distribution Range, percent of energy."""
-
-    model_config = ConfigDict(from_attributes=True)
 
     number: str = Field(description=NUMBER)
     name: str = Field(description="The nutrient's name.")
@@ -66,8 +63,6 @@ class EnergyOut(BaseModel):
 class FoodGroupRecommendationOut(BaseModel):
     """Grams a day of one or several food groups together."""
 
-    model_config = ConfigDict(from_attributes=True)
-
     source: str = Field(description="Who recommends it.")
     name: str = Field(description="Name of the recommendation.")
     groups: list[FoodGroup] = Field(description="The food groups that it is for, counted together.")
@@ -96,12 +91,6 @@ class ReferenceIntakesOut(BaseModel):
 def energy_out(found: Energy | LeftOut) -> EnergyOut:
     """A figure, or why there is none."""
     if isinstance(found, LeftOut):
-        left_out = LeftOutOut(reason=found.reason, inputs=list(found.inputs), message=found.message)
-        return EnergyOut(kcal_per_day=None, sd_kcal=None, equation=None, source=None, left_out=left_out)
-    return EnergyOut(
-        kcal_per_day=round(found.kcal_per_day, 1),
-        sd_kcal=found.sd_kcal,
-        equation=found.equation,
-        source=found.source,
-        left_out=None,
-    )
+        absent = dict.fromkeys(("kcal_per_day", "sd_kcal", "equation", "source"))
+        return EnergyOut.model_validate(absent | {"left_out": asdict(found)})
+    return EnergyOut.model_validate(asdict(found) | {"kcal_per_day": round(found.kcal_per_day, 1), "left_out": None})

@@ -4,17 +4,21 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
-from app.foods.reference_intake_schemas import (
-    DistributionRangeOut,
-    FoodGroupRecommendationOut,
-    ReferenceIntakeOut,
-    ReferenceIntakesOut,
-    energy_out,
-)
-from app.foods.reference_intakes import age_in_years, read_reference_intakes
+from app.core.errors import InvalidInputError
+from app.foods.reference_intake_schemas import ReferenceIntakesOut, energy_out
 from app.http.problems import problem_responses
-from app.nutrition.intakes.energy_requirement import HEIGHT_LIMITS_M, TRIMESTERS, WEIGHT_LIMITS_KG, Activity
-from app.nutrition.intakes.life_stage import MAX_AGE_YEARS, Sex
+from app.nutrition.intakes.energy_requirement import (
+    HEIGHT_LIMITS_M,
+    TRIMESTERS,
+    WEIGHT_LIMITS_KG,
+    Activity,
+    Person,
+    basal_metabolic_rate,
+    estimated_energy_requirement,
+)
+from app.nutrition.intakes.food_groups import recommendations
+from app.nutrition.intakes.life_stage import MAX_AGE_YEARS, Sex, life_stage
+from app.nutrition.intakes.reference_intakes import distribution_ranges, reference_intakes
 from app.people.access.deps import CurrentCaller
 
 router = APIRouter(prefix="/v1/reference-intakes", tags=["reference intakes"])
@@ -40,22 +44,40 @@ def get_reference_intakes(
     activity: Annotated[Activity | None, Query(description="PAL from 1.0, 1.4, 1.6 and 1.9.")] = None,
 ) -> ReferenceIntakesOut:
     """Dietary Reference Intakes of the life stage, energy by equation or why it is left out, food groups in grams."""
-    view = read_reference_intakes(
-        age_in_years(age_years, age_months),
-        sex=sex,
-        is_pregnant=pregnant,
-        trimester=next((known for known in TRIMESTERS if known == trimester), None),
-        is_lactating=lactating,
-        lactation_months=lactation_months,
-        weight_kg=weight_kg,
-        height_m=height_m,
-        activity=activity,
+    age = _age_in_years(age_years, age_months)
+    try:
+        stage = life_stage(age, sex, is_pregnant=pregnant, is_lactating=lactating)
+        person = Person(
+            age_years=age,
+            sex=sex,
+            weight_kg=weight_kg,
+            height_m=height_m,
+            activity=activity,
+            is_pregnant=pregnant,
+            trimester=next((known for known in TRIMESTERS if known == trimester), None),
+            is_lactating=lactating,
+            lactation_months=lactation_months,
+        )
+    except ValueError as error:
+        words = str(error)
+        raise InvalidInputError(f"{words[:1].upper()}{words[1:]}.") from error
+    return ReferenceIntakesOut.model_validate(
+        {
+            "life_stage": stage,
+            "intakes": reference_intakes(stage),
+            "distribution_ranges": distribution_ranges(age),
+            "energy": energy_out(estimated_energy_requirement(person)),
+            "basal_metabolic_rate": energy_out(basal_metabolic_rate(person)),
+            "food_groups": recommendations(age),
+        },
+        from_attributes=True,
     )
-    return ReferenceIntakesOut(
-        life_stage=view.stage,
-        intakes=[ReferenceIntakeOut.model_validate(intake) for intake in view.intakes],
-        distribution_ranges=[DistributionRangeOut.model_validate(found) for found in view.ranges],
-        energy=energy_out(view.energy),
-        basal_metabolic_rate=energy_out(view.basal_rate),
-        food_groups=[FoodGroupRecommendationOut.model_validate(found) for found in view.food_groups],
-    )
+
+
+def _age_in_years(age_years: float | None, age_months: float | None) -> float:
+    """The age from whichever is given. Raises InvalidInputError unless exactly one is."""
+    if age_years is not None and age_months is None:
+        return age_years
+    if age_months is not None and age_years is None:
+        return age_months / 12.0
+    raise InvalidInputError("Give the age once, as age_years or, for infants, as age_months.")

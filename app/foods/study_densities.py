@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from sqlalchemy.orm import Session
-
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError
 from app.db.session import Database
 from app.foods.edits import queries as food_changes
@@ -21,7 +19,7 @@ from app.nutrition.plausible import MAX_G_PER_ML, MIN_G_PER_ML
 from app.nutrition.specimens import Specimen, median_density
 from app.people import queries as people
 from app.people.access.audit import note
-from app.people.models import Study
+from app.people.studies import known_study
 
 
 def density_of_specimens(specimens: Sequence[Specimen], volume_step_ml: float) -> tuple[float, float]:
@@ -45,6 +43,9 @@ def density_of_specimens(specimens: Sequence[Specimen], volume_step_ml: float) -
     return g_per_ml, sd_g_per_ml
 
 
+DENSITY_COLUMNS = ("g_per_ml", "sd_g_per_ml", "state", "kind", "weighs", "source")
+
+
 @dataclass(frozen=True, slots=True)
 class Measurement:
     """A density that a study measured. density.source: how. specimens: what it follows from, if they are told."""
@@ -63,14 +64,9 @@ def add_study_density(database: Database, study_code: str, measured: Measurement
     with database.write() as session:
         row = StudyDensity(
             id=uuid.uuid4(),
-            study_id=_require_study(session, study_code).id,
+            study_id=known_study(people.find_study(session, study_code)).id,
             food_key=require_food(session, measured.food).key,
-            g_per_ml=density.g_per_ml,
-            sd_g_per_ml=density.sd_g_per_ml,
-            state=density.state,
-            kind=density.kind,
-            weighs=density.weighs,
-            source=density.source,
+            **{name: getattr(density, name) for name in DENSITY_COLUMNS},
             specimens=[[specimen.volume_ml, specimen.mass_g] for specimen in measured.specimens] or None,
             author=editor.author,
             reason=editor.reason,
@@ -85,14 +81,14 @@ def add_study_density(database: Database, study_code: str, measured: Measurement
 def list_study_densities(database: Database, study_code: str, food: str | None = None) -> list[StudyDensity]:
     """A study's measurements, withdrawn ones too, the newest entry first. Raises NotFoundError."""
     with database.read() as session:
-        study = _require_study(session, study_code)
+        study = known_study(people.find_study(session, study_code))
         return food_changes.all_study_densities(session, study.id, food)
 
 
 def withdraw_study_density(database: Database, study_code: str, density_id: uuid.UUID, editor: Editor) -> StudyDensity:
     """Take a measurement out of use. Raises NotFoundError; ConflictError if it is withdrawn already."""
     with database.write() as session:
-        study = _require_study(session, study_code)
+        study = known_study(people.find_study(session, study_code))
         done = food_changes.withdraw(session, study.id, density_id, editor.author, editor.reason, datetime.now(UTC))
         row = session.get(StudyDensity, density_id)
         if row is None or row.study_id != study.id:
@@ -101,10 +97,3 @@ def withdraw_study_density(database: Database, study_code: str, density_id: uuid
             raise ConflictError("This density is withdrawn already.", code="density_withdrawn")
         note(session, editor.caller, "density.withdraw", study_id=study.id, subject=row.food_key, density=str(row.id))
         return row
-
-
-def _require_study(session: Session, code: str) -> Study:
-    study = people.find_study(session, code)
-    if study is None:
-        raise NotFoundError(f"There is no study {code!r}.")
-    return study

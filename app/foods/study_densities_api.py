@@ -8,7 +8,7 @@ from fastapi import APIRouter, Path, Query, Response
 from app.foods import study_densities
 from app.foods.edits.api import measured_density
 from app.foods.edits.edit_food import Editor
-from app.foods.edits.schemas import SpecimenIn, StudyDensityIn, StudyDensityList, StudyDensityOut, WithdrawalIn
+from app.foods.edits.schemas import StudyDensityIn, StudyDensityList, StudyDensityOut, WithdrawalIn
 from app.foods.models import StudyDensity
 from app.foods.study_densities import Measurement
 from app.http.flat_list import ListRoute
@@ -62,25 +62,8 @@ def post_density_withdrawal(
 
 def render_study_density(row: StudyDensity) -> StudyDensityOut:
     """A measurement as the API shows it."""
-    return StudyDensityOut(
-        id=row.id,
-        food=row.food_key,
-        g_per_ml=row.g_per_ml,
-        sd_g_per_ml=row.sd_g_per_ml,
-        state=row.state,
-        kind=row.kind,
-        weighs=row.weighs,
-        source=row.source,
-        specimens=(
-            None
-            if row.specimens is None
-            else [SpecimenIn(volume_ml=volume_ml, mass_g=mass_g) for volume_ml, mass_g in row.specimens]
-        ),
-        author=row.author,
-        reason=row.reason,
-        measured_at=row.measured_at,
-        created_at=row.created_at,
-        withdrawn_by=row.withdrawn_by,
-        withdrawn_at=row.withdrawn_at,
-        withdrawal_reason=row.withdrawal_reason,
-    )
+    specimens = None
+    if row.specimens is not None:
+        specimens = [{"volume_ml": volume_ml, "mass_g": mass_g} for volume_ml, mass_g in row.specimens]
+    columns = {name: getattr(row, name) for name in StudyDensityOut.model_fields.keys() - {"food"}}
+    return StudyDensityOut.model_validate(columns | {"food": row.food_key, "specimens": specimens})

@@ -33,10 +33,7 @@ def estimate_mass(volume_ml: float, volume_doubt: Doubt, density: Density, *, ed
     if not 0.0 < edible_share <= 1.0:
         raise ValueError(f"an edible share is above 0 and at most 1, not {edible_share}")
     doubt = Doubt(volume_doubt.pair, math.hypot(volume_doubt.density, density.relative_sd), volume_doubt.item)
-    weighed_g = estimate(volume_ml * density.g_per_ml, doubt)
-    if density.weighs == "edible":
-        return Mass(weighed_g.scaled(1.0 / edible_share), weighed_g, edible_share, doubt)
-    return Mass(weighed_g, weighed_g.scaled(edible_share), edible_share, doubt)
+    return _mass(volume_ml * density.g_per_ml, doubt, edible_share, is_edible=density.weighs == "edible")
 
 
 def weighed_mass(mass_g: float, relative_sd: float, *, is_edible: bool, edible_share: float = 1.0) -> Mass:
@@ -46,11 +43,7 @@ def weighed_mass(mass_g: float, relative_sd: float, *, is_edible: bool, edible_s
     """
     if not 0.0 < mass_g < math.inf:
         raise ValueError(f"a mass is positive and finite, not {mass_g} g")
-    doubt = Doubt(item=relative_sd)
-    told_g = estimate(mass_g, doubt)
-    if is_edible:
-        return Mass(told_g.scaled(1.0 / edible_share), told_g, edible_share, doubt)
-    return Mass(told_g, told_g.scaled(edible_share), edible_share, doubt)
+    return _mass(mass_g, Doubt(item=relative_sd), edible_share, is_edible=is_edible)
 
 
 def consumed_mass(served: Mass, left: Sequence[Mass], *, food_key: str, share: float = 1.0) -> Estimate:
@@ -84,3 +77,10 @@ def edible_share(food: Food, *, form: FoodForm | None = None, without: Collectio
     refused = math.fsum(part.percent for part in food.refuse)
     absent = math.fsum(part.percent for part in food.refuse if part.part in without)
     return (100.0 - refused) / (100.0 - absent)
+
+
+def _mass(mass_g: float, doubt: Doubt, edible_share: float, *, is_edible: bool) -> Mass:
+    weighed_g = estimate(mass_g, doubt)
+    if is_edible:
+        return Mass(weighed_g.scaled(1.0 / edible_share), weighed_g, edible_share, doubt)
+    return Mass(weighed_g, weighed_g.scaled(edible_share), edible_share, doubt)

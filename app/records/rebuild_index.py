@@ -21,7 +21,7 @@ from app.candidates.models import ItemIdentification
 from app.candidates.vcm_json import vcm_from_json
 from app.candidates.vector_queries import DESCRIBED_SLOT, SeenRegion
 from app.children.child_pool import ChildPool, ChildRequest, ChildStartError
-from app.core.errors import NotFoundError, UnavailableError
+from app.core.errors import UnavailableError
 from app.core.settings import Settings
 from app.db.session import Database
 from app.meals import queries as meals
@@ -29,6 +29,7 @@ from app.meals.meal_parts import parts_of
 from app.meals.models import MealImage
 from app.meals.receive_photo import sha256_of_file
 from app.people import queries as people
+from app.people.studies import known_study
 from app.records.project_records import Projector, write_records
 from app.storage.blob_store import BlobMissingError, BlobStore
 from app.vision.looks.vcm import VCM_VERSION
@@ -176,12 +177,7 @@ def _meals(database: Database, study_code: str | None) -> Iterator[uuid.UUID]:
 
 
 def _study_id(session: Session, code: str | None) -> uuid.UUID | None:
-    if code is None:
-        return None
-    study = people.find_study(session, code)
-    if study is None:
-        raise NotFoundError("There is no such study.")
-    return study.id
+    return None if code is None else known_study(people.find_study(session, code)).id
 
 
 def _asked(region: SeenRegion) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """/v1/studies/{study}/vessels, /v1/me/vessels: the mugs and bowls of a study, measured once."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
@@ -19,7 +19,6 @@ from app.vessels.schemas import (
     VesselChangeIn,
     VesselIn,
     VesselList,
-    VesselMeasures,
     VesselOut,
 )
 from app.vessels.study_vessels import VesselAuthor, VesselView, stored_measures
@@ -102,32 +101,25 @@ def get_own_vessels(state: State, caller: CurrentDevice) -> PhoneVesselList:
     """The vessels that the phone's study uses, by name: offer them, and name the chosen one in a hint's `vessel`."""
     views = study_vessels.vessels_of_phone(state.database, caller)
     return PhoneVesselList(
-        items=[PhoneVesselOut(name=view.vessel.name, version=view.version.version, **_measures(view)) for view in views]
+        items=[
+            PhoneVesselOut.model_validate(
+                {**stored_measures(view.version), "name": view.vessel.name, "version": view.version.version}
+            )
+            for view in views
+        ]
     )
 
 
 def render_vessel(view: VesselView) -> VesselOut:
     """A vessel as the API shows it to staff."""
-    vessel, version = view.vessel, view.version
-    return VesselOut(
-        id=vessel.id,
-        name=vessel.name,
-        version=version.version,
-        is_retired=version.is_retired,
-        author=version.author,
-        created_at=vessel.created_at,
-        changed_at=version.changed_at,
-        **_measures(view),
-    )
+    of_vessel = {name: getattr(view.vessel, name) for name in ("id", "name", "created_at")}
+    of_version = {name: getattr(view.version, name) for name in ("version", "is_retired", "author", "changed_at")}
+    return VesselOut.model_validate(stored_measures(view.version) | of_vessel | of_version)
 
 
 def vessel_author(caller: StaffCaller) -> VesselAuthor:
     """Who changes the library through the API or a page."""
     return VesselAuthor(author_of(caller), caller)
-
-
-def _measures(view: VesselView) -> dict[str, Any]:
-    return VesselMeasures.model_validate(stored_measures(view.version)).model_dump()
 
 
 def _tagged(view: VesselView, response: Response) -> VesselOut:

@@ -2,7 +2,6 @@
 
 import uuid
 from datetime import datetime
-from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
@@ -47,7 +46,7 @@ class StudyVesselVersion(Base):
     capacity_ml: Mapped[float | None]
     fill_line_mm: Mapped[float | None]
     fill_line_ml: Mapped[float | None]
-    inside_profile_mm: Mapped[list[Any]]
+    inside_profile_mm: Mapped[list[list[float]]]
     is_retired: Mapped[bool]
     author: Mapped[str] = mapped_column(sa.String(200))
     changed_at: Mapped[datetime]

@@ -1,7 +1,7 @@
 """SQL of a study's vessel library. Rows: (vessel, the version that it is of now)."""
 
 import uuid
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -13,7 +13,7 @@ VesselRow = tuple[StudyVessel, StudyVesselVersion]
 
 def page_of_vessels(
     session: Session, study_id: uuid.UUID, *, is_in_use: bool | None, after: str | None, limit: int | None
-) -> list[VesselRow]:
+) -> Sequence[VesselRow]:
     """A study's vessels by name, those behind the key `after`. is_in_use: only these; None: retired ones too.
 
     limit: None: all.
@@ -23,14 +23,14 @@ def page_of_vessels(
         query = query.where(StudyVesselVersion.is_retired.is_(not is_in_use))
     if after is not None:
         query = query.where(StudyVessel.name_key > after)
-    return _rows(session, query)
+    return session.execute(query).tuples().all()
 
 
-def vessels_for_estimate(session: Session, study_id: uuid.UUID, hinted_keys: Iterable[str]) -> list[VesselRow]:
+def vessels_for_estimate(session: Session, study_id: uuid.UUID, hinted_keys: Iterable[str]) -> Sequence[VesselRow]:
     """A study's vessels in use, and retired ones with a key among hinted_keys, by name."""
     hinted = StudyVessel.name_key.in_(sorted(set(hinted_keys)))
     query = _vessels(study_id).where(sa.or_(StudyVesselVersion.is_retired.is_(False), hinted))
-    return _rows(session, query.order_by(StudyVessel.name_key))
+    return session.execute(query.order_by(StudyVessel.name_key)).tuples().all()
 
 
 def vessel_keys(session: Session, study_id: uuid.UUID, keys: Iterable[str]) -> set[str]:
@@ -41,12 +41,12 @@ def vessel_keys(session: Session, study_id: uuid.UUID, keys: Iterable[str]) -> s
 
 def find_vessel(session: Session, study_id: uuid.UUID, vessel_id: uuid.UUID) -> VesselRow | None:
     """A vessel of this study. Who changes it holds the study."""
-    return _one(session, _vessels(study_id).where(StudyVessel.id == vessel_id))
+    return session.execute(_vessels(study_id).where(StudyVessel.id == vessel_id)).tuples().one_or_none()
 
 
 def find_vessel_by_key(session: Session, study_id: uuid.UUID, name_key: str) -> VesselRow | None:
     """The vessel of this study with this name_key."""
-    return _one(session, _vessels(study_id).where(StudyVessel.name_key == name_key))
+    return session.execute(_vessels(study_id).where(StudyVessel.name_key == name_key)).tuples().one_or_none()
 
 
 def vessel_version(session: Session, vessel_id: uuid.UUID, version: int) -> StudyVesselVersion | None:
@@ -69,12 +69,3 @@ def _vessels(study_id: uuid.UUID) -> sa.Select[StudyVessel, StudyVesselVersion]:
         .join(StudyVesselVersion, is_current)
         .where(StudyVessel.study_id == study_id)
     )
-
-
-def _rows(session: Session, query: sa.Select[StudyVessel, StudyVesselVersion]) -> list[VesselRow]:
-    return [(vessel, current) for vessel, current in session.execute(query)]
-
-
-def _one(session: Session, query: sa.Select[StudyVessel, StudyVesselVersion]) -> VesselRow | None:
-    row = session.execute(query).one_or_none()
-    return (row[0], row[1]) if row is not None else None

@@ -2,9 +2,10 @@
 
 import uuid
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
+from pydantic.config import JsonDict
 
 from app.http.field_descriptions import NEXT, PAGE
 from app.http.text_schemas import Number, Text
@@ -46,7 +47,7 @@ class VesselMeasures(BaseModel):
     inside_profile_mm: Profile = []
 
 
-EXAMPLE: dict[str, Any] = {"kind": "mug", "rim_diameter_mm": 82.0, "height_mm": 95.0, "capacity_ml": 330.0}
+EXAMPLE: JsonDict = {"kind": "mug", "rim_diameter_mm": 82.0, "height_mm": 95.0, "capacity_ml": 330.0}
 
 
 class VesselIn(VesselMeasures):

@@ -7,7 +7,7 @@ import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Any, cast
+from typing import cast
 
 from sqlalchemy.orm import Session
 
@@ -24,6 +24,9 @@ from app.vessels.models import StudyVessel, StudyVesselVersion
 from app.vessels.vessel_measures import FillLine, MeasuredVessel, known_capacity_ml, measured_vessel, name_key
 from app.vision.vessel_frustum import profile_capacity_ml
 from app.vision.vessel_library import MAX_VESSELS, VesselKind, VesselModel, vessel_to_json
+
+FILL_LINE = ("fill_line_mm", "fill_line_ml")
+MEASURES = ("kind", "rim_diameter_mm", "height_mm", "capacity_ml", *FILL_LINE, "inside_profile_mm")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,10 +86,9 @@ class ImportedVessels:
     unchanged: int
 
 
-def stored_measures(version: StudyVesselVersion) -> dict[str, Any]:
+def stored_measures(version: StudyVesselVersion) -> dict[str, object]:
     """A version's measures by their JSON keys."""
-    names = ("kind", "rim_diameter_mm", "height_mm", "capacity_ml", "fill_line_mm", "fill_line_ml", "inside_profile_mm")
-    return {name: getattr(version, name) for name in names}
+    return {name: getattr(version, name) for name in MEASURES}
 
 
 def list_vessels(
@@ -140,7 +142,7 @@ def change_vessel(
     database: Database,
     study_code: str,
     vessel_id: uuid.UUID,
-    measures: Mapping[str, Any],
+    measures: Mapping[str, object],
     author: VesselAuthor,
     *,
     expected: frozenset[int] | None,
@@ -157,7 +159,8 @@ def change_vessel(
             raise PreconditionFailedError(
                 "The vessel was changed after you read it: read it again, then change it.", version=vessel.version
             )
-        if name_key(measures.get("name") or vessel.name) != vessel.name_key:
+        name = measures.get("name")
+        if isinstance(name, str) and name_key(name) != vessel.name_key:
             raise ConflictError(
                 "A vessel's name is fixed, since hints and estimates refer to it: retire it and add another.",
                 code="vessel_name_fixed",
@@ -166,23 +169,25 @@ def change_vessel(
         return _change(session, study, VesselView(vessel, current), measured, author)
 
 
-def retire_vessel(database: Database, study_code: str, vessel_id: uuid.UUID, author: VesselAuthor) -> VesselView:
-    """Take a vessel out of use: estimates get it no more, unless a hint names it. The same again changes nothing."""
+def retire_vessel(database: Database, study_code: str, vessel: uuid.UUID | str, author: VesselAuthor) -> VesselView:
+    """Take a vessel out of use: estimates get it no more, unless a hint names it. The same again changes nothing.
+
+    vessel: its id, or its name.
+    """
     with database.write() as session:
         study = _locked_study(session, study_code)
-        vessel, current = _known(vessels.find_vessel(session, study.id, vessel_id))
-        return _retire(session, VesselView(vessel, current), author)
+        if isinstance(vessel, str):
+            view = VesselView(*_known(vessels.find_vessel_by_key(session, study.id, name_key(vessel))))
+        else:
+            view = VesselView(*_known(vessels.find_vessel(session, study.id, vessel)))
+        if view.version.is_retired:
+            return view
+        view.vessel.version += 1
+        measures = stored_measures(view.version)
+        return _keep_version(session, view.vessel, measures, author, "vessel.retire", is_retired=True)
 
 
-def retire_vessel_by_name(database: Database, study_code: str, name: str, author: VesselAuthor) -> VesselView:
-    """As retire_vessel, by the vessel's name."""
-    with database.write() as session:
-        study = _locked_study(session, study_code)
-        vessel, current = _known(vessels.find_vessel_by_key(session, study.id, name_key(name)))
-        return _retire(session, VesselView(vessel, current), author)
-
-
-def import_vessels(database: Database, study_code: str, value: Any, author: VesselAuthor) -> ImportedVessels:
+def import_vessels(database: Database, study_code: str, value: object, author: VesselAuthor) -> ImportedVessels:
     """All vessels of a parsed JSON list, by name: new ones added, others changed where they differ; all or none.
 
     Raises NotFoundError, InvalidInputError, ConflictError (`vessels_too_many`).
@@ -208,10 +213,14 @@ def import_vessels(database: Database, study_code: str, value: Any, author: Vess
     return ImportedVessels(added, changed, len(library) - added - changed)
 
 
-def export_vessels(database: Database, study_code: str) -> list[dict[str, Any]]:
+def export_vessels(database: Database, study_code: str) -> list[dict[str, object]]:
     """A study's vessels in use, as import_vessels and `tada estimate --vessels` read them. Raises NotFoundError."""
     page = list_vessels(database, study_code, is_in_use=True, cursor=None, limit=MAX_VESSELS)
-    return [vessel_to_json(view.model) | _fill_line_json(view.version) for view in page.rows]
+    return [
+        vessel_to_json(view.model)
+        | {name: line for name in FILL_LINE if (line := getattr(view.version, name)) is not None}
+        for view in page.rows
+    ]
 
 
 def _add(session: Session, study: Study, measured: MeasuredVessel, author: VesselAuthor) -> VesselView:
@@ -241,17 +250,10 @@ def _change(
     return _keep_version(session, view.vessel, measured.columns(), author, "vessel.change")
 
 
-def _retire(session: Session, view: VesselView, author: VesselAuthor) -> VesselView:
-    if view.version.is_retired:
-        return view
-    view.vessel.version += 1
-    return _keep_version(session, view.vessel, stored_measures(view.version), author, "vessel.retire", is_retired=True)
-
-
 def _keep_version(
     session: Session,
     vessel: StudyVessel,
-    measures: Mapping[str, Any],
+    measures: Mapping[str, object],
     author: VesselAuthor,
     action: str,
     *,
@@ -269,12 +271,6 @@ def _keep_version(
     note(session, author.caller, action, study_id=vessel.study_id, subject=vessel.id, version=vessel.version)
     session.flush()  # a list that is imported asks for what is there
     return VesselView(vessel, version)
-
-
-def _fill_line_json(version: StudyVesselVersion) -> dict[str, Any]:
-    if version.fill_line_mm is None:
-        return {}
-    return {"fill_line_mm": version.fill_line_mm, "fill_line_ml": version.fill_line_ml}
 
 
 def _require_room(session: Session, study: Study) -> None:

@@ -4,7 +4,6 @@ import math
 import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 from app.core.errors import InvalidInputError
 from app.vision.vessel_frustum import capacity_from_fill_line, profile_capacity_ml
@@ -32,7 +31,7 @@ class MeasuredVessel:
     capacity_ml: float | None
     fill_line: FillLine | None
 
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> dict[str, object]:
         """As a version keeps it."""
         return {
             "kind": self.model.kind,
@@ -45,7 +44,7 @@ class MeasuredVessel:
         }
 
 
-def measured_vessel(data: Any) -> MeasuredVessel:
+def measured_vessel(data: object) -> MeasuredVessel:
     """A vessel from its JSON object: vessel_library's keys, and fill_line_mm with fill_line_ml.
 
     Raises InvalidInputError: `vessel_invalid`; `vessel_impossible` where the measures contradict each other.
@@ -89,7 +88,7 @@ def known_capacity_ml(model: VesselModel, fill_line: FillLine | None) -> float |
     )
 
 
-def vessel_name(name: Any) -> str:
+def vessel_name(name: object) -> str:
     """A name as it is kept: blanks folded. Raises InvalidInputError `vessel_invalid` for what cannot be read."""
     cleaned = " ".join(unicodedata.normalize("NFC", name).split()) if isinstance(name, str) else ""
     if not 0 < len(cleaned) <= NAME_LENGTH or not cleaned.isprintable():
@@ -104,18 +103,22 @@ def name_key(name: str) -> str:
     return " ".join(unicodedata.normalize("NFC", name).casefold().split())
 
 
-def _fill_line(fields: Mapping[str, Any]) -> FillLine | None:
+def _fill_line(fields: Mapping[str, object]) -> FillLine | None:
     height_mm, volume_ml = fields.get("fill_line_mm"), fields.get("fill_line_ml")
     if height_mm is None and volume_ml is None:
         return None
-    for value in (height_mm, volume_ml):
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
-            raise InvalidInputError(
-                "A fill line is given by both fill_line_mm, its height over the table, and fill_line_ml, what the "
-                "vessel holds up to it: two numbers above 0.",
-                code="vessel_invalid",
-            )
-    return FillLine(float(height_mm or 0.0), float(volume_ml or 0.0))
+    numbers = [
+        float(value)
+        for value in (height_mm, volume_ml)
+        if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf
+    ]
+    if len(numbers) < 2:
+        raise InvalidInputError(
+            "A fill line is given by both fill_line_mm, its height over the table, and fill_line_ml, what the "
+            "vessel holds up to it: two numbers above 0.",
+            code="vessel_invalid",
+        )
+    return FillLine(*numbers)
 
 
 def _require_possible(model: VesselModel) -> None:

@@ -42,8 +42,8 @@ class StarterSources:
         ecustfd: Mapping[str, MeasuredDensity],
         selection: Mapping[str, Any],
     ) -> None:
-        self.groups = release.groups()
-        self.foods = release.foods()
+        self.groups = release.groups
+        self.foods = release.foods
         self.portions = release.portions(Skipped())
         self.fao = fao
         self.ecustfd = ecustfd

@@ -1,7 +1,7 @@
 """Forms that make and correct foods, for admins: each change is previewed, has its reason, and makes a new version."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from fastapi import APIRouter
 from pydantic import BaseModel, ValidationError
@@ -9,11 +9,10 @@ from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError, PreconditionFailedError
 from app.dashboard.food_pages.density_form import density_values
-from app.dashboard.food_pages.food_history import differences_in_words
+from app.dashboard.food_pages.food_history import Difference, differences_in_words
 from app.dashboard.food_pages.food_texts import (
     ADDED_ROWS,
     NUTRIENT,
-    Texts,
     body_of,
     changed_fields,
     ingredient_rows,
@@ -27,14 +26,15 @@ from app.foods.api import FoodKey
 from app.foods.edits import edit_food
 from app.foods.edits.api import food_edit, measured_density, new_food_edit, render_changes
 from app.foods.edits.edit_food import Editor, FoodVersion
-from app.foods.edits.schemas import FoodIn, FoodPatch, MeasuredDensityIn, RestoreIn
+from app.foods.edits.schemas import ChangeOut, FoodIn, FoodPatch, MeasuredDensityIn, RestoreIn
 from app.foods.foods import read_food
 from app.foods.search.search_foods import food_groups
-from app.nutrition.components import COMPONENT_BY_NUMBER, COMPONENTS, HEADLINE_NUMBERS
+from app.nutrition.components import COMPONENT_BY_NUMBER, COMPONENTS, HEADLINE_NUMBERS, Component
 from app.nutrition.foods import FOOD_FORMS, FOOD_STATES, SLICE_FORMS
 from app.people.access.page_rules import PREFIX
 
 Body = TypeVar("Body", bound=BaseModel)
+DatedDifferences = tuple[ChangeOut, list[Difference]]
 
 router = APIRouter(include_in_schema=False)
 
@@ -48,35 +48,38 @@ PREVIEW_REASON = "a preview"
 def get_edit(page: CurrentPage, key: FoodKey) -> Response:
     """The food's fields, as they are in force."""
     version = edit_food.read_version(page.state.database, key)
-    return _edit_page(page, version, _texts(version))
+    return _edit_page(page, version, texts_of(version))
 
 
 @router.post(f"{FOODS}/{{key}}/edit")
 def post_edit(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
     """Show what would change, or change it."""
-    database, told = page.state.database, typed(fields)
-    base = edit_food.read_version(database, key, _number(told.get("base", "")))
-    changed = changed_fields(told, _texts(base))
-    shown = _texts(base) | told
-    if told.get("do") == "rows":
+    database, entered = page.state.database, typed(fields)
+    base = edit_food.read_version(database, key, _number(entered.get("base", "")))
+    changed = changed_fields(entered, texts_of(base))
+    shown = texts_of(base) | entered
+    if entered.get("do") == "rows":
         return _edit_page(page, base, shown, more=EMPTY_INGREDIENTS)
-    is_preview = told.get("do") != "save"
-    values, wrong = body_of(told, changed, {row.component.number: row.component.unit for row in base.nutrients})
-    body = _validated(FoodPatch, values | {"reason": PREVIEW_REASON if is_preview else told.get("reason", "")}, wrong)
+    is_preview = entered.get("do") != "save"
+    values, wrong = body_of(entered, changed, {row.component.number: row.component.unit for row in base.nutrients})
+    body = _validated(
+        FoodPatch, values | {"reason": PREVIEW_REASON if is_preview else entered.get("reason", "")}, wrong
+    )
     if body is None:
         return _edit_page(page, base, shown, wrong=wrong, status=422)
     edit, expected = food_edit(body), frozenset({base.food.id})
     try:
         if is_preview:
             differences = edit_food.preview_edit(database, key, edit, expected=expected)
-            names = {row.component.number: (row.component.name, row.component.unit) for row in base.nutrients}
-            return _edit_page(page, base, shown, preview=differences_in_words(differences, names))
+            return _edit_page(page, base, shown, preview=differences_in_words(differences, base.nutrients))
         view = edit_food.edit_food(database, key, edit, Editor.of(page.caller, body.reason), expected=expected)
     except PreconditionFailedError as error:
         current = edit_food.read_version(database, key)
-        kept = {name: told[name] for name in changed} | {"reason": told.get("reason", "")}
-        added = {name: text for name, text in told.items() if name.partition("-")[0] in ("add", "figure", "unit")}
-        return _edit_page(page, current, _texts(current) | added | kept, since=_since(page, base), status=error.status)
+        kept = {name: entered[name] for name in changed} | {"reason": entered.get("reason", "")}
+        added = {name: text for name, text in entered.items() if name.partition("-")[0] in ("add", "figure", "unit")}
+        return _edit_page(
+            page, current, texts_of(current) | added | kept, since=_since(page, base), status=error.status
+        )
     except (InvalidInputError, ConflictError) as error:
         return _edit_page(page, base, shown, wrong={"": error.message}, status=error.status)
     if view.food.id == base.food.id:
@@ -87,13 +90,13 @@ def post_edit(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
 @router.post(f"{FOODS}/{{key}}/restore")
 def post_restore(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
     """Put an earlier version back, by a new one that equals it."""
-    told = typed(fields)
-    values = {"version": _number(told.get("version", "")) or 0, "reason": told.get("reason", "")}
+    entered = typed(fields)
+    values = {"version": _number(entered.get("version", "")) or 0, "reason": entered.get("reason", "")}
     body, wrong = checked(RestoreIn, values)
     if body is None:
         sentence = "; ".join(f"{name}: {why}" for name, why in wrong.items())
         return food_page(page, key, refused=sentence, reason=values["reason"], status=422)
-    expected = frozenset({_number(told.get("base", "")) or 0})
+    expected = _base(entered)
     try:
         view = edit_food.restore_food(
             page.state.database, key, body.version, Editor.of(page.caller, body.reason), expected=expected
@@ -114,19 +117,18 @@ def get_density(page: CurrentPage, key: FoodKey) -> Response:
 @router.post(f"{FOODS}/{{key}}/densities")
 def post_density(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
     """Add a measured density before the food's others of its worth."""
-    told = typed(fields)
-    values, wrong = density_values(told)
+    entered = typed(fields)
+    values, wrong = density_values(entered)
     body, more = checked(MeasuredDensityIn, values)
     if body is None or wrong:
-        return _density_page(page, key, told, more | wrong, status=422)
+        return _density_page(page, key, entered, more | wrong, status=422)
     try:
         density, _ = measured_density(body)
-        expected = frozenset({_number(told.get("base", "")) or 0})
         view = edit_food.add_density(
-            page.state.database, key, density, Editor.of(page.caller, body.reason), expected=expected
+            page.state.database, key, density, Editor.of(page.caller, body.reason), expected=_base(entered)
         )
     except (InvalidInputError, ConflictError, PreconditionFailedError) as error:
-        return _density_page(page, key, told, {"": error.message}, status=error.status)
+        return _density_page(page, key, entered, {"": error.message}, status=error.status)
     return page.go(food_address(view.value.key), f"The density was added: version {view.food.version}. {STAY}")
 
 
@@ -139,23 +141,23 @@ def get_new_food(page: CurrentPage) -> Response:
 @router.post(NEW_FOOD)
 def post_new_food(page: CurrentPage, fields: Fields) -> Response:
     """Make it."""
-    told = typed(fields)
-    if told.get("do") == "rows":
-        return _new_page(page, told, more=EMPTY_INGREDIENTS)
-    changed = frozenset(name for name, text in told.items() if text) - {"key", "reason", "do"}
+    entered = typed(fields)
+    if entered.get("do") == "rows":
+        return _new_page(page, entered, more=EMPTY_INGREDIENTS)
+    changed = frozenset(name for name, text in entered.items() if text) - {"key", "reason", "do"}
     headlines = {numbers[0] for numbers in HEADLINE_NUMBERS}
     known = frozenset(name for name in changed if name.removeprefix(NUTRIENT) in headlines or NUTRIENT not in name)
-    values, wrong = body_of(told, known, {})
-    body = _validated(FoodIn, values | {"key": told.get("key", ""), "reason": told.get("reason", "")}, wrong)
+    values, wrong = body_of(entered, known, {})
+    body = _validated(FoodIn, values | {"key": entered.get("key", ""), "reason": entered.get("reason", "")}, wrong)
     if body is None:
-        return _new_page(page, told, wrong=wrong, status=422)
+        return _new_page(page, entered, wrong=wrong, status=422)
     try:
         view = edit_food.create_food(
             page.state.database, body.key, new_food_edit(body), Editor.of(page.caller, body.reason)
         )
     except (InvalidInputError, ConflictError) as error:
         field = "key" if error.code == "food_exists" else ""
-        return _new_page(page, told, wrong={field: error.message}, status=error.status)
+        return _new_page(page, entered, wrong={field: error.message}, status=error.status)
     return page.go(food_address(view.value.key), f"{view.value.name} was made.")
 
 
@@ -165,8 +167,8 @@ def _edit_page(
     texts: Mapping[str, str],
     *,
     wrong: Mapping[str, str] | None = None,
-    preview: Sequence[Any] | None = None,
-    since: Sequence[Any] = (),
+    preview: Sequence[Difference] | None = None,
+    since: Sequence[DatedDifferences] = (),
     more: int = 0,
     status: int = 200,
 ) -> Response:
@@ -196,8 +198,8 @@ def _new_page(
 
 
 def _choices(
-    page: Page, texts: Mapping[str, str], wrong: Mapping[str, str] | None, more: int, addable: Sequence[Any]
-) -> dict[str, Any]:
+    page: Page, texts: Mapping[str, str], wrong: Mapping[str, str] | None, more: int, addable: Sequence[Component]
+) -> dict[str, object]:
     return {
         "texts": texts,
         "wrong": wrong or {},
@@ -226,14 +228,14 @@ def _density_page(
     )
 
 
-def _since(page: Page, base: FoodVersion) -> list[Any]:
+def _since(page: Page, base: FoodVersion) -> list[DatedDifferences]:
     """What others changed since that version, as the history tells it."""
     changes = edit_food.list_changes(page.state.database, base.value.key)
     later = [found for found in changes if found.food.id > base.food.id]
-    return [(change, differences_in_words(change.differences, {})) for change in render_changes(later).items]
+    return [(change, differences_in_words(change.differences)) for change in render_changes(later).items]
 
 
-def _validated(model: type[Body], values: Mapping[str, Any], wrong: dict[str, str]) -> Body | None:
+def _validated(model: type[Body], values: Mapping[str, object], wrong: dict[str, str]) -> Body | None:
     """The body; None where it is wrong: then `wrong` tells which field of the form, and why."""
     try:
         body = model.model_validate(values)
@@ -260,8 +262,9 @@ def _place_in(loc: Sequence[int | str]) -> str:
     return f"{', '.join(inner)}: " if inner else ""
 
 
-def _texts(version: FoodVersion) -> Texts:
-    return texts_of(version.value, version.recipe, version.states)
+def _base(entered: Mapping[str, str]) -> frozenset[int]:
+    """The version that the form was made of."""
+    return frozenset({_number(entered.get("base", "")) or 0})
 
 
 def _number(text: str) -> int | None:

@@ -1,10 +1,12 @@
 """What changed in a food, as lines that a person reads: the field, what it was, what it is."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from app.nutrition.components import COMPONENT_BY_NUMBER
+from app.foods.models import Component as ComponentRow
+from app.foods.queries import NutrientRow
+from app.nutrition.components import COMPONENT_BY_NUMBER, Component
 
 NOT_KNOWN = "not known"
 NONE = "none"
@@ -21,28 +23,24 @@ class Difference:
 
 
 def differences_in_words(
-    differences: Mapping[str, tuple[Any, Any]], names: Mapping[str, tuple[str, str]]
+    differences: Mapping[str, Sequence[object]], rows: Iterable[NutrientRow] = ()
 ) -> list[Difference]:
-    """Field -> (old, new) as lines, figures behind the fields. names: component -> (name, unit), beside our own."""
+    """Field -> (old, new) as lines, figures behind the fields. rows: name components that components.csv lacks."""
+    components: dict[str, Component | ComponentRow] = {row.component.number: row.component for row in rows}
+    components |= COMPONENT_BY_NUMBER
     changed, figures = [], []
     for name, (old, new) in differences.items():
         number = name.removeprefix("nutrients.")
         if number != name:
-            label, unit = _component(number, names)
+            component = components.get(number)
+            label, unit = (component.name, str(component.unit)) if component is not None else (number, "")
             figures.append(Difference(label, _figure(old), _figure(new), unit))
         else:
             changed.append(Difference(name.replace("_", " ").capitalize(), _in_words(name, old), _in_words(name, new)))
     return changed + figures
 
 
-def _component(number: str, names: Mapping[str, tuple[str, str]]) -> tuple[str, str]:
-    if number in COMPONENT_BY_NUMBER:
-        component = COMPONENT_BY_NUMBER[number]
-        return component.name, component.unit.value
-    return names.get(number, (number, ""))
-
-
-def _figure(value: Any) -> str:
+def _figure(value: object) -> str:
     return NOT_KNOWN if value is None else repr(value)
 
 

@@ -8,9 +8,8 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 
 from app.dashboard.meal_pages.line_fields import WrongFieldError, entries, lines, number, read_fields, shown, text_of
-from app.foods.recipes import PinnedRecipe
+from app.foods.edits.edit_food import FoodVersion
 from app.nutrition.components import COMPONENT_BY_NUMBER
-from app.nutrition.foods import Food
 
 NUTRIENT = "nutrient-"
 ADDED_ROWS = 4  # empty rows for components without a figure
@@ -21,15 +20,13 @@ Texts = dict[str, str]
 _INGREDIENT = re.compile(rf"(?:{'|'.join(INGREDIENT_PARTS)})-(?P<place>\d{{1,3}})")
 
 
-def texts_of(food: Food, recipe: PinnedRecipe | None, states: Mapping[int, str | None]) -> Texts:
-    """Field -> text. states: ingredient (Food.id) -> its state."""
+def texts_of(version: FoodVersion) -> Texts:
+    """Field -> text."""
+    food, recipe = version.value, version.recipe
     texts = {
-        "name": food.name,
+        **{name: getattr(food, name) or "" for name in ("name", "form", "slice_form", "state")},
         "aliases": "\n".join(food.aliases),
         "group": food.food_group,
-        "form": food.form,
-        "slice_form": food.slice_form or "",
-        "state": food.state or "",
         "is_mixed_dish": "true" if food.is_mixed_dish else "false",
         "probes": " ".join(food.probes),
         "source_ids": text_of(food.source_ids.items()),
@@ -42,7 +39,7 @@ def texts_of(food: Food, recipe: PinnedRecipe | None, states: Mapping[int, str |
         texts |= {
             f"food-{place}": part.food_key,
             f"mass-{place}": shown(part.mass_g),
-            f"state-{place}": states.get(part.food_id) or "",
+            f"state-{place}": version.states.get(part.food_id) or "",
             f"retention-{place}": ", ".join(f"{name} {shown(share)}" for name, share in part.retention.items()),
             f"source-{place}": part.retention_source or "",
         }

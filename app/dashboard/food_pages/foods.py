@@ -15,6 +15,7 @@ from app.foods.api import FoodKey, render_food
 from app.foods.edits.api import render_changes
 from app.foods.edits.edit_food import list_changes
 from app.foods.edits.food_uses import COUNTED, read_uses
+from app.foods.edits.schemas import ChangeOut
 from app.foods.foods import FoodView, read_food
 from app.foods.queries import NutrientRow
 from app.foods.schemas import FoodMatch, NutrientOut
@@ -92,7 +93,6 @@ def food_page(page: Page, key: str, *, status: int = 200, **context: Any) -> Res
     database = page.state.database
     view = read_food(database, key)
     changes = render_changes(list_changes(database, view.value.key)).items
-    names = {row.component.number: (row.component.name, row.component.unit) for row in view.nutrients}
     context = {"refused": None, "reason": ""} | context
     return page.render(
         "food.html",
@@ -104,7 +104,7 @@ def food_page(page: Page, key: str, *, status: int = 200, **context: Any) -> Res
         corrected=_corrected(changes),
         origin=changes[-1].previous_release if changes else view.release,
         component_names={one.number: one.name for one in COMPONENTS},
-        changes=[(change, differences_in_words(change.differences, names)) for change in changes],
+        changes=[(change, differences_in_words(change.differences, view.nutrients)) for change in changes],
         uses=read_uses(database, page.caller, view.value.key),
         counted=COUNTED,
         food_url=food_address,
@@ -137,7 +137,7 @@ def _headlines(rows: Sequence[NutrientRow]) -> list[tuple[str, NutrientRow | Non
     ]
 
 
-def _corrected(changes: Sequence[Any]) -> dict[str, int]:
+def _corrected(changes: Sequence[ChangeOut]) -> dict[str, int]:
     """Component -> the version that last gave it its figure, of those that were corrected here."""
     found: dict[str, int] = {}
     for change in changes:
@@ -147,7 +147,7 @@ def _corrected(changes: Sequence[Any]) -> dict[str, int]:
     return found
 
 
-def _restorable(view: FoodView, changes: Sequence[Any]) -> frozenset[int]:
+def _restorable(view: FoodView, changes: Sequence[ChangeOut]) -> frozenset[int]:
     """The versions that the food can be put back to."""
     told = {change.version for change in changes} | {change.previous_version for change in changes}
     return frozenset(version for version in told if version is not None and version != view.food.version)

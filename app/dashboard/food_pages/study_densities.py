@@ -43,17 +43,17 @@ def get_densities(
 @router.post(PATH)
 def post_density(page: CurrentPage, study: str, fields: Fields) -> Response:
     """Keep a measurement."""
-    told = typed(fields)
-    values, wrong = density_values(told)
-    values |= {"food": told.get("food", "")}
-    if told.get("measured_on"):
+    entered = typed(fields)
+    values, wrong = density_values(entered)
+    values |= {"food": entered.get("food", "")}
+    if entered.get("measured_on"):
         try:
-            values["measured_at"] = f"{date.fromisoformat(told['measured_on'])}T00:00:00+00:00"
+            values["measured_at"] = f"{date.fromisoformat(entered['measured_on'])}T00:00:00+00:00"
         except ValueError:
             wrong["measured_on"] = "This is no day: write it as 2026-11-22."
     body, more = checked(StudyDensityIn, values)
     if body is None or wrong:
-        return _densities(page, study, "", told, more | wrong, status=422)
+        return _densities(page, study, "", entered, more | wrong, status=422)
     try:
         density, specimens = measured_density(body)
         row = study_densities.add_study_density(
@@ -64,7 +64,7 @@ def post_density(page: CurrentPage, study: str, fields: Fields) -> Response:
         )
     except (NotFoundError, InvalidInputError) as error:
         field = {"food_not_found": "food", "time_impossible": "measured_on"}.get(error.code, "")
-        return _densities(page, study, "", told, {field: error.message}, status=error.status)
+        return _densities(page, study, "", entered, {field: error.message}, status=error.status)
     return page.go(
         study_address(study, "densities"),
         f"The density of {row.food_key} counts from now on; records stay as they are.",

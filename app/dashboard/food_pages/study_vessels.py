@@ -19,7 +19,7 @@ from app.people.access.page_rules import STUDY_PAGES
 from app.vessels import study_vessels
 from app.vessels.api import render_vessel, vessel_author
 from app.vessels.schemas import VesselChangeIn, VesselIn, VesselOut
-from app.vessels.study_vessels import VesselView, stored_measures
+from app.vessels.study_vessels import VesselView
 from app.vessels.vessel_measures import measured_vessel
 from app.vision.vessel_library import VESSEL_KINDS
 
@@ -157,10 +157,10 @@ def _point(line: str) -> list[float]:
 
 def _entered(view: VesselView) -> dict[str, str]:
     """A vessel's measures as the form has them."""
-    measures = stored_measures(view.version)
-    entered = {name: shown(measures[name]) for name in NUMBERS if measures[name] is not None}
-    profile = "\n".join(f"{shown(radius)}, {shown(height)}" for radius, height in measures["inside_profile_mm"])
-    return entered | {"kind": measures["kind"], "inside_profile_mm": profile}
+    version = view.version
+    entered = {name: shown(value) for name in NUMBERS if (value := getattr(version, name)) is not None}
+    profile = "\n".join(f"{shown(radius)}, {shown(height)}" for radius, height in version.inside_profile_mm)
+    return entered | {"kind": version.kind, "inside_profile_mm": profile}
 
 
 _READERS: Mapping[str, Callable[[str], object]] = {

@@ -111,7 +111,7 @@ def render_changes(changes: Sequence[Change]) -> ChangeList:
                 author=found.change.author,
                 reason=found.change.reason,
                 changed_at=found.change.changed_at,
-                differences=found.change.differences,
+                differences={name: (old, new) for name, (old, new) in found.change.differences.items()},
             )
             for found in changes
         ]

@@ -32,6 +32,7 @@ from app.people.access.audit import note
 from app.people.access.caller import StaffCaller
 
 T = TypeVar("T")
+Differences = dict[str, list[object]]  # field -> [old, new] as JSON; a component's field is `nutrients.NUMBER`
 
 LOCAL_CHECKSUM = "local"  # the release of corrections is read from nothing, and there is one
 LOCAL_VERSION = "1"
@@ -94,20 +95,15 @@ def author_of(caller: StaffCaller) -> str:
 def create_food(database: Database, key: str, edit: FoodEdit, editor: Editor) -> FoodView:
     """A new food, as version 1. Raises ConflictError `food_exists`, and what edit_food raises."""
     taken = ConflictError(f"There is already a food {key!r}: correct it instead.", code="food_exists", food=key)
-    _require_local_release(database, editor.author)
     blank = _checked(lambda: FoodValue(key=key, **edit.fields))
-    for _ in range(ATTEMPTS):
-        try:
-            with database.write() as session:
-                release = _local_in_force(session)
-                if foods.foods_by_key(session, [key]):
-                    raise taken
-                draft = _edited(session, _Draft(blank, None), replace(edit, fields={}))
-                row = _write(session, release, draft, 1, None, {}, editor)
-                return view_of(session, row, None)
-        except IntegrityError:
-            continue  # another made it at the same moment: the next turn sees it
-    raise taken
+
+    def make(session: Session, release: FoodRelease) -> FoodView:
+        if foods.foods_by_key(session, [key]):
+            raise taken
+        draft = _edited(session, _Draft(blank, None), replace(edit, fields={}))
+        return view_of(session, _write(session, release, draft, 1, None, {}, editor), None)
+
+    return _written(database, editor, make, taken)
 
 
 def edit_food(
@@ -124,7 +120,7 @@ def edit_food(
 
 def preview_edit(
     database: Database, key: str, edit: FoodEdit, *, expected: Collection[int] | None = None
-) -> dict[str, Any]:
+) -> Differences:
     """What edit_food would change: field -> [old, new], as the history has it. Writes nothing; raises the same."""
     with database.read() as session:
         current = require_food(session, key)
@@ -195,24 +191,34 @@ def _new_version(
     editor: Editor,
     expected: Collection[int] | None,
 ) -> FoodView:
+
+    def correct(session: Session, release: FoodRelease) -> FoodView:
+        current = require_food(session, key)
+        _require_expected(current, expected)
+        _refuse_densities_only(session, current)
+        before = _Draft(own_value(session, current), pinned_recipe(session, current))
+        after = change(session, current, before)
+        differences = _differences(before, after)
+        if differences:
+            current = _write(session, release, after, current.version + 1, current, differences, editor)
+        return view_of(session, current, None)
+
+    busy = ConflictError(f"{key!r} is being changed by others all the time: try again.", code="food_busy")
+    return _written(database, editor, correct, busy)
+
+
+def _written(
+    database: Database, editor: Editor, write: Callable[[Session, FoodRelease], FoodView], busy: ConflictError
+) -> FoodView:
+    """What `write` writes into the release of corrections, tried again where another version came in between."""
     _require_local_release(database, editor.author)
     for _ in range(ATTEMPTS):
         try:
             with database.write() as session:
-                release = _local_in_force(session)
-                current = require_food(session, key)
-                _require_expected(current, expected)
-                _refuse_densities_only(session, current)
-                before = _Draft(own_value(session, current), pinned_recipe(session, current))
-                after = change(session, current, before)
-                differences = _differences(before, after)
-                if not differences:
-                    return view_of(session, current, None)
-                row = _write(session, release, after, current.version + 1, current, differences, editor)
-                return view_of(session, row, None)
+                return write(session, _local_in_force(session))
         except IntegrityError:
-            continue  # another version came first: the next turn sees it
-    raise ConflictError(f"{key!r} is being changed by others all the time: try again.", code="food_busy")
+            continue  # the next turn sees the other version
+    raise busy
 
 
 def _require_expected(current: Food, expected: Collection[int] | None) -> None:
@@ -254,7 +260,7 @@ def _write(
     draft: _Draft,
     version: int,
     previous: Food | None,
-    differences: dict[str, Any],
+    differences: Differences,
     editor: Editor,
 ) -> Food:
     add_missing_components(session, draft.value.per_100_g)
@@ -278,13 +284,12 @@ def _write(
     return row
 
 
-def _differences(before: _Draft, after: _Draft) -> dict[str, Any]:
-    """Field -> [old, new] as JSON; a component's field is `nutrients.NUMBER`."""
+def _differences(before: _Draft, after: _Draft) -> Differences:
     old, new = _as_json(before), _as_json(after)
     return {name: [old.get(name), new.get(name)] for name in (old | new) if old.get(name) != new.get(name)}
 
 
-def _as_json(draft: _Draft) -> dict[str, Any]:
+def _as_json(draft: _Draft) -> dict[str, object]:
     """Fields by the names that the API has for them; the figures one by one."""
     value = asdict(replace(draft.value, source_ids=dict(draft.value.source_ids), per_100_g={}))
     fields = {"group" if name == "food_group" else name: part for name, part in value.items()}
@@ -292,7 +297,7 @@ def _as_json(draft: _Draft) -> dict[str, Any]:
     if draft.recipe is not None:
         recipe = asdict(draft.recipe)
         fields["recipe"] = {"yield": recipe["recipe_yield"], "ingredients": recipe["ingredients"]}
-    plain: dict[str, Any] = json.loads(json.dumps(fields))  # lists for tuples, as the history keeps them
+    plain: dict[str, object] = json.loads(json.dumps(fields))  # lists for tuples, as the history keeps them
     return plain
 
 

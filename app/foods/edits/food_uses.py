@@ -1,7 +1,7 @@
 """Where a food stands: in which releases, and in the records and measurements of which studies."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from app.db.session import Database
 from app.foods import queries as foods
@@ -56,10 +56,10 @@ def read_uses(database: Database, caller: StaffCaller, key: str) -> FoodUses:
             session, ids, known_studies(caller), most=COUNTED + 1, studies=MOST_STUDIES + 1
         )
         looked_at = counted[:MOST_STUDIES]
-        measured = food_uses.densities_of_studies(session, food.key, [study.study_id for study in looked_at])
+        measured = foods.densities_of_studies(session, [study.study_id for study in looked_at], food.key)
     studies = [
         StudyUse(
-            StudyRecords(study.study_id, study.code, study.name, min(study.records, COUNTED)),
+            replace(study, records=min(study.records, COUNTED)),
             study.records > COUNTED,
             [density for density in measured if density.study_id == study.study_id],
         )

@@ -8,7 +8,7 @@ from datetime import datetime
 import sqlalchemy as sa
 from sqlalchemy.orm import Session, aliased
 
-from app.foods.models import Component, Food, FoodChange, FoodIngredient, FoodNutrient, FoodRelease, StudyDensity
+from app.foods.models import Food, FoodChange, FoodIngredient, FoodRelease, StudyDensity
 from app.foods.queries import LOCAL
 
 
@@ -50,20 +50,6 @@ def ingredients_of(session: Session, food_id: int) -> list[tuple[FoodIngredient,
         .order_by(FoodIngredient.position)
     )
     return [(ingredient, food) for ingredient, food in session.execute(query)]
-
-
-def contents_of(session: Session, food_ids: Collection[int]) -> dict[int, dict[str, float]]:
-    """Food -> component number -> content of 100 g edible portion, for many foods at once."""
-    query = (
-        sa.select(FoodNutrient.food_id, Component.number, FoodNutrient.per_100_g)
-        .join(Component, Component.id == FoodNutrient.component_id)
-        .where(FoodNutrient.food_id.in_(food_ids))
-        .order_by(FoodNutrient.food_id, Component.id)
-    )
-    found: dict[int, dict[str, float]] = {food_id: {} for food_id in food_ids}
-    for food_id, number, per_100_g in session.execute(query):
-        found[food_id][number] = per_100_g
-    return found
 
 
 def parts_of(session: Session, food_ids: Collection[int]) -> dict[str, set[str]]:

@@ -2,7 +2,7 @@
 
 import uuid
 from datetime import datetime
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, model_validator
 
@@ -351,7 +351,7 @@ class ChangeOut(BaseModel):
     author: str = Field(description="Name of the staff member who made it.")
     reason: str = Field(description=REASON)
     changed_at: datetime = Field(description="When it was made.")
-    differences: dict[str, tuple[Any, Any]] = Field(
+    differences: dict[str, tuple[object, object]] = Field(
         description="Field -> [old, new]; a nutrient's field is nutrients.NUMBER; empty for a new food."
     )
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.foods.models import Food, FoodRelease, StudyDensity
+from app.foods.models import Food, FoodRelease
 from app.meals.record_models import EffectiveRecord
 from app.people.models import Study
 from app.records.conditions import holds
@@ -61,13 +61,3 @@ def records_by_study(
     if study_ids is not None:
         query = query.where(Study.id.in_(study_ids))
     return [StudyRecords(*row) for row in session.execute(query)]
-
-
-def densities_of_studies(session: Session, key: str, study_ids: Collection[uuid.UUID]) -> list[StudyDensity]:
-    """These studies' own measurements of a food that are in use, the newest first."""
-    query = (
-        sa.select(StudyDensity)
-        .where(StudyDensity.study_id.in_(study_ids), StudyDensity.food_key == key, StudyDensity.withdrawn_at.is_(None))
-        .order_by(StudyDensity.measured_at.desc(), StudyDensity.id)
-    )
-    return list(session.scalars(query))

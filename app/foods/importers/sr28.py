@@ -9,6 +9,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 
@@ -55,7 +56,7 @@ class Sr28Food:
 class Sr28Release:
     """The release at a path, a zip or a folder. Raises ImportFileError if it is no such release.
 
-    Each method reads one file, whole, and checks it: fields, figures, references, duplicates.
+    Each file is read once, whole, and checked: fields, figures, references, duplicates.
     """
 
     def __init__(self, path: Path) -> None:
@@ -66,6 +67,7 @@ class Sr28Release:
         """SHA-256 of what is read of it, hex."""
         return self._files.checksum(FILES)
 
+    @cached_property
     def groups(self) -> dict[str, str]:
         """FD_GROUP.txt: code -> name of each food group."""
         name, groups = "FD_GROUP.txt", dict[str, str]()
@@ -73,6 +75,7 @@ class Sr28Release:
             groups[place.new_key("group", code, groups)] = place.text("the group", group, MAX_GROUP)
         return groups
 
+    @cached_property
     def components(self) -> dict[str, SourceComponent]:
         """NUTR_DEF.txt: Nutr_No -> component, with the factor that its figures take."""
         name, components = "NUTR_DEF.txt", dict[str, SourceComponent]()
@@ -81,13 +84,14 @@ class Sr28Release:
             components[number] = source_component(place, number, fields[3], fields[1])
         return components
 
+    @cached_property
     def foods(self) -> dict[str, Sr28Food]:
         """FOOD_DES.txt: NDB number -> food."""
-        name, groups, foods = "FOOD_DES.txt", self.groups(), dict[str, Sr28Food]()
+        name, foods = "FOOD_DES.txt", dict[str, Sr28Food]()
         for place, fields in self._records(name, 14):
             number = place.new_key("food", fields[0], foods)
             food_name = place.text(f"the name of food {number}", fields[2], MAX_NAME)
-            if fields[1] not in groups:
+            if fields[1] not in self.groups:
                 raise place.error(f"food {number} is of group {fields[1]}, which FD_GROUP.txt lacks")
             percent = place.number("the refuse", fields[8] or "0")
             if percent >= 100.0:
@@ -97,12 +101,11 @@ class Sr28Release:
 
     def contents(self, ndb_numbers: Collection[str]) -> dict[str, dict[str, float]]:
         """NUT_DATA.txt: NDB number -> component number -> content of 100 g edible portion, for these foods."""
-        name, components, foods = "NUT_DATA.txt", self.components(), self.foods()
+        name = "NUT_DATA.txt"
         contents: dict[str, dict[str, float]] = {number: {} for number in ndb_numbers}
         for place, fields in self._records(name, 18):
-            if fields[0] not in foods:
-                raise place.error(f"food {fields[0]} is none of FOOD_DES.txt; is one of them cut off?")
-            found = components.get(fields[1])
+            self._require_food(place, fields[0])
+            found = self.components.get(fields[1])
             if found is None:
                 raise place.error(f"nutrient {fields[1]} is none of NUTR_DEF.txt")
             of_food = contents.get(fields[0])
@@ -119,11 +122,9 @@ class Sr28Release:
 
     def portions(self, skipped: Skipped) -> dict[str, list[Portion]]:
         """WEIGHT.txt: NDB number -> its household measures, in the file's order."""
-        name, foods, seen = "WEIGHT.txt", self.foods(), set[str]()
-        portions: dict[str, list[Portion]] = {}
-        for place, fields in self._records(name, 7):
-            if fields[0] not in foods:
-                raise place.error(f"food {fields[0]} is none of FOOD_DES.txt; is one of them cut off?")
+        portions, seen = dict[str, list[Portion]](), set[str]()
+        for place, fields in self._records("WEIGHT.txt", 7):
+            self._require_food(place, fields[0])
             seen.add(place.new_key("portion", f"{fields[0]} {fields[1]}", seen))
             amount = place.number("the amount", fields[2])
             mass_g = place.number("the weight", fields[4])
@@ -133,6 +134,10 @@ class Sr28Release:
             measure = place.text("the measure", fields[3], MAX_MEASURE)
             portions.setdefault(fields[0], []).append(Portion(fields[1], amount, measure, mass_g))
         return portions
+
+    def _require_food(self, place: Place, ndb_number: str) -> None:
+        if ndb_number not in self.foods:
+            raise place.error(f"food {ndb_number} is none of FOOD_DES.txt; is one of them cut off?")
 
     def _records(self, name: str, fields_per_line: int) -> Iterator[tuple[Place, list[str]]]:
         number = 0
@@ -152,13 +157,12 @@ class Sr28Release:
 def read_sr28(path: Path) -> ImportedTable:
     """The whole release, checked. Raises ImportFileError, with file and line, at the first thing that is wrong."""
     release, skipped = Sr28Release(path), Skipped()
-    groups, sources = release.groups(), release.foods()
-    contents, portions = release.contents(sources), release.portions(skipped)
+    contents, portions = release.contents(release.foods), release.portions(skipped)
     foods = [
-        _food(source, groups[source.group_code], contents[number], portions.get(number, []))
-        for number, source in sources.items()
+        _food(source, release.groups[source.group_code], contents[number], portions.get(number, []))
+        for number, source in release.foods.items()
     ]
-    components = {found.component.number: found.component for found in release.components().values()}
+    components = {found.component.number: found.component for found in release.components.values()}
     whole = with_group_medians(foods, "USDA SR28 and the starter table", starter_foods_by_ndb())
     table = FoodTable("sr28", "28", RELEASED_ON, release.checksum(), whole)
     return ImportedTable(FORMAT, table, sorted_components(components), skipped)

@@ -1,7 +1,6 @@
 """Foods into the search index: the words they are found by, how well, and the trigrams that mistyped words meet by."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 from sqlalchemy.orm import Session
 
@@ -25,7 +24,7 @@ def index_foods(session: Session, rows: Sequence[Food]) -> None:
     food_index.add_postings(session, ranks)
 
 
-def other_names(aliases: Sequence[str], source_ids: Mapping[str, Any]) -> Iterator[str]:
+def other_names(aliases: Sequence[str], source_ids: Mapping[str, object]) -> Iterator[str]:
     """The labels that a food goes by beside its name: what a source calls it stands among the source's ids."""
     yield from aliases
     for system, name in source_ids.items():

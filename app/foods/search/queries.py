@@ -1,7 +1,7 @@
 """SQL of the food search: how often words stand, words like a mistyped one, the foods that have all words, by rank."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import sqlalchemy as sa
@@ -12,27 +12,6 @@ from app.foods.search.models import FoodCode, FoodPosting, FoodWordTrigram
 
 COUNTED = 2000  # postings: what has more is as good as all
 _LAST = "\U0010ffff"  # behind every letter
-
-
-_ROWS: sa.Select[Any] = sa.select(
-    Food.id, Food.release_id, Food.key, Food.name, Food.aliases, Food.food_group, Food.form, Food.state,
-    Food.is_mixed_dish, Food.source_ids, Food.superseded_by_id,
-)  # fmt: skip
-
-
-# Statements are made once: to put one together takes longer than to run it.
-_ROWS_BY_ID = _ROWS.where(Food.id.in_(sa.bindparam("ids", expanding=True)))
-_PLACES = sa.select(Food.key, Food.release_id, Food.superseded_by_id).where(
-    Food.key.in_(sa.bindparam("keys", expanding=True))
-)
-_WITH_CODE = sa.select(FoodCode.food_id).where(FoodCode.code == sa.bindparam("code"), FoodCode.system != "label")
-_SIMILAR = (
-    sa.select(FoodWordTrigram.word)
-    .where(FoodWordTrigram.trigram.in_(sa.bindparam("trigrams", expanding=True)))
-    .group_by(FoodWordTrigram.word)
-    .order_by(sa.func.count().desc(), sa.func.length(FoodWordTrigram.word), FoodWordTrigram.word)
-    .limit(sa.bindparam("limit"))
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +29,22 @@ class FoundRow:
     is_mixed_dish: bool
     source_ids: dict[str, str]
     superseded_by_id: int | None
+
+
+_ROWS: sa.Select[Any] = sa.select(*(getattr(Food, column.name) for column in fields(FoundRow)))
+# Statements are made once: to put one together takes longer than to run it.
+_ROWS_BY_ID = _ROWS.where(Food.id.in_(sa.bindparam("ids", expanding=True)))
+_PLACES = sa.select(Food.key, Food.release_id, Food.superseded_by_id).where(
+    Food.key.in_(sa.bindparam("keys", expanding=True))
+)
+_WITH_CODE = sa.select(FoodCode.food_id).where(FoodCode.code == sa.bindparam("code"), FoodCode.system != "label")
+_SIMILAR = (
+    sa.select(FoodWordTrigram.word)
+    .where(FoodWordTrigram.trigram.in_(sa.bindparam("trigrams", expanding=True)))
+    .group_by(FoodWordTrigram.word)
+    .order_by(sa.func.count().desc(), sa.func.length(FoodWordTrigram.word), FoodWordTrigram.word)
+    .limit(sa.bindparam("limit"))
+)
 
 
 @dataclass(frozen=True, slots=True)

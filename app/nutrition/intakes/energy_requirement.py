@@ -8,9 +8,11 @@ equation describes the mean of people alike, not the single person.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal, get_args
 
 from app.nutrition.intakes.life_stage import SEXES, Sex, check_age, completed_months, life_stage
+from app.nutrition.packaged_rows import packaged_rows
 
 Activity = Literal["sedentary", "low_active", "active", "very_active"]
 Trimester = Literal[1, 2, 3]
@@ -98,54 +100,18 @@ class _Equation:
     per_year: float
     per_kg: float
     per_m: float
-    activity_factors: tuple[float, float, float, float]
+    activity_factors: Mapping[str, float]
 
     def kcal(self, age_years: float, weight_kg: float, height_m: float, activity: Activity) -> float:
-        factor = self.activity_factors[ACTIVITIES.index(activity)]
+        factor = self.activity_factors[activity]
         return self.constant - self.per_year * age_years + factor * (self.per_kg * weight_kg + self.per_m * height_m)
 
 
-# IOM 2002/2005, chapter 5: children of 3 to 18 years and adults, both of normal weight; overweight and obese adults.
-_CHILDREN: Mapping[Sex, _Equation] = {
-    "male": _Equation(88.5, 61.9, 26.7, 903.0, (1.00, 1.13, 1.26, 1.42)),
-    "female": _Equation(135.3, 30.8, 10.0, 934.0, (1.00, 1.16, 1.31, 1.56)),
-}
-_ADULTS: Mapping[Sex, _Equation] = {
-    "male": _Equation(662.0, 9.53, 15.91, 539.6, (1.00, 1.11, 1.25, 1.48)),
-    "female": _Equation(354.0, 6.91, 9.36, 726.0, (1.00, 1.12, 1.27, 1.45)),
-}
-_OVERWEIGHT_ADULTS: Mapping[Sex, _Equation] = {
-    "male": _Equation(1086.0, 10.1, 13.7, 416.0, (1.00, 1.12, 1.29, 1.59)),
-    "female": _Equation(448.0, 7.95, 11.4, 619.0, (1.00, 1.16, 1.27, 1.44)),
-}
 _GROWTH_KCAL = ((9.0, 25.0), (3.0, 20.0))  # from this age in years, what is laid down a day (IOM 2002/2005)
 _INFANT_GROWTH_KCAL = ((13, 20.0), (7, 22.0), (4, 56.0), (0, 175.0))  # the same, from this completed month
 _TRIMESTER_KCAL: Mapping[Trimester, float] = {1: 0.0, 2: 340.0, 3: 452.0}  # 8 a week of pregnancy, and 180 laid down
-_LACTATION_KCAL = (
-    (6, 400.0),
-    (0, 500.0 - 170.0),
-)  # milk, less what the mother's weight gives
+_LACTATION_KCAL = ((6, 400.0), (0, 500.0 - 170.0))  # milk, less what the mother's weight gives
 _LAST_LACTATION_MONTH = 12  # the equations end there
-
-# Schofield 1985: from this age in years, kcal = per_kg * weight + constant, and its standard error.
-_BMR: Mapping[Sex, tuple[tuple[float, float, float, float], ...]] = {
-    "male": (
-        (60.0, 11.711, 587.7, 164.0),
-        (30.0, 11.472, 873.1, 167.0),
-        (18.0, 15.057, 692.2, 153.0),
-        (10.0, 17.686, 658.2, 105.0),
-        (3.0, 22.706, 504.3, 67.0),
-        (0.0, 59.512, -30.4, 70.0),
-    ),
-    "female": (
-        (60.0, 9.082, 658.5, 108.0),
-        (30.0, 8.126, 845.6, 111.0),
-        (18.0, 14.818, 486.6, 119.0),
-        (10.0, 13.384, 692.6, 111.0),
-        (3.0, 20.315, 485.9, 70.0),
-        (0.0, 58.317, -31.1, 59.0),
-    ),
-}
 
 
 def estimated_energy_requirement(person: Person) -> Energy | LeftOut:
@@ -168,18 +134,18 @@ def estimated_energy_requirement(person: Person) -> Energy | LeftOut:
         return LeftOut("outside", ("lactation_months",), "The addition for lactation is known for its first year only.")
     if person.age_years < 19.0:
         growth_kcal = next(kcal for first_year, kcal in _GROWTH_KCAL if person.age_years >= first_year)
-        kcal = _CHILDREN[sex].kcal(person.age_years, weight_kg, height_m, activity) + growth_kcal
+        kcal = _equations()["child", sex].kcal(person.age_years, weight_kg, height_m, activity) + growth_kcal
         return _with_motherhood(person, kcal, "eer_child")
     bmi = weight_kg / height_m**2
     if bmi < NORMAL_BMI[0]:
         return LeftOut("outside", ("weight_kg", "height_m"), f"No equation for a body mass index of {bmi:.1f} kg/m2.")
     if bmi < NORMAL_BMI[1]:
-        kcal = _ADULTS[sex].kcal(person.age_years, weight_kg, height_m, activity)
+        kcal = _equations()["adult", sex].kcal(person.age_years, weight_kg, height_m, activity)
         return _with_motherhood(person, kcal, "eer_adult")
     if person.is_pregnant or person.is_lactating:
         message = f"Pregnancy and lactation are not covered from a body mass index of {NORMAL_BMI[1]:.0f} kg/m2."
         return LeftOut("outside", ("weight_kg", "height_m"), message)
-    kcal = _OVERWEIGHT_ADULTS[sex].kcal(person.age_years, weight_kg, height_m, activity)
+    kcal = _equations()["overweight_adult", sex].kcal(person.age_years, weight_kg, height_m, activity)
     return Energy(kcal, "tee_overweight_adult", OVERWEIGHT_SOURCE)
 
 
@@ -190,8 +156,28 @@ def basal_metabolic_rate(person: Person) -> Energy | LeftOut:
         return LeftOut("outside", (state,), "The equations are not for pregnancy and lactation.")
     if person.sex is None or person.weight_kg is None:
         return _left_out_missing(_missing(person, "sex", "weight_kg"))
-    _, per_kg, constant, sd_kcal = next(row for row in _BMR[person.sex] if person.age_years >= row[0])
+    rows = packaged_rows("reference", "basal_metabolic_rate.csv")  # the oldest first
+    of_age = next(row for row in rows if row["sex"] == person.sex and person.age_years >= float(row["from_years"]))
+    per_kg, constant, sd_kcal = (float(of_age[name]) for name in ("per_kg", "constant", "sd_kcal"))
     return Energy(per_kg * person.weight_kg + constant, "schofield_weight", BMR_SOURCE, sd_kcal)
+
+
+@cache
+def _equations() -> Mapping[tuple[str, str], _Equation]:
+    """(population, sex) -> equation: IOM 2002/2005, chapter 5.
+
+    child: 3 to 18 years, adult: both of normal weight; overweight_adult: obese ones too.
+    """
+    return {
+        (row["population"], row["sex"]): _Equation(
+            constant=float(row["constant"]),
+            per_year=float(row["per_year"]),
+            per_kg=float(row["per_kg"]),
+            per_m=float(row["per_m"]),
+            activity_factors={activity: float(row[activity]) for activity in ACTIVITIES},
+        )
+        for row in packaged_rows("reference", "energy_equations.csv")
+    }
 
 
 def _infant_requirement(person: Person) -> Energy | LeftOut:

@@ -91,24 +91,20 @@ def _by_stage() -> dict[LifeStage, tuple[ReferenceIntake, ...]]:
 
 
 def _intake(nutrient: dict[str, str], row: dict[str, str]) -> ReferenceIntake:
-    ul = _figure(row["ul"])
+    ear, rda, ai, ul, cdrr = (float(row[kind]) if row[kind] else None for kind in ("ear", "rda", "ai", "ul", "cdrr"))
     return ReferenceIntake(
         number=nutrient["number"],
         tagname=nutrient["tagname"],
         name=nutrient["name"],
         unit=Unit(nutrient["unit"]),
         per=next(per for per in PERS if per == row["per"]),
-        ear=_figure(row["ear"]),
-        rda=_figure(row["rda"]),
-        ai=_figure(row["ai"]),
+        ear=ear,
+        rda=rda,
+        ai=ai,
         ul=ul,
         ul_scope=None if ul is None else next(scope for scope in UL_SCOPES if scope == nutrient["ul_scope"]),
         ul_number=None if ul is None else nutrient["ul_number"] or None,
-        cdrr=_figure(row["cdrr"]),
+        cdrr=cdrr,
         compared_with=nutrient["compared_with"],
         source=nutrient["source"],
     )
-
-
-def _figure(text: str) -> float | None:
-    return float(text) if text else None

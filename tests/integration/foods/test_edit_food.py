@@ -85,12 +85,13 @@ def test_the_database_itself_holds_a_version_once(database):
 
 
 def test_the_release_of_corrections_is_made_on_first_use_and_stands_first(database):
-    assert "local" not in {release.source for release in list_releases(database)}
+    assert "local" not in {listed.release.source for listed in list_releases(database)}
     correct(database, "apple", name="ours")
     correct(database, "pear", name="ours")
     first, *others = list_releases(database)
-    assert (first.name, first.version, first.is_in_force, first.is_complete) == ("local", "1", True, True)
-    assert "local" not in {release.source for release in others}
+    assert (first.release.name, first.release.version, first.is_in_force) == ("local", "1", True)
+    assert first.release.completed_at is not None
+    assert "local" not in {listed.release.source for listed in others}
 
 
 def test_search_finds_the_correction_and_not_what_it_corrects(database):

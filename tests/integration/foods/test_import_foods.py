@@ -162,9 +162,12 @@ def test_new_release_of_a_table_takes_the_place_of_the_old_one_and_back(database
     use_release(database, "bls", None, "me")
     with pytest.raises(NotFoundError):
         read_food(database, "bls:7")
-    states = {(one.name, one.version): (one.is_complete, one.is_in_force) for one in list_releases(database)}
+    states = {
+        (one.release.name, one.release.version): (one.release.completed_at is not None, one.is_in_force)
+        for one in list_releases(database)
+    }
     assert states["bls", "1"] == states["bls", "2"] == (True, False)
-    assert ("tada-starter", True) in {(one.name, one.is_in_force) for one in list_releases(database)}
+    assert ("tada-starter", True) in {(one.release.name, one.is_in_force) for one in list_releases(database)}
 
 
 def test_release_that_is_not_whole_cannot_be_put_in_force(database):

@@ -79,9 +79,9 @@ def test_every_group_of_sr28_is_either_placed_or_known_as_mixed(shared_data):
     if not archive.exists():
         pytest.skip("the SR28 release is not at hand")
     release = Sr28Release(archive)
-    groups = release.groups()
+    groups = release.groups
     found = {}
-    for food in release.foods().values():
+    for food in release.foods.values():
         found.setdefault(groups[food.group_code], set()).add(classify(groups[food.group_code], food.name))
     assert {name for name, placed in found.items() if placed == {None}} == {
         "American Indian/Alaska Native Foods", "Baby Foods", "Fast Foods", "Meals, Entrees, and Side Dishes",
