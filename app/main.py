@@ -29,7 +29,6 @@ from app.exports.lists import meals_api as meal_lists
 from app.exports.lists import photographs_api as study_photographs
 from app.exports.lists import records_api as records
 from app.foods import api as foods
-from app.foods import groups_api as food_groups
 from app.foods import reference_intakes_api as reference_intakes
 from app.foods import study_densities_api as study_densities
 from app.foods.edits import api as food_edits
@@ -201,7 +200,6 @@ def create_app(settings: Settings) -> FastAPI:
         overview,
         foods,
         food_edits,
-        food_groups,
         reference_intakes,
         me,
         enrolments,

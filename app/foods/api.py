@@ -1,4 +1,4 @@
-"""/v1/foods: the food tables in force."""
+"""/v1/foods and /v1/food-groups: the food tables in force."""
 
 from dataclasses import asdict, fields
 from typing import Annotated
@@ -8,8 +8,8 @@ from fastapi import APIRouter, Path, Query, Response
 from app.foods.foods import FoodView, read_food
 from app.foods.models import Component
 from app.foods.recipes import RecipeView
-from app.foods.schemas import FoodList, FoodMatch, FoodOut
-from app.foods.search.search_foods import search_foods
+from app.foods.schemas import FoodGroupList, FoodList, FoodOut
+from app.foods.search.search_foods import food_groups, search_foods
 from app.http.flat_list import ListRoute
 from app.http.paging import Limit
 from app.http.problems import problem_responses
@@ -19,12 +19,12 @@ from app.nutrition.foods import FOOD_STATES
 from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentCaller, State
 
-router = APIRouter(prefix="/v1/foods", tags=["foods"], route_class=ListRoute)
+router = APIRouter(prefix="/v1", tags=["foods"], route_class=ListRoute)
 
 FoodKey = Annotated[str, Path(max_length=100, description="The food's key, or its number in a published table.")]
 
 
-@router.get("", responses=problem_responses(401, 422))
+@router.get("/foods", responses=problem_responses(401, 422))
 def get_foods(
     state: State,
     _: CurrentCaller,
@@ -39,10 +39,10 @@ def get_foods(
 ) -> FoodList:
     """Foods, best match first; without `q`, in the tables' order. An unknown group has no foods."""
     found = search_foods(state.database, q, group=group, limit=limit)
-    return FoodList(items=[FoodMatch.model_validate(food, from_attributes=True) for food in found])
+    return FoodList.model_validate({"items": found}, from_attributes=True)
 
 
-@router.get("/{key}", responses=problem_responses(401, 404, 422))
+@router.get("/foods/{key}", responses=problem_responses(401, 404, 422))
 def get_food(state: State, caller: CurrentCaller, key: FoodKey, response: Response) -> FoodOut:
     """One food: nutrients per 100 g edible portion, refuse by part, the density chosen and what it was chosen over.
 
@@ -52,6 +52,12 @@ def get_food(state: State, caller: CurrentCaller, key: FoodKey, response: Respon
     view = read_food(state.database, key, study_id)
     response.headers["ETag"] = etag_of(view)
     return render_food(view)
+
+
+@router.get("/food-groups", responses=problem_responses(401))
+def get_food_groups(state: State, _: CurrentCaller) -> FoodGroupList:
+    """The groups of the foods in force, by name."""
+    return FoodGroupList.model_validate({"items": food_groups(state.database)}, from_attributes=True)
 
 
 def etag_of(view: FoodView) -> str:

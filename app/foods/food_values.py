@@ -94,13 +94,13 @@ def bare_value(row: Food) -> FoodValue:
         name=row.name,
         aliases=tuple(row.aliases),
         food_group=row.food_group,
-        form=row.form,  # type: ignore[arg-type]  # FoodValue checks it, as it does the next two
-        slice_form=row.slice_form,  # type: ignore[arg-type]
+        form=row.form,
+        slice_form=row.slice_form,
         refuse=tuple(RefusePart(**part) for part in row.refuse),
         densities=(),
         per_100_g={},
         source_ids=row.source_ids,
-        state=row.state,  # type: ignore[arg-type]
+        state=row.state,
         is_mixed_dish=row.is_mixed_dish,
         probes=tuple(row.probes),
     )
@@ -122,7 +122,7 @@ def density_value(row: FoodDensity | StudyDensity) -> Density:
     """A density's row as a value."""
     basis = row.basis if isinstance(row, FoodDensity) else "study"
     columns = {name: getattr(row, name) for name in ("g_per_ml", "sd_g_per_ml", "state", "kind", "source", "weighs")}
-    return Density(**columns, basis=basis)  # type: ignore[arg-type]  # Density checks it
+    return Density(**columns, basis=basis)
 
 
 def choose_density(

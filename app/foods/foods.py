@@ -1,7 +1,7 @@
 """The food tables in force, for readers: one food with all that is known of it and the density chosen."""
 
 import uuid
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
@@ -11,7 +11,7 @@ from app.db.session import Database
 from app.foods import queries as foods
 from app.foods.food_values import choose_density, food_value, own_densities
 from app.foods.models import Food, FoodRelease
-from app.foods.queries import NutrientRow
+from app.foods.queries import NutrientRow, foods_by_key
 from app.foods.recipes import RecipeView, read_recipe
 from app.nutrition.density import DensityChoice
 from app.nutrition.foods import Density
@@ -70,3 +70,11 @@ def view_of(session: Session, food: Food, study_id: uuid.UUID | None) -> FoodVie
         nutrients=foods.nutrients_of(session, food.id),
         recipe=read_recipe(session, food),
     )
+
+
+def food_names(database: Database, keys: Collection[str]) -> dict[str, str]:
+    """Key -> name, of the keys that there are."""
+    if not keys:
+        return {}
+    with database.read() as session:
+        return {key: food.name for key, food in foods_by_key(session, keys).items()}

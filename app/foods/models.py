@@ -6,17 +6,22 @@ imported ones; which release of a table is in force is a row of its own (FoodAct
 
 import uuid
 from datetime import date, datetime
-from typing import Any, Literal, get_args
+from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, one_of
-
-DensityKind = Literal["solid", "bulk"]
-DENSITY_KINDS: tuple[DensityKind, ...] = get_args(DensityKind)
-WeighedPart = Literal["as_seen", "edible"]
-WEIGHED_PARTS: tuple[WeighedPart, ...] = get_args(WeighedPart)
+from app.nutrition.foods import (
+    DENSITY_KINDS,
+    WEIGHED_PARTS,
+    DensityBasis,
+    DensityKind,
+    FoodForm,
+    FoodState,
+    SliceForm,
+    WeighedPart,
+)
 
 
 class FoodRelease(Base):
@@ -74,9 +79,9 @@ class Food(Base):
     name: Mapped[str] = mapped_column(sa.String(300))
     aliases: Mapped[list[str]]
     food_group: Mapped[str] = mapped_column(sa.String(100))
-    form: Mapped[str] = mapped_column(sa.String(16))
-    slice_form: Mapped[str | None] = mapped_column(sa.String(16))
-    state: Mapped[str | None] = mapped_column(sa.String(16))
+    form: Mapped[FoodForm] = mapped_column(sa.String(16))
+    slice_form: Mapped[SliceForm | None] = mapped_column(sa.String(16))
+    state: Mapped[FoodState | None] = mapped_column(sa.String(16))
     is_mixed_dish: Mapped[bool] = mapped_column(default=False)
     refuse: Mapped[list[Any]]
     probes: Mapped[list[str]]
@@ -125,7 +130,7 @@ class FoodDensity(Base):
     sd_g_per_ml: Mapped[float]
     state: Mapped[str] = mapped_column(sa.String(32))
     kind: Mapped[DensityKind] = mapped_column(sa.String(8))
-    basis: Mapped[str] = mapped_column(sa.String(32))
+    basis: Mapped[DensityBasis] = mapped_column(sa.String(32))
     source: Mapped[str] = mapped_column(sa.String(300))
     weighs: Mapped[WeighedPart] = mapped_column(sa.String(8))
 

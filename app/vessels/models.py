@@ -7,8 +7,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, one_of
-
-VESSEL_KINDS = ("mug", "cup", "glass", "tall_glass", "bowl", "soup_bowl", "deep_plate", "other")  # vision's
+from app.vision.vessel_library import VESSEL_KINDS, VesselKind
 
 
 class StudyVessel(Base):
@@ -40,7 +39,7 @@ class StudyVesselVersion(Base):
 
     vessel_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study_vessel.id"), primary_key=True)
     version: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
-    kind: Mapped[str] = mapped_column(sa.String(16))
+    kind: Mapped[VesselKind] = mapped_column(sa.String(16))
     rim_diameter_mm: Mapped[float]
     height_mm: Mapped[float]
     capacity_ml: Mapped[float | None]

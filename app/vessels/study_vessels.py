@@ -7,7 +7,6 @@ import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import cast
 
 from sqlalchemy.orm import Session
 
@@ -23,7 +22,7 @@ from app.vessels import queries as vessels
 from app.vessels.models import StudyVessel, StudyVesselVersion
 from app.vessels.vessel_measures import FillLine, MeasuredVessel, known_capacity_ml, measured_vessel, name_key
 from app.vision.vessel_frustum import profile_capacity_ml
-from app.vision.vessel_library import MAX_VESSELS, VesselKind, VesselModel, vessel_to_json
+from app.vision.vessel_library import MAX_VESSELS, VesselModel, vessel_to_json
 
 FILL_LINE = ("fill_line_mm", "fill_line_ml")
 MEASURES = ("kind", "rim_diameter_mm", "height_mm", "capacity_ml", *FILL_LINE, "inside_profile_mm")
@@ -42,7 +41,7 @@ class VesselView:
         row = self.version
         model = VesselModel(
             name=self.vessel.name,
-            kind=cast("VesselKind", row.kind),
+            kind=row.kind,
             rim_diameter_mm=row.rim_diameter_mm,
             height_mm=row.height_mm,
             capacity_ml=row.capacity_ml,

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 from app.db.session import Database
 from app.foods import queries as foods
-from app.foods.edits import use_queries as food_uses
-from app.foods.edits.use_queries import FoodVersion, StudyRecords
+from app.foods.edits import queries as food_uses
+from app.foods.edits.queries import FoodVersion, StudyRecords
 from app.foods.foods import require_food
 from app.foods.models import StudyDensity
 from app.people.access.caller import StaffCaller, known_studies

@@ -1,4 +1,4 @@
-"""SQL of corrections: the versions of a food in the local release, what a dish is made of, a study's own densities."""
+"""SQL of corrections and uses: the versions of a food, what a dish is made of, a study's own densities and records."""
 
 import uuid
 from collections.abc import Collection
@@ -10,6 +10,9 @@ from sqlalchemy.orm import Session, aliased
 
 from app.foods.models import Food, FoodChange, FoodIngredient, FoodRelease, StudyDensity
 from app.foods.queries import LOCAL
+from app.meals.record_models import EffectiveRecord
+from app.people.models import Study
+from app.records.conditions import holds
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,3 +97,53 @@ def withdraw(
         .returning(StudyDensity.id)
     )
     return session.execute(query).scalar_one_or_none() is not None
+
+
+@dataclass(frozen=True, slots=True)
+class FoodVersion:
+    """A version of a food and the release that it is of."""
+
+    food: Food
+    release: FoodRelease
+
+
+@dataclass(frozen=True, slots=True)
+class StudyRecords:
+    """How many records of a study that hold were taken for a food."""
+
+    study_id: uuid.UUID
+    code: str
+    name: str
+    records: int
+
+
+def versions_of(session: Session, key: str) -> list[FoodVersion]:
+    """All versions of a food in whole releases, in force or not, the newest release and version first."""
+    query = (
+        sa.select(Food, FoodRelease)
+        .join(FoodRelease, FoodRelease.id == Food.release_id)
+        .where(Food.key == key, FoodRelease.completed_at.is_not(None))
+        .order_by(FoodRelease.id.desc(), Food.version.desc())
+    )
+    return [FoodVersion(*row) for row in session.execute(query)]
+
+
+def records_by_study(
+    session: Session, food_ids: Collection[int], study_ids: Collection[uuid.UUID] | None, *, most: int, studies: int
+) -> list[StudyRecords]:
+    """The first of these studies (None: of all), by code, with their records of these foods that hold, `most` at most.
+
+    Read in the index of a food's records, study by study, and never further than `most`.
+    """
+    counted = (
+        sa.select(sa.literal(1).label("one"))
+        .where(EffectiveRecord.food_id.in_(food_ids), EffectiveRecord.study_id == Study.id, holds(EffectiveRecord))
+        .limit(most)
+        .correlate(Study)
+        .subquery()
+    )
+    records = sa.select(sa.func.count()).select_from(counted).scalar_subquery()
+    query = sa.select(Study.id, Study.code, Study.name, records).order_by(Study.code).limit(studies)
+    if study_ids is not None:
+        query = query.where(Study.id.in_(study_ids))
+    return [StudyRecords(*row) for row in session.execute(query)]

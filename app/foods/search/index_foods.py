@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from sqlalchemy.orm import Session
 
 from app.foods.models import Food
-from app.foods.search import index_queries as food_index
+from app.foods.search import queries as food_index
 from app.nutrition.search import posting_ranks
 from app.nutrition.words import trigrams
 

@@ -15,7 +15,6 @@ from app.foods.models import FoodRelease
 from app.foods.queries import DENSITIES_ONLY, LOCAL, SAME_FOOD_SYSTEMS, releases_in_force
 from app.foods.search import queries as index
 from app.foods.search.index_foods import other_names
-from app.foods.search.index_queries import known_words
 from app.nutrition.search import (
     MAX_QUERY_WORDS,
     STARRED_LETTERS,
@@ -145,7 +144,7 @@ def _readings(session: Session, typed: list[str], counts: dict[str, int], mistyp
         for cut in range(3, len(word) - 2)
     ]
     made = {word for words in (*joins, *splits) for word in words if word not in counts}
-    known = known_words(session, made) if made else set()
+    known = index.known_words(session, made) if made else set()
     typos = {word: _words_like(session, word) for word in mistyped}
     readings = [typed, *(words for words in (*joins, *splits) if known.issuperset(set(words) - counts.keys()))]
     return [
