@@ -20,7 +20,7 @@ from app.people.models import Study
 from app.people.studies import known_study
 from app.vessels import queries as vessels
 from app.vessels.models import StudyVessel, StudyVesselVersion
-from app.vessels.vessel_measures import FillLine, MeasuredVessel, known_capacity_ml, measured_vessel, name_key
+from app.vessels.vessel_measures import MeasuredVessel, known_capacity_ml, measured_vessel, name_key
 from app.vision.vessel_frustum import profile_capacity_ml
 from app.vision.vessel_library import MAX_VESSELS, VesselModel, vessel_to_json
 
@@ -47,10 +47,7 @@ class VesselView:
             capacity_ml=row.capacity_ml,
             inside_profile_mm=tuple((radius, height) for radius, height in row.inside_profile_mm),
         )
-        fill_line = None
-        if row.fill_line_mm is not None and row.fill_line_ml is not None:
-            fill_line = FillLine(row.fill_line_mm, row.fill_line_ml)
-        return replace(model, capacity_ml=known_capacity_ml(model, fill_line))
+        return replace(model, capacity_ml=known_capacity_ml(model, row.fill_line_mm, row.fill_line_ml))
 
     @property
     def held_ml(self) -> float | None:

@@ -16,30 +16,22 @@ MAX_CAPACITY_RATIO = 1.5  # of capacity and profile: a ruler's profile is good t
 
 
 @dataclass(frozen=True, slots=True)
-class FillLine:
-    """A mark on a vessel: height_mm over the table, and what the vessel holds up to it."""
-
-    height_mm: float
-    volume_ml: float
-
-
-@dataclass(frozen=True, slots=True)
 class MeasuredVessel:
-    """A vessel as it was measured. model: with the capacity that follows from the fill line where none was measured."""
+    """A vessel as it was measured. model: with the capacity that follows from the fill line where none was measured.
+
+    fill_line_mm: a mark's height over the table; fill_line_ml: what the vessel holds up to it; both or none.
+    """
 
     model: VesselModel
     capacity_ml: float | None
-    fill_line: FillLine | None
+    fill_line_mm: float | None = None
+    fill_line_ml: float | None = None
 
     def columns(self) -> dict[str, object]:
         """As a version keeps it."""
         return {
-            "kind": self.model.kind,
-            "rim_diameter_mm": self.model.rim_diameter_mm,
-            "height_mm": self.model.height_mm,
-            "capacity_ml": self.capacity_ml,
-            "fill_line_mm": self.fill_line.height_mm if self.fill_line is not None else None,
-            "fill_line_ml": self.fill_line.volume_ml if self.fill_line is not None else None,
+            **{name: getattr(self.model, name) for name in ("kind", "rim_diameter_mm", "height_mm")},
+            **{name: getattr(self, name) for name in ("capacity_ml", "fill_line_mm", "fill_line_ml")},
             "inside_profile_mm": [list(point) for point in self.model.inside_profile_mm],
         }
 
@@ -50,7 +42,7 @@ def measured_vessel(data: object) -> MeasuredVessel:
     Raises InvalidInputError: `vessel_invalid`; `vessel_impossible` where the measures contradict each other.
     """
     if not isinstance(data, Mapping):
-        return MeasuredVessel(vessel_from_mapping(data), None, None)  # refuses it
+        return MeasuredVessel(vessel_from_mapping(data), None)  # refuses it
     fields = {**data, "name": vessel_name(data.get("name"))}
     fill_line = _fill_line(fields)
     if fill_line is None and fields.get("capacity_ml") is None and not fields.get("inside_profile_mm"):
@@ -62,29 +54,30 @@ def measured_vessel(data: object) -> MeasuredVessel:
     if fill_line is None:
         model = vessel_from_mapping(fields)
         _require_possible(model)
-        return MeasuredVessel(model, model.capacity_ml, None)
+        return MeasuredVessel(model, model.capacity_ml)
     measured_ml = fields.get("capacity_ml")
-    capacity_ml = measured_ml if measured_ml is not None else fill_line.volume_ml
+    fill_line_mm, fill_line_ml = fill_line
+    capacity_ml = measured_ml if measured_ml is not None else fill_line_ml
     outline = vessel_from_mapping({**fields, "capacity_ml": capacity_ml})
     outline = replace(outline, capacity_ml=outline.capacity_ml if measured_ml is not None else None)
-    if fill_line.height_mm > outline.height_mm or fill_line.volume_ml > capacity_ml:
+    if fill_line_mm > outline.height_mm or fill_line_ml > capacity_ml:
         raise InvalidInputError(
             "A fill line is below the brim, and holds less than the brim.", code="vessel_impossible"
         )
-    model = replace(outline, capacity_ml=known_capacity_ml(outline, fill_line))
+    model = replace(outline, capacity_ml=known_capacity_ml(outline, *fill_line))
     _require_possible(model)
-    return MeasuredVessel(model, outline.capacity_ml, fill_line)
+    return MeasuredVessel(model, outline.capacity_ml, *fill_line)
 
 
-def known_capacity_ml(model: VesselModel, fill_line: FillLine | None) -> float | None:
+def known_capacity_ml(model: VesselModel, fill_line_mm: float | None, fill_line_ml: float | None) -> float | None:
     """The measured capacity, else what follows from the fill line; None where the profile alone says it."""
-    if model.capacity_ml is not None or fill_line is None or model.inside_profile_mm:
+    if model.capacity_ml is not None or fill_line_mm is None or fill_line_ml is None or model.inside_profile_mm:
         return model.capacity_ml
     return capacity_from_fill_line(
         rim_diameter_mm=model.rim_diameter_mm,
         height_mm=model.height_mm,
-        fill_line_mm=fill_line.height_mm,
-        fill_line_ml=fill_line.volume_ml,
+        fill_line_mm=fill_line_mm,
+        fill_line_ml=fill_line_ml,
     )
 
 
@@ -103,7 +96,7 @@ def name_key(name: str) -> str:
     return " ".join(unicodedata.normalize("NFC", name).casefold().split())
 
 
-def _fill_line(fields: Mapping[str, object]) -> FillLine | None:
+def _fill_line(fields: Mapping[str, object]) -> tuple[float, float] | None:
     height_mm, volume_ml = fields.get("fill_line_mm"), fields.get("fill_line_ml")
     if height_mm is None and volume_ml is None:
         return None
@@ -118,7 +111,7 @@ def _fill_line(fields: Mapping[str, object]) -> FillLine | None:
             "vessel holds up to it: two numbers above 0.",
             code="vessel_invalid",
         )
-    return FillLine(*numbers)
+    return numbers[0], numbers[1]
 
 
 def _require_possible(model: VesselModel) -> None:
