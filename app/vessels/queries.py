@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from app.vessels.models import StudyVessel, StudyVesselVersion
 
-VesselRow = tuple[StudyVessel, StudyVesselVersion]
+VesselRow = sa.Row[StudyVessel, StudyVesselVersion]
 
 
 def page_of_vessels(
@@ -23,14 +23,14 @@ def page_of_vessels(
         query = query.where(StudyVesselVersion.is_retired.is_(not is_in_use))
     if after is not None:
         query = query.where(StudyVessel.name_key > after)
-    return session.execute(query).tuples().all()
+    return session.execute(query).all()
 
 
 def vessels_for_estimate(session: Session, study_id: uuid.UUID, hinted_keys: Iterable[str]) -> Sequence[VesselRow]:
     """A study's vessels in use, and retired ones with a key among hinted_keys, by name."""
     hinted = StudyVessel.name_key.in_(sorted(set(hinted_keys)))
     query = _vessels(study_id).where(sa.or_(StudyVesselVersion.is_retired.is_(False), hinted))
-    return session.execute(query.order_by(StudyVessel.name_key)).tuples().all()
+    return session.execute(query.order_by(StudyVessel.name_key)).all()
 
 
 def vessel_keys(session: Session, study_id: uuid.UUID, keys: Iterable[str]) -> set[str]:
@@ -41,12 +41,12 @@ def vessel_keys(session: Session, study_id: uuid.UUID, keys: Iterable[str]) -> s
 
 def find_vessel(session: Session, study_id: uuid.UUID, vessel_id: uuid.UUID) -> VesselRow | None:
     """A vessel of this study. Who changes it holds the study."""
-    return session.execute(_vessels(study_id).where(StudyVessel.id == vessel_id)).tuples().one_or_none()
+    return session.execute(_vessels(study_id).where(StudyVessel.id == vessel_id)).one_or_none()
 
 
 def find_vessel_by_key(session: Session, study_id: uuid.UUID, name_key: str) -> VesselRow | None:
     """The vessel of this study with this name_key."""
-    return session.execute(_vessels(study_id).where(StudyVessel.name_key == name_key)).tuples().one_or_none()
+    return session.execute(_vessels(study_id).where(StudyVessel.name_key == name_key)).one_or_none()
 
 
 def vessel_version(session: Session, vessel_id: uuid.UUID, version: int) -> StudyVesselVersion | None:
