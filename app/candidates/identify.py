@@ -57,11 +57,11 @@ class IdentifyFoods:
         for (found, _), fields in zip(described, told, strict=True):
             found.update(fields)
 
-    def _identify(self, meal: Meal, described: Sequence[tuple[Mapping[str, Any], ItemVcm]]) -> list[dict[str, Any]]:
+    def _identify(self, meal: Meal, described: Sequence[tuple[Mapping[str, Any], ItemVcm]]) -> list[dict[str, object]]:
         identifier = self._learned.identifier_for(meal, self._index())
         own = self._eaten(meal)
         day_minute = local_minute(meal.captured_at, meal.time_zone)
-        told: list[dict[str, Any]] = []
+        told: list[dict[str, object]] = []
         for found, vcm in described:
             if vcm.version != identifier.vcm_version:
                 told.append({})

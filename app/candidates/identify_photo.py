@@ -99,7 +99,7 @@ def identified_to_json(found: IdentifiedPhoto) -> dict[str, Any]:
     }
 
 
-def candidates_to_json(identification: Identification) -> list[dict[str, Any]]:
+def candidates_to_json(identification: Identification) -> list[dict[str, object]]:
     """Candidates by their names in the starter table, best first."""
     return [
         {

@@ -17,7 +17,7 @@ from app.vision.model import ColourCorrection, Photo
 from app.vision.photo import read_photo
 
 
-def describe_task(request: Mapping[str, Any], _: Callable[[str], None]) -> dict[str, Any]:
+def describe_task(request: Mapping[str, Any], _: Callable[[str], None]) -> dict[str, object]:
     """The regions' vectors (VCM) in the colours that their run saw.
 
     request: photo (path), max_pixels, regions: [{"rings": [[[x, y], ...], ...] px, "colour": what the run kept of the

@@ -153,10 +153,10 @@ def mass_of(weighing: Weighing, volume_ml: float | None, relative_sd: Mapping[st
     return estimate_mass(volume_ml, doubt, weighing.density, edible_share=weighing.edible_share)
 
 
-def amounts_of(item: Mapping[str, Any], food: Food | None, lies_as: str | None = None) -> dict[str, Any]:
+def amounts_of(item: Mapping[str, Any], food: Food | None, lies_as: str | None = None) -> dict[str, object]:
     """What `tada estimate` adds to an item: food, grams, energy; null without a food, amounts also without a volume."""
-    named = {"food": {"key": food.key, "name": food.name} if food is not None else None}
-    unknown = {"mass_g": None, "mass_interval_g": None, "edible_g": None, "energy_kcal": None}
+    named: dict[str, object] = {"food": {"key": food.key, "name": food.name} if food is not None else None}
+    unknown: dict[str, object] = dict.fromkeys(("mass_g", "mass_interval_g", "edible_g", "energy_kcal"))
     if food is None:
         return named | unknown
     form = food_form(lies_as)
