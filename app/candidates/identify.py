@@ -51,7 +51,7 @@ class IdentifyFoods:
             told = self._identify(meal, described)
         except Exception as error:  # whatever it is: the volumes are there, and a person can name the foods
             if isinstance(error, SQLAlchemyError) and is_passing(error):
-                raise  # the database is away for a while, and the candidates of a run are told once only
+                raise  # the database is away for a while, and a run's candidates are written only once
             log.exception("identify_failed", meal_id=str(meal.id))
             return
         for (found, _), fields in zip(described, told, strict=True):

@@ -128,7 +128,7 @@ def _identify(pixels: np.ndarray, boxes: Sequence[Box], none_prior: float) -> li
 
 
 def _all_foods() -> int:
-    """How many there are to list: all, so that what is told adds up to one with "none of these"."""
+    """How many candidates to list: all, so that their probabilities and that of none of them add up to 1."""
     return len(shipped_index().foods)
 
 

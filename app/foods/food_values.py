@@ -32,7 +32,7 @@ def pooled_densities(session: Session, rows: Sequence[Food]) -> dict[int, tuple[
 
     The same food is one that shares a source's code; of a table of densities only, one of the same name (the order of
     its words and plurals aside) and the same state, which both tell: raw and cooked are never interchangeable.
-    What a correction of this key replaces is no other food. Where the starter table has a density of a kind, it stands
+    A correction replaces the food with the same key. Where the starter table has a density of a kind, it stands
     for what the tables that it is made from say of that kind: a food weighs the same by whichever key.
     """
     by_code = foods.same_foods(session, [row.id for row in rows])

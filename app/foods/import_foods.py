@@ -1,8 +1,8 @@
 """A published food table into the database: written inactive in short batches, in force by one row at the end.
 
 Uploads and workers go on meanwhile: a batch holds the database for a tenth of a second, and lets others in before the
-next. An import that was broken off is taken up where it stopped when the same files are imported again; what was never
-in force is seen by nobody. The same files again change nothing.
+next. An interrupted import continues where it stopped when the same files are imported again; a release that was never
+in force is not visible. Importing the same files again changes nothing.
 """
 
 import time
@@ -30,8 +30,10 @@ from app.nutrition.foods import load_starter_table, starter_checksum
 from app.nutrition.search import label_key
 
 BATCH_FOODS = 50
-PAUSE_SHARE = 0.5  # SQLite, one writer at a time: of a batch's own time, so that who waits gets a third of all
-ABANDONED_AFTER = timedelta(seconds=60)  # no batch for so long: whoever wrote it is dead, and another may go on
+PAUSE_SHARE = 0.5  # SQLite, one writer at a time: share of a batch's own time, so that other writers get a third of all
+ABANDONED_AFTER = timedelta(
+    seconds=60
+)  # without a batch for so long the importer counts as dead, and another may continue
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +157,7 @@ def _running() -> ConflictError:
 
 
 def _claim(session: Session, release_id: int, importer_id: uuid.UUID) -> None:
-    """Tell that the import is alive; whoever was thought dead and replaced writes no more."""
+    """Record that the import is alive; an importer that another one has replaced writes nothing more."""
     claimed = session.execute(
         sa.update(FoodRelease)
         .where(FoodRelease.id == release_id, FoodRelease.importer_id == importer_id)

@@ -50,7 +50,7 @@ class PinnedIngredient:
 
 @dataclass(frozen=True, slots=True)
 class PinnedRecipe:
-    """A recipe whose figures never change: what its ingredients are is fixed."""
+    """A recipe whose figures never change: each ingredient is one version of a food."""
 
     recipe_yield: float
     ingredients: tuple[PinnedIngredient, ...]

@@ -48,7 +48,7 @@ DENSITY_COLUMNS = ("g_per_ml", "sd_g_per_ml", "state", "kind", "weighs", "source
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """A density that a study measured. density.source: how. specimens: what it follows from, if they are told."""
+    """A density that a study measured. density.source: how. specimens: what it follows from, if given."""
 
     food: str
     density: Density

@@ -144,7 +144,7 @@ def label_key(label: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Label:
-    """A label taken apart: of each word its forms, the how manieth part between commas it stands in, its cost unasked.
+    """A label taken apart: each word's forms, the number of its part between commas, its cost if nobody asked for it.
 
     places: form -> the first word that has it. text: the words, each with a blank before it. head: the segment that
     says what the food is, head_places its words. cost: of all the words.

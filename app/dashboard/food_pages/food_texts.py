@@ -1,7 +1,7 @@
 """A food as a form shows it, field by field as text; and what was typed back into the fields as the API's body.
 
-Only what differs from the version that the form was made of is in the body, as a person meant it who changed that and
-nothing else: what others have corrected meanwhile is no change of theirs.
+Only what differs from the version that the form was made of is in the body, so that a form does not undo what others
+have corrected meanwhile.
 """
 
 import re

@@ -88,7 +88,7 @@ class _Draft:
 
 
 def author_of(caller: StaffCaller) -> str:
-    """How a member of staff stands in the history."""
+    """Return a member of staff as the history names them."""
     return f"staff: {caller.name}"[:200]
 
 
@@ -162,7 +162,7 @@ def add_density(
 def restore_food(
     database: Database, key: str, version: int, editor: Editor, *, expected: Collection[int] | None = None
 ) -> FoodView:
-    """A new version of a food that is as an earlier one was, what it was before any correction included.
+    """A new version of a food that equals an earlier one, including the version before any correction.
 
     Raises NotFoundError `food_version_not_found`, and what edit_food raises.
     """
@@ -328,7 +328,7 @@ def _local_in_force(session: Session) -> FoodRelease:
 
 
 def _require_local_release(database: Database, author: str) -> None:
-    """Make the release of corrections on first use, and put it in force. Of two that do so at once, one does."""
+    """Make the release of corrections on first use, and put it in force; safe when two callers do so at once."""
     with database.read() as session:
         if food_changes.local_release(session) is not None:
             return

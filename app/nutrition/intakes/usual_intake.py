@@ -73,7 +73,7 @@ class UsualIntakes:
 
 @dataclass(frozen=True, slots=True)
 class NotJudged:
-    """Why a group's share cannot be told, with what is known of it."""
+    """Why a group's share cannot be estimated, with the numbers of its persons and days."""
 
     reason: Reason
     persons: int
