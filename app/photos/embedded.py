@@ -8,7 +8,7 @@ samples have no common form and stay.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from app.photos.byte_file import Edits, Extent
 from app.photos.gps import without_gps
@@ -25,6 +25,11 @@ MAX_SAMSUNG_BLOCKS = 64
 MAX_TEXT_BYTES = 1 << 20  # of a Samsung block that is searched for words
 ISO6709 = re.compile(rb"[+-]\d{2,6}(?:\.\d{1,12})?[+-]\d{3,7}(?:\.\d{1,12})?(?:[+-]\d{1,6}(?:\.\d{1,12})?)?/?")
 PLACE_WORDS = (b"latitude", b"Latitude", b"LATITUDE", b"GPSInfo")  # who tells a longitude tells a latitude
+CLEANERS: tuple[tuple[bytes, int, Callable[[bytes], bytes]], ...] = (  # of JPEG segments: mark, header with it
+    (PHOTOSHOP_MARK, len(PHOTOSHOP_MARK), resources_without_places),
+    (XMP_MARK, len(XMP_MARK), without_places),
+    (EXTENDED_XMP_MARK, EXTENDED_XMP_HEADER_BYTES, lambda part: emptied_packet(len(part))),  # alone it is no XML
+)
 PACKET_START, PACKET_END = b"<x:xmpmeta", b"</x:xmpmeta>"
 
 
@@ -35,21 +40,12 @@ def clean_embedded(edits: Edits, start: int, end: int) -> None:
         for at in _marks(edits, mark, start, end):
             block = (at + 6, _segment_end(edits, at, start, end) or min(at + MAX_SEGMENT_BYTES, end))
             edits.write([block], without_gps(edits.read([block])))
-    for at in _marks(edits, PHOTOSHOP_MARK, start, end):
-        segment_end = _segment_end(edits, at, start, end)
-        if segment_end:
-            block = (at + len(PHOTOSHOP_MARK), segment_end)
-            edits.write([block], resources_without_places(edits.read([block])))
-    for at in _marks(edits, XMP_MARK, start, end):
-        segment_end = _segment_end(edits, at, start, end)
-        if segment_end:
-            packet = (at + len(XMP_MARK), segment_end)
-            edits.write([packet], without_places(edits.read([packet])))
-    for at in _marks(edits, EXTENDED_XMP_MARK, start, end):
-        segment_end = _segment_end(edits, at, start, end)
-        if segment_end and at + EXTENDED_XMP_HEADER_BYTES < segment_end:  # a part alone is no XML: never kept
-            packet = (at + EXTENDED_XMP_HEADER_BYTES, segment_end)
-            edits.write([packet], emptied_packet(packet[1] - packet[0]))
+    for mark, header_bytes, clean in CLEANERS:
+        for at in _marks(edits, mark, start, end):
+            segment_end = _segment_end(edits, at, start, end)
+            if segment_end and at + header_bytes < segment_end:
+                block = (at + header_bytes, segment_end)
+                edits.write([block], clean(edits.read([block])))
     _clean_bare_packets(edits, start, end)
     _clean_video_atoms(edits, start, end)
 

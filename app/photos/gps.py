@@ -5,7 +5,6 @@ directory, whose other entries close up; no offset changes, so all other tags st
 read whole is reduced to its orientation. A maker's note is opaque and stays (Apple's holds no location).
 """
 
-import math
 from dataclasses import dataclass
 
 from app.photos.tiff import (
@@ -22,16 +21,15 @@ from app.photos.tiff import (
     read_orientation,
 )
 
-LATITUDE_REF, LATITUDE, LONGITUDE_REF, LONGITUDE, ALTITUDE_REF, ALTITUDE, STATUS = 1, 2, 3, 4, 5, 6, 9
+LATITUDE, LONGITUDE, STATUS = 2, 4, 9  # the hemisphere of each stands in the tag before it
 
 
 @dataclass(frozen=True, slots=True)
 class Location:
-    """Where a photograph was taken: WGS84, degrees, north and east positive; altitude in m, None if not told."""
+    """Where a photograph was taken: WGS84, degrees, north and east positive."""
 
     latitude_deg: float
     longitude_deg: float
-    altitude_m: float | None
 
 
 def read_gps(block: bytes) -> Location | None:
@@ -41,13 +39,13 @@ def read_gps(block: bytes) -> Location | None:
     if order is None or directory is None:
         return None
     entries = {entry.tag: entry for entry in directory.entries}
-    latitude = _degrees(block, entries, LATITUDE, LATITUDE_REF, (b"N", b"S"), order)
-    longitude = _degrees(block, entries, LONGITUDE, LONGITUDE_REF, (b"E", b"W"), order)
+    latitude = _degrees(block, entries, LATITUDE, (b"N", b"S"), order)
+    longitude = _degrees(block, entries, LONGITUDE, (b"E", b"W"), order)
     if latitude is None or longitude is None or _letter(block, entries.get(STATUS)) == b"V":
         return None
     if abs(latitude) > 90 or abs(longitude) > 180 or latitude == longitude == 0:
         return None
-    return Location(latitude, longitude, _altitude(block, entries, order))
+    return Location(latitude, longitude)
 
 
 def without_gps(block: bytes) -> bytes:
@@ -99,30 +97,15 @@ def _drop_gps_pointers(block: bytearray, directory: Directory, order: ByteOrder)
 
 
 def _degrees(
-    block: bytes,
-    entries: dict[int, Entry],
-    tag: int,
-    reference_tag: int,
-    positive_negative: tuple[bytes, bytes],
-    order: ByteOrder,
+    block: bytes, entries: dict[int, Entry], tag: int, positive_negative: tuple[bytes, bytes], order: ByteOrder
 ) -> float | None:
     """Degrees, minutes and seconds with their hemisphere as signed degrees; None where one of them is missing."""
-    entry = entries.get(tag)
-    reference = _letter(block, entries.get(reference_tag))
+    entry, reference = entries.get(tag), _letter(block, entries.get(tag - 1))
     parts = read_numbers(block, entry, order) if entry else []
     if len(parts) != 3 or reference not in positive_negative:
         return None
     degrees = parts[0] + parts[1] / 60 + parts[2] / 3600
     return degrees if reference == positive_negative[0] else -degrees
-
-
-def _altitude(block: bytes, entries: dict[int, Entry], order: ByteOrder) -> float | None:
-    entry, reference = entries.get(ALTITUDE), entries.get(ALTITUDE_REF)
-    metres = read_numbers(block, entry, order) if entry else []
-    if len(metres) != 1 or not math.isfinite(metres[0]):
-        return None
-    is_below_sea = reference is not None and read_numbers(block, reference, order)[:1] in ([1.0], [3.0])
-    return -metres[0] if is_below_sea else metres[0]
 
 
 def _letter(block: bytes, entry: Entry | None) -> bytes:

@@ -3,17 +3,20 @@
 Only structure is read. Whether the pixels decode shows later, in a child process; limits on the size are the caller's.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from app.core.errors import Failure
 from app.photos.byte_file import Data, Extent, open_bytes, read_extents
-from app.photos.heif import read_heif_layout
+from app.photos.heif import HeifLayout, read_heif_layout
 from app.photos.jpeg import read_jpeg_layout
+from app.photos.layout import Layout
 from app.photos.metadata import (
     PNG_EXIF,
     WEBP_EXIF,
     chunk_exif_blocks,
+    heif_exif_blocks,
     jpeg_exif_blocks,
     jpeg_xmp_packets,
     png_xmp_packets,
@@ -26,6 +29,12 @@ from app.photos.webp import is_webp, read_webp_layout
 from app.photos.xmp import read_orientation as read_xmp_orientation
 
 JPEG, PNG, HEIC, WEBP = "image/jpeg", "image/png", "image/heic", "image/webp"
+READERS: dict[str, Callable[[Data], Layout]] = {
+    JPEG: read_jpeg_layout,
+    PNG: read_png_layout,
+    HEIC: read_heif_layout,
+    WEBP: read_webp_layout,
+}
 HEIF_BRANDS = frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"})
 ADVICE = "Send a JPEG, PNG, WebP or HEIC file."
 
@@ -73,28 +82,23 @@ def inspect_photo(path: Path) -> PhotoFacts | Failure:
         media_type = sniff(data)
         if isinstance(media_type, Failure):
             return media_type
-        if media_type == HEIC:
-            heif = read_heif_layout(data)
-            if heif.damage is not None:
-                return heif.damage
-            picture = heif.picture
-            return PhotoFacts(HEIC, picture.width, picture.height, picture.orientation, picture.pixels_to_decode)
-        if media_type == JPEG:
-            jpeg = read_jpeg_layout(data)
-            if jpeg.damage is not None:
-                return jpeg.damage
-            orientation = _orientation(
-                data, jpeg_exif_blocks(data, jpeg.segments), jpeg_xmp_packets(data, jpeg.segments)[0]
-            )
-            return PhotoFacts(JPEG, jpeg.width, jpeg.height, orientation, jpeg.width * jpeg.height, jpeg.scans)
-        is_webp_photo = media_type == WEBP
-        layout = read_webp_layout(data) if is_webp_photo else read_png_layout(data)
+        layout = READERS[media_type](data)
         if layout.damage is not None:
             return layout.damage
-        packets = webp_xmp_packets(layout.chunks) if is_webp_photo else png_xmp_packets(data, layout.chunks)
-        blocks = chunk_exif_blocks(data, layout.chunks, WEBP_EXIF if is_webp_photo else PNG_EXIF)
-        orientation = _orientation(data, blocks, packets)
-        return PhotoFacts(media_type, layout.width, layout.height, orientation, layout.width * layout.height)
+        if isinstance(layout, HeifLayout):
+            orientation, pixels = layout.orientation, layout.pixels_to_decode
+        else:
+            orientation, pixels = _orientation(data, media_type, layout), layout.width * layout.height
+        return PhotoFacts(media_type, layout.width, layout.height, orientation, pixels, layout.scans)
+
+
+def exif_blocks(data: Data, media_type: str, layout: Layout) -> list[list[Extent]]:
+    """The extents of each block of EXIF."""
+    if isinstance(layout, HeifLayout):
+        return heif_exif_blocks(data, layout.items)
+    if media_type == JPEG:
+        return jpeg_exif_blocks(data, layout.parts)
+    return chunk_exif_blocks(data, layout.parts, PNG_EXIF if media_type == PNG else WEBP_EXIF)
 
 
 def sniff(data: Data) -> str | Failure:
@@ -113,12 +117,17 @@ def sniff(data: Data) -> str | Failure:
     return Failure("not_an_image", message, ADVICE)
 
 
-def _orientation(data: Data, exif_blocks: list[list[Extent]], xmp_packets: list[list[Extent]]) -> int:
+def _orientation(data: Data, media_type: str, layout: Layout) -> int:
     """That of the first EXIF block, or else of the first XMP packet, as decoders read it."""
-    told = read_orientation(read_extents(data, exif_blocks[0])) if exif_blocks else None
-    if told is None and xmp_packets:
-        told = read_xmp_orientation(read_extents(data, xmp_packets[0]))
-    return 1 if told is None else told
+    blocks = exif_blocks(data, media_type, layout)
+    orientation = read_orientation(read_extents(data, blocks[0])) if blocks else None
+    if orientation is None:
+        if media_type == JPEG:
+            packets, _ = jpeg_xmp_packets(data, layout.parts)
+        else:
+            packets = png_xmp_packets(data, layout.parts) if media_type == PNG else webp_xmp_packets(layout.parts)
+        orientation = read_xmp_orientation(read_extents(data, packets[0])) if packets else None
+    return 1 if orientation is None else orientation
 
 
 def _other_kind(start: bytes) -> str | None:

@@ -7,32 +7,26 @@ keywords, makers' notes, a video's timed tracks. The file is inspected first; of
 cleaned and the rest is treated as a part of unknown form.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from app.photos.byte_file import Data, Edits, Extent, edit_bytes, length_of, open_bytes, read_extents
-from app.photos.chunks import Chunk
 from app.photos.embedded import clean_embedded, clean_opaque, clean_samsung_trailer
 from app.photos.gps import Location, read_gps, without_gps
-from app.photos.heif import read_heif_layout
-from app.photos.inspect import HEIC, JPEG, PNG, WEBP, PhotoFacts
+from app.photos.heif import HeifLayout
+from app.photos.inspect import JPEG, PNG, READERS, PhotoFacts, exif_blocks
 from app.photos.iptc import resources_without_places
-from app.photos.jpeg import APP0, APP1, APP2, APP13, APP14, APP15, COM, JpegSegment, read_jpeg_layout
+from app.photos.jpeg import APP0, APP1, APP2, APP13, APP14, APP15, COM
+from app.photos.layout import Part
 from app.photos.metadata import (
     PNG_EXIF,
-    WEBP_EXIF,
     chunk_exif_blocks,
-    heif_exif_blocks,
     heif_xmp_packets,
-    jpeg_exif_blocks,
     jpeg_photoshop_blocks,
     jpeg_xmp_packets,
     webp_xmp_packets,
 )
-from app.photos.png import read_png_layout, renew_checksum
-from app.photos.png_text import emptied_text, holds_xmp
-from app.photos.png_text import without_places as text_without_places
-from app.photos.webp import read_webp_layout
+from app.photos.png import emptied_text, holds_xmp, renew_checksum, text_without_places
 from app.photos.xmp import emptied_packet, without_places
 
 # ICC profiles and MPF's index are binary and tell no place; a chance match in them would cost colours.
@@ -49,32 +43,28 @@ def remove_location(path: Path, facts: PhotoFacts) -> bool:
     if path.stat().st_size == 0:
         return False
     with edit_bytes(path) as edits:
-        if facts.media_type == JPEG:
-            _clean_jpeg(edits)
+        data = edits.data
+        layout = READERS[facts.media_type](data)
+        if facts.media_type != PNG:
+            _clean_exif(edits, exif_blocks(data, facts.media_type, layout))
+        if isinstance(layout, HeifLayout):
+            _clean_heif(edits, layout)
+        elif facts.media_type == JPEG:
+            _clean_jpeg(edits, layout.parts)
         elif facts.media_type == PNG:
-            _clean_png(edits)
-        elif facts.media_type == HEIC:
-            _clean_heif(edits)
-        elif facts.media_type == WEBP:
-            _clean_webp(edits)
+            _clean_png(edits, layout.parts)
+        else:
+            _clean_webp(edits, layout.parts)
+        clean_samsung_trailer(edits, layout.end, len(data))
+        clean_embedded(edits, layout.end, len(data))
         return bool(edits.changed)
 
 
 def read_location(path: Path, facts: PhotoFacts) -> Location | None:
     """The location in the EXIF of the file's main picture; None if there is none. XMP's is not read."""
     with open_bytes(path) as data:
-        blocks = _exif_blocks(data, facts.media_type)
+        blocks = exif_blocks(data, facts.media_type, READERS[facts.media_type](data))
         return next(filter(None, (read_gps(read_extents(data, block)) for block in blocks)), None)
-
-
-def _exif_blocks(data: Data, media_type: str) -> list[list[Extent]]:
-    if media_type == JPEG:
-        return jpeg_exif_blocks(data, read_jpeg_layout(data).segments)
-    if media_type == PNG:
-        return chunk_exif_blocks(data, read_png_layout(data).chunks, PNG_EXIF)
-    if media_type == WEBP:
-        return chunk_exif_blocks(data, read_webp_layout(data).chunks, WEBP_EXIF)
-    return heif_exif_blocks(data, read_heif_layout(data).items)
 
 
 def _clean_exif(edits: Edits, blocks: Iterable[list[Extent]]) -> None:
@@ -94,45 +84,38 @@ def _clean_xmp(edits: Edits, packets: Iterable[list[Extent]]) -> None:
         edits.write(packet, cleaned)
 
 
-def _clean_jpeg(edits: Edits) -> None:
+def _clean_jpeg(edits: Edits, segments: Sequence[Part]) -> None:
     data = edits.data
-    layout = read_jpeg_layout(data)
-    _clean_exif(edits, jpeg_exif_blocks(data, layout.segments))
-    packets, fragments = jpeg_xmp_packets(data, layout.segments)
+    packets, fragments = jpeg_xmp_packets(data, segments)
     _clean_xmp(edits, packets)
     for fragment in fragments:
         edits.write(fragment, emptied_packet(length_of(fragment)))
-    for block in jpeg_photoshop_blocks(data, layout.segments):
+    for block in jpeg_photoshop_blocks(data, segments):
         edits.write(block, resources_without_places(edits.read(block)))
-    for segment in layout.segments:
+    for segment in segments:
         if _is_opaque(data, segment):
             clean_opaque(edits, segment.start, segment.end)
-    clean_samsung_trailer(edits, layout.end, len(data))
-    clean_embedded(edits, layout.end, len(data))
 
 
-def _is_opaque(data: Data, segment: JpegSegment) -> bool:
+def _is_opaque(data: Data, segment: Part) -> bool:
     """Whether the segment is an application's or a comment, and none whose form is known here."""
-    if segment.marker in {APP0, APP2, APP14}:  # JFIF, ICC and MPF, Adobe
+    if segment.kind in {APP0, APP2, APP14}:  # JFIF, ICC and MPF, Adobe
         return False
-    if segment.marker in {APP1, APP13}:
+    if segment.kind in {APP1, APP13}:
         known = (b"Exif\0", b"http://ns.adobe.com/", b"Photoshop 3.0\0")
         return not data[segment.start : segment.start + 20].startswith(known)
-    return APP0 < segment.marker <= APP15 or segment.marker == COM
+    return APP0 < segment.kind <= APP15 or segment.kind == COM
 
 
-def _clean_png(edits: Edits) -> None:
-    layout = read_png_layout(edits.data)
-    for chunk in layout.chunks:
+def _clean_png(edits: Edits, chunks: Sequence[Part]) -> None:
+    for chunk in chunks:
         changes = len(edits.changed)
         _clean_png_chunk(edits, chunk)
         if len(edits.changed) > changes:
             renew_checksum(edits, chunk)
-    clean_samsung_trailer(edits, layout.end, len(edits.data))
-    clean_embedded(edits, layout.end, len(edits.data))
 
 
-def _clean_png_chunk(edits: Edits, chunk: Chunk) -> None:
+def _clean_png_chunk(edits: Edits, chunk: Part) -> None:
     if chunk.kind == PNG_EXIF:
         _clean_exif(edits, chunk_exif_blocks(edits.data, [chunk], PNG_EXIF))
     elif chunk.kind in {b"tEXt", b"zTXt", b"iTXt"}:
@@ -144,32 +127,23 @@ def _clean_png_chunk(edits: Edits, chunk: Chunk) -> None:
         clean_opaque(edits, chunk.start, chunk.end)
 
 
-def _clean_webp(edits: Edits) -> None:
-    layout = read_webp_layout(edits.data)
-    _clean_exif(edits, chunk_exif_blocks(edits.data, layout.chunks, WEBP_EXIF))
-    _clean_xmp(edits, webp_xmp_packets(layout.chunks))
-    for chunk in layout.chunks:
+def _clean_webp(edits: Edits, chunks: Sequence[Part]) -> None:
+    _clean_xmp(edits, webp_xmp_packets(chunks))
+    for chunk in chunks:
         if chunk.kind not in PLAIN_WEBP_CHUNKS:
             clean_opaque(edits, chunk.start, chunk.end)
-    clean_samsung_trailer(edits, layout.end, len(edits.data))
-    clean_embedded(edits, layout.end, len(edits.data))
 
 
-def _clean_heif(edits: Edits) -> None:
-    data = edits.data
-    layout = read_heif_layout(data)
-    _clean_exif(edits, heif_exif_blocks(data, layout.items))
+def _clean_heif(edits: Edits, layout: HeifLayout) -> None:
     packets = heif_xmp_packets(layout.items)
     _clean_xmp(edits, packets)
     for item in layout.items:
         if item.kind in {b"mime", b"uri "} and list(item.extents) not in packets:
             for start, end in item.extents:
                 clean_opaque(edits, start, end)
-    for box in layout.boxes:
+    for box in layout.parts:
         if box.kind == b"uuid":  # content credentials among others
             clean_opaque(edits, box.start, box.end)
         elif box.kind not in PLAIN_HEIF_BOXES:
             clean_embedded(edits, box.start, box.end)
             clean_samsung_trailer(edits, box.start, box.end)
-    clean_samsung_trailer(edits, layout.end, len(data))
-    clean_embedded(edits, layout.end, len(data))

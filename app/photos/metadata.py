@@ -4,9 +4,9 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 
 from app.photos.byte_file import Data, Extent
-from app.photos.chunks import Chunk
 from app.photos.heif import HeifItem
-from app.photos.jpeg import APP1, APP13, JpegSegment
+from app.photos.jpeg import APP1, APP13
+from app.photos.layout import Part
 from app.photos.tiff import HEADERS
 
 PNG_EXIF, WEBP_EXIF = b"eXIf", b"EXIF"  # kinds of chunks
@@ -21,24 +21,24 @@ PHOTOSHOP_MARK = b"Photoshop 3.0\0"
 MAX_TIFF_HEADER_OFFSET = 64  # in HEIC: past "Exif\0\0" at most, says every writer
 
 
-def jpeg_exif_blocks(data: Data, segments: Iterable[JpegSegment]) -> list[list[Extent]]:
+def jpeg_exif_blocks(data: Data, segments: Iterable[Part]) -> list[list[Extent]]:
     """EXIF blocks. Decoders join several segments, so the first block is all of them; then each that stands alone."""
     single = [
         (segment.start + 6, segment.end)
         for segment in segments
-        if segment.marker == APP1 and _begins(data, segment, EXIF_MARK) and segment.end - segment.start >= 6
+        if segment.kind == APP1 and _begins(data, segment, EXIF_MARK) and segment.end - segment.start >= 6
     ]
     if len(single) <= 1:
         return [single] if single else []
     return [single, *([one] for one in single[1:] if data[one[0] : one[0] + 4] in HEADERS)]
 
 
-def jpeg_xmp_packets(data: Data, segments: Iterable[JpegSegment]) -> tuple[list[list[Extent]], list[list[Extent]]]:
+def jpeg_xmp_packets(data: Data, segments: Iterable[Part]) -> tuple[list[list[Extent]], list[list[Extent]]]:
     """XMP packets: each main one, and each extended one put together in order; and parts that do not make a whole."""
     packets: list[list[Extent]] = []
     parts: dict[bytes, list[tuple[int, Extent]]] = defaultdict(list)  # by the extended packet's digest and length
     for segment in segments:
-        if segment.marker != APP1:
+        if segment.kind != APP1:
             continue
         if _begins(data, segment, XMP_MARK):
             packets.append([(segment.start + len(XMP_MARK), segment.end)])
@@ -56,17 +56,17 @@ def jpeg_xmp_packets(data: Data, segments: Iterable[JpegSegment]) -> tuple[list[
     return packets, fragments
 
 
-def jpeg_photoshop_blocks(data: Data, segments: Iterable[JpegSegment]) -> list[list[Extent]]:
+def jpeg_photoshop_blocks(data: Data, segments: Iterable[Part]) -> list[list[Extent]]:
     """Photoshop's image resources: those of all segments joined, as they may run on from one to the next."""
     extents = [
         (segment.start + len(PHOTOSHOP_MARK), segment.end)
         for segment in segments
-        if segment.marker == APP13 and _begins(data, segment, PHOTOSHOP_MARK)
+        if segment.kind == APP13 and _begins(data, segment, PHOTOSHOP_MARK)
     ]
     return [extents] if extents else []
 
 
-def chunk_exif_blocks(data: Data, chunks: Iterable[Chunk], kind: bytes) -> list[list[Extent]]:
+def chunk_exif_blocks(data: Data, chunks: Iterable[Part], kind: bytes) -> list[list[Extent]]:
     """EXIF blocks of a PNG's or WebP's chunks of this kind; some writers put JPEG's mark before them."""
     return [
         [(chunk.start + 6 if data[chunk.start : chunk.start + 5] == EXIF_MARK else chunk.start, chunk.end)]
@@ -75,7 +75,7 @@ def chunk_exif_blocks(data: Data, chunks: Iterable[Chunk], kind: bytes) -> list[
     ]
 
 
-def png_xmp_packets(data: Data, chunks: Iterable[Chunk]) -> list[list[Extent]]:
+def png_xmp_packets(data: Data, chunks: Iterable[Part]) -> list[list[Extent]]:
     """XMP packets of iTXt chunks that are not compressed."""
     packets: list[list[Extent]] = []
     for chunk in chunks:
@@ -87,7 +87,7 @@ def png_xmp_packets(data: Data, chunks: Iterable[Chunk]) -> list[list[Extent]]:
     return packets
 
 
-def webp_xmp_packets(chunks: Iterable[Chunk]) -> list[list[Extent]]:
+def webp_xmp_packets(chunks: Iterable[Part]) -> list[list[Extent]]:
     """XMP packets."""
     return [[(chunk.start, chunk.end)] for chunk in chunks if chunk.kind == b"XMP "]
 
@@ -117,5 +117,5 @@ def _from_tiff_header(data: Data, extents: Sequence[Extent]) -> list[Extent]:
     return left
 
 
-def _begins(data: Data, segment: JpegSegment, mark: bytes) -> bool:
+def _begins(data: Data, segment: Part, mark: bytes) -> bool:
     return data[segment.start : min(segment.start + len(mark), segment.end)] == mark

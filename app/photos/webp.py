@@ -1,9 +1,7 @@
 """The layout of a WebP file (RFC 9649): its RIFF chunks and the size of its one picture. Animations are refused."""
 
-from app.core.errors import Failure
 from app.photos.byte_file import Data
-from app.photos.chunks import Chunk, ChunkLayout
-from app.photos.damage import truncated, unreadable
+from app.photos.layout import Layout, Part, damage_recorded, truncated, unreadable
 
 HEADER_BYTES = 12  # RIFF, the size of what follows, WEBP
 MAX_CHUNKS = 1000  # a photograph has five at most; an animation's frames are chunks, too
@@ -19,36 +17,38 @@ def is_webp(start: bytes) -> bool:
     return start.startswith(b"RIFF") and start[8:12] == b"WEBP"
 
 
-def read_webp_layout(data: Data) -> ChunkLayout:
+def read_webp_layout(data: Data) -> Layout:
     """Walk the chunks to the end that the file's header gives. The file begins as is_webp asks."""
-    chunks: list[Chunk] = []
-    size = (0, 0)
-    position = HEADER_BYTES
+    layout = Layout(HEADER_BYTES)
+    with damage_recorded(layout):
+        _walk(data, layout)
+    return layout
+
+
+def _walk(data: Data, layout: Layout) -> None:
     end_of_file = 8 + int.from_bytes(data[4:8], "little")
-
-    def layout(damage: Failure | None) -> ChunkLayout:
-        return ChunkLayout(tuple(chunks), *size, position, damage)
-
     if end_of_file > len(data):
-        return layout(truncated("the WebP is shorter than it says"))
-    while position + 8 <= end_of_file:
-        if len(chunks) >= MAX_CHUNKS:
-            return layout(unreadable(f"the WebP has more than {MAX_CHUNKS} chunks"))
-        kind, length = data[position : position + 4], int.from_bytes(data[position + 4 : position + 8], "little")
-        start, end = position + 8, position + 8 + length
+        raise truncated("the WebP is shorter than it says")
+    while (start := layout.end + 8) <= end_of_file:
+        if len(layout.parts) >= MAX_CHUNKS:
+            raise unreadable(f"the WebP has more than {MAX_CHUNKS} chunks")
+        kind, length = data[start - 8 : start - 4], int.from_bytes(data[start - 4 : start], "little")
+        end = start + length
         if end > end_of_file:
-            return layout(truncated("a WebP chunk is cut"))
+            raise truncated("a WebP chunk is cut")
         if kind in ANIMATION:
-            return layout(unreadable("the WebP is an animation, not a photograph"))
+            raise unreadable("the WebP is an animation, not a photograph")
         if kind in PICTURES:
-            if 0 not in size:
-                return layout(unreadable("the WebP has more than one picture"))
+            if layout.width:
+                raise unreadable("the WebP has more than one picture")
             size = _lossy_size(data, start, end) if kind == b"VP8 " else _lossless_size(data, start, end)
             if 0 in size:
-                return layout(unreadable("the WebP's picture has no header"))
-        chunks.append(Chunk(kind, start, end))
-        position = end + length % 2
-    return layout(unreadable("the WebP has no picture") if 0 in size else None)
+                raise unreadable("the WebP's picture has no header")
+            layout.width, layout.height = size
+        layout.parts.append(Part(kind, start, end))
+        layout.end = end + length % 2
+    if layout.width == 0:
+        raise unreadable("the WebP has no picture")
 
 
 def _lossy_size(data: Data, start: int, end: int) -> tuple[int, int]:
