@@ -80,7 +80,7 @@ def _side_by_side(first: ImageArray, second: ImageArray) -> ImageArray:
         cv2.copyMakeBorder(image, 0, height - image.shape[0], 0, 0, cv2.BORDER_CONSTANT, value=WHITE)
         for image in (first, second)
     ]
-    return np.asarray(np.hstack(padded), np.uint8)
+    return np.hstack(padded)
 
 
 def _matches(trace: Trace) -> ImageArray | None:
@@ -193,7 +193,7 @@ def _point_cloud(trace: Trace) -> ImageArray | None:
         painted = apply_colour(colours[None], trace.colour_of(0))[0]
         points, paint = np.concatenate([hidden, seen]), np.concatenate([grey, painted])
         panels.append(_render(points, paint, volume, trace.rectified.first_centre_mm))
-    return np.asarray(np.hstack(panels), np.uint8)
+    return np.hstack(panels)
 
 
 def _with_volume(trace: Trace) -> list[tuple[MeasuredItem, Volume]]:
@@ -254,7 +254,7 @@ def _slices(trace: Trace) -> ImageArray | None:
             )
         _write(panel, f"{len(volume.slices)} slices, {volume.form}: {volume.volume_ml:.0f} ml", (16, 36), 0.9, BLACK)
         panels.append(panel)
-    return np.asarray(np.hstack(panels), np.uint8)
+    return np.hstack(panels)
 
 
 def _overlay(left: Photo, colour: ColourCorrection, items: tuple[ItemEstimate, ...]) -> ImageArray:

@@ -168,7 +168,7 @@ class _Scene:
     def table_points(self) -> Float32Array:
         """(n, 3) mm, measured beside the marker; every second pixel each way."""
         points, ignored = self.points_table[::2, ::2], self.is_ignored[::2, ::2]
-        return np.asarray(points[usable_points(points, ignored)], np.float32)
+        return points[usable_points(points, ignored)]
 
 
 def _measure(foods: Foods, scene: _Scene, options: EstimateOptions, trace: Trace) -> list[MeasuredItem] | Failure:

@@ -272,9 +272,8 @@ def _near(trace: Trace, pair: RectifiedPair) -> MaskArray:
     margin = AROUND_MM if seen else AROUND_BOARD_MM
     low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
     x, y, z = (trace.points_table[..., axis] for axis in range(3))
-    with np.errstate(invalid="ignore"):
-        inside = (x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])
-        return np.asarray(inside & (z > HEIGHTS_MM[0]) & (z < HEIGHTS_MM[1]), np.bool_)
+    inside = (x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])
+    return np.asarray(inside & (z > HEIGHTS_MM[0]) & (z < HEIGHTS_MM[1]), np.bool_)
 
 
 def _well_inside(mask: MaskArray, trace: Trace) -> MaskArray:
@@ -282,7 +281,7 @@ def _well_inside(mask: MaskArray, trace: Trace) -> MaskArray:
     if trace.disparity is None:
         return mask
     inward = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
-    return np.asarray(inward > trace.disparity.reach_px, np.bool_)
+    return inward > trace.disparity.reach_px
 
 
 def _evenly(index: IntArray, columns: int, most: int) -> IntArray:
@@ -324,7 +323,7 @@ def _packed(values: np.ndarray, kind: str) -> dict[str, Any]:
 
 
 def _rounded(values: Float64Array, decimals: int) -> Any:
-    return (np.round(np.asarray(values, np.float64), decimals) + 0.0).tolist()
+    return (np.round(values, decimals) + 0.0).tolist()
 
 
 def _number(value: float | None, decimals: int) -> float | None:

@@ -11,8 +11,8 @@ from app.vision.model import Float64Array
 
 def ciede2000(first_lab: Float64Array, second_lab: Float64Array) -> Float64Array:
     """(...) differences of (..., 3) L, a, b; k_L = k_C = k_H = 1. About 1 is just visible side by side."""
-    l1, a1, b1 = np.moveaxis(np.asarray(first_lab, np.float64), -1, 0)
-    l2, a2, b2 = np.moveaxis(np.asarray(second_lab, np.float64), -1, 0)
+    l1, a1, b1 = np.moveaxis(first_lab, -1, 0)
+    l2, a2, b2 = np.moveaxis(second_lab, -1, 0)
     mean_ab_chroma = (np.hypot(a1, b1) + np.hypot(a2, b2)) / 2  # eq. 2, 3
     stretch = 1.0 + 0.5 * (1.0 - _high_chroma(mean_ab_chroma))  # eq. 4, 5
     chroma1, chroma2 = np.hypot(stretch * a1, b1), np.hypot(stretch * a2, b2)  # eq. 6
@@ -44,11 +44,11 @@ def ciede2000(first_lab: Float64Array, second_lab: Float64Array) -> Float64Array
 
 def _high_chroma(chroma: Float64Array) -> Float64Array:
     """Near 0 for greys, near 1 for vivid colours (within eq. 4, and eq. 17)."""
-    return np.asarray(np.sqrt(chroma**7 / (chroma**7 + 25.0**7)), np.float64)
+    return np.sqrt(chroma**7 / (chroma**7 + 25.0**7))
 
 
 def _hue_deg(a: Float64Array, b: Float64Array) -> Float64Array:
-    return np.asarray(np.degrees(np.arctan2(b, a)) % 360.0, np.float64)
+    return np.degrees(np.arctan2(b, a)) % 360.0
 
 
 def _mean_hue_deg(hue1: Float64Array, hue2: Float64Array, is_grey: Float64Array) -> Float64Array:
@@ -56,4 +56,4 @@ def _mean_hue_deg(hue1: Float64Array, hue2: Float64Array, is_grey: Float64Array)
     total = hue1 + hue2
     is_short = np.abs(hue1 - hue2) <= 180.0
     around = np.where(total < 360.0, total + 360.0, total - 360.0)
-    return np.asarray(np.where(is_grey, total, np.where(is_short, total, around) / 2), np.float64)
+    return np.where(is_grey, total, np.where(is_short, total, around) / 2)

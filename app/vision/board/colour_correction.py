@@ -103,4 +103,4 @@ def _balanced_levels(gains: Float64Array) -> Float64Array:
     common = 1.0 if gains.max() >= 1.0 else 0.5 * (1.0 + float(gains.max()))
     share = np.clip((np.arange(256) - HIGHLIGHT_BYTE) / (255 - HIGHLIGHT_BYTE), 0.0, 1.0)[:, None]
     raised = 1.0 + share * (np.maximum(common / gains, 1.0) - 1.0)
-    return np.asarray(np.minimum(LINEAR_OF_BYTE[:, None] * gains * raised, 1.0), np.float64)
+    return np.minimum(LINEAR_OF_BYTE[:, None] * gains * raised, 1.0)

@@ -98,7 +98,7 @@ def _white_of_colours(seen: Float64Array, usable: MaskArray, reference: Float64A
 
 def _lightness_weight(linear: Float64Array) -> Float64Array:
     """Steps of lightness for a step of linear light: the slope of the cube root, bounded for dark colours."""
-    return np.asarray(LIGHTNESS_SLOPE / (linear + DARK_FLOOR) ** (2 / 3), np.float64)
+    return LIGHTNESS_SLOPE / (linear + DARK_FLOOR) ** (2 / 3)
 
 
 def _solve(relative: Float64Array, reference: Float64Array, weights: Float64Array) -> tuple[Float64Array, Float64Array]:
@@ -124,7 +124,7 @@ def _solve(relative: Float64Array, reference: Float64Array, weights: Float64Arra
             matrix[channel, channel] -= mixing
     residual = (relative @ matrix.T - reference) * weights
     known = np.maximum((weights > 0.0).sum(axis=1), 1)
-    return matrix, np.asarray(np.sqrt((residual**2).sum(axis=1) / known), np.float64)
+    return matrix, np.sqrt((residual**2).sum(axis=1) / known)
 
 
 def _without_worst(

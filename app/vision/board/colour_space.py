@@ -19,13 +19,13 @@ CIE_EPSILON, CIE_KAPPA = 216 / 24389, 24389 / 27  # CIE 15:2004, 8.2.1
 
 def decode_srgb(share: Float64Array) -> Float64Array:
     """Values in sRGB, white = 1, as linear light (IEC 61966-2-1)."""
-    return np.asarray(np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4), np.float64)
+    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
 
 
 def encode_srgb(linear: Float64Array) -> Float64Array:
     """The reverse of decode_srgb; what lies outside 0 to 1 is clipped."""
     inside = np.clip(linear, 0.0, 1.0)
-    return np.asarray(np.where(inside <= 0.0031308, 12.92 * inside, 1.055 * inside ** (1 / 2.4) - 0.055), np.float64)
+    return np.where(inside <= 0.0031308, 12.92 * inside, 1.055 * inside ** (1 / 2.4) - 0.055)
 
 
 LINEAR_OF_BYTE = decode_srgb(np.arange(256) / 255.0)
@@ -33,7 +33,7 @@ LINEAR_OF_BYTE = decode_srgb(np.arange(256) / 255.0)
 
 def linear_rgb(pixels_bgr: ImageArray | NDArray[Any]) -> Float64Array:
     """(..., 3) sRGB bytes, blue first -> linear, red first, white = 1."""
-    return np.asarray(LINEAR_OF_BYTE[pixels_bgr[..., ::-1]], np.float64)
+    return LINEAR_OF_BYTE[pixels_bgr[..., ::-1]]
 
 
 def lab_of(linear: Float64Array) -> Float64Array:

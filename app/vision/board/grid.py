@@ -157,13 +157,13 @@ def grid_homography(grid: Float64Array) -> tuple[Float64Array, float] | None:
     step = shortest_step_px(grid)
     if step < 2.0:
         return None
-    return np.asarray(homography, np.float64), float(np.sqrt(np.mean(residual**2)) / step)
+    return homography, float(np.sqrt(np.mean(residual**2)) / step)
 
 
 def map_points(homography: Float64Array, points: Float64Array) -> Float64Array:
     """(n, 2) points through a (3, 3) homography -> (n, 2)."""
     mapped = points @ homography[:, :2].T + homography[:, 2]
-    return np.asarray(mapped[:, :2] / mapped[:, 2:], np.float64)
+    return mapped[:, :2] / mapped[:, 2:]
 
 
 def square_means(image: ImageArray, grid: Float64Array, ring: int = 0) -> Float64Array:

@@ -114,7 +114,7 @@ def _rough_pose(photo: Photo, observation: MarkerObservation) -> tuple[Float64Ar
     if solved is None:
         return None
     centre = -solved[0].T @ solved[1]
-    return solved[0], np.asarray(centre / np.linalg.norm(centre), np.float64)
+    return solved[0], centre / np.linalg.norm(centre)
 
 
 def _angle_deg(cosine: float) -> float:

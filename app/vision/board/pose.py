@@ -95,7 +95,7 @@ def solve_pose(camera: Camera, observation: MarkerObservation) -> tuple[Float64A
             continue
         loss_scale = OUTLIER_SD * _corner_sd_px(camera)
         pose = _least_squares()(residual, start, loss="soft_l1", f_scale=loss_scale, x_scale="jac").x
-        rotation = np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64)
+        rotation = cv2.Rodrigues(pose[:3])[0]
         rms = _rms_px(residual(pose))
         if _is_above_table(rotation, pose[3:]) and (best is None or rms < best[2]):
             best = (rotation, pose[3:], rms)

@@ -58,7 +58,7 @@ class _Crop:
 
     def in_whole(self, grid: Float64Array) -> Float64Array:
         """(r, c, 2) px of the crop -> px of the whole image."""
-        return np.asarray((grid + 0.5) / self.scale - 0.5 + self.origin, np.float64)
+        return (grid + 0.5) / self.scale - 0.5 + self.origin
 
 
 def find_grids(contrast: ImageArray, size: tuple[int, int] | None = None) -> Iterator[Float64Array]:

@@ -40,7 +40,7 @@ def filled(mask: MaskArray) -> MaskArray:
 def touching(mask: MaskArray, seeds: MaskArray) -> MaskArray:
     """The connected parts of the mask that hold a seed."""
     _, labels = cv2.connectedComponents(mask.astype(np.uint8))
-    return np.asarray(mask & np.isin(labels, np.unique(labels[seeds & mask])), np.bool_)
+    return mask & np.isin(labels, np.unique(labels[seeds & mask]))
 
 
 def distance_px(mask: MaskArray) -> Float32Array:
@@ -58,6 +58,6 @@ def components(mask: MaskArray) -> list[MaskArray]:
 
 def solidity(mask: MaskArray) -> float:
     """Return the share of its convex hull that the mask fills; pixels' centres span the hull, so that it may pass 1."""
-    hull = np.asarray(cv2.convexHull(np.argwhere(mask)[:, ::-1].astype(np.int32)), np.int32) if mask.any() else None
+    hull = cv2.convexHull(np.argwhere(mask)[:, ::-1].astype(np.int32)) if mask.any() else None
     area = 0.0 if hull is None else float(cv2.contourArea(hull))
     return np.count_nonzero(mask) / area if area > 0 else 0.0

@@ -81,7 +81,7 @@ def align_patches(
     )
     found = second_px + (jacobians @ shift[..., None])[..., 0]
     found[~is_good] = np.nan
-    return np.asarray(found, np.float64)
+    return found
 
 
 def _residual(

@@ -184,7 +184,7 @@ def _footprint(xy_mm: Float64Array) -> _Footprint:
     cells = np.rint((inside - low) / cell).astype(np.int64) + pad
     picture[cells[:, 1], cells[:, 0]] = 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7))
-    closed = np.asarray(cv2.morphologyEx(picture, cv2.MORPH_CLOSE, kernel), np.uint8)
+    closed = cv2.morphologyEx(picture, cv2.MORPH_CLOSE, kernel)
     depth = (cv2.distanceTransform(closed, cv2.DIST_L2, 5) - cv2.distanceTransform(1 - closed, cv2.DIST_L2, 5)) * cell
     row, column = np.unravel_index(int(depth.argmax()), depth.shape)
     origin = low - pad * cell

@@ -54,7 +54,7 @@ class TopView:
         """(rows, columns, 2) x, y of the cells' centres, mm."""
         rows, columns = self.height_mm.shape
         grid = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1)
-        return np.asarray(self.origin_mm + (grid + 0.5) * self.cell_mm, np.float64)
+        return self.origin_mm + (grid + 0.5) * self.cell_mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,9 +95,8 @@ def view_from_above(points_table: Float32Array, heights_mm: Float32Array, cell_m
 
 def usable_points(points_table: Float32Array, ignored: MaskArray) -> MaskArray:
     """(H, W) where a point is measured, not ignored and within reach."""
-    with np.errstate(invalid="ignore"):
-        near = (np.abs(points_table[..., 0]) < REACH_MM) & (np.abs(points_table[..., 1]) < REACH_MM)
-    return np.asarray(np.isfinite(points_table[..., 2]) & near & ~ignored, np.bool_)
+    near = (np.abs(points_table[..., 0]) < REACH_MM) & (np.abs(points_table[..., 1]) < REACH_MM)
+    return np.isfinite(points_table[..., 2]) & near & ~ignored
 
 
 def fit_table_trend(points_table: Float32Array) -> TableTrend:
@@ -119,17 +118,16 @@ def fit_table_trend(points_table: Float32Array) -> TableTrend:
         is_table = np.abs(heights - design @ coefficients) < limit
         rows = design[is_table]
         solved = np.linalg.solve(rows.T @ rows + prior, rows.T @ heights[is_table] + prior @ expected)
-        coefficients = np.asarray(solved, np.float64)
+        coefficients = solved
     residuals = np.abs(heights - design @ coefficients)[is_table]
     return TableTrend(coefficients, 1.48 * float(np.median(residuals)) if residuals.size else 1.0)
 
 
 def _beside_what_stands(view: TopView) -> MaskArray:
     """(rows, columns) cells at the foot of something higher, whose windows may lie across its outline."""
-    with np.errstate(invalid="ignore"):
-        stands = view.height_mm > STANDING_MM
+    stands = view.height_mm > STANDING_MM
     side = 2 * BESIDE_CELLS + 1
-    return np.asarray(cv2.dilate(stands.astype(np.uint8), np.ones((side, side), np.uint8)) > 0, np.bool_)
+    return cv2.dilate(stands.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
 
 
 def _terms(x: Float64Array, y: Float64Array) -> Float64Array:

@@ -335,8 +335,7 @@ def _is_print(rim: Circle, points_table: Float32Array) -> bool:
     """Return whether the surface outside is as high as the rim: a circle printed on a pack, the hole of a cake."""
     apart = points_table[..., :2] - rim.centre_mm
     beyond = np.linalg.norm(apart, axis=-1) - rim.radius_mm
-    with np.errstate(invalid="ignore"):
-        around = (beyond > BESIDE_MM[0]) & (beyond < BESIDE_MM[1])
+    around = (beyond > BESIDE_MM[0]) & (beyond < BESIDE_MM[1])
     sector = sector_of(apart[around, 0], apart[around, 1], SECTORS)
     is_as_high = points_table[..., 2][around] > rim.height_mm - BESIDE_LEVEL_MM
     measured, high = (np.bincount(sector[chosen], minlength=SECTORS) for chosen in (slice(None), is_as_high))
@@ -359,9 +358,8 @@ def _is_open(rim: Circle, points_table: Float32Array) -> bool:
 
 def _heights_within(rim: Circle, points_table: Float32Array) -> Float32Array:
     """Return the heights (n,), mm, of what is measured within the rim, clear of its wall."""
-    with np.errstate(invalid="ignore"):
-        apart = np.linalg.norm(points_table[..., :2] - rim.centre_mm, axis=-1)
-        return np.asarray(points_table[..., 2][apart < rim.radius_mm - OPEN_INSET_MM], np.float32)
+    apart = np.linalg.norm(points_table[..., :2] - rim.centre_mm, axis=-1)
+    return np.asarray(points_table[..., 2][apart < rim.radius_mm - OPEN_INSET_MM], np.float32)
 
 
 def _silhouette(sight: Sight, rim: Circle, foot_mm: float, table_mm: float) -> MaskArray:

@@ -90,4 +90,4 @@ def _behind_wall(sight: Sight, rim: Circle, height_mm: float, radius_mm: float) 
     """(ARCS,) whether both cameras see a circle's arc through the wall, clear of the rim."""
     middle = circle_points(np.array([*rim.centre_mm, radius_mm, height_mm]), 2 * ARCS)[1::2]
     apart = [rim_crossing_mm(sight, rim, middle, view) for view in (0, 1)]
-    return np.asarray(np.minimum(*apart) > rim.radius_mm + CLEAR_MM, np.bool_)
+    return np.minimum(*apart) > rim.radius_mm + CLEAR_MM

@@ -64,7 +64,7 @@ def find_level(
 
 def visible(sight: Sight, rim: Circle, points: Float64Array, view: int) -> MaskArray:
     """(n,) whether points inside the vessel are seen past its rim."""
-    return np.asarray(rim_crossing_mm(sight, rim, points, view) < rim.radius_mm - CLEAR_MM, np.bool_)
+    return rim_crossing_mm(sight, rim, points, view) < rim.radius_mm - CLEAR_MM
 
 
 def rim_crossing_mm(sight: Sight, rim: Circle, points: Float64Array, view: int) -> Float64Array:

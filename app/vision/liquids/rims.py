@@ -96,7 +96,7 @@ def _middle_mm(sight: Sight, is_usable: MaskArray) -> Float64Array:
     pixels = np.argwhere(is_usable[::8, ::8])[:, ::-1].astype(np.float64) * 8
     points = sight.points(pixels, np.zeros(len(pixels)))  # the marker's plane has no parallax
     points = points[np.linalg.norm(points, axis=1) < 2 * REACH_MM]
-    return np.asarray(np.median(points[:, :2], axis=0) if len(points) else np.zeros(2), np.float64)
+    return np.median(points[:, :2], axis=0) if len(points) else np.zeros(2)
 
 
 def _is_same(circle: Circle, other: Circle) -> bool:

@@ -66,4 +66,4 @@ def _histogram(
     """Square roots of the bins' shares; what lies outside counts to the outermost bins; zeros without weight."""
     inside = np.clip(values, low, np.nextafter(high, low))
     counts = np.histogram(inside, bins, (low, high), weights=weights)[0].astype(np.float64)
-    return np.asarray(np.sqrt(counts / max(float(counts.sum()), 1e-9)), np.float64)
+    return np.sqrt(counts / max(float(counts.sum()), 1e-9))

@@ -45,7 +45,7 @@ def region_of_rings(pixels_bgr: ImageArray, rings: Sequence[Float64Array]) -> Re
     Rings of fewer than three corners bound nothing. None where nothing of it is in view, or a corner is not finite.
     Raises ValueError if pixels_bgr is not (H, W, 3) uint8.
     """
-    outlines = [np.asarray(ring, np.float64).reshape(-1, 2) for ring in rings]
+    outlines = [ring.reshape(-1, 2) for ring in rings]
     outlines = [outline for outline in outlines if len(outline) >= LEAST_CORNERS]
     if not outlines:
         return None

@@ -52,7 +52,7 @@ def radial_descriptors(mask: MaskArray) -> Float64Array:
     order = np.argsort(angles, kind="stable")
     around = np.linspace(-np.pi, np.pi, RADII, endpoint=False)
     spectrum = np.abs(np.fft.rfft(np.interp(around, angles[order], radii[order], period=2.0 * np.pi)))
-    return np.asarray(np.log(spectrum[1 : HARMONICS + 1] / max(float(spectrum[0]), 1e-9) + 1e-4), np.float64)
+    return np.log(spectrum[1 : HARMONICS + 1] / max(float(spectrum[0]), 1e-9) + 1e-4)
 
 
 def oriented_gradients(grey: ImageArray, mask: MaskArray) -> Float64Array:

@@ -122,7 +122,7 @@ def _shifted(framed: Float32Array, frame_px: int, dx: float, dy: float) -> Float
         out = out + (1 - fx) * fy * framed[y + 1 : y + 1 + height, x : x + width]
     if fx > 1e-6 and fy > 1e-6:
         out = out + fx * fy * framed[y + 1 : y + 1 + height, x + 1 : x + 1 + width]
-    return np.asarray(out, np.float32)
+    return out
 
 
 def _resized(picture: Float32Array, mask: MaskArray, scale: float) -> tuple[Float32Array, MaskArray]:

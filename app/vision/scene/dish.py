@@ -122,7 +122,7 @@ class _Ring:
 def solid_cells(view: TopView, points_per_mm2: float) -> MaskArray:
     """(rows, columns) cells with enough points to be a surface. points_per_mm2: of one that faces the camera."""
     least = max(1.0, MIN_DENSITY * points_per_mm2 * view.cell_mm**2)
-    return np.asarray(np.isfinite(view.height_mm) & (view.count >= least), np.bool_)
+    return np.isfinite(view.height_mm) & (view.count >= least)
 
 
 def find_dishes(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator) -> list[Dish]:
@@ -160,8 +160,7 @@ def _best_dish(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.rand
 
 def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator) -> Dish | None:
     low = max(RIM_RANGE_MM[0], RIM_NOISE * noise_mm)
-    with np.errstate(invalid="ignore"):
-        raised = is_solid & (view.height_mm > low) & (view.height_mm < RIM_RANGE_MM[1])
+    raised = is_solid & (view.height_mm > low) & (view.height_mm < RIM_RANGE_MM[1])
     raised = cv2.morphologyEx(raised.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
     cells = np.column_stack([view.centres_mm()[raised], view.height_mm[raised]])
     if len(cells) < SECTORS // 2:
@@ -200,9 +199,8 @@ def _with_floor(
     centre_mm: Float64Array | None = None,
     radius_mm: float | None = None,
 ) -> Dish:
-    with np.errstate(invalid="ignore"):
-        is_level = is_solid & (np.abs(view.height_mm - rim_mm) < RISE_MM)
-        is_low = is_solid & (view.height_mm < rim_mm - RISE_MM)
+    is_level = is_solid & (np.abs(view.height_mm - rim_mm) < RISE_MM)
+    is_low = is_solid & (view.height_mm < rim_mm - RISE_MM)
     band, inside = (inward_mm > TOP_BAND_MM[0]) & (inward_mm < TOP_BAND_MM[1]), inward_mm > INSIDE_MM[0]
     low, level = np.count_nonzero(is_low & inside), np.count_nonzero(is_level & inside)
     is_flat = (
@@ -223,7 +221,7 @@ def _is_edge(view: TopView, raised: MaskArray) -> MaskArray:
     side = 2 * round(EDGE_MM / view.cell_mm) + 1
     near = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     falls = cv2.erode(height, near) < EDGE_FALL * height
-    return np.asarray(falls & (cv2.dilate(height, near) < height + SAME_HEIGHT_MM), np.bool_)
+    return falls & (cv2.dilate(height, near) < height + SAME_HEIGHT_MM)
 
 
 def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generator) -> list[_Ring]:
@@ -346,9 +344,8 @@ def _hollow_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
     within = (inward > INSIDE_MM[0]) & (inward < INSIDE_MM[1])
     sectors = SECTORS // 2
     sector = sector_of(delta[within, 0], delta[within, 1], sectors)
-    with np.errstate(invalid="ignore"):
-        rim_mm = ring.height_mm + delta @ np.array(ring.slope)
-        is_high = (view.height_mm > rim_mm + RISE_MM)[within] & is_solid[within]
+    rim_mm = ring.height_mm + delta @ np.array(ring.slope)
+    is_high = (view.height_mm > rim_mm + RISE_MM)[within] & is_solid[within]
     total, measured, high = (
         np.bincount(sector[chosen], minlength=sectors)
         for chosen in (np.ones(sector.shape, bool), is_solid[within], is_high)
@@ -364,9 +361,8 @@ def _climbing_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
     sector = sector_of(delta[..., 0], delta[..., 1], SECTORS)
     over = view.height_mm - ring.height_mm - delta @ np.array(ring.slope)
     within = is_solid & (inward > ON_RIM_MM) & (inward < INSIDE_MM[0])
-    with np.errstate(invalid="ignore"):
-        on_rim = is_solid & (np.abs(inward) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
-        is_higher = within & (over > RISE_MM)
+    on_rim = is_solid & (np.abs(inward) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
+    is_higher = within & (over > RISE_MM)
     seen, measured, higher = (np.bincount(sector[chosen], minlength=SECTORS) for chosen in (on_rim, within, is_higher))
     climbs = (higher > 0.5 * measured)[seen > 0]
     return float(climbs.mean()) if climbs.size else 0.0
@@ -393,8 +389,7 @@ def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
 def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | None:
     """A dish that is not round: the hull of a large cluster at one height, which its border holds all round."""
     low = max(RIM_RANGE_MM[0], RIM_NOISE * noise_mm)
-    with np.errstate(invalid="ignore"):
-        raised = is_solid & (view.height_mm > low) & (view.height_mm < RIM_RANGE_MM[1])
+    raised = is_solid & (view.height_mm > low) & (view.height_mm < RIM_RANGE_MM[1])
     raised = cv2.morphologyEx(raised.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
     link = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9))
     count, clusters = cv2.connectedComponents(cv2.dilate(raised.astype(np.uint8), link))
@@ -440,8 +435,7 @@ def _closed(mask: MaskArray, element: cv2.typing.MatLike) -> MaskArray:
 
 def _higher(view: TopView, is_solid: MaskArray, level_mm: float) -> MaskArray:
     """(rows, columns) cells that are clearly higher than a level."""
-    with np.errstate(invalid="ignore"):
-        return np.asarray(is_solid & (view.height_mm > level_mm + 2 * RISE_MM), np.bool_)
+    return is_solid & (view.height_mm > level_mm + 2 * RISE_MM)
 
 
 def _commonest(heights_mm: Float32Array) -> float:
@@ -457,7 +451,7 @@ def _inward_mm(hull: NDArray[np.int32], view: TopView) -> Float32Array:
     cv2.fillConvexPoly(picture, hull, 1)
     inside = cv2.distanceTransform(picture, cv2.DIST_L2, 5)
     outside = cv2.distanceTransform(1 - picture, cv2.DIST_L2, 5)
-    return np.asarray((inside - outside) * view.cell_mm, np.float32)
+    return (inside - outside) * view.cell_mm
 
 
 def _sector_share(at_level: MaskArray, border: MaskArray) -> float:

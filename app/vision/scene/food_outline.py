@@ -149,4 +149,4 @@ def _signed_depth_px(mask: MaskArray) -> Float32Array:
     """(H, W) distance to the outline, px, negative outside."""
     inside = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 3)
     outside = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3)
-    return np.asarray(inside - outside, np.float32)
+    return inside - outside

@@ -135,7 +135,7 @@ def _apart(found: MaskArray, is_ignored: MaskArray) -> tuple[MaskArray, MaskArra
 
 
 def _ratio(first: Float32Array, second: Float32Array, bins: NDArray[np.int64]) -> Float32Array:
-    return np.asarray(np.log((first + UNSEEN) / (second + UNSEEN))[bins], np.float32)
+    return np.log((first + UNSEEN) / (second + UNSEEN))[bins]
 
 
 def _texture_ratio(bins: NDArray[np.int64], food: MaskArray, others: MaskArray) -> Float32Array:

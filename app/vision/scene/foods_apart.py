@@ -155,9 +155,7 @@ class _Piece:
     def _proposals(self, mask: MaskArray, least_px: float) -> Iterator[MaskArray]:
         yield from self._by_colour(mask, least_px)
         depth = cv2.distanceTransform(filled(mask).astype(np.uint8), cv2.DIST_L2, 5)
-        yield from self._by_level(
-            mask, np.asarray(depth / depth.max(), np.float32), NECK_LEVELS, MIN_MARKER_MM2[0], least_px
-        )
+        yield from self._by_level(mask, depth / depth.max(), NECK_LEVELS, MIN_MARKER_MM2[0], least_px)
         height = cv2.medianBlur(np.nan_to_num(self._height_mm, nan=0.0), 5) * mask
         top = float(np.quantile(height[mask], 0.98))
         if top > 0:

@@ -42,9 +42,8 @@ def enclosed_by_raised(scene: Scene, over_support_mm: Float32Array) -> MaskArray
     blobs = opened(~is_measured, MIN_WIDTH_PX)
     count, labels, stats, middles = cv2.connectedComponentsWithStats(blobs.astype(np.uint8))
     around = cv2.dilate(labels.astype(np.uint16), np.ones((2 * AROUND_PX + 1,) * 2, np.uint8))
-    with np.errstate(invalid="ignore"):
-        is_raised = (over_support_mm > RAISED_MM) & ~scene.is_ignored
-        is_flat = (np.abs(over_support_mm) < FLAT_MM) & ~scene.is_ignored
+    is_raised = (over_support_mm > RAISED_MM) & ~scene.is_ignored
+    is_flat = (np.abs(over_support_mm) < FLAT_MM) & ~scene.is_ignored
     raised, flat = (np.bincount(around[mask], minlength=count) for mask in (is_raised, is_flat))
     rows, columns = np.nonzero(is_raised & (around > 0))
     blob = around[rows, columns].astype(np.int64)
@@ -64,9 +63,8 @@ def unlike_support(scene: Scene, over_support_mm: Float32Array, shows_dish: Sequ
     over_support_mm: (h, w) height over the table, a board or a plate's floor, NaN where unmeasured. shows_dish: parts
     that show the dishes' own colours.
     """
-    with np.errstate(invalid="ignore"):
-        is_flat = (np.abs(over_support_mm) < FLAT_MM) & (scene.reach_px < FINE_REACH_PX) & ~scene.is_ignored
-        is_raised = (over_support_mm > RAISED_MM) & ~scene.is_ignored
+    is_flat = (np.abs(over_support_mm) < FLAT_MM) & (scene.reach_px < FINE_REACH_PX) & ~scene.is_ignored
+    is_raised = (over_support_mm > RAISED_MM) & ~scene.is_ignored
     is_support = np.any([is_flat, *shows_dish], axis=0)
     if np.count_nonzero(is_support) < MIN_SUPPORT_PX:
         return np.zeros(is_support.shape, np.bool_)

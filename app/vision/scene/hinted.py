@@ -164,8 +164,7 @@ def _cut(
 def _height_nats(scene: Scene, places: Sequence[Place]) -> Float32Array:
     """(h, w) what heights say for food."""
     floors = {0.0, *(place.floor_mm for place in places)}
-    with np.errstate(invalid="ignore"):
-        is_flat = np.any([np.abs(scene.height_mm - np.float32(floor)) < FLAT_MM for floor in floors], axis=0)
+    is_flat = np.any([np.abs(scene.height_mm - np.float32(floor)) < FLAT_MM for floor in floors], axis=0)
     is_flat &= scene.reach_px < FINE_REACH_PX
     raised = _raised(places, scene.is_ignored.shape)
     return np.where(raised, RAISED_NATS, np.where(is_flat, FLAT_NATS, 0.0)).astype(np.float32)

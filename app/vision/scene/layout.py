@@ -82,7 +82,7 @@ def _plane_xy(pair: RectifiedPair) -> Float32Array:
     x, y, z = (row[0] * u[None, :] + row[1] * v[:, None] + row[2] for row in pair.rotation.T.astype(np.float32))
     reach = np.float32(pair.first_centre_mm[2]) / np.maximum(-z, np.float32(1e-3))
     centre = pair.first_centre_mm.astype(np.float32)
-    return np.asarray(np.stack([centre[0] + reach * x, centre[1] + reach * y], axis=-1), np.float32)
+    return np.stack([centre[0] + reach * x, centre[1] + reach * y], axis=-1)
 
 
 def lay_out(scene: Scene, trend: TableTrend) -> Layout | None:

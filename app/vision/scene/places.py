@@ -116,7 +116,7 @@ def _territory(scene: Scene, dish: Dish, view: TopView) -> _Territory:
     for height in np.linspace(0.0, dish.rim_mm, SILHOUETTE_STEPS)[:-1]:
         silhouette |= dish.inward_at(view, scene.xy_at(float(height))) > 0
     margin = distance_px(silhouette) < WINDOW_REACH_PX
-    return _Territory(dish, seen_inward, np.asarray(inward, np.float32), silhouette, margin)
+    return _Territory(dish, seen_inward, inward, silhouette, margin)
 
 
 def _owners(territories: Sequence[_Territory], shape: tuple[int, ...]) -> np.ndarray:
@@ -166,7 +166,7 @@ def _stands_on(territory: _Territory, tall: Float32Array) -> MaskArray:
     dish = territory.dish
     slope = BOWL_CORE_SHARE * dish.radius_mm if dish.is_deep and dish.radius_mm else RIM_SLOPE_MM
     sure = tall > dish.rim_mm + OVER_RIM_MM
-    return np.asarray(sure | ((tall > dish.floor_mm + OVER_FLOOR_MM) & (territory.inward > slope)), np.bool_)
+    return sure | ((tall > dish.floor_mm + OVER_FLOOR_MM) & (territory.inward > slope))
 
 
 def _solid(mask: MaskArray, scene: Scene, where: Literal["dish", "table"]) -> MaskArray:

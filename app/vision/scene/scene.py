@@ -35,4 +35,4 @@ class Scene:
         """(h, w, 2) where each pixel's ray meets the plane of this height."""
         share = (self.camera_mm[2] - height_mm) / self.camera_mm[2]
         foot = self.camera_mm[:2].astype(np.float32)
-        return np.asarray(foot + np.float32(share) * (self.plane_xy_mm - foot), np.float32)
+        return foot + np.float32(share) * (self.plane_xy_mm - foot)

@@ -53,7 +53,7 @@ def with_sides(masks: Sequence[MaskArray], scene: Scene, floor_mm: float) -> lis
     tops = [flat_top(mask, scene, floor_mm) for mask in masks]
     levels = [0.0 if top is None else top.level_mm for top in tops]
     order = sorted(range(len(masks)), key=lambda each: -levels[each])
-    taken = np.asarray(np.any([np.zeros(scene.is_ignored.shape, np.bool_), *masks], axis=0), np.bool_)
+    taken = np.any([np.zeros(scene.is_ignored.shape, np.bool_), *masks], axis=0)
     merged: set[int] = set()
     out: list[MaskArray] = []
     for each in order:
@@ -69,7 +69,7 @@ def with_sides(masks: Sequence[MaskArray], scene: Scene, floor_mm: float) -> lis
             if other != each and other not in merged and _is_side_of(masks[other], top, scene)
         ]
         merged.update(sides)
-        own = np.asarray(np.any([masks[each], *(masks[other] for other in sides)], axis=0), np.bool_)
+        own = np.any([masks[each], *(masks[other] for other in sides)], axis=0)
         side = top.below & ~taken & ~scene.is_ignored
         if np.count_nonzero(side) > MIN_SIDE_SHARE * np.count_nonzero(own):
             own = own | side
@@ -115,8 +115,7 @@ def flat_top(mask: MaskArray, scene: Scene, floor_mm: float) -> FlatTop | None:
 
 def _top(mask: MaskArray, scene: Scene, level_mm: float) -> MaskArray | None:
     """(h, w) the convex part of a mask that lies at a level or was not measured; None if too little is at the level."""
-    with np.errstate(invalid="ignore"):
-        at_level = np.abs(scene.height_mm - level_mm) < LEVEL_MM
+    at_level = np.abs(scene.height_mm - level_mm) < LEVEL_MM
     is_beside = distance_px(at_level & mask) < BESIDE_LEVEL_PX
     possible = opened(mask & (at_level | (is_beside & ~np.isfinite(scene.height_mm))), WINDOW_PX)
     inner = cv2.erode(possible.astype(np.uint8), np.ones((WINDOW_PX, WINDOW_PX), np.uint8)) > 0
@@ -149,7 +148,7 @@ def _hull_of_all(mask: MaskArray) -> MaskArray:
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     out = np.zeros(mask.shape, np.uint8)
     if contours:
-        cv2.fillConvexPoly(out, np.asarray(cv2.convexHull(np.concatenate(contours)), np.int32), 1)
+        cv2.fillConvexPoly(out, cv2.convexHull(np.concatenate(contours)), 1)
     return out > 0
 
 
@@ -165,7 +164,7 @@ class _Footprint:
         cells[row, column] = 1
         closed = cv2.morphologyEx(cells, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
         outside = cv2.distanceTransform(1 - closed, cv2.DIST_L2, 5)
-        self._outside_mm = np.asarray(outside * CELL_MM, np.float32)
+        self._outside_mm = outside * CELL_MM
 
     def outside_mm(self, xy_mm: Float32Array) -> Float32Array:
         """(h, w) distance from the footprint, 0 within it, at (h, w, 2); FAR_MM where it is far or not known."""
@@ -182,8 +181,7 @@ class _Footprint:
 
     def slope_share(self, mask: MaskArray, scene: Scene, level_mm: float, floor_mm: float) -> float:
         """Share of a mask's points between floor and top that lie well beside the top: on a slope, not on a side."""
-        with np.errstate(invalid="ignore"):
-            between = mask & (scene.height_mm > floor_mm + LEVEL_MM) & (scene.height_mm < level_mm - LEVEL_MM)
+        between = mask & (scene.height_mm > floor_mm + LEVEL_MM) & (scene.height_mm < level_mm - LEVEL_MM)
         if np.count_nonzero(between) < MIN_SLOPE_SHARE * np.count_nonzero(mask):
             return 0.0
         return float(np.mean(self.outside_mm(scene.points_table[..., :2])[between] > BESIDE_MM))

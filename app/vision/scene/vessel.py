@@ -42,9 +42,8 @@ def describe_vessel(scene: Scene, view: TopView, dish: Dish | None, trend: Table
     is_outside = dish.inward_at(view, scene.xy_at(dish.rim_mm)) < 0
     radius = np.linalg.norm(scene.points_table[..., :2] - dish.centre_mm, axis=-1)
     height = scene.height_mm
-    with np.errstate(invalid="ignore"):
-        is_wall = is_outside & (radius < dish.radius_mm + BEYOND_MM) & ~scene.is_ignored
-        is_wall &= (height > OVER_TABLE_MM) & (height < dish.rim_mm - BELOW_RIM_MM)
+    is_wall = is_outside & (radius < dish.radius_mm + BEYOND_MM) & ~scene.is_ignored
+    is_wall &= (height > OVER_TABLE_MM) & (height < dish.rim_mm - BELOW_RIM_MM)
     steps = np.floor(height[is_wall] / STEP_MM).astype(np.int64)
     rows = []
     for step in range(int(dish.rim_mm / STEP_MM) + 1):

@@ -87,7 +87,7 @@ class _Terms:
     def precision(self) -> Float64Array:
         """(n,) of each term as the loss leaves it (iteratively reweighted least squares)."""
         scaled = (self.residual_px / self.sd_px / TUNING.loss_scale) ** 2
-        return np.asarray(self.weight / self.sd_px**2 / (1 + scaled), np.float64)
+        return self.weight / self.sd_px**2 / (1 + scaled)
 
 
 def fit_form(
@@ -339,7 +339,7 @@ def _is_near(triangles: Float64Array, pixels: Float64Array) -> MaskArray:
 def _parallax_terms(placed: _Placed, seen: Seen) -> _Terms | None:
     """Parallax of the form's points less the measured one, px; each point speaks for the area around it."""
     sight, vertices = seen.sight, placed.vertices
-    normals = np.asarray(placed.mesh.around @ placed.normals, np.float64)
+    normals = placed.mesh.around @ placed.normals
     support_mm = float(vertices[:, 2].min())
     first, second = sight.cameras_mm
     ray = vertices - first

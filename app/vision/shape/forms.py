@@ -278,7 +278,7 @@ class Superellipsoid(Form):
         return (_cut if self._is_cut else _whole)(p, directions)
 
     def _turn(self, p: Float64Array) -> Float64Array:
-        return np.asarray(cv2.Rodrigues(p[TURN_X : TURN_Z + 1])[0] @ self.axes, np.float64)
+        return cv2.Rodrigues(p[TURN_X : TURN_Z + 1])[0] @ self.axes
 
     @property
     def _is_cut(self) -> bool:
@@ -321,7 +321,7 @@ def _cut(p: Float64Array, directions: Float64Array) -> Float64Array:
 
 def _power(base: Float64Array, exponent: float) -> Float64Array:
     """Signed power, as in Barr's parametrisation."""
-    return np.asarray(np.sign(base) * np.abs(base) ** exponent, np.float64)
+    return np.sign(base) * np.abs(base) ** exponent
 
 
 def _whole(p: Float64Array, directions: Float64Array) -> Float64Array:
@@ -383,7 +383,7 @@ class Ring(Form):
         own = np.column_stack(
             [radius * np.cos(turn) * stretch, radius * np.sin(turn) / stretch, half_height * width * np.sin(tube)]
         )
-        at = np.asarray(own @ (cv2.Rodrigues(p[TURN_X : TURN_Z + 1])[0] @ self.axes).T, np.float64)
+        at = own @ (cv2.Rodrigues(p[TURN_X : TURN_Z + 1])[0] @ self.axes).T
         at += np.array([p[X], p[Y], p[SUPPORT] - at[:, 2].min()])
         return at
 

@@ -157,4 +157,4 @@ def _rings(mask: MaskArray) -> list[np.ndarray]:
 def _simplified(ring: np.ndarray) -> Float64Array:
     """The ring without corners that change it by less than TOLERANCE_PX, to tenths of a pixel, as it is kept."""
     simple = cv2.approxPolyDP(np.ascontiguousarray(ring, np.float32).reshape(-1, 1, 2), TOLERANCE_PX, closed=True)
-    return np.asarray(np.round(np.asarray(simple, np.float64).reshape(-1, 2), DECIMALS), np.float64)
+    return np.round(np.asarray(simple, np.float64).reshape(-1, 2), DECIMALS)

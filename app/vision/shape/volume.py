@@ -59,7 +59,7 @@ def estimate_volume(
     log-normal: sd by part, "pair" (the print's scale, cubed; the poses) and "item": the slices' residuals, the hidden
     share, the support's height over the food's, and the method's own error, which is taken from the paper's Table I.
     """
-    points = np.asarray(points_table, np.float64) - [0.0, 0.0, support_mm]
+    points = points_table - [0.0, 0.0, support_mm]
     points = points[points[:, 2] > 0]
     if len(points) < MIN_POINTS:
         return None
@@ -67,7 +67,7 @@ def estimate_volume(
     top = float(np.quantile(points[:, 2], TOP_QUANTILE))
     points = points[points[:, 2] <= top]
     thickness = slice_thickness_mm(top)
-    towards_camera = np.asarray(camera_mm[:2], np.float64) - np.median(points[:, :2], axis=0)
+    towards_camera = camera_mm[:2] - np.median(points[:, :2], axis=0)
     towards_camera /= max(float(np.linalg.norm(towards_camera)), 1e-9)
     axis = fit_axis(points, thickness, form, towards_camera)
     chosen: SliceForm = form or ("ellipse" if axis.aspect > 1.0 else "circle")

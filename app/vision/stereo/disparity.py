@@ -65,7 +65,7 @@ def match_dense(
     start = searched
     for level in LEVELS:
         size = (max(1, round(width / level)), max(1, round(height / level)))
-        a, b = (np.asarray(_resized(grey, size, cv2.INTER_AREA), np.uint8) for grey in (first, second))
+        a, b = (_resized(grey, size, cv2.INTER_AREA) for grey in (first, second))
         scale = np.float32(width / size[0])
         rows, columns = (
             _standing(np.where(is_confirmed > 0, start, np.float32(0.0)))
@@ -87,15 +87,6 @@ def match_dense(
     parallax = _without_speckles(parallax)
     sd[np.isnan(parallax)] = np.nan
     return DisparityMap(parallax, reach, sd)
-
-
-def correlate(first: Float32Array, second: Float32Array) -> Float32Array:
-    """(H, W) NCC of the windows around each pixel of two grey images; 0 where either window is constant."""
-    mean_first, mean_second = _box(first), _box(second)
-    covariance = _box(first * second) - mean_first * mean_second
-    variance = (_box(first * first) - mean_first**2) * (_box(second * second) - mean_second**2)
-    # A variance below a thousandth of a grey level squared is float32's rounding.
-    return np.asarray(np.where(variance > 1e-3, covariance / np.sqrt(np.maximum(variance, 1e-3)), 0.0), np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +130,7 @@ def _search_range(
 ) -> tuple[Float32Array, ImageArray]:
     height, width = first.shape
     size = (max(1, round(width / level)), max(1, round(height / level)))
-    a, b = (np.asarray(_resized(grey, size, cv2.INTER_AREA), np.uint8) for grey in (first, second))
+    a, b = (_resized(grey, size, cv2.INTER_AREA) for grey in (first, second))
     b = _with_light_of(b, a)
     scale = width / size[0]
     low = int(np.floor(range_px[0] / scale)) - 1
@@ -256,9 +247,7 @@ def _settle_band(
         gain = sa * gg - sg * ag
         shift = (sg * aa - sa * ag) / np.maximum(gain, determinant * np.float32(0.1))
         # A window moves with its pixels' own parallax: without the median their noise would grow from step to step.
-        parallax = np.asarray(
-            cv2.medianBlur(parallax + np.clip(shift, np.float32(-1.0), np.float32(1.0)), 5), np.float32
-        )
+        parallax = cv2.medianBlur(parallax + np.clip(shift, np.float32(-1.0), np.float32(1.0)), 5)
     variance = np.maximum(_box(seen * seen) - mean_seen * mean_seen, np.float32(1e-3))
     gain /= determinant
     explained = gain * sa + np.clip(shift, -1.0, 1.0) * gain * sg

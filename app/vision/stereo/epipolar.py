@@ -86,7 +86,7 @@ def compare_fundamentals(first: View, second: View, matches: Matches, rng: np.ra
 
 def near_epipolar_lines(first: View, second: View, matches: Matches, limit_px_at_12mp: float) -> NDArray[np.bool_]:
     """(n,) matches beside the board whose symmetric epipolar distance by the views' own F is below the limit."""
-    return np.asarray((_distances_px_at_12mp(first, second, matches) < limit_px_at_12mp) & ~matches.is_board, np.bool_)
+    return (_distances_px_at_12mp(first, second, matches) < limit_px_at_12mp) & ~matches.is_board
 
 
 def surely_on_epipolar_lines(first: View, second: View, matches: Matches) -> NDArray[np.bool_]:
@@ -97,7 +97,7 @@ def surely_on_epipolar_lines(first: View, second: View, matches: Matches) -> NDA
     distances = _distances_px_at_12mp(first, second, matches)
     good = (distances < GOOD_PX_AT_12MP) & ~matches.is_board
     limit = max(SURE_PX_AT_12MP, SURE_MEDIANS * float(np.median(distances[good]))) if good.any() else 0.0
-    return np.asarray(good & (distances < limit), np.bool_)
+    return good & (distances < limit)
 
 
 def _distances_px_at_12mp(first: View, second: View, matches: Matches) -> Float64Array:
@@ -107,7 +107,7 @@ def _distances_px_at_12mp(first: View, second: View, matches: Matches) -> Float6
         undistort_to_pinhole(first, matches.first_px),
         undistort_to_pinhole(second, matches.second_px),
     )
-    return np.asarray(distances * LONG_SIDE_12MP / max(first.camera.width, first.camera.height), np.float64)
+    return distances * LONG_SIDE_12MP / max(first.camera.width, first.camera.height)
 
 
 def fundamental_from_points(x: Float64Array, x_second: Float64Array) -> Float64Array | None:
@@ -152,7 +152,7 @@ def cross_matrix(a: Float64Array) -> Float64Array:
 
 def projection_matrix(view: View) -> Float64Array:
     """P = K [R | t] (3, 4), table frame in mm to px of the pinhole (eq. 1-3)."""
-    return np.asarray(view.camera.matrix @ np.column_stack([view.rotation, view.translation_mm]), np.float64)
+    return view.camera.matrix @ np.column_stack([view.rotation, view.translation_mm])
 
 
 def symmetric_epipolar_distance_px(fundamental: Float64Array, x: Float64Array, x_second: Float64Array) -> Float64Array:
@@ -177,4 +177,4 @@ def _normalisation(x: Float64Array) -> Float64Array | None:
 
 
 def _apply(transform: Float64Array, x: Float64Array) -> Float64Array:
-    return np.asarray(x @ transform[:2, :2].T + transform[:2, 2], np.float64)
+    return x @ transform[:2, :2].T + transform[:2, 2]

@@ -57,8 +57,7 @@ def match_features(first: View, second: View) -> Matches | Failure:
     first_px, second_px = _sift_matches(first, second)
     points = triangulate(first, second, first_px, second_px)
     on_sheet = is_on_sheet(first.marker.spec, points)
-    with np.errstate(invalid="ignore"):
-        is_food = (points[:, 2] > FOOD_MIN_HEIGHT_MM) & (points[:, 2] < FOOD_MAX_HEIGHT_MM) & ~on_sheet
+    is_food = (points[:, 2] > FOOD_MIN_HEIGHT_MM) & (points[:, 2] < FOOD_MAX_HEIGHT_MM) & ~on_sheet
     corners = np.ones(len(first.marker.corners_px), np.bool_)
     keep = ~on_sheet  # the sheet's SIFT matches are the ambiguous ones; its corners stand for it
     matches = Matches(
@@ -120,9 +119,7 @@ def sheet_half_mm(spec: MarkerSpec) -> tuple[float, float]:
 def is_on_sheet(spec: MarkerSpec, points_table: Float64Array | Float32Array) -> NDArray[np.bool_]:
     """(...,) whether (..., 3) points lie over the printed sheet, margin included; False for NaN."""
     half_x, half_y = sheet_half_mm(spec)
-    with np.errstate(invalid="ignore"):
-        is_inside = (np.abs(points_table[..., 0]) <= half_x) & (np.abs(points_table[..., 1]) <= half_y)
-    return np.asarray(is_inside, np.bool_)
+    return (np.abs(points_table[..., 0]) <= half_x) & (np.abs(points_table[..., 1]) <= half_y)
 
 
 def shows_sheet(spec: MarkerSpec, plane_mm: Float32Array, centre_mm: Float64Array) -> NDArray[np.bool_]:
@@ -141,7 +138,7 @@ def shows_sheet(spec: MarkerSpec, plane_mm: Float32Array, centre_mm: Float64Arra
             bounds = (np.float32(-half) - low_end) / along, (np.float32(half) - low_end) / along
             enter = np.maximum(enter, np.minimum(*bounds))
             leave = np.minimum(leave, np.maximum(*bounds))
-        return np.asarray(enter <= leave, np.bool_)
+        return enter <= leave
 
 
 def _sift_matches(first: View, second: View) -> tuple[Float64Array, Float64Array]:
@@ -203,12 +200,12 @@ def _plane_homography(first: View, second: View) -> Float64Array:
     to_first, to_second = (
         view.camera.matrix @ np.column_stack([view.rotation[:, :2], view.translation_mm]) for view in (first, second)
     )
-    return np.asarray(to_second @ np.linalg.inv(to_first), np.float64)
+    return to_second @ np.linalg.inv(to_first)
 
 
 def _map_points(homography: Float64Array, points: Float64Array) -> Float64Array:
     mapped = points @ homography[:, :2].T + homography[:, 2]
-    return np.asarray(mapped[:, :2] / mapped[:, 2:], np.float64)
+    return mapped[:, :2] / mapped[:, 2:]
 
 
 def _jacobians(homography: Float64Array, points: Float64Array) -> Float64Array:
@@ -261,7 +258,7 @@ def _is_near_line(first: View, second: View, first_px: Float64Array, second_px: 
     lines /= np.maximum(np.linalg.norm(lines[:, :2], axis=1, keepdims=True), 1e-12)
     distance = (lines @ np.column_stack([rays_second, np.ones(len(rays_second))]).T).astype(np.float32)
     limit = GATE_SHARE * max(second.camera.width, second.camera.height) / second.camera.fx
-    return np.asarray(np.abs(distance) < limit, np.bool_)
+    return np.abs(distance) < limit
 
 
 def _mutual_matches(

@@ -140,7 +140,7 @@ def _parting(
     if known is not None:
         inside, outside = _reconciled(inside, outside, known)
     difference = inside - outside
-    contrast = np.asarray((difference**2).sum(axis=1), np.float64)
+    contrast = (difference**2).sum(axis=1)
     level = ((profiles - outside[:, None]) * difference[:, None]).sum(axis=2) / np.maximum(contrast, 1e-6)[:, None]
     misfit_inside = np.cumsum(np.clip((level - 1) ** 2, 0, MAX_COST), axis=1)
     misfit_outside = np.cumsum(np.clip(level**2, 0, MAX_COST)[:, ::-1], axis=1)[:, ::-1]
@@ -153,7 +153,7 @@ def _parting(
     share = np.where((share > -1) & (share < 2), share, 0.5)
     offset = along[best] + np.clip(share, -0.5, 1.5) * SAMPLE_PX
     clear = np.clip(contrast / (spread + LAB_NOISE) / CLEAR_CONTRAST, 0, 1)
-    return offset, np.asarray(clear * (np.abs(offset) < reach_px - 0.3), np.float64)
+    return offset, clear * (np.abs(offset) < reach_px - 0.3)
 
 
 def _steepest(lab: Float32Array, points: Float64Array, normals: Float64Array) -> Float64Array:
@@ -203,7 +203,7 @@ def _around(values: Float64Array, width: int) -> Float64Array:
 
 def _median(values: Float64Array) -> Float64Array:
     """Running median of five on a closed ring."""
-    return np.asarray(np.median([np.roll(values, shift) for shift in range(-2, 3)], axis=0), np.float64)
+    return np.median([np.roll(values, shift) for shift in range(-2, 3)], axis=0)
 
 
 def _smoothed(line: Float64Array, width: int) -> Float64Array:

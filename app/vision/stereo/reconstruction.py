@@ -23,7 +23,7 @@ class DepthModel:
     def depth_mm(self, disparity_px: Float32Array) -> Float32Array:
         """Depth along the rectified optical axis, mm; NaN where the disparity is NaN or <= 0."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            depth = np.float32(self.p_mm) + np.float32(self.q_mm_px) / np.asarray(disparity_px, np.float32)
+            depth = np.float32(self.p_mm) + np.float32(self.q_mm_px) / disparity_px
             return np.where(disparity_px > 0, depth, np.float32(np.nan))
 
 

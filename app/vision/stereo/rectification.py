@@ -67,7 +67,7 @@ class RectifiedPair:
 
         The second image is sheared by x_s (1 - a) = x_second + b y + c, so a parallax x - x_s counts 1 - a times.
         """
-        return np.asarray(self.plane_disparity_px() + np.float32(1.0 - self.plane_px[0]) * parallax_px, np.float32)
+        return self.plane_disparity_px() + np.float32(1.0 - self.plane_px[0]) * parallax_px
 
     def project(self, points_table: Float64Array) -> Float64Array:
         """(n, 3) mm -> (n, 3): x, y on the grid, px, and depth Z, mm."""
@@ -80,7 +80,7 @@ def to_rectified_px(pair: RectifiedPair, view: View, pixels: Float64Array) -> Fl
     """(n, 2) px of a photograph -> (n, 2) px of the row-aligned pair, before the second image is sheared."""
     rays = undistort_to_rays(view, pixels)
     turned = np.column_stack([rays, np.ones(len(rays))]) @ view.rotation @ pair.rotation.T
-    return np.asarray(pair.focal_px * turned[:, :2] / turned[:, 2:] + pair.centre_px, np.float64)
+    return pair.focal_px * turned[:, :2] / turned[:, 2:] + pair.centre_px
 
 
 def is_swapped(left: View, right: View) -> bool:
@@ -178,7 +178,7 @@ def epipole_to_infinity(epipole: Float64Array, middle: Float64Array) -> Float64A
 def map_points(homography: Float64Array, points: Float64Array) -> Float64Array:
     """(n, 2) -> (n, 2)."""
     mapped = np.column_stack([points, np.ones(len(points))]) @ homography.T
-    return np.asarray(mapped[:, :2] / mapped[:, 2:], np.float64)
+    return mapped[:, :2] / mapped[:, 2:]
 
 
 def _common_rotation(first: View, second: View, baseline: Float64Array) -> Float64Array:

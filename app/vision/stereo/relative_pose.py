@@ -173,7 +173,7 @@ def _to_rays(camera: Camera, pixels: Float64Array) -> Float64Array:
     if len(pixels) == 0:
         return np.empty((0, 2))
     if not any(camera.distortion):
-        return np.asarray((pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy], np.float64)
+        return (pixels - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
     ideal = cv2.undistortPoints(np.ascontiguousarray(pixels)[:, None], camera.matrix, np.array(camera.distortion))
     return np.asarray(ideal, np.float64).reshape(-1, 2)
 

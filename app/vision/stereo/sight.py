@@ -45,18 +45,18 @@ class Sight:
         """(n,) depth along the rectified axis of (n, 2) px of the first view with this parallax."""
         pair, (a, b, c) = self.pair, self.pair.plane_px
         disparity = a * pixels[:, 0] + b * pixels[:, 1] + c + (1 - a) * (parallax_px - self.drift_px(pixels))
-        return np.asarray(pair.focal_px * pair.baseline_mm / np.maximum(disparity, 1e-6), np.float64)
+        return pair.focal_px * pair.baseline_mm / np.maximum(disparity, 1e-6)
 
     def points(self, pixels: Float64Array, parallax_px: Float64Array) -> Float64Array:
         """(n, 3) mm, table frame: the inverse of project."""
         depth = self.depth_mm(pixels, parallax_px)[:, None]
         rays = np.column_stack([(pixels - self.pair.centre_px) / self.pair.focal_px, np.ones(len(pixels))])
-        return np.asarray((rays * depth) @ self.pair.rotation + self.pair.first_centre_mm, np.float64)
+        return (rays * depth) @ self.pair.rotation + self.pair.first_centre_mm
 
     def parallax_per_mm(self, depth_mm: Float64Array) -> Float64Array:
         """(n,) derivative of the parallax by depth, px/mm, negative."""
         pair = self.pair
-        return np.asarray(-pair.focal_px * pair.baseline_mm / depth_mm**2 / (1 - pair.plane_px[0]), np.float64)
+        return -pair.focal_px * pair.baseline_mm / depth_mm**2 / (1 - pair.plane_px[0])
 
     def pixel_gradient(self, points_table: Float64Array, view: int) -> Float64Array:
         """(n, 2, 3) derivative of the pixel in the first (0) or second (1) view by the point, px/mm."""

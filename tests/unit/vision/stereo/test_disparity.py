@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from app.vision.stereo.disparity import correlate, match_dense
+from app.vision.stereo.disparity import match_dense
 from app.vision.stereo.rectification import rectify_by_poses
 from tests.unit.vision.stereo_scene import Ball, rendered_views, true_depth
 
@@ -58,18 +58,6 @@ def test_standard_deviation_tells_how_far_off_parallaxes_are():
     spread = np.nanstd(found.parallax_px[inner])
     assert 0.3 < spread / np.nanmedian(found.sd_px[inner]) < 3.0  # a guess at how many pixels are independent is in it
     assert np.array_equal(np.isnan(found.sd_px), np.isnan(found.parallax_px))
-
-
-def test_correlation_ignores_gain_and_offset():
-    image = texture()
-    assert correlate(image, 0.5 * image + 40)[20:-20, 20:-20].min() > 0.999
-
-
-def test_correlation_agrees_with_a_slow_reference():
-    a, b = texture(40, 40, 1), texture(40, 40, 2)
-    window = (slice(16, 25), slice(11, 20))
-    slow = np.corrcoef(a[window].ravel(), b[window].ravel())[0, 1]
-    assert abs(correlate(a, b)[20, 15] - slow) < 1e-3
 
 
 def test_featureless_region_gives_nan():
