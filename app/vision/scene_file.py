@@ -16,6 +16,7 @@ import numpy as np
 from app.core.units import ml_from_mm3
 from app.vision.board.colour_board import COLOUR_SQUARES
 from app.vision.board.colour_correction import apply_colour
+from app.vision.geometry.masks import inward_px
 from app.vision.geometry.mesh import IntArray, enclosed_mm3
 from app.vision.model import (
     Float64Array,
@@ -280,7 +281,7 @@ def _well_inside(mask: MaskArray, trace: Trace) -> MaskArray:
     """(H, W) the mask but for its rim, where a window may have matched what lies behind."""
     if trace.disparity is None:
         return mask
-    inward = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
+    inward = inward_px(mask)
     return inward > trace.disparity.reach_px
 
 

@@ -4,11 +4,11 @@ Region and points on the rectified grid -> ItemTraits. Colours are corrected by 
 phone's white balance changes them little. What belongs together is for leftovers.py.
 """
 
-import cv2
 import numpy as np
 
 from app.vision.board.colour_correction import apply_colour
 from app.vision.board.colour_space import lab_of, linear_rgb
+from app.vision.geometry.masks import eroded
 from app.vision.model import ColourCorrection, Float32Array, ImageArray, ItemTraits, MaskArray
 
 OUTLINE_PX = 2  # of a region is mixed with what lies behind it
@@ -31,7 +31,7 @@ def traits_of(
 
 def _lab(mask: MaskArray, pixels_bgr: ImageArray, colour: ColourCorrection) -> tuple[float, float, float] | None:
     side = 2 * OUTLINE_PX + 1
-    inner = cv2.erode(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+    inner = eroded(mask, side)
     pixels = pixels_bgr[inner if np.count_nonzero(inner) >= MIN_PIXELS else mask]
     if len(pixels) < MIN_PIXELS:
         return None

@@ -18,6 +18,7 @@ from app.vision.board.grid import alternating_share, grid_homography, refine_gri
 from app.vision.board.pose import solve_pose
 from app.vision.board.quality import judge_marker, judge_photograph
 from app.vision.board.search import find_grids
+from app.vision.geometry.pictures import grey_of
 from app.vision.marker_spec import MarkerKind, MarkerSpec
 from app.vision.model import Float64Array, ImageArray, MarkerObservation, Photo, PhotoPair
 
@@ -161,7 +162,7 @@ def _correlation(a: Float64Array, b: Float64Array) -> float:
 def contrast_image(pixels_bgr: ImageArray, kind: MarkerKind) -> ImageArray:
     """(H, W): grey for a plain board; for the colour board the smallest channel, in which white alone is light."""
     if kind == "plain":
-        return np.asarray(cv2.cvtColor(pixels_bgr, cv2.COLOR_BGR2GRAY), np.uint8)
+        return grey_of(pixels_bgr)
     blue, green, red = cv2.split(pixels_bgr)
     return np.asarray(cv2.min(cv2.min(blue, green), red), np.uint8)
 

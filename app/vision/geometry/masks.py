@@ -1,5 +1,7 @@
 """Small operations on masks, (H, W) bool, that several steps of the segmentation need."""
 
+from typing import Literal
+
 import cv2
 import numpy as np
 
@@ -19,6 +21,25 @@ def without_specks(mask: MaskArray, least_px: float) -> MaskArray:
 def opened(mask: MaskArray, size_px: int) -> MaskArray:
     """The mask without what is narrower than a square of this side."""
     return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size_px, size_px), np.uint8)) > 0
+
+
+def dilated(mask: MaskArray, size_px: int) -> MaskArray:
+    """The mask grown by a square of this side."""
+    return cv2.dilate(mask.astype(np.uint8), np.ones((size_px, size_px), np.uint8)) > 0
+
+
+def eroded(mask: MaskArray, size_px: int) -> MaskArray:
+    """The mask shrunk by a square of this side."""
+    return cv2.erode(mask.astype(np.uint8), np.ones((size_px, size_px), np.uint8)) > 0
+
+
+def window_around(mask: MaskArray, margin_px: int) -> tuple[slice, slice]:
+    """Rows and columns of a mask that is not empty, with a margin."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    return (
+        slice(max(0, int(rows[0]) - margin_px), min(mask.shape[0], int(rows[-1]) + 1 + margin_px)),
+        slice(max(0, int(columns[0]) - margin_px), min(mask.shape[1], int(columns[-1]) + 1 + margin_px)),
+    )
 
 
 def largest_part(mask: MaskArray) -> MaskArray:
@@ -47,7 +68,12 @@ def distance_px(mask: MaskArray) -> Float32Array:
     """(H, W) distance to the nearest pixel of the mask; FAR_PX everywhere if it is empty."""
     if not mask.any():
         return np.full(mask.shape, FAR_PX, np.float32)
-    return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3), np.float32)
+    return inward_px(~mask, 3)
+
+
+def inward_px(mask: MaskArray, kernel: Literal[3, 5] = 5) -> Float32Array:
+    """(H, W) distance to the nearest pixel beside the mask, 0 there. kernel: of OpenCV's approximation."""
+    return np.asarray(cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, kernel), np.float32)
 
 
 def components(mask: MaskArray) -> list[MaskArray]:

@@ -7,6 +7,7 @@ do not agree. Light may differ in level and contrast, the surface may be slanted
 import cv2
 import numpy as np
 
+from app.vision.geometry.pictures import sampled
 from app.vision.model import Float32Array, Float64Array, ImageArray
 
 HALF_PATCH_PX = 7
@@ -40,12 +41,9 @@ def align_patches(
     offsets = np.stack([u, v], axis=-1).astype(np.float64)
     weight = np.exp(-0.5 * (u * u + v * v) / WINDOW_SD_PX**2).astype(np.float32)
     template = _sample(first, first_px[:, None] + offsets)
-    step_x, step_y = np.array([0.5, 0.0]), np.array([0.0, 0.5])
-    slope_x = _sample(first, first_px[:, None] + offsets + step_x) - _sample(
-        first, first_px[:, None] + offsets - step_x
-    )
-    slope_y = _sample(first, first_px[:, None] + offsets + step_y) - _sample(
-        first, first_px[:, None] + offsets - step_y
+    slope_x, slope_y = (
+        _sample(first, first_px[:, None] + offsets + step) - _sample(first, first_px[:, None] + offsets - step)
+        for step in np.diag([0.5, 0.5])
     )
     design = np.stack(
         [np.ones_like(template), template, slope_x, slope_y, slope_x * u, slope_x * v, slope_y * u, slope_y * v],
@@ -98,7 +96,5 @@ def _residual(
 
 def _sample(image: ImageArray, places_px: Float64Array) -> Float32Array:
     """(n, k) grey levels at (n, k, 2) px, cubic; the border's beyond it."""
-    x, y = (np.ascontiguousarray(places_px[..., axis], np.float32) for axis in (0, 1))
     # Not float32 pictures: converting the whole would take longer than all samples.
-    found = cv2.remap(image, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found, np.float32)
+    return np.asarray(sampled(image, places_px, cv2.INTER_CUBIC, beyond=None), np.float32)

@@ -6,10 +6,10 @@ small error of the poses or a soft cloth makes, so that heights can be taken ove
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from app.vision.geometry.masks import dilated
 from app.vision.model import Float32Array, Float64Array, MaskArray
 
 CELL_MM = 3.0
@@ -127,7 +127,7 @@ def _beside_what_stands(view: TopView) -> MaskArray:
     """(rows, columns) cells at the foot of something higher, whose windows may lie across its outline."""
     stands = view.height_mm > STANDING_MM
     side = 2 * BESIDE_CELLS + 1
-    return cv2.dilate(stands.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+    return dilated(stands, side)
 
 
 def _terms(x: Float64Array, y: Float64Array) -> Float64Array:

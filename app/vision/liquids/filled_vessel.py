@@ -12,7 +12,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from app.core.units import ml_from_mm3
+from app.vision.geometry.masks import eroded
 from app.vision.geometry.mesh import ClosedShape
+from app.vision.geometry.pictures import blurred, grey_of, lab_of
 from app.vision.geometry.sectors import sector_of
 from app.vision.geometry.slices import Slice
 from app.vision.geometry.solids import turned
@@ -21,7 +23,6 @@ from app.vision.liquids.glass_level import find_level_in_glass
 from app.vision.liquids.liquid_level import Level, find_level, visible
 from app.vision.liquids.rims import Circle, circle_points, find_circles
 from app.vision.model import Float32Array, Float64Array, MaskArray
-from app.vision.stereo.outline_snap import lab_of
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.sight import Sight
 from app.vision.vessel_library import VesselModel
@@ -153,12 +154,7 @@ def find_vessels(
     sight = Sight(pair)
     circles = find_circles(pair, sight, ~ignored)
     lab = (lab_of(pair.first_bgr), lab_of(pair.second_bgr))
-    grey = [
-        np.asarray(
-            cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32), (0, 0), 1.0), np.float32
-        )
-        for image in (pair.first_bgr, pair.second_bgr)
-    ]
+    grey = [blurred(grey_of(image).astype(np.float32), 1.0) for image in (pair.first_bgr, pair.second_bgr)]
     vessels: list[FilledVessel] = []
     unread: list[MaskArray] = []
     rims: list[Circle] = []  # of vessels filled or seen to be open
@@ -322,7 +318,7 @@ def _is_heaped(points_table: Float32Array, content: MaskArray, rim: Circle, leve
     """Whether what fills a bowl is measured to be no level surface. A mirror image only lies below it."""
     if rim.height_mm - table_mm > BOWL_ASPECT * rim.radius_mm:
         return False
-    inner = cv2.erode(content.astype(np.uint8), np.ones((EDGE_PX, EDGE_PX), np.uint8)) > 0
+    inner = eroded(content, EDGE_PX)
     heights = points_table[..., 2][inner]
     measured = heights[np.isfinite(heights)]
     if len(measured) < max(HEAP_SHARE * len(heights), 100):

@@ -6,9 +6,9 @@ the inner wall has. Only what the rim leaves in view counts, of that mostly the 
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
+from app.vision.geometry.pictures import sampled
 from app.vision.liquids.rims import SAMPLES, Circle, across, circle_points
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.stereo.sight import Sight
@@ -138,5 +138,4 @@ def lift_sd_mm(sight: Sight, unknowns: Float64Array) -> float:
 
 def colours_at(lab: Float32Array, pixels: Float64Array) -> Float64Array:
     """(n, 3) CIELAB at (n, 2) px."""
-    where = pixels.astype(np.float32)
-    return np.asarray(cv2.remap(lab, where[:, 0], where[:, 1], cv2.INTER_LINEAR), np.float64).reshape(-1, 3)
+    return np.asarray(sampled(lab, pixels), np.float64).reshape(-1, 3)

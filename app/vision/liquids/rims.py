@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from app.vision.geometry.pictures import blurred, grey_of, sampled
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.sight import Sight
@@ -41,24 +42,21 @@ class Circle:
     """centre_mm: (2,) x, y in the table frame; height_mm over the marker's plane.
 
     cover: share of its directions with an edge on it in the view that shows less of it.
-    height_sd_mm: of the fit. is_edge: (2, SAMPLES) by view and direction.
+    is_edge: (2, SAMPLES) by view and direction.
     """
 
     centre_mm: Float64Array
     radius_mm: float
     height_mm: float
     cover: float
-    height_sd_mm: float
     is_edge: MaskArray
 
 
 def find_circles(pair: RectifiedPair, sight: Sight, is_usable: MaskArray) -> list[Circle]:
     """Circles parallel to the table, best seen first. is_usable: (H, W) pixels of the first view that may show one."""
-    grey = [
-        np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.float32) for image in (pair.first_bgr, pair.second_bgr)
-    ]
+    grey = [grey_of(image).astype(np.float32) for image in (pair.first_bgr, pair.second_bgr)]
     spread = max(0.4 * CELL_MM / pair.pixel_mm, 0.5)
-    smooth = [np.asarray(cv2.GaussianBlur(image, (0, 0), spread), np.float32) for image in grey]
+    smooth = [blurred(image, spread) for image in grey]
     usable = is_usable.astype(np.uint8)
     middle = _middle_mm(sight, is_usable)
     candidates: list[tuple[float, Float64Array]] = []
@@ -66,7 +64,7 @@ def find_circles(pair: RectifiedPair, sight: Sight, is_usable: MaskArray) -> lis
         if height_mm < MAX_SHARE_OF_CAMERA_HEIGHT * pair.first_centre_mm[2]:
             candidates += _vote(sight, smooth, usable, height_mm, middle)
     candidates.sort(key=lambda each: -each[0])
-    fine = [np.asarray(cv2.GaussianBlur(image, (0, 0), 1.0), np.float32) for image in grey]
+    fine = [blurred(image, 1.0) for image in grey]
     circles: list[Circle] = []
     tried: list[tuple[Float64Array, tuple[float, ...]]] = []
     for _, start in candidates:
@@ -115,13 +113,9 @@ def _vote(
     corner_mm = middle_mm - REACH_MM
     # The map is fixed by four places near the middle, which lie before both cameras; cells behind them are left out.
     cells = (side - 1) / 2 + np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * NEAR_MM / CELL_MM
-    points = np.column_stack([cells * CELL_MM + corner_mm, np.full(4, height_mm)])
-    pixels, parallax = sight.project(points)
-    corners = cells
+    seen_at = sight.project(np.column_stack([cells * CELL_MM + corner_mm, np.full(4, height_mm)]))
     maps = [
-        cv2.getPerspectiveTransform(
-            corners.astype(np.float32), sight.in_view(pixels, parallax, view).astype(np.float32)
-        )
+        cv2.getPerspectiveTransform(cells.astype(np.float32), sight.in_view(*seen_at, view).astype(np.float32))
         for view in (0, 1)
     ]
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
@@ -145,14 +139,14 @@ def _vote(
         return []
     out = []
     for radius in np.arange(*RADII_MM, RADIUS_STEP_MM).tolist():
-        cells = radius / CELL_MM
-        centre_x = np.concatenate([columns + cells * towards_x, columns - cells * towards_x]).astype(np.int64) // 2
-        centre_y = np.concatenate([rows + cells * towards_y, rows - cells * towards_y]).astype(np.int64) // 2
+        reach = radius / CELL_MM
+        centre_x = np.concatenate([columns + reach * towards_x, columns - reach * towards_x]).astype(np.int64) // 2
+        centre_y = np.concatenate([rows + reach * towards_y, rows - reach * towards_y]).astype(np.int64) // 2
         half = side // 2
         inside = (centre_x >= 0) & (centre_x < half) & (centre_y >= 0) & (centre_y < half)
         votes = np.bincount(centre_y[inside] * half + centre_x[inside], minlength=half * half)
         field = cv2.blur(votes.astype(np.float32).reshape(half, half), (3, 3)) * 9
-        share = field / (2 * np.pi * cells)
+        share = field / (2 * np.pi * reach)
         for _ in range(3):
             _, best, _, place = cv2.minMaxLoc(share)
             if best < MIN_VOTES:
@@ -201,13 +195,13 @@ def refine_circle(sight: Sight, grey: list[Float32Array], start: Float64Array) -
             jacobian, offset, step, _ = across(sight, grey[view], unknowns, view, reach)
             is_edge = (step > LEAST_STEP) & np.isfinite(offset)
             edges.append(is_edge & (np.abs(offset) < ON_EDGE_PX))
-            weight = is_edge / (1.0 + (np.nan_to_num(offset) / 1.0) ** 2)
+            weight = is_edge / (1.0 + (np.nan_to_num(offset)) ** 2)
             rows.append(jacobian * np.sqrt(weight)[:, None])
             rests.append(np.nan_to_num(offset) * np.sqrt(weight))
-        design, rest = np.vstack(rows), np.concatenate(rests)
-        normal = design.T @ design + np.diag([1e-4] * 4)
         if turn == ROUNDS:
             break
+        design, rest = np.vstack(rows), np.concatenate(rests)
+        normal = design.T @ design + np.diag([1e-4] * 4)
         unknowns = unknowns + np.clip(np.linalg.solve(normal, design.T @ rest), -6.0, 6.0)
         if not (0.8 * RADII_MM[0] < unknowns[2] < 1.1 * RADII_MM[1]) or not 8.0 < unknowns[3] < 200.0:
             return None
@@ -215,8 +209,7 @@ def refine_circle(sight: Sight, grey: list[Float32Array], start: Float64Array) -
     cover = float(is_edge.mean(axis=1).min())
     if cover < MIN_COVER:
         return None
-    sd = np.sqrt(np.diag(np.linalg.inv(normal)))
-    return Circle(unknowns[:2], float(unknowns[2]), float(unknowns[3]), cover, float(max(sd[3], 0.3)), is_edge)
+    return Circle(unknowns[:2], float(unknowns[2]), float(unknowns[3]), cover, is_edge)
 
 
 def across(
@@ -243,9 +236,7 @@ def across(
     )
     shifts = np.arange(-reach_px - 1, reach_px + 2)
     where = pixels[:, None] + shifts[None, :, None] * normal[:, None]
-    profile = cv2.remap(
-        grey, where[..., 0].astype(np.float32), where[..., 1].astype(np.float32), cv2.INTER_LINEAR, borderValue=np.nan
-    )
+    profile = sampled(grey, where, beyond=np.nan)
     steps = profile[:, 2:] - profile[:, :-2]
     size = np.nan_to_num(np.abs(steps))
     # Nearer edges win against somewhat stronger ones farther off.

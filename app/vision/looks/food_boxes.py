@@ -8,6 +8,7 @@ index to say. A stereo pair has depth to go by (segmentation.py) and does not ne
 import cv2
 import numpy as np
 
+from app.vision.geometry.pictures import lab_of
 from app.vision.looks.vcm_region import Box
 from app.vision.model import ImageArray
 
@@ -27,7 +28,7 @@ def propose_boxes(pixels_bgr: ImageArray) -> list[Box]:
     scale = LONG_SIDE_PX / max(height, width)
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     small = cv2.GaussianBlur(cv2.resize(pixels_bgr, size, interpolation=cv2.INTER_AREA), (0, 0), SMOOTHING_SD_PX)
-    lab = cv2.cvtColor(small.astype(np.float32) / 255.0, cv2.COLOR_BGR2LAB)
+    lab = lab_of(small)
     lab = lab * np.array([LIGHTNESS_WEIGHT, 1.0, 1.0], np.float32)
     found = [box for colors in COLORS for box in _pieces(lab, colors)]
     kept: list[Box] = []

@@ -13,10 +13,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-import cv2
 import numpy as np
 
 from app.vision.board.colour_correction import apply_colour
+from app.vision.geometry.masks import eroded
+from app.vision.geometry.pictures import grey_of, lab_of
 from app.vision.looks import vcm_color, vcm_shape, vcm_texture
 from app.vision.looks.vcm_region import Region, region_of_rings
 from app.vision.model import ColourCorrection, Float32Array, Float64Array, ImageArray, MaskArray
@@ -87,11 +88,11 @@ def describe(region: Region) -> Float32Array:
     """
     if region.mask.shape != region.pixels_bgr.shape[:2] or not region.mask.any():
         raise ValueError(f"a region of {region.pixels_bgr.shape[:2]} px with a mask of {region.mask.shape}, or empty")
-    inner = cv2.erode(region.mask.astype(np.uint8), np.ones((OUTLINE_PX, OUTLINE_PX), np.uint8)) > 0
+    inner = eroded(region.mask, OUTLINE_PX)
     surface = Surface(
         region=region,
         inner=inner if np.count_nonzero(inner) > LEAST_INNER_PX else region.mask,
-        grey=np.asarray(cv2.cvtColor(region.pixels_bgr, cv2.COLOR_BGR2GRAY), np.uint8),
-        lab=np.asarray(cv2.cvtColor(region.pixels_bgr.astype(np.float32) / 255.0, cv2.COLOR_BGR2LAB), np.float32),
+        grey=grey_of(region.pixels_bgr),
+        lab=lab_of(region.pixels_bgr),
     )
     return np.concatenate([block.make(surface) for block in BLOCKS]).astype(np.float32)

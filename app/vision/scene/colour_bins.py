@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from app.vision.geometry.pictures import blurred, grey_of, lab_bytes
 from app.vision.model import Float32Array, ImageArray, MaskArray
 
 SHADES = (0.75, 0.55, 0.4, 0.28)  # of the light that may be left in the shadow of a food
@@ -33,8 +34,8 @@ def contrast_features(lab: Float32Array, sides: tuple[MaskArray, MaskArray] | No
 
 def fine_texture(image_bgr: ImageArray) -> Float32Array:
     """(H, W) mean absolute difference of grey from its surroundings, grey levels: what grain a surface has."""
-    grey = cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY).astype(np.float32)
-    return np.asarray(cv2.GaussianBlur(np.abs(grey - cv2.GaussianBlur(grey, (0, 0), 2.0)), (0, 0), 2.0), np.float32)
+    grey = grey_of(image_bgr).astype(np.float32)
+    return blurred(np.abs(grey - blurred(grey, 2.0)), 2.0)
 
 
 def colour_bins(lab: Float32Array) -> NDArray[np.int64]:
@@ -46,10 +47,10 @@ def colour_bins(lab: Float32Array) -> NDArray[np.int64]:
     return np.asarray((lightness * BIN_COUNTS[1] + a) * BIN_COUNTS[2] + b, np.int64)
 
 
-def shaded_lab(image_bgr: ImageArray, share: float) -> Float32Array:
-    """The image in Lab as it would look with this share of its light (of linear intensities, gamma 2.2)."""
-    darker = cv2.convertScaleAbs(image_bgr, alpha=share ** (1 / 2.2))
-    return cv2.cvtColor(darker, cv2.COLOR_BGR2LAB).astype(np.float32)
+def shaded_bins(image_bgr: ImageArray) -> list[NDArray[np.int64]]:
+    """The bins of the image as it would look with each of SHADES of its light (of linear intensities, gamma 2.2)."""
+    darker = (cv2.convertScaleAbs(image_bgr, alpha=share ** (1 / 2.2)) for share in SHADES)
+    return [colour_bins(lab_bytes(np.asarray(image, np.uint8))) for image in darker]
 
 
 def colour_histogram(versions: list[NDArray[np.int64]], where: MaskArray) -> Float32Array:

@@ -11,10 +11,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.vision.geometry.masks import filled
+from app.vision.geometry.masks import components, filled, inward_px, opened
+from app.vision.geometry.pictures import sampled
 from app.vision.geometry.sectors import sector_of
 from app.vision.geometry.topview import TopView
 from app.vision.model import Float32Array, Float64Array, MaskArray
+from app.vision.scene.scene import commonest
 
 RADII_MM = (50.0, 260.0)  # of a round dish: a dessert bowl to a serving platter
 RIM_RANGE_MM = (4.0, 90.0)  # over the table
@@ -85,17 +87,7 @@ class Dish:
     def inward_at(self, view: TopView, xy_mm: Float64Array | Float32Array) -> Float32Array:
         """(H, W) distance inward at (H, W, 2) mm; far outside: -100; NaN positions give -100."""
         cells = np.nan_to_num(view.cells_px(xy_mm), nan=-1e4)
-        return np.asarray(
-            cv2.remap(
-                self.inward_mm,
-                np.ascontiguousarray(cells[..., 0]),
-                np.ascontiguousarray(cells[..., 1]),
-                cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_CONSTANT,
-                borderValue=-100.0,
-            ),
-            np.float32,
-        )
+        return np.asarray(sampled(self.inward_mm, cells, beyond=-100.0), np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +103,11 @@ class _Ring:
     @property
     def circle(self) -> tuple[float, float, float]:
         return self.x_mm, self.y_mm, self.radius_mm
+
+    def offsets(self, view: TopView) -> tuple[Float64Array, Float64Array]:
+        """(rows, columns, 2) mm of the cells from the centre, and (rows, columns) mm inward from the circle."""
+        delta = view.centres_mm() - [self.x_mm, self.y_mm]
+        return delta, self.radius_mm - np.hypot(delta[..., 0], delta[..., 1])
 
     def holds(self, other: "_Ring") -> bool:
         """Whether the other lies within this one, and lower: as what fills a bowl lies within its rim."""
@@ -159,9 +156,7 @@ def _best_dish(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.rand
 
 
 def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator) -> Dish | None:
-    low = max(RIM_RANGE_MM[0], RIM_NOISE * noise_mm)
-    raised = is_solid & (view.height_mm > low) & (view.height_mm < RIM_RANGE_MM[1])
-    raised = cv2.morphologyEx(raised.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
+    raised = _raised(view, is_solid, noise_mm)
     cells = np.column_stack([view.centres_mm()[raised], view.height_mm[raised]])
     if len(cells) < SECTORS // 2:
         return None
@@ -189,6 +184,12 @@ def _find_round(view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.ran
     dish = _with_floor(inward.astype(np.float32), ring.height_mm, view, is_solid, centre, ring.radius_mm)
     # A flat top no larger than a slice of bread or a steak is food, not a board.
     return None if dish.floor_mm > 0 and np.pi * ring.radius_mm**2 < MIN_SLAB_MM2 else dish
+
+
+def _raised(view: TopView, is_solid: MaskArray, noise_mm: float) -> MaskArray:
+    """(rows, columns) cells as high as a rim may be."""
+    low = max(RIM_RANGE_MM[0], RIM_NOISE * noise_mm)
+    return opened(is_solid & (view.height_mm > low) & (view.height_mm < RIM_RANGE_MM[1]), 2)
 
 
 def _with_floor(
@@ -339,8 +340,7 @@ def _refined(
 
 def _hollow_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
     """Share of the sectors in which the surface within the rim is unmeasured or not higher: a mound's is."""
-    delta = view.centres_mm() - [ring.x_mm, ring.y_mm]
-    inward = ring.radius_mm - np.hypot(delta[..., 0], delta[..., 1])
+    delta, inward = ring.offsets(view)
     within = (inward > INSIDE_MM[0]) & (inward < INSIDE_MM[1])
     sectors = SECTORS // 2
     sector = sector_of(delta[within, 0], delta[within, 1], sectors)
@@ -356,8 +356,7 @@ def _hollow_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
 
 def _climbing_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
     """Share of the sectors in which the rim is seen where the surface climbs on within: a circle around three foods."""
-    delta = view.centres_mm() - [ring.x_mm, ring.y_mm]
-    inward = ring.radius_mm - np.hypot(delta[..., 0], delta[..., 1])
+    delta, inward = ring.offsets(view)
     sector = sector_of(delta[..., 0], delta[..., 1], SECTORS)
     over = view.height_mm - ring.height_mm - delta @ np.array(ring.slope)
     within = is_solid & (inward > ON_RIM_MM) & (inward < INSIDE_MM[0])
@@ -370,8 +369,7 @@ def _climbing_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
 
 def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
     """Whether a circle lies in the flat top of a block; a filled bowl is high and round, a board carries something."""
-    apart = view.centres_mm() - [ring.x_mm, ring.y_mm]
-    inward = ring.radius_mm - np.hypot(apart[..., 0], apart[..., 1])
+    apart, inward = ring.offsets(view)
     is_like_bowl = ring.edge_cover >= ROUND_EDGE_COVER and ring.height_mm >= BOWL_MM
     area_mm2 = np.pi * ring.radius_mm**2
     standing_mm2 = np.count_nonzero(_higher(view, is_solid, ring.height_mm) & (inward > 0)) * view.cell_mm**2
@@ -388,17 +386,14 @@ def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
 
 def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | None:
     """A dish that is not round: the hull of a large cluster at one height, which its border holds all round."""
-    low = max(RIM_RANGE_MM[0], RIM_NOISE * noise_mm)
-    raised = is_solid & (view.height_mm > low) & (view.height_mm < RIM_RANGE_MM[1])
-    raised = cv2.morphologyEx(raised.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
+    raised = _raised(view, is_solid, noise_mm)
     link = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9))
-    count, clusters = cv2.connectedComponents(cv2.dilate(raised.astype(np.uint8), link))
     best: tuple[float, Dish] | None = None
-    for label in range(1, count):
-        cluster = raised & (clusters == label)
+    for part in components(cv2.dilate(raised.astype(np.uint8), link) > 0):
+        cluster = raised & part
         if np.count_nonzero(cluster) < SECTORS:
             continue
-        level = _commonest(view.height_mm[cluster])
+        level = commonest(view.height_mm[cluster], SAME_HEIGHT_MM)
         at_level = cluster & (np.abs(view.height_mm - level) < SAME_HEIGHT_MM)
         higher = _higher(view, is_solid, level)
         at_level &= cv2.dilate(higher.astype(np.uint8), link) == 0  # without flanks of what stands on it, or beside it
@@ -421,16 +416,13 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
             continue
         dish = _with_floor(inward, level, view, is_solid)
         if dish.floor_mm > 0:
-            top = _closed(at_level | standing, link) & (inward > 0)
+            # Without gaps narrower than the link and without holes: a plain top is measured at its edge alone.
+            joined = cv2.morphologyEx((at_level | standing).astype(np.uint8), cv2.MORPH_CLOSE, link) > 0
+            top = filled(joined) & (inward > 0)
             if np.count_nonzero(top) < MIN_TOP_OF_HULL * np.count_nonzero(inward > 0):
                 continue
         best = area, dish
     return best[1] if best else None
-
-
-def _closed(mask: MaskArray, element: cv2.typing.MatLike) -> MaskArray:
-    """The mask without gaps narrower than the element and without holes: a plain top is measured at its edge alone."""
-    return filled(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, element) > 0)
 
 
 def _higher(view: TopView, is_solid: MaskArray, level_mm: float) -> MaskArray:
@@ -438,20 +430,10 @@ def _higher(view: TopView, is_solid: MaskArray, level_mm: float) -> MaskArray:
     return is_solid & (view.height_mm > level_mm + 2 * RISE_MM)
 
 
-def _commonest(heights_mm: Float32Array) -> float:
-    """The height at which most cells lie within SAME_HEIGHT_MM / 2."""
-    sorted_mm = np.sort(heights_mm)
-    above = np.searchsorted(sorted_mm, sorted_mm + SAME_HEIGHT_MM)
-    start = int(np.argmax(above - np.arange(len(sorted_mm))))
-    return float(np.median(sorted_mm[start : above[start]]))
-
-
 def _inward_mm(hull: NDArray[np.int32], view: TopView) -> Float32Array:
     picture = np.zeros(view.height_mm.shape, np.uint8)
     cv2.fillConvexPoly(picture, hull, 1)
-    inside = cv2.distanceTransform(picture, cv2.DIST_L2, 5)
-    outside = cv2.distanceTransform(1 - picture, cv2.DIST_L2, 5)
-    return (inside - outside) * view.cell_mm
+    return (inward_px(picture > 0) - inward_px(picture == 0)) * view.cell_mm
 
 
 def _sector_share(at_level: MaskArray, border: MaskArray) -> float:

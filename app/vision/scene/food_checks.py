@@ -3,7 +3,8 @@
 import cv2
 import numpy as np
 
-from app.vision.geometry.masks import largest_part, solidity
+from app.vision.geometry.masks import eroded, inward_px, largest_part, solidity
+from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import MaskArray
 from app.vision.scene.scene import IS_TABLE, Scene
 
@@ -27,14 +28,13 @@ def is_food(mask: MaskArray, is_core: MaskArray, scene: Scene, is_unseen: MaskAr
     square_mm = scene.pixel_mm**2
     if np.count_nonzero(mask) * square_mm < MIN_AREA_MM2 or np.count_nonzero(mask & is_core) * square_mm < MIN_CORE_MM2:
         return False
-    depth = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
+    depth = inward_px(mask)
     if 2 * float(depth.max()) * scene.pixel_mm < MIN_THICKNESS_MM or solidity(largest_part(mask)) < MIN_SOLIDITY:
         return False
     if _is_table_thing(mask, 2 * float(depth.max()), scene):
         return False
     outline = mask & (depth <= 1.5)
-    seen = np.pad(~is_unseen[1:-1, 1:-1], 1).astype(np.uint8)
-    at_border = cv2.erode(seen, np.ones((5, 5), np.uint8)) == 0
+    at_border = ~eroded(np.pad(~is_unseen[1:-1, 1:-1], 1), 5)
     return bool(np.count_nonzero(outline & at_border) <= MAX_BORDER_SHARE * np.count_nonzero(outline))
 
 
@@ -59,5 +59,5 @@ def _is_table_thing(mask: MaskArray, width_px: float, scene: Scene) -> bool:
 
 
 def _is_grey(mask: MaskArray, scene: Scene) -> bool:
-    lab = cv2.cvtColor(np.ascontiguousarray(scene.image_bgr[mask][None]), cv2.COLOR_BGR2LAB)[0].astype(np.float32)
+    lab = lab_bytes(np.ascontiguousarray(scene.image_bgr[mask][None]))[0]
     return bool(np.median(np.hypot(lab[:, 1] - 128.0, lab[:, 2] - 128.0)) < GREY_CHROMA)

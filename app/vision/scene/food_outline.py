@@ -6,13 +6,18 @@ that hung on. What all foods together could not tell, one food's colours against
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
-from app.vision.geometry.masks import components, filled, largest_part, solidity
+from app.vision.geometry.masks import components, filled, inward_px, largest_part, solidity, window_around
 from app.vision.geometry.min_cut import cut_in_two
+from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene.colour_bins import SHADES, colour_bins, colour_histogram, contrast_features, shaded_lab
+from app.vision.scene.colour_bins import (
+    colour_bins,
+    colour_histogram,
+    contrast_features,
+    shaded_bins,
+)
 from app.vision.scene.scene import FINE_REACH_PX, Scene
 
 MARGIN_MM = 12.0  # around the mask, whose colours are the surroundings'
@@ -73,17 +78,13 @@ def _recut(
     along the most chroma of all, to which a pack's prints belong but not its grey sides.
     """
     margin = round((MARGIN_MM + GROWTH_MM) / scene.pixel_mm)
-    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-    if len(rows) == 0:
+    if not mask.any():
         return mask
-    window = (
-        slice(max(0, int(rows[0]) - margin), int(rows[-1]) + margin + 1),
-        slice(max(0, int(columns[0]) - margin), int(columns[-1]) + margin + 1),
-    )
+    window = window_around(mask, margin)
     image = np.ascontiguousarray(scene.image_bgr[window])
-    lab = cv2.cvtColor(image, cv2.COLOR_BGR2LAB).astype(np.float32)
+    lab = lab_bytes(image)
     bins = colour_bins(lab)
-    shaded = [colour_bins(shaded_lab(image, share)) for share in SHADES]
+    shaded = shaded_bins(image)
     is_never = others[window] | scene.is_ignored[window]
     place = _signed_depth_px(mask[window]) * scene.pixel_mm
     is_never |= place < -GROWTH_MM
@@ -132,13 +133,11 @@ def _with_true_holes(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) 
     whole = filled(mask)
     own = height_mm[mask]
     own = own[np.isfinite(own)]
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((whole & ~mask).astype(np.uint8))
     out = whole
-    for label in range(1, count):
-        hole = labels == label
+    for hole in components(whole & ~mask):
         low = height_mm[hole]
         low = low[np.isfinite(low)]
-        if stats[label, cv2.CC_STAT_AREA] * pixel_mm**2 < MIN_HOLE_MM2 or min(len(low), len(own)) < MIN_HOLE_POINTS:
+        if np.count_nonzero(hole) * pixel_mm**2 < MIN_HOLE_MM2 or min(len(low), len(own)) < MIN_HOLE_POINTS:
             continue
         if float(np.quantile(low, 0.25)) < HOLE_DEPTH * float(np.median(own)):
             out = out & ~hole
@@ -147,6 +146,4 @@ def _with_true_holes(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) 
 
 def _signed_depth_px(mask: MaskArray) -> Float32Array:
     """(H, W) distance to the outline, px, negative outside."""
-    inside = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 3)
-    outside = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3)
-    return inside - outside
+    return inward_px(mask, 3) - inward_px(~mask, 3)

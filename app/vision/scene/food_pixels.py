@@ -10,10 +10,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.vision.geometry.masks import distance_px, touching
+from app.vision.geometry.masks import components, distance_px, inward_px, touching, window_around
 from app.vision.geometry.min_cut import cut_in_two
+from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene.colour_bins import SHADES, colour_bins, colour_histogram, contrast_features, shaded_lab
+from app.vision.scene.colour_bins import (
+    colour_bins,
+    colour_histogram,
+    contrast_features,
+    shaded_bins,
+)
 from app.vision.scene.gaps import find_gaps
 from app.vision.scene.places import OVER_RIM_MM, UNMEASURED_MM, Place
 from app.vision.scene.scene import FINE_REACH_PX, Scene
@@ -51,9 +57,9 @@ def find_food_pixels(scene: Scene, place: Place) -> FoodPixels:
 
 def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArray) -> FoodPixels:
     tall = np.nan_to_num(np.where(scene.is_ignored, np.float32(np.nan), scene.height_mm), nan=UNMEASURED_MM)
-    rows, columns = _crop(place.may_be_food)
-    window = (slice(*rows), slice(*columns))
-    shape = (columns[1] - columns[0], rows[1] - rows[0])
+    window = window_around(place.may_be_food, MARGIN_PX)  # in which the background's colours are known
+    down, across = place.may_be_food[window].shape
+    shape = (across, down)
     scale = min(1.0, SIDE_PX / max(shape))
     size = (max(8, round(shape[0] * scale)), max(8, round(shape[1] * scale)))
     roi, band, sure, core, deep = (
@@ -62,8 +68,8 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
     )
     is_ignored = _reduced(scene.is_ignored[window], size)
     image = np.asarray(cv2.resize(scene.image_bgr[window], size, interpolation=cv2.INTER_AREA), np.uint8)
-    lab = cv2.cvtColor(image, cv2.COLOR_BGR2LAB).astype(np.float32)
-    shaded = [colour_bins(shaded_lab(image, share)) for share in SHADES]
+    lab = lab_bytes(image)
+    shaded = shaded_bins(image)
     height = cv2.resize(tall[window], size, interpolation=cv2.INTER_NEAREST)
     is_fine = cv2.resize(scene.reach_px[window], size, interpolation=cv2.INTER_NEAREST) < FINE_REACH_PX
     is_measured = height > -50.0
@@ -116,14 +122,12 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
 
 def _cores(sure: MaskArray, scene: Scene) -> tuple[MaskArray, MaskArray]:
     """What is raised and not within a window's reach of its outline; and what is so deep inside that it is certain."""
-    depth = cv2.distanceTransform(sure.astype(np.uint8), cv2.DIST_L2, 3)
+    depth = inward_px(sure, 3)
     reach = np.maximum(np.where(scene.reach_px > FINE_REACH_PX, scene.reach_px, 2.0), 2.0)
     core = sure & (depth > reach + 1)
     is_fine = scene.reach_px < FINE_REACH_PX
     deep = sure & is_fine & (depth > reach + SURE_DEPTH_MM / scene.pixel_mm)
-    count, labels = cv2.connectedComponents(sure.astype(np.uint8))
-    for label in range(1, count):
-        part = labels == label
+    for part in components(sure):
         if not (core & part).any():
             core |= part & (depth > 0.6 * float(depth[part].max()))
     return core, deep
@@ -149,12 +153,3 @@ def _texture_ratio(bins: NDArray[np.int64], food: MaskArray, others: MaskArray) 
 
 def _reduced(mask: MaskArray, size: tuple[int, int]) -> MaskArray:
     return cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-
-
-def _crop(mask: MaskArray) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Rows and columns (from, to) around the mask with a margin, in which the background's colours are known."""
-    limits = []
-    for axis in (1, 0):
-        where = np.flatnonzero(mask.any(axis=axis))
-        limits.append((max(0, int(where[0]) - MARGIN_PX), min(mask.shape[1 - axis], int(where[-1]) + 1 + MARGIN_PX)))
-    return limits[0], limits[1]

@@ -11,8 +11,9 @@ from collections.abc import Iterator, Sequence
 import cv2
 import numpy as np
 
-from app.vision.geometry.masks import distance_px, filled, largest_part, solidity
+from app.vision.geometry.masks import components, dilated, distance_px, filled, inward_px, largest_part, solidity
 from app.vision.geometry.min_cut import cut_in_two
+from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.colour_bins import colour_bins, colour_histogram, contrast_features
 from app.vision.scene.scene import Scene
@@ -55,7 +56,7 @@ def tell_apart(food: MaskArray, scene: Scene, floor_mm: float = 0.0) -> list[Mas
     found: list[MaskArray] = []
     size = max(3, round(2.5 / scene.pixel_mm) | 1)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(_opened(food, size).astype(np.uint8))
-    lab = cv2.cvtColor(scene.image_bgr, cv2.COLOR_BGR2LAB).astype(np.float32)
+    lab = lab_bytes(scene.image_bgr)
     for label in range(1, count):
         x, y, width, height, area = (int(value) for value in stats[label])
         if area * scene.pixel_mm**2 < MIN_PART_MM2:
@@ -77,7 +78,7 @@ def tell_apart(food: MaskArray, scene: Scene, floor_mm: float = 0.0) -> list[Mas
 
 def divide(mask: MaskArray, seeds: Sequence[MaskArray], scene: Scene) -> list[MaskArray]:
     """The mask's share of each seed (h, w), the cuts between neighbours lying on the image's edges."""
-    lab = cv2.cvtColor(scene.image_bgr, cv2.COLOR_BGR2LAB).astype(np.float32)
+    lab = lab_bytes(scene.image_bgr)
     piece = _Piece(lab, scene.height_mm, scene.pixel_mm)
     nearest = np.stack([distance_px(seed) for seed in seeds]).argmin(axis=0)
     shares = [mask & (nearest == place) for place in range(len(seeds))]
@@ -154,7 +155,7 @@ class _Piece:
 
     def _proposals(self, mask: MaskArray, least_px: float) -> Iterator[MaskArray]:
         yield from self._by_colour(mask, least_px)
-        depth = cv2.distanceTransform(filled(mask).astype(np.uint8), cv2.DIST_L2, 5)
+        depth = inward_px(filled(mask))
         yield from self._by_level(mask, depth / depth.max(), NECK_LEVELS, MIN_MARKER_MM2[0], least_px)
         height = cv2.medianBlur(np.nan_to_num(self._height_mm, nan=0.0), 5) * mask
         top = float(np.quantile(height[mask], 0.98))
@@ -203,12 +204,10 @@ class _Piece:
 
     def _judge(self, one: MaskArray, two: MaskArray) -> float:
         """How well two parts stand for two foods: about 2 or more where they do, below 1 where they do not."""
-        border = one & (cv2.dilate(two.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+        border = one & dilated(two, 3)
         if not border.any():
             return 0.0
-        widths = [
-            2 * float(cv2.distanceTransform(filled(part).astype(np.uint8), cv2.DIST_L2, 5).max()) for part in (one, two)
-        ]
+        widths = [2 * float(inward_px(filled(part)).max()) for part in (one, two)]
         length = 1.1 * np.count_nonzero(border) / min(widths)  # a slanted line has fewer pixels than its length
         near_mm = distance_px(border) * self._pixel_mm
         beside = (near_mm > BESIDE_MM[0]) & (near_mm < BESIDE_MM[1])
@@ -235,18 +234,17 @@ class _Piece:
         """How far the outline is dented where the border meets it: share of a disc there beyond one half."""
         radius = max(6, round(NOTCH_RADIUS_MM / self._pixel_mm))
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)).astype(np.float32)
-        padded = np.pad(mask, radius + 2).astype(np.uint8)
-        share = cv2.filter2D(padded, cv2.CV_32F, disc / disc.sum(), borderType=cv2.BORDER_CONSTANT)
-        near_outline = cv2.distanceTransform(padded, cv2.DIST_L2, 3) <= 2.5
+        padded = np.pad(mask, radius + 2)
+        share = cv2.filter2D(padded.astype(np.uint8), cv2.CV_32F, disc / disc.sum(), borderType=cv2.BORDER_CONSTANT)
+        near_outline = inward_px(padded, 3) <= 2.5
         ends = np.pad(border, radius + 2) & near_outline
-        count, labels = cv2.connectedComponents(cv2.dilate(ends.astype(np.uint8), np.ones((5, 5), np.uint8)))
-        dents = sorted((float(share[ends & (labels == k)].max()) - 0.5 for k in range(1, count)), reverse=True)
+        dents = sorted((float(share[ends & part].max()) - 0.5 for part in components(dilated(ends, 5))), reverse=True)
         return sum(dents[:2]) / 2 if len(dents) >= 2 else 0.0
 
     def _crease(self, mask: MaskArray, border: MaskArray) -> float:
         """How strong the image's edges along the border are against those elsewhere: a ratio, 0 if unknown."""
-        depth = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 3)
-        near = cv2.dilate(border.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+        depth = inward_px(mask, 3)
+        near = dilated(border, 9)
         along, elsewhere = self._edges[border & (depth > 3)], self._edges[mask & (depth > 4) & ~near]
         if len(along) <= 5 or len(elsewhere) <= 20:
             return 0.0
@@ -309,7 +307,7 @@ def _is_same_cut(one: MaskArray, two: MaskArray, mask: MaskArray) -> bool:
 
 
 def _inner_half(part: MaskArray) -> MaskArray:
-    depth = cv2.distanceTransform(part.astype(np.uint8), cv2.DIST_L2, 3)
+    depth = inward_px(part, 3)
     return np.asarray(part & (depth > 0.5 * depth.max()), np.bool_)
 
 

@@ -7,6 +7,7 @@ a gap can only fill it, never dig one: a low height in a gap counts whatever its
 import cv2
 import numpy as np
 
+from app.vision.geometry.masks import dilated, inward_px
 from app.vision.model import Float32Array, MaskArray
 
 MIN_GAP_MM2 = 60.0
@@ -23,7 +24,6 @@ def find_gaps(is_raised: MaskArray, height_mm: Float32Array, colour_nats: Float3
     height_mm: (H, W) over the support, NaN where unmeasured. colour_nats: (H, W) log likelihood of food over the rest.
     """
     gaps = np.zeros(is_raised.shape, np.bool_)
-    kernel = np.ones((2 * AROUND_PX + 1, 2 * AROUND_PX + 1), np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats((~is_raised).astype(np.uint8), connectivity=4)
     for label in range(1, count):
         x, y, width, height, area = (int(value) for value in stats[label])
@@ -35,11 +35,11 @@ def find_gaps(is_raised: MaskArray, height_mm: Float32Array, colour_nats: Float3
             slice(max(0, x - AROUND_PX), x + width + AROUND_PX),
         )
         part = labels[window] == label
-        around = (cv2.dilate(part.astype(np.uint8), kernel) > 0) & is_raised[window]
+        around = dilated(part, 2 * AROUND_PX + 1) & is_raised[window]
         low, high = (height_mm[window][where & np.isfinite(height_mm[window])] for where in (part, around))
         if min(len(low), len(high)) < MIN_POINTS or np.median(low) >= LOW_SHARE * np.median(high):
             continue
         if np.median(colour_nats[window][part]) < MAX_FOOD_NATS:
-            depth = cv2.distanceTransform(part.astype(np.uint8), cv2.DIST_L2, 3)
+            depth = inward_px(part, 3)
             gaps[window] |= depth > MIDDLE_SHARE * float(depth.max())
     return gaps

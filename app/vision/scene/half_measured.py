@@ -10,9 +10,10 @@ import cv2
 import numpy as np
 
 from app.vision.geometry.masks import opened
+from app.vision.geometry.pictures import lab_bytes
 from app.vision.geometry.sectors import sector_of
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene.colour_bins import SHADES, colour_bins, colour_histogram, shaded_lab
+from app.vision.scene.colour_bins import colour_bins, colour_histogram, shaded_bins
 from app.vision.scene.scene import FINE_REACH_PX, Scene
 
 FLAT_MM = 3.0  # from a support's height: its surface
@@ -68,9 +69,8 @@ def unlike_support(scene: Scene, over_support_mm: Float32Array, shows_dish: Sequ
     is_support = np.any([is_flat, *shows_dish], axis=0)
     if np.count_nonzero(is_support) < MIN_SUPPORT_PX:
         return np.zeros(is_support.shape, np.bool_)
-    bins = colour_bins(cv2.cvtColor(scene.image_bgr, cv2.COLOR_BGR2LAB).astype(np.float32))
-    shaded = [colour_bins(shaded_lab(scene.image_bgr, share)) for share in SHADES]
-    is_unfamiliar = colour_histogram([bins, *shaded], is_support)[bins] < FAMILIAR
+    bins = colour_bins(lab_bytes(scene.image_bgr))
+    is_unfamiliar = colour_histogram([bins, *shaded_bins(scene.image_bgr)], is_support)[bins] < FAMILIAR
     blobs = opened(is_unfamiliar & ~is_support & ~scene.is_ignored, BESIDE_PX)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(blobs.astype(np.uint8))
     near = cv2.dilate(labels.astype(np.uint16), np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8))

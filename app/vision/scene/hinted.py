@@ -11,10 +11,16 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from app.vision.geometry.masks import distance_px, largest_part, touching
+from app.vision.geometry.masks import dilated, distance_px, largest_part, touching
 from app.vision.geometry.min_cut import cut_in_two
+from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene.colour_bins import SHADES, colour_bins, colour_histogram, contrast_features, shaded_lab
+from app.vision.scene.colour_bins import (
+    colour_bins,
+    colour_histogram,
+    contrast_features,
+    shaded_bins,
+)
 from app.vision.scene.foods_apart import divide
 from app.vision.scene.places import Place
 from app.vision.scene.scene import FINE_REACH_PX, Scene
@@ -102,7 +108,7 @@ def _cut_in_box(box: MaskArray, taken: MaskArray, scene: Scene, places: Sequence
     x, y, width, height = cv2.boundingRect(box.astype(np.uint8))
     margin = max(3, round(AROUND_SHARE * max(width, height)))
     allowed = box & ~taken & ~scene.is_ignored
-    around = _grown(box, margin) & ~box & ~taken & ~scene.is_ignored
+    around = dilated(box, 2 * margin + 1) & ~box & ~taken & ~scene.is_ignored
     core = np.zeros(box.shape, np.uint8)
     middle = (x + width // 2, y + height // 2)
     axes = (max(1, round(CORE_SHARE * width / 2)), max(1, round(CORE_SHARE * height / 2)))
@@ -138,9 +144,9 @@ def _cut(
     always: MaskArray | None = None,
 ) -> MaskArray:
     """The largest part of the minimum cut between what food and around teach of colours."""
-    lab = cv2.cvtColor(scene.image_bgr, cv2.COLOR_BGR2LAB).astype(np.float32)
+    lab = lab_bytes(scene.image_bgr)
     bins, features = colour_bins(lab), contrast_features(lab)
-    shaded = [colour_bins(shaded_lab(scene.image_bgr, share)) for share in SHADES]
+    shaded = shaded_bins(scene.image_bgr)
     evidence = _height_nats(scene, places)
     mask = food
     for _ in range(ROUNDS):
@@ -175,7 +181,3 @@ def _raised(places: Sequence[Place], shape: tuple[int, ...]) -> MaskArray:
     for place in places:
         raised |= place.is_sure
     return raised
-
-
-def _grown(mask: MaskArray, reach_px: int) -> MaskArray:
-    return cv2.dilate(mask.astype(np.uint8), np.ones((2 * reach_px + 1,) * 2, np.uint8)) > 0

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from app.vision.geometry.pictures import grey_of
 from app.vision.geometry.topview import TableTrend, TopView, fit_table_trend, usable_points, view_from_above
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.colour_bins import fine_texture
@@ -62,9 +63,7 @@ def reduced_scene(
 
 def _table_correlation(pair: RectifiedPair) -> Float32Array:
     """(H, W) normalised cross correlation of both views at parallax zero, the marker's plane; NaN where it is plain."""
-    first, second = (
-        np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.float32) for image in (pair.first_bgr, pair.second_bgr)
-    )
+    first, second = (grey_of(image).astype(np.float32) for image in (pair.first_bgr, pair.second_bgr))
     window = (TABLE_WINDOW_PX, TABLE_WINDOW_PX)
     mean, mean_second = cv2.boxFilter(first, -1, window), cv2.boxFilter(second, -1, window)
     variance = cv2.boxFilter(first * first, -1, window) - mean * mean

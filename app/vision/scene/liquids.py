@@ -6,11 +6,10 @@ The rectified pair -> regions of liquids and of foods, with hints shared out bet
 from collections.abc import Sequence
 from dataclasses import replace
 
-import cv2
 import numpy as np
 
 from app.core.errors import Failure
-from app.vision.geometry.masks import distance_px
+from app.vision.geometry.masks import dilated, distance_px, eroded
 from app.vision.geometry.topview import fit_table_trend, usable_points
 from app.vision.liquids.filled_vessel import FilledVessel, find_vessels
 from app.vision.model import EstimateOptions, Float32Array, Hint, MaskArray
@@ -61,7 +60,7 @@ def segment_meal(
     rest = [hint for hint in hints if hint.index not in answered]
     if liquids and options.is_complete and not rest:
         return Foods(liquids, table)
-    around = cv2.dilate(taken.astype(np.uint8), np.ones((BESIDE_PX, BESIDE_PX), np.uint8)) > 0
+    around = dilated(taken, BESIDE_PX)
     foods = segment_foods(pair, disparity, points_table, ignored, rest, around, is_complete=options.is_complete)
     if isinstance(foods, Failure):
         return Foods(liquids, table) if liquids else foods
@@ -81,7 +80,7 @@ def _is_handle(mask: MaskArray, silhouette: MaskArray, is_beside: MaskArray) -> 
     """
     if np.count_nonzero(mask) > HANDLE_AREA * np.count_nonzero(silhouette):
         return False
-    outline = mask & (cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
+    outline = mask & ~eroded(mask, 3)
     return bool(np.count_nonzero(outline & is_beside) > HANDLE_SHARE * np.count_nonzero(outline))
 
 

@@ -8,10 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import cv2
 import numpy as np
 
-from app.vision.geometry.masks import distance_px, opened, without_specks
+from app.vision.geometry.masks import components, distance_px, opened, without_specks
 from app.vision.geometry.topview import TopView
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.dish import Dish
@@ -142,10 +141,8 @@ def _half_measured(scene: Scene, territories: Sequence[_Territory], owner: np.nd
 
 def _whole_blobs(blobs: MaskArray, owner: np.ndarray, is_measured: MaskArray) -> np.ndarray:
     """The owners, each blob wholly to whom most of its measured points belong: rays beside them may pass a rim."""
-    count, labels = cv2.connectedComponents(blobs.astype(np.uint8))
     whole = owner.copy()
-    for label in range(1, count):
-        blob = labels == label
+    for blob in components(blobs):
         owners = owner[blob & is_measured]
         owners = owners[owners != AT_RIM]
         if len(owners):
@@ -198,6 +195,4 @@ def _groups(on_table: MaskArray, scene: Scene) -> list[MaskArray]:
     """What stands on the table, divided where wide gaps part it: colours are learned near each group alone."""
     if not on_table.any():
         return []
-    near = distance_px(on_table) * scene.pixel_mm < GROUP_MM / 2
-    count, labels = cv2.connectedComponents(near.astype(np.uint8))
-    return [on_table & (labels == label) for label in range(1, count)]
+    return [on_table & group for group in components(distance_px(on_table) * scene.pixel_mm < GROUP_MM / 2)]

@@ -36,3 +36,11 @@ class Scene:
         share = (self.camera_mm[2] - height_mm) / self.camera_mm[2]
         foot = self.camera_mm[:2].astype(np.float32)
         return foot + np.float32(share) * (self.plane_xy_mm - foot)
+
+
+def commonest(heights_mm: Float32Array, span_mm: float) -> float:
+    """The median of the values within the span that holds most of them."""
+    ordered = np.sort(heights_mm)
+    end = np.searchsorted(ordered, ordered + span_mm)
+    start = int(np.argmax(end - np.arange(len(ordered))))
+    return float(np.median(ordered[start : end[start]]))

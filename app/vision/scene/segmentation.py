@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from app.core.errors import Failure
-from app.vision.geometry.masks import distance_px, opened, touching
+from app.vision.geometry.masks import dilated, distance_px, opened, touching
 from app.vision.geometry.topview import TableTrend
 from app.vision.liquids.filled_vessel import FilledVessel
 from app.vision.model import Float32Array, MaskArray
@@ -124,7 +124,7 @@ def _canvas(pair: RectifiedPair) -> MaskArray:
     """
     is_black = opened(pair.first_bgr.max(axis=-1) <= BLACK_LEVEL, CANVAS_WIDTH_PX)
     unseen = np.pad(~pair.is_seen[1:-1, 1:-1], 1, constant_values=True)
-    canvas = touching(is_black, cv2.dilate(unseen.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+    canvas = touching(is_black, dilated(unseen, 3))
     canvas &= pair.is_seen
     return distance_px(canvas) < CANVAS_WIDTH_PX
 

@@ -6,9 +6,9 @@ Points of the rectified view, the dish, a food's mask -> height over the marker'
 from dataclasses import dataclass
 from typing import Literal
 
-import cv2
 import numpy as np
 
+from app.vision.geometry.masks import distance_px, inward_px
 from app.vision.geometry.topview import TableTrend, TopView
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.dish import Dish
@@ -55,7 +55,7 @@ def find_support(
     inside = mask & np.isfinite(scene.points_table[..., 2])
     middle = np.median(scene.points_table[inside][:, :2] if inside.any() else scene.plane_xy_mm[mask], axis=0)
     table_mm = float(trend.height_mm(middle))
-    clear_mm = scene.pixel_mm * cv2.distanceTransform((~foods).astype(np.uint8), cv2.DIST_L2, 3)
+    clear_mm = scene.pixel_mm * distance_px(foods)
     if dish is not None and dish.is_deep:
         return Support(table_mm + BOWL_PRIOR[0] * dish.rim_mm, BOWL_PRIOR[1] * dish.rim_mm, "bowl")
     heights = np.nan_to_num(scene.height_mm, nan=np.inf)
@@ -67,7 +67,7 @@ def find_support(
         floor_mm, sd = _reconciled(heights[is_floor], prior_mm, prior_sd, FLOOR_SD_MM)
         return Support(table_mm + max(0.0, floor_mm), sd, "floor")
     expected_mm = 0.0 if dish is None else dish.floor_mm
-    own_mm = scene.pixel_mm * cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 3)
+    own_mm = scene.pixel_mm * distance_px(mask)
     is_near = ~scene.is_ignored & (np.abs(heights - expected_mm) < LEVEL_STEP_MM) & (own_mm < NEAR_MM[1])
     is_near &= clear_mm > NEAR_MM[0]
     if dish is None:
@@ -99,7 +99,7 @@ def support_height_mm(points_table: Float32Array, mask: MaskArray, others: MaskA
 
     points_table: (H, W, 3) mm, NaN. mask: (H, W) the food. others: (H, W) other foods, the sheet, what is not seen.
     """
-    distance = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
+    distance = inward_px(~mask)
     heights = points_table[..., 2][(distance > RING_PX[0]) & (distance < RING_PX[1]) & ~others]
     heights = heights[(heights > RANGE_MM[0]) & (heights < RANGE_MM[1])]
     if len(heights) < MIN_POINTS:

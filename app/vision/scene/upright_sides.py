@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from app.vision.geometry.masks import distance_px, largest_part, opened
+from app.vision.geometry.masks import distance_px, eroded, inward_px, largest_part, opened
+from app.vision.geometry.pictures import sampled
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene.scene import FINE_REACH_PX, Scene
+from app.vision.scene.scene import FINE_REACH_PX, Scene, commonest
 
 LEVEL_MM = 3.0  # about a flat top's height
 MIN_LEVEL_SHARE, LEVEL_SHARE = 0.25, 0.65  # of a top, and of what is measured of it, that lies at its level
@@ -92,7 +93,7 @@ def flat_top(mask: MaskArray, scene: Scene, floor_mm: float) -> FlatTop | None:
     heights = heights[np.isfinite(heights) & (heights > floor_mm + FLAT_MM)]
     if len(heights) * scene.pixel_mm**2 < MIN_TOP_MM2:
         return None
-    level = _commonest(heights)
+    level = commonest(heights, 2 * LEVEL_MM)
     if np.count_nonzero(mask) < CONVEX_SHARE * np.count_nonzero(_hull(mask)):
         return None
     is_higher = np.count_nonzero(heights > level + LEVEL_MM) > MAX_HIGHER_SHARE * len(heights)
@@ -118,7 +119,7 @@ def _top(mask: MaskArray, scene: Scene, level_mm: float) -> MaskArray | None:
     at_level = np.abs(scene.height_mm - level_mm) < LEVEL_MM
     is_beside = distance_px(at_level & mask) < BESIDE_LEVEL_PX
     possible = opened(mask & (at_level | (is_beside & ~np.isfinite(scene.height_mm))), WINDOW_PX)
-    inner = cv2.erode(possible.astype(np.uint8), np.ones((WINDOW_PX, WINDOW_PX), np.uint8)) > 0
+    inner = eroded(possible, WINDOW_PX)
     top = _hull(inner) & mask
     # A plain top, blown out by the light, is measured along its edge and here and there.
     around = _hull_of_all(opened(mask & at_level, SPECK_PX)) & mask
@@ -129,14 +130,6 @@ def _top(mask: MaskArray, scene: Scene, level_mm: float) -> MaskArray | None:
     if area * scene.pixel_mm**2 < MIN_TOP_MM2 or level < MIN_LEVEL_SHARE * area or level < LEVEL_SHARE * measured:
         return None
     return top
-
-
-def _commonest(heights_mm: np.ndarray) -> float:
-    """The height about which most values lie within LEVEL_MM."""
-    ordered = np.sort(heights_mm)
-    end = np.searchsorted(ordered, ordered + 2 * LEVEL_MM)
-    start = int(np.argmax(end - np.arange(len(ordered))))
-    return float(np.median(ordered[start : end[start]]))
 
 
 def _hull(mask: MaskArray) -> MaskArray:
@@ -163,14 +156,12 @@ class _Footprint:
         column, row = ((places - self._low) / CELL_MM).astype(int).T
         cells[row, column] = 1
         closed = cv2.morphologyEx(cells, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-        outside = cv2.distanceTransform(1 - closed, cv2.DIST_L2, 5)
-        self._outside_mm = outside * CELL_MM
+        self._outside_mm = inward_px(closed == 0) * CELL_MM
 
     def outside_mm(self, xy_mm: Float32Array) -> Float32Array:
         """(h, w) distance from the footprint, 0 within it, at (h, w, 2); FAR_MM where it is far or not known."""
         cells = np.nan_to_num((xy_mm - self._low) / CELL_MM - 0.5, nan=-1e4).astype(np.float32)
-        found = cv2.remap(self._outside_mm, cells[..., 0], cells[..., 1], cv2.INTER_LINEAR, borderValue=(FAR_MM,))
-        return np.asarray(found, np.float32)
+        return np.asarray(sampled(self._outside_mm, cells, beyond=FAR_MM), np.float32)
 
     def carried_down(self, scene: Scene, level_mm: float, floor_mm: float) -> MaskArray:
         """(h, w) pixels whose rays pass below the top, anywhere between its level and the floor."""

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from app.core.units import ml_from_mm3
+from app.vision.geometry.masks import inward_px
 from app.vision.geometry.mesh import (
     IntArray,
     Topology,
@@ -314,7 +315,7 @@ def _is_hidden(placed: _Placed, seen: Seen, view: int, pixels: Float64Array) -> 
     faces = placed.mesh.faces[placed.is_facing[view]]
     faces = faces[_is_near(corners[faces], pixels[inner])]
     covered = draw_mask(corners - low, faces, (int(size[1]), int(size[0])))
-    depth = cv2.distanceTransform(covered.astype(np.uint8), cv2.DIST_L2, 3)
+    depth = inward_px(covered, 3)
     column, row = np.rint(pixels[inner] - low).astype(np.int64).T
     out[inner] = depth[row, column] > TUNING.hidden_px
     return out

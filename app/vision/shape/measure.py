@@ -7,10 +7,10 @@ segmentation.py.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from app.core.errors import Failure
+from app.vision.geometry.masks import dilated, inward_px
 from app.vision.model import Float32Array, Float64Array, Hint, MaskArray
 from app.vision.scene.segmentation import Region
 from app.vision.scene.support import support_height_mm
@@ -57,14 +57,13 @@ def measure_items(
 
     ignored: (H, W) the sheet and what is not seen. pose_sd: see volume.estimate_volume.
     """
-    foods = np.zeros(ignored.shape, np.bool_)
-    for region in regions:
-        foods |= region.mask
-    items = []
-    for region in regions:
-        item = _measure(region, pair, disparity, points_table, ignored | (foods & ~region.mask), hints, pose_sd)
-        items.append(item)
-    return without_clutter(items)
+    foods = np.any([region.mask for region in regions], axis=0)
+    return without_clutter(
+        [
+            _measure(region, pair, disparity, points_table, ignored | (foods & ~region.mask), hints, pose_sd)
+            for region in regions
+        ]
+    )
 
 
 def without_clutter(found: Sequence[MeasuredItem | None]) -> list[MeasuredItem] | Failure:
@@ -107,7 +106,7 @@ def _measure(
     is_measured = np.isfinite(points_table[..., 2])
     # Near the outline a window may have matched what lies behind; the larger the window, the further in.
     reach = np.where(disparity.reach_px < FINEST_REACH_PX, FINE_REACH_SHARE, 1.0) * disparity.reach_px
-    depth_px = cv2.distanceTransform(region.mask.astype(np.uint8), cv2.DIST_L2, 5)
+    depth_px = inward_px(region.mask)
     points = points_table[is_measured & (depth_px > reach)].astype(np.float64)
     support = support_height_mm(points_table, region.mask, others)
     form = hints[region.hint].slice_form if region.hint is not None else None
@@ -131,8 +130,7 @@ def _measure(
 
 def outline_test(pair: RectifiedPair, mask: MaskArray) -> Callable[[Float64Array], MaskArray]:
     """A test whether points (n, 3), table frame, mm, project into the mask; outside the grid nothing is known: True."""
-    kernel = np.ones((2 * OUTLINE_MARGIN_PX + 1, 2 * OUTLINE_MARGIN_PX + 1), np.uint8)
-    grown = cv2.dilate(mask.astype(np.uint8), kernel) > 0
+    grown = dilated(mask, 2 * OUTLINE_MARGIN_PX + 1)
     height, width = mask.shape
 
     def is_in_outline(points: Float64Array) -> MaskArray:

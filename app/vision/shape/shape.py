@@ -7,11 +7,12 @@ docs/decisions/0007-closed-forms-in-both-views.md.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from app.core.errors import Failure
+from app.vision.geometry.masks import dilated, inward_px, window_around
 from app.vision.geometry.mesh import ClosedShape, Topology, faces_towards
+from app.vision.geometry.pictures import grey_of, lab_of
 from app.vision.geometry.sections import cut_sections
 from app.vision.geometry.slices import Slice
 from app.vision.geometry.symmetry import SymmetryAxis
@@ -34,7 +35,6 @@ from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.outline_snap import (
     Outline,
     colours_beside,
-    lab_of,
     outline,
     rings_of_mask,
     snap,
@@ -101,18 +101,13 @@ class _Scene:
 
     def food(self, number: int) -> _Food | None:
         mask = self.regions[number].mask
-        rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-        window = (
-            slice(max(rows[0] - TUNING.margin_px, 0), min(rows[-1] + TUNING.margin_px, mask.shape[0] - 1) + 1),
-            slice(max(columns[0] - TUNING.margin_px, 0), min(columns[-1] + TUNING.margin_px, mask.shape[1] - 1) + 1),
-        )
-        sight = sight_of(self.pair, self.table, self.plane_xy_mm, window)
+        sight = sight_of(self.pair, self.table, self.plane_xy_mm, window_around(mask, TUNING.margin_px))
         rings = rings_of_mask(mask)
         if not rings:
             return None
         hidden_by = self._in_front(number)
         line = _without(snap(self.lab[0], rings, TUNING.snap_px), hidden_by[0])
-        inward = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
+        inward = inward_px(mask)
         measured = np.argwhere(np.isfinite(self.disparity.parallax_px) & (inward > self.disparity.reach_px))
         if len(measured) == 0:
             return None
@@ -134,21 +129,21 @@ class _Scene:
         """(H, W) in either view: foods that touch this one in the first view and lie nearer to the camera there."""
         mask = self.regions[number].mask
         first = np.zeros(mask.shape, np.bool_)
-        kernel = np.ones((2 * TUNING.touching_px + 1, 2 * TUNING.touching_px + 1), np.uint8)
-        beside = cv2.dilate(mask.astype(np.uint8), kernel) > 0
+        reach = 2 * TUNING.touching_px + 1
+        beside = dilated(mask, reach)
         for other, region in enumerate(self.regions):
             shared = region.mask & beside
             if other == number or not shared.any():
                 continue
-            own = mask & (cv2.dilate(region.mask.astype(np.uint8), kernel) > 0)
+            own = mask & dilated(region.mask, reach)
             if self._distance_mm(shared) < self._distance_mm(own) + TUNING.in_front_mm:
                 first |= region.mask
-        second = np.zeros(mask.shape, np.uint8)
+        second = np.zeros(mask.shape, np.bool_)
         rows, columns = np.nonzero(first & np.isfinite(self.disparity.parallax_px))
         moved = np.rint(columns - self.disparity.parallax_px[rows, columns]).astype(np.int64)
         inside = (moved >= 0) & (moved < mask.shape[1])
-        second[rows[inside], moved[inside]] = 1
-        return first, cv2.dilate(second, np.ones((5, 5), np.uint8)) > 0
+        second[rows[inside], moved[inside]] = True
+        return first, dilated(second, 5)
 
     def _distance_mm(self, where: MaskArray) -> float:
         points = self.points_table[where]
@@ -160,7 +155,7 @@ class _Scene:
 
 def _scene_of(foods: Foods, pair: RectifiedPair, disparity: DisparityMap, points_table: Float32Array) -> _Scene:
     images = (pair.first_bgr, pair.second_bgr)
-    grey = [np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.float32) for image in images]
+    grey = [grey_of(image).astype(np.float32) for image in images]
     lab = [lab_of(image) for image in images]
     return _Scene(
         regions=foods.regions,

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from app.vision.geometry.pictures import grey_of
 from app.vision.model import Float32Array, ImageArray, MaskArray
 
 RANGE_LEVEL, SEARCH_LEVEL = 4, 2  # reductions: the whole range is searched on the first, what it found on the second
@@ -55,8 +56,8 @@ def match_dense(
 
     first_bgr, second_bgr: (H, W, 3). range_px: least and greatest parallax. is_seen: (H, W) where to keep any.
     """
-    first = np.asarray(cv2.cvtColor(first_bgr, cv2.COLOR_BGR2GRAY), np.uint8)
-    second = np.asarray(cv2.cvtColor(second_bgr, cv2.COLOR_BGR2GRAY), np.uint8)
+    first = grey_of(first_bgr)
+    second = grey_of(second_bgr)
     height, width = first.shape
     searched, is_confirmed = _search(first, second, range_px, is_seen)
     parallax = np.full((height, width), np.nan, np.float32)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from app.core.errors import Failure
 from app.vision.board.grid import reduce_by
 from app.vision.geometry.patch_alignment import align_patches
+from app.vision.geometry.pictures import grey_of
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float32Array, Float64Array, ImageArray, View
 
@@ -182,7 +183,7 @@ def _aligned(
 def _reduced_grey(pixels_bgr: ImageArray) -> tuple[ImageArray, int]:
     """Grey at about ALIGNED_SIDE_PX, and by which whole factor it was reduced."""
     factor = max(1, round(max(pixels_bgr.shape) / ALIGNED_SIDE_PX))
-    return reduce_by(np.asarray(cv2.cvtColor(pixels_bgr, cv2.COLOR_BGR2GRAY), np.uint8), factor), factor
+    return reduce_by(grey_of(pixels_bgr), factor), factor
 
 
 def _reduction(factor: int) -> Float64Array:

@@ -11,7 +11,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
-from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
+from app.vision.geometry.pictures import sampled
+from app.vision.model import Float32Array, Float64Array, MaskArray
 
 STEP_PX = 2.0  # between points of a ring
 SUPERSAMPLING = 4  # of a mask, to find its outline between the pixels
@@ -29,7 +30,6 @@ ROUNDS = 2
 STEEP_SAMPLE_PX = 0.25  # along a normal
 STEEP_SD_PX = 0.5  # over which the change of colour is taken
 STEEP_REACH_PX = 1.5  # around where the colours part
-FULL_RANGE = 255.0
 
 Reference = Callable[[Float64Array], tuple[Float64Array, Float64Array]]
 
@@ -113,12 +113,6 @@ def colours_beside(lab: Float32Array, line: Outline) -> tuple[Float64Array, Floa
     return inside, outside
 
 
-def lab_of(image_bgr: ImageArray) -> Float32Array:
-    """(H, W, 3) CIE L*a*b*."""
-    scaled = image_bgr.astype(np.float32) / np.float32(FULL_RANGE)
-    return np.asarray(cv2.cvtColor(scaled, cv2.COLOR_BGR2Lab), np.float32)
-
-
 def _parting(
     lab: Float32Array,
     points: Float64Array,
@@ -187,10 +181,8 @@ def _squared(difference: Float64Array) -> Float64Array:
 
 def _profiles(lab: Float32Array, points: Float64Array, normals: Float64Array, along: Float64Array) -> Float64Array:
     """(n, len(along), 3) colours along each normal."""
-    where = (points[:, None] + normals[:, None] * along[None, :, None]).astype(np.float32)
-    return np.asarray(
-        cv2.remap(lab, where[..., 0], where[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float64
-    )
+    where = points[:, None] + normals[:, None] * along[None, :, None]
+    return np.asarray(sampled(lab, where, beyond=None), np.float64)
 
 
 def _around(values: Float64Array, width: int) -> Float64Array:
@@ -229,5 +221,4 @@ def _normals(points: Float64Array) -> Float64Array:
 
 
 def _sample(image: Float32Array, points: Float64Array) -> Float64Array:
-    where = points.astype(np.float32)
-    return np.asarray(cv2.remap(image, where[:, 0], where[:, 1], cv2.INTER_LINEAR), np.float64).ravel()
+    return np.asarray(sampled(image, points), np.float64).ravel()

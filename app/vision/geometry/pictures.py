@@ -1,0 +1,39 @@
+"""Small operations on pictures that several steps need: grey, CIELAB, blur, and values between the pixels."""
+
+import cv2
+import numpy as np
+
+from app.vision.model import Float32Array, Float64Array, ImageArray
+
+
+def grey_of(image_bgr: ImageArray) -> ImageArray:
+    """(H, W) grey levels."""
+    return np.asarray(cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY), np.uint8)
+
+
+def lab_of(image_bgr: cv2.typing.MatLike) -> Float32Array:
+    """(H, W, 3) CIE L*a*b*."""
+    return np.asarray(cv2.cvtColor(image_bgr.astype(np.float32) / np.float32(255.0), cv2.COLOR_BGR2LAB), np.float32)
+
+
+def lab_bytes(image_bgr: ImageArray) -> Float32Array:
+    """(H, W, 3) the same in steps of a byte, 0 to 255."""
+    return np.asarray(cv2.cvtColor(image_bgr, cv2.COLOR_BGR2LAB), np.float32)
+
+
+def blurred(image: Float32Array, sd_px: float) -> Float32Array:
+    """The picture under a Gaussian."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sd_px), np.float32)
+
+
+def sampled(
+    image: np.ndarray,
+    places_px: Float32Array | Float64Array,
+    interpolation: int = cv2.INTER_LINEAR,
+    *,
+    beyond: float | None = 0.0,
+) -> np.ndarray:
+    """The picture at places (..., 2), x and y in px. beyond: its value outside; None: that of the nearest border."""
+    x, y = (np.ascontiguousarray(places_px[..., axis], np.float32) for axis in (0, 1))
+    border = cv2.BORDER_REPLICATE if beyond is None else cv2.BORDER_CONSTANT
+    return cv2.remap(image, x, y, interpolation, borderMode=border, borderValue=(beyond or 0.0,))
