@@ -4,11 +4,14 @@ Trace in -> JPEG, PLY and JSON files as bytes, in the colours that the marker co
 reach have no picture.
 """
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
 from app.vision.board.colour_correction import apply_colour
 from app.vision.geometry.pointcloud import write_ply
+from app.vision.geometry.projective import homogeneous
 from app.vision.model import (
     Artefact,
     ColourCorrection,
@@ -23,9 +26,11 @@ from app.vision.model import (
 from app.vision.scene_file import SCENE_NAME, write_scene
 from app.vision.shape.measure import MeasuredItem
 from app.vision.shape.volume import Volume
-from app.vision.stereo.features import undistort_to_pinhole
+from app.vision.stereo.epipolar import Epipolar
+from app.vision.stereo.features import Matches, undistort_to_pinhole
 from app.vision.stereo.rectification import rectify_by_fundamental
-from app.vision.trace import Trace
+from app.vision.stereo.relative_pose import RefinedViews
+from app.vision.trace import Reconstruction, Trace
 
 WIDTH_PX = 1600
 JPEG_QUALITY = 88
@@ -40,38 +45,50 @@ ITEM_COLOURS = ((40, 40, 220), (60, 170, 40), (220, 120, 30), (30, 160, 230), (1
 
 def draw_artefacts(trace: Trace, pair: PhotoPair, items: tuple[ItemEstimate, ...]) -> list[Artefact]:
     """Files by step: matches, rectified (by F and by poses), disparity, points (and PLY), slices, overlay, scene."""
-    pictures: dict[str, ImageArray | None] = {
-        "matches.jpg": _matches(trace),
-        "rectified_by_f.jpg": _rectified_by_f(trace),
-        "rectified.jpg": _rectified(trace),
-        "disparity.jpg": _disparity(trace),
-        "points.jpg": _point_cloud(trace),
-        "slices.jpg": _slices(trace),
-        "overlay.jpg": _overlay(pair.left, trace.colours[0], items) if items and trace.colours else None,
-    }
+    scene = trace.scene
+    pictures: dict[str, ImageArray | None] = {}
+    if trace.refined is not None and trace.matches is not None and trace.epipolar is not None:
+        pictures["matches.jpg"] = _matches(trace, trace.refined, trace.matches, trace.epipolar)
+        pictures["rectified_by_f.jpg"] = _rectified_by_f(trace, trace.refined, trace.matches, trace.epipolar)
+    if scene is not None:
+        first = apply_colour(scene.rectified.first_bgr, trace.colour_of(0))
+        second = apply_colour(scene.rectified.second_bgr, trace.colour_of(1))
+        disparity = scene.rectified.disparity_from_parallax(scene.disparity.parallax_px)
+        # The pair that depth is measured on; the second is sheared so that the marker's plane coincides.
+        pictures["rectified.jpg"] = _with_rows(_side_by_side(first, second))
+        pictures["disparity.jpg"] = _side_by_side(first, _coloured(disparity))
+        measured = [(item, item.volume) for item in trace.items if item.volume is not None][:SHOWN_ITEMS]
+        if measured:
+            pictures["points.jpg"] = _point_cloud(measured, scene, first)
+            pictures["slices.jpg"] = _slices([volume for _, volume in measured])
+    if items and trace.colours is not None:
+        pictures["overlay.jpg"] = _overlay(pair.left, trace.colours[0], items)
     out = [_jpeg(name, picture) for name, picture in pictures.items() if picture is not None]
-    if trace.points_table is not None and trace.rectified is not None:
-        points, colours = _cloud(trace)
-        out.append(Artefact("points.ply", "model/ply", write_ply(points, colours)))
-    scene = write_scene(trace, pair, items)
-    return out if scene is None else [*out, Artefact(SCENE_NAME, "application/json", scene)]
+    if scene is not None:
+        known = np.isfinite(scene.points_table[..., 2])
+        points, colours = scene.points_table[known].astype(np.float64), first[known]
+        step = max(1, len(points) // CLOUD_POINTS)
+        out.append(Artefact("points.ply", "model/ply", write_ply(points[::step], colours[::step])))
+    content = write_scene(trace, pair, items)
+    return out if content is None else [*out, Artefact(SCENE_NAME, "application/json", content)]
 
 
 def _jpeg(name: str, picture: ImageArray) -> Artefact:
-    scale = min(1.0, WIDTH_PX / picture.shape[1])
-    if scale < 1.0:
-        picture = np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
-    done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    done, data = cv2.imencode(".jpg", _shrunk(picture, WIDTH_PX)[0], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     if not done:
         raise ValueError(f"{name} cannot be encoded.")
     return Artefact(name, "image/jpeg", data.tobytes())
 
 
+def _shrunk(picture: ImageArray, width_px: float) -> tuple[ImageArray, float]:
+    """The picture no wider than that, and by which factor."""
+    scale = min(1.0, width_px / picture.shape[1])
+    return np.asarray(cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8), scale
+
+
 def _reduced(view: View, colour: ColourCorrection) -> tuple[ImageArray, float]:
-    pixels = view.photo.pixels_bgr
-    scale = min(1.0, WIDTH_PX / 2 / pixels.shape[1])
-    small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return apply_colour(np.asarray(small, np.uint8), colour), scale
+    small, scale = _shrunk(view.photo.pixels_bgr, WIDTH_PX / 2)
+    return apply_colour(small, colour), scale
 
 
 def _side_by_side(first: ImageArray, second: ImageArray) -> ImageArray:
@@ -83,19 +100,17 @@ def _side_by_side(first: ImageArray, second: ImageArray) -> ImageArray:
     return np.hstack(padded)
 
 
-def _matches(trace: Trace) -> ImageArray | None:
+def _matches(trace: Trace, views: RefinedViews, matches: Matches, epipolar: Epipolar) -> ImageArray:
     """Good matches thin, the sixteen that made F bold."""
-    if trace.refined is None or trace.matches is None or trace.epipolar is None:
-        return None
-    first, scale = _reduced(trace.refined.first, trace.colour_of(0))
-    second, scale_second = _reduced(trace.refined.second, trace.colour_of(1))
+    first, scale = _reduced(views.first, trace.colour_of(0))
+    second, scale_second = _reduced(views.second, trace.colour_of(1))
     picture = _side_by_side(first, second)
-    good = np.flatnonzero(trace.epipolar.is_good & ~trace.matches.is_board)
+    good = np.flatnonzero(epipolar.is_good & ~matches.is_board)
     some = good[np.linspace(0, len(good) - 1, min(SHOWN_MATCHES, len(good))).astype(np.int64)]
-    for indices, colour, width in ((some, GREY, 1), (trace.epipolar.drawn, GREEN, 2)):
+    for indices, colour, width in ((some, GREY, 1), (epipolar.drawn, GREEN, 2)):
         for index in indices:
-            start = trace.matches.first_px[index] * scale
-            end = trace.matches.second_px[index] * scale_second + np.array([first.shape[1], 0])
+            start = matches.first_px[index] * scale
+            end = matches.second_px[index] * scale_second + np.array([first.shape[1], 0])
             corners = [(round(float(x)), round(float(y))) for x, y in (start, end)]
             cv2.line(picture, corners[0], corners[1], colour, width, cv2.LINE_AA)
             for corner in corners:
@@ -103,24 +118,21 @@ def _matches(trace: Trace) -> ImageArray | None:
     return picture
 
 
-def _rectified_by_f(trace: Trace) -> ImageArray | None:
+def _rectified_by_f(trace: Trace, refined: RefinedViews, matches: Matches, epipolar: Epipolar) -> ImageArray | None:
     """The paper's rectification (eq. 9), H and H' applied to the undistorted photographs."""
-    if trace.refined is None or trace.matches is None or trace.epipolar is None:
-        return None
-    views = (trace.refined.first, trace.refined.second)
-    good = trace.epipolar.is_good
-    x = undistort_to_pinhole(views[0], trace.matches.first_px[good])
-    x_second = undistort_to_pinhole(views[1], trace.matches.second_px[good])
+    views, good = (refined.first, refined.second), epipolar.is_good
+    x = undistort_to_pinhole(views[0], matches.first_px[good])
+    x_second = undistort_to_pinhole(views[1], matches.second_px[good])
     size = (views[0].camera.width, views[0].camera.height)
-    found = rectify_by_fundamental(trace.epipolar.from_matches, x, x_second, size)
+    found = rectify_by_fundamental(epipolar.from_matches, x, x_second, size)
     if found is None:
         return None
     # One frame for both: the first view's corners, as far as they stay finite.
     corners = np.array([[0.0, 0.0], [size[0], 0.0], [size[0], size[1]], [0.0, size[1]]])
-    homogeneous = np.column_stack([corners, np.ones(4)]) @ found[0].T
-    if (homogeneous[:, 2] <= 0).any():
+    moved = homogeneous(corners) @ found[0].T
+    if (moved[:, 2] <= 0).any():
         return None
-    mapped = homogeneous[:, :2] / homogeneous[:, 2:]
+    mapped = moved[:, :2] / moved[:, 2:]
     low, high = mapped.min(axis=0), mapped.max(axis=0)
     scale = WIDTH_PX / 2 / float((high - low).max())
     frame = np.array([[scale, 0.0, -scale * low[0]], [0.0, scale, -scale * low[1]], [0.0, 0.0, 1.0]])
@@ -136,25 +148,10 @@ def _rectified_by_f(trace: Trace) -> ImageArray | None:
     return _with_rows(_side_by_side(pictures[0], pictures[1]))
 
 
-def _rectified(trace: Trace) -> ImageArray | None:
-    """The pair that depth is measured on; the second is sheared so that the marker's plane coincides."""
-    if trace.rectified is None:
-        return None
-    first, second = trace.rectified.first_bgr, trace.rectified.second_bgr
-    return _with_rows(_side_by_side(apply_colour(first, trace.colour_of(0)), apply_colour(second, trace.colour_of(1))))
-
-
 def _with_rows(picture: ImageArray) -> ImageArray:
     for row in np.linspace(0, picture.shape[0] - 1, ROW_LINES + 2)[1:-1].astype(int):
         cv2.line(picture, (0, int(row)), (picture.shape[1] - 1, int(row)), GREEN, 1)
     return picture
-
-
-def _disparity(trace: Trace) -> ImageArray | None:
-    if trace.rectified is None or trace.disparity is None:
-        return None
-    disparity = trace.rectified.disparity_from_parallax(trace.disparity.parallax_px)
-    return _side_by_side(apply_colour(trace.rectified.first_bgr, trace.colour_of(0)), _coloured(disparity))
 
 
 def _coloured(values: Float32Array) -> ImageArray:
@@ -169,36 +166,18 @@ def _coloured(values: Float32Array) -> ImageArray:
     return picture
 
 
-def _cloud(trace: Trace) -> tuple[Float64Array, ImageArray]:
-    """Measured points and their colours, thinned to CLOUD_POINTS."""
-    if trace.points_table is None or trace.rectified is None:
-        return np.empty((0, 3)), np.empty((0, 3), np.uint8)
-    known = np.isfinite(trace.points_table[..., 2])
-    points, colours = trace.points_table[known].astype(np.float64), trace.rectified.first_bgr[known]
-    step = max(1, len(points) // CLOUD_POINTS)
-    return points[::step], apply_colour(colours[None, ::step], trace.colour_of(0))[0]
-
-
-def _point_cloud(trace: Trace) -> ImageArray | None:
+def _point_cloud(
+    measured: Sequence[tuple[MeasuredItem, Volume]], scene: Reconstruction, corrected_bgr: ImageArray
+) -> ImageArray:
     """The foods' points, measured in their colours and completed in grey, from the camera's side at a low slant."""
-    measured = _with_volume(trace)
-    if not measured or trace.rectified is None or trace.points_table is None:
-        return None
     panels = []
     for item, volume in measured:
-        keep = item.region.mask & np.isfinite(trace.points_table[..., 2])
-        seen, colours = trace.points_table[keep].astype(np.float64), trace.rectified.first_bgr[keep]
+        keep = item.region.mask & np.isfinite(scene.points_table[..., 2])
         hidden = volume.completed_mm + np.array([0.0, 0.0, item.support_mm])
-        grey = np.full((len(hidden), 3), GREY, np.uint8)
-        painted = apply_colour(colours[None], trace.colour_of(0))[0]
-        points, paint = np.concatenate([hidden, seen]), np.concatenate([grey, painted])
-        panels.append(_render(points, paint, volume, trace.rectified.first_centre_mm))
+        points = np.concatenate([hidden, scene.points_table[keep].astype(np.float64)])
+        paint = np.concatenate([np.full((len(hidden), 3), GREY, np.uint8), corrected_bgr[keep]])
+        panels.append(_render(points, paint, volume, scene.rectified.first_centre_mm))
     return np.hstack(panels)
-
-
-def _with_volume(trace: Trace) -> list[tuple[MeasuredItem, Volume]]:
-    """The first foods whose volume is known, as many as have room."""
-    return [(item, item.volume) for item in trace.items if item.volume is not None][:SHOWN_ITEMS]
 
 
 def _render(points: Float64Array, paint: ImageArray, volume: Volume, camera_mm: Float64Array) -> ImageArray:
@@ -223,14 +202,11 @@ def _render(points: Float64Array, paint: ImageArray, volume: Volume, camera_mm: 
     return picture
 
 
-def _slices(trace: Trace) -> ImageArray | None:
+def _slices(volumes: Sequence[Volume]) -> ImageArray:
     """Every slice from above: points seen, points completed, and the fitted form, coloured by height."""
-    measured = _with_volume(trace)
-    if not measured:
-        return None
     panels = []
     side = WIDTH_PX // 2
-    for _, volume in measured:
+    for volume in volumes:
         top = volume.slices[-1].high_mm
         extent = max(each.half_axes_mm[0] for each in volume.slices) * 1.2
         scale = side / (2 * extent)
@@ -259,10 +235,8 @@ def _slices(trace: Trace) -> ImageArray | None:
 
 def _overlay(left: Photo, colour: ColourCorrection, items: tuple[ItemEstimate, ...]) -> ImageArray:
     """Outlines and volumes on the photograph sent as left."""
-    pixels = left.pixels_bgr
-    scale = min(1.0, WIDTH_PX / pixels.shape[1])
-    small = cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    picture = apply_colour(np.asarray(small, np.uint8), colour)
+    small, scale = _shrunk(left.pixels_bgr, WIDTH_PX)
+    picture = apply_colour(small, colour)
     for number, item in enumerate(items):
         line = ITEM_COLOURS[number % len(ITEM_COLOURS)]
         rings = [np.rint(ring * scale).astype(np.int32) for ring in item.rings]
@@ -279,5 +253,5 @@ def _overlay(left: Photo, colour: ColourCorrection, items: tuple[ItemEstimate, .
 
 
 def _write(picture: ImageArray, text: str, place: tuple[int, int], size: float, colour: tuple[int, int, int]) -> None:
-    cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, WHITE, 6, cv2.LINE_AA)
-    cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 2, cv2.LINE_AA)
+    for ink, width in ((WHITE, 6), (colour, 2)):
+        cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, ink, width, cv2.LINE_AA)

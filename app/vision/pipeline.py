@@ -6,7 +6,7 @@ Photographs arrive decoded (photo.py); densities and nutrients are for others.
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -15,36 +15,25 @@ from app.vision.board.camera import camera_from_exif, estimate_views
 from app.vision.board.colour_correction import measure_colour
 from app.vision.board.marker import agree_on_corners, find_marker
 from app.vision.figures import draw_artefacts
-from app.vision.geometry.topview import usable_points
 from app.vision.looks.vcm import describe_rings
-from app.vision.model import (
-    EstimateOptions,
-    Float32Array,
-    Hint,
-    ItemEstimate,
-    MarkerObservation,
-    MaskArray,
-    MealEstimate,
-    PhotoPair,
-    View,
-)
+from app.vision.model import EstimateOptions, Hint, ItemEstimate, MarkerObservation, MealEstimate, PhotoPair
 from app.vision.scene.liquids import segment_meal
 from app.vision.scene.segmentation import Foods
 from app.vision.shape.measure import MeasuredItem, measure_items
 from app.vision.shape.outlines import draw_hints, photograph_px, rings_of
 from app.vision.shape.shape import measure_shapes
 from app.vision.shape.tuning import TUNING
-from app.vision.stereo.disparity import DisparityMap, match_dense
-from app.vision.stereo.epipolar import Epipolar, compare_fundamentals
-from app.vision.stereo.features import Matches, match_features, shows_sheet
+from app.vision.stereo.disparity import match_dense
+from app.vision.stereo.epipolar import compare_fundamentals
+from app.vision.stereo.features import match_features, shows_sheet
 from app.vision.stereo.focal_doubt import FLAG_SD, MOST_SD, doubt_focal, too_unsure
 from app.vision.stereo.marker_thickness import find_thickness, on_plaque
 from app.vision.stereo.pose_doubt import volume_doubt
 from app.vision.stereo.reconstruction import back_project, fit_to_marker, plane_points
-from app.vision.stereo.rectification import RectifiedPair, is_swapped, rectify_by_poses
-from app.vision.stereo.relative_pose import refine_views
+from app.vision.stereo.rectification import is_swapped, rectify_by_poses
+from app.vision.stereo.relative_pose import RefinedViews, refine_views
 from app.vision.stereo.stillness import judge_heights, judge_matches, judge_table
-from app.vision.trace import Trace
+from app.vision.trace import Reconstruction, Trace
 from app.vision.traits import traits_of
 
 PIPELINE_VERSION = "6"  # changes whenever the same photographs may give another answer
@@ -81,47 +70,31 @@ def estimate_meal(
 def _run(
     pair: PhotoPair, options: EstimateOptions, stage: "_Stages", trace: Trace
 ) -> tuple[ItemEstimate, ...] | Failure:
-    with stage("marker"):
-        observations = _find_markers(pair, options, trace)
-        if isinstance(observations, Failure):
-            return observations
-    with stage("camera"):
-        views = estimate_views(pair, observations, options)
-        if isinstance(views, Failure):
-            return views
-        trace.views, trace.is_swapped = views, is_swapped(*views)
-        first, second = views[::-1] if trace.is_swapped else views
-    with stage("match"):
-        matches = match_features(first, second)
-        if isinstance(matches, Failure):
-            return matches
-        trace.matches, trace.refined = matches, refine_views(first, second, matches)
-        first, second = trace.refined.first, trace.refined.second
-        trace.views = (second, first) if trace.is_swapped else (first, second)
-        moved = judge_heights(trace.refined, matches)
-        if moved is not None:
-            return moved
-        trace.focal = doubt_focal(first, second, camera_from_exif(pair.left))
-        epipolar = _compare(first, second, matches, np.random.default_rng(options.seed))
-        if isinstance(epipolar, Failure):
-            return epipolar
-        trace.epipolar = epipolar
-    scene = _reconstruct(first, second, stage, trace)
+    refined = _find_views(pair, options, stage, trace)
+    if isinstance(refined, Failure):
+        return refined
+    scene = _reconstruct(refined, stage)
     if options.marker.thick_mm == 0:
-        scene = _on_measured_plaque(scene, stage, trace)
-    moved = judge_table(trace.views[0].marker.spec, scene.plane_mm, scene.points_table)
+        with stage("depth"):
+            thick_mm = find_thickness(refined.first.marker.spec, scene.table_points())
+        if thick_mm > 0:  # a plaque carries the print: its table frame lies deeper
+            refined = on_plaque(refined, thick_mm)
+            trace.keep_views(refined)
+            scene = _reconstruct(refined, stage)
+    trace.scene = scene
+    moved = judge_table(refined.first.marker.spec, scene.plane_mm, scene.points_table)
     if moved is not None:
         return moved
-    rectified, disparity, points, ignored = scene.rectified, scene.disparity, scene.points_table, scene.is_ignored
     with stage("segment"):
-        places = photograph_px(rectified, points, trace.views[0], is_swapped=trace.is_swapped)
+        left = refined.second if trace.is_swapped else refined.first
+        places = photograph_px(scene.rectified, scene.points_table, left, is_swapped=trace.is_swapped)
         size = (pair.left.pixels_bgr.shape[1], pair.left.pixels_bgr.shape[0])
         hints = draw_hints(options.hints, places, size)
-        foods = segment_meal(rectified, disparity, points, ignored, hints, options)
+        foods = segment_meal(scene.rectified, scene.disparity, scene.points_table, scene.is_ignored, hints, options)
         if isinstance(foods, Failure):
             return foods
     with stage("volume"):
-        measured = _measure(foods, scene, options, trace)
+        measured = _measure(foods, refined, scene, options, trace)
         if isinstance(measured, Failure):
             return measured
         trace.items = measured
@@ -136,12 +109,45 @@ def _run(
                 relative_sd=item.volume.relative_sd if item.volume is not None else {},
                 hint=item.region.hint,
                 flags=item.flags,
-                traits=traits_of(item.region.mask, points, rectified.first_bgr, colour),
+                traits=traits_of(item.region.mask, scene.points_table, scene.rectified.first_bgr, colour),
                 vcm=describe_rings(pair.left.pixels_bgr, rings, left_colour),
             )
             for item, rings in zip(measured, outlines, strict=True)
         )
         return items + _missed(options.hints, items)
+
+
+def _find_views(pair: PhotoPair, options: EstimateOptions, stage: "_Stages", trace: Trace) -> RefinedViews | Failure:
+    """Cameras and poses by the marker, refined by matches of the whole scene."""
+    with stage("marker"):
+        observations = _find_markers(pair, options, trace)
+        if isinstance(observations, Failure):
+            return observations
+    with stage("camera"):
+        views = estimate_views(pair, observations, options)
+        if isinstance(views, Failure):
+            return views
+        trace.views, trace.is_swapped = views, is_swapped(*views)
+        first, second = views[::-1] if trace.is_swapped else views
+    with stage("match"):
+        matches = match_features(first, second)
+        if isinstance(matches, Failure):
+            return matches
+        refined = refine_views(first, second, matches)
+        trace.matches = matches
+        trace.keep_views(refined)
+        moved = judge_heights(refined, matches)
+        if moved is not None:
+            return moved
+        trace.focal = doubt_focal(refined.first, refined.second, camera_from_exif(pair.left))
+        epipolar = compare_fundamentals(refined.first, refined.second, matches, np.random.default_rng(options.seed))
+        if isinstance(epipolar, Failure):
+            return epipolar
+        moved = judge_matches(matches, epipolar.is_good)
+        if moved is not None:
+            return moved
+        trace.epipolar = epipolar
+    return refined
 
 
 def _missed(hints: Sequence[Hint], items: Sequence[ItemEstimate]) -> tuple[ItemEstimate, ...]:
@@ -155,30 +161,14 @@ def _missed(hints: Sequence[Hint], items: Sequence[ItemEstimate]) -> tuple[ItemE
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Scene:
-    """plane_mm: (H, W, 3) where lines of sight meet z = 0. is_ignored: (H, W) the marker, and what one view misses."""
-
-    rectified: RectifiedPair
-    disparity: DisparityMap
-    points_table: Float32Array
-    plane_mm: Float32Array
-    is_ignored: MaskArray
-
-    def table_points(self) -> Float32Array:
-        """(n, 3) mm, measured beside the marker; every second pixel each way."""
-        points, ignored = self.points_table[::2, ::2], self.is_ignored[::2, ::2]
-        return points[usable_points(points, ignored)]
-
-
-def _measure(foods: Foods, scene: _Scene, options: EstimateOptions, trace: Trace) -> list[MeasuredItem] | Failure:
+def _measure(
+    foods: Foods, refined: RefinedViews, scene: Reconstruction, options: EstimateOptions, trace: Trace
+) -> list[MeasuredItem] | Failure:
     """Volumes by the method asked for, each with the doubt that poses and lenses leave."""
-    if trace.refined is None:
-        raise ValueError("Views are refined before foods are measured.")
-    doubt = volume_doubt(trace.refined, scene.points_table[foods.mask], trace.focal)
+    pair, disparity, points = scene.rectified, scene.disparity, scene.points_table
+    doubt = volume_doubt(refined, points[foods.mask], trace.focal)
     if doubt.focal_sd > MOST_SD:
         return too_unsure()
-    pair, disparity, points = scene.rectified, scene.disparity, scene.points_table
     if options.method == "paper":
         measured = measure_items(
             foods.regions, pair, disparity, points, scene.is_ignored, options.hints, pose_sd=doubt.sd
@@ -188,42 +178,23 @@ def _measure(foods: Foods, scene: _Scene, options: EstimateOptions, trace: Trace
         measured = measure_shapes(foods, pair, disparity, points, pose_sd=doubt.sd, hints=options.hints)
     if isinstance(measured, Failure) or doubt.focal_sd <= FLAG_SD:
         return measured
-    flags = ("focal_unknown",)
-    return [replace(item, flags=(*item.flags, *flags)) for item in measured]
+    return [replace(item, flags=(*item.flags, "focal_unknown")) for item in measured]
 
 
-def _reconstruct(first: View, second: View, stage: "_Stages", trace: Trace) -> _Scene:
-    """Points in the views' table frame, from the refined views that the trace holds."""
-    if trace.refined is None:
-        raise ValueError("Views are refined before points are reconstructed.")
+def _reconstruct(refined: RefinedViews, stage: "_Stages") -> Reconstruction:
+    """Points in the views' table frame."""
     with stage("rectify"):
-        trace.rectified = rectified = rectify_by_poses(first, second)
+        rectified = rectify_by_poses(refined.first, refined.second)
     with stage("disparity"):
-        trace.disparity = match_dense(
+        disparity = match_dense(
             rectified.first_bgr, rectified.second_bgr, rectified.parallax_range_px, rectified.is_seen
         )
     with stage("depth"):
-        trace.depth = fit_to_marker(rectified, trace.refined)
-        disparity = rectified.disparity_from_parallax(trace.disparity.parallax_px)
-        trace.points_table = points = back_project(rectified, trace.depth.depth_mm(disparity))
-        plane = plane_points(rectified)
-        ignored = shows_sheet(first.marker.spec, plane, rectified.first_centre_mm) | ~rectified.is_seen
-    return _Scene(rectified, trace.disparity, points, plane, ignored)
-
-
-def _on_measured_plaque(scene: _Scene, stage: "_Stages", trace: Trace) -> _Scene:
-    """The scene in the table frame of the plaque that carries the print, if one does; else the same scene."""
-    if trace.refined is None:
-        raise ValueError("Views are refined before the marker's thickness is measured.")
-    with stage("depth"):
-        thick_mm = find_thickness(trace.refined.first.marker.spec, scene.table_points())
-    if thick_mm == 0:
-        return scene
-    trace.refined = on_plaque(trace.refined, thick_mm)
-    first, second = trace.refined.first, trace.refined.second
-    trace.views = (second, first) if trace.is_swapped else (first, second)
-    trace.markers = trace.views[0].marker, trace.views[1].marker
-    return _reconstruct(first, second, stage, trace)
+        depth = fit_to_marker(rectified, refined)
+        depth_mm = depth.depth_mm(rectified.disparity_from_parallax(disparity.parallax_px))
+        points, plane = back_project(rectified, depth_mm), plane_points(rectified)
+        sheet = shows_sheet(refined.first.marker.spec, plane, rectified.first_centre_mm)
+    return Reconstruction(rectified, disparity, depth, points, plane, sheet | ~rectified.is_seen)
 
 
 def _find_markers(
@@ -232,26 +203,15 @@ def _find_markers(
     """The marker in both photographs; in one only, the trace keeps that one."""
     left = find_marker(pair.left, options.marker, "left")
     right = find_marker(pair.right, options.marker, "right")
-    trace.markers = _if_found(left), _if_found(right)
     if isinstance(left, Failure):
+        trace.markers = (None, None if isinstance(right, Failure) else right)
         return left
     if isinstance(right, Failure):
+        trace.markers = (left, None)
         return right
     trace.markers = observations = agree_on_corners(pair, left, right)
     trace.colours = measure_colour(pair.left, left), measure_colour(pair.right, right)
     return observations
-
-
-def _if_found(marker: MarkerObservation | Failure) -> MarkerObservation | None:
-    return None if isinstance(marker, Failure) else marker
-
-
-def _compare(first: View, second: View, matches: Matches, rng: np.random.Generator) -> Epipolar | Failure:
-    epipolar = compare_fundamentals(first, second, matches, rng)
-    if isinstance(epipolar, Failure):
-        return epipolar
-    moved = judge_matches(matches, epipolar.is_good)
-    return epipolar if moved is None else moved
 
 
 class _Stages:

@@ -8,7 +8,6 @@ were. What the run did not reach is not in it. docs/volume.md, "The scene in 3D"
 import base64
 import json
 from collections.abc import Sequence
-from typing import Any
 
 import cv2
 import numpy as np
@@ -18,9 +17,10 @@ from app.vision.board.colour_board import COLOUR_SQUARES
 from app.vision.board.colour_correction import apply_colour
 from app.vision.geometry.masks import inward_px
 from app.vision.geometry.mesh import IntArray, enclosed_mm3
+from app.vision.geometry.topview import TableTrend
+from app.vision.marker_spec import MarkerSpec
 from app.vision.model import (
     Float64Array,
-    ImageArray,
     ItemEstimate,
     MarkerObservation,
     MaskArray,
@@ -37,8 +37,9 @@ from app.vision.shape.outlines import (
     second_grid_in_photograph,
 )
 from app.vision.shape.volume import Volume
-from app.vision.stereo.rectification import RectifiedPair
-from app.vision.trace import Trace
+from app.vision.trace import Reconstruction, Trace
+
+Document = dict[str, object]  # JSON
 
 HELD_FLAGS = frozenset({"inside_guessed", "vessel_library"})  # of what a vessel holds
 SCENE_NAME = "scene.json"
@@ -60,7 +61,7 @@ def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) ->
     found = next((marker for marker in trace.markers if marker is not None), None)
     if found is None:
         return None
-    scene: dict[str, Any] = {
+    content: Document = {
         "version": SCENE_VERSION,
         "units": "mm",
         "photographs": {
@@ -71,28 +72,30 @@ def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) ->
         },
         "board": _board(found),
     }
-    if trace.rectified is None or trace.points_table is None or trace.views is None:
-        return _encoded(scene)
+    scene = trace.scene
+    if scene is None or trace.views is None:
+        return _encoded(content)
     topologies: list[IntArray] = []
-    scene["items"] = [
-        _item(index, item, estimate, trace, topologies)
+    foods = [
+        _item(index, item, estimate, topologies)
+        | _right_rings(item, scene, trace.views[1], is_swapped=trace.is_swapped)
         for index, (item, estimate) in enumerate(zip(trace.items, items, strict=True))
     ]
-    scene["topologies"] = [_packed(faces, "<u2") for faces in topologies]
-    room = (MAX_BYTES - len(_encoded(scene))) // POINT_BYTES
-    scene["points"], ranges = _points(trace, trace.rectified, min(MAX_POINTS, max(room, 0)))
-    for item, (start, count) in zip(scene["items"], ranges, strict=True):
-        item["points"] = {"start": start, "count": count}
-    return _encoded(scene)
+    content |= {"items": foods, "topologies": [_packed(faces, "<u2") for faces in topologies]}
+    room = (MAX_BYTES - len(_encoded(content))) // POINT_BYTES
+    content["points"], ranges = _points(trace, scene, found.spec, min(MAX_POINTS, max(room, 0)))
+    for food, (start, count) in zip(foods, ranges, strict=True):
+        food["points"] = {"start": start, "count": count}
+    return _encoded(content)
 
 
-def _encoded(scene: dict[str, Any]) -> bytes:
-    return json.dumps(scene, separators=(",", ":"), allow_nan=False).encode("ascii")
+def _encoded(content: Document) -> bytes:
+    return json.dumps(content, separators=(",", ":"), allow_nan=False).encode("ascii")
 
 
-def _photograph(photo: Photo, marker: MarkerObservation | None, view: View | None) -> dict[str, Any]:
+def _photograph(photo: Photo, marker: MarkerObservation | None, view: View | None) -> Document:
     height, width = photo.pixels_bgr.shape[:2]
-    out: dict[str, Any] = {"width": width, "height": height}
+    out: Document = {"width": width, "height": height}
     if marker is not None:
         out["marker_corners_px"] = _rounded(marker.corners_px, 2)
     if view is not None:
@@ -102,7 +105,7 @@ def _photograph(photo: Photo, marker: MarkerObservation | None, view: View | Non
             "fy": round(camera.fy, 3),
             "cx": round(camera.cx, 3),
             "cy": round(camera.cy, 3),
-            "distortion": _rounded(np.array(camera.distortion), 6),
+            "distortion": _rounded(camera.distortion, 6),
             "rotation": _rounded(view.rotation, 8),  # x_camera = rotation @ x_table + translation_mm
             "translation_mm": _rounded(view.translation_mm, 4),
             "centre_mm": _rounded(view.centre_mm, 3),
@@ -110,7 +113,7 @@ def _photograph(photo: Photo, marker: MarkerObservation | None, view: View | Non
     return out
 
 
-def _board(marker: MarkerObservation) -> dict[str, Any]:
+def _board(marker: MarkerObservation) -> Document:
     """The board; the table frame is its own, so its pose is the identity but for its thickness."""
     spec = marker.spec
     squares = [(row, column) for row in range(spec.rows) for column in range(spec.columns)]
@@ -130,32 +133,23 @@ def _board(marker: MarkerObservation) -> dict[str, Any]:
     }
 
 
-def _item(
-    index: int,
-    item: MeasuredItem,
-    estimate: ItemEstimate,
-    trace: Trace,
-    topologies: list[IntArray],
-) -> dict[str, Any]:
+def _item(index: int, item: MeasuredItem, estimate: ItemEstimate, topologies: list[IntArray]) -> Document:
     """One food. topologies: those used so far; gains a new one."""
     interval = estimate.volume_interval_ml
-    out: dict[str, Any] = {
+    out: Document = {
         "index": index,
         "hint": estimate.hint,
         "flags": list(estimate.flags),
         "volume_ml": _number(estimate.volume_ml, 3),
-        "volume_interval_ml": _rounded(np.array(interval), 3) if interval is not None else None,
+        "volume_interval_ml": _rounded(interval, 3) if interval is not None else None,
         "support_mm": round(item.support_mm, 3),
     }
     if item.volume is not None:
         out |= _shape(item.volume, item.support_mm, topologies)
-    rings, source = _right_rings(item, trace)
-    if rings:
-        out |= {"right_rings_px": [_rounded(ring, 1) for ring in rings], "right_rings_from": source}
     return out
 
 
-def _shape(volume: Volume, support_mm: float, topologies: list[IntArray]) -> dict[str, Any]:
+def _shape(volume: Volume, support_mm: float, topologies: list[IntArray]) -> Document:
     shape, vertices = volume.shape, _vertices(volume, support_mm)
     known = [number for number, faces in enumerate(topologies) if np.array_equal(faces, shape.faces)]
     if not known:
@@ -170,7 +164,7 @@ def _shape(volume: Volume, support_mm: float, topologies: list[IntArray]) -> dic
                 "low_mm": round(each.low_mm + support_mm, 3),
                 "high_mm": round(each.high_mm + support_mm, 3),
                 "centre_mm": _rounded(each.centre_mm, 3),
-                "half_axes_mm": _rounded(np.array(each.half_axes_mm), 3),
+                "half_axes_mm": _rounded(each.half_axes_mm, 3),
                 "heading_rad": round(each.heading, 5),
                 "source": each.source,
             }
@@ -194,37 +188,38 @@ def _vertices(volume: Volume, support_mm: float) -> Float64Array:
     return vertices
 
 
-def _right_rings(item: MeasuredItem, trace: Trace) -> tuple[tuple[Float64Array, ...], str]:
+def _right_rings(item: MeasuredItem, scene: Reconstruction, right: View, *, is_swapped: bool) -> Document:
     """The food's outline in the photograph sent as right, and what it is of.
 
     "mask": as it was found, where that photograph is the grid's own, or no shape is known or to be seen: then the mask
     is carried over by its points. "shape": of the closed shape, as if nothing stood before it.
     """
-    pair, points = trace.rectified, trace.points_table
-    if pair is None or points is None or trace.views is None:
-        return (), "mask"
-    right = trace.views[1]
+    source = "mask"
     # Of a bowl or mug, whose wall hides all of the shape but its top.
     is_inside = not HELD_FLAGS.isdisjoint(item.flags)
-    if item.volume is not None and not trace.is_swapped and not is_inside:
+    if item.volume is not None and not is_swapped and not is_inside:
+        source = "shape"
         vertices = _vertices(item.volume, item.support_mm)
         if item.sight is None:
             pixels = points_in_photograph(vertices, right)
         else:  # the drift that was taken out of the points is there in the photograph
             on_grid = item.sight.in_view(*item.sight.project(vertices), 1)
-            pixels = second_grid_in_photograph(on_grid, pair, right)
+            pixels = second_grid_in_photograph(on_grid, scene.rectified, right)
         height, width = right.photo.pixels_bgr.shape[:2]
-        return rings_of_faces(pixels, item.volume.shape.faces, (width, height)), "shape"
-    places = photograph_px(pair, points, right, is_swapped=not trace.is_swapped)
-    return rings_of(item.region.mask, places, is_swapped=not trace.is_swapped), "mask"
+        rings = rings_of_faces(pixels, item.volume.shape.faces, (width, height))
+    else:
+        places = photograph_px(scene.rectified, scene.points_table, right, is_swapped=not is_swapped)
+        rings = rings_of(item.region.mask, places, is_swapped=not is_swapped)
+    return {"right_rings_px": [_rounded(ring, 1) for ring in rings], "right_rings_from": source} if rings else {}
 
 
-def _points(trace: Trace, pair: RectifiedPair, most: int) -> tuple[dict[str, Any], list[tuple[int, int]]]:
+def _points(trace: Trace, scene: Reconstruction, spec: MarkerSpec, most: int) -> tuple[Document, list[tuple[int, int]]]:
     """At most so many points, the foods' first; and (start, count) of each food's."""
-    usable = _near(trace, pair)
+    pair, usable = scene.rectified, _near(trace.items, scene, spec)
     foods = np.zeros(usable.shape, np.bool_)
     chosen = []
-    wanted = [np.flatnonzero(usable & _well_inside(item.region.mask, trace)) for item in trace.items]
+    # Well inside each mask: at its rim a window may have matched what lies behind.
+    wanted = [np.flatnonzero(usable & (inward_px(item.region.mask) > scene.disparity.reach_px)) for item in trace.items]
     thinning = max(1.0, sum(map(len, wanted)) / max(FOOD_SHARE * most, 1.0))
     for item, own in zip(trace.items, wanted, strict=True):
         foods |= item.region.mask
@@ -233,56 +228,45 @@ def _points(trace: Trace, pair: RectifiedPair, most: int) -> tuple[dict[str, Any
     ranges = [(int(start), len(own)) for start, own in zip(np.cumsum([0, *map(len, chosen)]), chosen, strict=False)]
     chosen.append(_evenly(rest, pair.shape[1], most - sum(map(len, chosen))))
     index = np.concatenate(chosen)
-    painted: ImageArray = apply_colour(pair.first_bgr.reshape(-1, 3)[index][None], trace.colour_of(0))[0]
+    painted = apply_colour(pair.first_bgr.reshape(-1, 3)[index][None], trace.colour_of(0))[0]
     return {
-        "positions": _quantised(_over_the_table(trace, pair, index)),
+        "positions": _quantised(_over_the_table(trace.table, scene, index)),
         "colours": _packed(painted[:, ::-1], "u1"),
     }, ranges
 
 
-def _over_the_table(trace: Trace, pair: RectifiedPair, index: IntArray) -> Float64Array:
+def _over_the_table(table: TableTrend | None, scene: Reconstruction, index: IntArray) -> Float64Array:
     """(n, 3) mm of the grid's pixels at index (n,). Where the shapes' heights count from the table, so do these.
 
     That is, without the drift that stereo/sight.py takes out of the parallax around each food.
     """
-    if trace.points_table is None or trace.disparity is None:
-        return np.empty((0, 3))
-    points = trace.points_table.reshape(-1, 3)[index].astype(np.float64)
-    if trace.table is None:
+    pair = scene.rectified
+    points = scene.points_table.reshape(-1, 3)[index].astype(np.float64)
+    if table is None:
         return points
     (a, b, c), camera = pair.plane_px, pair.first_centre_mm
     rows, columns = np.divmod(index, pair.shape[1])
     on_plane = camera + (points - camera) * (camera[2] / (camera[2] - points[:, 2]))[:, None]
-    table_mm = trace.table.height_mm(on_plane[:, :2])
+    table_mm = table.height_mm(on_plane[:, :2])
     plane_px = a * columns + b * rows + c
     drift_px = plane_px * (camera[2] / (camera[2] - table_mm) - 1) / (1 - a)
-    disparity = plane_px + (1 - a) * (trace.disparity.parallax_px.ravel()[index] - drift_px)
-    rays = np.column_stack([(np.column_stack([columns, rows]) - pair.centre_px) / pair.focal_px, np.ones(len(index))])
+    disparity = plane_px + (1 - a) * (scene.disparity.parallax_px.ravel()[index] - drift_px)
     depth = pair.focal_px * pair.baseline_mm / np.maximum(disparity, 1e-6)
-    return np.asarray((rays * depth[:, None]) @ pair.rotation + camera, np.float64)
+    return np.asarray(
+        (pair.rays(np.column_stack([columns, rows])) * depth[:, None]) @ pair.rotation + camera, np.float64
+    )
 
 
-def _near(trace: Trace, pair: RectifiedPair) -> MaskArray:
+def _near(items: Sequence[MeasuredItem], scene: Reconstruction, spec: MarkerSpec) -> MaskArray:
     """(H, W) where a point over the table about the board and the foods was measured."""
-    if trace.points_table is None:
-        return np.zeros(pair.shape, np.bool_)
-    spec = next(marker.spec for marker in trace.markers if marker is not None)
     half = np.array([spec.columns, spec.rows]) * spec.square_mm / 2
-    seen = [item.points_table[:, :2] for item in trace.items if len(item.points_table)]
+    seen = [item.points_table[:, :2] for item in items if len(item.points_table)]
     corners = np.concatenate([[-half, half], *seen])
     margin = AROUND_MM if seen else AROUND_BOARD_MM
     low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
-    x, y, z = (trace.points_table[..., axis] for axis in range(3))
+    x, y, z = (scene.points_table[..., axis] for axis in range(3))
     inside = (x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])
     return np.asarray(inside & (z > HEIGHTS_MM[0]) & (z < HEIGHTS_MM[1]), np.bool_)
-
-
-def _well_inside(mask: MaskArray, trace: Trace) -> MaskArray:
-    """(H, W) the mask but for its rim, where a window may have matched what lies behind."""
-    if trace.disparity is None:
-        return mask
-    inward = inward_px(mask)
-    return inward > trace.disparity.reach_px
 
 
 def _evenly(index: IntArray, columns: int, most: int) -> IntArray:
@@ -311,19 +295,19 @@ def _unpacked(values: Float64Array) -> Float64Array:
     return offset + scale * whole
 
 
-def _quantised(values: Float64Array) -> dict[str, Any]:
+def _quantised(values: Float64Array) -> Document:
     offset, scale, whole = _steps(values)
     return {**_packed(whole, "<i2"), "offset": offset.tolist(), "scale": scale.tolist()}
 
 
-def _packed(values: np.ndarray, kind: str) -> dict[str, Any]:
+def _packed(values: np.ndarray, kind: str) -> Document:
     """Rows of whole numbers as base64, little endian."""
     names = {"<i2": "int16", "<u2": "uint16", "u1": "uint8"}
     data = np.ascontiguousarray(values.astype(np.dtype(kind)))
     return {"type": names[kind], "shape": list(data.shape), "base64": base64.b64encode(data.tobytes()).decode("ascii")}
 
 
-def _rounded(values: Float64Array, decimals: int) -> Any:
+def _rounded(values: Float64Array | tuple[float, ...], decimals: int) -> object:
     return (np.round(values, decimals) + 0.0).tolist()
 
 

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from app.vision.geometry.topview import TableTrend
-from app.vision.model import ColourCorrection, Float32Array, MarkerObservation, View
+from app.vision.geometry.topview import TableTrend, usable_points
+from app.vision.model import ColourCorrection, Float32Array, MarkerObservation, MaskArray, View
 from app.vision.shape.measure import MeasuredItem
 from app.vision.stereo.disparity import DisparityMap
 from app.vision.stereo.epipolar import Epipolar
@@ -15,14 +15,34 @@ from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.relative_pose import RefinedViews
 
 
+@dataclass(frozen=True, slots=True)
+class Reconstruction:
+    """The rectified pair with its points, (H, W, 3) mm in the views' table frame.
+
+    plane_mm: (H, W, 3) where lines of sight meet z = 0. is_ignored: (H, W) the marker, and what one view misses.
+    """
+
+    rectified: RectifiedPair
+    disparity: DisparityMap
+    depth: DepthModel
+    points_table: Float32Array
+    plane_mm: Float32Array
+    is_ignored: MaskArray
+
+    def table_points(self) -> Float32Array:
+        """(n, 3) mm, measured beside the marker; every second pixel each way."""
+        points, ignored = self.points_table[::2, ::2], self.is_ignored[::2, ::2]
+        return points[usable_points(points, ignored)]
+
+
 @dataclass(slots=True)
 class Trace:
     """Each step's result, None or empty where the run ended before.
 
     views: (left, right) as sent. refined: first and second by where they stand; is_swapped: first is the right one.
-    markers: as found in the (left, right) photograph. points_table: (H, W, 3) mm. table: how it departs from the
-    marker's plane, where heights count from it (the default method); None: they count from that plane. items: measured
-    foods. colours: corrections of the (left, right) photograph.
+    markers: as found in the (left, right) photograph. table: how it departs from the marker's plane, where heights
+    count from it (the default method); None: they count from that plane. items: measured foods. colours: corrections
+    of the (left, right) photograph.
     """
 
     markers: tuple[MarkerObservation | None, MarkerObservation | None] = (None, None)
@@ -33,12 +53,16 @@ class Trace:
     refined: RefinedViews | None = None
     focal: FocalDoubt | None = None
     epipolar: Epipolar | None = None
-    rectified: RectifiedPair | None = None
-    disparity: DisparityMap | None = None
-    depth: DepthModel | None = None
-    points_table: Float32Array | None = None
+    scene: Reconstruction | None = None
     table: TableTrend | None = None
     items: list[MeasuredItem] = field(default_factory=list)
+
+    def keep_views(self, refined: RefinedViews) -> None:
+        """Put refined views, and their markers, in the place of those before."""
+        first, second = refined.first, refined.second
+        self.refined = refined
+        self.views = (second, first) if self.is_swapped else (first, second)
+        self.markers = self.views[0].marker, self.views[1].marker
 
     def colour_of(self, place: Literal[0, 1]) -> ColourCorrection:
         """The correction of the first or the second view by where they stand. Raises ValueError before the marker."""
@@ -68,12 +92,10 @@ class Trace:
                 "epipolar_distance_8_point_px": round(self.epipolar.matches_distance_px, 3),
                 "epipolar_distance_calibrated_px": round(self.epipolar.views_distance_px, 3),
             }
-        if self.rectified is not None:
-            out["baseline_mm"] = round(self.rectified.baseline_mm, 2)
-            out["rectified_focal_px"] = round(self.rectified.focal_px, 2)
-        if self.depth is not None and self.rectified is not None:
-            out["depth_p_mm"] = round(self.depth.p_mm, 3)
-            out["depth_q_over_focal_baseline"] = round(
-                self.depth.q_mm_px / (self.rectified.focal_px * self.rectified.baseline_mm), 5
-            )
+        if self.scene is not None:
+            pair, depth = self.scene.rectified, self.scene.depth
+            out["baseline_mm"] = round(pair.baseline_mm, 2)
+            out["rectified_focal_px"] = round(pair.focal_px, 2)
+            out["depth_p_mm"] = round(depth.p_mm, 3)
+            out["depth_q_over_focal_baseline"] = round(depth.q_mm_px / (pair.focal_px * pair.baseline_mm), 5)
         return out

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.vision.board.colour_board import COLOUR_SQUARES
 from app.vision.board.colour_space import LINEAR_OF_BYTE, LUMINANCE_OF_RGB
-from app.vision.board.grid import grid_homography, map_points
+from app.vision.board.grid import grid_homography, sample_squares
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float64Array, ImageArray, MarkerObservation, MaskArray
 
@@ -72,21 +72,16 @@ def sample_board(pixels_bgr: ImageArray, marker: MarkerObservation) -> BoardSamp
     fitted = grid_homography(marker.corners_px.reshape(spec.rows - 1, spec.columns - 1, 2))
     if fitted is None:
         return None
-    rows, columns = spec.rows + 2, spec.columns + 2
     side = np.linspace(-HALF_SIDE_SQUARES, HALF_SIDE_SQUARES, SAMPLES_A_SIDE)
     offsets = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2)
-    centres = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 1, 2) - 1.5
-    places = np.rint(map_points(fitted[0], (centres + offsets).reshape(-1, 2)))
-    height, width = pixels_bgr.shape[:2]
-    if not np.isfinite(places).all():
+    sampled = sample_squares(pixels_bgr, fitted[0], (spec.rows + 2, spec.columns + 2), offsets, ring=1)
+    if sampled is None:
         return None
-    x, y = np.clip(places, -1, [width, height]).astype(np.int64).T
-    is_inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    values = pixels_bgr[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)][:, ::-1]
-    squares = np.sort(values.reshape(rows, columns, len(offsets), 3), axis=2)
+    values, is_inside = sampled
+    squares = np.sort(values[..., ::-1], axis=2)
     quarter = len(offsets) // 4
     linear = LINEAR_OF_BYTE[squares[:, :, quarter:-quarter]].mean(axis=2)
-    linear[~is_inside.reshape(rows, columns, -1).all(axis=2)] = np.nan
+    linear[~is_inside.all(axis=2)] = np.nan
     is_white, is_black = _places(marker.spec)
     is_clipped = (squares >= CLIPPED_BYTE).mean(axis=2) > CLIPPED_SHARE
     return BoardSamples(linear, is_clipped, is_white, is_black)

@@ -3,10 +3,7 @@
 Bytes are blue first as in OpenCV's images, linear values red first as in the standards.
 """
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from app.vision.model import Float64Array, ImageArray
 
@@ -31,7 +28,7 @@ def encode_srgb(linear: Float64Array) -> Float64Array:
 LINEAR_OF_BYTE = decode_srgb(np.arange(256) / 255.0)
 
 
-def linear_rgb(pixels_bgr: ImageArray | NDArray[Any]) -> Float64Array:
+def linear_rgb(pixels_bgr: ImageArray) -> Float64Array:
     """(..., 3) sRGB bytes, blue first -> linear, red first, white = 1."""
     return LINEAR_OF_BYTE[pixels_bgr[..., ::-1]]
 

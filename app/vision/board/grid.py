@@ -4,12 +4,11 @@
 the print is left to marker.py. Detector: OpenCV's sector-based one (Duda and Frese, 2018), on a reduced image first.
 """
 
-from typing import Any
-
 import cv2
 import numpy as np
 
-from app.vision.model import Float32Array, Float64Array, ImageArray
+from app.vision.geometry.projective import map_points
+from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 
 MAX_RESIDUAL_SQUARES = 0.12  # of a square; lens distortion and curled paper bend a true grid by far less
 MIN_ALTERNATING_SHARE = 0.9  # of neighbouring squares; a shadow's edge may upset a few
@@ -65,13 +64,12 @@ def _smooth_grid(grid: Float64Array) -> Float64Array:
 
     The cubic is left out where there are too few corners for it; a board of so few squares bends little.
     """
-    rows, columns = grid.shape[:2]
-    index = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2).astype(np.float64)
-    homography: Any = cv2.findHomography(index, grid.reshape(-1, 2), cv2.LMEDS)[0]
+    index = _places(*grid.shape[:2])
+    homography = _homography(index, grid, cv2.LMEDS)
     if homography is None:
         return grid
     expected = map_points(homography, index)
-    if min(rows, columns) < MIN_CORNERS_FOR_CUBIC:
+    if min(grid.shape[:2]) < MIN_CORNERS_FOR_CUBIC:
         return expected.reshape(grid.shape)
     off = grid.reshape(-1, 2) - expected
     x, y = (2.0 * index / index.max(axis=0) - 1.0).T
@@ -148,22 +146,44 @@ def shortest_step_px(grid: Float64Array) -> float:
 
 def grid_homography(grid: Float64Array) -> tuple[Float64Array, float] | None:
     """(3, 3) mapping from (column, row) of inner corners to px, and its rms residual in squares; None if degenerate."""
-    rows, columns = grid.shape[:2]
-    index = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2).astype(np.float64)
-    homography: Any = cv2.findHomography(index, grid.reshape(-1, 2))[0]
-    if homography is None:
+    index, step = _places(*grid.shape[:2]), shortest_step_px(grid)
+    homography = _homography(index, grid)
+    if homography is None or step < 2.0:
         return None
     residual = np.linalg.norm(map_points(homography, index) - grid.reshape(-1, 2), axis=1)
-    step = shortest_step_px(grid)
-    if step < 2.0:
-        return None
     return homography, float(np.sqrt(np.mean(residual**2)) / step)
 
 
-def map_points(homography: Float64Array, points: Float64Array) -> Float64Array:
-    """(n, 2) points through a (3, 3) homography -> (n, 2)."""
-    mapped = points @ homography[:, :2].T + homography[:, 2]
-    return mapped[:, :2] / mapped[:, 2:]
+def _places(rows: int, columns: int) -> Float64Array:
+    """(rows * columns, 2) column and row of each cell, row-major."""
+    return np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2).astype(np.float64)
+
+
+def _homography(index: Float64Array, grid: Float64Array, method: int = 0) -> Float64Array | None:
+    """(3, 3) from places (n, 2) to a grid's px; None if degenerate, for which OpenCV's stub has no type."""
+    matrices = [cv2.findHomography(index, grid.reshape(-1, 2), method)[0]]
+    return next((np.asarray(matrix, np.float64) for matrix in matrices if matrix is not None), None)
+
+
+def sample_squares(
+    image: ImageArray, homography: Float64Array, size: tuple[int, int], offsets: Float64Array, ring: int
+) -> tuple[np.ndarray, MaskArray] | None:
+    """Pixels around the middle of every square, of `ring` squares' widths beyond the board's edge too.
+
+    image: (H, W) or (H, W, k). size: (rows, columns) of squares with the ring. offsets: (n, 2) squares from the middle.
+    Returns (rows, columns, n[, k]) and (rows, columns, n) whether each lies inside the image; None where a place is
+    not finite.
+    """
+    centres = _places(*size)[:, None] - 0.5 - ring
+    places = np.rint(map_points(homography, (centres + offsets).reshape(-1, 2)))
+    if not np.isfinite(places).all():
+        return None
+    height, width = image.shape[:2]
+    x, y = np.clip(places, -1, [width, height]).astype(np.int64).T
+    inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    values = image[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
+    shape = (*size, len(offsets))
+    return values.reshape(*shape, *image.shape[2:]), inside.reshape(shape)
 
 
 def square_means(image: ImageArray, grid: Float64Array, ring: int = 0) -> Float64Array:
@@ -171,19 +191,14 @@ def square_means(image: ImageArray, grid: Float64Array, ring: int = 0) -> Float6
 
     image: (H, W) or (H, W, k). grid: (r, c, 2). Returns (r + 1 + 2 ring, c + 1 + 2 ring[, k]); NaN outside the image.
     """
+    size = (grid.shape[0] + 1 + 2 * ring, grid.shape[1] + 1 + 2 * ring)
     fitted = grid_homography(grid)
-    rows, columns = grid.shape[0] + 1 + 2 * ring, grid.shape[1] + 1 + 2 * ring
-    if fitted is None:
-        return np.full((rows, columns, *image.shape[2:]), np.nan)
-    centres = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 1, 2) - 0.5 - ring
-    where = map_points(fitted[0], (centres + SQUARE_SAMPLES).reshape(-1, 2))
-    height, width = image.shape[:2]
-    x, y = np.rint(where).astype(np.int64).T
-    inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    values = image[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)].astype(np.float64)
-    values[~inside] = np.nan
-    means = values.reshape(rows, columns, len(SQUARE_SAMPLES), *image.shape[2:]).mean(axis=2)
-    return np.asarray(means, np.float64)
+    sampled = None if fitted is None else sample_squares(image, fitted[0], size, SQUARE_SAMPLES, ring)
+    if sampled is None:
+        return np.full((*size, *image.shape[2:]), np.nan)
+    values = sampled[0].astype(np.float64)
+    values[~sampled[1]] = np.nan
+    return np.asarray(values.mean(axis=2), np.float64)
 
 
 def alternating_share(means: Float64Array) -> float:

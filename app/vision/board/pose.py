@@ -9,7 +9,6 @@ would turn that into five percent of focal length. Intrinsics themselves: camera
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -81,7 +80,7 @@ def solve_pose(camera: Camera, observation: MarkerObservation) -> tuple[Float64A
     points = board_points(observation.spec)
     raised = np.array([0.0, 0.0, observation.spec.thick_mm])
     # IPPE wants its plane at z = 0: it gives the print's pose, from which the table's origin lies `raised` below.
-    solutions: Any = cv2.solvePnPGeneric(
+    _, turns, shifts, _ = cv2.solvePnPGeneric(
         points - raised, observation.corners_px, camera.matrix, np.array(camera.distortion), flags=cv2.SOLVEPNP_IPPE
     )
 
@@ -89,13 +88,13 @@ def solve_pose(camera: Camera, observation: MarkerObservation) -> tuple[Float64A
         return (project(camera, points, pose) - observation.corners_px).ravel()
 
     best: tuple[Float64Array, Float64Array, float] | None = None
-    for rvec, tvec in zip(solutions[1], solutions[2], strict=True):
+    for rvec, tvec in zip(turns, shifts, strict=True):
         start = np.concatenate([np.ravel(rvec), np.ravel(tvec) - cv2.Rodrigues(rvec)[0] @ raised])
         if not np.isfinite(start).all() or start[5] <= 0:
             continue
         loss_scale = OUTLIER_SD * _corner_sd_px(camera)
-        pose = _least_squares()(residual, start, loss="soft_l1", f_scale=loss_scale, x_scale="jac").x
-        rotation = cv2.Rodrigues(pose[:3])[0]
+        pose = _minimised(residual, start, loss_scale)
+        rotation = np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64)
         rms = _rms_px(residual(pose))
         if _is_above_table(rotation, pose[3:]) and (best is None or rms < best[2]):
             best = (rotation, pose[3:], rms)
@@ -140,7 +139,7 @@ def fit_board(
         prior = unknowns[12:][is_free[12:]] / spreads[is_free[12:]]
         return np.concatenate([prior, *(corner_residual(index, unknowns) / corner_sd[index] for index in (0, 1))])
 
-    solved = unpack(_least_squares()(residual, first[is_free], loss="soft_l1", f_scale=OUTLIER_SD, x_scale="jac").x)
+    solved = unpack(_minimised(residual, first[is_free], OUTLIER_SD))
     rotations = [np.asarray(cv2.Rodrigues(solved[at : at + 3])[0], np.float64) for at in (0, 6)]
     translations = [solved[3:6], solved[9:12]]
     if not all(_is_above_table(r, t) for r, t in zip(rotations, translations, strict=True)):
@@ -184,9 +183,11 @@ def _rms_px(residual: Float64Array) -> float:
     return float(np.sqrt(2.0 * np.mean(residual**2)))
 
 
-def _least_squares() -> Callable[..., Any]:
-    """scipy's, imported at its first use: 30 MB that servers, which read markers' names and fit nothing, save."""
+def _minimised(
+    residual: Callable[[Float64Array], Float64Array], start: Float64Array, loss_scale: float
+) -> Float64Array:
+    """The unknowns of least residuals, from the start on; beyond the loss's scale they count only linearly."""
+    # Imported here: 30 MB that servers, which read markers' names and fit nothing, save.
     from scipy.optimize import least_squares  # noqa: PLC0415
 
-    found: Callable[..., Any] = least_squares
-    return found
+    return np.asarray(least_squares(residual, start, loss="soft_l1", f_scale=loss_scale, x_scale="jac").x, np.float64)

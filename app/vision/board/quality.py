@@ -3,8 +3,6 @@
 Judged on the marker's own edges where it was found; on the whole photograph where it was not, to tell why.
 """
 
-from typing import Any
-
 import cv2
 import numpy as np
 
@@ -76,8 +74,8 @@ def marker_edge_width_px(contrast: ImageArray, grid: Float64Array) -> float:
     """
     rows, columns = grid.shape[:2]
     corners = np.ascontiguousarray(grid.reshape(-1, 1, 2), np.float32)
-    sharpness: Any = cv2.estimateChessboardSharpness(contrast, (columns, rows), corners)
-    return float(sharpness[0][0])
+    mean, _ = cv2.estimateChessboardSharpness(contrast, (columns, rows), corners)
+    return float(np.ravel(mean)[0])
 
 
 def edge_width_limit_px(long_side_px: float) -> float:
@@ -91,6 +89,6 @@ def clipped_share(pixels_bgr: ImageArray) -> float:
     return float(np.mean(thinned.min(axis=2) >= CLIPPED_LEVEL))
 
 
-def _blocks(image: Any, rows: int, columns: int, block: int) -> ImageArray:
+def _blocks(image: np.ndarray, rows: int, columns: int, block: int) -> ImageArray:
     """(rows, block, columns, block) view of an image cut to whole blocks."""
     return np.asarray(image[: rows * block, : columns * block].reshape(rows, block, columns, block), np.uint8)

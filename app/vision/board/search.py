@@ -15,11 +15,11 @@ from app.vision.board.grid import (
     cross_edges,
     grid_homography,
     is_checkerboard,
-    map_points,
     reduced,
     shortest_step_px,
     square_means,
 )
+from app.vision.geometry.projective import map_points
 from app.vision.model import Float64Array, ImageArray
 
 REGION_SIDE_PX = 1000  # long side on which saddle points are sought: squares of 5 px and more have them

@@ -63,6 +63,11 @@ class FormFit:
     volume_sd_ml: float
     log_occam: float
 
+    @property
+    def evidence(self) -> float:
+        """As a cost, -2 log."""
+        return self.cost + TUNING.occam_weight * self.log_occam
+
 
 @dataclass(frozen=True, slots=True)
 class _Terms:

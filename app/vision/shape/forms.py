@@ -61,9 +61,9 @@ class Form(ABC):
     is_round: bool = False
 
     @property
-    @abstractmethod
     def is_folded(self) -> bool:
         """Whether one part of it may hide another's outline."""
+        return False
 
     @property
     def is_flat(self) -> bool:
@@ -128,6 +128,11 @@ class Form(ABC):
         return STRIDE
 
     @property
+    def parameter_step(self) -> Float64Array:
+        """(p,) by which a parameter is moved for a difference that stands for a derivative."""
+        return STEP
+
+    @property
     def _prior_sd(self) -> Float64Array:
         spread = self.parameter_sd
         spread[SUPPORT] = self.support_sd_mm
@@ -143,18 +148,11 @@ class Form(ABC):
         return self.weight_sd if self.has_displacement else np.empty(0)
 
     def bounded(self, unknowns: Float64Array) -> Float64Array:
-        """The unknowns with support, exponents and depth within what they may be."""
+        """The unknowns within what they may be: no misfit of a form may sink its support into the table."""
         p, weights = self.split(unknowns)
-        p[SUPPORT] = self._bounded_support(p[SUPPORT])
-        p[[E1, E2]] = np.clip(p[[E1, E2]], *LOG_EXPONENTS)
-        p[SUNK] = np.clip(p[SUNK], 0.0, 2 * np.exp(p[C]))
+        measured_mm, limit = self.parameters[SUPPORT], SUPPORT_BOUND * self.support_sd_mm
+        p[SUPPORT] = measured_mm + np.clip(p[SUPPORT] - measured_mm, -limit, limit)
         return np.concatenate([p[list(self.free)], weights])
-
-    def _bounded_support(self, support_mm: float) -> float:
-        """What was measured beside the food bounds it: no misfit of a form may sink it into the table."""
-        apart = support_mm - self.parameters[SUPPORT]
-        limit = SUPPORT_BOUND * self.support_sd_mm
-        return float(self.parameters[SUPPORT] + np.clip(apart, -limit, limit))
 
     def split(self, unknowns: Float64Array) -> tuple[Float64Array, Float64Array]:
         """(p,) all parameters, and the weights."""
@@ -166,9 +164,17 @@ class Form(ABC):
         """(n, 3) mm, table frame."""
         return self.shaped(*self.split(unknowns), cells)
 
-    @abstractmethod
     def jacobian(self, unknowns: Float64Array, cells: int, index: IntArray | None = None) -> Float64Array:
-        """(k, n, 3) derivatives of the vertices, or (k, m, 3) of those at index (m,)."""
+        """(k, n, 3) derivatives of the vertices, or (k, m, 3) of those at index (m,), by differences."""
+        at = self.vertices(unknowns, cells)
+        weights = len(unknowns) - len(self.free)
+        steps = np.concatenate([self.parameter_step[list(self.free)], np.full(weights, WEIGHT_STEP)])
+        out = np.empty((len(unknowns), *at.shape))
+        for row, step in enumerate(steps):
+            moved = unknowns.copy()
+            moved[row] += step
+            out[row] = (self.vertices(moved, cells) - at) / step
+        return out if index is None else out[:, index]
 
 
 @lru_cache
@@ -217,6 +223,13 @@ class Superellipsoid(Form):
                 for degree, order in harmonic_orders()
             ]
         )
+
+    def bounded(self, unknowns: Float64Array) -> Float64Array:
+        """See Form; of exponents and depth as well."""
+        p, weights = self.split(Form.bounded(self, unknowns))
+        p[[E1, E2]] = np.clip(p[[E1, E2]], *LOG_EXPONENTS)
+        p[SUNK] = np.clip(p[SUNK], 0.0, 2 * np.exp(p[C]))
+        return np.concatenate([p[list(self.free)], weights])
 
     def topology(self, cells: int) -> Topology:
         """A sphere's."""
@@ -363,12 +376,6 @@ class Ring(Form):
         """A ring's, with about as many vertices as a sphere's."""
         return ring(int(3.3 * cells), int(1.7 * cells))
 
-    def bounded(self, unknowns: Float64Array) -> Float64Array:
-        """The unknowns with the support within what it may be."""
-        p, weights = self.split(unknowns)
-        p[SUPPORT] = self._bounded_support(p[SUPPORT])
-        return np.concatenate([p[list(self.free)], weights])
-
     def shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
         """See Form. The weights change the tube's width."""
         turn, tube = self.topology(cells).places.T
@@ -386,14 +393,3 @@ class Ring(Form):
         at = own @ (cv2.Rodrigues(p[TURN_X : TURN_Z + 1])[0] @ self.axes).T
         at += np.array([p[X], p[Y], p[SUPPORT] - at[:, 2].min()])
         return at
-
-    def jacobian(self, unknowns: Float64Array, cells: int, index: IntArray | None = None) -> Float64Array:
-        """See Form. By differences."""
-        at = self.vertices(unknowns, cells)
-        steps = np.concatenate([STEP[list(self.free)], np.full(len(unknowns) - len(self.free), WEIGHT_STEP)])
-        out = np.empty((len(unknowns), *at.shape))
-        for row, step in enumerate(steps):
-            moved = unknowns.copy()
-            moved[row] += step
-            out[row] = (self.vertices(moved, cells) - at) / step
-        return out if index is None else out[:, index]

@@ -137,9 +137,8 @@ def second_grid_in_photograph(pixels: Float64Array, pair: RectifiedPair, second:
     a, b, c = pair.plane_px
     x, y = pixels.T
     unsheared = np.column_stack([x * (1 - a) - b * y - c, y])
-    rays = np.column_stack([(unsheared - pair.centre_px) / pair.focal_px, np.ones(len(pixels))])
     # Somewhere on each ray: where it is seen does not depend on how far away it is.
-    return points_in_photograph(rays @ pair.rotation * pair.focal_px + second.centre_mm, second)
+    return points_in_photograph(pair.rays(unsheared) @ pair.rotation * pair.focal_px + second.centre_mm, second)
 
 
 def _rings(mask: MaskArray) -> list[np.ndarray]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from app.vision.geometry.mesh import IntArray, Topology, stacked_loops, unit
 from app.vision.model import Float64Array
-from app.vision.shape.forms import COARSE, FINE, WEIGHT_STEP, Form, harmonic_orders, real_harmonics
+from app.vision.shape.forms import COARSE, FINE, Form, harmonic_orders, real_harmonics
 
 # Indices into a prism's parameters; lengths mm, of half-axes, height and rounding as logarithms. The footprint is a
 # regular polygon of radius one, stretched by exp(A) and exp(B) along its axes, sheared by SKEW and turned by TURN.
@@ -46,11 +46,6 @@ class Prism(Form):
     corners: int = 4
 
     @property
-    def is_folded(self) -> bool:
-        """It is convex but for what its weights leave."""
-        return False
-
-    @property
     def is_flat(self) -> bool:
         """It has."""
         return True
@@ -75,17 +70,16 @@ class Prism(Form):
         return STRIDE
 
     @property
+    def parameter_step(self) -> Float64Array:
+        """See Form."""
+        return STEP
+
+    @property
     def expected(self) -> Float64Array:
         """See Form; a wedge that begins skewed is expected none the more so."""
         out = self.start
         out[self.free.index(SKEW)], out[self.free.index(ROUNDING)] = 0.0, np.log(ROUNDING_MM)
         return out
-
-    def bounded(self, unknowns: Float64Array) -> Float64Array:
-        """The unknowns with the support within what it may be."""
-        p, weights = self.split(unknowns)
-        p[SUPPORT] = self._bounded_support(p[SUPPORT])
-        return np.concatenate([p[list(self.free)], weights])
 
     def topology(self, cells: int) -> Topology:
         """Loops of the outline, one above the other."""
@@ -120,17 +114,6 @@ class Prism(Form):
         at[:-2, :2] += across
         at[:, 2] += moved * _upward(count, cells)
         return at
-
-    def jacobian(self, unknowns: Float64Array, cells: int, index: IntArray | None = None) -> Float64Array:
-        """See Form. By differences."""
-        at = self.vertices(unknowns, cells)
-        steps = np.concatenate([STEP[list(self.free)], np.full(len(unknowns) - len(self.free), WEIGHT_STEP)])
-        out = np.empty((len(unknowns), *at.shape))
-        for row, step in enumerate(steps):
-            moved = unknowns.copy()
-            moved[row] += step
-            out[row] = (self.vertices(moved, cells) - at) / step
-        return out if index is None else out[:, index]
 
 
 def prism(name: str, polygon_mm: Float64Array, height_mm: float, support_mm: float, support_sd_mm: float) -> Prism:

@@ -105,7 +105,7 @@ def _candidate(
 def _cast(sight: Sight, pixels: Float64Array, level_mm: float) -> Float64Array | None:
     """(n, 2) mm, where the rays through pixels of the first view meet a level; None where one does not."""
     pair = sight.pair
-    rays = np.column_stack([(pixels - pair.centre_px) / pair.focal_px, np.ones(len(pixels))]) @ pair.rotation
+    rays = pair.rays(pixels) @ pair.rotation
     if (rays[:, 2] >= 0).any():
         return None
     camera = sight.cameras_mm[0]

@@ -43,6 +43,8 @@ from app.vision.stereo.reconstruction import plane_points
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.sight import Sight, sight_of
 
+Flags = tuple[str, ...]  # stable codes
+
 
 @dataclass(frozen=True, slots=True)
 class _Food:
@@ -177,8 +179,8 @@ def _without(line: Outline, hidden_by: MaskArray) -> Outline:
     return replace(line, weights=np.where(hidden_by[row, column], 0.0, line.weights))
 
 
-def _fit_families(food: _Food, prior: FormPrior | None) -> list[tuple[FormFit, float]]:
-    """Fits with their evidence as a cost (-2 log), best first: all families coarsely, the better ones finely.
+def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
+    """Fits, those of the best evidence first: all families coarsely, the better ones finely.
 
     Of the form that is known beforehand, the best one is among these unless it fits hopelessly.
     """
@@ -188,23 +190,18 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[tuple[FormFit, f
     if forms:
         height_mm = float(np.quantile(food.points[:, 2], TUNING.top_quantile)) - food.support_mm
         forms += begin_prisms(food.sight, food.seen.mask, height_mm, food.support_mm, food.support_sd_mm)
-    coarse = []
-    for form in forms:
-        fit = begin_fit(replace(form, has_displacement=False), food.seen)
-        if fit is not None:
-            coarse.append((fit.cost, fit, form))
-    coarse.sort(key=lambda each: each[0])
-    usable = [(form, fit) for cost, fit, form in coarse if cost < TUNING.kept_ratio * coarse[0][0]]
-    of_form = [each for each in usable[TUNING.kept :] if prior is not None and each[0].name in prior.families]
-    fits = usable[: TUNING.kept] + of_form[:1]
+    coarse = [begin_fit(replace(form, has_displacement=False), food.seen) for form in forms]
+    ranked = sorted((fit for fit in coarse if fit is not None), key=lambda fit: fit.cost)
+    usable = [fit for fit in ranked if fit.cost < TUNING.kept_ratio * ranked[0].cost]
+    of_form = [fit for fit in usable[TUNING.kept :] if prior is not None and fit.form.name in prior.families]
     # First each family as it is seen along itself; then all along the best one, so that their evidence compares.
-    fits = _settled(food, _pass(food, fits, None))
+    fits = _settled(food, _pass(food, usable[: TUNING.kept] + of_form[:1], None))
     for runner_up in fits[1:2]:
         # What is measured along a form favours it: one that does better along itself is the better one.
         own = _pass(food, [runner_up], None)
-        if own and _evidence(own[0][1]) < _evidence(fits[0][1]):
+        if own and own[0].evidence < fits[0].evidence:
             fits = _settled(food, [*own, fits[0], *fits[2:]])
-    return [(fit, _evidence(fit)) for _, fit in fits]
+    return fits
 
 
 def begin_fit(form: Form, seen: Seen) -> FormFit | None:
@@ -218,31 +215,27 @@ def begin_fit(form: Form, seen: Seen) -> FormFit | None:
     return min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost, default=None)
 
 
-def _pass(food: _Food, fits: Sequence[tuple[Form, FormFit]], common: Seen | None) -> list[tuple[Form, FormFit]]:
+def _pass(food: _Food, fits: Sequence[FormFit], common: Seen | None) -> list[FormFit]:
     """All fitted finely from where they are, to what is seen along one form or each along itself; the best first."""
-    refitted = [(form, _refit(food, common, form, fit)) for form, fit in fits]
-    return sorted(((form, fit) for form, fit in refitted if fit is not None), key=lambda each: _evidence(each[1]))
+    refitted = (_refit(food, common, fit) for fit in fits)
+    return sorted((fit for fit in refitted if fit is not None), key=lambda fit: fit.evidence)
 
 
-def _settled(food: _Food, fits: list[tuple[Form, FormFit]]) -> list[tuple[Form, FormFit]]:
+def _settled(food: _Food, fits: list[FormFit]) -> list[FormFit]:
     """All fitted along the best one, again while its volume changes: parallax along a wrong form is wrong as well."""
     for _ in range(TUNING.max_passes):
         if not fits:
             break
-        before_ml = fits[0][1].volume_ml
-        fits = _pass(food, fits, _seen_along(food, fits[0][1]))
-        if fits and abs(np.log(fits[0][1].volume_ml / before_ml)) < TUNING.settled:
+        before_ml = fits[0].volume_ml
+        fits = _pass(food, fits, _seen_along(food, fits[0]))
+        if fits and abs(np.log(fits[0].volume_ml / before_ml)) < TUNING.settled:
             break
     return fits
 
 
-def _evidence(fit: FormFit) -> float:
-    """As a cost, -2 log."""
-    return fit.cost + TUNING.occam_weight * fit.log_occam
-
-
-def _refit(food: _Food, seen: Seen | None, form: Form, before: FormFit) -> FormFit | None:
+def _refit(food: _Food, seen: Seen | None, before: FormFit) -> FormFit | None:
     """The form fitted finely from where it was found before, to what is seen along that or along another form."""
+    form = replace(before.form, has_displacement=True)
     start = np.zeros(len(form.start))
     start[: len(before.unknowns)] = before.unknowns
     return fit_form(form, seen or _seen_along(food, before), FINE, TUNING.rounds, start)
@@ -300,28 +293,26 @@ def _measured(
     return MeasuredItem(region, food.points, support_mm, volume, flags, food.sight)
 
 
-def _of_forms(
-    fits: Sequence[tuple[FormFit, float]], pair_sd: float, prior: FormPrior | None = None
-) -> tuple[Volume, float, tuple[str, ...]]:
+def _of_forms(fits: Sequence[FormFit], pair_sd: float, prior: FormPrior | None) -> tuple[Volume, float, Flags]:
     """The families' volumes averaged by their evidence and what is known of the form; the likeliest one's slices."""
-    costs = np.array([cost for _, cost in fits])
-    misfit = max(1.0, costs[0] / max(fits[0][0].observations, 1.0))  # its own size tells what a difference is worth
+    costs = np.array([fit.evidence for fit in fits])
+    misfit = max(1.0, costs[0] / max(fits[0].observations, 1.0))  # its own size tells what a difference is worth
     log_evidence = -0.5 * (costs - costs[0]) / (TUNING.temper * misfit)
     weights = np.exp(log_evidence)
-    flags: tuple[str, ...] = ()
+    flags: Flags = ()
     if prior is not None:
-        names = [fit.form.name for fit, _ in fits]
+        names = [fit.form.name for fit in fits]
         weights *= [prior.factor(name) for name in names]
         best_last = zip(names[::-1], log_evidence[::-1].tolist(), strict=True)
         flags = ("form_unlikely",) if prior.is_unlikely(dict(best_last)) else ()
     weights /= weights.sum()
-    best = fits[int(weights.argmax())][0]
-    logs = np.log([fit.volume_ml for fit, _ in fits])
-    spreads = np.array([fit.volume_sd_ml / fit.volume_ml for fit, _ in fits]) * np.sqrt(misfit)
+    best = fits[int(weights.argmax())]
+    logs = np.log([fit.volume_ml for fit in fits])
+    spreads = np.array([fit.volume_sd_ml / fit.volume_ml for fit in fits]) * np.sqrt(misfit)
     mean = float(weights @ logs)
     vertices, mesh = best.form.vertices(best.unknowns, EXACT), best.form.topology(EXACT)
     support_mm = float(vertices[:, 2].min())
-    rest = np.array([TUNING.flat_rest_sd if fit.form.is_flat else TUNING.rest_sd for fit, _ in fits])
+    rest = np.array([TUNING.flat_rest_sd if fit.form.is_flat else TUNING.rest_sd for fit in fits])
     variance = float(weights @ (spreads**2 + (logs - mean) ** 2 + rest**2))
     item_sd = float(np.hypot(np.sqrt(variance), TUNING.foot_sd_mm / np.ptp(vertices[:, 2])))
     slices = cut_sections(vertices, mesh.faces, support_mm)
@@ -330,9 +321,7 @@ def _of_forms(
     return _volume(float(np.exp(mean)), pair_sd, item_sd, slices, middle, rest, shape), support_mm, flags
 
 
-def _of_bowl(
-    region: Region, food: _Food, scene: _Scene, pair_sd: float
-) -> tuple[Volume | None, float, tuple[str, ...]] | None:
+def _of_bowl(region: Region, food: _Food, scene: _Scene, pair_sd: float) -> tuple[Volume | None, float, Flags] | None:
     """What fills the bowl that holds the food, without a volume where that would be a guess; None for one beside it."""
     vessel = region.vessel
     if vessel is None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.core.errors import Failure
+from app.vision.geometry.projective import cross_matrix, homogeneous
 from app.vision.model import Float64Array, View
 from app.vision.stereo.features import MIN_MATCHES, Matches, too_few_matches, undistort_to_pinhole
 
@@ -145,11 +146,6 @@ def fundamental_from_projections(p: Float64Array, p_second: Float64Array) -> Flo
     return np.asarray(fundamental / np.linalg.norm(fundamental), np.float64)
 
 
-def cross_matrix(a: Float64Array) -> Float64Array:
-    """Skew-symmetric [a]x of (3,) a (eq. 6): its product with b is the cross product of a and b."""
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
-
-
 def projection_matrix(view: View) -> Float64Array:
     """P = K [R | t] (3, 4), table frame in mm to px of the pinhole (eq. 1-3)."""
     return view.camera.matrix @ np.column_stack([view.rotation, view.translation_mm])
@@ -157,10 +153,9 @@ def projection_matrix(view: View) -> Float64Array:
 
 def symmetric_epipolar_distance_px(fundamental: Float64Array, x: Float64Array, x_second: Float64Array) -> Float64Array:
     """(n,) mean distance of each point to the epipolar line of its partner, px."""
-    ones = np.ones((len(x), 1))
-    homogeneous, homogeneous_second = np.hstack([x, ones]), np.hstack([x_second, ones])
-    lines_second, lines = homogeneous @ fundamental.T, homogeneous_second @ fundamental
-    algebraic = np.abs((homogeneous_second * lines_second).sum(1))
+    h, h_second = homogeneous(x), homogeneous(x_second)
+    lines_second, lines = h @ fundamental.T, h_second @ fundamental
+    algebraic = np.abs((h_second * lines_second).sum(1))
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = algebraic * 0.5 * (1 / np.hypot(*lines_second[:, :2].T) + 1 / np.hypot(*lines[:, :2].T))
     return np.asarray(np.nan_to_num(distance, nan=np.inf), np.float64)

@@ -14,6 +14,7 @@ from app.core.errors import Failure
 from app.vision.board.grid import reduce_by
 from app.vision.geometry.patch_alignment import align_patches
 from app.vision.geometry.pictures import grey_of
+from app.vision.geometry.projective import cross_matrix, homogeneous, map_points
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Float32Array, Float64Array, ImageArray, View
 
@@ -87,9 +88,9 @@ def triangulate(first: View, second: View, first_px: Float64Array, second_px: Fl
         return np.empty((0, 3))
     rays = [undistort_to_rays(view, pixels) for view, pixels in ((first, first_px), (second, second_px))]
     projections = [np.column_stack([view.rotation, view.translation_mm]) for view in (first, second)]
-    homogeneous = cv2.triangulatePoints(projections[0], projections[1], rays[0].T, rays[1].T)
+    solved = cv2.triangulatePoints(projections[0], projections[1], rays[0].T, rays[1].T)
     with np.errstate(divide="ignore", invalid="ignore"):
-        points = (homogeneous[:3] / homogeneous[3]).T
+        points = (solved[:3] / solved[3]).T
     points[~np.isfinite(points).all(axis=1)] = np.nan
     return np.asarray(points, np.float64)
 
@@ -154,7 +155,7 @@ def _sift_matches(first: View, second: View) -> tuple[Float64Array, Float64Array
     turned = cv2.warpPerspective(grey_second, to_second, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
     mask = _beside_sheet(first, factor, size)
     found = [_detect(np.asarray(picture, np.uint8), mask) for picture in (grey, turned)]
-    at, at_second = found[0][0], _map_points(to_second, found[1][0])
+    at, at_second = found[0][0], map_points(to_second, found[1][0])
     first_px, second_px = _at_full_size(at, factor), _at_full_size(at_second, factor_second)
     pairs = _mutual_matches(found[0][1], found[1][1], _is_near_line(first, second, first_px, second_px))
     at, at_second = at[pairs[:, 0]], at_second[pairs[:, 1]]
@@ -204,15 +205,10 @@ def _plane_homography(first: View, second: View) -> Float64Array:
     return to_second @ np.linalg.inv(to_first)
 
 
-def _map_points(homography: Float64Array, points: Float64Array) -> Float64Array:
-    mapped = points @ homography[:, :2].T + homography[:, 2]
-    return mapped[:, :2] / mapped[:, 2:]
-
-
 def _jacobians(homography: Float64Array, points: Float64Array) -> Float64Array:
     """(n, 2, 2) derivatives of the mapped points by the points."""
     scale = points @ homography[2, :2] + homography[2, 2]
-    mapped = _map_points(homography, points)
+    mapped = map_points(homography, points)
     slopes = homography[None, :2, :2] - mapped[:, :, None] * homography[None, 2:, :2]
     return np.asarray(slopes / scale[:, None, None], np.float64)
 
@@ -253,11 +249,10 @@ def _is_near_line(first: View, second: View, first_px: Float64Array, second_px: 
         return np.empty((len(first_px), len(second_px)), np.bool_)
     rays, rays_second = undistort_to_rays(first, first_px), undistort_to_rays(second, second_px)
     turn = second.rotation @ first.rotation.T
-    tx, ty, tz = second.translation_mm - turn @ first.translation_mm
-    essential = np.array([[0.0, -tz, ty], [tz, 0.0, -tx], [-ty, tx, 0.0]]) @ turn
-    lines = np.column_stack([rays, np.ones(len(rays))]) @ essential.T
+    essential = cross_matrix(second.translation_mm - turn @ first.translation_mm) @ turn
+    lines = homogeneous(rays) @ essential.T
     lines /= np.maximum(np.linalg.norm(lines[:, :2], axis=1, keepdims=True), 1e-12)
-    distance = (lines @ np.column_stack([rays_second, np.ones(len(rays_second))]).T).astype(np.float32)
+    distance = (lines @ homogeneous(rays_second).T).astype(np.float32)
     limit = GATE_SHARE * max(second.camera.width, second.camera.height) / second.camera.fx
     return np.abs(distance) < limit
 

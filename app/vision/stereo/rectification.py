@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from app.vision.board.grid import reduce_by
+from app.vision.geometry.projective import cross_matrix, homogeneous, map_points
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray, View
-from app.vision.stereo.epipolar import cross_matrix
 from app.vision.stereo.features import undistort_to_rays
 
 WORKING_SIDE_PX = 1280  # long side of the rectified pair: a food of 50 mm at 500 mm spans some 120 px
@@ -69,6 +69,10 @@ class RectifiedPair:
         """
         return self.plane_disparity_px() + np.float32(1.0 - self.plane_px[0]) * parallax_px
 
+    def rays(self, pixels: Float64Array) -> Float64Array:
+        """(n, 2) px on the grid -> (n, 3) x / z, y / z, 1 in the rectified first camera's frame."""
+        return homogeneous((pixels - self.centre_px) / self.focal_px)
+
     def project(self, points_table: Float64Array) -> Float64Array:
         """(n, 3) mm -> (n, 3): x, y on the grid, px, and depth Z, mm."""
         points = (points_table - self.first_centre_mm) @ self.rotation.T
@@ -79,7 +83,7 @@ class RectifiedPair:
 def to_rectified_px(pair: RectifiedPair, view: View, pixels: Float64Array) -> Float64Array:
     """(n, 2) px of a photograph -> (n, 2) px of the row-aligned pair, before the second image is sheared."""
     rays = undistort_to_rays(view, pixels)
-    turned = np.column_stack([rays, np.ones(len(rays))]) @ view.rotation @ pair.rotation.T
+    turned = homogeneous(rays) @ view.rotation @ pair.rotation.T
     return pair.focal_px * turned[:, :2] / turned[:, 2:] + pair.centre_px
 
 
@@ -151,10 +155,10 @@ def rectify_by_fundamental(
         return None
     homography = epipole_to_infinity(epipole, middle)
     rows = homography @ cross_matrix(epipole) @ fundamental.T
-    homogeneous = np.column_stack([x_second, np.ones(len(x_second))])
-    weights = homogeneous @ rows[2]
+    second_points = homogeneous(x_second)
+    weights = second_points @ rows[2]
     target = map_points(homography, x)[:, 0]
-    free_row = np.linalg.lstsq(homogeneous / weights[:, None], target, rcond=None)[0]
+    free_row = np.linalg.lstsq(second_points / weights[:, None], target, rcond=None)[0]
     second = np.stack([free_row, rows[1], rows[2]])
     return homography, second / np.linalg.norm(second)
 
@@ -175,12 +179,6 @@ def epipole_to_infinity(epipole: Float64Array, middle: Float64Array) -> Float64A
     return np.asarray(to_infinity @ rotation @ translation, np.float64)
 
 
-def map_points(homography: Float64Array, points: Float64Array) -> Float64Array:
-    """(n, 2) -> (n, 2)."""
-    mapped = np.column_stack([points, np.ones(len(points))]) @ homography.T
-    return mapped[:, :2] / mapped[:, 2:]
-
-
 def _common_rotation(first: View, second: View, baseline: Float64Array) -> Float64Array:
     """(3, 3) table to rectified camera: x along the baseline, z as near to both optical axes as can be."""
     x_axis = baseline / np.linalg.norm(baseline)
@@ -197,7 +195,7 @@ def _seen_bounds(
     height, width = first.photo.pixels_bgr.shape[:2]
     columns, rows = np.meshgrid(np.linspace(0, width - 1, 65), np.linspace(0, height - 1, 49))
     rays = undistort_to_rays(first, np.column_stack([columns.ravel(), rows.ravel()]))
-    turned = np.column_stack([rays, np.ones(len(rays))]) @ first.rotation @ rotation.T
+    turned = homogeneous(rays) @ first.rotation @ rotation.T
     turned = turned[turned[:, 2] > 0]
     turned = turned / turned[:, 2:]
     inverse_depth = turned @ plane

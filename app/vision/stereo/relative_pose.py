@@ -23,6 +23,7 @@ from app.vision.board.pose import (
     RADIAL_SPREAD,
     bent_points,
 )
+from app.vision.geometry.projective import cross_matrix, homogeneous
 from app.vision.intrinsics import Camera
 from app.vision.model import Float64Array, View
 from app.vision.stereo.epipolar import (
@@ -293,7 +294,7 @@ def _off_table(
     (rotation, translation), (rotation_second, translation_second) = poses
     centre = -rotation.T @ translation
     x, x_second = rays[0][table.is_table], rays[1][table.is_table]
-    sight = np.hstack([x, np.ones((len(x), 1))]) @ rotation
+    sight = homogeneous(x) @ rotation
     seen = []
     for height_mm in (table.height_mm, table.height_mm + TABLE_SD_MM):
         points = centre + sight * ((height_mm - centre[2]) / sight[:, 2])[:, None]
@@ -313,12 +314,10 @@ def _sampson(
 ) -> Float64Array:
     """(n,) signed Sampson distance in rays' units (x / z); poses: rotation and translation, table to camera."""
     rotation = pose_second[0] @ pose[0].T
-    tx, ty, tz = pose_second[1] - rotation @ pose[1]
-    essential = np.array([[0.0, -tz, ty], [tz, 0.0, -tx], [-ty, tx, 0.0]]) @ rotation
+    essential = cross_matrix(pose_second[1] - rotation @ pose[1]) @ rotation
     if len(x) == 0:
         return np.empty(0)
-    ones = np.ones((len(x), 1))
-    h, h_second = np.hstack([x, ones]), np.hstack([x_second, ones])
+    h, h_second = homogeneous(x), homogeneous(x_second)
     lines_second, lines = h @ essential.T, h_second @ essential
     gradient = (lines_second[:, :2] ** 2).sum(1) + (lines[:, :2] ** 2).sum(1)
     return np.asarray((h_second * lines_second).sum(1) / np.sqrt(gradient), np.float64)

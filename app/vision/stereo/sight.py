@@ -50,8 +50,7 @@ class Sight:
     def points(self, pixels: Float64Array, parallax_px: Float64Array) -> Float64Array:
         """(n, 3) mm, table frame: the inverse of project."""
         depth = self.depth_mm(pixels, parallax_px)[:, None]
-        rays = np.column_stack([(pixels - self.pair.centre_px) / self.pair.focal_px, np.ones(len(pixels))])
-        return (rays * depth) @ self.pair.rotation + self.pair.first_centre_mm
+        return (self.pair.rays(pixels) * depth) @ self.pair.rotation + self.pair.first_centre_mm
 
     def parallax_per_mm(self, depth_mm: Float64Array) -> Float64Array:
         """(n,) derivative of the parallax by depth, px/mm, negative."""
