@@ -6,7 +6,7 @@ board/camera.py finds the camera of photographs; the API, which keeps and choose
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from app.core.errors import Failure, InvalidInputError
 
@@ -44,7 +44,7 @@ class Camera:
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
 
-def camera_from_mapping(data: Any) -> Camera:
+def camera_from_mapping(data: object) -> Camera:
     """A Camera from parsed JSON: width, height, fx, fy, cx, cy, distortion [k1, k2, p1, p2, k3].
 
     Other keys are ignored. Raises InvalidInputError, code "camera_invalid".
@@ -77,7 +77,7 @@ def adapt_camera(camera: Camera, width: int, height: int) -> Camera | Failure:
     the principal point and the tangential distortion are off, some px. Any other size: Failure "camera_mismatch".
     """
     if (camera.width > camera.height) != (width > height) and camera.width != camera.height:
-        camera = _turn_camera(camera, clockwise=camera.width > camera.height)
+        camera = _turned(camera)
     sx, sy = width / camera.width, height / camera.height
     if abs(height - camera.height * sx) > ROUNDING_PX and abs(width - camera.width * sy) > ROUNDING_PX:
         return Failure(
@@ -97,30 +97,21 @@ def adapt_camera(camera: Camera, width: int, height: int) -> Camera | Failure:
     )
 
 
-def _turn_camera(camera: Camera, *, clockwise: bool) -> Camera:
-    """The camera of the photograph turned by a quarter.
+def _turned(camera: Camera) -> Camera:
+    """A landscape camera turned by a quarter clockwise, a portrait one counter-clockwise.
 
     Clockwise (x, y) -> (height - 1 - y, x): normalised (x, y) -> (-y, x), under which the tangential distortion of
     OpenCV's model keeps its form with (p1, p2) -> (p2, -p1).
     """
     k1, k2, p1, p2, k3 = camera.distortion
-    if clockwise:
-        centre, tangential = (camera.height - 1 - camera.cy, camera.cx), (p2, -p1)
+    if camera.width > camera.height:
+        cx, cy, p1, p2 = camera.height - 1 - camera.cy, camera.cx, p2, -p1
     else:
-        centre, tangential = (camera.cy, camera.width - 1 - camera.cx), (-p2, p1)
-    return replace(
-        camera,
-        width=camera.height,
-        height=camera.width,
-        fx=camera.fy,
-        fy=camera.fx,
-        cx=centre[0],
-        cy=centre[1],
-        distortion=(k1, k2, *tangential, k3),
-    )
+        cx, cy, p1, p2 = camera.cy, camera.width - 1 - camera.cx, -p2, p1
+    return Camera(camera.height, camera.width, camera.fy, camera.fx, cx, cy, (k1, k2, p1, p2, k3), camera.source)
 
 
-def _number(value: Any, key: str) -> float:
+def _number(value: object, key: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise _invalid(f"{key} must be a number, not {str(value)[:40]!r}.")
     return float(value)

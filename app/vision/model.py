@@ -56,6 +56,11 @@ class MarkerObservation:
     spec: MarkerSpec
     corners_px: Float64Array
 
+    @property
+    def grid_px(self) -> Float64Array:
+        """(rows - 1, columns - 1, 2) the corners."""
+        return self.corners_px.reshape(self.spec.rows - 1, self.spec.columns - 1, 2)
+
 
 @dataclass(frozen=True, slots=True)
 class ColourCorrection:

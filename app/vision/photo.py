@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from typing import SupportsFloat
 
 import cv2
 import numpy as np
@@ -46,7 +46,9 @@ DECODE_ERRORS = (
     MemoryError,
     struct.error,
 )
-TRANSPOSED: Mapping[int, Callable[[Any], Any]] = {  # EXIF orientation -> what makes it upright
+TRANSPOSED: Mapping[
+    int, Callable[[cv2.typing.MatLike], cv2.typing.MatLike]
+] = {  # EXIF orientation -> what makes it upright
     2: lambda pixels: cv2.flip(pixels, 1),
     3: lambda pixels: cv2.rotate(pixels, cv2.ROTATE_180),
     4: lambda pixels: cv2.flip(pixels, 0),
@@ -200,7 +202,7 @@ def _is_complete(data: bytes) -> bool:
     return position == len(data)
 
 
-def _pixels_of_sound_jpeg(image: Any, data: bytes, factor: int) -> ImageArray | None:
+def _pixels_of_sound_jpeg(image: Image.Image, data: bytes, factor: int) -> ImageArray | None:
     """(H, W, 3) uint8 BGR as stored, by OpenCV in half of Pillow's time; None for what is left to Pillow.
 
     OpenCV fills up with grey what a cut file lacks, so that it only gets files whose picture itself has its end; a
@@ -231,7 +233,7 @@ def _jpeg_scan_offset(data: bytes) -> int | None:
     return None
 
 
-def _pixels_bgr(image: Any) -> ImageArray:
+def _pixels_bgr(image: Image.Image) -> ImageArray:
     """(H, W, 3) uint8 BGR as stored, not turned: 16 bits scaled to 8, transparency on white."""
     image.load()
     if image.mode.startswith("I"):
@@ -244,7 +246,7 @@ def _pixels_bgr(image: Any) -> ImageArray:
     return np.asarray(cv2.cvtColor(np.asarray(rgb), cv2.COLOR_RGB2BGR), np.uint8)
 
 
-def _exif(image: Any) -> Mapping[int, Any]:
+def _exif(image: Image.Image) -> Mapping[int, object]:
     """EXIF's main and sub directory as one; empty if it cannot be read."""
     try:
         exif = image.getexif()
@@ -253,7 +255,7 @@ def _exif(image: Any) -> Mapping[int, Any]:
         return {}
 
 
-def _focal_35mm(exif: Mapping[int, Any], width: int, height: int) -> float | None:
+def _focal_35mm(exif: Mapping[int, object], width: int, height: int) -> float | None:
     """35 mm equivalent focal length, mm: the tag, or focal length over the sensor's diagonal, or None.
 
     width, height: of the image as stored, for files that do not tell the size that the resolution belongs to.
@@ -271,7 +273,7 @@ def _focal_35mm(exif: Mapping[int, Any], width: int, height: int) -> float | Non
     return told if FOCAL_35MM_RANGE[0] <= told <= FOCAL_35MM_RANGE[1] else None
 
 
-def _taken_at(exif: Mapping[int, Any]) -> datetime | None:
+def _taken_at(exif: Mapping[int, object]) -> datetime | None:
     """DateTimeOriginal, with OffsetTimeOriginal if that is there, else naive."""
     text = exif.get(ExifTags.Base.DateTimeOriginal)
     if not isinstance(text, str):
@@ -289,15 +291,17 @@ def _taken_at(exif: Mapping[int, Any]) -> datetime | None:
         return moment
 
 
-def _name(value: Any) -> str | None:
+def _name(value: object) -> str | None:
     if not isinstance(value, str):
         return None
     printable = "".join(character for character in value if character.isprintable()).strip()
     return printable[:MAX_NAME_LENGTH] or None
 
 
-def _positive(value: Any) -> float | None:
+def _positive(value: object) -> float | None:
     """A finite number above zero, or None: EXIF may hold 1/0, text, bytes or lists anywhere."""
+    if not isinstance(value, SupportsFloat | str | bytes):
+        return None
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError, ZeroDivisionError):
@@ -305,7 +309,7 @@ def _positive(value: Any) -> float | None:
     return number if math.isfinite(number) and number > 0 else None
 
 
-def _whole_number(value: Any) -> int:
+def _whole_number(value: object) -> int:
     """The number, or 0, which is no value of any EXIF enumeration that is read here."""
     number = _positive(value)
     return int(number) if number is not None else 0

@@ -73,45 +73,39 @@ class _Side:
 
     problems: tuple[PairProblem, ...]
     measures: Mapping[str, float]
-    marker: MarkerObservation | None
+    seen: tuple[ReducedPhoto, MarkerObservation] | None = None
 
 
 def check_pair(
     left: ReducedPhoto | Failure, right: ReducedPhoto | Failure, spec: MarkerSpec, camera: Camera | None
 ) -> PairCheck:
     """Judge a pair. A Failure stands for a photograph that could not be read. camera: as in EstimateOptions."""
-    read = (left, right)
     with ThreadPoolExecutor(2) as threads:  # OpenCV lets go of the interpreter while it looks for the board
-        found = list(threads.map(_judge_side, SIDES, read, (spec, spec)))
-    problems = [problem for side in found for problem in side.problems]
-    measures = dict(found[0].measures) | dict(found[1].measures)
-    if isinstance(left, ReducedPhoto) and isinstance(right, ReducedPhoto):
-        markers = (found[0].marker, found[1].marker)
-        if markers[0] is not None and markers[1] is not None:
-            told, more = _judge_views(left, right, (markers[0], markers[1]), camera)
-            problems += told
-            measures |= more
+        first, second = threads.map(_judge_side, SIDES, (left, right), (spec, spec))
+    problems = [*first.problems, *second.problems]
+    measures = {**first.measures, **second.measures}
+    if first.seen is not None and second.seen is not None:
+        of_pair, more = _judge_views(first.seen, second.seen, camera)
+        problems += of_pair
+        measures |= more
     ordered = sorted(problems, key=lambda problem: problem.severity != "stop")
     return PairCheck(tuple(ordered), {name: round(value, 3) for name, value in measures.items()})
 
 
 def _judge_side(side: SideName, read: ReducedPhoto | Failure, spec: MarkerSpec) -> _Side:
     if isinstance(read, Failure):
-        return _Side((PairProblem(read.code, "stop", side),), {}, None)
+        return _Side((PairProblem(read.code, "stop", side),), {})
     problems = []
     pixels_bgr = read.photo.pixels_bgr
     clipped = clipped_share(pixels_bgr)
     measures = {f"clipped_share_{side}": clipped}
     if clipped > MAX_CLIPPED_SHARE:
-        problems.append(PairProblem(code="image_too_bright", severity="warn", side=side))
+        problems.append(PairProblem("image_too_bright", "warn", side))
     marker = find_marker(read.photo, spec, side)
     if isinstance(marker, Failure):
-        code = marker.code
-        if code == "marker_covered" and _leaves_photograph(pixels_bgr):
-            return _stopped(side, code="marker_cut_off", measures=measures, problems=problems)
-        return _stopped(side, code, measures, problems)
-    grid = marker.corners_px.reshape(spec.rows - 1, spec.columns - 1, 2)
-    contrast = contrast_image(pixels_bgr, spec.kind)
+        is_cut_off = marker.code == "marker_covered" and _leaves_photograph(pixels_bgr)
+        return _stopped(side, "marker_cut_off" if is_cut_off else marker.code, measures, problems)
+    grid, contrast = marker.grid_px, contrast_image(pixels_bgr, spec.kind)
     width_px = marker_edge_width_px(contrast, grid) * read.factor
     limit_px = edge_width_limit_px(max(contrast.shape) * read.factor)
     measures |= {f"edge_width_px_{side}": width_px, f"square_px_{side}": shortest_step_px(grid) * read.factor}
@@ -120,12 +114,12 @@ def _judge_side(side: SideName, read: ReducedPhoto | Failure, spec: MarkerSpec) 
     if width_px > NEAR_BLUR_SHARE * limit_px:
         problems.append(PairProblem("image_blurred", "warn", side))
     if _has_glare(contrast, grid, spec):
-        problems.append(PairProblem(code="marker_glare", severity="warn", side=side))
-    return _Side(tuple(problems), measures, marker)
+        problems.append(PairProblem("marker_glare", "warn", side))
+    return _Side(tuple(problems), measures, (read, marker))
 
 
 def _stopped(side: SideName, code: str, measures: Mapping[str, float], problems: list[PairProblem]) -> _Side:
-    return _Side((PairProblem(code, "stop", side), *problems), measures, None)
+    return _Side((PairProblem(code, "stop", side), *problems), measures)
 
 
 def _leaves_photograph(pixels_bgr: ImageArray) -> bool:
@@ -144,16 +138,14 @@ def _has_glare(contrast: ImageArray, grid: Float64Array, spec: MarkerSpec) -> bo
 
 
 def _judge_views(
-    left: ReducedPhoto,
-    right: ReducedPhoto,
-    markers: tuple[MarkerObservation, MarkerObservation],
-    camera: Camera | None,
+    left: tuple[ReducedPhoto, MarkerObservation], right: tuple[ReducedPhoto, MarkerObservation], camera: Camera | None
 ) -> tuple[list[PairProblem], dict[str, float]]:
     """What both together show: where the cameras stood, and whether they saw the same meal."""
-    pair, spec = PhotoPair(left.photo, right.photo), markers[0].spec
+    photos, markers = (left[0], right[0]), (left[1], right[1])
+    pair, spec = PhotoPair(photos[0].photo, photos[1].photo), markers[0].spec
     views = estimate_views(pair, agree_on_corners(pair, *markers), EstimateOptions(spec, camera))
     if isinstance(views, Failure):
-        steps = [_shortest_reduced_step(marker) for marker in markers]
+        steps = [shortest_step_px(marker.grid_px) for marker in markers]
         is_sure = views.code != "pose_unreliable" or min(steps) >= SURE_STEP_PX
         return [PairProblem(views.code, "stop" if is_sure else "warn")], {}
     measures = {
@@ -163,19 +155,15 @@ def _judge_views(
     problems = []
     if measures["view_angle_deg"] < SMALL_ANGLE_DEG:
         problems.append(PairProblem("baseline_too_small", "warn"))
-    for side, view, photo in zip(SIDES, views, (left, right), strict=True):
+    for side, view, photo in zip(SIDES, views, photos, strict=True):
         distance_mm = float(np.linalg.norm(view.centre_mm))
         mm_per_px = distance_mm / (view.camera.fx * photo.factor)
         measures |= {f"distance_mm_{side}": distance_mm, f"mm_per_px_{side}": mm_per_px}
         if mm_per_px > COARSE_MM_PER_PX:
             is_small = max(view.camera.width, view.camera.height) * photo.factor < LOW_RESOLUTION_LONG_SIDE_PX
-            problems.append(
-                PairProblem(code="resolution_low", severity="warn", side=side)
-                if is_small
-                else PairProblem(code="marker_too_small", severity="warn", side=side)
-            )
-    told, matched = _judge_scene(*views)
-    return problems + told, measures | matched
+            problems.append(PairProblem("resolution_low" if is_small else "marker_too_small", "warn", side))
+    of_scene, matched = _judge_scene(*views)
+    return problems + of_scene, measures | matched
 
 
 def _judge_scene(left: View, right: View) -> tuple[list[PairProblem], dict[str, float]]:
@@ -198,7 +186,7 @@ def _judge_scene(left: View, right: View) -> tuple[list[PairProblem], dict[str, 
         return [PairProblem("scene_moved", "stop")], measures
     is_raised = (height_mm > RAISED_MM) & (height_mm < FOOD_MAX_HEIGHT_MM)
     problems = [
-        PairProblem(code="food_near_border", severity="warn", side=side)
+        PairProblem("food_near_border", "warn", side)
         for side, view, at in zip(SIDES, (left, right), pixels, strict=True)
         if _is_cut(at[is_raised], view.camera.width, view.camera.height)
     ]
@@ -214,7 +202,3 @@ def _is_cut(at_px: Float64Array, width: int, height: int) -> bool:
     counts = [np.count_nonzero(side) for side in (x < border, x > width - border, y < border, y > height - border)]
     fewest, share = LEAST_AT_BORDER
     return bool(max(counts) >= max(fewest, share * len(at_px)))
-
-
-def _shortest_reduced_step(marker: MarkerObservation) -> float:
-    return shortest_step_px(marker.corners_px.reshape(marker.spec.rows - 1, marker.spec.columns - 1, 2))

@@ -6,8 +6,8 @@ library, needs neither NumPy nor OpenCV.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from dataclasses import asdict, dataclass
+from typing import Literal, get_args
 
 from app.core.errors import InvalidInputError
 
@@ -39,7 +39,7 @@ class VesselModel:
     inside_profile_mm: tuple[tuple[float, float], ...] = ()
 
 
-def vessels_from_json(value: Any) -> tuple[VesselModel, ...]:
+def vessels_from_json(value: object) -> tuple[VesselModel, ...]:
     """The library from a parsed JSON list; FLAT_KINDS are passed over. Raises InvalidInputError, "vessel_invalid"."""
     if not isinstance(value, list) or len(value) > MAX_VESSELS:
         raise _invalid(f"it must be a list of at most {MAX_VESSELS} objects.")
@@ -54,14 +54,15 @@ def vessels_from_json(value: Any) -> tuple[VesselModel, ...]:
     return vessels
 
 
-def vessel_from_mapping(data: Any) -> VesselModel:
+def vessel_from_mapping(data: object) -> VesselModel:
     """A VesselModel from its JSON object; other keys are ignored. Raises InvalidInputError, code "vessel_invalid"."""
     if not isinstance(data, Mapping):
         raise _invalid("each vessel must be an object with name, kind, rim_diameter_mm and height_mm.")
-    name, kind = data.get("name"), data.get("kind")
+    name = data.get("name")
+    kind = next((kind for kind in VESSEL_KINDS if kind == data.get("kind")), None)
     if not isinstance(name, str) or not 1 <= len(name) <= 100:
         raise _invalid("name must be a text of 1 to 100 characters.")
-    if kind not in VESSEL_KINDS:
+    if kind is None:
         raise _invalid(f"kind must be one of {', '.join(VESSEL_KINDS)}.")
     capacity = data.get("capacity_ml")
     model = VesselModel(
@@ -77,19 +78,12 @@ def vessel_from_mapping(data: Any) -> VesselModel:
     return model
 
 
-def vessel_to_json(model: VesselModel) -> dict[str, Any]:
+def vessel_to_json(model: VesselModel) -> dict[str, object]:
     """The reverse of vessel_from_mapping."""
-    return {
-        "name": model.name,
-        "kind": model.kind,
-        "rim_diameter_mm": model.rim_diameter_mm,
-        "height_mm": model.height_mm,
-        "capacity_ml": model.capacity_ml,
-        "inside_profile_mm": [list(point) for point in model.inside_profile_mm],
-    }
+    return asdict(model) | {"inside_profile_mm": [list(point) for point in model.inside_profile_mm]}
 
 
-def _profile(value: Any) -> tuple[tuple[float, float], ...]:
+def _profile(value: object) -> tuple[tuple[float, float], ...]:
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) > MAX_PROFILE_POINTS:
         raise _invalid(f"inside_profile_mm must be a list of at most {MAX_PROFILE_POINTS} pairs [radius, height].")
     points = []
@@ -99,14 +93,12 @@ def _profile(value: Any) -> tuple[tuple[float, float], ...]:
         radius, height = (_number(each, "inside_profile_mm", (0.0, HEIGHT_MM[1])) for each in pair)
         points.append((radius, height))
     heights = [height for _, height in points]
-    if heights != sorted(heights) or len(points) == 1:
-        raise _invalid("inside_profile_mm must rise from the floor to the brim.")
-    if points and heights[0] == heights[-1]:
+    if points and (heights != sorted(heights) or heights[0] == heights[-1]):
         raise _invalid("inside_profile_mm must rise from the floor to the brim.")
     return tuple(points)
 
 
-def _number(value: Any, name: str, limits: tuple[float, float]) -> float:
+def _number(value: object, name: str, limits: tuple[float, float]) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise _invalid(f"{name} must be a number.")
     if not limits[0] <= value <= limits[1]:

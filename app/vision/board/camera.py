@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from app.core.errors import Failure
+from app.vision.board.grid import shortest_step_px
 from app.vision.board.pose import fit_board
 from app.vision.intrinsics import Camera, adapt_camera
 from app.vision.model import EstimateOptions, Float64Array, MarkerObservation, Photo, PhotoPair, View
@@ -70,7 +71,7 @@ def estimate_views(
     if fit is None:
         return _unreliable("no camera position above the table explains the marker's corners")
     for name, rms, observation in zip(("left", "right"), fit.rms_px, observations, strict=True):
-        limit = MAX_RMS_SQUARES * _shortest_step_px(observation)
+        limit = MAX_RMS_SQUARES * shortest_step_px(observation.grid_px)
         if rms > limit:
             return _unreliable(
                 f"the marker's corners in the {name} photograph fit to {rms:.1f} px only, {limit:.1f} px is the limit"
@@ -142,9 +143,3 @@ def _is_same_photograph(photos: tuple[Photo, Photo], observations: tuple[MarkerO
     if left.shape == right.shape and np.abs(left - right).max() < SAME_CORNERS_PX:
         return True
     return np.array_equal(photos[0].pixels_bgr, photos[1].pixels_bgr)
-
-
-def _shortest_step_px(observation: MarkerObservation) -> float:
-    grid = observation.corners_px.reshape(observation.spec.rows - 1, observation.spec.columns - 1, 2)
-    steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min() for axis in (0, 1)]
-    return float(min(steps))

@@ -69,7 +69,7 @@ def sample_board(pixels_bgr: ImageArray, marker: MarkerObservation) -> BoardSamp
     count = (spec.rows - 1) * (spec.columns - 1)
     if marker.corners_px.shape != (count, 2) or not np.isfinite(marker.corners_px).all():
         return None
-    fitted = grid_homography(marker.corners_px.reshape(spec.rows - 1, spec.columns - 1, 2))
+    fitted = grid_homography(marker.grid_px)
     if fitted is None:
         return None
     side = np.linspace(-HALF_SIDE_SQUARES, HALF_SIDE_SQUARES, SAMPLES_A_SIDE)

@@ -56,7 +56,7 @@ def find_marker(photo: Photo, spec: MarkerSpec, side: Side | None = None) -> Mar
             continue
         read = _read_grid(photo.pixels_bgr, contrast, grid, spec, where)
         if isinstance(read, MarkerObservation):
-            unfit = judge_marker(contrast, read.corners_px.reshape(spec.rows - 1, spec.columns - 1, 2), where)
+            unfit = judge_marker(contrast, read.grid_px, where)
             return read if unfit is None else unfit
         refusal = read if refusal is None else refusal
     unfit = judge_photograph(contrast_image(photo.pixels_bgr, "plain"), where)  # squares are misread in the dark
@@ -72,7 +72,7 @@ def readings(observation: MarkerObservation) -> list[MarkerObservation]:
     columns, odd, by 90 degrees too. All others, and the colour board, have one way.
     """
     spec = observation.spec
-    grid = observation.corners_px.reshape(spec.rows - 1, spec.columns - 1, 2)
+    grid = observation.grid_px
     turns = [0]
     if spec.kind == "plain" and (spec.columns + spec.rows) % 2 == 0:
         turns = [0, 1, 2, 3] if spec.columns == spec.rows and spec.columns % 2 == 1 else [0, 2]
@@ -130,7 +130,7 @@ def _rectify_surroundings(photo: Photo, observation: MarkerObservation) -> Float
     spec = observation.spec
     reach = max(spec.columns, spec.rows) / 2 + SURROUNDINGS_SQUARES
     size = int(2 * reach * SURROUNDINGS_PX)
-    fitted = grid_homography(observation.corners_px.reshape(spec.rows - 1, spec.columns - 1, 2))
+    fitted = grid_homography(observation.grid_px)
     if fitted is None:
         return np.full((size, size), np.nan)
     # px of the rectified picture -> (column, row) of inner corners -> px of the photograph
