@@ -5,7 +5,6 @@ Frozen dataclasses only, no behaviour beyond what their fields define; frames an
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 from typing import Literal
 
 import numpy as np
@@ -29,16 +28,10 @@ ColourKind = Literal["colour", "white", "none"]
 
 @dataclass(frozen=True, slots=True)
 class Photo:
-    """One decoded photograph, upright, with what its EXIF tells.
-
-    pixels_bgr: (H, W, 3) uint8. focal_35mm: 35 mm equivalent, mm. taken_at: with an offset if EXIF has one, else naive.
-    """
+    """One decoded photograph, upright. pixels_bgr: (H, W, 3) uint8. focal_35mm: EXIF's 35 mm equivalent, mm."""
 
     pixels_bgr: ImageArray
     focal_35mm: float | None = None
-    taken_at: datetime | None = None
-    make: str | None = None
-    model: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

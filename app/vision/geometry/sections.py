@@ -37,8 +37,6 @@ def cut_sections(vertices: Float64Array, faces: IntArray, support_mm: float) -> 
                 centre_mm=centre,
                 half_axes_mm=(half * np.sqrt(ratio), half / np.sqrt(ratio)),
                 heading=float(np.arctan2(axes[1, 1], axes[0, 1])),
-                boundary_mm=middle,
-                residual=0.0,
                 source="fitted",
             )
         )

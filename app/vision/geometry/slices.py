@@ -32,20 +32,18 @@ Source = Literal["fitted", "scaled", "mirrored", "continued"]
 class Slice:
     """One slice: its place, form and where the form comes from.
 
-    low_mm, high_mm: heights over the support. boundary_mm: (n, 2) what the form was fitted to. half_axes_mm: long,
-    short. heading: of the long one. residual: relative sd of the outline's radii about the form. source: "fitted" to
-    its own outline, "scaled" from the food's common shape, "mirrored" from above the widest slice, "continued" from the
-    nearest.
+    low_mm, high_mm: heights over the support. half_axes_mm: long, short. heading: of the long one. residual: relative
+    sd of the outline's radii about the form. source: "fitted" to its own outline, "scaled" from the food's common
+    shape, "mirrored" from above the widest slice, "continued" from the nearest.
     """
 
     low_mm: float
     high_mm: float
     centre_mm: Float64Array
     half_axes_mm: tuple[float, float]
-    heading: float
-    boundary_mm: Float64Array
-    residual: float
-    source: Source
+    heading: float = 0.0
+    residual: float = 0.0
+    source: Source = "continued"
 
     @property
     def area_mm2(self) -> float:
@@ -56,6 +54,11 @@ class Slice:
     def volume_ml(self) -> float:
         """V_k (eq. 15)."""
         return ml_from_mm3(self.area_mm2 * (self.high_mm - self.low_mm))
+
+
+def disc(low_mm: float, high_mm: float, centre_mm: Float64Array, radius_mm: float) -> Slice:
+    """A round slice that is not fitted to any points."""
+    return Slice(low_mm, high_mm, centre_mm, (radius_mm, radius_mm))
 
 
 def slice_thickness_mm(height_mm: float) -> float:
@@ -154,7 +157,6 @@ def _fit_form(ring: Float64Array, place: tuple[float, float], axis: SymmetryAxis
     picture, origin, cell = section_of(ring, axis)
     contours, _ = cv2.findContours(picture, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     contour = max(contours, key=cv2.contourArea)
-    boundary = np.asarray(contour, np.float64).reshape(-1, 2) * cell + origin
     # The contour runs through the centres of border cells, on which the outline was drawn: it is the outline.
     moments = cv2.moments(contour)
     area = moments["m00"] * cell**2
@@ -170,7 +172,7 @@ def _fit_form(ring: Float64Array, place: tuple[float, float], axis: SymmetryAxis
     radius = float(np.sqrt(area / np.pi))
     half_axes = (radius * float(np.sqrt(aspect)), radius / float(np.sqrt(aspect)))
     radii = SymmetryAxis(centre, heading, aspect).scaled_radius(ring)
-    return Slice(*place, centre, half_axes, heading, boundary, float(np.std(radii) / np.mean(radii)), "fitted")
+    return Slice(*place, centre, half_axes, heading, float(np.std(radii) / np.mean(radii)), "fitted")
 
 
 def _scale(ring: Float64Array, place: tuple[float, float], axis: SymmetryAxis) -> Slice:
@@ -179,7 +181,7 @@ def _scale(ring: Float64Array, place: tuple[float, float], axis: SymmetryAxis) -
     radius, root = float(np.median(radii)), float(np.sqrt(axis.aspect))
     half_axes = (radius * root, radius / root)
     residual = float(np.std(radii) / radius)
-    return Slice(*place, axis.centre_mm, half_axes, axis.heading, ring, residual, "scaled")
+    return Slice(*place, axis.centre_mm, half_axes, axis.heading, residual, "scaled")
 
 
 def _unseen(number: int, thickness_mm: float, seen: dict[int, Slice]) -> Slice:
@@ -197,14 +199,5 @@ def _unseen(number: int, thickness_mm: float, seen: dict[int, Slice]) -> Slice:
     if number < lowest < widest - 1:
         opposite = widest + (widest - number - 0.5) * min(1.0, (top + 1 - widest) / widest) - 0.5
         chosen, source = min(seen, key=lambda k: (abs(k - opposite), k)), "mirrored"
-    model = seen[chosen]
-    return Slice(
-        number * thickness_mm,
-        (number + 1) * thickness_mm,
-        model.centre_mm,
-        model.half_axes_mm,
-        model.heading,
-        np.empty((0, 2)),
-        model.residual,
-        source,
-    )
+    low_mm, high_mm = number * thickness_mm, (number + 1) * thickness_mm
+    return replace(seen[chosen], low_mm=low_mm, high_mm=high_mm, source=source)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from app.vision.geometry.mesh import ClosedShape, IntArray
-from app.vision.geometry.slices import Slice
+from app.vision.geometry.slices import Slice, disc
 from app.vision.model import Float64Array
 
 CORNERS = 48  # of a ring: a corner of a food of 100 mm lies within a quarter of a millimetre of its ellipse
@@ -71,8 +71,7 @@ def _ring(each: Slice, end: int) -> Float64Array:
 
 
 def _circle(centre_mm: Float64Array, radius_mm: float, z: float) -> Float64Array:
-    radius = max(float(radius_mm), LEAST_RADIUS_MM)
-    return _ring(Slice(z, z, centre_mm, (radius, radius), 0.0, np.empty((0, 2)), 0.0, "continued"), 0)
+    return _ring(disc(z, z, centre_mm, max(float(radius_mm), LEAST_RADIUS_MM)), 0)
 
 
 def _closed(rings: Sequence[Float64Array]) -> ClosedShape:

@@ -16,12 +16,12 @@ from app.vision.geometry.masks import eroded
 from app.vision.geometry.mesh import ClosedShape
 from app.vision.geometry.pictures import blurred, grey_of, lab_of
 from app.vision.geometry.sectors import sector_of
-from app.vision.geometry.slices import Slice
+from app.vision.geometry.slices import Slice, disc
 from app.vision.geometry.solids import turned
 from app.vision.geometry.topview import TableTrend
 from app.vision.liquids.glass_level import find_level_in_glass
 from app.vision.liquids.liquid_level import Level, find_level, visible
-from app.vision.liquids.rims import Circle, circle_points, find_circles
+from app.vision.liquids.rims import Circle, find_circles
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.sight import Sight
@@ -116,10 +116,9 @@ class FilledVessel:
     @property
     def flags(self) -> tuple[str, ...]:
         """Stable codes of the item."""
-        flags = ("vessel_library",) if self.liquid.library is not None else ("inside_guessed",)
         if not self.liquid.is_measurable:
-            flags = ("not_measurable",)
-        return flags
+            return ("not_measurable",)
+        return ("vessel_library",) if self.liquid.library is not None else ("inside_guessed",)
 
     def measured_as(self, model: VesselModel) -> "FilledVessel":
         """The same vessel, its liquid measured by a library vessel that a person named."""
@@ -288,7 +287,7 @@ def _form(centre_mm: Float64Array, inside: Inside, level_mm: float) -> tuple[tup
     for low in np.arange(0.0, depth, SLICE_MM).tolist():
         high = min(low + SLICE_MM, depth)
         radius = max(float(inside.radius_mm(floor_mm + (low + high) / 2)), 1.0)
-        slices.append(Slice(low, high, centre_mm, (radius, radius), 0.0, np.empty((0, 2)), 0.0, "continued"))
+        slices.append(disc(low, high, centre_mm, radius))
     rings = np.linspace(0.0, depth, max(int(np.ceil(depth)), 2) + 1)
     return tuple(slices), turned(centre_mm, np.maximum(inside.radius_mm(floor_mm + rings), 0.1), rings, 0.0)
 
@@ -360,10 +359,7 @@ def _heights_within(rim: Circle, points_table: Float32Array) -> Float32Array:
 
 def _silhouette(sight: Sight, rim: Circle, foot_mm: float, table_mm: float) -> MaskArray:
     """(H, W) the hull of a rim and its foot on the table, in the first view."""
-    brim = np.array([*rim.centre_mm, rim.radius_mm, rim.height_mm])
-    foot = np.array([*rim.centre_mm, foot_mm, table_mm])
-    rings = np.vstack([sight.project(circle_points(circle))[0] for circle in (brim, foot)]).astype(np.float32)
-    return _filled(np.asarray(cv2.convexHull(rings), np.float32).reshape(-1, 2), sight.pair.shape)
+    return _hull(sight, rim.ring(rim.radius_mm, rim.height_mm), rim.ring(foot_mm, table_mm))
 
 
 def _masks(sight: Sight, rim: Circle, level: Level, table_mm: float) -> tuple[MaskArray, MaskArray]:
@@ -371,22 +367,24 @@ def _masks(sight: Sight, rim: Circle, level: Level, table_mm: float) -> tuple[Ma
 
     Of the liquid the surface as far as an opaque rim leaves it in view; in a glass all below the surface as well.
     """
-    shape = sight.pair.shape
-    brim = np.array([*rim.centre_mm, rim.radius_mm, rim.height_mm])
-    surface = np.array([*rim.centre_mm, level.radius_mm, level.height_mm])
-    rings = [sight.project(circle_points(circle))[0] for circle in (brim, surface)]
+    surface = rim.ring(level.radius_mm, level.height_mm)
     silhouette = _silhouette(sight, rim, min(level.radius_mm, rim.radius_mm), table_mm)
     if level.is_in_glass:
-        floor = np.array([*rim.centre_mm, FLOOR_OF_GLASS * level.radius_mm, table_mm + FLOOR_OF_TALL_MM])
-        body = np.vstack([rings[1], sight.project(circle_points(floor))[0]]).astype(np.float32)
-        return silhouette, _filled(np.asarray(cv2.convexHull(body), np.float32).reshape(-1, 2), shape)
-    content = _filled(rings[1], shape)
-    if visible(sight, rim, circle_points(surface), 0).mean() < 1.0:
-        content &= _filled(rings[0], shape)
+        floor = rim.ring(FLOOR_OF_GLASS * level.radius_mm, table_mm + FLOOR_OF_TALL_MM)
+        return silhouette, _hull(sight, surface, floor)
+    content = _filled(sight.project(surface)[0], sight.pair.shape)
+    if visible(sight, rim, surface, 0).mean() < 1.0:
+        content &= _filled(sight.project(rim.ring(rim.radius_mm, rim.height_mm))[0], sight.pair.shape)
     return silhouette, content
 
 
-def _filled(ring: Float64Array | Float32Array, shape: tuple[int, int]) -> MaskArray:
+def _hull(sight: Sight, *rings: Float64Array) -> MaskArray:
+    """(H, W) the hull of circles (n, 3) in the first view."""
+    pixels = np.vstack([sight.project(ring)[0] for ring in rings]).astype(np.float32)
+    return _filled(cv2.convexHull(pixels).reshape(-1, 2), sight.pair.shape)
+
+
+def _filled(ring: cv2.typing.MatLike, shape: tuple[int, int]) -> MaskArray:
     canvas = np.zeros(shape, np.uint8)
-    cv2.fillPoly(canvas, [np.rint(np.asarray(ring)).astype(np.int32)], (1.0,))
+    cv2.fillPoly(canvas, [np.rint(ring).astype(np.int32)], (1.0,))
     return canvas > 0

@@ -7,7 +7,7 @@ far part of what is painted on it; through glass both are seen, and in both view
 import numpy as np
 
 from app.vision.liquids.liquid_level import Level, colours_at, lift_sd_mm, rim_crossing_mm
-from app.vision.liquids.rims import Circle, circle_points
+from app.vision.liquids.rims import Circle
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.stereo.sight import Sight
 
@@ -53,7 +53,7 @@ def find_level_in_glass(
     height = float((weight.sum(axis=1) @ heights) / weight.sum())
     radius = float((weight.sum(axis=0) @ radii) / weight.sum())
     at = np.array([*rim.centre_mm, radius, height])
-    return Level(height, radius, (HEIGHT_SD_MM, RADIUS_SD_MM), best, lift_sd_mm(sight, at), is_in_glass=True)
+    return Level(height, radius, (HEIGHT_SD_MM, RADIUS_SD_MM), lift_sd_mm(sight, at), is_in_glass=True)
 
 
 def _steps(
@@ -66,11 +66,7 @@ def _steps(
     towards = np.column_stack([np.cos(angle), np.sin(angle)]) @ (away / np.linalg.norm(away))
     by_view = []
     for view in (0, 1):
-        rings = [
-            circle_points(np.array([*rim.centre_mm, radius + band, height_mm]), SAMPLES)
-            for radius in radii_mm.tolist()
-            for band in BANDS_MM
-        ]
+        rings = [rim.ring(radius + band, height_mm, SAMPLES) for radius in radii_mm.tolist() for band in BANDS_MM]
         colours = colours_at(lab[view], sight.in_view(*sight.project(np.vstack(rings)), view))
         bands = colours.reshape(len(radii_mm), len(BANDS_MM), ARCS, -1, 3).mean(axis=3)
         by_view.append((bands[:, 2] + bands[:, 3] - bands[:, 0] - bands[:, 1]) / 2)
@@ -88,6 +84,6 @@ def _steps(
 
 def _behind_wall(sight: Sight, rim: Circle, height_mm: float, radius_mm: float) -> MaskArray:
     """(ARCS,) whether both cameras see a circle's arc through the wall, clear of the rim."""
-    middle = circle_points(np.array([*rim.centre_mm, radius_mm, height_mm]), 2 * ARCS)[1::2]
+    middle = rim.ring(radius_mm, height_mm, 2 * ARCS)[1::2]
     apart = [rim_crossing_mm(sight, rim, middle, view) for view in (0, 1)]
     return np.minimum(*apart) > rim.radius_mm + CLEAR_MM

@@ -34,14 +34,13 @@ SHARED_SD_PX = 0.4  # of parallax, by poses and by edges that are not quite the 
 class Level:
     """height_mm over the marker's plane and radius_mm of the surface. sd_mm: of both, by the fit (height, radius).
 
-    contrast: CIELAB step across its edge. lift_sd_mm: of the height, by what errs alike for rim and surface.
+    lift_sd_mm: of the height, by what errs alike for rim and surface.
     is_in_glass: whether it is seen through the wall.
     """
 
     height_mm: float
     radius_mm: float
     sd_mm: tuple[float, float]
-    contrast: float
     lift_sd_mm: float = 0.0
     is_in_glass: bool = False
 
@@ -59,7 +58,7 @@ def find_level(
                 best, start = score, np.array([*rim.centre_mm, radius, height])
     if start is None or best < MIN_CONTRAST:
         return None
-    return _refined(sight, grey, rim, start, best)
+    return _refined(sight, grey, rim, start)
 
 
 def visible(sight: Sight, rim: Circle, points: Float64Array, view: int) -> MaskArray:
@@ -84,7 +83,7 @@ def _contrast(
         sides = []
         is_seen = np.ones(SAMPLES, np.bool_)
         for radius in (radius_mm - BESIDE_MM, radius_mm + BESIDE_MM):
-            points = circle_points(np.array([*rim.centre_mm, radius, height_mm]))
+            points = rim.ring(radius, height_mm)
             is_seen &= visible(sight, rim, points, view)
             sides.append(colours_at(lab[view], sight.in_view(*sight.project(points), view)))
         if is_seen.mean() < MIN_VISIBLE:
@@ -97,7 +96,7 @@ def _contrast(
     return min(scores)
 
 
-def _refined(sight: Sight, grey: list[Float32Array], rim: Circle, start: Float64Array, contrast: float) -> Level | None:
+def _refined(sight: Sight, grey: list[Float32Array], rim: Circle, start: Float64Array) -> Level | None:
     """Height, radius and, a little, the axis by Gauss-Newton on the edges in both views."""
     unknowns = start.copy()
     prior = np.diag([1 / CENTRE_SD_MM**2, 1 / CENTRE_SD_MM**2, 1e-4, 1e-4])
@@ -124,7 +123,6 @@ def _refined(sight: Sight, grey: list[Float32Array], rim: Circle, start: Float64
         height,
         radius,
         (float(np.hypot(sd[3], LEAST_SD_MM)), float(np.hypot(sd[2], LEAST_SD_MM))),
-        contrast,
         lift_sd_mm(sight, unknowns),
     )
 

@@ -42,14 +42,16 @@ class Circle:
     """centre_mm: (2,) x, y in the table frame; height_mm over the marker's plane.
 
     cover: share of its directions with an edge on it in the view that shows less of it.
-    is_edge: (2, SAMPLES) by view and direction.
     """
 
     centre_mm: Float64Array
     radius_mm: float
     height_mm: float
     cover: float
-    is_edge: MaskArray
+
+    def ring(self, radius_mm: float, height_mm: float, samples: int = SAMPLES) -> Float64Array:
+        """(samples, 3) mm on the circle about the same axis with this radius and height."""
+        return circle_points(np.array([*self.centre_mm, radius_mm, height_mm]), samples)
 
 
 def find_circles(pair: RectifiedPair, sight: Sight, is_usable: MaskArray) -> list[Circle]:
@@ -205,11 +207,10 @@ def refine_circle(sight: Sight, grey: list[Float32Array], start: Float64Array) -
         unknowns = unknowns + np.clip(np.linalg.solve(normal, design.T @ rest), -6.0, 6.0)
         if not (0.8 * RADII_MM[0] < unknowns[2] < 1.1 * RADII_MM[1]) or not 8.0 < unknowns[3] < 200.0:
             return None
-    is_edge = np.stack(edges)
-    cover = float(is_edge.mean(axis=1).min())
+    cover = float(np.stack(edges).mean(axis=1).min())
     if cover < MIN_COVER:
         return None
-    return Circle(unknowns[:2], float(unknowns[2]), float(unknowns[3]), cover, is_edge)
+    return Circle(unknowns[:2], float(unknowns[2]), float(unknowns[3]), cover)
 
 
 def across(

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from app.core.units import ml_from_mm3
 from app.vision.geometry.mesh import ClosedShape
-from app.vision.geometry.slices import Slice
+from app.vision.geometry.slices import Slice, disc
 from app.vision.geometry.solids import turned
 from app.vision.model import Float64Array
 from app.vision.scene.vessel import Vessel
@@ -83,18 +83,17 @@ def measure_content(
         moved = replace(wall, foot_share=min(wall.foot_share + foot, 1.0), power=max(wall.power + power, 0.1))
         changes.append(volume_ml(level_mm, floor_mm, inset_mm, moved) - found)
     depth_mm = max(level_mm - floor_mm, STEP_MM)
+
+    def inner_mm(height_mm: Float64Array | float) -> Float64Array:
+        return wall.radius_mm(floor_mm + height_mm) - inset_mm
+
     slices = tuple(
-        _disc(vessel.centre_mm, float(wall.radius_mm(floor_mm + low)) - inset_mm, low, min(low + SLICE_MM, depth_mm))
+        disc(low, min(low + SLICE_MM, depth_mm), vessel.centre_mm, max(float(inner_mm(low)), STEP_MM))
         for low in np.arange(0.0, depth_mm, SLICE_MM).tolist()
     )
     rings_mm = np.linspace(0.0, depth_mm, int(np.ceil(depth_mm / STEP_MM)) + 1)
-    shape = turned(vessel.centre_mm, wall.radius_mm(floor_mm + rings_mm) - inset_mm, rings_mm, heap_mm)
+    shape = turned(vessel.centre_mm, inner_mm(rings_mm), rings_mm, heap_mm)
     return BowlContent(found, float(np.sqrt(np.square(changes).sum())), slices, shape)
-
-
-def _disc(centre_mm: Float64Array, radius_mm: float, low_mm: float, high_mm: float) -> Slice:
-    radius = max(radius_mm, STEP_MM)
-    return Slice(low_mm, high_mm, centre_mm, (radius, radius), 0.0, np.empty((0, 2)), 0.0, "continued")
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ RANGE_MARGIN_PX = 16.0  # at full size, beyond what was found
 STANDING_PX = 1.5  # over the support, at full size: 3 to 5 mm at usual distances; what is lower needs no finer level
 STANDING_MARGIN_PX = 24  # around what stands
 LEVELS = (4, 2, 1)  # reductions on which windows settle; a finer one overrides a coarser one
-STEPS = {4: 2, 2: 2, 1: 2}  # Gauss-Newton steps a level; the search leaves half a pixel, the level before a tenth
+STEPS = 2  # of Gauss-Newton on each level; the search leaves half a pixel, the level before a tenth
 WINDOW_PX = 9  # on each level: 36, 18 and 9 px of the working image
 SMALL_STEP_PENALTY, LARGE_STEP_PENALTY = 100, 500  # Hirschmueller (2008), P1 and P2, for windows of 3 x 3 px
 SEARCH_WINDOW_PX = 3
@@ -65,7 +65,7 @@ def match_dense(
     sd = np.full((height, width), np.nan, np.float32)
     start = searched
     for level in LEVELS:
-        size = (max(1, round(width / level)), max(1, round(height / level)))
+        size = _level_size(first, level)
         a, b = (_resized(grey, size, cv2.INTER_AREA) for grey in (first, second))
         scale = np.float32(width / size[0])
         rows, columns = (
@@ -74,7 +74,7 @@ def match_dense(
             else (slice(None), slice(None))
         )
         begun = (_resized(start, size, cv2.INTER_LINEAR) / scale).astype(np.float32)[rows, columns]
-        settled = _settle(a[rows, columns], b[rows], begun, STEPS[level], level, columns.start or 0)
+        settled = _settle(a[rows, columns], b[rows], begun, level, columns.start or 0)
         is_good = settled.is_good & (_resized(is_confirmed, size, cv2.INTER_NEAREST)[rows, columns] > 0)
         found = np.where(is_good, settled.parallax * scale, np.float32(np.nan))
         whole = (found.shape[1], found.shape[0]) if level == LEVELS[-1] else (width, height)
@@ -129,19 +129,18 @@ def _inner(is_seen: MaskArray | None, shape: tuple[int, ...]) -> ImageArray:
 def _search_range(
     first: ImageArray, second: ImageArray, range_px: tuple[float, float], level: int
 ) -> tuple[Float32Array, ImageArray]:
-    height, width = first.shape
-    size = (max(1, round(width / level)), max(1, round(height / level)))
+    size = _level_size(first, level)
     a, b = (_resized(grey, size, cv2.INTER_AREA) for grey in (first, second))
     b = _with_light_of(b, a)
-    scale = width / size[0]
+    scale = first.shape[1] / size[0]
     low = int(np.floor(range_px[0] / scale)) - 1
     count = 16 * int(np.ceil((range_px[1] / scale + 2 - low) / 16))
-    penalties = SMALL_STEP_PENALTY, LARGE_STEP_PENALTY
     matcher = cv2.StereoSGBM.create(
         low,
         count,
         SEARCH_WINDOW_PX,
-        *penalties,
+        SMALL_STEP_PENALTY,
+        LARGE_STEP_PENALTY,
         disp12MaxDiff=MAX_CHECK_DIFFERENCE_PX,
         preFilterCap=63,
         mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
@@ -200,9 +199,7 @@ def _with_light_of(image: ImageArray, other: ImageArray) -> ImageArray:
     return np.asarray(cv2.addWeighted(image, gain, image, 0.0, mean_other - gain * mean), np.uint8)
 
 
-def _settle(
-    first: ImageArray, second: ImageArray, start: Float32Array, steps: int, level: int, left_px: int
-) -> _Settled:
+def _settle(first: ImageArray, second: ImageArray, start: Float32Array, level: int, left_px: int) -> _Settled:
     """_settle_band on bands of rows: a band stays in the cache, the whole does not.
 
     second: with all its columns; first and start may begin at its column left_px.
@@ -210,19 +207,17 @@ def _settle(
     height, width = first.shape
     parallax, sd = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
     is_good = np.empty((height, width), np.bool_)
-    halo = (WINDOW_PX // 2) * (steps + 1)  # what a row's windows, and the windows that they rest on, reach
+    halo = (WINDOW_PX // 2) * (STEPS + 1)  # what a row's windows, and the windows that they rest on, reach
     for top in range(0, height, BAND_ROWS):
         low, high = max(0, top - halo), min(height, top + BAND_ROWS + halo)
-        band = _settle_band(first[low:high], second[low:high], start[low:high], steps, level, left_px)
+        band = _settle_band(first[low:high], second[low:high], start[low:high], level, left_px)
         inner, here = slice(top - low, top - low + BAND_ROWS), slice(top, min(height, top + BAND_ROWS))
         inner = slice(inner.start, inner.start + here.stop - here.start)
         parallax[here], sd[here], is_good[here] = band.parallax[inner], band.sd[inner], band.is_good[inner]
     return _Settled(parallax, sd, is_good)
 
 
-def _settle_band(
-    first: ImageArray, second: ImageArray, start: Float32Array, steps: int, level: int, left_px: int
-) -> _Settled:
+def _settle_band(first: ImageArray, second: ImageArray, start: Float32Array, level: int, left_px: int) -> _Settled:
     """Parallax that makes each window of the second image most like the first's, from where it starts.
 
     Gauss-Newton on the normalised cross correlation: the second image's window, moved, is regressed on the first's grey
@@ -240,7 +235,7 @@ def _settle_band(
     parallax = start
     columns = np.arange(left_px, left_px + first.shape[1], dtype=np.float32)
     seen: Float32Array
-    for _ in range(steps):
+    for _ in range(STEPS):
         seen = np.asarray(_sample(second, columns - parallax, cv2.INTER_CUBIC), np.float32)
         mean_seen = _box(seen)
         sa = _box(seen * a) - mean_seen * mean_a
@@ -267,6 +262,11 @@ def _settle_band(
         & (where <= second.shape[1] - 1)
     )
     return _Settled(parallax, sd, is_good)
+
+
+def _level_size(image: ImageArray, level: int) -> tuple[int, int]:
+    """(width, height) of an image on a level."""
+    return max(1, round(image.shape[1] / level)), max(1, round(image.shape[0] / level))
 
 
 def _resized(image: np.ndarray, size: tuple[int, int], interpolation: int) -> np.ndarray:

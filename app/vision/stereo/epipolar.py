@@ -28,12 +28,11 @@ MIN_BESIDE_BOARD = 2  # a plane (the board) leaves F free up to two points off i
 class Epipolar:
     """Both fundamental matrices and how well they fit.
 
-    from_matches, from_views: (3, 3). drawn: (16,) indices of the winning draw. is_good: (n,) matches near the epipolar
+    from_matches: (3, 3). drawn: (16,) indices of the winning draw. is_good: (n,) matches near the epipolar
     lines of the views. matches_distance_px, views_distance_px: median symmetric epipolar distance of the good matches.
     """
 
     from_matches: Float64Array
-    from_views: Float64Array
     drawn: NDArray[np.int64]
     is_good: NDArray[np.bool_]
     matches_distance_px: float
@@ -77,7 +76,6 @@ def compare_fundamentals(first: View, second: View, matches: Matches, rng: np.ra
         return too_few_matches(len(beside))
     return Epipolar(
         best[1],
-        from_views,
         best[2],
         is_good,
         float(np.median(symmetric_epipolar_distance_px(best[1], x[is_good], x_second[is_good]))),

@@ -8,7 +8,7 @@ from tests.unit.vision.meshes import assert_watertight
 
 
 def disc(low, high, half_axes, heading=0.0, centre=(10.0, -5.0)):
-    return Slice(low, high, np.array(centre), half_axes, heading, np.empty((0, 2)), 0.0, "fitted")
+    return Slice(low, high, np.array(centre), half_axes, heading, 0.0, "fitted")
 
 
 def test_stack_holds_what_its_slices_sum_to_however_they_are_turned():

@@ -9,7 +9,7 @@ import pytest
 from app.vision.geometry.topview import TableTrend
 from app.vision.liquids.filled_vessel import find_vessels, inside_of_model, measure_liquid, recognise
 from app.vision.liquids.liquid_level import Level
-from app.vision.liquids.rims import SAMPLES, Circle, circle_points
+from app.vision.liquids.rims import Circle, circle_points
 from app.vision.model import ImageArray
 from app.vision.stereo.rectification import RectifiedPair
 from app.vision.stereo.sight import Sight
@@ -69,11 +69,11 @@ def _vessels(pair: RectifiedPair, library: tuple[VesselModel, ...] = ()) -> list
 
 
 def _rim(radius: float, height: float) -> Circle:
-    return Circle(np.zeros(2), radius, height, 1.0, 0.3, np.ones((2, SAMPLES), np.bool_))
+    return Circle(np.zeros(2), radius, height, 1.0)
 
 
 def _level(radius: float, height: float, sd: float = 0.5) -> Level:
-    return Level(height, radius, (sd, sd), 30.0)
+    return Level(height, radius, (sd, sd))
 
 
 def test_rim_and_level_of_drawn_mug_are_measured() -> None:

@@ -2,7 +2,8 @@ import cv2
 import numpy as np
 import pytest
 
-from app.vision.stereo.outline_snap import colours_beside, lab_of, outline, rings_of_mask, snap
+from app.vision.geometry.pictures import lab_of
+from app.vision.stereo.outline_snap import colours_beside, outline, rings_of_mask, snap
 
 MIDDLE_PX, RADIUS_PX = np.array([80.3, 70.7]), 40.4
 SIZE = (150, 170)
