@@ -4,18 +4,27 @@ from typing import Literal
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from app.vision.model import Float32Array, MaskArray
+from app.vision.model import Float32Array, Float64Array, MaskArray
 
 FAR_PX = 1e6  # distance from nothing
 
 
+def labelled(
+    mask: MaskArray, connectivity: Literal[4, 8] = 8
+) -> tuple[NDArray[np.int32], NDArray[np.int32], Float64Array]:
+    """(H, W) number of each pixel's connected part, from 1 on; by number x, y, width, height, area; and the middles."""
+    _, labels, stats, middles = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=connectivity)
+    return np.asarray(labels, np.int32), np.asarray(stats, np.int32), np.asarray(middles, np.float64)
+
+
 def without_specks(mask: MaskArray, least_px: float) -> MaskArray:
     """The mask's connected parts of at least this area, px."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    labels, stats, _ = labelled(mask)
     kept = stats[:, cv2.CC_STAT_AREA] >= least_px
     kept[0] = False
-    return np.asarray(kept[labels], np.bool_)
+    return kept[labels]
 
 
 def opened(mask: MaskArray, size_px: int) -> MaskArray:
@@ -44,10 +53,8 @@ def window_around(mask: MaskArray, margin_px: int) -> tuple[slice, slice]:
 
 def largest_part(mask: MaskArray) -> MaskArray:
     """The largest connected part."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
-    if count < 2:
-        return mask
-    return np.asarray(labels == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax()), np.bool_)
+    labels, stats, _ = labelled(mask)
+    return labels == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax()) if len(stats) > 1 else mask
 
 
 def filled(mask: MaskArray) -> MaskArray:
@@ -78,8 +85,8 @@ def inward_px(mask: MaskArray, kernel: Literal[3, 5] = 5) -> Float32Array:
 
 def components(mask: MaskArray) -> list[MaskArray]:
     """Return the mask's connected parts, each (H, W)."""
-    count, labels = cv2.connectedComponents(mask.astype(np.uint8))
-    return [np.asarray(labels == label, np.bool_) for label in range(1, count)]
+    labels, stats, _ = labelled(mask)
+    return [labels == label for label in range(1, len(stats))]
 
 
 def solidity(mask: MaskArray) -> float:

@@ -11,7 +11,16 @@ from collections.abc import Iterator, Sequence
 import cv2
 import numpy as np
 
-from app.vision.geometry.masks import components, dilated, distance_px, filled, inward_px, largest_part, solidity
+from app.vision.geometry.masks import (
+    components,
+    dilated,
+    distance_px,
+    filled,
+    inward_px,
+    labelled,
+    largest_part,
+    solidity,
+)
 from app.vision.geometry.min_cut import cut_in_two
 from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, MaskArray
@@ -55,15 +64,15 @@ def tell_apart(food: MaskArray, scene: Scene, floor_mm: float = 0.0) -> list[Mas
     """(h, w) masks, one per food, of the scene's grid; they do not overlap. floor_mm: of the support over the table."""
     found: list[MaskArray] = []
     size = max(3, round(2.5 / scene.pixel_mm) | 1)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(_opened(food, size).astype(np.uint8))
+    labels, stats, _ = labelled(_opened(food, size))
     lab = lab_bytes(scene.image_bgr)
-    for label in range(1, count):
+    for label in range(1, len(stats)):
         x, y, width, height, area = (int(value) for value in stats[label])
         if area * scene.pixel_mm**2 < MIN_PART_MM2:
             continue
         window = (slice(max(0, y - 4), y + height + 4), slice(max(0, x - 4), x + width + 4))
         piece = _Piece(lab[window], scene.height_mm[window], scene.pixel_mm)
-        waiting = [np.asarray(labels[window] == label, np.bool_)]
+        waiting = [labels[window] == label]
         while waiting and len(found) + len(waiting) <= MAX_FOODS:
             mask = waiting.pop()
             is_block = _is_one_block(_framed(mask, window, food.shape), scene, floor_mm)
@@ -176,10 +185,8 @@ class _Piece:
             cluster_of = np.full(mask.shape, -1, np.int64)
             cluster_of[mask] = ((smooth[:, None] - centres[None]) ** 2).sum(axis=-1).argmin(axis=1)
             for cluster in range(clusters):
-                count, labels, stats, _ = cv2.connectedComponentsWithStats(
-                    _opened(cluster_of == cluster, size).astype(np.uint8)
-                )
-                for label in range(1, count):
+                labels, stats, _ = labelled(_opened(cluster_of == cluster, size))
+                for label in range(1, len(stats)):
                     if stats[label, cv2.CC_STAT_AREA] >= least_px:
                         part = filled(labels == label) & mask
                         if np.count_nonzero(mask & ~part) >= least_px:
@@ -191,8 +198,8 @@ class _Piece:
         """Each part that stands alone above some level of the field, with what lies nearest to it."""
         most = 1
         for level in levels:
-            count, labels, stats, _ = cv2.connectedComponentsWithStats(((field > level) & mask).astype(np.uint8))
-            kept = [k for k in range(1, count) if stats[k, cv2.CC_STAT_AREA] * self._pixel_mm**2 >= least_mm2]
+            labels, stats, _ = labelled((field > level) & mask)
+            kept = [k for k in range(1, len(stats)) if stats[k, cv2.CC_STAT_AREA] * self._pixel_mm**2 >= least_mm2]
             if len(kept) <= most:
                 continue
             most = len(kept)

@@ -4,10 +4,9 @@ Raised parts with heights and colour's evidence -> the middle of each gap. A win
 a gap can only fill it, never dig one: a low height in a gap counts whatever its window.
 """
 
-import cv2
 import numpy as np
 
-from app.vision.geometry.masks import dilated, inward_px
+from app.vision.geometry.masks import dilated, inward_px, labelled
 from app.vision.model import Float32Array, MaskArray
 
 MIN_GAP_MM2 = 60.0
@@ -24,8 +23,8 @@ def find_gaps(is_raised: MaskArray, height_mm: Float32Array, colour_nats: Float3
     height_mm: (H, W) over the support, NaN where unmeasured. colour_nats: (H, W) log likelihood of food over the rest.
     """
     gaps = np.zeros(is_raised.shape, np.bool_)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((~is_raised).astype(np.uint8), connectivity=4)
-    for label in range(1, count):
+    labels, stats, _ = labelled(~is_raised, 4)
+    for label in range(1, len(stats)):
         x, y, width, height, area = (int(value) for value in stats[label])
         is_open = x == 0 or y == 0 or x + width == is_raised.shape[1] or y + height == is_raised.shape[0]
         if is_open or area * pixel_mm**2 < MIN_GAP_MM2:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from app.vision.geometry.masks import opened
+from app.vision.geometry.masks import labelled, opened
 from app.vision.geometry.pictures import lab_bytes
 from app.vision.geometry.sectors import sector_of
 from app.vision.model import Float32Array, MaskArray
@@ -41,7 +41,8 @@ def enclosed_by_raised(scene: Scene, over_support_mm: Float32Array) -> MaskArray
     """
     is_measured = np.isfinite(over_support_mm) | scene.is_ignored
     blobs = opened(~is_measured, MIN_WIDTH_PX)
-    count, labels, stats, middles = cv2.connectedComponentsWithStats(blobs.astype(np.uint8))
+    labels, stats, middles = labelled(blobs)
+    count = len(stats)
     around = cv2.dilate(labels.astype(np.uint16), np.ones((2 * AROUND_PX + 1,) * 2, np.uint8))
     is_raised = (over_support_mm > RAISED_MM) & ~scene.is_ignored
     is_flat = (np.abs(over_support_mm) < FLAT_MM) & ~scene.is_ignored
@@ -72,10 +73,10 @@ def unlike_support(scene: Scene, over_support_mm: Float32Array, shows_dish: Sequ
     bins = colour_bins(lab_bytes(scene.image_bgr))
     is_unfamiliar = colour_histogram([bins, *shaded_bins(scene.image_bgr)], is_support)[bins] < FAMILIAR
     blobs = opened(is_unfamiliar & ~is_support & ~scene.is_ignored, BESIDE_PX)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(blobs.astype(np.uint8))
+    labels, stats, _ = labelled(blobs)
     near = cv2.dilate(labels.astype(np.uint16), np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8))
     raised, flat, measured = (
-        np.bincount(near[mask], minlength=count)
+        np.bincount(near[mask], minlength=len(stats))
         for mask in (is_raised, is_flat & is_unfamiliar, np.isfinite(over_support_mm))
     )
     square_mm = scene.pixel_mm**2
@@ -84,4 +85,4 @@ def unlike_support(scene: Scene, over_support_mm: Float32Array, shows_dish: Sequ
     kept &= flat <= MAX_FLAT_SHARE * np.maximum(measured, 1)
     kept[np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))] = False  # goes on unseen
     kept[0] = False
-    return np.asarray(kept[labels], np.bool_)
+    return kept[labels]

@@ -16,7 +16,6 @@ from app.vision.geometry.pictures import grey_of, lab_of
 from app.vision.geometry.sections import cut_sections
 from app.vision.geometry.slices import Slice
 from app.vision.geometry.symmetry import SymmetryAxis
-from app.vision.geometry.topview import TableTrend
 from app.vision.liquids.filled_vessel import FilledVessel
 from app.vision.model import Float32Array, Float64Array, Hint, MaskArray
 from app.vision.scene.segmentation import Foods, Region
@@ -92,18 +91,17 @@ def measure_shapes(
 
 @dataclass(frozen=True, slots=True)
 class _Scene:
-    regions: Sequence[Region]
+    foods: Foods
     pair: RectifiedPair
     disparity: DisparityMap
     points_table: Float32Array
-    table: TableTrend
     plane_xy_mm: Float32Array
     grey: tuple[Float32Array, Float32Array]
     lab: tuple[Float32Array, Float32Array]
 
     def food(self, number: int) -> _Food | None:
-        mask = self.regions[number].mask
-        sight = sight_of(self.pair, self.table, self.plane_xy_mm, window_around(mask, TUNING.margin_px))
+        mask = self.foods.regions[number].mask
+        sight = sight_of(self.pair, self.foods.table, self.plane_xy_mm, window_around(mask, TUNING.margin_px))
         rings = rings_of_mask(mask)
         if not rings:
             return None
@@ -121,19 +119,19 @@ class _Scene:
 
     def _support(self, number: int, points: Float64Array) -> tuple[float, float]:
         """Height over the table of what the food rests on, and its sd, mm."""
-        support = self.regions[number].support
+        support = self.foods.regions[number].support
         if support is None:
             return TUNING.support_unknown_mm, TUNING.support_unknown_sd_mm
-        table_mm = float(self.table.height_mm(np.median(points[:, :2], axis=0)))
+        table_mm = float(self.foods.table.height_mm(np.median(points[:, :2], axis=0)))
         return support.height_mm - table_mm, max(support.sd_mm, TUNING.least_support_sd_mm)
 
     def _in_front(self, number: int) -> tuple[MaskArray, MaskArray]:
         """(H, W) in either view: foods that touch this one in the first view and lie nearer to the camera there."""
-        mask = self.regions[number].mask
+        mask = self.foods.regions[number].mask
         first = np.zeros(mask.shape, np.bool_)
         reach = 2 * TUNING.touching_px + 1
         beside = dilated(mask, reach)
-        for other, region in enumerate(self.regions):
+        for other, region in enumerate(self.foods.regions):
             shared = region.mask & beside
             if other == number or not shared.any():
                 continue
@@ -159,16 +157,8 @@ def _scene_of(foods: Foods, pair: RectifiedPair, disparity: DisparityMap, points
     images = (pair.first_bgr, pair.second_bgr)
     grey = [grey_of(image).astype(np.float32) for image in images]
     lab = [lab_of(image) for image in images]
-    return _Scene(
-        regions=foods.regions,
-        pair=pair,
-        disparity=disparity,
-        points_table=points_table,
-        table=foods.table,
-        plane_xy_mm=plane_points(pair)[..., :2],
-        grey=(grey[0], grey[1]),
-        lab=(lab[0], lab[1]),
-    )
+    plane_xy_mm = plane_points(pair)[..., :2]
+    return _Scene(foods, pair, disparity, points_table, plane_xy_mm, (grey[0], grey[1]), (lab[0], lab[1]))
 
 
 def _without(line: Outline, hidden_by: MaskArray) -> Outline:
@@ -326,7 +316,7 @@ def _of_bowl(region: Region, food: _Food, scene: _Scene, pair_sd: float) -> tupl
     vessel = region.vessel
     if vessel is None:
         return None
-    table_mm = float(scene.table.height_mm(vessel.centre_mm))
+    table_mm = float(scene.foods.table.height_mm(vessel.centre_mm))
     content = measure_content(food.points, vessel, table_mm, food.support_mm, food.support_sd_mm)
     if content is None and _is_beside(food.points, vessel):
         return None

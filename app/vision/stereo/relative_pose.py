@@ -37,8 +37,9 @@ from app.vision.stereo.table_matches import TableMatches, matches_on_table
 
 MATCH_SD_PX_AT_12MP = 1.5  # alignment leaves 0.3 px; the rest is what lenses do beyond their model, far from the middle
 FOCAL_SPREAD = 0.005  # prior, relative: focusing moves the lens by a few thousandths of f between two photographs
-CENTRE_SPREAD = 0.003  # prior, of the long side: optical stabilisers shift the principal point by some ten px
-CENTRE_SPREAD_GUESSED = 0.003  # the same about the middle; more freedom trades it for focal length
+# Prior, of the long side, about a given centre or the middle: optical stabilisers shift the principal point by some ten
+# px; more freedom trades it for focal length.
+CENTRE_SPREAD = 0.003
 RADIAL_SPREAD_4TH = 0.1  # prior of k2, which phones have beside k1, often of the other sign
 RADIAL_CHANGE = 0.001  # of k1 and k2 between two photographs by one lens
 TABLE_SD_MM = 1.0  # of a table's height about a plane
@@ -217,12 +218,11 @@ def _lens_prior(first: Camera, second: Camera) -> Float64Array:
     Two guessed cameras that are equal are one phone's: they share what EXIF leaves open, and differ by focusing.
     """
     is_given = first.source == "given"
-    share = CENTRE_SPREAD if is_given else CENTRE_SPREAD_GUESSED
     rows = []
     for index, camera in enumerate((first, second)):
         for axis in (1, 2):
             row = np.zeros(2 * LENS_UNKNOWNS)
-            row[LENS_UNKNOWNS * index + axis] = camera.fx / (share * max(camera.width, camera.height))
+            row[LENS_UNKNOWNS * index + axis] = camera.fx / (CENTRE_SPREAD * max(camera.width, camera.height))
             rows.append(row)
     focal_spread = FOCAL_SPREAD_EXIF if first.source == "exif" else FOCAL_SPREAD_UNKNOWN
     for at, own, change in (

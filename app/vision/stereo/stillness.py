@@ -23,7 +23,6 @@ MIN_JUDGED_MATCHES = 20
 UNDER_MM, UNDER_SD = 14.0, 3.0  # more than a plaque is thick, and standard deviations of a match's height beyond it
 SURE_HEIGHT_MM = 2.0  # standard deviation up to which a height is sure
 MAX_SHARE_UNDER = 0.2  # of the matches: on a cloth whose pattern repeats some are wrong
-ADVICE = "Lay the marker flat on the table beside the plate, and move nothing between the two photographs."
 
 
 def judge_matches(matches: Matches, is_good: MaskArray) -> Failure | None:
@@ -35,11 +34,9 @@ def judge_matches(matches: Matches, is_good: MaskArray) -> Failure | None:
     judged, good = int(np.count_nonzero(beside)), int(np.count_nonzero(beside & is_good))
     if judged < MIN_JUDGED_MATCHES or good >= MIN_SHARE_ON_LINES * judged:
         return None
-    return Failure(
-        "scene_moved",
+    return _moved(
         f"The marker and the rest of the meal moved against each other: {judged} points were found again in the other "
-        f"photograph, but only {good} of them where the marker puts them.",
-        ADVICE,
+        f"photograph, but only {good} of them where the marker puts them."
     )
 
 
@@ -59,11 +56,9 @@ def judge_heights(views: RefinedViews, matches: Matches) -> Failure | None:
     is_under = heights < -UNDER_MM - UNDER_SD * doubt_mm
     if len(heights) < MIN_JUDGED_MATCHES or np.mean(is_under) < MAX_SHARE_UNDER:
         return None
-    return Failure(
-        "scene_moved",
+    return _moved(
         f"Much of the scene seems to lie {-float(np.median(heights[is_under])):.0f} mm under the marker: one of them "
-        "was moved between the two photographs, or the marker does not lie on the table.",
-        ADVICE,
+        "was moved between the two photographs, or the marker does not lie on the table."
     )
 
 
@@ -80,9 +75,15 @@ def judge_table(spec: MarkerSpec, plane_mm: Float32Array, points_table: Float32A
     if len(around) < MIN_MEASURED or np.mean(np.abs(around) < AT_MARKER_MM) >= MIN_SHARE_AT_MARKER:
         return None
     middle = float(np.median(around))
+    return _moved(
+        f"The table around the marker seems to lie {abs(middle):.0f} mm {'over' if middle > 0 else 'under'} it: one of "
+        "them was moved between the two photographs, or the marker does not lie on the table."
+    )
+
+
+def _moved(message: str) -> Failure:
     return Failure(
         "scene_moved",
-        f"The table around the marker seems to lie {abs(middle):.0f} mm {'over' if middle > 0 else 'under'} it: one of "
-        "them was moved between the two photographs, or the marker does not lie on the table.",
-        ADVICE,
+        message,
+        "Lay the marker flat on the table beside the plate, and move nothing between the two photographs.",
     )
