@@ -28,10 +28,14 @@ ColourKind = Literal["colour", "white", "none"]
 
 @dataclass(frozen=True, slots=True)
 class Photo:
-    """One decoded photograph, upright. pixels_bgr: (H, W, 3) uint8. focal_35mm: EXIF's 35 mm equivalent, mm."""
+    """One decoded photograph, upright. pixels_bgr: (H, W, 3) uint8. focal_35mm: EXIF's 35 mm equivalent, mm.
+
+    model: the phone's, as EXIF names it.
+    """
 
     pixels_bgr: ImageArray
     focal_35mm: float | None = None
+    model: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

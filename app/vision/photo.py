@@ -26,6 +26,7 @@ MIN_SHORT_SIDE_PX = 480  # a marker that is an eighth of the photograph has squa
 DIAGONAL_35MM = math.hypot(36.0, 24.0)
 FOCAL_35MM_RANGE = (8.0, 400.0)  # outside, the tag is unset (0) or nonsense
 MM_PER_RESOLUTION_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # EXIF FocalPlaneResolutionUnit
+MAX_NAME_LENGTH = 100
 JPEG_START = b"\xff\xd8\xff"
 HEIF_BRANDS = frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"})
 # What Pillow and libheif raise on bytes that lie; anything else is a fault of ours and should be seen.
@@ -139,7 +140,8 @@ def _read(
     if not isinstance(image, HeifImageFile):  # libheif has turned its pixels already, and says so in the same tag
         turn = TRANSPOSED.get(_whole_number(exif.get(ExifTags.Base.Orientation)))
         pixels_bgr = pixels_bgr if turn is None else np.ascontiguousarray(turn(pixels_bgr), np.uint8)
-    return ReducedPhoto(Photo(pixels_bgr, _focal_35mm(exif, width, height)), factor)
+    photo = Photo(pixels_bgr, _focal_35mm(exif, width, height), _name(exif.get(ExifTags.Base.Model)))
+    return ReducedPhoto(photo, factor)
 
 
 def _reduction(long_side_px: int, least_long_side_px: int | None) -> int:
@@ -262,6 +264,13 @@ def _focal_35mm(exif: Mapping[int, object], width: int, height: int) -> float | 
         rows = _positive(exif.get(ExifTags.Base.ExifImageHeight)) or height
         told = focal_mm * per_unit / unit_mm / math.hypot(columns, rows) * DIAGONAL_35MM
     return told if FOCAL_35MM_RANGE[0] <= told <= FOCAL_35MM_RANGE[1] else None
+
+
+def _name(value: object) -> str | None:
+    if not isinstance(value, str):
+        return None
+    printable = "".join(character for character in value if character.isprintable()).strip()
+    return printable[:MAX_NAME_LENGTH] or None
 
 
 def _positive(value: object) -> float | None:

@@ -120,10 +120,12 @@ def test_transparency_is_laid_on_white(picture):
     assert (read(encoded(layer, "PNG")).pixels_bgr == 255).all()
 
 
-def test_exif_tells_focal_length(picture):
+def test_exif_tells_focal_length_and_phone(picture):
     exif = Image.Exif()
+    exif[272] = " Pixel 6a\0 "
     exif.get_ifd(0x8769)[41989] = 27
-    assert read(encoded(picture, "JPEG", exif=exif)).focal_35mm == 27.0
+    photo = read(encoded(picture, "JPEG", exif=exif))
+    assert (photo.focal_35mm, photo.model) == (27.0, "Pixel 6a")
 
 
 def test_heic_exif_is_read(picture):
