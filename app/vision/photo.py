@@ -1,4 +1,4 @@
-"""Decode one photograph: bytes of JPEG, PNG, WebP or HEIC -> upright 8-bit BGR pixels, and EXIF's lens and time.
+"""Decode one photograph: bytes of JPEG, PNG, WebP or HEIC -> upright 8-bit BGR pixels, and EXIF's lens and phone.
 
 Orientation is applied here, once. Limits are checked on the header, before any pixel is decoded. Colour profiles are
 left alone: the marker calibrates colour. Location is never read.
