@@ -22,15 +22,17 @@ class Settings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="TADA_", frozen=True, extra="ignore")
 
-    data_dir: Path = Field(default=Path("data"), description="Where the embedded database and blob store live.")
+    data_dir: Path = Field(default=Path("data"), description="Folder of the embedded database and blob store.")
     database_url: str | None = Field(default=None, description="SQLAlchemy URL; default: SQLite in data_dir.")
     database_password: SecretStr | None = Field(
-        default=None, description="Of the user that the URL of the database names; default: what stands in the URL."
+        default=None, description="Password of the database URL's user; default: the one in the URL."
     )
-    database_pool_size: int = Field(default=10, ge=1, description="Connections to the database that a process keeps.")
-    database_pool_overflow: int = Field(default=10, ge=0, description="Connections more than that, for a while.")
+    database_pool_size: int = Field(
+        default=10, ge=1, description="Connections to the database that a process keeps open."
+    )
+    database_pool_overflow: int = Field(default=10, ge=0, description="Additional connections while a process is busy.")
     database_statement_seconds: float = Field(
-        default=30.0, gt=0, description="PostgreSQL: one statement, at most; migrations have their own limit."
+        default=30.0, gt=0, description="PostgreSQL: maximum time of a statement; migrations have their own limit."
     )
     blob_url: str | None = Field(
         default=None, description="file:///path or s3://bucket/prefix; default: a folder in data_dir."
@@ -38,93 +40,107 @@ class Settings(BaseSettings):
     erasure_url: str | None = Field(
         default=None,
         description="The ledger of erasures, kept out of backups: file:///path or s3://bucket/prefix; default: a "
-        "folder in data_dir, or where blobs are in S3, .erasures beside them.",
+        "folder in data_dir; with blobs in S3, .erasures beside them.",
     )
-    s3_endpoint: str | None = Field(default=None, description="http(s)://host:port of an S3 server that is not AWS.")
+    s3_endpoint: str | None = Field(default=None, description="http(s)://host:port of an S3 server other than AWS.")
     s3_region: str = Field(default="us-east-1", min_length=1, description="The bucket's region.")
     s3_access_key_id: str | None = Field(
-        default=None, description="With the secret key; neither: what AWS gives the machine or container."
+        default=None,
+        description="Set together with the secret key; neither: AWS's credentials of the machine or container.",
     )
-    s3_secret_access_key: SecretStr | None = Field(default=None, description="Goes with the access key's id.")
+    s3_secret_access_key: SecretStr | None = Field(default=None, description="Belongs to the access key's id.")
     secret_key: SecretStr | None = Field(
         default=None,
         min_length=32,
-        description="Seals webhooks' secrets and names what was erased; on SQLite made by itself in data_dir.",
+        description="Seals webhooks' secrets and keys the ledger of erasures; on SQLite generated in data_dir.",
     )
 
     host: str = Field(default="127.0.0.1", description="Address that `tada serve` listens on.")
     port: int = Field(default=8000, ge=0, le=65535, description="Port that `tada serve` listens on; 0: any free one.")
 
     public_url: str | None = Field(
-        default=None, description="Where phones reach the server, https://host; default: as the caller wrote it."
+        default=None,
+        description="Address of the server for phones, https://host; default: the one that the caller used.",
     )
     trusted_proxies: str | None = Field(
-        default=None, description="Addresses or networks, comma between: only their X-Forwarded-For is believed."
+        default=None, description="Addresses or networks, separated by commas, whose X-Forwarded-For is trusted."
     )
 
     webhook_allow_loopback: bool = Field(
-        default=False, description="Webhooks may go to 127.0.0.1, also by plain http: for tests only."
+        default=False, description="Allow webhooks to 127.0.0.1, also by plain http: for tests only."
     )
 
-    max_photo_bytes: int = Field(default=30 * MEBIBYTE, ge=1, description="One photograph, at most.")
-    max_photo_pixels: int = Field(default=60_000_000, ge=1, description="Width x height of one photograph, at most.")
-    max_uploads: int = Field(default=16, ge=1, description="Uploads written at the same time in one process.")
-    min_free_bytes: int = Field(default=512 * MEBIBYTE, ge=0, description="Below it uploads get storage_full.")
+    max_photo_bytes: int = Field(default=30 * MEBIBYTE, ge=1, description="Maximum size of a photograph.")
+    max_photo_pixels: int = Field(default=60_000_000, ge=1, description="Maximum width x height of a photograph.")
+    max_uploads: int = Field(default=16, ge=1, description="Uploads written simultaneously in one process.")
+    min_free_bytes: int = Field(
+        default=512 * MEBIBYTE, ge=0, description="With less free space, uploads get storage_full."
+    )
 
     estimate_seconds: float = Field(
-        default=120.0, gt=0, description="Processor time of one estimate, at most; ten times that by the clock."
+        default=120.0, gt=0, description="Maximum processor time of an estimate; ten times that by the clock."
     )
-    estimate_memory_bytes: int = Field(default=3072 * MEBIBYTE, gt=0, description="Address space of its process.")
+    estimate_memory_bytes: int = Field(
+        default=3072 * MEBIBYTE, gt=0, description="Maximum address space of an estimate's process."
+    )
     worker_concurrency: int | None = Field(
         default=None,
         ge=1,
-        description="Estimates at the same time in one worker; default: as many as its cores and memory carry.",
+        description="Simultaneous estimates in one worker; default: by its cores and memory.",
     )
-    export_days: int = Field(default=7, ge=1, description="How long a file made in the background is kept.")
+    export_days: int = Field(default=7, ge=1, description="Days that a file made in the background is kept.")
     export_min_free_bytes: int = Field(
-        default=1024 * MEBIBYTE, ge=0, description="Below it no file is made in the background; uploads go on."
+        default=1024 * MEBIBYTE,
+        ge=0,
+        description="With less free space, no file is made in the background; uploads continue.",
     )
-    api_children: int = Field(default=2, ge=1, description="Processes of one server that decode photographs at once.")
-    enrolment_attempts_per_minute: int = Field(default=20, ge=1, description="Tries a minute and address, enrolment.")
+    api_children: int = Field(default=2, ge=1, description="Child processes of one server that decode photographs.")
+    enrolment_attempts_per_minute: int = Field(
+        default=20, ge=1, description="Enrolment attempts per minute and address."
+    )
     sign_in_attempts_per_minute: int = Field(
         default=10,
         ge=1,
-        description="Passwords tried a minute of a name from an address; 3 times an address, 10 times a name.",
+        description="Password attempts per minute for a name from an address; 3 times per address, 10 times per name.",
     )
     device_uploads_per_minute: int = Field(
-        default=120, ge=0, description="Requests a minute and phone that send photographs or metadata; 0: no limit."
+        default=120, ge=0, description="Requests per minute and phone with photographs or metadata; 0: no limit."
     )
-    device_calls_per_minute: int = Field(default=600, ge=0, description="Other calls a minute and phone; 0: no limit.")
-    staff_calls_per_minute: int = Field(default=1200, ge=0, description="Calls a minute and person; 0: no limit.")
+    device_calls_per_minute: int = Field(
+        default=600, ge=0, description="Other calls per minute and phone; 0: no limit."
+    )
+    staff_calls_per_minute: int = Field(default=1200, ge=0, description="Calls per minute and person; 0: no limit.")
     exports_per_minute: int = Field(
-        default=30, ge=0, description="Files asked for a minute and phone or person; 0: no limit."
+        default=30, ge=0, description="Files requested per minute and phone or person; 0: no limit."
     )
     address_uploads_per_minute: int = Field(
-        default=6000, ge=0, description="Uploads a minute and address; 0: no limit."
+        default=6000, ge=0, description="Uploads per minute and address; 0: no limit."
     )
     address_calls_per_minute: int = Field(
-        default=12_000, ge=0, description="Other calls a minute and address; 0: no limit."
+        default=12_000, ge=0, description="Other calls per minute and address; 0: no limit."
     )
     max_connections: int = Field(default=1000, ge=1, description="Open connections of one process.")
     max_connections_per_address: int = Field(
-        default=500, ge=1, description="Connections, and requests at the same time, of one address in one process."
+        default=500, ge=1, description="Connections, and simultaneous requests, of one address in one process."
     )
-    header_seconds: float = Field(default=10.0, gt=0, description="Within it a request's head must have come.")
+    header_seconds: float = Field(default=10.0, gt=0, description="Maximum time until a request's head has arrived.")
     stall_seconds: float = Field(
-        default=60.0, gt=0, description="Within it 16 KiB of a body must come, or of an answer be read."
+        default=60.0, gt=0, description="Maximum time for 16 KiB of a body to arrive, or of a response to be read."
     )
     stop_seconds: int = Field(
-        default=20, ge=1, description="A server that is told to end lets requests under way go on for that long."
+        default=20, ge=1, description="Time that requests in progress get when the server shuts down."
     )
     metrics_token: SecretStr | None = Field(
-        default=None, min_length=16, description="Who sends it may read /metrics; unset: callers on the same machine."
+        default=None, min_length=16, description="Bearer token for /metrics; unset: only callers on the same machine."
     )
-    metrics_host: str = Field(default="127.0.0.1", description="Address of a worker's metrics.")
+    metrics_host: str = Field(default="127.0.0.1", description="Address that a worker's metrics listen on.")
     worker_metrics_port: int | None = Field(
         default=None, ge=0, le=65535, description="Port of a worker's /metrics and /healthz; unset: none, 0: any free."
     )
-    log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = Field(default="INFO", description="Least level told.")
-    log_format: Literal["json", "console"] = Field(default="json", description="json, or console for a person.")
+    log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = Field(
+        default="INFO", description="Lowest level that is logged."
+    )
+    log_format: Literal["json", "console"] = Field(default="json", description="json, or console for reading.")
 
     @classmethod
     def settings_customise_sources(
