@@ -27,6 +27,8 @@ LIST_FIELDS = ("items", "groups")
 FORMATS: tuple[FlatFormat, ...] = ("csv", "ndjson")
 FILES = {MEDIA_TYPES[output].split(";")[0]: {"schema": {"type": "string"}} for output in FORMATS}
 
+Endpoint = Callable[..., Any]
+
 
 def wanted_format(
     request: Request,
@@ -46,7 +48,7 @@ def wanted_format(
 class ListRoute(APIRoute):
     """A route whose list leaves as a file too."""
 
-    def __init__(self, path: str, endpoint: Callable[..., Any], **options: Any) -> None:
+    def __init__(self, path: str, endpoint: Endpoint, **options: Any) -> None:
         self._row = row_of(endpoint) if options.get("methods") in (["GET"], {"GET"}) else None
         if self._row is not None:
             name = re.sub(r"[{}]", "", path.rsplit("/", 1)[-1])
@@ -57,13 +59,14 @@ class ListRoute(APIRoute):
             }
         super().__init__(path, endpoint, **options)
 
-    def _with_file(self, endpoint: Callable[..., Any], row: type[BaseModel], name: str) -> Callable[..., Any]:
+    def _with_file(self, endpoint: Endpoint, row: type[BaseModel], name: str) -> Endpoint:
         """The endpoint, which answers with a file of all its pages where one is asked for."""
 
         @functools.wraps(endpoint)
-        def paged_or_whole(*, file_format: FlatFormat | None, **arguments: Any) -> Any:
+        def paged_or_whole(*, file_format: FlatFormat | None, **arguments: object) -> BaseModel | Response:
             if file_format is None:
-                return endpoint(**arguments)
+                page: BaseModel = endpoint(**arguments)
+                return page
             rows = _all_rows(endpoint, arguments, self._greatest_limit())
             return Response(
                 b"".join(encode_flat(file_format, flat_paths(row, rows), rows)),
@@ -89,7 +92,7 @@ class ListRoute(APIRoute):
         return None
 
 
-def row_of(endpoint: Callable[..., Any]) -> type[BaseModel] | None:
+def row_of(endpoint: Endpoint) -> type[BaseModel] | None:
     """The model of the rows that an endpoint lists; None: it lists none, or takes care of files itself."""
     told = typing.get_type_hints(endpoint)
     answer = told.get("return")
@@ -103,10 +106,10 @@ def row_of(endpoint: Callable[..., Any]) -> type[BaseModel] | None:
     return None
 
 
-def _all_rows(endpoint: Callable[..., Any], arguments: dict[str, Any], limit: int | None) -> list[dict[str, Any]]:
+def _all_rows(endpoint: Endpoint, arguments: dict[str, object], limit: int | None) -> list[dict[str, object]]:
     """Of all pages, as JSON has them. Raises InvalidInputError (`list_too_long`), and what the endpoint raises."""
-    rows: list[dict[str, Any]] = []
-    paging: dict[str, Any] = {} if limit is None else {"limit": limit}
+    rows: list[dict[str, object]] = []
+    paging: dict[str, object] = {} if limit is None else {"limit": limit}
     if "cursor" in arguments:
         paging["cursor"] = None
     while True:

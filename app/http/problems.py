@@ -2,6 +2,7 @@
 
 import errno
 import http
+from collections.abc import Mapping
 from typing import Any
 
 import sqlalchemy.exc
@@ -84,16 +85,6 @@ def install_problem_handlers(app: FastAPI) -> None:
 
 def render_problem(error: TadaError) -> JSONResponse:
     """A TadaError as a response, with Retry-After where it makes sense."""
-    tell(code=error.code)  # the request's line in the log, and its figures, tell it too
-    body = {
-        "type": "about:blank",
-        "title": _title(error.status),
-        "status": error.status,
-        "detail": error.message,
-        "code": error.code,
-        "retryable": error.retryable,
-        **error.facts,
-    }
     headers = {}
     if error.retryable:
         headers["Retry-After"] = str(error.facts.get("retry_after_seconds", RETRY_AFTER_SECONDS))
@@ -101,11 +92,23 @@ def render_problem(error: TadaError) -> JSONResponse:
         headers["Content-Range"] = f"bytes */{error.facts['length']}"
     if error.status == http.HTTPStatus.UNAUTHORIZED:
         headers["WWW-Authenticate"] = "Bearer"
-    return JSONResponse(body, status_code=error.status, headers=headers, media_type=PROBLEM_JSON)
+    return _document(error.status, error.message, error.code, error.retryable, error.facts, headers)
 
 
-def _title(status: int) -> str:
-    return http.HTTPStatus(status).phrase
+def _document(
+    status: int,
+    detail: str,
+    code: str,
+    retryable: bool,
+    facts: Mapping[str, object],
+    headers: Mapping[str, str] | None,
+) -> JSONResponse:
+    tell(code=code)  # the request's line in the log, and its figures, have it too
+    title = http.HTTPStatus(status).phrase
+    problem = Problem(title=title, status=status, detail=detail, code=code, retryable=retryable)
+    return JSONResponse(
+        problem.model_dump() | dict(facts), status_code=status, headers=headers, media_type=PROBLEM_JSON
+    )
 
 
 async def _on_tada_error(_: Request, error: Exception) -> Response:
@@ -123,34 +126,16 @@ async def _on_invalid_request(_: Request, error: Exception) -> Response:
         {"at": ".".join(str(part) for part in item["loc"]), "message": item["msg"], "type": item["type"]}
         for item in error.errors()
     ]
-    tell(code="invalid_input")
     first = f"{problems[0]['at']}: {problems[0]['message']}" if problems else "invalid"
-    body = {
-        "type": "about:blank",
-        "title": _title(422),
-        "status": 422,
-        "detail": f"The request has a value that cannot be accepted: {first}.",
-        "code": "invalid_input",
-        "retryable": False,
-        "errors": problems,
-    }
-    return JSONResponse(body, status_code=422, media_type=PROBLEM_JSON)
+    message = f"The request has a value that cannot be accepted: {first}."
+    return render_problem(InvalidInputError(message, errors=problems))
 
 
 async def _on_http_exception(_: Request, error: Exception) -> Response:
     if not isinstance(error, HTTPException):
         raise error
     code = CODES_BY_STATUS.get(error.status_code, "http_error")
-    tell(code=code)
-    body = {
-        "type": "about:blank",
-        "title": _title(error.status_code),
-        "status": error.status_code,
-        "detail": str(error.detail),
-        "code": code,
-        "retryable": False,
-    }
-    return JSONResponse(body, status_code=error.status_code, headers=error.headers, media_type=PROBLEM_JSON)
+    return _document(error.status_code, str(error.detail), code, False, {}, error.headers)
 
 
 async def _on_disconnect(_: Request, __: Exception) -> Response:

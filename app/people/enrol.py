@@ -35,12 +35,12 @@ class NewDevice:
 
 @dataclass(frozen=True, slots=True)
 class IssuedDevice:
-    """A device's token, shown once."""
+    """A device's token, shown once; study and participant by code."""
 
     token: str
     device_id: uuid.UUID
-    participant_code: str
-    study_code: str
+    participant: str
+    study: str
     marker: str | None
 
 
@@ -102,7 +102,7 @@ def enrol_device(database: Database, *, code: str, device: NewDevice) -> IssuedD
     return IssuedDevice(
         token=token,
         device_id=row.id,
-        participant_code=participant.code,
-        study_code=study.code,
+        participant=participant.code,
+        study=study.code,
         marker=study.marker,
     )

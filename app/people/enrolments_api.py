@@ -18,10 +18,4 @@ def post_enrolment(body: EnrolmentIn, request: Request, state: State) -> Enrolme
     issued = enrol_device(
         state.database, code=body.code, device=NewDevice(body.device_name, body.model, body.app_version)
     )
-    return EnrolmentOut(
-        token=issued.token,
-        device_id=issued.device_id,
-        study=issued.study_code,
-        participant=issued.participant_code,
-        marker=issued.marker,
-    )
+    return EnrolmentOut.model_validate(issued, from_attributes=True)

@@ -112,6 +112,11 @@ class Staff(Base):
     disabled_at: Mapped[datetime | None]
     created_at: Mapped[datetime]
 
+    @property
+    def has_password(self) -> bool:
+        """Whether they can sign in with one."""
+        return self.password_hash is not None
+
 
 class StudyMember(Base):
     """A staff member's role in a study."""

@@ -18,16 +18,19 @@ PREFIX: Final = "/dashboard"
 
 STUDY_PAGES: Final = f"{PREFIX}/studies/{{study}}"
 ELSEWHERE: Final = f"{STUDY_PAGES}/{{rest:path}}"  # what no page has
-WEBHOOKS: Final = "/v1/studies/{study}/webhooks"
-RELEASES: Final = "/v1/studies/{study}/releases"
-VESSEL: Final = "/v1/studies/{study}/vessels/{vessel}"
 
 Call = tuple[str, str]  # method, path
 
-STAFF: Call = ("GET", "/v1/sessions/current")  # whoever is signed in
-STUDY: Call = ("GET", "/v1/studies/{study}")  # viewers
-OVERVIEW: Call = ("GET", "/v1/studies/{study}/overview")
-ENROL: Call = ("POST", "/v1/studies/{study}/participants/{participant}/enrolment-codes")
+
+def as_call(text: str, study: str = "") -> Call:
+    """A call as tables have it, "GET /v1/me" -> ("GET", "/v1/me"). study: what `~` stands for."""
+    method, path = text.replace("~", study).split(" ", 1)
+    return method, path
+
+
+def _pairs(table: Mapping[str, str]) -> Mapping[Call, Call]:
+    return {as_call(page, STUDY_PAGES): as_call(call, "/v1/studies/{study}") for page, call in table.items()}
+
 
 OPEN_PAGES: frozenset[Call] = frozenset(
     {
@@ -37,135 +40,125 @@ OPEN_PAGES: frozenset[Call] = frozenset(
     }
 )
 MEAL: Final = f"{PREFIX}/studies/{{study}}/meals/{{participant}}/{{meal_id}}"
-PAGES: Mapping[Call, Call] = {
-    ("GET", PREFIX): STAFF,
-    ("POST", f"{PREFIX}/sign-out"): ("DELETE", "/v1/sessions/current"),
-    # overview
-    ("GET", STUDY_PAGES): OVERVIEW,
-    ("GET", f"{STUDY_PAGES}/overview"): OVERVIEW,
-    ("GET", f"{STUDY_PAGES}/waiting"): OVERVIEW,
-    # meals
-    ("GET", f"{STUDY_PAGES}/meals"): ("GET", "/v1/meals"),
-    ("GET", f"{STUDY_PAGES}/changed-meals"): ("GET", "/v1/studies/{study}/changed-meals"),
-    # one meal
-    ("GET", MEAL): ("GET", "/v1/meals/{meal_id}"),
-    ("GET", f"{MEAL}/state"): ("GET", "/v1/meals/{meal_id}"),
-    ("GET", f"{MEAL}/images/{{slot}}"): ("GET", "/v1/meals/{meal_id}/images/{slot}"),
-    ("GET", f"{MEAL}/artefacts/{{name}}"): ("GET", "/v1/meals/{meal_id}/artefacts/{name}"),
-    ("POST", f"{MEAL}/events"): ("POST", "/v1/meals/{meal_id}/events"),
-    ("POST", f"{MEAL}/retry"): ("POST", "/v1/meals/{meal_id}/retry"),
-    ("POST", f"{MEAL}/cancel"): ("POST", "/v1/meals/{meal_id}/cancel"),
-    ("POST", f"{MEAL}/erasure"): ("DELETE", "/v1/meals/{meal_id}"),
-    ("GET", f"{PREFIX}/studies/{{study}}/foods"): STUDY,
-    # the review queue
-    ("GET", f"{STUDY_PAGES}/review"): ("GET", "/v1/studies/{study}/review-queue"),
-    ("GET", f"{STUDY_PAGES}/review/{{participant}}/{{meal_id}}"): ("GET", "/v1/studies/{study}/review-queue"),
-    # participants
-    ("GET", f"{STUDY_PAGES}/participants"): ("GET", "/v1/studies/{study}/participants"),
-    ("POST", f"{STUDY_PAGES}/participants"): ("POST", "/v1/studies/{study}/participants"),
-    ("GET", f"{STUDY_PAGES}/participants/{{participant}}"): ("GET", "/v1/studies/{study}/participants/{participant}"),
-    ("POST", f"{STUDY_PAGES}/participants/{{participant}}/profile"): (
-        "PATCH",
-        "/v1/studies/{study}/participants/{participant}",
-    ),
-    ("POST", f"{STUDY_PAGES}/participants/{{participant}}/days/{{day}}"): (
-        "PUT",
-        "/v1/studies/{study}/participants/{participant}/days/{day}",
-    ),
-    ("POST", f"{STUDY_PAGES}/participants/{{participant}}/withdrawal"): (
-        "POST",
-        "/v1/studies/{study}/participants/{participant}/withdrawal",
-    ),
-    ("GET", f"{STUDY_PAGES}/intakes"): ("GET", "/v1/studies/{study}/intakes"),
-    ("GET", f"{STUDY_PAGES}/adequacy"): ("GET", "/v1/studies/{study}/adequacy"),
-    ("GET", f"{STUDY_PAGES}/adequacy/figures"): ("GET", "/v1/studies/{study}/adequacy"),
-    ("GET", f"{STUDY_PAGES}/files/intakes"): ("GET", "/v1/studies/{study}/intakes"),
-    ("GET", f"{STUDY_PAGES}/files/adequacy"): ("GET", "/v1/studies/{study}/adequacy"),
-    # protocol
-    ("GET", f"{STUDY_PAGES}/settings"): STUDY,
-    ("POST", f"{STUDY_PAGES}/settings"): ("PATCH", "/v1/studies/{study}"),
-    ("GET", f"{PREFIX}/new-study"): ("POST", "/v1/studies"),
-    ("POST", f"{PREFIX}/new-study"): ("POST", "/v1/studies"),
-    # people
-    ("GET", f"{STUDY_PAGES}/members"): ("GET", "/v1/studies/{study}/members"),
-    ("POST", f"{STUDY_PAGES}/members"): ("PUT", "/v1/studies/{study}/members/{name}"),
-    ("POST", f"{STUDY_PAGES}/members/removal"): ("DELETE", "/v1/studies/{study}/members/{name}"),
-    ("GET", f"{STUDY_PAGES}/devices"): ("GET", "/v1/studies/{study}/devices"),
-    ("POST", f"{STUDY_PAGES}/devices/{{device_id}}/revocation"): ("DELETE", "/v1/studies/{study}/devices/{device_id}"),
-    ("GET", f"{STUDY_PAGES}/enrol"): ENROL,
-    ("POST", f"{STUDY_PAGES}/enrol"): ENROL,
-    ("GET", f"{PREFIX}/staff"): ("GET", "/v1/staff"),
-    ("POST", f"{PREFIX}/staff"): ("POST", "/v1/staff"),
-    ("POST", f"{PREFIX}/staff/change"): ("PATCH", "/v1/staff/{name}"),
-    ("GET", f"{PREFIX}/account"): ("GET", "/v1/tokens"),
-    ("POST", f"{PREFIX}/account/password"): ("POST", "/v1/sessions/current/password"),
-    ("POST", f"{PREFIX}/account/tokens"): ("POST", "/v1/tokens"),
-    ("POST", f"{PREFIX}/account/tokens/{{token_id}}/revocation"): ("DELETE", "/v1/tokens/{token_id}"),
-    # webhooks
-    ("GET", f"{STUDY_PAGES}/webhooks"): ("GET", WEBHOOKS),
-    ("POST", f"{STUDY_PAGES}/webhooks"): ("POST", WEBHOOKS),
-    ("GET", f"{STUDY_PAGES}/webhooks/{{webhook}}"): ("GET", f"{WEBHOOKS}/{{webhook}}/deliveries"),
-    ("POST", f"{STUDY_PAGES}/webhooks/{{webhook}}/state"): ("PATCH", f"{WEBHOOKS}/{{webhook}}"),
-    ("POST", f"{STUDY_PAGES}/webhooks/{{webhook}}/secret"): ("POST", f"{WEBHOOKS}/{{webhook}}/secret"),
-    ("POST", f"{STUDY_PAGES}/webhooks/{{webhook}}/test"): ("POST", f"{WEBHOOKS}/{{webhook}}/test"),
-    ("POST", f"{STUDY_PAGES}/webhooks/{{webhook}}/deliveries/{{delivery}}/replay"): (
-        "POST",
-        f"{WEBHOOKS}/{{webhook}}/deliveries/{{delivery}}/replay",
-    ),
-    # foods
-    ("GET", f"{PREFIX}/foods"): STAFF,
-    ("GET", f"{PREFIX}/foods/{{key}}"): ("GET", "/v1/foods/{key}/changes"),
-    ("GET", f"{PREFIX}/foods/{{key}}/edit"): ("PATCH", "/v1/foods/{key}"),
-    ("POST", f"{PREFIX}/foods/{{key}}/edit"): ("PATCH", "/v1/foods/{key}"),
-    ("GET", f"{PREFIX}/foods/{{key}}/densities"): ("POST", "/v1/foods/{key}/densities"),
-    ("POST", f"{PREFIX}/foods/{{key}}/densities"): ("POST", "/v1/foods/{key}/densities"),
-    ("POST", f"{PREFIX}/foods/{{key}}/restore"): ("POST", "/v1/foods/{key}/restore"),
-    ("GET", f"{STUDY_PAGES}/densities"): ("GET", "/v1/studies/{study}/densities"),
-    ("POST", f"{STUDY_PAGES}/densities"): ("POST", "/v1/studies/{study}/densities"),
-    ("POST", f"{STUDY_PAGES}/densities/{{density}}/withdrawal"): (
-        "POST",
-        "/v1/studies/{study}/densities/{density}/withdrawal",
-    ),
-    ("GET", f"{STUDY_PAGES}/vessels"): ("GET", "/v1/studies/{study}/vessels"),
-    ("POST", f"{STUDY_PAGES}/vessels"): ("POST", "/v1/studies/{study}/vessels"),
-    ("GET", f"{STUDY_PAGES}/vessels/{{vessel}}"): ("GET", VESSEL),
-    ("POST", f"{STUDY_PAGES}/vessels/{{vessel}}"): ("PUT", VESSEL),
-    ("POST", f"{STUDY_PAGES}/vessels/{{vessel}}/retirement"): ("DELETE", VESSEL),
-    ("GET", f"{PREFIX}/new-food"): ("POST", "/v1/foods"),
-    ("POST", f"{PREFIX}/new-food"): ("POST", "/v1/foods"),
-    # exports
-    ("GET", f"{STUDY_PAGES}/exports"): ("GET", "/v1/studies/{study}/exports"),
-    ("POST", f"{STUDY_PAGES}/exports"): ("POST", "/v1/studies/{study}/exports"),
-    ("GET", f"{STUDY_PAGES}/exports/list"): ("GET", "/v1/studies/{study}/exports"),
-    ("GET", f"{STUDY_PAGES}/exports/table"): ("GET", "/v1/studies/{study}/photographs"),
-    ("GET", f"{STUDY_PAGES}/exports/dictionary"): STUDY,
-    ("GET", f"{STUDY_PAGES}/exports/{{export_id}}/file"): ("GET", "/v1/studies/{study}/exports/{export_id}/file"),
-    ("POST", f"{STUDY_PAGES}/exports/{{export_id}}/removal"): ("DELETE", "/v1/studies/{study}/exports/{export_id}"),
-    # releases
-    ("GET", f"{STUDY_PAGES}/releases"): ("GET", RELEASES),
-    ("POST", f"{STUDY_PAGES}/releases"): ("POST", RELEASES),
-    ("GET", f"{STUDY_PAGES}/releases-list"): ("GET", RELEASES),
-    ("GET", f"{STUDY_PAGES}/releases/{{name}}"): ("GET", f"{RELEASES}/{{name}}"),
-    ("GET", f"{STUDY_PAGES}/releases/{{name}}/state"): ("GET", f"{RELEASES}/{{name}}"),
-    ("GET", f"{STUDY_PAGES}/releases/{{name}}/check"): ("GET", f"{RELEASES}/{{name}}/check"),
-    ("GET", f"{STUDY_PAGES}/releases/{{name}}/files/{{file}}"): ("GET", f"{RELEASES}/{{name}}/files/{{file}}"),
-    # audit log, marker
-    ("GET", f"{STUDY_PAGES}/audit"): ("GET", "/v1/studies/{study}/audit"),
-    ("GET", f"{PREFIX}/audit"): ("GET", "/v1/audit"),
-    ("GET", f"{PREFIX}/marker"): STAFF,
-    ("GET", f"{PREFIX}/marker.pdf"): STAFF,
-    ("GET", ELSEWHERE): STUDY,
-}
+PAGES: Mapping[Call, Call] = _pairs(  # ~: the study, of the dashboard or of the API
+    {
+        "GET /dashboard": "GET /v1/sessions/current",
+        "POST /dashboard/sign-out": "DELETE /v1/sessions/current",
+        # overview
+        "GET ~": "GET ~/overview",
+        "GET ~/overview": "GET ~/overview",
+        "GET ~/waiting": "GET ~/overview",
+        # meals
+        "GET ~/meals": "GET /v1/meals",
+        "GET ~/changed-meals": "GET ~/changed-meals",
+        # one meal
+        "GET ~/meals/{participant}/{meal_id}": "GET /v1/meals/{meal_id}",
+        "GET ~/meals/{participant}/{meal_id}/state": "GET /v1/meals/{meal_id}",
+        "GET ~/meals/{participant}/{meal_id}/images/{slot}": "GET /v1/meals/{meal_id}/images/{slot}",
+        "GET ~/meals/{participant}/{meal_id}/artefacts/{name}": "GET /v1/meals/{meal_id}/artefacts/{name}",
+        "POST ~/meals/{participant}/{meal_id}/events": "POST /v1/meals/{meal_id}/events",
+        "POST ~/meals/{participant}/{meal_id}/retry": "POST /v1/meals/{meal_id}/retry",
+        "POST ~/meals/{participant}/{meal_id}/cancel": "POST /v1/meals/{meal_id}/cancel",
+        "POST ~/meals/{participant}/{meal_id}/erasure": "DELETE /v1/meals/{meal_id}",
+        "GET ~/foods": "GET ~",
+        # the review queue
+        "GET ~/review": "GET ~/review-queue",
+        "GET ~/review/{participant}/{meal_id}": "GET ~/review-queue",
+        # participants
+        "GET ~/participants": "GET ~/participants",
+        "POST ~/participants": "POST ~/participants",
+        "GET ~/participants/{participant}": "GET ~/participants/{participant}",
+        "POST ~/participants/{participant}/profile": "PATCH ~/participants/{participant}",
+        "POST ~/participants/{participant}/days/{day}": "PUT ~/participants/{participant}/days/{day}",
+        "POST ~/participants/{participant}/withdrawal": "POST ~/participants/{participant}/withdrawal",
+        "GET ~/intakes": "GET ~/intakes",
+        "GET ~/adequacy": "GET ~/adequacy",
+        "GET ~/adequacy/figures": "GET ~/adequacy",
+        "GET ~/files/intakes": "GET ~/intakes",
+        "GET ~/files/adequacy": "GET ~/adequacy",
+        # protocol
+        "GET ~/settings": "GET ~",
+        "POST ~/settings": "PATCH ~",
+        "GET /dashboard/new-study": "POST /v1/studies",
+        "POST /dashboard/new-study": "POST /v1/studies",
+        # people
+        "GET ~/members": "GET ~/members",
+        "POST ~/members": "PUT ~/members/{name}",
+        "POST ~/members/removal": "DELETE ~/members/{name}",
+        "GET ~/devices": "GET ~/devices",
+        "POST ~/devices/{device_id}/revocation": "DELETE ~/devices/{device_id}",
+        "GET ~/enrol": "POST ~/participants/{participant}/enrolment-codes",
+        "POST ~/enrol": "POST ~/participants/{participant}/enrolment-codes",
+        "GET /dashboard/staff": "GET /v1/staff",
+        "POST /dashboard/staff": "POST /v1/staff",
+        "POST /dashboard/staff/change": "PATCH /v1/staff/{name}",
+        "GET /dashboard/account": "GET /v1/tokens",
+        "POST /dashboard/account/password": "POST /v1/sessions/current/password",
+        "POST /dashboard/account/tokens": "POST /v1/tokens",
+        "POST /dashboard/account/tokens/{token_id}/revocation": "DELETE /v1/tokens/{token_id}",
+        # webhooks
+        "GET ~/webhooks": "GET ~/webhooks",
+        "POST ~/webhooks": "POST ~/webhooks",
+        "GET ~/webhooks/{webhook}": "GET ~/webhooks/{webhook}/deliveries",
+        "POST ~/webhooks/{webhook}/state": "PATCH ~/webhooks/{webhook}",
+        "POST ~/webhooks/{webhook}/secret": "POST ~/webhooks/{webhook}/secret",
+        "POST ~/webhooks/{webhook}/test": "POST ~/webhooks/{webhook}/test",
+        "POST ~/webhooks/{webhook}/deliveries/{delivery}/replay": (
+            "POST ~/webhooks/{webhook}/deliveries/{delivery}/replay"
+        ),
+        # foods
+        "GET /dashboard/foods": "GET /v1/sessions/current",
+        "GET /dashboard/foods/{key}": "GET /v1/foods/{key}/changes",
+        "GET /dashboard/foods/{key}/edit": "PATCH /v1/foods/{key}",
+        "POST /dashboard/foods/{key}/edit": "PATCH /v1/foods/{key}",
+        "GET /dashboard/foods/{key}/densities": "POST /v1/foods/{key}/densities",
+        "POST /dashboard/foods/{key}/densities": "POST /v1/foods/{key}/densities",
+        "POST /dashboard/foods/{key}/restore": "POST /v1/foods/{key}/restore",
+        "GET ~/densities": "GET ~/densities",
+        "POST ~/densities": "POST ~/densities",
+        "POST ~/densities/{density}/withdrawal": "POST ~/densities/{density}/withdrawal",
+        "GET ~/vessels": "GET ~/vessels",
+        "POST ~/vessels": "POST ~/vessels",
+        "GET ~/vessels/{vessel}": "GET ~/vessels/{vessel}",
+        "POST ~/vessels/{vessel}": "PUT ~/vessels/{vessel}",
+        "POST ~/vessels/{vessel}/retirement": "DELETE ~/vessels/{vessel}",
+        "GET /dashboard/new-food": "POST /v1/foods",
+        "POST /dashboard/new-food": "POST /v1/foods",
+        # exports
+        "GET ~/exports": "GET ~/exports",
+        "POST ~/exports": "POST ~/exports",
+        "GET ~/exports/list": "GET ~/exports",
+        "GET ~/exports/table": "GET ~/photographs",
+        "GET ~/exports/dictionary": "GET ~",
+        "GET ~/exports/{export_id}/file": "GET ~/exports/{export_id}/file",
+        "POST ~/exports/{export_id}/removal": "DELETE ~/exports/{export_id}",
+        # releases
+        "GET ~/releases": "GET ~/releases",
+        "POST ~/releases": "POST ~/releases",
+        "GET ~/releases-list": "GET ~/releases",
+        "GET ~/releases/{name}": "GET ~/releases/{name}",
+        "GET ~/releases/{name}/state": "GET ~/releases/{name}",
+        "GET ~/releases/{name}/check": "GET ~/releases/{name}/check",
+        "GET ~/releases/{name}/files/{file}": "GET ~/releases/{name}/files/{file}",
+        # audit log, marker
+        "GET ~/audit": "GET ~/audit",
+        "GET /dashboard/audit": "GET /v1/audit",
+        "GET /dashboard/marker": "GET /v1/sessions/current",
+        "GET /dashboard/marker.pdf": "GET /v1/sessions/current",
+        "GET ~/{rest:path}": "GET ~",
+    }
+)
 # asked by the page itself, again and again: no use of the session
 POLLED: frozenset[Call] = frozenset(
-    {
-        ("GET", f"{MEAL}/state"),
-        ("GET", f"{STUDY_PAGES}/changed-meals"),
-        ("GET", f"{STUDY_PAGES}/waiting"),
-        ("GET", f"{STUDY_PAGES}/exports/list"),
-        ("GET", f"{STUDY_PAGES}/releases-list"),
-        ("GET", f"{STUDY_PAGES}/releases/{{name}}/state"),
-    }
+    as_call(text, STUDY_PAGES)
+    for text in (
+        "GET ~/meals/{participant}/{meal_id}/state",
+        "GET ~/changed-meals",
+        "GET ~/exports/list",
+        "GET ~/releases-list",
+        "GET ~/releases/{name}/state",
+        "GET ~/waiting",
+    )
 )
 
 

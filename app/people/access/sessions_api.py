@@ -18,13 +18,7 @@ def post_session(body: SessionIn, request: Request, state: State) -> SessionIssu
     """Sign in. A name that is unknown, a wrong password and a disabled account give 401, in the same words and time."""
     with state.part(SignInLimits).trying(body.name, caller_address(request)):
         issued = sign_in.sign_in(state.database, state.part(Passwords), body.name, body.password.get_secret_value())
-    return SessionIssued(
-        token=issued.token,
-        name=issued.name,
-        is_admin=issued.is_admin,
-        expires_at=issued.expires_at,
-        idle_minutes=round(issued.idle.total_seconds() / 60),
-    )
+    return SessionIssued.model_validate(issued, from_attributes=True)
 
 
 @router.get("/current", responses=problem_responses(401, 403))
@@ -51,4 +45,4 @@ def post_password(body: PasswordChangeIn, request: Request, state: State, caller
             current=body.current_password.get_secret_value(),
             new=body.new_password.get_secret_value(),
         )
-    return EndedAccessOut(sessions=ended.sessions, tokens=list(ended.tokens))
+    return EndedAccessOut.model_validate(ended, from_attributes=True)

@@ -14,19 +14,20 @@ from app.people.access.passwords import Passwords
 from app.people.access.staff import normal_name
 from app.people.models import AccessToken, Role, Staff
 
+MINUTE = timedelta(minutes=1)
 SESSION_VALID = timedelta(hours=12)  # a working day
 SESSIONS_KEPT = timedelta(days=30)  # rows of ended ones
 
 
 @dataclass(frozen=True, slots=True)
 class IssuedSession:
-    """A session's token, shown once; it also ends after `idle` without use."""
+    """A session's token, shown once; it also ends after `idle_minutes` without use."""
 
     token: str
     name: str
     is_admin: bool
     expires_at: datetime
-    idle: timedelta
+    idle_minutes: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +69,7 @@ def sign_in(database: Database, passwords: Passwords, name: str, password: str) 
         )
         session.add(row)
         note(session, StaffCaller(staff.id, staff.name, staff.is_admin, row.id), "session.open")
-    return IssuedSession(token, staff.name, staff.is_admin, now + SESSION_VALID, SESSION_IDLE)
+    return IssuedSession(token, staff.name, staff.is_admin, now + SESSION_VALID, SESSION_IDLE // MINUTE)
 
 
 def read_session(database: Database, caller: StaffCaller) -> SessionView:

@@ -52,7 +52,7 @@ def patch_staff(name: StaffName, body: StaffPatch, state: State, caller: Current
     """
     change = staff.StaffChange(body.is_admin, body.is_disabled, _secret(body.password))
     changed = staff.change_staff(state.database, state.part(Passwords), name, change, caller)
-    ended = EndedAccessOut(sessions=changed.ended.sessions, tokens=list(changed.ended.tokens))
+    ended = EndedAccessOut.model_validate(changed.ended, from_attributes=True)
     return StaffChangedOut(**_render(changed.staff).model_dump(), ended=ended)
 
 
@@ -61,10 +61,4 @@ def _secret(password: SecretStr | None) -> str | None:
 
 
 def _render(row: Staff) -> StaffOut:
-    return StaffOut(
-        name=row.name,
-        is_admin=row.is_admin,
-        has_password=row.password_hash is not None,
-        disabled_at=row.disabled_at,
-        created_at=row.created_at,
-    )
+    return StaffOut.model_validate(row, from_attributes=True)
