@@ -5,10 +5,8 @@ A problem document becomes a page where a browser asks for one; who is not signe
 """
 
 import http
-import json
 import re
 from collections.abc import Mapping
-from typing import Any
 from urllib.parse import quote
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -18,7 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from app.dashboard.addresses import study_address
 from app.dashboard.refusals import sentence_of_request
 from app.dashboard.templates import render
-from app.http.problems import PROBLEM_JSON
+from app.http.problems import PROBLEM_JSON, Problem
 from app.people.access.page_rules import PREFIX
 
 DASHBOARD_PATHS = re.compile(rf"(?:/|{PREFIX}(?:/.*)?)$", re.DOTALL)
@@ -41,7 +39,6 @@ BARE: Mapping[str, str] = {
     "not_found": "There is no such page.",
     "method_not_allowed": "This address belongs to a form: open the page that the form is on.",
 }
-SIGN_IN_CODES = frozenset({"unauthenticated"})
 
 
 class DashboardAnswers:
@@ -70,7 +67,8 @@ class DashboardAnswers:
                 body += message.get("body", b"")
                 if message.get("more_body"):
                     return
-                await _page_of(scope, request_headers, held, json.loads(body))(scope, receive, send)
+                problem = Problem.model_validate_json(body)
+                await _page_of(scope, request_headers, held, problem)(scope, receive, send)
                 return
             await send(message)
 
@@ -81,7 +79,7 @@ def _wants_page(headers: Headers) -> bool:
     return "text/html" in headers.get("accept", "")
 
 
-def _page_of(scope: Scope, request_headers: Headers, start: Message, problem: dict[str, Any]) -> Response:
+def _page_of(scope: Scope, request_headers: Headers, start: Message, problem: Problem) -> Response:
     """A problem document as a page, as a piece of one for htmx, or the way to the sign-in page."""
     is_fragment = request_headers.get("hx-request") == "true"
     kept = {
@@ -89,7 +87,7 @@ def _page_of(scope: Scope, request_headers: Headers, start: Message, problem: di
         for name, value in start["headers"]
         if name not in (b"content-type", b"content-length")
     }
-    if problem.get("code") in SIGN_IN_CODES and not scope["path"].endswith("/sign-in"):
+    if problem.code == "unauthenticated" and not scope["path"].endswith("/sign-in"):
         target = _sign_in_address(scope, request_headers)
         if is_fragment:
             return Response(status_code=204, headers=kept | {"HX-Redirect": target})
@@ -103,18 +101,17 @@ def _page_of(scope: Scope, request_headers: Headers, start: Message, problem: di
 
 def _back(scope: Scope) -> tuple[str, str] | None:
     """(address, name) of the study that was looked at, if the caller was let into it."""
-    study = scope.get("state", {}).get("entered")
+    study = scope.get("state", {}).get("study")
     return (study_address(study.code), study.name) if study is not None else None
 
 
-def _in_words(problem: dict[str, Any]) -> dict[str, Any]:
+def _in_words(problem: Problem) -> Problem:
     """As a person reads it: without places of a schema, and with a sentence where the framework has a title only."""
-    if problem.get("code") == "invalid_input" and (told := sentence_of_request(problem.get("errors", ()))) is not None:
-        return problem | {"title": NOT_ACCEPTED, "detail": told}
-    if problem["status"] == http.HTTPStatus.UNPROCESSABLE_ENTITY:
-        return problem | {"title": NOT_ACCEPTED}
-    if problem["detail"] == problem["title"]:
-        return problem | {"detail": BARE.get(problem["code"], problem["detail"])}
+    if problem.status == http.HTTPStatus.UNPROCESSABLE_ENTITY:
+        sentence = sentence_of_request((problem.model_extra or {}).get("errors", ()))
+        return problem.model_copy(update={"title": NOT_ACCEPTED, "detail": sentence or problem.detail})
+    if problem.detail == problem.title:
+        return problem.model_copy(update={"detail": BARE.get(problem.code, problem.detail)})
     return problem
 
 

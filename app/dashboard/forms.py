@@ -1,7 +1,7 @@
 """What a form sends, checked by the same schema as the API's body; a refused value keeps what was typed beside it."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeVar
 
 from fastapi import Depends, Request
 from pydantic import BaseModel, ValidationError
@@ -32,7 +32,13 @@ def typed(fields: FormData) -> dict[str, str]:
     return {name: value.strip() for name, value in fields.multi_items() if isinstance(value, str)}
 
 
-def checked(model: type[Model], values: Mapping[str, Any]) -> tuple[Model | None, dict[str, str]]:
+def take_version(values: dict[str, str]) -> frozenset[int]:
+    """Take the version that the form was opened at out of its values; where it names none, a change is refused."""
+    version = values.pop("version", "")
+    return frozenset({int(version)}) if version.isdecimal() else frozenset()
+
+
+def checked(model: type[Model], values: Mapping[str, object]) -> tuple[Model | None, dict[str, str]]:
     """(the body, nothing), or (None, field -> what is wrong with it).
 
     An empty field says nothing: its default holds.

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from app.people.models import ROLES, Role
+from app.people.access.caller import reaches
+from app.people.models import Role
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +38,7 @@ ADMIN: tuple[Entry, ...] = (Entry(("staff",), "Staff"), Entry(("audit",), "Audit
 
 def study_menu(role: Role | None) -> list[Entry]:
     """A study's pages for this role."""
-    return [entry for entry in STUDY if role is not None and ROLES.index(role) >= ROLES.index(entry.needs)]
+    return [entry for entry in STUDY if reaches(role, entry.needs)]
 
 
 def server_menu(*, is_admin: bool) -> list[Entry]:

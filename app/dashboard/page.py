@@ -1,7 +1,7 @@
 """What every page asks for: who looks, at which study, and how a template becomes an answer."""
 
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 from urllib.parse import quote, unquote
 
 from fastapi import Depends, Request
@@ -9,11 +9,10 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from app.dashboard.templates import render
 from app.http.state import ApiState
-from app.people.access.caller import StaffCaller, role_in
+from app.people.access.caller import StaffCaller, reaches, role_in
 from app.people.access.deps import CurrentStaff, State
 from app.people.access.page_rules import PREFIX, is_https
-from app.people.models import ROLES, Role, Study
-from app.people.studies import read_study
+from app.people.models import Role, Study
 
 TOLD_COOKIE = "tada_told"  # one sentence for the next page: "The device was revoked."
 TOLD_SECONDS = 60
@@ -37,9 +36,9 @@ class Page:
 
     def may(self, needed: Role) -> bool:
         """Whether a control that needs this role in the study is shown. The server asks again when it is used."""
-        return self.role is not None and ROLES.index(self.role) >= ROLES.index(needed)
+        return reaches(self.role, needed)
 
-    def render(self, template: str, /, *, status: int = 200, **context: Any) -> HTMLResponse:
+    def render(self, template: str, /, *, status: int = 200, **context: object) -> HTMLResponse:
         """The template as the answer. It sees the page as `page`."""
         told = self.request.cookies.get(TOLD_COOKIE)
         shown = None if self.is_fragment else told
@@ -69,7 +68,7 @@ class Page:
             )
         return answer
 
-    def address(self, **changes: Any) -> str:
+    def address(self, **changes: object) -> str:
         """This page's address with other parameters; None and "" take one out, a list gives one several times."""
         kept = [(name, value) for name, value in self.request.query_params.multi_items() if name not in changes]
         for name, value in changes.items():
@@ -80,10 +79,8 @@ class Page:
 
 
 def current_page(request: Request, state: State, caller: CurrentStaff) -> Page:
-    """The page that is asked for; `authorise` has let the caller in. Raises NotFoundError."""
-    code = request.path_params.get("study")
-    study = read_study(state.database, code) if code is not None else None
-    request.state.entered = study  # a refusal leads back to it (answers.py)
+    """The page that is asked for; `authorise` has let the caller in."""
+    study: Study | None = getattr(request.state, "study", None)
     return Page(request, state, caller, study, role_in(caller, study.id) if study is not None else None)
 
 

@@ -1,6 +1,6 @@
 """Scripts, styles and pictures of the pages, open to everybody: they say nothing of anybody."""
 
-from typing import Any
+import os
 from urllib.parse import urlsplit
 
 from starlette.responses import Response
@@ -30,7 +30,7 @@ class DashboardFiles(StaticFiles):
         answer.headers["Cache-Control"] = FOR_GOOD if is_of_this_version else ASK_FIRST
         return answer
 
-    def lookup_path(self, path: str) -> tuple[str, Any]:
+    def lookup_path(self, path: str) -> tuple[str, os.stat_result | None]:
         """As StaticFiles; nothing that begins with a dot."""
         if any(part.startswith(".") for part in path.split("/")):
             return "", None

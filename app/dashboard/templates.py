@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from datetime import UTC, date, datetime
 from functools import cache
 from pathlib import Path
-from typing import Any
 from urllib.parse import urlencode
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
@@ -28,7 +27,7 @@ STATIC = FOLDER / "static"
 NOT_KNOWN = Markup('<span class="unknown" title="not known">–</span>')
 
 
-def render(template: str, **context: Any) -> str:
+def render(template: str, **context: object) -> str:
     """A template of templates/ as HTML."""
     return environment().get_template(template).render(**context)
 
@@ -152,7 +151,7 @@ def words(code: str | None) -> Markup:
     return Markup('<span title="{}">{}</span>').format(code, code.replace("_", " "))
 
 
-def listed(value: Any) -> str:
+def listed(value: object) -> str:
     """A value of JSON as a line of text: a list with commas, an object by its names, yes and no; – if None."""
     match value:
         case None:
@@ -167,12 +166,12 @@ def listed(value: Any) -> str:
             return str(value)
 
 
-def asked(parameters: Mapping[str, Any]) -> str:
+def asked(parameters: Mapping[str, object]) -> str:
     """Parameters as an address's query; those that say nothing are left out."""
     return urlencode({name: value for name, value in parameters.items() if value not in (None, "")})
 
 
-def json_data(value: Any) -> Markup:
+def json_data(value: object) -> Markup:
     """JSON for a <script type="application/json">: no text of it can end the element."""
     text = json.dumps(value, default=str, allow_nan=False)
     for character in "&<>\u2028\u2029":

@@ -20,6 +20,7 @@ from app.exports.export_size import rows_about
 from app.exports.export_spec import ExportSpec, spec_of_json
 from app.exports.models import UNDER_WAY
 from app.exports.queries import AskedExport
+from app.http.paging import Cursor
 from app.http.ranges import answer_stored_file
 from app.http.row_filter import WIRE_NAMES
 from app.people.access.page_rules import STUDY_PAGES
@@ -30,11 +31,9 @@ PATH = f"{STUDY_PAGES}/exports"
 EXPORTS_A_PAGE = 25
 FILE_NAMES = {"items": "records", "meals": "meals", "days": "days", "photographs": "photographs"}  # as the API has them
 
-CursorIn = Annotated[str | None, Query(max_length=500)]
-
 
 @router.get(PATH)
-def get_exports_page(page: CurrentPage, study: str, cursor: CursorIn = None) -> Response:
+def get_exports_page(page: CurrentPage, study: str, cursor: Cursor = None) -> Response:
     """The form, as the address says; the columns that the file would have; the files that were made."""
     choice = choice_of(page.request.query_params, study, drop_others=True)
     return _exports(page, study, choice, cursor, status=422 if choice.wrong else 200)
@@ -55,7 +54,7 @@ def post_export(page: CurrentPage, study: str, fields: Fields) -> Response:
 
 
 @router.get(f"{PATH}/list")
-def get_list(page: CurrentPage, study: str, cursor: CursorIn = None) -> Response:
+def get_list(page: CurrentPage, study: str, cursor: Cursor = None) -> Response:
     """The files and how far they are: the page asks for it again and again while one is being made."""
     return page.render("exports_list.html", **_list(page, study, cursor))
 

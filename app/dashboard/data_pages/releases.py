@@ -1,9 +1,9 @@
 """Releases: a study's data frozen under a name; each with its files, checksums, and what it was made of."""
 
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError
@@ -11,6 +11,7 @@ from app.dashboard.addresses import study_address
 from app.dashboard.data_pages.export_form import ITEM_STATUSES
 from app.dashboard.forms import Fields, checked, typed
 from app.dashboard.page import CurrentPage, Page
+from app.http.paging import Cursor
 from app.http.ranges import answer_stored_file
 from app.people.access.page_rules import STUDY_PAGES
 from app.releases import releases
@@ -26,11 +27,9 @@ PATH = f"{STUDY_PAGES}/releases"
 RELEASES_A_PAGE = 50
 MOVING = ("queued", "running", "changing")
 
-CursorIn = Annotated[str | None, Query(max_length=500)]
-
 
 @router.get(PATH)
-def get_releases_page(page: CurrentPage, study: str, cursor: CursorIn = None) -> Response:
+def get_releases_page(page: CurrentPage, study: str, cursor: Cursor = None) -> Response:
     """All of them, the newest first; an owner freezes another."""
     return _releases(page, study, cursor)
 
@@ -55,7 +54,7 @@ def post_release(page: CurrentPage, study: str, fields: Fields) -> Response:
 
 
 @router.get(f"{STUDY_PAGES}/releases-list")
-def get_list(page: CurrentPage, study: str, cursor: CursorIn = None) -> Response:
+def get_list(page: CurrentPage, study: str, cursor: Cursor = None) -> Response:
     """The list again, while one of them is being made."""
     return page.render("releases_list.html", **_list(page, study, cursor))
 

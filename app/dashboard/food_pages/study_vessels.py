@@ -12,7 +12,7 @@ from app.core.errors import ConflictError, InvalidInputError, PreconditionFailed
 from app.dashboard.addresses import study_address
 from app.dashboard.data_pages.flat_file import csv_file
 from app.dashboard.food_pages.vessel_drawing import vessel_drawing
-from app.dashboard.forms import Fields, checked, typed
+from app.dashboard.forms import Fields, checked, take_version, typed
 from app.dashboard.meal_pages.line_fields import WrongFieldError, lines, number, read_fields, shown
 from app.dashboard.page import CurrentPage, Page
 from app.people.access.page_rules import STUDY_PAGES
@@ -75,7 +75,7 @@ def get_vessel(page: CurrentPage, study: str, vessel: uuid.UUID) -> Response:
 def post_measures(page: CurrentPage, study: str, vessel: uuid.UUID, fields: Fields) -> Response:
     """Replace the measures of the version that the form was opened with; a retired vessel is in use again."""
     entered = typed(fields)
-    version = entered.pop("version", "")
+    expected = take_version(entered)
     values, wrong = _form_values(entered)
     body, refused = checked(VesselChangeIn, values)
     view = study_vessels.read_vessel(page.state.database, study, vessel)
@@ -88,7 +88,7 @@ def post_measures(page: CurrentPage, study: str, vessel: uuid.UUID, fields: Fiel
             vessel,
             body.model_dump(),
             vessel_author(page.caller),
-            expected=frozenset({int(version)}) if version.isdecimal() else frozenset(),
+            expected=expected,
         )
     except PreconditionFailedError as error:
         return _vessel(page, view, _entered(view), {"": error.message}, status=412)

@@ -7,7 +7,8 @@ from fastapi import APIRouter, Query
 from starlette.responses import Response
 
 from app.dashboard.page import CurrentPage, Page
-from app.http.text_schemas import LocalDay
+from app.http.paging import Cursor
+from app.http.parameters import FirstDay, LastDay
 from app.people.access.audit_api import audit_file
 from app.people.access.audit_log import read_audit
 from app.people.access.page_rules import PREFIX
@@ -18,9 +19,6 @@ router = APIRouter(include_in_schema=False)
 EVENTS_A_PAGE = 100
 
 Action = Annotated[str, Query(max_length=64)]
-FirstDay = Annotated[LocalDay | None, Query(alias="from")]
-LastDay = Annotated[LocalDay | None, Query(alias="to")]
-CursorIn = Annotated[str | None, Query(max_length=500)]
 Output = Annotated[str, Query(alias="format", max_length=8)]
 
 
@@ -31,7 +29,7 @@ def get_study_audit(
     action: Action = "",
     first: FirstDay = None,
     last: LastDay = None,
-    cursor: CursorIn = None,
+    cursor: Cursor = None,
     output: Output = "",
 ) -> Response:
     """Of a study."""
@@ -44,7 +42,7 @@ def get_audit(
     action: Action = "",
     first: FirstDay = None,
     last: LastDay = None,
-    cursor: CursorIn = None,
+    cursor: Cursor = None,
     output: Output = "",
 ) -> Response:
     """Of everything."""

@@ -13,6 +13,7 @@ from app.core.errors import ConflictError, InvalidInputError, NotFoundError
 from app.dashboard.addresses import study_address
 from app.dashboard.forms import Fields, typed
 from app.dashboard.page import CurrentPage
+from app.http.paging import Cursor
 from app.people import devices
 from app.people.access.page_rules import PREFIX
 from app.people.enrol import issue_enrolment_code
@@ -41,7 +42,7 @@ def get_devices(
     page: CurrentPage,
     study: str,
     participant: Annotated[str | None, Query(max_length=64)] = None,
-    cursor: Annotated[str | None, Query(max_length=500)] = None,
+    cursor: Cursor = None,
 ) -> Response:
     """The phones, the last enrolled first."""
     found = devices.list_devices(page.state.database, study, participant or None, cursor=cursor, limit=DEVICES_A_PAGE)

@@ -1,14 +1,13 @@
 """Who works in a study, and as what; an owner decides."""
 
-from typing import Annotated
-
-from fastapi import APIRouter, Query
+from fastapi import APIRouter
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError
 from app.dashboard.addresses import study_address
 from app.dashboard.forms import Fields, checked, typed
 from app.dashboard.page import CurrentPage, Page
+from app.http.paging import Cursor
 from app.people.access import study_members
 from app.people.access.page_rules import PREFIX
 from app.people.access.staff_schemas import MemberIn
@@ -20,7 +19,7 @@ MEMBERS_A_PAGE = 200
 
 
 @router.get(PATH)
-def get_members(page: CurrentPage, study: str, cursor: Annotated[str | None, Query(max_length=500)] = None) -> Response:
+def get_members(page: CurrentPage, study: str, cursor: Cursor = None) -> Response:
     """The members by name."""
     return _members(page, study, cursor, {}, {})
 

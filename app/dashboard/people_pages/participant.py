@@ -2,16 +2,15 @@
 
 from collections import defaultdict
 from datetime import UTC, date, datetime, timedelta
-from typing import Annotated
 from urllib.parse import quote
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError
 from app.dashboard.addresses import study_address
 from app.dashboard.data_pages.headline import HEADLINES
-from app.dashboard.forms import Fields, checked, typed
+from app.dashboard.forms import Fields, checked, take_version, typed
 from app.dashboard.one_study import in_study
 from app.dashboard.page import CurrentPage, Page
 from app.diary import day_summaries, diary
@@ -20,8 +19,8 @@ from app.diary.feedback import Feedback, read_feedback
 from app.diary.schemas import DayIn
 from app.diary.study_days import judge_day
 from app.exports.lists.list_meals import list_meals, sums_of
+from app.http.parameters import LastDay
 from app.http.row_filter import RowFilter
-from app.http.text_schemas import LocalDay
 from app.people import devices, participants
 from app.people.access.page_rules import STUDY_PAGES
 from app.people.participants import PROFILE_KEYS
@@ -36,8 +35,6 @@ PATH = f"{STUDY_PAGES}/participants/{{participant}}"
 WINDOW_DAYS = 14
 MOST_MEALS = 500  # of a window: thirty-five a day
 SWITCHES = ("is_pregnant", "is_lactating")
-
-LastDay = Annotated[LocalDay | None, Query(alias="to")]
 
 
 @router.get(PATH)
@@ -68,7 +65,7 @@ def post_profile(page: CurrentPage, study: str, participant: str, fields: Fields
 def post_day(page: CurrentPage, study: str, participant: str, day: date, fields: Fields) -> Response:
     """A reviewer's word about a day, as it stood when the page was opened."""
     values = typed(fields)
-    version, shown = values.pop("version", ""), values.pop("to", "")
+    expected, shown = take_version(values), values.pop("to", "")
     body, wrong = checked(DayIn, values)
     if body is None:
         raise InvalidInputError("; ".join(wrong.values()))
@@ -77,7 +74,7 @@ def post_day(page: CurrentPage, study: str, participant: str, day: date, fields:
         page.caller,
         day,
         word_of(body),
-        expected=frozenset({int(version)}) if version.isdecimal() else frozenset(),
+        expected=expected,
         whose=diary.Whose(study, participant),
     )
     target = study_address(study, "participants", participant)

@@ -17,7 +17,8 @@ from app.dashboard.page import CurrentPage, Page
 from app.diary import day_summaries
 from app.diary.adequacy import Adequacy, find_component, judge_study
 from app.http.day_order import require_order
-from app.http.text_schemas import LocalDay
+from app.http.paging import Cursor
+from app.http.parameters import FirstDay, LastDay
 from app.people import participants
 from app.people.access.page_rules import STUDY_PAGES
 from app.people.access.secret_box import SecretBox
@@ -33,14 +34,11 @@ LONGEST_CODE = 64
 SHOWN = 80  # letters of what is no code
 _BETWEEN_CODES = re.compile(r"[\r\n\t,;]+")  # no blanks: "Anna Müller" would become two participants
 
-CursorIn = Annotated[str | None, Query(max_length=500)]
-FirstDay = Annotated[LocalDay | None, Query(alias="from")]
-LastDay = Annotated[LocalDay | None, Query(alias="to")]
 ComponentIn = Annotated[str, Query(max_length=64)]
 
 
 @router.get(f"{STUDY_PAGES}/participants")
-def get_participants(page: CurrentPage, study: str, cursor: CursorIn = None) -> Response:
+def get_participants(page: CurrentPage, study: str, cursor: Cursor = None) -> Response:
     """The list, those who have left too."""
     return _participants(page, study, cursor)
 
@@ -73,7 +71,7 @@ def post_participants(page: CurrentPage, study: str, fields: Fields) -> Response
 
 @router.get(f"{STUDY_PAGES}/intakes")
 def get_intakes(
-    page: CurrentPage, study: str, first: FirstDay = None, last: LastDay = None, cursor: CursorIn = None
+    page: CurrentPage, study: str, first: FirstDay = None, last: LastDay = None, cursor: Cursor = None
 ) -> Response:
     """Each participant's mean daily intake over closed days, and on how many days it rests."""
     found = day_summaries.list_intakes(

@@ -1,14 +1,13 @@
 """A study's protocol: read by all who see the study, changed by its owners; and a new study, by admins."""
 
 from collections.abc import Mapping
-from typing import Any
 
 from fastapi import APIRouter
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError, PreconditionFailedError
 from app.dashboard.addresses import study_address
-from app.dashboard.forms import Fields, checked, typed
+from app.dashboard.forms import Fields, checked, take_version, typed
 from app.dashboard.page import CurrentPage, Page
 from app.people import studies
 from app.people.access.page_rules import PREFIX
@@ -45,7 +44,7 @@ def get_settings(page: CurrentPage) -> Response:
 def post_settings(page: CurrentPage, fields: Fields) -> Response:
     """Change the protocol as it was when the form was opened."""
     values = typed(fields)
-    version = values.pop("version", "")
+    expected = take_version(values)
     body, wrong = checked(StudyPatch, _protocol(values))
     if body is None:
         return _settings(page, values, wrong, status=422)
@@ -53,7 +52,6 @@ def post_settings(page: CurrentPage, fields: Fields) -> Response:
         return _settings(page, values, wrong, status=422)
     changes = protocol_columns(body) | {"name": body.name}
     changes |= {name: None for name in NULLABLE if values.get(name) == ""}
-    expected = frozenset({int(version)}) if version.isdecimal() else frozenset()
     try:
         studies.change_study(page.state.database, page.caller, _code(page), changes, expected=expected)
     except PreconditionFailedError as error:
@@ -100,7 +98,7 @@ def _wrong_rounding(body: StudyPatch) -> dict[str, str]:
     return {}
 
 
-def _protocol(values: dict[str, str]) -> dict[str, Any]:
+def _protocol(values: dict[str, str]) -> dict[str, str | bool]:
     """As the API's body has it: a switch that is off is not sent by browsers."""
     return {name: value for name, value in values.items() if name not in SWITCHES} | {
         name: name in values for name in SWITCHES

@@ -1,13 +1,12 @@
 """The people who work with the data, for admins: made, given passwords, disabled."""
 
-from typing import Annotated
-
-from fastapi import APIRouter, Query
+from fastapi import APIRouter
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError, UnavailableError
 from app.dashboard.forms import Fields, checked, typed
 from app.dashboard.page import CurrentPage, Page
+from app.http.paging import Cursor
 from app.people.access import staff
 from app.people.access.page_rules import PREFIX
 from app.people.access.passwords import Passwords
@@ -20,7 +19,7 @@ STAFF_A_PAGE = 200
 
 
 @router.get(PATH)
-def get_staff(page: CurrentPage, cursor: Annotated[str | None, Query(max_length=500)] = None) -> Response:
+def get_staff(page: CurrentPage, cursor: Cursor = None) -> Response:
     """All staff by name."""
     return _staff(page, cursor, {}, {})
 

@@ -1,11 +1,10 @@
 """The first page: the studies where one has a role."""
 
-from typing import Annotated
-
-from fastapi import APIRouter, Query
+from fastapi import APIRouter
 from starlette.responses import HTMLResponse
 
 from app.dashboard.page import CurrentPage
+from app.http.paging import Cursor
 from app.people.access.caller import role_in
 from app.people.access.page_rules import PREFIX
 from app.people.studies import list_studies
@@ -15,7 +14,7 @@ STUDIES_A_PAGE = 100
 
 
 @router.get(PREFIX)
-def get_studies(page: CurrentPage, cursor: Annotated[str | None, Query(max_length=500)] = None) -> HTMLResponse:
+def get_studies(page: CurrentPage, cursor: Cursor = None) -> HTMLResponse:
     """The list; the pages of each study lead on from it."""
     found = list_studies(page.state.database, page.caller, cursor=cursor, limit=STUDIES_A_PAGE)
     rows = [(study, role_in(page.caller, study.id)) for study in found.rows]

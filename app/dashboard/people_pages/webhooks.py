@@ -8,8 +8,9 @@ from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError
 from app.dashboard.addresses import study_address
-from app.dashboard.forms import Fields, checked, typed
+from app.dashboard.forms import Fields, checked, take_version, typed
 from app.dashboard.page import CurrentPage, Page
+from app.http.paging import Cursor
 from app.outbox.models import ALL_EVENTS, EVENTS
 from app.people.access.page_rules import PREFIX
 from app.people.access.secret_box import SecretBox
@@ -22,7 +23,6 @@ PATH = f"{PREFIX}/studies/{{study}}/webhooks"
 DELIVERIES_A_PAGE = 50
 
 DeliveryState = Annotated[Literal["waiting", "delivered", "given_up", ""], Query()]
-CursorIn = Annotated[str | None, Query(max_length=500)]
 
 
 @router.get(PATH)
@@ -47,7 +47,7 @@ def post_webhook(page: CurrentPage, study: str, fields: Fields) -> Response:
 
 @router.get(f"{PATH}/{{webhook}}")
 def get_webhook(
-    page: CurrentPage, study: str, webhook: uuid.UUID, state: DeliveryState = "", cursor: CursorIn = None
+    page: CurrentPage, study: str, webhook: uuid.UUID, state: DeliveryState = "", cursor: Cursor = None
 ) -> Response:
     """One of them, and the log of its deliveries, the newest first."""
     hooks = _use_case(page, study)
@@ -63,10 +63,9 @@ def post_state(page: CurrentPage, study: str, webhook: uuid.UUID, fields: Fields
     if values.get("is_enabled") != "true":
         _use_case(page, study).disable(webhook)
         return page.go(study_address(study, "webhooks", webhook), "Nothing more is sent to it.")
-    version = values.get("version", "")
     _use_case(page, study).change(
         webhook,
-        expected=frozenset({int(version)}) if version.isdecimal() else frozenset(),
+        expected=take_version(values),
         is_enabled=True,
     )
     return page.go(study_address(study, "webhooks", webhook), "It is told again from now on.")

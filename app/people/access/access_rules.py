@@ -30,6 +30,7 @@ from app.people.access.caller import (
 )
 from app.people.access.last_use import LastUse
 from app.people.access.secret_box import SecretBox
+from app.people.models import Study
 
 SAFE_METHODS = frozenset({"GET", "HEAD"})
 OF_API = "/v1/"
@@ -244,7 +245,7 @@ def authorise(
             state.part(LastUse).note(caller, request.headers)
         caller = _apply(rule, caller, request.method)
         if "study" in request.path_params:
-            _enter_study(state, caller, request.path_params["study"])
+            request.state.study = _enter_study(state, caller, request.path_params["study"])
         request.state.caller = caller
     if request.query_params and call[1].startswith(OF_API):
         _require_known_parameters(request, call)
@@ -321,12 +322,13 @@ def _apply(rule: Rule, caller: Caller, method: str) -> Caller:
     return replace(caller, needs=rule.staff) if rule.staff in ("viewer", "reviewer", "owner") else caller
 
 
-def _enter_study(state: ApiState, caller: Caller, code: str) -> None:
+def _enter_study(state: ApiState, caller: Caller, code: str) -> Study:
     with state.database.read() as session:
         study = people.find_study(session, code)
     if study is None:
         raise NotFoundError("There is no such study.")
     require_study(caller, study.id)
+    return study
 
 
 def _require_known_parameters(request: Request, call: tuple[str, str]) -> None:
