@@ -6,8 +6,8 @@ from fastapi import APIRouter, Query
 
 from app.diary.adequacy import StageAdequacy, judge_study
 from app.diary.adequacy_schemas import AdequacyOut, StageAdequacyOut, VariancesOut
-from app.http.day_order import require_order
 from app.http.flat_list import ListRoute
+from app.http.paging import require_order
 from app.http.parameters import FirstDay, LastDay, StudyCode
 from app.http.problems import problem_responses
 from app.people.access.deps import CurrentStaff, State

@@ -23,9 +23,8 @@ from app.diary.study_days import StudyDay
 from app.exports.export_files import FILES, ComponentsIn, DayFilterIn, Format, LayoutIn, answer_file, file_spec
 from app.exports.tables.export_days import day_values, decided_by
 from app.foods.edits.api import IfMatch, expected_versions
-from app.http.day_order import require_order
 from app.http.flat_list import ListRoute
-from app.http.paging import Cursor, Limit, next_page
+from app.http.paging import Cursor, Limit, next_page, require_order
 from app.http.parameters import FirstDay, LastDay, ParticipantCode, StudyCode
 from app.http.problems import problem_responses
 from app.http.text_schemas import LocalDay

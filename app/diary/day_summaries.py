@@ -11,7 +11,7 @@ from app.diary import intake_queries as intakes
 from app.diary import queries as days
 from app.diary.intake_queries import IntakeRow
 from app.diary.study_days import StudyDay, judge_days, number_days
-from app.http.cursors import DAY, ID, TEXT, Page, decode_cursor, list_name, page_of
+from app.http.paging import DAY, ID, TEXT, Page, decode_cursor, list_name, page_of
 from app.http.row_filter import RowFilter
 from app.nutrition.plausible_energy import Plausibility
 from app.people.access.caller import Caller, visible_rows

@@ -19,7 +19,7 @@ from app.diary import diary_queries as diary
 from app.diary import queries as days
 from app.diary.models import DayEvent, DiaryDay
 from app.diary.study_days import StudyDay, number_days
-from app.http.day_order import require_order
+from app.http.paging import require_order
 from app.http.row_filter import RowFilter
 from app.meals.event_models import LAYERS
 from app.meals.meal_time import EARLIEST, latest_day

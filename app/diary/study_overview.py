@@ -16,7 +16,7 @@ from app.diary.diary import MAX_RANGE_DAYS
 from app.diary.distribution import Distribution, distribution
 from app.diary.overview_queries import CountedStatus, PeopleCounts, Place, Span
 from app.diary.study_day_sum_queries import CountedDay, DayCounts
-from app.http.day_order import require_order
+from app.http.paging import require_order
 from app.meals.meal_time import latest_day
 from app.meals.models import MEAL_STATUSES, MealStatus
 from app.meals.record_models import HEADLINE_COLUMNS

@@ -10,7 +10,7 @@ from app.core.errors import InvalidInputError
 from app.exports.export_file import ExportFile
 from app.exports.export_spec import Components, ExportSpec, Layout, Output, Rows
 from app.http.closing_stream import ClosingStream
-from app.http.day_order import require_order
+from app.http.paging import require_order
 from app.http.parameters import FirstDay, LastDay, OfParticipant, OfStudy
 from app.http.row_filter import RowFilter
 from app.http.state import ApiState

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 from pydantic import JsonValue, TypeAdapter
 
 from app.core.errors import InvalidInputError
-from app.http.day_order import require_order
+from app.http.paging import require_order
 from app.http.row_filter import RowFilter
 
 Rows = Literal["items", "meals", "days", "photographs"]

@@ -7,7 +7,7 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import NotFoundError
 from app.db.session import Database
-from app.http.cursors import ID, INSTANT, Page, decode_cursor, page_of
+from app.http.paging import ID, INSTANT, Page, decode_cursor, page_of
 from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError
 from app.db.session import Database
-from app.http.cursors import TEXT, Page, decode_cursor, page_of
+from app.http.paging import TEXT, Page, decode_cursor, page_of
 from app.nutrition.intakes.energy_requirement import Person
 from app.nutrition.intakes.life_stage import MAX_AGE_YEARS, PREGNANCY_YEARS
 from app.people import queries as people

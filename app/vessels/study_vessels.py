@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError, PreconditionFailedError
 from app.db.session import Database
-from app.http.cursors import TEXT, Page, decode_cursor, encode_cursor
+from app.http.paging import TEXT, Page, decode_cursor, encode_cursor
 from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import DeviceCaller, StaffCaller

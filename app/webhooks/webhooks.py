@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, NotFoundError, PreconditionFailedError
 from app.db.session import Database
-from app.http.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor
+from app.http.paging import ID, INSTANT, Page, decode_cursor, encode_cursor
 from app.outbox import write as outbox
 from app.outbox.models import PING, Webhook, WebhookDelivery
 from app.people.access import audit

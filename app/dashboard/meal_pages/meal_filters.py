@@ -11,7 +11,7 @@ from pydantic import BeforeValidator
 
 from app.exports.export_files import MOST_VALUES, FoodKey, Word, meal_filter
 from app.exports.export_spec import FILTERS, Rows
-from app.http.day_order import told_reversed
+from app.http.paging import told_reversed
 from app.http.row_filter import RowFilter
 from app.http.text_schemas import LocalDay
 from app.meals.models import AfterStatus, MealStatus

@@ -16,8 +16,7 @@ from app.dashboard.forms import Fields, checked, typed
 from app.dashboard.page import CurrentPage, Page
 from app.diary import day_summaries
 from app.diary.adequacy import Adequacy, find_component, judge_study
-from app.http.day_order import require_order
-from app.http.paging import Cursor
+from app.http.paging import Cursor, require_order
 from app.http.parameters import FirstDay, LastDay
 from app.people import participants
 from app.people.access.page_rules import STUDY_PAGES

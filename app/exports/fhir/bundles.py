@@ -8,7 +8,7 @@ from app.exports.fhir.names import Names
 from app.exports.fhir.queries import IntakeRow
 from app.exports.fhir.resources import Intakes
 from app.exports.fhir.search import CURSOR, Asked
-from app.http.cursors import Page
+from app.http.paging import Page
 
 
 def search_bundle(names: Names, asked: Asked, page: Page[IntakeRow]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from app.core.errors import GoneError, MalformedRequestError, NotFoundError
 from app.db.session import Database
 from app.exports.fhir import queries as fhir_intakes
 from app.exports.fhir.queries import IntakeFilter, IntakeRow
-from app.http.cursors import ID, INSTANT, Page, decode_cursor, page_of
+from app.http.paging import ID, INSTANT, Page, decode_cursor, page_of
 from app.people import queries as people
 from app.people.access.caller import Caller, DeviceCaller, require_study, visible_studies
 from app.people.models import Participant, Study

@@ -12,7 +12,7 @@ from app.core.errors import NotFoundError
 from app.db.session import Database
 from app.exports.lists import change_queries as changes
 from app.exports.lists.change_queries import KINDS, Change, Place
-from app.http.cursors import TEXT, WHOLE_NUMBER, broken_cursor, decode_cursor, encode_cursor
+from app.http.paging import TEXT, WHOLE_NUMBER, broken_cursor, decode_cursor, encode_cursor
 from app.people import queries as people
 
 START = Place(0, KINDS[-1], "")

@@ -14,7 +14,7 @@ from typing import Literal
 from app.db.session import Database
 from app.exports.lists import meal_row_queries as meal_rows
 from app.exports.lists.meal_row_queries import MealRow
-from app.http.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor, list_name, page_of
+from app.http.paging import ID, INSTANT, Page, decode_cursor, encode_cursor, list_name, page_of
 from app.http.row_filter import RowFilter
 from app.people.access.caller import Caller, visible_rows
 from app.records.queries import FoodName

@@ -4,7 +4,7 @@ from app.db.session import Database
 from app.exports.lists.meal_page_queries import keys_of, search_of
 from app.exports.tables.export_meals import PHOTOGRAPH_READERS, photographs_of
 from app.exports.tables.export_table import named_cells
-from app.http.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor, list_name
+from app.http.paging import ID, INSTANT, Page, decode_cursor, encode_cursor, list_name
 from app.http.row_filter import RowFilter
 from app.http.tables.columns import Cell
 from app.http.tables.photograph_columns import PHOTOGRAPH_PARTS

@@ -4,7 +4,7 @@ import uuid
 from datetime import datetime
 
 from app.db.session import Database
-from app.http.cursors import ID, INSTANT, Page, decode_cursor, encode_cursor, list_name, page_of
+from app.http.paging import ID, INSTANT, Page, decode_cursor, encode_cursor, list_name, page_of
 from app.http.row_filter import RowFilter
 from app.people.access.caller import Caller, visible_rows
 from app.records import queries as records

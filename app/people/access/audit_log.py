@@ -5,8 +5,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 
 from app.db.session import Database
-from app.http.cursors import WHOLE_NUMBER, Page, decode_cursor, encode_cursor
-from app.http.day_order import require_order
+from app.http.paging import WHOLE_NUMBER, Page, decode_cursor, encode_cursor, require_order
 from app.people.access.caller import StaffCaller
 from app.people.studies import enter_study
 from app.privacy import queries as privacy

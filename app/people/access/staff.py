@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError
 from app.db.session import Database
-from app.http.cursors import TEXT, Page, decode_cursor, page_of
+from app.http.paging import TEXT, Page, decode_cursor, page_of
 from app.people import queries as people
 from app.people.access.access_tokens import EndedAccess, end_access
 from app.people.access.audit import note

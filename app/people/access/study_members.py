@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, NotFoundError
 from app.db.session import Database
-from app.http.cursors import TEXT, Page, decode_cursor, page_of
+from app.http.paging import TEXT, Page, decode_cursor, page_of
 from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import StaffCaller

@@ -4,7 +4,7 @@ import uuid
 from dataclasses import dataclass
 
 from app.db.session import Database
-from app.http.cursors import WHOLE_NUMBER, Page, decode_cursor, encode_cursor
+from app.http.paging import WHOLE_NUMBER, Page, decode_cursor, encode_cursor
 from app.meals.event_models import MealEvent
 from app.people.access.caller import Caller, DeviceCaller
 from app.records.read_meal import find_meal

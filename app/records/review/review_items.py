@@ -10,7 +10,7 @@ from app.candidates.item_candidates import ItemCandidates, candidates_of_records
 from app.core.errors import NotFoundError
 from app.db.session import Database
 from app.foods.models import Food
-from app.http.cursors import Page
+from app.http.paging import Page
 from app.meals.models import MealImage
 from app.meals.record_models import EffectiveRecord, Item
 from app.people.access.caller import StaffCaller

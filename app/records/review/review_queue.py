@@ -7,7 +7,7 @@ from sqlalchemy.orm import Session
 
 from app.candidates.item_candidates import ItemCandidates, candidates_of_records
 from app.db.session import Database
-from app.http.cursors import ID, NUMBER, Page, decode_cursor, page_of
+from app.http.paging import ID, NUMBER, Page, decode_cursor, page_of
 from app.meals.event_models import MealEvent
 from app.meals.models import Meal
 from app.people.access.caller import DeviceCaller

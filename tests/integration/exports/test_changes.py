@@ -4,7 +4,7 @@ import hashlib
 
 import pytest
 
-from app.http.cursors import encode_cursor
+from app.http.paging import encode_cursor
 from tests import estimates
 from tests.estimates import found_item
 from tests.integration.conftest import meal_metadata

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.core.errors import InvalidInputError
-from app.http.cursors import DAY, ID, INSTANT, NUMBER, TEXT, WHOLE_NUMBER, decode_cursor, encode_cursor
+from app.http.paging import DAY, ID, INSTANT, NUMBER, TEXT, WHOLE_NUMBER, decode_cursor, encode_cursor
 
 INSTANTS = st.datetimes(datetime(2, 1, 1), datetime(9998, 1, 1), timezones=st.just(UTC))  # noqa: DTZ001
 TEXTS = st.text(st.characters(blacklist_characters="\0", blacklist_categories=["Cs"]))
