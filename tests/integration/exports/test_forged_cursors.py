@@ -125,7 +125,7 @@ def test_every_list_is_asked_in_these_tests(client, ask):
 
 
 def test_what_is_no_cursor_is_refused_by_every_list(client, ask, monkeypatch):
-    monkeypatch.setattr(cursors, "_fingerprint", lambda _: "right")
+    monkeypatch.setattr(paging, "_fingerprint", lambda _: "right")
     forged = [*NO_CURSORS, *map(packed, NO_PAIRS), *(packed([text, "right"]) for text in NO_TEXTS)]
     forged += [packed(["key", fingerprint]) for fingerprint in (None, 1, [])]
     assert faults(lists_of(client), ask, forged, may_be_a_place=()) == []
@@ -133,7 +133,7 @@ def test_what_is_no_cursor_is_refused_by_every_list(client, ask, monkeypatch):
 
 @pytest.mark.slow
 def test_cursor_with_a_forged_key_is_refused_by_every_list_that_is_not_keyed_by_text(client, ask, monkeypatch):
-    monkeypatch.setattr(cursors, "_fingerprint", lambda _: "right")
+    monkeypatch.setattr(paging, "_fingerprint", lambda _: "right")
     forged = [packed([key, "right"]) for key in FORGED_KEYS]
     assert faults(lists_of(client), ask, forged, may_be_a_place=KEYED_BY_TEXT) == []
 
@@ -146,7 +146,7 @@ def test_cursor_of_another_list_is_refused_by_every_list(client, ask):
 
 def test_cursor_of_every_list_binds_each_of_its_filters(client, ask, monkeypatch):
     asked = []
-    monkeypatch.setattr(cursors, "_fingerprint", lambda listed: asked.append(listed) or "")
+    monkeypatch.setattr(paging, "_fingerprint", lambda listed: asked.append(listed) or "")
     cursor = packed(["key", "right"])
     for path, operation in lists_of(client).items():
         ask(path, cursor=cursor)
