@@ -252,7 +252,7 @@ def test_wrong_current_passwords_are_limited(strict_client, settings):
     statuses = []
     api = strict_client.app.state.api
     with api.database.write() as session:
-        make_person(session, "paul", api.passwords.hash(PASSWORD, name="paul"))
+        make_person(session, "paul", api.part(Passwords).hash(PASSWORD, name="paul"))
     headers = bearer(sign_in(strict_client, "paul").json()["token"])
     for _ in range(4):
         change = {"current_password": OTHER, "new_password": "quite another battery"}
