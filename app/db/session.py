@@ -17,9 +17,10 @@ from typing import Self, TypeVar
 import psycopg
 import sqlalchemy as sa
 from sqlalchemy import event
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import IntegrityError, OperationalError
 from sqlalchemy.orm import Session
 
+from app.core.errors import TadaError
 from app.core.settings import Settings
 
 BUSY_TIMEOUT_SECONDS = 30.0  # a writer waits this long for another writer on SQLite
@@ -38,6 +39,18 @@ PG_DISK_FULL = "53100"  # SQLSTATE disk_full
 
 
 Result = TypeVar("Result")
+
+
+@contextmanager
+def unless_taken(taken: TadaError) -> Iterator[None]:
+    """Around a transaction that makes something of which there may be one: a constraint that it breaks raises `taken`.
+
+    Of two that make the same at the same time one succeeds.
+    """
+    try:
+        yield
+    except IntegrityError as error:
+        raise taken from error
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ import time
 from urllib.parse import parse_qs
 
 import structlog
+from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.core.errors import TadaError
@@ -42,7 +43,7 @@ class RequestLog:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        request_id = request_id_of(_header(scope, b"x-request-id"))
+        request_id = request_id_of(Headers(scope=scope).get("x-request-id"))
         seen = _Seen()
 
         async def counted_receive() -> Message:
@@ -125,11 +126,6 @@ class _Seen:
         if self.status in CLIENT_GONE:
             return "cut"
         return "kept" if self.status == 202 else "repeated"
-
-
-def _header(scope: Scope, name: bytes) -> str | None:
-    """A header's first value."""
-    return next((value.decode("latin-1") for key, value in scope["headers"] if key == name), None)
 
 
 def _waits(scope: Scope) -> bool:

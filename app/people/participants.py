@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from typing import Any
 
-from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError
-from app.db.session import Database
+from app.db.session import Database, unless_taken
 from app.http.paging import TEXT, Page, decode_cursor, page_of
 from app.nutrition.intakes.energy_requirement import Person
 from app.nutrition.intakes.life_stage import MAX_AGE_YEARS, PREGNANCY_YEARS
@@ -55,24 +54,21 @@ def create_participant(
 ) -> Participant:
     """A new participant of a study. Raises NotFoundError, ConflictError, InvalidInputError."""
     taken = ConflictError(f"Study {study_code!r} already has a participant {code!r}.", code="participant_exists")
-    try:
-        with database.write() as session:
-            study = known_study(people.find_study(session, study_code))
-            if people.find_participant(session, study.id, code) is not None:
-                raise taken
-            if is_code_spent(session, box, study.id, code):  # after the row: whoever erases it spends the code with it
-                raise ConflictError(
-                    f"The code {code!r} was a participant's who has left study {study_code!r}: take another.",
-                    code="participant_code_spent",
-                )
-            participant = Participant(
-                id=uuid.uuid4(), study_id=study.id, code=code, alias=uuid.uuid4(), created_at=datetime.now(UTC)
+    with unless_taken(taken), database.write() as session:
+        study = known_study(people.find_study(session, study_code))
+        if people.find_participant(session, study.id, code) is not None:
+            raise taken
+        if is_code_spent(session, box, study.id, code):  # after the row: whoever erases it spends the code with it
+            raise ConflictError(
+                f"The code {code!r} was a participant's who has left study {study_code!r}: take another.",
+                code="participant_code_spent",
             )
-            fields = _apply(participant, change or ParticipantChange({}))
-            session.add(participant)
-            note(session, caller, "participant.create", study_id=study.id, subject=participant.alias, fields=fields)
-    except IntegrityError as error:  # of two at the same time the constraint lets one through
-        raise taken from error
+        participant = Participant(
+            id=uuid.uuid4(), study_id=study.id, code=code, alias=uuid.uuid4(), created_at=datetime.now(UTC)
+        )
+        fields = _apply(participant, change or ParticipantChange({}))
+        session.add(participant)
+        note(session, caller, "participant.create", study_id=study.id, subject=participant.alias, fields=fields)
     return participant
 
 

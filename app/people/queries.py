@@ -3,14 +3,16 @@
 import uuid
 from collections.abc import Collection
 from datetime import datetime
-from typing import Any
+from typing import TypeVarTuple
 
 import sqlalchemy as sa
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from app.meals.models import Meal
-from app.people.models import AccessToken, Device, Enrolment, Participant, Staff, Study, StudyMember
+from app.people.models import AccessToken, Device, Enrolment, Participant, Role, Staff, Study, StudyMember
 from app.people.privacy_models import Tombstone
+
+Rows = TypeVarTuple("Rows")
 
 _TOKEN = (  # built once: every call asks
     sa.select(AccessToken, Staff, Device, Participant)
@@ -42,7 +44,7 @@ def find_token(
     return session.execute(_TOKEN, values).one_or_none()
 
 
-def roles_of(session: Session, staff_id: uuid.UUID) -> dict[uuid.UUID, Any]:
+def roles_of(session: Session, staff_id: uuid.UUID) -> dict[uuid.UUID, Role]:
     """Study -> role of a staff member."""
     query = sa.select(StudyMember.study_id, StudyMember.role).where(StudyMember.staff_id == staff_id)
     return {row.study_id: row.role for row in session.execute(query)}
@@ -62,12 +64,8 @@ def page_of_studies(
     session: Session, known: frozenset[uuid.UUID] | None, *, after: str | None, limit: int
 ) -> list[Study]:
     """Studies by code, those behind `after`. known: only these; None: all."""
-    query = sa.select(Study).order_by(Study.code).limit(limit)
-    if known is not None:
-        query = query.where(Study.id.in_(known))
-    if after is not None:
-        query = query.where(Study.code > after)
-    return list(session.scalars(query))
+    query = sa.select(Study) if known is None else sa.select(Study).where(Study.id.in_(known))
+    return list(session.scalars(_behind(query, Study.code, after, limit)))
 
 
 def known_study_codes(session: Session, known: frozenset[uuid.UUID] | None) -> list[str]:
@@ -95,10 +93,8 @@ def find_participant(session: Session, study_id: uuid.UUID, code: str, *, lock: 
 
 def page_of_participants(session: Session, study_id: uuid.UUID, *, after: str | None, limit: int) -> list[Participant]:
     """Participants of a study by code, those behind `after`."""
-    query = sa.select(Participant).where(Participant.study_id == study_id).order_by(Participant.code).limit(limit)
-    if after is not None:
-        query = query.where(Participant.code > after)
-    return list(session.scalars(query))
+    query = sa.select(Participant).where(Participant.study_id == study_id)
+    return list(session.scalars(_behind(query, Participant.code, after, limit)))
 
 
 def page_of_devices(
@@ -142,10 +138,7 @@ def find_staff(session: Session, name: str, *, lock: bool = False) -> Staff | No
 
 def page_of_staff(session: Session, *, after: str | None, limit: int) -> list[Staff]:
     """Staff by name, those behind `after`."""
-    query = sa.select(Staff).order_by(Staff.name).limit(limit)
-    if after is not None:
-        query = query.where(Staff.name > after)
-    return list(session.scalars(query))
+    return list(session.scalars(_behind(sa.select(Staff), Staff.name, after, limit)))
 
 
 def lock_active_admins(session: Session) -> list[Staff]:
@@ -162,12 +155,8 @@ def page_of_members(
         sa.select(StudyMember, Staff)
         .join(Staff, Staff.id == StudyMember.staff_id)
         .where(StudyMember.study_id == study_id)
-        .order_by(Staff.name)
-        .limit(limit)
     )
-    if after is not None:
-        query = query.where(Staff.name > after)
-    return [(member, staff) for member, staff in session.execute(query)]
+    return [(member, staff) for member, staff in session.execute(_behind(query, Staff.name, after, limit))]
 
 
 def active_owners(session: Session, study_id: uuid.UUID) -> set[uuid.UUID]:
@@ -253,7 +242,7 @@ def note_device(
 
     Written after the call: a phone that was revoked by it, perhaps anonymised, stays as it is.
     """
-    values: dict[str, Any] = {"last_used_at": at, "clock_skew_seconds": clock_skew_seconds}
+    values: dict[str, object] = {"last_used_at": at, "clock_skew_seconds": clock_skew_seconds}
     if app_version is not None:
         values["app_version"] = app_version
     session.execute(sa.update(Device).where(Device.id == device_id, Device.revoked_at.is_(None)).values(values))
@@ -269,6 +258,14 @@ def note_app_version(session: Session, device_id: uuid.UUID, app_version: str) -
     session.execute(sa.update(Device).where(Device.id == device_id).values(app_version=app_version))
 
 
-def _locked(query: sa.Select[Any], lock: bool) -> sa.Select[Any]:
+def _behind(
+    query: sa.Select[*Rows], column: InstrumentedAttribute[str], after: str | None, limit: int
+) -> sa.Select[*Rows]:
+    """The rows of a query by a column, those behind a value of it."""
+    query = query.order_by(column).limit(limit)
+    return query if after is None else query.where(column > after)
+
+
+def _locked(query: sa.Select[*Rows], lock: bool) -> sa.Select[*Rows]:
     """PostgreSQL locks the rows until commit; on SQLite there is one writer anyway."""
     return query.with_for_update() if lock else query

@@ -1,16 +1,14 @@
 """Studies and their protocol: made by admins, changed by owners, each change under the version that it is of."""
 
 import uuid
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError, PreconditionFailedError
-from app.db.session import Database
+from app.db.session import Database, unless_taken
 from app.http.paging import TEXT, Page, decode_cursor, page_of
 from app.people import queries as people
 from app.people.access.audit import note
@@ -47,9 +45,7 @@ def create_study(database: Database, *, code: str, name: str, caller: Caller | N
     study = Study(id=uuid.uuid4(), code=code, change_seq=0, version=1, created_at=datetime.now(UTC))
     study.location_policy, study.location_decimals = "drop", None
     _apply(study, {"name": name, **protocol})
-    with _unless_taken(taken), database.write() as session:
-        if people.find_study(session, code) is not None:
-            raise taken
+    with unless_taken(taken), database.write() as session:
         session.add(study)
         session.flush()
         note(session, caller, "study.create", study_id=study.id, subject=code, fields=sorted(protocol))
@@ -151,12 +147,3 @@ def _apply(study: Study, changes: Mapping[str, Any]) -> list[str]:
             "of a degree that are kept."
         )
     return changed
-
-
-@contextmanager
-def _unless_taken(taken: ConflictError) -> Iterator[None]:
-    """Of two that make the same at the same time the constraint lets one through; the other hears that it is taken."""
-    try:
-        yield
-    except IntegrityError as error:
-        raise taken from error

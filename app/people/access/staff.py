@@ -2,16 +2,13 @@
 
 import unicodedata
 import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError
-from app.db.session import Database
+from app.db.session import Database, unless_taken
 from app.http.paging import TEXT, Page, decode_cursor, page_of
 from app.people import queries as people
 from app.people.access.access_tokens import EndedAccess, end_access
@@ -43,7 +40,7 @@ class ChangedStaff:
 def create_admin(database: Database, name: str) -> str:
     """A new admin's token, for the command line: the one personal token that needs no session. Raises ConflictError."""
     token = new_token()
-    with _unless_taken(name), database.write() as session:
+    with unless_taken(_taken(name)), database.write() as session:
         staff = _add(session, None, name, is_admin=True, password_hash=None)
         session.add(
             AccessToken(
@@ -72,7 +69,7 @@ def create_staff(
     Raises ConflictError (`staff_exists`), InvalidInputError (`password_refused`).
     """
     hashed = passwords.hash(password, name=name) if password is not None else None
-    with _unless_taken(name), database.write() as session:
+    with unless_taken(_taken(name)), database.write() as session:
         return _add(session, caller, name, is_admin=is_admin, password_hash=hashed)
 
 
@@ -160,8 +157,6 @@ def _new_name(name: str) -> str:
 
 def _add(session: Session, caller: Caller | None, name: str, *, is_admin: bool, password_hash: str | None) -> Staff:
     cleaned = _new_name(name)
-    if people.find_staff(session, cleaned) is not None:
-        raise _taken(name)
     staff = Staff(
         id=uuid.uuid4(), name=cleaned, is_admin=is_admin, password_hash=password_hash, created_at=datetime.now(UTC)
     )
@@ -173,12 +168,3 @@ def _add(session: Session, caller: Caller | None, name: str, *, is_admin: bool, 
 
 def _taken(name: str) -> ConflictError:
     return ConflictError(f"There is already a staff member named {name!r}: give another name.", code="staff_exists")
-
-
-@contextmanager
-def _unless_taken(name: str) -> Iterator[None]:
-    """Of two that make the same at the same time the constraint lets one through; the other hears that it is taken."""
-    try:
-        yield
-    except IntegrityError as error:
-        raise _taken(name) from error

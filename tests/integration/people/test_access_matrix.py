@@ -17,12 +17,12 @@ from app.core.settings import Settings
 from app.main import create_app
 from app.meals.models import Meal
 from app.people.access.access_rules import RULES, SAFE_METHODS
-from app.people.access.access_table import PAGE, page_with_table
 from app.people.access.caller import new_token, sha256_hex
 from app.people.access.secret_box import SecretBox
 from app.people.models import AccessToken, Device, Participant, Staff, Study, StudyMember
 from app.people.privacy_models import Tombstone
 from tests.integration.people.people import bearer
+from tools.access_table import PAGE, page_with_table
 
 # what the server can do is no secret, nor are scripts and styles of the pages
 OUT_OF_THE_API = {"/openapi.json", "/docs", "/dashboard/static"}
@@ -322,4 +322,4 @@ def test_route_without_a_rule_is_refused_to_everybody(client, state):
 
 def test_page_of_the_rules_is_up_to_date():
     page = PAGE.read_text()
-    assert page == page_with_table(page), "write it anew: python -m app.people.access.access_table"
+    assert page == page_with_table(page), "write it anew: python -m tools.access_table"

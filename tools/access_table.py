@@ -1,11 +1,11 @@
-"""The table in docs/access.md, made from RULES: `python -m app.people.access.access_table` writes it anew."""
+"""The table in docs/access.md, made from RULES: `python -m tools.access_table` writes it anew."""
 
 from pathlib import Path
 
 from app.people.access.access_rules import RULES, SAFE_METHODS, Rule
 from app.people.access.page_rules import OPEN_PAGES, PAGES
 
-PAGE = Path(__file__).parents[2] / "docs" / "access.md"
+PAGE = Path(__file__).parents[1] / "docs" / "access.md"
 START, END = "<!-- table from app/people/access/access_rules.py -->\n", "<!-- end of the table -->\n"
 PAGES_START, PAGES_END = "<!-- table from app/people/access/page_rules.py -->\n", "<!-- end of the pages -->\n"
 HEADINGS = ("call", "anybody", "phone", "viewer", "reviewer", "owner", "admin", "read-only token")
