@@ -22,7 +22,7 @@ from app.diary.schemas import (
 from app.diary.study_days import StudyDay
 from app.exports.export_files import FILES, ComponentsIn, DayFilterIn, Format, LayoutIn, answer_file, file_spec
 from app.exports.tables.export_days import day_values, decided_by
-from app.foods.edits.api import IfMatch, expected_versions
+from app.http.conditions import IfMatch, expected_versions
 from app.http.flat_list import ListRoute
 from app.http.paging import Cursor, Limit, next_page, require_order
 from app.http.parameters import FirstDay, LastDay, ParticipantCode, StudyCode

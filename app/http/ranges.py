@@ -14,6 +14,7 @@ from app.core.errors import RangeNotSatisfiableError
 from app.exports.export_files import MEDIA_TYPES as ROWS
 from app.exports.stored_file import StoredFile
 from app.http.closing_stream import ClosingStream
+from app.http.conditions import is_held
 from app.storage.blob_store import BlobStore
 
 RANGE = re.compile(r"bytes=(\d{0,19})-(\d{0,19})")
@@ -65,8 +66,7 @@ def answer_stored_file(request: Request, blobs: BlobStore, file: StoredFile) -> 
         "Accept-Ranges": "bytes",
         "Cache-Control": "private, no-cache",  # erased is erased: each use asks first
     }
-    known = {tag.strip().removeprefix("W/") for tag in request.headers.get("if-none-match", "").split(",")}
-    if etag in known:
+    if is_held(request.headers.get("if-none-match"), etag):
         return Response(status_code=UNCHANGED, headers=headers)
     piece = asked_piece(request, file.length, etag)
     start, length = (0, file.length) if piece is None else (piece.start, piece.length)

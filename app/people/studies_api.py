@@ -4,7 +4,7 @@ from typing import Any
 
 from fastapi import APIRouter, Request, Response
 
-from app.foods.edits.api import IfMatch, expected_versions
+from app.http.conditions import IfMatch, expected_versions
 from app.http.flat_list import ListRoute
 from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import StudyCode

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Header, Query, Response
 
 from app.children.api_children import ApiChildren
+from app.http.conditions import is_held
 from app.http.parameters import Slot
 from app.http.problems import problem_responses
 from app.people.access.deps import CurrentCaller, State
@@ -58,8 +59,7 @@ def get_photograph(
         "Cache-Control": "private, max-age=0, must-revalidate",  # erased is erased: each use asks first
         "X-Colour-Correction": found.colour_kind,
     }
-    known = {tag.strip().removeprefix("W/") for tag in (if_none_match or "").split(",")}
-    if headers["ETag"] in known:
+    if is_held(if_none_match, headers["ETag"]):
         return Response(status_code=304, headers=headers)
     content = render_photo(state.database, state.blobs, state.part(ApiChildren), state.settings, caller, found, width)
     return Response(content, media_type="image/jpeg", headers=headers)

@@ -10,6 +10,7 @@ from fastapi.responses import JSONResponse, StreamingResponse
 
 from app.core.errors import MalformedRequestError
 from app.http.closing_stream import ClosingStream
+from app.http.conditions import is_held
 from app.http.parameters import Slot
 from app.http.problems import problem_responses
 from app.http.state import ApiState
@@ -164,10 +165,10 @@ async def get_meal(
     """
     view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
     known = request.headers.get("if-none-match")
-    if wait and will_change(view) and (known is None or _is_known(known, view)):
+    if wait and will_change(view) and (known is None or is_held(known, _etag(view))):
         await state.part(MealWaiter).wait(view.meal.id, view.meal.version, wait)
         view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
-    if known is not None and _is_known(known, view):
+    if known is not None and is_held(known, _etag(view)):
         return Response(status_code=304, headers={"ETag": _etag(view)})
     return meal_response(view, 200)
 
@@ -241,12 +242,6 @@ def meal_response(view: MealView, status: int) -> JSONResponse:
 
 def _etag(view: MealView) -> str:
     return f'"{view.meal.version}"'
-
-
-def _is_known(if_none_match: str, view: MealView) -> bool:
-    """Whether the caller has this version: a list of tags, weak or not, or `*` (RFC 9110, section 13.1.2)."""
-    tags = {tag.strip().removeprefix("W/") for tag in if_none_match.split(",")}
-    return bool(tags & {"*", _etag(view)})
 
 
 def _limits(state: ApiState) -> UploadLimits:

@@ -4,8 +4,8 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
-from app.foods.edits.api import IfMatch, expected_versions
 from app.foods.edits.edit_food import author_of
+from app.http.conditions import IfMatch, expected_versions
 from app.http.flat_list import ListRoute
 from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import StudyCode, VesselId

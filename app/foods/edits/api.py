@@ -1,12 +1,10 @@
 """/v1/foods, the writing part: an admin makes and corrects foods, each change a version with author and reason."""
 
-import re
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import APIRouter, Header, Response
+from fastapi import APIRouter, Response
 
-from app.core.errors import PreconditionRequiredError
 from app.core.units import Unit
 from app.foods.api import FoodKey, etag_of, render_food
 from app.foods.component_names import Figure
@@ -27,6 +25,7 @@ from app.foods.foods import FoodView
 from app.foods.recipes import NamedIngredient, NamedRecipe
 from app.foods.schemas import FoodOut
 from app.foods.study_densities import density_of_specimens
+from app.http.conditions import IfMatch, expected_versions
 from app.http.flat_list import ListRoute
 from app.http.problems import problem_responses
 from app.nutrition.foods import Density, RefusePart
@@ -36,11 +35,7 @@ from app.people.access.deps import CurrentStaff, State
 
 router = APIRouter(prefix="/v1/foods", tags=["foods"], route_class=ListRoute)
 
-IfMatch = Annotated[
-    str | None, Header(max_length=1000, description="The ETag of the version that was read; * for whatever is there.")
-]
 _PARTS = {"refuse": RefusePart, "densities": Density}
-_ETAG = re.compile(r'\s*(?:W/"[^"]*"|"(?P<strong>[^"]*)")\s*(?:,|\Z)')
 
 
 @router.post("", status_code=201, responses=problem_responses(401, 403, 409, 413, 422))
@@ -148,21 +143,6 @@ def measured_density(body: MeasuredDensityIn) -> tuple[Density, list[Specimen]]:
     else:
         g_per_ml, sd_g_per_ml = body.g_per_ml or 0.0, body.sd_g_per_ml or 0.0  # the schema has seen that both are there
     return Density(g_per_ml, sd_g_per_ml, body.state, body.kind, "measured", source, body.weighs), specimens
-
-
-def expected_versions(if_match: str | None) -> frozenset[int] | None:
-    """The versions that `If-Match` names; None for *. Raises PreconditionRequiredError without the header.
-
-    What is no tag of ours names a version that no food has.
-    """
-    if if_match is None:
-        raise PreconditionRequiredError(
-            "Send `If-Match` with the ETag that GET gave, so that nobody's change is overwritten unseen.",
-        )
-    if if_match.strip() == "*":
-        return None
-    tags = (found["strong"] or "" for found in _ETAG.finditer(if_match))
-    return frozenset(int(tag) for tag in tags if tag.isascii() and tag.isdigit() and len(tag) < 19)
 
 
 def _tagged(view: FoodView, response: Response) -> FoodOut:

@@ -6,7 +6,7 @@ from typing import Any
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
 
-from app.foods.edits.api import IfMatch, expected_versions
+from app.http.conditions import IfMatch, expected_versions
 from app.http.paging import Cursor, Limit, next_page
 from app.http.problems import problem_responses
 from app.people.access.deps import CurrentCaller, State

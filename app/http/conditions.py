@@ -1,0 +1,34 @@
+"""Conditions of requests: `If-Match` of a change, `If-None-Match` of a look (RFC 9110, section 13)."""
+
+import re
+from typing import Annotated
+
+from fastapi import Header
+
+from app.core.errors import PreconditionRequiredError
+
+IfMatch = Annotated[
+    str | None, Header(max_length=1000, description="The ETag of the version that was read; * for whatever is there.")
+]
+_ETAG = re.compile(r'\s*(?:W/"[^"]*"|"(?P<strong>[^"]*)")\s*(?:,|\Z)')
+
+
+def expected_versions(if_match: str | None) -> frozenset[int] | None:
+    """The versions that `If-Match` names; None for *. Raises PreconditionRequiredError without the header.
+
+    A tag that no version has names none.
+    """
+    if if_match is None:
+        raise PreconditionRequiredError(
+            "Send `If-Match` with the ETag that GET gave, so that nobody's change is overwritten unseen.",
+        )
+    if if_match.strip() == "*":
+        return None
+    tags = (found["strong"] or "" for found in _ETAG.finditer(if_match))
+    return frozenset(int(tag) for tag in tags if tag.isascii() and tag.isdigit() and len(tag) < 19)
+
+
+def is_held(if_none_match: str | None, etag: str) -> bool:
+    """Whether the caller holds what this ETag names: `If-None-Match` is a list of tags, weak or not, or `*`."""
+    tags = {tag.strip().removeprefix("W/") for tag in (if_none_match or "").split(",")}
+    return bool(tags & {"*", etag})
