@@ -16,7 +16,7 @@ from urllib.parse import parse_qs
 from fastapi import Depends, Query, Request
 from fastapi.responses import Response
 from fastapi.routing import APIRoute
-from pydantic import BaseModel
+from pydantic import BaseModel, JsonValue
 
 from app.core.errors import InvalidInputError
 from app.exports.export_files import MEDIA_TYPES
@@ -106,9 +106,9 @@ def row_of(endpoint: Endpoint) -> type[BaseModel] | None:
     return None
 
 
-def _all_rows(endpoint: Endpoint, arguments: dict[str, object], limit: int | None) -> list[dict[str, object]]:
+def _all_rows(endpoint: Endpoint, arguments: dict[str, object], limit: int | None) -> list[dict[str, JsonValue]]:
     """Of all pages, as JSON has them. Raises InvalidInputError (`list_too_long`), and what the endpoint raises."""
-    rows: list[dict[str, object]] = []
+    rows: list[dict[str, JsonValue]] = []
     paging: dict[str, object] = {} if limit is None else {"limit": limit}
     if "cursor" in arguments:
         paging["cursor"] = None
