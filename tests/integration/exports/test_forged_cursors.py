@@ -8,6 +8,7 @@ import uuid
 import pytest
 import sqlalchemy as sa
 
+from app.http import paging
 from app.http.paging import encode_cursor
 from app.outbox.models import Webhook
 from app.people.models import Study
