@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, get_args
+from typing import Final, get_args
 from urllib.parse import urlencode
 
 from pydantic import ValidationError
@@ -19,6 +19,7 @@ from app.meals.record_models import RecordStatus
 
 TABLES: Final = (("items", "Items"), ("meals", "Meals"), ("days", "Days"), ("photographs", "Photographs"))
 SAID_ONCE: Final = ("participant", "from", "to", "origin", "needs")
+USUAL: Final = {"rows": "items", "layout": "wide", "components": "headline", "format": "csv", "provenance": "true"}
 TYPED: Final = ("food", "failure")  # several in one field, blanks between
 CHOSEN: Final = ("status", "flag", "after_status")  # a field each
 ITEM_STATUSES, MEAL_STATUSES = get_args(RecordStatus), get_args(MealStatus)
@@ -36,12 +37,12 @@ FORMATS: Mapping[str, Sequence[str]] = {
     "photographs": ("csv", "parquet", "ndjson"),
 }
 
-Told = Mapping[str, Any]
+Told = Mapping[str, Sequence[str]]
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """told: what was chosen, by the API's names, as it was typed.
+    """told: the values that were chosen, by the API's names.
 
     spec: None where it cannot be; wrong: why, by field.
     """
@@ -53,7 +54,7 @@ class Choice:
     @property
     def rows(self) -> str:
         """Which table."""
-        return str(self.told["rows"])
+        return self.told["rows"][0]
 
     @property
     def filters(self) -> frozenset[str]:
@@ -72,11 +73,11 @@ class Choice:
 
     def query(self, **changes: str) -> str:
         """The choice as an address's query; with changes, which may be of another table."""
-        told = {**self.told, **changes}
-        return urlencode([(name, value) for name, values in told.items() for value in _values(name, values) if value])
+        told = {**self.told, **{name: [value] for name, value in changes.items()}}
+        return urlencode([(name, value) for name, values in told.items() for value in values])
 
 
-def choice_of(fields: ImmutableMultiDict[str, Any], study: str, *, drop_others: bool = False) -> Choice:
+def choice_of(fields: ImmutableMultiDict[str, object], study: str, *, drop_others: bool = False) -> Choice:
     """What fields say. drop_others: what the table does not have is left out, as when another table is looked at."""
     told = _told(fields)
     if drop_others:
@@ -88,8 +89,7 @@ def choice_of(fields: ImmutableMultiDict[str, Any], study: str, *, drop_others: 
     except ValidationError as error:
         wrong = {_field(one["loc"]): sentence(one["type"], one["msg"]) for one in error.errors()} | wrong
     if body is None or wrong:
-        told = {**told, "rows": _rows(str(told["rows"]))}
-        return Choice(told, None, wrong)
+        return Choice({**told, "rows": [_rows(told["rows"][0])]}, None, wrong)
     spec = ExportSpec(
         body.rows, body.layout, body.format, body.components, body.filters.as_filter(study), body.provenance
     )
@@ -100,69 +100,49 @@ def choice_of(fields: ImmutableMultiDict[str, Any], study: str, *, drop_others: 
     return Choice(told, spec, {})
 
 
-def _told(fields: ImmutableMultiDict[str, Any]) -> dict[str, Any]:
-    def one(name: str, usual: str = "") -> str:
-        return str(fields.get(name) or usual).strip()
-
-    told: dict[str, Any] = {
-        "rows": one("rows", "items"),
-        "layout": one("layout", "wide"),
-        "components": one("components", "headline"),
-        "format": one("format", "csv"),
-        "provenance": one("provenance", "true"),
-    }
-    told |= {name: one(name) for name in SAID_ONCE}
-    told |= {name: " ".join(str(value) for value in fields.getlist(name)).replace(",", " ") for name in TYPED}
+def _told(fields: ImmutableMultiDict[str, object]) -> Told:
+    told = {name: [str(fields.get(name) or usual).strip()] for name, usual in USUAL.items()}
+    told |= {name: [text for text in [str(fields.get(name) or "").strip()] if text] for name in SAID_ONCE}
+    told |= {name: " ".join(map(str, fields.getlist(name))).replace(",", " ").split() for name in TYPED}
     return told | {name: [str(value) for value in fields.getlist(name) if value] for name in CHOSEN}
 
 
-def _fitting(told: dict[str, Any]) -> dict[str, Any]:
+def _fitting(told: Told) -> Told:
     """Without filters, statuses and formats that the table does not have."""
-    rows = _rows(told["rows"])
-    offered = {WIRE_NAMES[name] for name in FILTERS[rows]}
-    kept = {
-        name: value if name in offered or name not in WIRE_NAMES.values() else _none(value)
-        for name, value in told.items()
-    }
-    kept |= {"rows": rows, "status": [status for status in kept["status"] if status in STATUSES[rows]]}
-    if told["format"] not in FORMATS[rows]:
-        kept["format"] = "csv"
+    rows = _rows(told["rows"][0])
+    offered = {*USUAL, *(WIRE_NAMES[name] for name in FILTERS[rows])}
+    kept = {name: values if name in offered else [] for name, values in told.items()}
+    kept |= {"rows": [rows], "status": [status for status in kept["status"] if status in STATUSES[rows]]}
+    if told["format"][0] not in FORMATS[rows]:
+        kept["format"] = ["csv"]
     if rows == "photographs":
-        kept |= {"layout": "wide", "components": "headline"}
+        kept |= {"layout": ["wide"], "components": ["headline"]}
     return kept
 
 
 def _unknown(told: Told) -> dict[str, str]:
     """Words that no row has would leave an empty file: they are refused."""
-    options = {**OPTIONS, "status": STATUSES.get(told["rows"], ())}
+    rows = told["rows"][0]
+    options = {**OPTIONS, "status": STATUSES.get(rows, ())}
     return {
         name: f"There is no {value!r}."
         for name in CHOSEN
         for value in told[name]
-        if value not in options[name] and told["rows"] != "days"
+        if value not in options[name] and rows != "days"
     }
 
 
-def _body(told: Told) -> dict[str, Any]:
-    filters: dict[str, Any] = {name: told[name] for name in SAID_ONCE if told[name]}
-    filters |= {name: told[name].split() for name in TYPED if told[name].split()}
-    filters |= {name: told[name] for name in CHOSEN if told[name]}
-    plain = {name: told[name] for name in ("rows", "layout", "components", "format", "provenance")}
-    return plain | {"filters": filters}
+def _body(told: Told) -> dict[str, object]:
+    filters = {
+        name: values[0] if name in SAID_ONCE else values
+        for name, values in told.items()
+        if values and name not in USUAL
+    }
+    return {name: told[name][0] for name in USUAL} | {"filters": filters}
 
 
 def _rows(told: str) -> Rows:
     return next((rows for rows in get_args(Rows) if rows == told), "items")
-
-
-def _none(value: Any) -> Any:
-    return [] if isinstance(value, list) else ""
-
-
-def _values(name: str, value: Any) -> Sequence[str]:
-    if name in TYPED:
-        return str(value).split()
-    return value if isinstance(value, list) else [str(value)]
 
 
 def _field(place: Sequence[int | str]) -> str:
