@@ -54,13 +54,14 @@ def releases_list(study: StudyArgument, as_json: JsonOption = False) -> None:
     from app.releases.compare_release import releases_of_study
 
     with opened_database() as database:
-        found = releases_of_study(database, study)
+        releases = releases_of_study(database, study)
     if as_json:
-        print(json.dumps(found, default=str))
+        names = ("name", "state", "checksum", "frozen_at", "altered_at", "note")
+        print(json.dumps([{name: getattr(one, name) for name in names} for one in releases], default=str))
         return
-    for one in found:
-        at = one["frozen_at"].isoformat(timespec="seconds") if one["frozen_at"] is not None else "-"
-        print(f"{at}  {one['state']:8}  {one['checksum'] or '-':64}  {one['name']}")
+    for one in releases:
+        at = one.frozen_at.isoformat(timespec="seconds") if one.frozen_at is not None else "-"
+        print(f"{at}  {one.state:8}  {one.checksum or '-':64}  {one.name}")
 
 
 def _print_words(found: "Comparison") -> None:

@@ -4,7 +4,7 @@ from fastapi import APIRouter, Request, Response
 
 from app.exports import background_exports
 from app.exports.export_files import FILES
-from app.exports.export_spec import ExportSpec, spec_of_json
+from app.exports.export_spec import spec_of_json
 from app.exports.queries import AskedExport
 from app.exports.schemas import ExportIn, ExportList, ExportOut
 from app.http.paging import Cursor, Limit, next_page
@@ -29,10 +29,7 @@ ACCEPTED = 202
 )
 def post_export(study: StudyCode, body: ExportIn, state: State, caller: CurrentStaff, response: Response) -> ExportOut:
     """Ask for a file of any size; a worker makes it, of one moment. Look at `Location` until its state is done."""
-    spec = ExportSpec(
-        body.rows, body.layout, body.format, body.components, body.filters.as_filter(), provenance=body.provenance
-    )
-    asked, is_new = background_exports.request_export(state.database, caller, study, spec)
+    asked, is_new = background_exports.request_export(state.database, caller, study, body.as_spec())
     response.headers["Location"] = f"/v1/studies/{study}/exports/{asked.export.id}"
     if not is_new:
         response.status_code = 200

@@ -19,22 +19,18 @@ ACTIONS = {  # in the audit log, by what a row is
 }
 
 
-class ExportFile:
-    """The use case; see SpooledExports for what it raises."""
+def begin_export(
+    database: Database, blobs: BlobStore, settings: Settings, places: ExportPlaces, caller: Caller, spec: ExportSpec
+) -> SpooledFile:
+    """Begin; returns when the first bytes are there. Raises InvalidInputError, and as SpooledExports."""
+    check_spec(spec)
 
-    def __init__(self, database: Database, blobs: BlobStore, settings: Settings, places: ExportPlaces) -> None:
-        self._database, self._begin = database, SpooledExports(database, blobs, settings, places)
+    def note() -> None:
+        if isinstance(caller, StaffCaller):
+            note_export(database, caller, spec)
 
-    def __call__(self, caller: Caller, spec: ExportSpec) -> SpooledFile:
-        """Begin; returns when the first bytes are there. Raises InvalidInputError too."""
-        check_spec(spec)
-
-        def note() -> None:
-            if isinstance(caller, StaffCaller):
-                note_export(self._database, caller, spec)
-
-        name = f"{spec.rows}-{spec.output}"
-        return self._begin(caller, name, lambda session: write_export(session, caller, spec), note=note)
+    begin, name = SpooledExports(database, blobs, settings, places), f"{spec.rows}-{spec.output}"
+    return begin(caller, name, lambda session: write_export(session, caller, spec), note=note)
 
 
 def note_export(database: Database, caller: StaffCaller, spec: ExportSpec) -> None:

@@ -7,7 +7,7 @@ from fastapi import Depends, Query, Request
 from pydantic import StringConstraints
 
 from app.core.errors import InvalidInputError
-from app.exports.export_file import ExportFile
+from app.exports.export_file import begin_export
 from app.exports.export_spec import Components, ExportSpec, Layout, Output, Rows
 from app.http.closing_stream import ClosingStream
 from app.http.paging import require_order
@@ -135,8 +135,8 @@ def file_spec(
 
 
 def answer_file(state: ApiState, caller: Caller, spec: ExportSpec, name: str) -> ClosingStream:
-    """The file, to be saved under this name. Raises what ExportFile raises."""
-    file = ExportFile(state.database, state.blobs, state.settings, state.part(ExportPlaces))(caller, spec)
+    """The file, to be saved under this name. Raises as begin_export."""
+    file = begin_export(state.database, state.blobs, state.settings, state.part(ExportPlaces), caller, spec)
     headers = {
         "Content-Disposition": f'attachment; filename="{name}.{spec.output}"',
     }

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from app.exports.export_spec import Components, Layout, Output, Rows
+from app.exports.export_spec import Components, ExportSpec, Layout, Output, Rows
 from app.exports.models import ExportState
 from app.http.field_descriptions import NEXT, PAGE
 from app.http.row_filter import RowFilter
@@ -87,6 +87,11 @@ class ExportIn(BaseModel):
     filters: ExportFiltersIn = Field(
         default=ExportFiltersIn(), description="Which rows; by default all of the study's."
     )
+
+    def as_spec(self, study: str | None = None) -> ExportSpec:
+        """Return the table that is asked for."""
+        filters = self.filters.as_filter(study)
+        return ExportSpec(self.rows, self.layout, self.format, self.components, filters, self.provenance)
 
 
 class ExportOut(BaseModel):

@@ -11,13 +11,13 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, NotFoundError
 from app.db.session import Database
 from app.exports.made_file import StagedFile, long_snapshot, staged_file
+from app.exports.release_models import Release
 from app.http.tables.columns import Column, Row
 from app.people import queries as people
 from app.people.models import Study
@@ -98,15 +98,13 @@ def compare_release(database: Database, blobs: BlobStore, study_code: str, name:
     return Comparison(checked, now.checksum, tables)
 
 
-def releases_of_study(database: Database, study_code: str) -> list[dict[str, Any]]:
-    """Name, state, checksum and times of each, the newest first. Raises NotFoundError."""
+def releases_of_study(database: Database, study_code: str) -> list[Release]:
+    """The newest first. Raises NotFoundError."""
     with database.read() as session:
         study = people.find_study(session, study_code)
         if study is None:
             raise NotFoundError(f"There is no study {study_code!r}.")
-        found = releases.page_of_releases(session, study.id, after=None, limit=MOST_LISTED)
-    names = ("name", "state", "checksum", "frozen_at", "altered_at", "note")
-    return [{name: getattr(one.release, name) for name in names} for one in found]
+        return [row.release for row in releases.page_of_releases(session, study.id, after=None, limit=MOST_LISTED)]
 
 
 def _find(session: Session, study_code: str, name: str) -> NamedRelease:

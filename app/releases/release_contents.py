@@ -3,7 +3,8 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+
+from pydantic import JsonValue, TypeAdapter
 
 from app.releases.queries import NamedRelease
 from app.releases.release_files import MANIFEST
@@ -12,10 +13,9 @@ from app.storage.blob_store import BlobDamagedError, BlobMissingError, BlobStore
 
 @dataclass(frozen=True, slots=True)
 class ReleaseContents:
-    """program: the version that froze it. The others: how many items each has made, each table is the source of.
+    """program: the version that froze it. protocol: the study's, at that moment. placed_meals: whose place it holds.
 
-    protocol: the study's, at that moment. placed_meals: whose place it holds; None: it was frozen by a version that
-    did not count them.
+    pipeline_versions, methods, food_tables: the number of items of each.
     """
 
     program: str
@@ -23,8 +23,11 @@ class ReleaseContents:
     methods: Mapping[str, int]
     food_tables: Mapping[str, int]
     foods: int
-    placed_meals: int | None
-    protocol: Mapping[str, Any]
+    placed_meals: int
+    protocol: Mapping[str, JsonValue]
+
+
+CONTENTS = TypeAdapter(ReleaseContents)
 
 
 def read_contents(blobs: BlobStore, found: NamedRelease) -> ReleaseContents | None:
@@ -36,16 +39,7 @@ def read_contents(blobs: BlobStore, found: NamedRelease) -> ReleaseContents | No
     if key is None or found.release.state != "ready":
         return None
     try:
-        told = json.loads(b"".join(blobs.stream(key)))
+        manifest = json.loads(b"".join(blobs.stream(key)))
+        return CONTENTS.validate_python({**manifest, **manifest["contents"]})
     except (BlobMissingError, BlobDamagedError, ValueError):
         return None
-    contents = told["contents"]
-    return ReleaseContents(
-        told["program"],
-        contents["pipeline_versions"],
-        contents["methods"],
-        contents["food_tables"],
-        contents["foods"],
-        contents.get("placed_meals"),
-        told["protocol"],
-    )

@@ -90,9 +90,7 @@ def choice_of(fields: ImmutableMultiDict[str, object], study: str, *, drop_other
         wrong = {_field(one["loc"]): sentence(one["type"], one["msg"]) for one in error.errors()} | wrong
     if body is None or wrong:
         return Choice({**told, "rows": [_rows(told["rows"][0])]}, None, wrong)
-    spec = ExportSpec(
-        body.rows, body.layout, body.format, body.components, body.filters.as_filter(study), body.provenance
-    )
+    spec = body.as_spec(study)
     try:
         check_spec(spec)
     except InvalidInputError as error:

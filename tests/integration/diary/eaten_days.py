@@ -88,6 +88,7 @@ def _add_record(session, meal, position, columns):
             food_id=food_id,
             origin=origin,
             flags=[],
+            details={"rings": None, "served": None, "left": [], "open_probes": []},
             change_seq=1,
             **columns,
         )

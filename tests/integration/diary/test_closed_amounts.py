@@ -80,7 +80,7 @@ def live_on(session, people, chance):
         session.add(
             EffectiveRecord(
                 item_id=item.id, meal_id=meal.id, study_id=study, participant_id=person, captured_at=captured_at,
-                local_date=day, change_seq=1, status=chance.choice((*RECORD_STATUSES, *5 * ["confirmed"])),
+                local_date=day, change_seq=1, details={}, status=chance.choice((*RECORD_STATUSES, *5 * ["confirmed"])),
                 food_id=food, consumed_g=grams, provisional=chance.random() < 0.05, origin="declared",
                 vitamin_c_mg=None if grams is None or content is None else grams * content / 100.0,
             )

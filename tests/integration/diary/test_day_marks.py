@@ -62,7 +62,7 @@ def add_record(session, meal, **columns):
     session.add(item)
     session.flush()
     record = EffectiveRecord(item_id=item.id, meal_id=meal.id, study_id=STUDY, participant_id=meal.participant_id,
-                             captured_at=meal.captured_at, local_date=meal.local_date, change_seq=1,
+                             captured_at=meal.captured_at, local_date=meal.local_date, change_seq=1, details={},
                              **{"status": "proposed", "consumed_g": 100.0} | columns)  # fmt: skip
     session.add(record)
     session.flush()

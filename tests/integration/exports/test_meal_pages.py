@@ -88,7 +88,7 @@ def lay_records(session, drawn, meal):
         record = EffectiveRecord(
             item_id=item.id, meal_id=meal.id, study_id=meal.study_id, participant_id=meal.participant_id,
             captured_at=meal.captured_at, local_date=meal.local_date, status=drawn.choice(RECORD_STATUSES),
-            food_id=drawn.choice(list(FOODS)), flags=drawn.choice(FLAGS), change_seq=1,
+            food_id=drawn.choice(list(FOODS)), flags=drawn.choice(FLAGS), details={}, change_seq=1,
             reviewed=drawn.random() < 0.8,
         )  # fmt: skip
         session.add(record)

@@ -15,7 +15,7 @@ from pydantic_core import to_json
 
 from app.diary import day_summaries
 from app.exports import spooled_export
-from app.exports.export_file import ExportFile
+from app.exports.export_file import begin_export
 from app.exports.export_spec import ExportSpec
 from app.exports.tables import export_days, export_tables
 from app.exports.tables import record_queries as record_export
@@ -218,8 +218,8 @@ def test_export_by_staff_is_noted_once_in_the_studys_log(client, admin, state):
 
 def exporter(state, staff_id):
     caller = StaffCaller(staff_id=staff_id, name="admin", is_admin=True, token_id=staff_id)
-    use_case = ExportFile(state.database, state.blobs, state.settings, state.part(ExportPlaces))
-    return lambda output="csv": use_case(caller, ExportSpec("items", output=output))
+    parts = state.database, state.blobs, state.settings, state.part(ExportPlaces)
+    return lambda output="csv": begin_export(*parts, caller, ExportSpec("items", output=output))
 
 
 @pytest.fixture

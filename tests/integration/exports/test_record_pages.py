@@ -77,7 +77,7 @@ def eaten(database):
             doubt, reviewed, provisional = drawn.choice((0.0, 0.5, 1.0)), drawn.random() < 0.3, drawn.random() < 0.3
             session.add(EffectiveRecord(item_id=item.id, meal_id=meal.id, study_id=study.id, participant_id=person.id,
                                         captured_at=captured_at, local_date=day, status=status, food_id=food,
-                                        flags=[], change_seq=1, doubt=doubt, reviewed=reviewed,
+                                        flags=[], details={}, change_seq=1, doubt=doubt, reviewed=reviewed,
                                         provisional=provisional))  # fmt: skip
             rows.append(
                 {
