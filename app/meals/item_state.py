@@ -8,16 +8,32 @@ items that it made, or of items that something else has taken the place of.
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from app.meals.event_models import LAYERS, MealEvent
+from app.meals.event_values import (
+    Add,
+    AmountValue,
+    ConfirmMeal,
+    Declare,
+    EventValue,
+    Merge,
+    Part,
+    Redraw,
+    Region,
+    SetAmount,
+    SetShare,
+    Split,
+    Undo,
+    value_of,
+)
 from app.meals.meal_parts import FROM_HINT, FROM_INDEX, MealParts
 from app.meals.record_models import Item, ItemFood, ItemMeasure, Leftover, RecordStatus
 from app.nutrition.doubt import Doubt, estimate
-from app.records.outline_json import rings_of
+from app.records.outline_json import Ring, rings_of
 
 CORRECTIONS = frozenset({"set_food", "set_volume", "set_mass", "redraw", "split", "merge"})
 WORDS = frozenset({"confirm", "reject", "set_food", "set_volume", "set_mass", "redraw"})  # of one item that was there
+MAKES_ITEMS = (Add, Declare, Split, Merge)
 REMEASURING = "remeasuring"
 REMEASURE_FAILED = "remeasure_failed"
 REPLACED = "replaced"
@@ -69,7 +85,7 @@ class ItemState:
     """
 
     item: Item
-    rings: Sequence[Any]
+    rings: Sequence[Ring]
     taken_for: ItemFood | None
     amount: Amount
     share: float
@@ -89,6 +105,19 @@ class ItemState:
     def stands(self) -> bool:
         """Whether it can be spoken of: nothing has taken its place, and what made it was not undone."""
         return REPLACED not in self.flags and UNDONE not in self.flags
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """An event with what it says."""
+
+    event: MealEvent
+    value: EventValue
+
+    @property
+    def precedence(self) -> tuple[int, int]:
+        """Of two, the greater one holds: by layer, then by time."""
+        return LAYERS.index(self.event.layer), self.event.sequence
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,49 +153,55 @@ def fold_meal(parts: MealParts) -> MealState:
         items=tuple(state for state in states if state.item.origin != "after"),
         leftovers=tuple(history.leftover(state) for state in states if state.item.origin == "after"),
         answers=history.answers(),
-        nothing_left=any(event.kind == "nothing_left" for event in history.counting),
-        is_confirmed=any(event.kind == "confirm_meal" for event in history.counting),
+        nothing_left=any(word.event.kind == "nothing_left" for word in history.counting),
+        is_confirmed=any(isinstance(word.value, ConfirmMeal) for word in history.counting),
     )
 
 
-def live_events(events: Sequence[MealEvent]) -> list[MealEvent]:
+def live_events(events: Sequence[MealEvent]) -> list[Word]:
     """Those that nobody has undone, in their order."""
-    undone: set[str] = set()
-    kept = []
+    undone: set[uuid.UUID] = set()
+    live = []
     for event in sorted(events, key=lambda each: each.sequence, reverse=True):
-        if str(event.id) in undone:
+        if event.id in undone:
             continue
-        if event.kind == "undo":
-            undone.add(event.new["event"])
+        word = read_word(event)
+        if isinstance(word.value, Undo):
+            undone.add(word.value.event)
         else:
-            kept.append(event)
-    return kept[::-1]
+            live.append(word)
+    return live[::-1]
 
 
-def region_drawn(event: MealEvent, item: Item) -> Mapping[str, Any] | None:
+def read_word(event: MealEvent) -> Word:
+    """The event with its value."""
+    return Word(event, value_of(event))
+
+
+def region_drawn(word: Word, item: Item) -> Region | None:
     """The region (point, box or polygon) that an event drew of an item, to be measured; None if it drew none of it."""
-    region: Mapping[str, Any] | None = None
-    if event.kind == "redraw" and event.item_id == item.id:
-        region = {"polygon": event.new["polygon"]}
-    elif event.kind == "add" and item.event_id == event.id:
-        region = event.new["region"]
-    elif event.kind == "split" and item.event_id == event.id:
-        polygon = _part_of(event, item)["polygon"]
-        region = {"polygon": polygon} if polygon is not None else None
-    return region
+    value, is_made = word.value, item.event_id == word.event.id
+    if isinstance(value, Redraw) and word.event.item_id == item.id:
+        return Region(polygon=value.polygon)
+    if isinstance(value, Add) and is_made:
+        return value.region
+    if isinstance(value, Split) and is_made:
+        polygon = _part_of(value, item).polygon
+        return Region(polygon=polygon) if polygon is not None else None
+    return None
 
 
-def lies_as_told(event: MealEvent, item: Item) -> str | None:
+def lies_as_told(word: Word, item: Item) -> str | None:
     """How an item that the event made was said to lie."""
-    said = _part_of(event, item) if event.kind == "split" else event.new
-    lies_as: str | None = said.get("lies_as")
-    return lies_as
+    if isinstance(word.value, Split):
+        return _part_of(word.value, item).lies_as
+    return word.value.lies_as if isinstance(word.value, Add) else None
 
 
-def items_of(event: MealEvent) -> list[uuid.UUID]:
+def items_of(word: Word) -> list[uuid.UUID]:
     """The items that must stand for the event to count: the one that it is about, those that it merges."""
-    about = [event.item_id] if event.item_id is not None else []
-    return about + ([uuid.UUID(item) for item in event.new["items"]] if event.kind == "merge" else [])
+    about = [word.event.item_id] if word.event.item_id is not None else []
+    return about + (word.value.items if isinstance(word.value, Merge) else [])
 
 
 class _History:
@@ -175,12 +210,12 @@ class _History:
     def __init__(self, parts: MealParts) -> None:
         self._parts = parts
         self._items = {item.id: item for item in parts.items}
-        self._replaced_by: dict[uuid.UUID, MealEvent] = {}
-        self._by_id: dict[uuid.UUID, MealEvent] = {}
-        self._of_item: dict[uuid.UUID, list[MealEvent]] = {}
-        for event in live_events(parts.events):
-            if all(self._stands(item_id) for item_id in items_of(event)):
-                self._count(event)
+        self._replaced_by: dict[uuid.UUID, Word] = {}
+        self._by_id: dict[uuid.UUID, Word] = {}
+        self._of_item: dict[uuid.UUID, list[Word]] = {}
+        for word in live_events(parts.events):
+            if all(self._stands(item_id) for item_id in items_of(word)):
+                self._count(word)
         self.counting = list(self._by_id.values())
 
     def states(self) -> list[ItemState]:
@@ -210,19 +245,24 @@ class _History:
         """Item -> probes that were answered of it or of the items that it was made from."""
         answers: dict[uuid.UUID, frozenset[str]] = {}
         for item in sorted(self._parts.items, key=lambda each: each.position):
-            of_it = [event for event in self._of_item.get(item.id, ()) if event.kind == "declare"]
-            made_by = self._by_id.get(item.event_id) if item.event_id is not None else None
-            made_from = items_of(made_by) if made_by is not None and made_by.kind in ("split", "merge") else []
-            own = frozenset(event.new["probe"] for event in of_it)
+            values = [word.value for word in self._of_item.get(item.id, ())]
+            made_by = self._made_by(item)
+            made_from = items_of(made_by) if made_by is not None and isinstance(made_by.value, Split | Merge) else []
+            own = frozenset(value.probe for value in values if isinstance(value, Declare))
             answers[item.id] = own.union(*(answers.get(each, frozenset()) for each in made_from))
         return answers
 
-    def _count(self, event: MealEvent) -> None:
-        self._by_id[event.id] = event
+    def _count(self, word: Word) -> None:
+        event = word.event
+        self._by_id[event.id] = word
         if event.item_id is not None:
-            self._of_item.setdefault(event.item_id, []).append(event)
-        if event.kind in ("split", "merge"):
-            self._replaced_by |= dict.fromkeys(items_of(event), event)
+            self._of_item.setdefault(event.item_id, []).append(word)
+        if isinstance(word.value, Split | Merge):
+            self._replaced_by |= dict.fromkeys(items_of(word), word)
+
+    def _made_by(self, item: Item) -> Word | None:
+        """The event that made it, if one did and it counts."""
+        return self._by_id.get(item.event_id) if item.event_id is not None else None
 
     def _counts(self, event_id: uuid.UUID | None) -> bool:
         return event_id is None or event_id in self._by_id
@@ -234,21 +274,23 @@ class _History:
 
     def _successor(self, item_id: uuid.UUID) -> uuid.UUID | None:
         while item_id in self._replaced_by:
-            event = self._replaced_by[item_id]
-            if event.kind != "merge":
+            word = self._replaced_by[item_id]
+            if not isinstance(word.value, Merge):
                 return None
-            item_id = next(item.id for item in self._parts.items if item.event_id == event.id)
+            item_id = next(item.id for item in self._parts.items if item.event_id == word.event.id)
         return item_id if self._stands(item_id) else None
 
     def _state(self, item: Item) -> ItemState:
         words = self._of_item.get(item.id, [])
-        made_by = self._by_id.get(item.event_id) if item.event_id is not None else None
-        spoken = [event for event in words if event.kind in WORDS] + ([made_by] if made_by is not None else [])
-        spoken += [event for event in self.counting if event.kind == "confirm_meal" and str(item.id) in _named(event)]
+        made_by = self._made_by(item)
+        spoken = [word for word in words if word.event.kind in WORDS] + ([made_by] if made_by is not None else [])
+        spoken += [
+            each for each in self.counting if isinstance(each.value, ConfirmMeal) and item.id in each.value.items
+        ]
         taken_for = self._newest_food(item)
         food_key = self._parts.food_keys[taken_for.food_id] if taken_for is not None else None
         measured = _measured(self._parts, item, made_by, words, food_key)
-        is_vouched = any(event.kind in ("confirm", "confirm_meal") for event in spoken)
+        is_vouched = any(each.event.kind in ("confirm", "confirm_meal") for each in spoken)
         word, flags = _word(spoken), measured.flags
         if item.id in self._replaced_by:
             word, flags = "rejected", (*flags, REPLACED)
@@ -261,7 +303,7 @@ class _History:
             amount=measured.amount,
             share=self._share(item),
             word=word,
-            reviewed=any(event.layer == "reviewer" for event in spoken),
+            reviewed=any(each.event.layer == "reviewer" for each in spoken),
             food_is_told=is_vouched or (taken_for is not None and taken_for.layer != "automatic"),
             flags=flags,
             food_is_guessed=not is_vouched and self._is_guessed(item, taken_for),
@@ -277,16 +319,20 @@ class _History:
 
     def _share(self, item: Item) -> float:
         """The participant's part of an item; of what was declared without a share, that of the item it came with."""
-        said = [event for event in self._of_item.get(item.id, ()) if event.kind == "set_share"]
-        made_by = self._by_id.get(item.event_id) if item.event_id is not None else None
-        first = made_by.new.get("share") if made_by is not None else None
-        if made_by is not None and made_by.kind in ("add", "declare") and first is not None:
-            said.append(made_by)  # a split or a merge says nothing of it: what it makes has what it was made from had
-        if said:
-            return float(max(said, key=_precedence).new["share"])
-        if made_by is not None and made_by.kind == "declare" and item.parent_id in self._items:
+        made_by = self._made_by(item)
+        shares = [
+            (word.precedence, word.value.share)
+            for word in self._of_item.get(item.id, ())
+            if isinstance(word.value, SetShare)
+        ]
+        first = made_by.value.share if made_by is not None and isinstance(made_by.value, MAKES_ITEMS) else None
+        if made_by is not None and isinstance(made_by.value, Add | Declare) and first is not None:
+            shares.append((made_by.precedence, first))  # a split or a merge only hands on what the share was
+        if shares:
+            return max(shares)[1]
+        if made_by is not None and isinstance(made_by.value, Declare) and item.parent_id in self._items:
             return self._share(self._items[item.parent_id])
-        return float(first) if first is not None else 1.0
+        return first if first is not None else 1.0
 
     def _newest_food(self, item: Item) -> ItemFood | None:
         rows = [row for row in self._parts.foods.get(item.id, ()) if self._counts(row.event_id)]
@@ -296,106 +342,92 @@ class _History:
 @dataclass(frozen=True, slots=True)
 class _Measured:
     amount: Amount
-    rings: Sequence[Any]
+    rings: Sequence[Ring]
     flags: tuple[str, ...]
     run_id: uuid.UUID | None
 
 
-Precedence = tuple[int, int]
-AS_FOUND: Precedence = (-1, 0)  # the pipeline's first measurement goes before all that people say
+AS_FOUND = (-1, 0)  # the precedence of the pipeline's first measurement: before all that people say
 
 
 def _measured(
-    parts: MealParts, item: Item, made_by: MealEvent | None, words: Sequence[MealEvent], food_key: str | None
+    parts: MealParts, item: Item, made_by: Word | None, words: Sequence[Word], food_key: str | None
 ) -> _Measured:
     """How much there is of an item, and where. food_key: the food that it is taken for.
 
     The newest region that was drawn counts. Until it is measured the amount stays what it was; where it cannot be
     measured, the amount of the old region is nothing to go by, and only what somebody told stays.
     """
-    about = ([made_by] if made_by is not None else []) + list(words)
-    drawn = sorted((event for event in about if region_drawn(event, item) is not None), key=_precedence, reverse=True)
+    about = sorted(
+        [*([made_by] if made_by is not None else []), *words], key=lambda word: word.precedence, reverse=True
+    )
+    drawn = [word for word in about if region_drawn(word, item) is not None]
     rows = {row.event_id: row for row in parts.measures.get(item.id, ())}
-    failed = parts.failed_remeasures
-    waiting = [event for event in drawn if event.id not in rows and event.id not in failed]
-    done = next((event for event in drawn if event not in waiting), None)
-    found_at, found = AS_FOUND, _amount_of(item)
-    rings: Sequence[Any] = item.rings
+    answered = rows.keys() | parts.failed_remeasures
+    done = next((word for word in drawn if word.event.id in answered), None)
+    measured_at, measured = AS_FOUND, _amount_of(item)
+    rings: Sequence[Ring] = item.rings
     flags, run_id = list(item.flags), item.run_id
     if done is not None:
-        row = rows.get(done.id)
-        found_at, found = _precedence(done), _amount_of(row, done.layer) if row is not None else NOTHING_KNOWN
+        row = rows.get(done.event.id)
+        measured_at = done.precedence
+        measured = _amount_of(row, done.event.layer) if row is not None else NOTHING_KNOWN
         rings, flags = (row.rings, list(row.flags)) if row is not None else (_rings(done, item), [REMEASURE_FAILED])
         run_id = row.run_id if row is not None else None
-    if drawn and drawn[0] in waiting:
+    if drawn and drawn[0] is not done:
         rings, flags = _rings(drawn[0], item), [REMEASURING]
-    told = [(_precedence(event), event) for event in about if _tells_amount(event, item, food_key)]
-    if told:
-        told_at, event = max(told, key=lambda each: each[0])
-        if found.volume_ml is None or told_at > found_at:
-            is_newest = not drawn or told_at >= _precedence(drawn[0])
+    for word in about:
+        given = _amount_given(word, item, food_key)
+        if given is None:
+            continue
+        if measured.volume_ml is None or word.precedence > measured_at:
+            is_newest = not drawn or word.precedence >= drawn[0].precedence
             kept = [flag for flag in flags if flag == REMEASURING] if is_newest else flags
-            return _Measured(_amount_told(event, item, found), rings, tuple(kept), run_id)
-    return _Measured(found, rings, tuple(flags), run_id)
+            return _Measured(_amount_set(given, word, measured), rings, tuple(kept), run_id)
+        break  # only the newest counts
+    return _Measured(measured, rings, tuple(flags), run_id)
 
 
-def _rings(event: MealEvent, item: Item) -> Sequence[Any]:
+def _rings(word: Word, item: Item) -> Sequence[Ring]:
     """A region as it was drawn; that of an item that the event made is the item's own."""
-    return rings_of(event.new["polygon"]) if event.kind == "redraw" else item.rings
+    return rings_of(word.value.polygon) if isinstance(word.value, Redraw) else item.rings
 
 
-def _word(spoken: Sequence[MealEvent]) -> RecordStatus | None:
+def _word(spoken: Sequence[Word]) -> RecordStatus | None:
     """What people have made of an item: the last one of the highest layer decides whether it is there."""
     if not spoken:
         return None
-    if max(spoken, key=_precedence).kind == "reject":
+    if max(spoken, key=lambda word: word.precedence).event.kind == "reject":
         return "rejected"
-    return "corrected" if any(event.kind in CORRECTIONS for event in spoken) else "confirmed"
+    return "corrected" if any(word.event.kind in CORRECTIONS for word in spoken) else "confirmed"
 
 
-def _precedence(event: MealEvent) -> Precedence:
-    return LAYERS.index(event.layer), event.sequence
-
-
-def _named(event: MealEvent) -> Sequence[str]:
-    """A meal is confirmed with the items that it then had."""
-    named: Sequence[str] = event.new["items"]
-    return named
-
-
-def _part_of(event: MealEvent, item: Item) -> Mapping[str, Any]:
+def _part_of(value: Split, item: Item) -> Part:
     """What a split says of one of the items that it made."""
-    part: Mapping[str, Any] = next(part for part in event.new["parts"] if part["item"] == str(item.id))
-    return part
+    return next(part for part in value.parts if part.item == item.id)
 
 
-def _told_of(event: MealEvent, item: Item) -> Mapping[str, Any]:
-    """The values of an event that are about this item, if it is one that may set an amount."""
-    if event.kind == "split":
-        return _part_of(event, item) if item.event_id == event.id else {}
-    if event.kind in ("set_volume", "set_mass") or (
-        event.kind in ("add", "declare", "merge") and item.event_id == event.id
-    ):
-        return event.new
-    return {}
+def _amount_given(word: Word, item: Item, food_key: str | None) -> AmountValue | None:
+    """The amount that the event gives the item: a household measure counts for its own food only."""
+    value: EventValue | Part = word.value
+    is_made = item.event_id == word.event.id
+    if isinstance(value, Split) and is_made:
+        value = _part_of(value, item)
+    if not isinstance(value, SetAmount) and not (is_made and isinstance(value, AmountValue)):
+        return None
+    is_of_food = value.portion_of in (None, food_key)
+    return value if (value.mass_g is not None and is_of_food) or value.volume_ml is not None else None
 
 
-def _tells_amount(event: MealEvent, item: Item, food_key: str | None) -> bool:
-    """Whether the event sets an amount that counts: a household measure is one of the food that it was told for."""
-    told = _told_of(event, item)
-    is_of_food = told.get("portion_of") in (None, food_key)
-    return (told.get("mass_g") is not None and is_of_food) or told.get("volume_ml") is not None
-
-
-def _amount_told(event: MealEvent, item: Item, found: Amount) -> Amount:
-    """The amount that an event sets. found: the volume that is shown beside grams."""
-    told = _told_of(event, item)
-    relative_sd = float(told["relative_sd"])
-    if told.get("mass_g") is not None:
-        mass = SetMass(float(told["mass_g"]), told["of"], relative_sd, told.get("portion_of"))
-        return replace(found, mass=mass, layer=event.layer)
-    volume = estimate(float(told["volume_ml"]), Doubt(item=relative_sd))
-    return Amount(volume.value, volume.low, volume.high, {"item": relative_sd}, layer=event.layer)
+def _amount_set(given: AmountValue, word: Word, measured: Amount) -> Amount:
+    """The amount that an event sets. measured: the volume that is shown beside grams."""
+    layer, relative_sd = word.event.layer, given.relative_sd
+    if given.mass_g is not None:
+        return replace(measured, mass=SetMass(given.mass_g, given.of, relative_sd, given.portion_of), layer=layer)
+    if given.volume_ml is None:
+        raise ValueError(f"event {word.event.id} gives no amount")
+    volume = estimate(given.volume_ml, Doubt(item=relative_sd))
+    return Amount(volume.value, volume.low, volume.high, {"item": relative_sd}, layer=layer)
 
 
 def _amount_of(row: Item | ItemMeasure, layer: str = "automatic") -> Amount:

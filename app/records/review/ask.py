@@ -3,6 +3,7 @@
 import uuid
 
 from app.core.errors import ConflictError, NotFoundError
+from app.meals.event_values import Answer
 from app.meals.item_state import live_events
 from app.records.review.meal_events import Change, Standing
 
@@ -23,9 +24,9 @@ def answer(standing: Standing) -> Change:
     """Answer a question. Raises NotFoundError, ConflictError."""
     wanted = uuid.UUID(standing.event.told["question"])
     live = live_events(standing.parts.events)
-    if not any(event.id == wanted and event.kind == "question" for event in live):
+    if not any(word.event.id == wanted and word.event.kind == "question" for word in live):
         raise NotFoundError("This meal has no such open question.", code="question_not_found")
-    if any(event.kind == "answer" and event.new["question"] == str(wanted) for event in live):
+    if any(isinstance(word.value, Answer) and word.value.question == wanted for word in live):
         raise ConflictError("The question is answered: undo the answer to give another.", code="question_answered")
     return Change(new={"question": str(wanted), "text": standing.event.told["text"]})
 

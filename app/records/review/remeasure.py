@@ -14,7 +14,8 @@ from sqlalchemy.orm import Session
 from app.candidates.save_candidates import save_candidates
 from app.foods.models import Food
 from app.meals.event_models import MealEvent
-from app.meals.item_state import ItemState, fold_meal, lies_as_told, region_drawn
+from app.meals.event_values import Region
+from app.meals.item_state import ItemState, Word, fold_meal, lies_as_told, read_word, region_drawn
 from app.meals.job_models import Job
 from app.meals.meal_parts import MealParts, parts_of
 from app.meals.models import Meal
@@ -27,29 +28,32 @@ MIN_CORNERS = 3  # of a ring that encloses something
 FAILED = "remeasure_failed"
 NOT_MEASURABLE = "not_measurable"
 
+Hint = Mapping[str, Any]  # as the phone sends it
+
 
 @dataclass(frozen=True, slots=True)
 class Regions:
     """hints: as the phone sends them, one for each region; items: whose region each is."""
 
-    hints: tuple[Mapping[str, Any], ...]
+    hints: tuple[Hint, ...]
     items: tuple[uuid.UUID, ...]
 
 
 def regions_to_measure(session: Session, job: Job, meal: Meal) -> Regions:
     """What the pipeline is asked for the job's event: the regions that it drew, and the other foods as they stand."""
-    event = session.get_one(MealEvent, job.event_id)
+    word = read_word(session.get_one(MealEvent, job.event_id))
     states = {state.item.id: state for state in fold_meal(parts_of(session, [meal])[0]).items}
-    drawn = {item.id: region_drawn(event, item) for item in _concerned(session, event)}
+    drawn = {item.id: region_drawn(word, item) for item in _concerned(session, word.event)}
     hints, items = [], []
-    for item_id, region in drawn.items():
-        if region is not None:
-            hints.append(_with_food(session, region, states[item_id]))
+    for item_id, region_of_item in drawn.items():
+        if region_of_item is not None:
+            hints.append(_with_food(session, region_of_item, states[item_id]))
             items.append(item_id)
     for item_id, state in states.items():
         outline = [ring for ring in state.rings if len(ring) >= MIN_CORNERS]
         if item_id not in drawn and state.is_live and state.stands and outline and len(hints) < MAX_REGIONS:
-            hints.append(_with_food(session, {"polygon": outline}, state))
+            region = Region(polygon=[[list(corner) for corner in ring] for ring in outline])
+            hints.append(_with_food(session, region, state))
             items.append(item_id)
     return Regions(tuple(hints), tuple(items))
 
@@ -59,12 +63,12 @@ def save_measures(session: Session, job: Job, meal: Meal, answer: Mapping[str, A
 
     An item that nobody has said a food of is taken for the one that its new region looks like, if the index is sure.
     """
-    event = session.get_one(MealEvent, job.event_id)
+    word = read_word(session.get_one(MealEvent, job.event_id))
     asked = [uuid.UUID(item_id) for item_id in answer["regions"]]
     found = {asked[item["hint"]]: item for item in answer["items"] if item["hint"] is not None and item["polygon"]}
-    drawn = [item for item in _concerned(session, event) if region_drawn(event, item) is not None]
+    drawn = [item for item in _concerned(session, word.event) if region_drawn(word, item) is not None]
     session.add_all(
-        _measure(item, event, job.id, found.get(item.id), has_failed=answer["failure"] is not None) for item in drawn
+        _measure(item, word, job.id, found.get(item.id), has_failed=answer["failure"] is not None) for item in drawn
     )
     seen = [(item, found[item.id]) for item in drawn if item.id in found]
     likely = save_candidates(session, job.id, seen)
@@ -74,7 +78,7 @@ def save_measures(session: Session, job: Job, meal: Meal, answer: Mapping[str, A
         state = states.get(item.id)
         if food is None or state is None or state.run_id != job.id or not _is_open(parts, state, food):
             continue  # not sure, or a newer region or a person's word holds
-        lies_as = lies_as_told(event, item) or (state.taken_for.lies_as if state.taken_for is not None else None)
+        lies_as = lies_as_told(word, item) or (state.taken_for.lies_as if state.taken_for is not None else None)
         before = max((row.version for row in parts.foods.get(item.id, ())), default=0)
         session.add(
             item_food(
@@ -83,7 +87,7 @@ def save_measures(session: Session, job: Job, meal: Meal, answer: Mapping[str, A
                 weighing_for(session, food, meal.study_id, lies_as),
                 lies_as,
                 version=before + 1,
-                event_id=event.id,
+                event_id=word.event.id,
             )
         )
 
@@ -102,14 +106,14 @@ def _concerned(session: Session, event: MealEvent) -> list[Item]:
 
 
 def _measure(
-    item: Item, event: MealEvent, run_id: uuid.UUID, found: Mapping[str, Any] | None, *, has_failed: bool
+    item: Item, word: Word, run_id: uuid.UUID, found: Mapping[str, Any] | None, *, has_failed: bool
 ) -> ItemMeasure:
-    region = region_drawn(event, item) or {}
+    region = region_drawn(word, item)
     if found is None:
-        polygon = region.get("polygon")
+        polygon = region.polygon if region is not None else None
         return ItemMeasure(
             item_id=item.id,
-            event_id=event.id,
+            event_id=word.event.id,
             run_id=run_id,
             rings=rings_of(polygon) if polygon is not None else [],
             volume_ml=None,
@@ -121,7 +125,7 @@ def _measure(
     low_ml, high_ml = found["volume_interval_ml"] or (None, None)
     return ItemMeasure(
         item_id=item.id,
-        event_id=event.id,
+        event_id=word.event.id,
         run_id=run_id,
         rings=rings_of(found["polygon"]),
         volume_ml=found["volume_ml"],
@@ -132,9 +136,9 @@ def _measure(
     )
 
 
-def _with_food(session: Session, region: Mapping[str, Any], state: ItemState) -> dict[str, Any]:
-    row = state.taken_for
+def _with_food(session: Session, region: Region, state: ItemState) -> Hint:
+    row, hint = state.taken_for, region.model_dump(exclude_none=True)
     if row is None:
-        return dict(region)
+        return hint
     named = {"food": session.get_one(Food, row.food_id).key}
-    return {**region, **named} | ({"lies_as": row.lies_as} if row.lies_as is not None else {})
+    return hint | named | ({"lies_as": row.lies_as} if row.lies_as is not None else {})

@@ -15,7 +15,7 @@ from app.core.errors import ConflictError, InvalidInputError, NotAllowedError, N
 from app.db.base import Base
 from app.foods.models import Food
 from app.meals.event_models import MealEvent
-from app.meals.item_state import REMEASURING, ItemState, items_of, live_events
+from app.meals.item_state import REMEASURING, ItemState, items_of, live_events, read_word
 from app.meals.record_models import Item
 from app.nutrition.doubt import Doubt, estimate
 from app.nutrition.mass import Mass
@@ -125,7 +125,7 @@ def undo(standing: Standing) -> Change:
         raise ConflictError(
             "What was undone is said again, not restored: send it as a new event.", code="event_is_undo"
         )
-    if target not in live_events(standing.parts.events):
+    if all(word.event is not target for word in live_events(standing.parts.events)):
         raise ConflictError("This event was undone before.", code="event_undone")
     if standing.layer == "participant":
         if target.layer != "participant":
@@ -250,9 +250,9 @@ def _require_free(standing: Standing, states: Sequence[ItemState]) -> None:
 def _require_unreviewed(standing: Standing, item_ids: set[uuid.UUID]) -> None:
     reviewed = {
         item_id
-        for event in live_events(standing.parts.events)
-        if event.layer == "reviewer" and event.kind not in ("comment", "question")
-        for item_id in items_of(event)
+        for word in live_events(standing.parts.events)
+        if word.event.layer == "reviewer" and word.event.kind not in ("comment", "question")
+        for item_id in items_of(word)
     }
     reviewed |= {state.item.id for state in standing.state.items if state.reviewed}
     if reviewed & item_ids:
@@ -262,7 +262,7 @@ def _require_unreviewed(standing: Standing, item_ids: set[uuid.UUID]) -> None:
 def _made_from(standing: Standing, event: MealEvent) -> set[uuid.UUID]:
     """The items that an event made, and those that were made from them since."""
     made = {item.id for item in standing.parts.items if item.event_id == event.id}
-    by_event = {each.id: set(items_of(each)) for each in standing.parts.events}
+    by_event = {each.id: set(items_of(read_word(each))) for each in standing.parts.events}
     for item in sorted(standing.parts.items, key=lambda each: each.position):
         if item.event_id in by_event and by_event[item.event_id] & made:
             made.add(item.id)

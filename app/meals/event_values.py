@@ -1,0 +1,133 @@
+"""What an event says, as `meal_event.new` keeps it: one type per kind. Unknown fields are left out of consideration."""
+
+import uuid
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+
+from app.meals.event_models import MealEvent
+
+Ring = list[list[float]]  # corners [x, y], upright pixels of the left photograph
+Polygon = Ring | list[Ring]
+
+
+class _Value(BaseModel):
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+class Region(_Value):
+    """Where a food is, as a hint has it: one of the three."""
+
+    point: list[float] | None = None
+    box: list[float] | None = None
+    polygon: Polygon | None = None
+
+
+class AmountValue(_Value):
+    """Grams or millilitres; neither where no amount was given.
+
+    portion_of: key of the food whose household measure was given: the grams count while the item is this food.
+    """
+
+    mass_g: float | None = None
+    of: Literal["as_seen", "edible"] = "as_seen"
+    volume_ml: float | None = None
+    relative_sd: float = 0.0
+    portion_of: str | None = None
+
+
+class SetAmount(AmountValue):
+    """Another amount of an item."""
+
+    kind: Literal["set_volume", "set_mass"]
+
+
+class SetShare(_Value):
+    """The participant's share of an item."""
+
+    kind: Literal["set_share"]
+    share: float
+
+
+class Redraw(_Value):
+    """Another outline of an item."""
+
+    kind: Literal["redraw"]
+    polygon: Polygon
+
+
+class Add(AmountValue):
+    """A food that was missed; without an amount it is measured in its region."""
+
+    kind: Literal["add"]
+    lies_as: str | None = None
+    region: Region | None = None
+    share: float | None = None
+
+
+class Declare(AmountValue):
+    """The answer to a probe; share None: that of the item that the food came with."""
+
+    kind: Literal["declare"]
+    probe: str
+    share: float | None = None
+
+
+class Part(AmountValue):
+    """One of the items that a split makes."""
+
+    item: uuid.UUID
+    lies_as: str | None = None
+    polygon: Polygon | None = None
+
+
+class Split(_Value):
+    """The items that take the place of one."""
+
+    kind: Literal["split"]
+    parts: list[Part]
+    share: float | None = None
+
+
+class Merge(AmountValue):
+    """The items that one takes the place of."""
+
+    kind: Literal["merge"]
+    items: list[uuid.UUID]
+    share: float | None = None
+
+
+class ConfirmMeal(_Value):
+    """The items that the meal had when it was confirmed."""
+
+    kind: Literal["confirm_meal"]
+    items: list[uuid.UUID]
+
+
+class Undo(_Value):
+    """The event that is taken back."""
+
+    kind: Literal["undo"]
+    event: uuid.UUID
+
+
+class Answer(_Value):
+    """The question that is answered."""
+
+    kind: Literal["answer"]
+    question: uuid.UUID
+
+
+class Other(_Value):
+    """Kinds of which the kind says all that the records follow from."""
+
+    kind: Literal["confirm", "reject", "set_food", "set_leftover", "nothing_left", "comment", "question"]
+
+
+EventValue = SetAmount | SetShare | Redraw | Add | Declare | Split | Merge | ConfirmMeal | Undo | Answer | Other
+_ADAPTER: TypeAdapter[EventValue] = TypeAdapter(Annotated[EventValue, Field(discriminator="kind")])
+
+
+def value_of(event: MealEvent) -> EventValue:
+    """Read what an event says."""
+    return _ADAPTER.validate_python({**event.new, "kind": event.kind})
