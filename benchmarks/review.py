@@ -26,6 +26,7 @@ from app.estimates.save_estimate import save_estimate
 from app.jobs.queue import JobQueue
 from app.meals.job_models import Job
 from app.meals.models import Meal
+from app.meals.run_answer import RunAnswer
 from app.operations.prepare import prepare
 from app.people.access.caller import StaffCaller
 from app.people.models import Device, Participant, Staff, Study
@@ -121,7 +122,7 @@ def lay_table(database: Database, items: int) -> tuple[StaffCaller, uuid.UUID]:
         for row in (study, person, device, staff, meal, job):
             session.add(row)
             session.flush()
-        save_estimate(session, job_id, answer, hashlib.sha256(job_id.bytes).hexdigest())
+        save_estimate(session, job_id, RunAnswer.model_validate(answer), hashlib.sha256(job_id.bytes).hexdigest())
     return StaffCaller(staff.id, staff.name, is_admin=True, token_id=uuid.uuid4()), client_id
 
 

@@ -12,6 +12,7 @@ from app.estimates.save_estimate import save_estimate
 from app.jobs import queries as jobs
 from app.meals.job_models import Job
 from app.meals.models import Meal
+from app.meals.run_answer import RunAnswer
 
 
 def found_item(volume_ml=185.0, hint=0, **changes):
@@ -90,6 +91,6 @@ def save(state, meal_client_id, *items, purpose="meal", **changes):
             .first()
         )
         assert job is not None, f"the meal has no job for {purpose}"
-        save_estimate(session, job.id, body, key)
+        save_estimate(session, job.id, RunAnswer.model_validate(body), key)
         jobs.finish_job(job, datetime.now(UTC))
         return job.id

@@ -6,23 +6,23 @@ database is away it is tried again, as all of the job is.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.candidates import queries as index_entries
 from app.candidates.learned_index import LearnedIndex
-from app.candidates.vcm_json import ItemVcm, vcm_of
+from app.candidates.vcm_json import numbers_of
 from app.children.faults import is_passing
 from app.db.session import Database
 from app.identification.food_index import FoodIndex, shipped_index
 from app.identification.habits import Eaten
-from app.identification.identifier import Circumstances
+from app.identification.identifier import Circumstances, Identification
 from app.meals.item_state import FOOD_IDENTIFIED
 from app.meals.meal_time import local_minute
 from app.meals.models import Meal
+from app.meals.run_answer import CandidateAnswer, ItemAnswer, RunAnswer, VcmAnswer
 
 log = structlog.get_logger()
 
@@ -39,52 +39,49 @@ class IdentifyFoods:
         self._index = index
         self._learned = LearnedIndex(database)
 
-    def add_candidates(self, meal: Meal, answer: dict[str, Any]) -> None:
+    def add_candidates(self, meal: Meal, answer: RunAnswer) -> None:
         """Give each described item of the answer `candidates`, `none_probability` and `index_version`.
 
         Raises SQLAlchemyError for a passing fault of the database (app/children/faults.py).
         """
-        described = [(found, vcm) for found in answer["items"] if (vcm := vcm_of(found)) is not None]
+        described = [(item, item.vcm) for item in answer.items if item.vcm is not None]
         if not described:
             return
         try:
-            told = self._identify(meal, described)
+            identified = self._identify(meal, described)
         except Exception as error:  # whatever it is: the volumes are there, and a person can name the foods
             if isinstance(error, SQLAlchemyError) and is_passing(error):
                 raise  # the database is away for a while, and a run's candidates are written only once
             log.exception("identify_failed", meal_id=str(meal.id))
             return
-        for (found, _), fields in zip(described, told, strict=True):
-            found.update(fields)
+        for (item, _), identification in zip(described, identified, strict=True):
+            if identification is not None:
+                item.candidates = [
+                    CandidateAnswer(food=each.food_key, probability=round(each.probability, DECIMALS))
+                    for each in identification.candidates
+                ]
+                item.none_probability = round(identification.none_probability, DECIMALS)
+                item.index_version = identification.index_version
 
-    def _identify(self, meal: Meal, described: Sequence[tuple[Mapping[str, Any], ItemVcm]]) -> list[dict[str, object]]:
+    def _identify(self, meal: Meal, described: Sequence[tuple[ItemAnswer, VcmAnswer]]) -> list[Identification | None]:
+        """None for an item that was described by another version than the index's."""
         identifier = self._learned.identifier_for(meal, self._index())
         own = self._eaten(meal)
         day_minute = local_minute(meal.captured_at, meal.time_zone)
-        told: list[dict[str, object]] = []
-        for found, vcm in described:
+        identified: list[Identification | None] = []
+        for item, vcm in described:
             if vcm.version != identifier.vcm_version:
-                told.append({})
+                identified.append(None)
                 continue
             circumstances = Circumstances(
-                volume_ml=found["volume_ml"],
-                volume_relative_sd=math.hypot(*found["relative_sd"].values()),
+                volume_ml=item.volume_ml,
+                volume_relative_sd=math.hypot(*item.relative_sd.values()),
                 day_minute=day_minute,
                 own=own,
                 eater=str(meal.participant_id),
             )
-            answer = identifier.identify(vcm.numbers(), circumstances, MOST_SEALED)
-            told.append(
-                {
-                    "candidates": [
-                        {"food": one.food_key, "probability": round(one.probability, DECIMALS)}
-                        for one in answer.candidates
-                    ],
-                    "none_probability": round(answer.none_probability, DECIMALS),
-                    "index_version": answer.index_version,
-                }
-            )
-        return told
+            identified.append(identifier.identify(numbers_of(vcm.vector), circumstances, MOST_SEALED))
+        return identified
 
     def _eaten(self, meal: Meal) -> list[Eaten]:
         """What the participant has confirmed before; a food that only the server has named shows no habit."""

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from app.candidates.vcm_json import vcm_from_json
+from app.candidates.vcm_json import numbers_of
 from app.core.errors import Failure, InvalidInputError
 from app.identification.calibrate import NONE_PRIOR
 from app.identification.food_index import shipped_index
 from app.identification.identifier import Circumstances, Identification, Identifier
+from app.meals.run_answer import VcmAnswer
 from app.nutrition.foods import load_starter_table
 from app.vision.board.colour_correction import apply_colour, measure_colour
 from app.vision.board.marker import find_marker
@@ -73,7 +74,7 @@ def identify_items(items: Iterable[dict[str, Any]]) -> None:
             continue
         relative_sd = math.sqrt(sum(sd * sd for sd in item["relative_sd"].values()))
         circumstances = Circumstances(item["volume_ml"], relative_sd)
-        found = identifier.identify(vcm_from_json(described).numbers(), circumstances, _all_foods())
+        found = identifier.identify(numbers_of(VcmAnswer.model_validate(described).vector), circumstances, _all_foods())
         item.update(candidates=candidates_to_json(found), none_of_these=round(found.none_probability, 4))
 
 

@@ -7,23 +7,22 @@ it cannot be chosen, so its probability goes to "none of these".
 import uuid
 from collections.abc import Collection, Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.candidates.models import ItemIdentification
-from app.candidates.vcm_json import vcm_of
 from app.foods import queries as foods
 from app.foods.models import Food
 from app.meals.meal_parts import FROM_INDEX
 from app.meals.record_models import Item, ItemCandidate
+from app.meals.run_answer import ItemAnswer
 
 TAKEN_FROM = 0.8  # of the first candidate: right or wrong, it is one tap, and a wrong guess must not slip into sums
 MOST_CANDIDATES = 10
 LEAST_PROBABILITY = 0.001
 
-Seen = tuple[Item, Mapping[str, Any]]  # an item, and what the run's answer says of it
+Seen = tuple[Item, ItemAnswer]  # an item, and what the run's answer says of it
 
 
 def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -> list[Food | None]:
@@ -35,7 +34,7 @@ def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -
     likely: list[Food | None] = []
     for item, found in seen:
         candidates, none_probability = _candidates(found, known)
-        vcm = vcm_of(found)
+        vcm = found.vcm
         if vcm is not None:
             session.add(
                 ItemIdentification(
@@ -43,7 +42,7 @@ def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -
                     run_id=run_id,
                     vcm_version=vcm.version,
                     vector=vcm.vector,
-                    index_version=found.get("index_version"),
+                    index_version=found.index_version,
                     none_probability=none_probability,
                     created_at=now,
                 )
@@ -66,7 +65,7 @@ def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -
 
 def _foods_named(session: Session, seen: Sequence[Seen]) -> Mapping[str, Food]:
     """Key -> food in force, of all candidates of all items."""
-    keys = {one["food"] for _, found in seen if "index_version" in found for one in found["candidates"]}
+    keys = {one.food for _, found in seen if found.index_version is not None for one in found.candidates}
     return foods.foods_by_key(session, keys) if keys else {}
 
 
@@ -80,11 +79,11 @@ def _next_places(session: Session, items: Collection[uuid.UUID]) -> dict[uuid.UU
     return {row[0]: row[1] for row in session.execute(query)}
 
 
-def _candidates(found: Mapping[str, Any], known: Mapping[str, Food]) -> tuple[list[tuple[Food, float]], float | None]:
+def _candidates(found: ItemAnswer, known: Mapping[str, Food]) -> tuple[list[tuple[Food, float]], float | None]:
     """The candidates that are kept, best first, and the probability of none of them; None: not identified."""
-    if "index_version" not in found:
+    if found.index_version is None or found.none_probability is None:
         return [], None
-    named = [(known.get(one["food"]), float(one["probability"])) for one in found["candidates"]]
+    named = [(known.get(one.food), one.probability) for one in found.candidates]
     unknown = sum(probability for food, probability in named if food is None)
     kept = [(food, p) for food, p in named if food is not None and p >= LEAST_PROBABILITY]
-    return kept[:MOST_CANDIDATES], min(found["none_probability"] + unknown, 1.0)
+    return kept[:MOST_CANDIDATES], min(found.none_probability + unknown, 1.0)

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from sqlalchemy.orm import Session
 
 from app.core.errors import Failure
+from app.meals.run_answer import RunAnswer
 from app.people import calibration_queries as calibrations
 from app.people.calibration_models import CameraCalibration
 from app.people.models import Study
@@ -30,13 +31,12 @@ class ChosenCamera:
     chosen_from: ChosenFrom
     calibrations: tuple[uuid.UUID, ...] = ()
 
-    def note_in(self, answer: dict[str, Any]) -> None:
+    def note_in(self, answer: RunAnswer) -> None:
         """Write into a run's answer which camera was chosen, so that it can be told and chosen again."""
-        answer["parameters"] = {**answer["parameters"], "camera_from": self.chosen_from}
-        for side in ("camera", "camera_right"):
-            if answer[side] is not None:
-                listed = [str(one) for one in self.calibrations]
-                answer[side] = {**answer[side], "chosen_from": self.chosen_from, "calibrations": listed}
+        answer.parameters["camera_from"] = self.chosen_from
+        for camera in (answer.camera, answer.camera_right):
+            if camera is not None:
+                camera |= {"chosen_from": self.chosen_from, "calibrations": [str(each) for each in self.calibrations]}
 
 
 def choose_camera(

@@ -1,11 +1,10 @@
 """A camera with the keys of a camera file: what `camera_from_mapping` of vision/intrinsics.py reads."""
 
-from typing import Any
-
+from app.meals.run_answer import Json
 from app.vision.intrinsics import Camera
 
 
-def camera_to_json(camera: Camera) -> dict[str, Any]:
+def camera_to_json(camera: Camera) -> Json:
     """A camera with the keys of a camera file."""
     return {
         "width": camera.width,

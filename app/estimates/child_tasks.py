@@ -5,55 +5,94 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, overload
+from typing import overload
 
 import cv2
 import numpy as np
+from pydantic import BaseModel
 
 from app.core.errors import Failure
 from app.estimates.camera_json import camera_to_json
 from app.estimates.describe_task import describe_task
-from app.estimates.estimate_json import colour_from_json, estimate_to_json, failure_to_json, options_from_json
+from app.estimates.estimate_json import answer_of, colour_from_json, failure_to_json, options_from_json
+from app.meals.run_answer import ArtefactAnswer, Json, RunAnswer
 from app.meals.thumbnails import SIDES, THUMBNAIL_PX, thumbnail_name
 from app.vision import precheck
 from app.vision.board.calibration import calibrate
 from app.vision.board.colour_correction import apply_colour
+from app.vision.marker_spec import parse_marker
 from app.vision.model import Artefact, ColourCorrection, EstimateOptions, ImageArray, MealEstimate, Photo, PhotoPair
 from app.vision.photo import read_photo, read_reduced_photo, why_not_whole
 from app.vision.pipeline import PIPELINE_VERSION, estimate_meal
 
 StageListener = Callable[[str], None]
+Arguments = Mapping[str, object]  # JSON, checked by each task
 
 PICTURE_QUALITY = 85  # of JPEG: no artefacts to be seen at a screen's size
 
 
-def estimate_task(request: Mapping[str, Any], on_stage: StageListener) -> dict[str, Any]:
+class _PairRequest(BaseModel):
+    """Paths of both photographs."""
+
+    left: Path
+    right: Path
+    max_pixels: int
+
+
+class _EstimateRequest(_PairRequest):
+    output_dir: Path
+    options: Json
+
+
+class _CheckRequest(_PairRequest):
+    marker: str
+    camera: Json | None
+
+
+class _WholeRequest(BaseModel):
+    photo: Path
+
+
+class _CalibrateRequest(BaseModel):
+    photos: list[Path]
+    marker: str
+    max_pixels: int
+
+
+class _PictureRequest(BaseModel):
+    photo: Path
+    output: Path
+    width_px: int
+    max_pixels: int
+    colour: Json | None
+
+
+def estimate_task(arguments: Arguments, on_stage: StageListener) -> Json:
     """Estimate a meal from two files; artefacts are written to output_dir and listed in the answer.
 
-    request: left, right, output_dir (paths), options (estimate_json), max_pixels.
+    options: estimate_json's.
     """
-    options = options_from_json(request["options"])
-    output = Path(request["output_dir"])
+    request = _EstimateRequest.model_validate(arguments)
     answer, estimate = run_estimate(
-        Path(request["left"]),
-        Path(request["right"]),
-        options,
-        max_pixels=int(request["max_pixels"]),
+        request.left,
+        request.right,
+        options_from_json(request.options),
+        max_pixels=request.max_pixels,
         on_stage=on_stage,
         want_artefacts=True,
     )
-    listed = []
+    answer.artefacts = []
     for artefact in estimate.artefacts if estimate is not None else ():
-        (output / artefact.name).write_bytes(artefact.content)
-        listed.append(
-            {
-                "name": artefact.name,
-                "media_type": artefact.media_type,
-                "bytes": len(artefact.content),
-                "sha256": hashlib.sha256(artefact.content).hexdigest(),
-            }
+        (request.output_dir / artefact.name).write_bytes(artefact.content)
+        answer.artefacts.append(
+            ArtefactAnswer(
+                name=artefact.name,
+                media_type=artefact.media_type,
+                bytes=len(artefact.content),
+                sha256=hashlib.sha256(artefact.content).hexdigest(),
+            )
         )
-    return answer | {"artefacts": listed}
+    return answer.as_json()
 
 
 def run_estimate(
@@ -64,8 +103,8 @@ def run_estimate(
     max_pixels: int,
     on_stage: StageListener,
     want_artefacts: bool,
-) -> tuple[dict[str, Any], MealEstimate | None]:
-    """Read both photographs and run the pipeline: the answer as JSON, and the estimate unless reading failed.
+) -> tuple[RunAnswer, MealEstimate | None]:
+    """Read both photographs and run the pipeline: the answer, and the estimate unless reading failed.
 
     Raises OSError if a file cannot be read.
     """
@@ -76,13 +115,14 @@ def run_estimate(
         photo = read_photo(path.read_bytes(), max_pixels=max_pixels)
         if isinstance(photo, Failure):
             failure = Failure(photo.code, f"The {side} photograph: {photo.message}", photo.advice)
-            return _unread(failure, options, time.perf_counter() - started), None
+            stages = {"read": time.perf_counter() - started}
+            return answer_of(MealEstimate(options.method, PIPELINE_VERSION, stages, failure=failure), options), None
         photos.append(photo)
     read_seconds = time.perf_counter() - started
     estimate = estimate_meal(PhotoPair(*photos), options, on_stage=on_stage, want_artefacts=want_artefacts)
-    answer = estimate_to_json(estimate, options)
-    answer["stages"] = {"read": round(read_seconds, 4), **answer["stages"]}
-    answer["seconds"] = round(time.perf_counter() - started, 4)
+    answer = answer_of(estimate, options)
+    answer.stages = {"read": round(read_seconds, 4), **answer.stages}
+    answer.seconds = round(time.perf_counter() - started, 4)
     if want_artefacts:
         estimate = replace(estimate, artefacts=[*estimate.artefacts, *_thumbnails(photos, estimate)])
     return answer, estimate
@@ -97,59 +137,50 @@ def _thumbnails(photos: Sequence[Photo], estimate: MealEstimate) -> list[Artefac
     ]
 
 
-def _unread(failure: Failure, options: EstimateOptions, seconds: float) -> dict[str, Any]:
-    """The answer where a photograph could not be read: the pipeline never began."""
-    answer = estimate_to_json(
-        MealEstimate(method=options.method, pipeline_version=PIPELINE_VERSION, stages={"read": seconds}), options
-    )
-    return answer | {"failure": failure_to_json(failure)}
-
-
-def check_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]:
-    """Judge a pair before it is sent.
-
-    request: left, right (paths), marker, camera (estimate_json) or null, max_pixels.
-    """
-    read = [
+def check_task(arguments: Arguments, _: StageListener) -> Json:
+    """Judge a pair before it is sent."""
+    request = _CheckRequest.model_validate(arguments)
+    left, right = (
         read_reduced_photo(
-            Path(request[side]).read_bytes(),
-            max_pixels=int(request["max_pixels"]),
+            path.read_bytes(),
+            max_pixels=request.max_pixels,
             least_long_side_px=precheck.LEAST_LONG_SIDE_PX,
         )
-        for side in ("left", "right")
-    ]
-    options = options_from_json({"marker": request["marker"], "camera": request["camera"]})
-    found = precheck.check_pair(read[0], read[1], options.marker, options.camera)
+        for path in (request.left, request.right)
+    )
+    options = options_from_json({"marker": request.marker, "camera": request.camera})
+    judged = precheck.check_pair(left, right, options.marker, options.camera)
     return {
-        "ok": found.is_ok,
-        "problems": [{"code": one.code, "severity": one.severity, "side": one.side} for one in found.problems],
-        "measures": dict(found.measures),
+        "ok": judged.is_ok,
+        "problems": [{"code": each.code, "severity": each.severity, "side": each.side} for each in judged.problems],
+        "measures": dict(judged.measures),
     }
 
 
-def whole_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]:
-    """Whether a JPEG gives all of its pixels. request: photo (path)."""
-    failure = why_not_whole(Path(request["photo"]).read_bytes())
+def whole_task(arguments: Arguments, _: StageListener) -> Json:
+    """Whether a JPEG gives all of its pixels."""
+    failure = why_not_whole(_WholeRequest.model_validate(arguments).photo.read_bytes())
     return {"failure": failure_to_json(failure) if failure is not None else None}
 
 
-def calibrate_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]:
-    """A camera from photographs of a board. request: photos (paths), marker, max_pixels."""
-    photos = _PhotosOnDisk([Path(path) for path in request["photos"]], int(request["max_pixels"]))
+def calibrate_task(arguments: Arguments, _: StageListener) -> Json:
+    """A camera from photographs of a board."""
+    request = _CalibrateRequest.model_validate(arguments)
+    photos = _PhotosOnDisk(request.photos, request.max_pixels)
     try:
-        found = calibrate(photos, options_from_json({"marker": request["marker"]}).marker)
+        fit = calibrate(photos, parse_marker(request.marker))
     except _UnreadablePhotoError as error:
         return {"failure": failure_to_json(error.failure), "photo": error.index}
-    if isinstance(found, Failure):
-        return {"failure": failure_to_json(found), "photo": None}
+    if isinstance(fit, Failure):
+        return {"failure": failure_to_json(fit), "photo": None}
     return {
         "failure": None,
-        "camera": camera_to_json(found.camera),
-        "rms_px": found.rms_px,
-        "reach": found.reach,
+        "camera": camera_to_json(fit.camera),
+        "rms_px": fit.rms_px,
+        "reach": fit.reach,
         "model": photos[0].model,
-        "used": list(found.used),
-        "left_out": [{"photo": one.index, **failure_to_json(one.failure)} for one in found.rejected],
+        "used": list(fit.used),
+        "left_out": [{"photo": each.index, **failure_to_json(each.failure)} for each in fit.rejected],
     }
 
 
@@ -191,22 +222,19 @@ class _PhotosOnDisk(Sequence[Photo]):
         return self._held[index]
 
 
-def picture_task(request: Mapping[str, Any], _: StageListener) -> dict[str, Any]:
-    """A photograph as an upright JPEG without metadata.
-
-    request: photo, output (paths), width_px at most, max_pixels, colour (estimate_json) or null: as taken.
-    """
-    width_px = int(request["width_px"])
+def picture_task(arguments: Arguments, _: StageListener) -> Json:
+    """A photograph as an upright JPEG without metadata. width_px: at most. colour: estimate_json's; None: as taken."""
+    request = _PictureRequest.model_validate(arguments)
     read = read_reduced_photo(
-        Path(request["photo"]).read_bytes(),
-        max_pixels=int(request["max_pixels"]),
-        least_long_side_px=2 * width_px,  # so that even the short side of most is at least as wide as the picture
+        request.photo.read_bytes(),
+        max_pixels=request.max_pixels,
+        least_long_side_px=2 * request.width_px,  # so that even the short side of most is as wide as the picture
     )
     if isinstance(read, Failure):
         return {"failure": failure_to_json(read)}
-    colour = colour_from_json(request["colour"]) if request["colour"] is not None else None
-    content, height, width = _jpeg(read.photo.pixels_bgr, width_px, colour)
-    Path(request["output"]).write_bytes(content)
+    colour = colour_from_json(request.colour) if request.colour is not None else None
+    content, height, width = _jpeg(read.photo.pixels_bgr, request.width_px, colour)
+    request.output.write_bytes(content)
     return {"failure": None, "width": width, "height": height}
 
 
@@ -222,7 +250,7 @@ def _jpeg(pixels_bgr: ImageArray, width_px: int, colour: ColourCorrection | None
     return encoded.tobytes(), int(pixels_bgr.shape[0]), int(pixels_bgr.shape[1])
 
 
-TASKS: Mapping[str, Callable[[Mapping[str, Any], StageListener], dict[str, Any]]] = {
+TASKS: Mapping[str, Callable[[Arguments, StageListener], Json]] = {
     "estimate": estimate_task,
     "check": check_task,
     "whole": whole_task,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from app.candidates.vcm_json import vcm_to_json
+from app.candidates.vcm_json import vcm_answer
 from app.core.errors import Failure
 from app.estimates.estimate_json import colour_from_json, failure_to_json
 from app.vision.board.colour_correction import measure_colour
@@ -38,7 +38,7 @@ def describe_task(request: Mapping[str, Any], _: Callable[[str], None]) -> dict[
             colour = measured[asked["marker"]]
         rings = [np.asarray(ring, np.float64) for ring in asked["rings"]]
         vector = describe_rings(photo.pixels_bgr, rings, colour)
-        vcms.append(vcm_to_json(vector) if vector is not None else None)
+        vcms.append(vcm_answer(vector).as_json() if vector is not None else None)
     return {"failure": None, "vcms": vcms}
 
 

@@ -8,7 +8,7 @@ from typing import Any, get_args
 from app.candidates.identify_photo import identify_items
 from app.core.errors import InvalidInputError
 from app.estimates.child_tasks import run_estimate
-from app.estimates.estimate_json import FormsOfFood, hint_from_json, options_from_json, with_forms
+from app.estimates.estimate_json import hint_from_json, options_from_json, with_forms
 from app.foods.food_amounts import amounts_of
 from app.nutrition.foods import FOOD_FORMS, load_starter_table
 from app.vision.model import EstimateOptions, Method
@@ -53,9 +53,9 @@ def estimate_files(
     unknown = sorted({hint.food for hint in options.hints if hint.food and hint.food not in table})
     if unknown:
         raise InvalidInputError(f"The food table has no {', '.join(unknown)}: see `tada foods search`.")
-    options = with_forms(options, {key: FormsOfFood(food.form, food.slice_form) for key, food in table.items()})
+    options = with_forms(options, table)
     try:
-        answer, estimate = run_estimate(
+        found, estimate = run_estimate(
             left,
             right,
             options,
@@ -69,6 +69,7 @@ def estimate_files(
         debug.mkdir(parents=True, exist_ok=True)
         for artefact in estimate.artefacts:
             (debug / artefact.name).write_bytes(artefact.content)
+    answer: dict[str, Any] = found.as_json()
     identify_items(answer["items"])
     for item in answer["items"]:
         hint = options.hints[item["hint"]] if item["hint"] is not None else None

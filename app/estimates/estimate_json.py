@@ -1,31 +1,48 @@
 """The pipeline's options and answer as JSON: to and from the child process, in the store, on the command line."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from typing import Any, Protocol
 
 import numpy as np
+from pydantic import TypeAdapter
 
-from app.candidates.vcm_json import vcm_to_json
+from app.candidates.vcm_json import vcm_answer
 from app.core.errors import Failure
 from app.estimates.camera_json import camera_to_json
+from app.meals.run_answer import ItemAnswer, Json, RunAnswer
+from app.nutrition.foods import FOOD_FORMS, SLICE_FORMS
 from app.records.outline_json import rings_of
 from app.vision.intrinsics import camera_from_mapping
 from app.vision.marker_spec import parse_marker
-from app.vision.model import ColourCorrection, EstimateOptions, Hint, ItemEstimate, ItemTraits, MealEstimate
+from app.vision.model import (
+    ColourCorrection,
+    EstimateOptions,
+    Hint,
+    ItemEstimate,
+    ItemTraits,
+    MealEstimate,
+)
 from app.vision.vessel_library import vessel_to_json, vessels_from_json
 
 MATRIX_DECIMALS = 5
+JSON: TypeAdapter[Json] = TypeAdapter(Json)
+HINT = TypeAdapter(Hint)
 
 
-class FormsOfFood(NamedTuple):
-    """What the food table says of a food's form; see Hint."""
+class FormedFood(Protocol):
+    """What a food table says of a food's form; see Hint."""
 
-    usual_form: Any
-    slice_form: Any
+    @property
+    def form(self) -> str:
+        """How it usually lies."""
+
+    @property
+    def slice_form(self) -> str | None:
+        """How its slices are fitted by the paper's method."""
 
 
-def options_to_json(options: EstimateOptions) -> dict[str, Any]:
+def options_to_json(options: EstimateOptions) -> Json:
     """EstimateOptions as JSON."""
     return {
         "marker": str(options.marker),
@@ -51,56 +68,41 @@ def options_from_json(value: Mapping[str, Any]) -> EstimateOptions:
     )
 
 
-def hint_to_json(hint: Hint) -> dict[str, Any]:
+def hint_to_json(hint: Hint) -> Json:
     """A hint without its empty fields."""
-    fields: dict[str, Any] = {
-        "point": hint.point,
-        "box": hint.box,
-        "polygon": hint.polygon,
-        "food": hint.food,
-        "lies_as": hint.lies_as,
-        "form": hint.form,
-        "usual_form": hint.usual_form,
-        "vessel": hint.vessel,
-        "slice_form": hint.slice_form,
-    }
-    return {name: value for name, value in fields.items() if value is not None}
+    return {name: value for name, value in asdict(hint).items() if value is not None}
 
 
 def hint_from_json(value: Mapping[str, Any]) -> Hint:
-    """The reverse of hint_to_json; lists become tuples."""
-    return Hint(
-        point=_tuple(value.get("point")),
-        box=_tuple(value.get("box")),
-        polygon=_polygon(value["polygon"]) if value.get("polygon") is not None else None,
-        food=value.get("food"),
-        lies_as=value.get("lies_as"),
-        form=value.get("form"),
-        usual_form=value.get("usual_form"),
-        vessel=value.get("vessel"),
-        slice_form=value.get("slice_form"),
+    """The reverse of hint_to_json; an outline may also be one ring. Raises ValueError, TypeError."""
+    polygon = value.get("polygon")
+    return HINT.validate_python({**value, "polygon": rings_of(polygon) if polygon is not None else None})
+
+
+def estimate_to_json(estimate: MealEstimate, options: EstimateOptions) -> Json:
+    """A MealEstimate as JSON, without its artefacts. Keys: see docs/cli.md, `tada estimate --json`."""
+    return answer_of(estimate, options).as_json()
+
+
+def answer_of(estimate: MealEstimate, options: EstimateOptions) -> RunAnswer:
+    """A MealEstimate without its artefacts."""
+    views, colours = estimate.views, estimate.colours
+    return RunAnswer(
+        items=[_item(item) for item in estimate.items],
+        failure=estimate.failure,
+        marker=str(options.marker),
+        camera=camera_to_json(views[0].camera) if views is not None else None,
+        camera_right=camera_to_json(views[1].camera) if views is not None else None,
+        colour={"left": colour_to_json(colours[0]), "right": colour_to_json(colours[1])} if colours else None,
+        stages={name: round(seconds, 4) for name, seconds in estimate.stages.items()},
+        seconds=round(sum(estimate.stages.values()), 4),
+        method=estimate.method,
+        pipeline_version=estimate.pipeline_version,
+        parameters=JSON.validate_python(dict(estimate.parameters)),
     )
 
 
-def estimate_to_json(estimate: MealEstimate, options: EstimateOptions) -> dict[str, Any]:
-    """A MealEstimate as JSON, without its artefacts. Keys: see docs/cli.md, `tada estimate --json`."""
-    failure, views, colours = estimate.failure, estimate.views, estimate.colours
-    return {
-        "items": [_item(item) for item in estimate.items],
-        "failure": failure_to_json(failure) if failure is not None else None,
-        "marker": str(options.marker),
-        "camera": camera_to_json(views[0].camera) if views is not None else None,
-        "camera_right": camera_to_json(views[1].camera) if views is not None else None,
-        "colour": {"left": colour_to_json(colours[0]), "right": colour_to_json(colours[1])} if colours else None,
-        "stages": {name: round(seconds, 4) for name, seconds in estimate.stages.items()},
-        "seconds": round(sum(estimate.stages.values()), 4),
-        "method": estimate.method,
-        "pipeline_version": estimate.pipeline_version,
-        "parameters": dict(estimate.parameters),
-    }
-
-
-def colour_to_json(colour: ColourCorrection) -> dict[str, Any]:
+def colour_to_json(colour: ColourCorrection) -> Json:
     """A photograph's colour correction."""
     return {
         "kind": colour.kind,
@@ -122,48 +124,43 @@ def colour_from_json(value: Mapping[str, Any]) -> ColourCorrection:
     )
 
 
-def failure_to_json(failure: Failure) -> dict[str, str]:
+def failure_to_json(failure: Failure) -> Json:
     """A failure as JSON."""
     return {"code": failure.code, "message": failure.message, "advice": failure.advice}
 
 
-def with_forms(options: EstimateOptions, forms: Mapping[str, FormsOfFood]) -> EstimateOptions:
-    """Options whose hints know how their food usually lies and how its slices are fitted. forms: by the food's key."""
-    known = [(hint, forms.get(hint.food) if hint.food else None) for hint in options.hints]
-    hints = tuple(
-        hint if of_food is None else replace(hint, usual_form=of_food.usual_form, slice_form=of_food.slice_form)
-        for hint, of_food in known
-    )
-    return replace(options, hints=hints)
+def with_forms(options: EstimateOptions, foods: Mapping[str, FormedFood]) -> EstimateOptions:
+    """Options whose hints know how their food usually lies and how its slices are fitted. foods: by key."""
+    return replace(options, hints=tuple(_with_form(hint, foods.get(hint.food or "")) for hint in options.hints))
 
 
-def _polygon(value: Sequence[Any]) -> tuple[tuple[tuple[float, float], ...], ...]:
-    return tuple(tuple((float(x), float(y)) for x, y in ring) for ring in rings_of(value))
+def _with_form(hint: Hint, food: FormedFood | None) -> Hint:
+    if food is None:
+        return hint
+    usual_form = next((form for form in FOOD_FORMS if form == food.form), None)
+    slice_form = next((form for form in SLICE_FORMS if form == food.slice_form), None)
+    return replace(hint, usual_form=usual_form, slice_form=slice_form)
 
 
-def _item(item: ItemEstimate) -> dict[str, Any]:
+def _item(item: ItemEstimate) -> ItemAnswer:
     rings = [ring.tolist() for ring in item.rings]
     volume_ml, interval_ml = item.volume_ml, item.volume_interval_ml
-    return {
-        "polygon": rings[0] if len(rings) == 1 else rings,
-        "volume_ml": round(volume_ml, 3) if volume_ml is not None else None,
-        "volume_interval_ml": [round(bound, 3) for bound in interval_ml] if interval_ml is not None else None,
-        "relative_sd": {part: round(sd, 5) for part, sd in item.relative_sd.items()},
-        "candidates": [],
-        "hint": item.hint,
-        "flags": list(item.flags),
-        "traits": _traits(item.traits),
-        "vcm": vcm_to_json(item.vcm) if item.vcm is not None else None,
-    }
+    return ItemAnswer(
+        polygon=rings[0] if len(rings) == 1 else rings,
+        volume_ml=round(volume_ml, 3) if volume_ml is not None else None,
+        volume_interval_ml=[round(bound, 3) for bound in interval_ml] if interval_ml is not None else None,
+        relative_sd={part: round(sd, 5) for part, sd in item.relative_sd.items()},
+        candidates=[],
+        hint=item.hint,
+        flags=list(item.flags),
+        traits=_traits(item.traits),
+        vcm=vcm_answer(item.vcm) if item.vcm is not None else None,
+    )
 
 
-def _traits(traits: ItemTraits) -> dict[str, Any]:
+def _traits(traits: ItemTraits) -> Json:
     return {
         "centre_mm": [round(each, 1) for each in traits.centre_mm] if traits.centre_mm is not None else None,
         "radius_mm": round(traits.radius_mm, 1) if traits.radius_mm is not None else None,
         "lab": [round(each, 1) for each in traits.lab] if traits.lab is not None else None,
     }
-
-
-def _tuple(value: Sequence[float] | None) -> Any:
-    return tuple(float(number) for number in value) if value is not None else None

@@ -4,7 +4,6 @@ Used by jobs/job_runner.py, which calls `compute`, then `load`, and `save` in th
 """
 
 import hashlib
-import json
 import tempfile
 import uuid
 from collections.abc import Callable, Mapping, Sequence
@@ -26,20 +25,19 @@ from app.core.settings import Settings
 from app.db.session import Database
 from app.estimates.camera_choice import choose_camera
 from app.estimates.estimate_json import (
-    FormsOfFood,
-    estimate_to_json,
+    answer_of,
     options_from_json,
     options_to_json,
     with_forms,
 )
 from app.estimates.save_estimate import save_estimate
 from app.foods import queries as foods
-from app.foods.models import Food
 from app.identification.food_index import FoodIndex, shipped_index
 from app.meals import queries as meals
 from app.meals.job_models import Job
 from app.meals.models import AFTER_SLOTS, SLOTS, Meal, MealImage
 from app.meals.receive_photo import sha256_of_file
+from app.meals.run_answer import RunAnswer
 from app.metrics import instruments
 from app.people.models import Study
 from app.privacy import queries as privacy
@@ -72,7 +70,7 @@ class SealedAnswer:
     """A pipeline's answer as it lies in the store, and its key there."""
 
     key: str
-    answer: Mapping[str, Any]
+    answer: RunAnswer
 
 
 class EstimateMeal:
@@ -122,29 +120,29 @@ class EstimateMeal:
             paths = {side: self._fetch(images[slot], folder) for side, slot in zip(SLOTS, pair, strict=True)}
             answer = self._estimate(job, paths, options, folder, is_alone=is_alone)
             chosen.note_in(answer)
-            library.note_in(answer)
+            library.note_in(answer.parameters)
             if regions is not None:  # whose each hint is: by the time it is saved, the meal may stand otherwise
-                answer["regions"] = [str(item_id) for item_id in regions.items]
+                answer.regions = list(regions.items)
             if job.purpose != "after":  # pieces that were left are of the foods that were served
                 self._identify.add_candidates(meal, answer)
-            for artefact in answer["artefacts"]:
-                artefact["blob_key"] = f"{prefix}/{artefact['name']}/{artefact['sha256']}"
-                self._blobs.put_file(artefact["blob_key"], folder / artefact["name"])
-        result = json.dumps(answer).encode()
+            for artefact in answer.artefacts:
+                artefact.blob_key = f"{prefix}/{artefact.name}/{artefact.sha256}"
+                self._blobs.put_file(artefact.blob_key, folder / artefact.name)
+        result = answer.write()
         result_key = f"{prefix}/result.json/{hashlib.sha256(result).hexdigest()}"
         self._blobs.put_bytes(result_key, result)
-        self._leave_nothing_of_erased(meal.id, [result_key, *(one["blob_key"] for one in answer["artefacts"])])
+        self._leave_nothing_of_erased(meal.id, [result_key, *(artefact.blob_key for artefact in answer.artefacts)])
         return result_key
 
     def load(self, result_key: str) -> SealedAnswer:
         """The sealed answer, from the store."""
-        return SealedAnswer(result_key, json.loads(self._blobs.read(result_key)))
+        return SealedAnswer(result_key, RunAnswer.read(self._blobs.read(result_key)))
 
     def save(self, session: Session, job_id: uuid.UUID, result: SealedAnswer) -> None:
         """Write run, items and records in the given transaction."""
         save_estimate(session, job_id, result.answer, result.key)
-        if result.answer["failure"]:
-            tell(outcome=result.answer["failure"]["code"])
+        if result.answer.failure is not None:
+            tell(outcome=result.answer.failure.code)
         log.info("estimate_saved", result_key=result.key)  # it begins with the study's and the meal's id
 
     def abandon(self, job_id: uuid.UUID) -> None:
@@ -171,8 +169,7 @@ class EstimateMeal:
         details = meal.details
         options = options_from_json({"marker": details["marker"] or study.marker, "hints": hints})
         keys = {hint.food for hint in options.hints if hint.food}
-        known: Mapping[str, Food] = foods.foods_by_key(session, keys) if keys else {}
-        return with_forms(options, {key: FormsOfFood(food.form, food.slice_form) for key, food in known.items()})
+        return with_forms(options, foods.foods_by_key(session, keys) if keys else {})
 
     def _fetch(self, image: MealImage, folder: Path) -> Path:
         if image.erased_at is not None:
@@ -196,7 +193,7 @@ class EstimateMeal:
 
     def _estimate(
         self, job: Job, paths: Mapping[str, Path], options: EstimateOptions, folder: Path, *, is_alone: bool
-    ) -> dict[str, Any]:
+    ) -> RunAnswer:
         request = ChildRequest(
             task="estimate",
             arguments={
@@ -214,15 +211,16 @@ class EstimateMeal:
         except ChildCancelledError:
             raise JobFailure(CANCELLED) from None
         if done.failure is None:
-            _note_times(done.result)
-            return dict(done.result)
+            answer = RunAnswer.model_validate(done.result)
+            _note_times(answer)
+            return answer
         log.error("estimate_ended_badly", meal_id=str(job.meal_id), outcome=done.outcome, message=done.message)
         if done.errno is not None:  # a full disk is no mistake of the program: faults.py tells which of these pass
             raise OSError(done.errno, done.message)
         if done.is_passing:
             raise BrokenOff(done.failure)
         ended = MealEstimate(method=options.method, pipeline_version=PIPELINE_VERSION, stages={}, failure=done.failure)
-        return estimate_to_json(ended, options) | {"artefacts": []}
+        return answer_of(ended, options)
 
     def _tell_stage(self, job: Job, stage: str) -> None:
         """Progress of the meal's own pair for the phone; an estimate does not fail because it could not be told."""
@@ -249,9 +247,9 @@ def _camera_told(job: Job, meal: Meal) -> Mapping[str, Any] | None:
     return told
 
 
-def _note_times(answer: Mapping[str, Any]) -> None:
+def _note_times(answer: RunAnswer) -> None:
     """What the steps of the pipeline took, into the figures and the log."""
-    for stage, seconds in answer["stages"].items():
+    for stage, seconds in answer.stages.items():
         instruments.STAGES.labels(stage if stage in STAGES else "other").observe(seconds)
-    instruments.ESTIMATE_SECONDS.observe(answer["seconds"])
-    log.info("estimate_computed", seconds=round(answer["seconds"], 2))
+    instruments.ESTIMATE_SECONDS.observe(answer.seconds)
+    log.info("estimate_computed", seconds=round(answer.seconds, 2))

@@ -18,6 +18,7 @@ from app.meals.job_models import Job
 from app.meals.meal_parts import FROM_HINT
 from app.meals.models import Meal
 from app.meals.record_models import Item, ItemCandidate, ItemFood, Run, RunArtefact
+from app.meals.run_answer import ItemAnswer, RunAnswer
 from app.records.item_foods import item_food, weighing_for
 from app.records.outline_json import rings_of
 from app.records.project_records import project_meal
@@ -27,37 +28,37 @@ ITEM_NAMESPACE = uuid.UUID("3f2ad0a5-93ce-4f0f-8f39-4f1f1d1b7f6e")  # drawn once
 NOTHING_THERE = "no_food_found"  # of the after-meal pair that is an answer: the plate is empty
 
 
-def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any], result_key: str) -> None:
-    """Write what a run found. answer: estimate_json's, with artefacts and their blob keys."""
+def save_estimate(session: Session, job_id: uuid.UUID, answer: RunAnswer, result_key: str) -> None:
+    """Write what a run found. answer: with the blob keys of its artefacts."""
     job = session.get_one(Job, job_id)
     if session.get(Run, job_id) is not None:
         return  # saved before: the job ran again after its worker died between commit and report
     meal = meals.lock_meal(session, job.meal_id)
     if meal is None:
         return  # the meal went while it was estimated: nothing of it may come back
-    now, failure = datetime.now(UTC), answer["failure"]
+    now, failure = datetime.now(UTC), answer.failure
     session.add(
         Run(
             id=job_id,
             meal_id=meal.id,
             purpose=job.purpose,
-            method=answer["method"],
-            pipeline_version=answer["pipeline_version"],
-            marker=answer["marker"],
-            camera={"left": answer["camera"], "right": answer["camera_right"]} if answer["camera"] else None,
-            parameters=answer["parameters"],
-            colour=answer.get("colour"),  # computed before an upgrade, saved after it
-            stages=answer["stages"],
-            seconds=answer["seconds"],
+            method=answer.method,
+            pipeline_version=answer.pipeline_version,
+            marker=answer.marker,
+            camera={"left": answer.camera, "right": answer.camera_right} if answer.camera else None,
+            parameters=answer.parameters,
+            colour=answer.colour,
+            stages=answer.stages,
+            seconds=answer.seconds,
             food_releases=[f"{release.name} {release.version}" for release in foods.releases_in_force(session)],
-            failure_code=failure["code"] if failure else None,
-            failure_message=failure["message"] if failure else None,
+            failure_code=failure.code if failure is not None else None,
+            failure_message=failure.message if failure is not None else None,
             result_key=result_key,
             created_at=now,
         )
     )
     session.flush()
-    session.add_all(RunArtefact(run_id=job_id, **artefact) for artefact in answer["artefacts"])
+    session.add_all(RunArtefact(run_id=job_id, **artefact.model_dump()) for artefact in answer.artefacts)
     if job.purpose == "remeasure":
         save_measures(session, job, meal, answer)
     elif job.purpose == "after":
@@ -67,56 +68,53 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: Mapping[str, Any]
     project_meal(session, meal)
 
 
-def item_row(
-    meal_id: uuid.UUID, run_id: uuid.UUID, position: int, found: Mapping[str, Any], origin: str = "pipeline"
-) -> Item:
+def item_row(meal_id: uuid.UUID, run_id: uuid.UUID, position: int, found: ItemAnswer, origin: str = "pipeline") -> Item:
     """An item of the answer as a row; its id follows from run and position, so building it again gives the same."""
-    low_ml, high_ml = found["volume_interval_ml"] or (None, None)
+    low_ml, high_ml = found.interval_ml
     return Item(
         id=uuid.uuid5(ITEM_NAMESPACE, f"{run_id}/{position}"),
         meal_id=meal_id,
         run_id=run_id,
         origin=origin,
         position=position,
-        rings=rings_of(found["polygon"]),
-        volume_ml=found["volume_ml"],
+        rings=rings_of(found.polygon),
+        volume_ml=found.volume_ml,
         volume_low_ml=low_ml,
         volume_high_ml=high_ml,
-        relative_sd=found["relative_sd"],
-        flags=found["flags"],
-        traits=found.get("traits", {}),  # computed before an upgrade, saved after it
+        relative_sd=found.relative_sd,
+        flags=found.flags,
+        traits=found.traits,
     )
 
 
-def _save_meal(session: Session, meal: Meal, run_id: uuid.UUID, answer: Mapping[str, Any]) -> None:
+def _save_meal(session: Session, meal: Meal, run_id: uuid.UUID, answer: RunAnswer) -> None:
     """What was found in the meal's own pair: its items, what the hints say they are, else what the index is sure of."""
-    failure = answer["failure"]
-    items = [item_row(meal.id, run_id, position, found) for position, found in enumerate(answer["items"])]
+    failure = answer.failure
+    items = [item_row(meal.id, run_id, position, found) for position, found in enumerate(answer.items)]
     hints = _answered(answer, meal.details["hints"])
     _save_items(session, meal, items, hints)
-    likely = save_candidates(session, run_id, list(zip(items, answer["items"], strict=True)))
+    likely = save_candidates(session, run_id, list(zip(items, answer.items, strict=True)))
     for item, hint, food in zip(items, hints, likely, strict=True):
         row = _taken_for(session, meal, item, food, hint.get("lies_as")) if "food" not in hint else None
         if row is not None:
             session.add(row)
-    if failure:
-        meal.failure_code, meal.failure_message = failure["code"], failure["message"]
-        meal.failure_advice = failure.get("advice", "")
+    if failure is not None:
+        meal.failure_code, meal.failure_message, meal.failure_advice = failure.code, failure.message, failure.advice
     meal.stage = None
 
 
-def _save_after(session: Session, meal: Meal, run_id: uuid.UUID, answer: Mapping[str, Any]) -> None:
+def _save_after(session: Session, meal: Meal, run_id: uuid.UUID, answer: RunAnswer) -> None:
     """What was found in the after-meal pair. What it is of which item is matched when the meal is projected."""
-    failure = answer["failure"]
-    items = [item_row(meal.id, run_id, position, found, "after") for position, found in enumerate(answer["items"])]
+    failure = answer.failure
+    items = [item_row(meal.id, run_id, position, found, "after") for position, found in enumerate(answer.items)]
     hints = _answered(answer, after_hints(meal))
     for item, hint in zip(items, hints, strict=True):
         item.traits = item.traits | {"told": {key: hint[key] for key in ("item", "class") if key in hint}}
     _save_items(session, meal, items, hints)
-    if failure and (failure["code"] != NOTHING_THERE or after_hints(meal)):
+    if failure is not None and (failure.code != NOTHING_THERE or after_hints(meal)):
         meal.after_status = "failed"
-        meal.after_failure_code, meal.after_failure_message = failure["code"], failure["message"]
-        meal.after_failure_advice = failure.get("advice", "")
+        meal.after_failure_code, meal.after_failure_message = failure.code, failure.message
+        meal.after_failure_advice = failure.advice
         return
     meal.after_status, meal.after_due_at = "estimated", None
     meal.after_failure_code = meal.after_failure_message = meal.after_failure_advice = None
@@ -127,9 +125,9 @@ def after_hints(meal: Meal) -> list[Mapping[str, Any]]:
     return list((meal.after_details or {}).get("hints", ()))
 
 
-def _answered(answer: Mapping[str, Any], hints: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+def _answered(answer: RunAnswer, hints: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """The hint that each item answers, empty where it answers none."""
-    return [hints[found["hint"]] if found["hint"] is not None else {} for found in answer["items"]]
+    return [hints[item.hint] if item.hint is not None else {} for item in answer.items]
 
 
 def _save_items(session: Session, meal: Meal, items: Sequence[Item], hints: Sequence[Mapping[str, Any]]) -> None:

@@ -18,7 +18,6 @@ from sqlalchemy.orm import Session
 
 from app.candidates import vector_queries as vectors
 from app.candidates.models import ItemIdentification
-from app.candidates.vcm_json import vcm_from_json
 from app.candidates.vector_queries import DESCRIBED_SLOT, SeenRegion
 from app.children.child_pool import ChildPool, ChildRequest, ChildStartError
 from app.core.errors import UnavailableError
@@ -28,6 +27,7 @@ from app.meals import queries as meals
 from app.meals.meal_parts import parts_of
 from app.meals.models import MealImage
 from app.meals.receive_photo import sha256_of_file
+from app.meals.run_answer import VcmAnswer
 from app.people import queries as people
 from app.people.studies import known_study
 from app.records.project_records import Projector, write_records
@@ -131,7 +131,7 @@ def _vectors(
     if ended.outcome != "ok" or ended.result["failure"] is not None:
         log.error("regions_not_described", outcome=ended.outcome, message=ended.message.partition(":")[0])
         return [None] * len(regions)
-    return [vcm_from_json(one).vector if one is not None else None for one in ended.result["vcms"]]
+    return [VcmAnswer.model_validate(one).vector if one is not None else None for one in ended.result["vcms"]]
 
 
 def _write(

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pydantic import JsonValue
 from sqlalchemy.orm import Session
 
 from app.core.errors import InvalidInputError
@@ -35,11 +36,10 @@ class VesselsOfMeal:
             for hint in hints
         ]
 
-    def note_in(self, answer: dict[str, Any]) -> None:
-        """Write into a run's answer which vessels in which versions it was given: `parameters.vessels`."""
+    def note_in(self, parameters: dict[str, JsonValue]) -> None:
+        """Write into a run's parameters which vessels in which versions it was given: `parameters.vessels`."""
         if self.views:
-            given = {view.vessel.name: view.vessel.version for view in self.views}
-            answer["parameters"] = {**answer["parameters"], "vessels": given}
+            parameters["vessels"] = {view.vessel.name: view.vessel.version for view in self.views}
 
 
 def vessels_of_meal(session: Session, study_id: uuid.UUID, hints: Hints) -> VesselsOfMeal:

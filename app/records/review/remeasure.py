@@ -20,6 +20,7 @@ from app.meals.job_models import Job
 from app.meals.meal_parts import MealParts, parts_of
 from app.meals.models import Meal
 from app.meals.record_models import Item, ItemMeasure
+from app.meals.run_answer import ItemAnswer, RunAnswer
 from app.records.item_foods import item_food, weighing_for
 from app.records.outline_json import rings_of
 
@@ -58,17 +59,16 @@ def regions_to_measure(session: Session, job: Job, meal: Meal) -> Regions:
     return Regions(tuple(hints), tuple(items))
 
 
-def save_measures(session: Session, job: Job, meal: Meal, answer: Mapping[str, Any]) -> None:
+def save_measures(session: Session, job: Job, meal: Meal, answer: RunAnswer) -> None:
     """Write what the run found of the regions that the job's event drew; where it found nothing, flags say so.
 
     An item that nobody has said a food of is taken for the one that its new region looks like, if the index is sure.
     """
     word = read_word(session.get_one(MealEvent, job.event_id))
-    asked = [uuid.UUID(item_id) for item_id in answer["regions"]]
-    found = {asked[item["hint"]]: item for item in answer["items"] if item["hint"] is not None and item["polygon"]}
+    found = {answer.regions[item.hint]: item for item in answer.items if item.hint is not None and item.polygon}
     drawn = [item for item in _concerned(session, word.event) if region_drawn(word, item) is not None]
     session.add_all(
-        _measure(item, word, job.id, found.get(item.id), has_failed=answer["failure"] is not None) for item in drawn
+        _measure(item, word, job.id, found.get(item.id), has_failed=answer.failure is not None) for item in drawn
     )
     seen = [(item, found[item.id]) for item in drawn if item.id in found]
     likely = save_candidates(session, job.id, seen)
@@ -105,9 +105,7 @@ def _concerned(session: Session, event: MealEvent) -> list[Item]:
     return [own] if own is not None else made
 
 
-def _measure(
-    item: Item, word: Word, run_id: uuid.UUID, found: Mapping[str, Any] | None, *, has_failed: bool
-) -> ItemMeasure:
+def _measure(item: Item, word: Word, run_id: uuid.UUID, found: ItemAnswer | None, *, has_failed: bool) -> ItemMeasure:
     region = region_drawn(word, item)
     if found is None:
         polygon = region.polygon if region is not None else None
@@ -122,17 +120,17 @@ def _measure(
             relative_sd={},
             flags=[FAILED if has_failed else NOT_MEASURABLE],
         )
-    low_ml, high_ml = found["volume_interval_ml"] or (None, None)
+    low_ml, high_ml = found.interval_ml
     return ItemMeasure(
         item_id=item.id,
         event_id=word.event.id,
         run_id=run_id,
-        rings=rings_of(found["polygon"]),
-        volume_ml=found["volume_ml"],
+        rings=rings_of(found.polygon),
+        volume_ml=found.volume_ml,
         volume_low_ml=low_ml,
         volume_high_ml=high_ml,
-        relative_sd=found["relative_sd"],
-        flags=found["flags"],
+        relative_sd=found.relative_sd,
+        flags=found.flags,
     )
 
 

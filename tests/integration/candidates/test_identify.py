@@ -20,6 +20,7 @@ from app.identification.identifier import Identifier
 from app.jobs import queries as jobs
 from app.meals.job_models import Job
 from app.meals.models import Meal
+from app.meals.run_answer import RunAnswer
 from app.people.models import Study
 from tests.estimates import answer, found_item, vcm
 from tests.integration.conftest import meal_metadata
@@ -330,9 +331,9 @@ def test_identifier_is_made_again_only_where_the_entries_have_changed(kitchen, p
     def identify():
         with state.database.read() as session:
             meal = session.scalars(sa.select(Meal).order_by(Meal.received_at.desc())).first()
-        found = {"items": [found_item(20.0, None, vcm=vcm(*looks(NEW_FOOD)[2][0]))]}
+        found = RunAnswer.model_validate(answer(found_item(20.0, None, vcm=vcm(*looks(NEW_FOOD)[2][0]))))
         service.add_candidates(meal, found)
-        return found["items"][0]["index_version"]
+        return found.items[0].index_version
 
     told = kitchen.told(phone, NEW_FOOD, looks(NEW_FOOD)[0][0])
     kitchen.serve(phone, looks(NEW_FOOD)[0][1])

@@ -60,8 +60,8 @@ def test_estimate_that_its_photographs_ended_is_not_tried_again(state, sent, out
     children = Children(ChildResult(outcome, limit="3072 MiB"))
     key = EstimateMeal(state.database, state.blobs, children, state.settings).compute(job_of(state))
     answer = EstimateMeal(state.database, state.blobs, children, state.settings).load(key).answer
-    assert answer["failure"]["code"] == code
-    assert "{limit}" not in answer["failure"]["message"]
+    assert answer.failure.code == code
+    assert "{limit}" not in answer.failure.message
 
 
 def test_disk_that_is_full_for_a_while_in_the_child_fails_no_meal(state, sent):

@@ -20,6 +20,7 @@ from app.main import create_app
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import Run, RunArtefact
+from app.meals.run_answer import RunAnswer
 from app.operations.backup.backup import backup_to_file
 from app.operations.backup.restore import restore
 from app.people.access.secret_box import open_secret_box
@@ -128,5 +129,5 @@ def estimate(state, client_id):
         ).one()
     key = stored_under(state.blobs, f"{found.meal_id}/runs/{found.id}/result.json", json.dumps(body).encode())
     with state.database.write() as session:
-        save_estimate(session, found.id, body, key)
+        save_estimate(session, found.id, RunAnswer.model_validate(body), key)
         jobs.finish_job(session.get_one(Job, found.id), datetime.now(UTC))

@@ -8,9 +8,10 @@ import sqlalchemy as sa
 from app.candidates.identify import IdentifyFoods
 from app.identification.food_index import shipped_index
 from app.meals.models import Meal
+from app.meals.run_answer import RunAnswer
 from app.people.models import Study
 from tests import estimates
-from tests.estimates import found_item, vcm
+from tests.estimates import answer, found_item, vcm
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
 from tests.photographs import pair
@@ -43,10 +44,10 @@ def learned_by(state, looks):
     def learned_by(speaker):
         with state.database.read() as session:
             meal = session.scalars(sa.select(Meal).where(Meal.client_id == uuid.UUID(speaker.meal_id))).one()
-        told = {"items": [found_item(hint=None, vcm=vcm(*looks))]}
+        told = RunAnswer.model_validate(answer(found_item(hint=None, vcm=vcm(*looks))))
         identify.add_candidates(meal, told)
-        (item,) = told["items"]
-        return item["index_version"], [one["food"] for one in item["candidates"]]
+        (item,) = told.items
+        return item.index_version, [one.food for one in item.candidates]
 
     return learned_by
 

@@ -62,7 +62,7 @@ def estimate(folder, left, right, *, marker=MARKER, point=None, **options):
     answer, _ = run_estimate(
         *paths, options_from_json(value), max_pixels=60_000_000, on_stage=lambda _: None, want_artefacts=False
     )
-    return answer
+    return answer.as_json()
 
 
 def without_board(image, share=1.0):

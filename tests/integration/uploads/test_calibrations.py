@@ -16,6 +16,7 @@ from app.estimates.estimate_meal import EstimateMeal
 from app.estimates.save_estimate import save_estimate
 from app.meals.job_models import Job
 from app.meals.models import Meal
+from app.meals.run_answer import RunAnswer
 from app.people.calibration_models import CameraCalibration
 from app.people.models import Device, Participant, Study
 from app.vision.intrinsics import camera_from_mapping
@@ -263,7 +264,7 @@ def test_meal_is_measured_with_its_phones_calibration_and_its_run_says_so(phone,
     key = use_case.compute(job.id)
     assert children.requests[0].arguments["options"]["camera"]["fx"] == 512.0
     with state.database.write() as session:
-        save_estimate(session, job.id, json.loads(state.blobs.read(key)), key)
+        save_estimate(session, job.id, RunAnswer.read(state.blobs.read(key)), key)
     run = phone.get(f"/v1/meals/{body['id']}").json()["run"]
     assert run["parameters"]["camera_from"] == "device"
     assert run["camera"]["left"]["chosen_from"] == "device"
