@@ -1,5 +1,6 @@
 """The pipeline's options and answer as JSON: to and from the child process, in the store, on the command line."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any, Protocol
@@ -26,7 +27,6 @@ from app.vision.model import (
 from app.vision.vessel_library import vessel_to_json, vessels_from_json
 
 MATRIX_DECIMALS = 5
-JSON: TypeAdapter[Json] = TypeAdapter(Json)
 HINT = TypeAdapter(Hint)
 
 
@@ -98,7 +98,7 @@ def answer_of(estimate: MealEstimate, options: EstimateOptions) -> RunAnswer:
         seconds=round(sum(estimate.stages.values()), 4),
         method=estimate.method,
         pipeline_version=estimate.pipeline_version,
-        parameters=JSON.validate_python(dict(estimate.parameters)),
+        parameters=json.loads(json.dumps(dict(estimate.parameters))),  # tuples become lists
     )
 
 
