@@ -9,17 +9,19 @@ from typing import overload
 
 import cv2
 import numpy as np
-from pydantic import BaseModel
+from pydantic import BaseModel, JsonValue
 
+from app.candidates.vcm_json import vcm_answer
 from app.core.errors import Failure
 from app.estimates.camera_json import camera_to_json
-from app.estimates.describe_task import describe_task
 from app.estimates.estimate_json import answer_of, colour_from_json, failure_to_json, options_from_json
 from app.meals.run_answer import ArtefactAnswer, Json, RunAnswer
 from app.meals.thumbnails import SIDES, THUMBNAIL_PX, thumbnail_name
 from app.vision import precheck
 from app.vision.board.calibration import calibrate
-from app.vision.board.colour_correction import apply_colour
+from app.vision.board.colour_correction import apply_colour, measure_colour
+from app.vision.board.marker import find_marker
+from app.vision.looks.vcm import describe_rings
 from app.vision.marker_spec import parse_marker
 from app.vision.model import Artefact, ColourCorrection, EstimateOptions, ImageArray, MealEstimate, Photo, PhotoPair
 from app.vision.photo import read_photo, read_reduced_photo, why_not_whole
@@ -65,6 +67,20 @@ class _PictureRequest(BaseModel):
     width_px: int
     max_pixels: int
     colour: Json | None
+
+
+class _RegionRequest(BaseModel):
+    """rings: px. colour: what the run kept of the photograph's; None: it is measured by the marker."""
+
+    rings: list[list[tuple[float, float]]]
+    colour: Json | None
+    marker: str
+
+
+class _DescribeRequest(BaseModel):
+    photo: Path
+    max_pixels: int
+    regions: list[_RegionRequest]
 
 
 def estimate_task(arguments: Arguments, on_stage: StageListener) -> Json:
@@ -236,6 +252,36 @@ def picture_task(arguments: Arguments, _: StageListener) -> Json:
     content, height, width = _jpeg(read.photo.pixels_bgr, request.width_px, colour)
     request.output.write_bytes(content)
     return {"failure": None, "width": width, "height": height}
+
+
+def describe_task(arguments: Arguments, _: StageListener) -> Json:
+    """The vectors (VCM) of regions of one photograph, in the colours that their run saw.
+
+    vcms: one of each region; None where nothing of it is in view.
+    """
+    request = _DescribeRequest.model_validate(arguments)
+    photo = read_photo(request.photo.read_bytes(), max_pixels=request.max_pixels)
+    if isinstance(photo, Failure):
+        return {"failure": failure_to_json(photo), "vcms": []}
+    measured: dict[str, ColourCorrection | None] = {}
+    vcms: list[JsonValue] = []
+    for region in request.regions:
+        if region.colour is not None:
+            colour: ColourCorrection | None = colour_from_json(region.colour)
+        else:
+            if region.marker not in measured:
+                measured[region.marker] = _colour_by_marker(photo, region.marker)
+            colour = measured[region.marker]
+        rings = [np.asarray(ring, np.float64) for ring in region.rings]
+        vector = describe_rings(photo.pixels_bgr, rings, colour)
+        vcms.append(vcm_answer(vector).as_json() if vector is not None else None)
+    return {"failure": None, "vcms": vcms}
+
+
+def _colour_by_marker(photo: Photo, marker: str) -> ColourCorrection | None:
+    """As the pipeline measures it; None where the board is not found: the pixels as they are."""
+    found = find_marker(photo, parse_marker(marker))
+    return None if isinstance(found, Failure) else measure_colour(photo, found)
 
 
 def _jpeg(pixels_bgr: ImageArray, width_px: int, colour: ColourCorrection | None) -> tuple[bytes, int, int]:
