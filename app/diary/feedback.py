@@ -32,7 +32,6 @@ from app.nutrition.intakes.reference_intakes import reference_intakes
 from app.nutrition.nutrients import NOTHING, interval_in_proportion
 from app.people.access.caller import Caller, DeviceCaller
 from app.people.models import Locale, Participant, Study
-from app.records.record_amounts import eaten_g
 
 WINDOW_DAYS = 14  # two weeks: each weekday twice
 COMPARED = ("protein_g", "fibre_g", "sodium_mg", "potassium_mg", "vitamin_c_mg")  # comparable with a reference as is
@@ -200,7 +199,7 @@ def _sum(eaten: Sequence[EffectiveRecord], column: str) -> EatenAmount:
     interval = None
     if None not in ends:
         low, high = (max(sum(end), 0.0) for end in zip(*filter(None, ends), strict=True))
-        if high > 0.0 or all(eaten_g(record) == NOTHING for _, record in known):
+        if high > 0.0 or all(record.eaten_g == NOTHING for _, record in known):
             interval = (low, high)  # else: 0 by the table of what was eaten, where the doubt of grams says nothing
     coverage = None
     if all(record.consumed_g is not None for record in eaten):
@@ -216,7 +215,7 @@ def _positive_g(record: EffectiveRecord) -> float:
 
 def _ends(amount: float, record: EffectiveRecord) -> tuple[float, float] | None:
     """The amount at the ends of the grams' interval; of a food that has none of it, 0: it adds nothing to a sum."""
-    grams = eaten_g(record)
+    grams = record.eaten_g
     if grams is None:
         return None
     is_free_of_it = amount == 0.0 and grams.value != 0.0

@@ -10,6 +10,8 @@ from sqlalchemy.orm import Mapped, mapped_column
 from app.db.base import Base, BlobColumns, JsonValue, Personal, one_of
 from app.meals.event_models import LAYERS
 from app.meals.job_models import JOB_PURPOSES
+from app.nutrition.doubt import Estimate
+from app.nutrition.nutrients import interval_in_proportion
 
 HEADLINE_COLUMNS = (  # the components that a record holds itself, units in their names
     "energy_kcal",
@@ -340,3 +342,19 @@ class EffectiveRecord(Base):
             postgresql_where=sa.text("status <> 'rejected' AND reviewed IS false"),
         ),
     )
+
+    @property
+    def eaten_g(self) -> Estimate | None:
+        """The edible grams that were eaten, signed; None where they are not known."""
+        value, low, high = self.consumed_g, self.consumed_low_g, self.consumed_high_g
+        return Estimate(value, low, high) if value is not None and low is not None and high is not None else None
+
+    def nutrient_interval(self, column: str) -> tuple[float, float] | None:
+        """The 90 % interval of one of HEADLINE_COLUMNS, which follows from that of the grams; None where unknown."""
+        amount, grams = getattr(self, column), self.eaten_g
+        return interval_in_proportion(amount, grams) if amount is not None and grams is not None else None
+
+    def interval(self, name: str, unit: str) -> tuple[float, float] | None:
+        """The 90 % interval of `{name}_{unit}`; None where it is not known."""
+        low, high = getattr(self, f"{name}_low_{unit}"), getattr(self, f"{name}_high_{unit}")
+        return (low, high) if low is not None and high is not None else None

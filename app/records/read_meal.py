@@ -28,7 +28,6 @@ from app.nutrition.nutrients import (
 from app.people.access import audit
 from app.people.access.caller import Caller, DeviceCaller, known_studies, require_study
 from app.records import queries as records
-from app.records.record_amounts import eaten_g
 from app.storage.blob_store import BlobStore
 
 NOBODY_KNOWS = MassTotal(None, 0)  # of a meal that failed or is not measured yet; confirmed without foods, it is 0
@@ -165,7 +164,7 @@ def open_artefact(
 
 
 def _item(row: records.ItemRow, candidates: ItemCandidates, per_100_g: Mapping[str, float]) -> ItemView:
-    eaten = eaten_g(row.record)
+    eaten = row.record.eaten_g
     nutrients = nutrients_in(per_100_g, eaten) if eaten is not None else {}
     return ItemView(row.record, row.item, row.taken_for, row.food, candidates, per_100_g, nutrients)
 

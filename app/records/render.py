@@ -32,7 +32,6 @@ from app.records.meal_schemas import (
 )
 from app.records.queries import FoodName, RecordRow
 from app.records.read_meal import ItemView, MealView
-from app.records.record_amounts import eaten_g, nutrient_interval
 from app.records.schemas import RecordOut
 from app.uploads.submit_meal import IGNORED
 
@@ -108,7 +107,7 @@ def render_record(row: RecordRow) -> RecordOut:
         day_status=row.day_status,
         study_day=number_of(row.record.local_date, row.first_day),
         upload_delay_seconds=(row.received_at - row.record.captured_at).total_seconds(),
-        nutrient_intervals={name: nutrient_interval(row.record, name) for name in HEADLINE_COLUMNS},
+        nutrient_intervals={name: row.record.nutrient_interval(name) for name in HEADLINE_COLUMNS},
         **columns | {"meal_id": row.meal_client_id},
     )
 
@@ -116,12 +115,6 @@ def render_record(row: RecordRow) -> RecordOut:
 def food_ref(food: Food | FoodName | None) -> FoodRef | None:
     """A food by key and name."""
     return FoodRef(key=food.key, name=food.name) if food is not None else None
-
-
-def interval_of(record: EffectiveRecord, name: str, unit: str) -> tuple[float, float] | None:
-    """The 90 % interval of a record's `{name}_{unit}`; None where it is not known."""
-    low, high = getattr(record, f"{name}_low_{unit}"), getattr(record, f"{name}_high_{unit}")
-    return (low, high) if low is not None and high is not None else None
 
 
 def render_candidates(candidates: ItemCandidates) -> list[CandidateOut]:
@@ -162,12 +155,12 @@ def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
         candidates=render_candidates(view.candidates),
         none_of_these=view.candidates.none_probability,
         index_version=identified.index_version if identified is not None else None,
-        volume_interval_ml=interval_of(record, "volume", "ml"),
+        volume_interval_ml=record.interval("volume", "ml"),
         density_sd_g_per_ml=density.density_sd_g_per_ml if density else None,
         density_basis=stored_word(density.density_basis, DENSITY_BASES) if density else None,
-        mass_interval_g=interval_of(record, "mass", "g"),
+        mass_interval_g=record.interval("mass", "g"),
         edible_share=row.edible_share if row else None,
-        consumed_interval_g=interval_of(record, "consumed", "g"),
+        consumed_interval_g=record.interval("consumed", "g"),
         parent=view.item.parent_id,
         open_probes=record.details["open_probes"],
         nutrients=list(_nutrients(view, components)),
@@ -175,7 +168,7 @@ def _item(view: ItemView, components: Mapping[str, Component]) -> ItemOut:
 
 
 def _nutrients(view: ItemView, components: Mapping[str, Component]) -> Iterator[NutrientAmount]:
-    eaten = eaten_g(view.record)
+    eaten = view.record.eaten_g
     if eaten is None:
         return
     for number, amount in view.nutrients.items():

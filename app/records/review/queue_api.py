@@ -12,7 +12,7 @@ from app.http.problems import problem_responses
 from app.meals.record_models import EffectiveRecord
 from app.people.access.deps import CurrentStaff, State
 from app.people.studies import read_study
-from app.records.render import food_ref, interval_of, render_candidates, shared_columns
+from app.records.render import food_ref, render_candidates, shared_columns
 from app.records.review.queries import QueueFilter
 from app.records.review.queue_schemas import QueuedItemOut, ReviewQueue
 from app.records.review.review_queue import QueuedItem, read_queue
@@ -63,9 +63,9 @@ def _item(queued: QueuedItem) -> QueuedItemOut:
         food=food_ref(row.food),
         candidates=render_candidates(queued.candidates),
         none_of_these=queued.candidates.none_probability,
-        volume_interval_ml=interval_of(record, "volume", "ml"),
-        mass_interval_g=interval_of(record, "mass", "g"),
-        consumed_interval_g=interval_of(record, "consumed", "g"),
+        volume_interval_ml=record.interval("volume", "ml"),
+        mass_interval_g=record.interval("mass", "g"),
+        consumed_interval_g=record.interval("consumed", "g"),
         etag=f'"{row.meal.version}"',
         meal_href=f"{path}{whose}",
         photograph_href=f"{path}/images/left{whose}" if row.meal.origin == "photographed" else None,

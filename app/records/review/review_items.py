@@ -15,7 +15,6 @@ from app.meals.models import MealImage
 from app.meals.record_models import EffectiveRecord, Item
 from app.people.access.caller import StaffCaller
 from app.records.read_meal import find_meal
-from app.records.record_amounts import nutrient_interval
 from app.records.review import queries as review
 from app.records.review.meal_history import HistoryRow
 from app.records.review.queries import QueueFilter, QueueRow
@@ -101,7 +100,7 @@ def _items(session: Session, rows: Sequence[QueueRow]) -> list[ReviewItem]:
         ReviewItem(
             row=row,
             candidates=candidates[row.record.item_id],
-            energy=nutrient_interval(row.record, "energy_kcal"),
+            energy=row.record.nutrient_interval("energy_kcal"),
             photograph=photographs.get(row.meal.id),
             last_event=last_events.get(row.meal.id, 0),
         )
