@@ -42,7 +42,7 @@ class FormedFood(Protocol):
         """How its slices are fitted by the paper's method."""
 
 
-def options_to_json(options: EstimateOptions) -> Json:
+def options_to_json(options: EstimateOptions) -> dict[str, object]:
     """EstimateOptions as JSON."""
     return {
         "marker": str(options.marker),
