@@ -7,7 +7,7 @@ the same each time.
 
 import uuid
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import date
 from functools import cache
 from typing import TYPE_CHECKING, Literal
@@ -17,16 +17,16 @@ from sqlalchemy.orm import Session
 from app.core.errors import InvalidInputError
 from app.db.session import Database
 from app.diary.closed_amounts import ClosedAmounts, amounts_by_column, amounts_by_record
-from app.diary.study_days import person_on
+from app.diary.study_days import person_on, stage_of
 from app.foods.food_amounts import RECORD_COLUMNS
 from app.nutrition.components import COMPONENT_BY_NUMBER, ENERGY_NUMBERS, NUMBER_BY_TAGNAME, Component
-from app.nutrition.intakes.life_stage import LifeStage, Sex, life_stage
-from app.nutrition.intakes.reference_intakes import ReferenceIntake, reference_intakes
+from app.nutrition.intakes.life_stage import LifeStage
+from app.nutrition.intakes.reference_intakes import Per, ReferenceIntake, reference_intakes
 from app.people.access.caller import Caller
 from app.people.studies import enter_study
 
 if TYPE_CHECKING:
-    from app.nutrition.intakes.usual_intake import UsualIntakes
+    from app.nutrition.intakes.usual_intake import Scale
 
 MIN_COVERAGE = 0.9  # of a day's grams; a day of which less is known is left out, since it would count as little eaten
 COLUMNS: Mapping[str, str] = {numbers[0]: column for column, numbers in RECORD_COLUMNS.items()}
@@ -39,6 +39,10 @@ MENSTRUATING = frozenset(  # their need of iron is skewed: half the group is not
         LifeStage.FEMALE_19_30,
         LifeStage.FEMALE_31_50,
     }
+)
+METHOD = (
+    "EAR cut-point (Beaton 1994) on usual intakes from closed days, adjusted for day-to-day variation "
+    "(NRC 1986, IOM 2000)."
 )
 SEED = 1986  # any number: the interval's draws are the same each time
 
@@ -54,18 +58,33 @@ Reason = Literal[
 
 
 @dataclass(frozen=True, slots=True)
+class Variances:
+    """Variance components on the scale of analysis, within a person's days and between persons."""
+
+    scale: "Scale"
+    within: float
+    between: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StageAdequacy:
-    """A life stage's group. found: None where reason says why. ear: a day, or a day and kilogram of body weight.
+    """A life stage's group. ear: a day, or a day and kilogram of body weight. Without a share `reason` says why.
 
     days: that were used; days_left_out: closed days that were not, since too little is known of them.
     """
 
-    stage: LifeStage
+    life_stage: LifeStage
     persons: int
     days: int
     days_left_out: int
-    reference: ReferenceIntake | None
-    found: "UsualIntakes | None"
+    ear: float | None
+    per: Per | None
+    compared_with: str | None
+    mean_usual_intake: float | None = None
+    share_below_ear: float | None = None
+    share_interval: tuple[float, float] | None = None
+    unadjusted_share: float | None = None
+    variances: Variances | None = None
     reason: Reason | None
 
 
@@ -73,9 +92,13 @@ class StageAdequacy:
 class Adequacy:
     """A study's groups. persons_without_stage: with closed days, whose life stage (or weight) is not known."""
 
-    component: Component
+    number: str
+    tagname: str | None
+    name: str
+    unit: str
     groups: tuple[StageAdequacy, ...]
     persons_without_stage: int
+    method: str = METHOD
 
 
 @dataclass(slots=True)
@@ -103,14 +126,14 @@ def judge_study(
     last_day: date | None,
 ) -> Adequacy:
     """Judge a component by number, tagname or record's column. Raises NotFoundError, InvalidInputError."""
-    found = find_component(component)
+    asked = find_component(component)
     with database.read() as session:
         study = enter_study(session, caller, study_code)
-        people = _people(session, study.id, found.number, first_day, last_day)
+        people = _people(session, study.id, asked.number, first_day, last_day)
     groups: dict[LifeStage, _Group] = {}
     without = 0
     for person in people:
-        placed = _placed(person.profile, person.last_day, found.number)
+        placed = _placed(person.profile, person.last_day, asked.number)
         if placed is None:
             without += 1
             continue
@@ -119,8 +142,8 @@ def judge_study(
         group.left_out += person.days - len(person.amounts)
         if person.amounts:
             group.days.append([amount / divisor for amount in person.amounts])
-    judged = tuple(_judge(stage, groups[stage], found.number) for stage in LifeStage if stage in groups)
-    return Adequacy(found, judged, without)
+    judged = tuple(_judge(stage, groups[stage], asked.number) for stage in LifeStage if stage in groups)
+    return Adequacy(asked.number, asked.tagname, asked.name, asked.unit, judged, without)
 
 
 def _people(
@@ -154,21 +177,13 @@ def _placed(
     person = person_on(profile, day)
     if person is None:
         return None
-    stage = _stage(person.age_years, person.known_sex, person.is_pregnant, person.is_lactating)
+    stage = stage_of(person.age_years, person.known_sex, person.is_pregnant, person.is_lactating)
     if stage is None:
         return None
     reference = _reference(stage, number)
     if reference is None or reference.per == "day":
         return stage, reference, 1.0
     return None if person.weight_kg is None else (stage, reference, person.weight_kg)
-
-
-@cache  # a study's persons are of few ages
-def _stage(age_years: float, sex: Sex | None, is_pregnant: bool, is_lactating: bool) -> LifeStage | None:
-    try:
-        return life_stage(age_years, sex, is_pregnant=is_pregnant, is_lactating=is_lactating)
-    except ValueError:  # no column without the sex
-        return None
 
 
 @cache
@@ -179,20 +194,34 @@ def _reference(stage: LifeStage, number: str) -> ReferenceIntake | None:
 
 
 def _judge(stage: LifeStage, group: _Group, number: str) -> StageAdequacy:
+    reference = group.reference
+    adequacy = StageAdequacy(
+        life_stage=stage,
+        persons=len(group.days),
+        days=sum(map(len, group.days)),
+        days_left_out=group.left_out,
+        ear=reference.ear if reference is not None else None,
+        per=reference.per if reference is not None else None,
+        compared_with=reference.compared_with if reference is not None else None,
+        reason=_why_not(stage, reference, number),
+    )
+    if adequacy.reason is not None or adequacy.ear is None:
+        return adequacy
     import numpy as np  # noqa: PLC0415  # 13 MB of a process that has no other use for it
 
     from app.nutrition.intakes.usual_intake import NotJudged, judge_group  # noqa: PLC0415  # with it
 
-    persons, days = len(group.days), sum(len(person) for person in group.days)
-    reason = _why_not(stage, group.reference, number)
-    found: UsualIntakes | None = None
-    if reason is None and group.reference is not None and group.reference.ear is not None:
-        judged = judge_group(group.days, group.reference.ear, np.random.default_rng(SEED))
-        if isinstance(judged, NotJudged):
-            reason = judged.reason
-        else:
-            found = judged
-    return StageAdequacy(stage, persons, days, group.left_out, group.reference, found, reason)
+    judged = judge_group(group.days, adequacy.ear, np.random.default_rng(SEED))
+    if isinstance(judged, NotJudged):
+        return replace(adequacy, reason=judged.reason)
+    return replace(
+        adequacy,
+        mean_usual_intake=judged.mean,
+        share_below_ear=judged.share_below,
+        share_interval=(judged.share_low, judged.share_high),
+        unadjusted_share=judged.unadjusted_share,
+        variances=Variances(judged.scale, judged.variances.within, judged.variances.between),
+    )
 
 
 def _why_not(stage: LifeStage, reference: ReferenceIntake | None, number: str) -> Reason | None:

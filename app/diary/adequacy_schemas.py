@@ -4,8 +4,10 @@ from typing import Literal
 
 from pydantic import BaseModel, Field
 
+from app.diary.adequacy import Reason
 from app.http.field_descriptions import NUMBER
 from app.nutrition.intakes.life_stage import LifeStage
+from app.nutrition.intakes.reference_intakes import Per
 
 
 class VariancesOut(BaseModel):
@@ -30,7 +32,7 @@ class StageAdequacyOut(BaseModel):
     ear: float | None = Field(
         description="Estimated Average Requirement in the component's unit, per `per`; null: the source sets none."
     )
-    per: Literal["day", "kg_day"] | None = Field(
+    per: Per | None = Field(
         description="Whether `ear` and the intakes are per day, or per day and kilogram of body weight; null: there "
         "is no reference."
     )
@@ -48,18 +50,7 @@ class StageAdequacyOut(BaseModel):
     variances: VariancesOut | None = Field(
         description="Variance within and between persons; null where `reason` says why."
     )
-    reason: (
-        Literal[
-            "energy_follows_need",
-            "no_ear",
-            "need_is_skewed",
-            "intake_is_lower_bound",
-            "too_few_persons",
-            "no_repeated_days",
-            "no_difference_between_persons",
-        ]
-        | None
-    ) = Field(description="Why there is no share; null: there is one.")
+    reason: Reason | None = Field(description="Why there is no share; null: there is one.")
 
 
 class AdequacyOut(BaseModel):

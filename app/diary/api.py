@@ -1,6 +1,5 @@
 """/v1/me/days, the diary; /v1/days and a study's intakes, what researchers make of it."""
 
-from dataclasses import asdict
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Request, Response
@@ -8,6 +7,7 @@ from fastapi.responses import JSONResponse
 
 from app.diary import day_summaries, diary
 from app.diary.diary import Whose, Word
+from app.diary.queries import DayRow
 from app.diary.schemas import (
     DayIn,
     DayList,
@@ -16,12 +16,9 @@ from app.diary.schemas import (
     DaySummaryPage,
     IntakeOut,
     IntakePage,
-    MeanAmountOut,
-    PlausibilityOut,
 )
-from app.diary.study_days import StudyDay
 from app.exports.export_files import FILES, ComponentsIn, DayFilterIn, Format, LayoutIn, answer_file, file_spec
-from app.exports.tables.export_days import day_values, decided_by
+from app.exports.tables.export_days import day_values
 from app.http.conditions import IfMatch, expected_versions
 from app.http.flat_list import ListRoute
 from app.http.paging import Cursor, Limit, next_page, require_order
@@ -39,7 +36,7 @@ Day = Annotated[LocalDay, Path(description="A local day, such as 2026-11-21.")]
 def get_my_days(state: State, device: CurrentDevice, first_day: FirstDay = None, last_day: LastDay = None) -> DayList:
     """The participant's days that have a meal or a word; without a range, the last month; a year at most."""
     days = diary.list_days(state.database, device, first_day=first_day, last_day=last_day)
-    return DayList(items=[_day_out(day) for day in days])
+    return DayList(items=[DayOut.model_validate(day, from_attributes=True) for day in days])
 
 
 @router.put("/me/days/{day}", responses=problem_responses(401, 403, 409, 410, 412, 422, 428))
@@ -63,7 +60,7 @@ def get_days_of_participant(
     """A participant's days, as their phone lists them."""
     whose = Whose(study, participant)
     days = diary.list_days(state.database, staff, first_day=first_day, last_day=last_day, whose=whose)
-    return DayList(items=[_day_out(day) for day in days])
+    return DayList(items=[DayOut.model_validate(day, from_attributes=True) for day in days])
 
 
 @router.put(
@@ -138,7 +135,10 @@ def get_intakes(
     page = day_summaries.list_intakes(
         state.database, staff, study, first_day=first_day, last_day=last_day, cursor=cursor, limit=limit
     )
-    return IntakePage(items=[_intake_out(intake) for intake in page.rows], next=next_page(request, page.cursor))
+    return IntakePage(
+        items=[IntakeOut.model_validate(row, from_attributes=True) for row in page.rows],
+        next=next_page(request, page.cursor),
+    )
 
 
 def word_of(body: DayIn) -> Word:
@@ -148,42 +148,6 @@ def word_of(body: DayIn) -> Word:
     return "ate_nothing" if body.ate_nothing else "closed"
 
 
-def _tagged(day: StudyDay, response: Response) -> DayOut:
-    response.headers["ETag"] = f'"{day.row.version}"'
-    return _day_out(day)
-
-
-def _day_out(day: StudyDay) -> DayOut:
-    row = day.row
-    return DayOut(
-        date=row.local_date,
-        study_day=day.number,
-        status=row.status,
-        ate_nothing=row.ate_nothing,
-        decided_by=decided_by(row),
-        meals=row.meals,
-        meals_after_closing=row.meals_after_closing,
-        version=row.version,
-        changed_at=row.changed_at,
-    )
-
-
-def _intake_out(intake: day_summaries.Intake) -> IntakeOut:
-    row = intake.row
-    return IntakeOut(
-        participant=row.participant_code,
-        closed_days=row.closed_days,
-        open_days=row.open_days,
-        silent_days=intake.silent_days,
-        first_day=row.first_day,
-        last_day=row.last_day,
-        unmeasured_meals=row.unmeasured_meals,
-        unmeasured_items=row.unmeasured_items,
-        provisional_items=row.provisional_items,
-        leftovers_unknown_items=row.leftovers_unknown_items,
-        components={
-            name: MeanAmountOut(mean=mean.value, days=mean.days, coverage=mean.coverage)
-            for name, mean in row.means.items()
-        },
-        plausibility=PlausibilityOut(**asdict(intake.plausibility)),
-    )
+def _tagged(day: DayRow, response: Response) -> DayOut:
+    response.headers["ETag"] = f'"{day.version}"'
+    return DayOut.model_validate(day, from_attributes=True)

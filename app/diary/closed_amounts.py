@@ -15,10 +15,9 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.diary.day_definition import coverage_of
-from app.diary.intake_queries import ClosedDay, closed_days, is_day_of_nothing, is_measured_whole, within
-from app.diary.models import DayMark, DaySum
-from app.diary.queries import Amount, sums_of_days
+from app.diary.day_definition import coverage_of, is_day_of_nothing, is_measured_whole, within
+from app.diary.intake_queries import ClosedDay, closed_days
+from app.diary.queries import Amount, of_study, sums_of_days
 from app.exports.tables.record_queries import stored_id
 from app.foods.models import Component, FoodNutrient
 from app.meals.record_models import EffectiveRecord
@@ -51,11 +50,7 @@ def amounts_by_column(
     A day comes as one text, everybody's id and amount: a row a day and person would take several times as long, and
     those of a person lie apart.
     """
-
-    def of_study(table: type[DaySum | DayMark]) -> list[Any]:
-        return [table.study_id == study_id, *within(table.local_date, first_day, last_day)]
-
-    day = sums_of_days(session, of_study)
+    day = sums_of_days(session, of_study(study_id, first_day, last_day))
     is_known = sa.and_(is_measured_whole(day), day.c[f"{column}_coverage"] >= least_coverage)
     amount = sa.cast(sa.case((is_day_of_nothing(day), 0.0), (is_known, day.c[column])), sa.Text)
     word = stored_id(day.c.participant_id) + " " + sa.func.coalesce(amount, UNKNOWN)
@@ -102,8 +97,8 @@ def amounts_by_record(
     less: another that is taken off it (fibre from carbohydrate), unknown where that is unknown.
     """
     amounts = _component_by_day(session, study_id, number, less, first_day, last_day)
-    of_study = sa.select(Participant.id, Participant.profile).where(Participant.study_id == study_id)
-    profiles = {row[0]: row[1] for row in session.execute(of_study)}
+    people = sa.select(Participant.id, Participant.profile).where(Participant.study_id == study_id)
+    profiles = {row[0]: row[1] for row in session.execute(people)}
     by_person: dict[uuid.UUID, list[ClosedDay]] = defaultdict(list)
     for day in closed_days(session, study_id, first_day, last_day):
         by_person[day.participant_id].append(day)
@@ -145,13 +140,15 @@ def _component_by_day(
         per_100_g = per_100_g - other.c.per_100_g
         query = query.outerjoin(other, other.c.food_id == record.food_id)
     query = (
-        query.add_columns(sa.func.sum(record.consumed_g * per_100_g / 100.0), coverage_of(per_100_g, record.consumed_g))
+        query.add_columns(
+            sa.func.sum(record.consumed_g * per_100_g / 100.0).label("amount"),
+            coverage_of(per_100_g, record.consumed_g).label("coverage"),
+        )
         .where(record.study_id == study_id, *within(record.local_date, first_day, last_day))
         .where(record.status != "rejected")
         .group_by(record.participant_id, record.local_date)
     )
-    rows: sa.Result[*tuple[Any, ...]] = session.execute(query)
-    return {(row[0], row[1]): Amount(row[-2], row[-1]) for row in rows}
+    return {(row.participant_id, row.local_date): Amount(row.amount, row.coverage) for row in session.execute(query)}
 
 
 def _contents(number: str) -> sa.Subquery:

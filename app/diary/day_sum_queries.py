@@ -3,12 +3,12 @@
 import uuid
 from collections.abc import Collection, Mapping, Sequence
 from datetime import date
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import sqlalchemy as sa
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
-from app.diary.day_definition import COLUMNS, counted_days
+from app.diary.day_definition import COLUMNS, DayKeys, counted_days
 from app.diary.models import DayMark, DaySum, DiaryDay, StudyDayMark
 from app.meals.models import Meal
 from app.people.models import Participant
@@ -16,7 +16,10 @@ from app.people.models import Participant
 WRITER_LOCK = 4_738_112  # of who writes sums, on PostgreSQL: any number, ours alone
 OF_ONE_TURN = 200  # marks: SQLite's other writers wait for no more than their days
 
-DayOf = tuple[uuid.UUID, date]  # participant, local day
+DayOf = tuple[uuid.UUID, date]  # participant (or study), local day
+KeyColumns = tuple[InstrumentedAttribute[uuid.UUID], InstrumentedAttribute[date]]
+Columns = Mapping[str, object]
+Pair = tuple[DayOf, Columns | None, Columns | None]  # what is kept of a day, and what it comes to
 
 
 class Mark(NamedTuple):
@@ -96,55 +99,51 @@ def mark_days(session: Session, days: Collection[DayOf]) -> None:
 
 
 def days_after(session: Session, after: DayOf | None, limit: int) -> list[DayOf]:
-    """The first days behind a day, by (participant, day), that have a meal, a word or a sum."""
-    return keys_after(session, (Meal, DiaryDay, DaySum), "participant_id", after, limit)
+    """The first days behind a day, by (participant, day), that have a meal, a diary entry or a sum."""
+    return keys_after(
+        session, [(table.participant_id, table.local_date) for table in (Meal, DiaryDay, DaySum)], after, limit
+    )
 
 
-def keys_after(
-    session: Session, tables: Sequence[Any], owner: str, after: tuple[uuid.UUID, date] | None, limit: int
-) -> list[tuple[uuid.UUID, date]]:
-    """The first (owner, local day) behind one that some of these tables have. owner: the column of whose day it is."""
+def keys_after(session: Session, keys: Sequence[KeyColumns], after: DayOf | None, limit: int) -> list[DayOf]:
+    """The first (owner, local day) behind one that some tables have. keys: these two columns of each table."""
     parts = []
-    for table in tables:
-        columns = (getattr(table, owner), table.local_date)
-        query = sa.select(*columns).distinct()
+    for columns in keys:
+        query = sa.select(*columns).distinct().order_by(*columns).limit(limit)
         if after is not None:
-            key = sa.tuple_(sa.literal(after[0], sa.Uuid()), sa.literal(after[1], sa.Date()))
-            query = query.where(sa.tuple_(*columns) > key)
-        each = query.order_by(*columns).limit(limit).subquery()
-        parts.append(sa.select(*each.c))
+            query = query.where(sa.tuple_(*columns) > _literal(after))
+        parts.append(sa.select(*query.subquery().c))
     every = sa.union(*parts).subquery()
     rows = session.execute(sa.select(*every.c).order_by(*every.c).limit(limit))
     return [(row[0], row[1]) for row in rows]
 
 
-def marked_among(session: Session, days: Sequence[DayOf]) -> set[DayOf]:
-    """Those of a run of days (days_after) that have a mark."""
-    query = sa.select(DayMark.participant_id, DayMark.local_date).where(*_from_to(DayMark, days))
-    return {(row[0], row[1]) for row in session.execute(query)}
+def kept_and_counted(session: Session, days: Sequence[DayOf]) -> list[Pair]:
+    """Of a run of days (days_after) that are not marked: what is kept of each, and what it comes to."""
+    kept_rows = sa.select(*(DaySum.__table__.c[name] for name in COLUMNS)).where(*_from_to(DaySum, days))
+    kept = {_key(row): dict(row) for row in session.execute(kept_rows).mappings()}
+    marks = sa.select(DayMark.participant_id, DayMark.local_date).where(*_from_to(DayMark, days))
+    marked = {_key(row) for row in session.execute(marks).mappings()}
+    counted = counted_sums(session, days)
+    return [(day, kept.get(day), counted.get(day)) for day in days if day not in marked]
 
 
-def kept_sums(session: Session, days: Sequence[DayOf]) -> dict[DayOf, Mapping[str, Any]]:
-    """The kept sums of a run of days."""
-    query = sa.select(*(DaySum.__table__.c[name] for name in COLUMNS)).where(*_from_to(DaySum, days))
-    return _by_day(session.execute(query))
-
-
-def counted_sums(session: Session, days: Sequence[DayOf]) -> dict[DayOf, Mapping[str, Any]]:
+def counted_sums(session: Session, days: Sequence[DayOf]) -> dict[DayOf, Columns]:
     """What a run of days comes to."""
     keys = [
         sa.select(table.participant_id, table.local_date).where(*_from_to(table, days)) for table in (Meal, DiaryDay)
     ]
-    return _by_day(session.execute(counted_days(sa.union(*keys).cte("page"))))
+    return {_key(row): dict(row) for row in session.execute(counted_days(sa.union(*keys).cte("page"))).mappings()}
 
 
-def _by_day(rows: sa.Result[*tuple[Any, ...]]) -> dict[DayOf, Mapping[str, Any]]:
-    return {(row["participant_id"], row["local_date"]): dict(row) for row in rows.mappings()}
+def _key(row: sa.RowMapping) -> DayOf:
+    return row["participant_id"], row["local_date"]
 
 
-def _from_to(table: Any, days: Sequence[DayOf]) -> tuple[sa.ColumnElement[bool], sa.ColumnElement[bool]]:
+def _from_to(table: DayKeys, days: Sequence[DayOf]) -> tuple[sa.ColumnElement[bool], sa.ColumnElement[bool]]:
     key = sa.tuple_(table.participant_id, table.local_date)
-    first, last = (
-        sa.tuple_(sa.literal(day[0], sa.Uuid()), sa.literal(day[1], sa.Date())) for day in (days[0], days[-1])
-    )
-    return key >= first, key <= last
+    return key >= _literal(days[0]), key <= _literal(days[-1])
+
+
+def _literal(day: DayOf) -> sa.Tuple:
+    return sa.tuple_(sa.literal(day[0], sa.Uuid()), sa.literal(day[1], sa.Date()))

@@ -10,7 +10,8 @@ from app.db.session import Database
 from app.diary import intake_queries as intakes
 from app.diary import queries as days
 from app.diary.intake_queries import IntakeRow
-from app.diary.study_days import StudyDay, judge_days, number_days
+from app.diary.queries import DayRow
+from app.diary.study_days import judge_days
 from app.http.paging import DAY, ID, TEXT, Page, decode_cursor, list_name, page_of
 from app.http.row_filter import RowFilter
 from app.nutrition.plausible_energy import Plausibility
@@ -20,34 +21,31 @@ from app.people.studies import enter_study
 STREAM_PAGE = 1000  # rows a query while streaming
 
 
-@dataclass(frozen=True, slots=True)
-class Intake:
-    """A participant's mean intake; silent_days: between their first and last day, without a meal or a word."""
+@dataclass(frozen=True)
+class Intake(IntakeRow):
+    """A participant's mean intake, and whether its energy is plausible."""
 
-    row: IntakeRow
-    silent_days: int
     plausibility: Plausibility
 
 
 def list_day_summaries(
     database: Database, caller: Caller, chosen: RowFilter, *, cursor: str | None, limit: int
-) -> Page[StudyDay]:
+) -> Page[DayRow]:
     """One page, by (local date, participant). Raises InvalidInputError for a cursor that is broken or of others."""
     chosen = visible_rows(caller, chosen)
     listed = list_name("days", chosen)
     after = decode_cursor(listed, cursor, DAY, ID)
     with database.read() as session:
         rows = days.page_of_days(session, chosen, after=after, limit=limit + 1)
-        page = page_of(listed, rows, limit, lambda row: (row.local_date, row.participant_id))
-        return Page(number_days(session, page.rows), page.cursor)
+    return page_of(listed, rows, limit, lambda row: (row.local_date, row.participant_id))
 
 
-def all_day_summaries(session: Session, caller: Caller, chosen: RowFilter) -> Iterator[StudyDay]:
+def all_day_summaries(session: Session, caller: Caller, chosen: RowFilter) -> Iterator[DayRow]:
     """All days, a page's query at a time; memory stays that of a page. Of one moment: in the caller's transaction."""
     visible, after = visible_rows(caller, chosen), None
     while True:
         rows = days.page_of_days(session, visible, after=after, limit=STREAM_PAGE)
-        yield from number_days(session, rows)
+        yield from rows
         if len(rows) < STREAM_PAGE:
             return
         after = (rows[-1].local_date, rows[-1].participant_id)
@@ -69,14 +67,13 @@ def list_intakes(
     with database.read() as session:
         study = enter_study(session, caller, study_code)
         rows = intakes.page_of_intakes(
-            session, study.id, first_day=first_day, last_day=last_day, after=after, limit=limit + 1
+            session, study, first_day=first_day, last_day=last_day, after=after, limit=limit + 1
         )
-    page = page_of(listed, rows, limit, lambda row: (row.participant_code,))
+    page = page_of(listed, rows, limit, lambda row: (row.participant,))
     found = [
         Intake(
-            row,
-            (row.last_day - row.first_day).days + 1 - row.days,
-            judge_days(row.profile, row.last_day, row.whole_energy_kcal, row.whole_days),
+            **vars(row),
+            plausibility=judge_days(row.profile, row.last_day, row.whole_energy_kcal, row.whole_days),
         )
         for row in page.rows
     ]

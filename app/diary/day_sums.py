@@ -7,19 +7,19 @@ moment; here the marks are worked off in the background, so that there are few t
 
 import math
 import time
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
 from app.db.session import Database
+from app.db.sorted_values import SortedValues
 from app.diary import day_sum_queries as day_sums
 from app.diary import study_day_sum_queries as study_day_sums
-from app.diary.study_day_sum_queries import CountedDay
+from app.diary.day_sum_queries import Columns, DayOf, Pair
 
 ROUND_SECONDS = 2.0  # then the worker's other chores have their turn
-COMPARED_AT_A_TIME = 500
+COMPARED_AT_A_TIME = 100  # in one transaction
 SAME = 1e-9  # relative: the order in which a database adds is its own
 
 
@@ -32,38 +32,23 @@ class ComparedDays:
 
 
 def write_sums(database: Database, seconds: float = ROUND_SECONDS, marks_a_turn: int = day_sums.OF_ONE_TURN) -> int:
-    """Write the sums of marked days, for so long at most. Returns how many marks are worked off.
+    """Write the sums of marked days for at most so many seconds. Returns how many marks are gone.
 
-    marks_a_turn: in one transaction, for which SQLite's other writers wait. Several workers may do it at once: one
-    does, the others leave it to them.
+    marks_a_turn: in one transaction, for which SQLite's other writers wait. Where several workers call it at once, one
+    writes and the others return 0.
     """
-    done, until = 0, time.monotonic() + seconds
     with database.read() as session:
         if not day_sums.has_marks(session):
             return 0
-    while True:
-        with database.write() as session:
-            count = _one_turn(session, marks_a_turn)
-        done += count
-        if count == 0 or time.monotonic() > until:
-            return done
+    return _take_turns(database, lambda session: _one_turn(session, marks_a_turn), seconds)
 
 
 def write_study_sums(database: Database, seconds: float = ROUND_SECONDS) -> int:
-    """Write the sums of marked days of studies, a day in one transaction, for so long at most. Returns how many."""
-    done, until = 0, time.monotonic() + seconds
+    """Write the sums of marked days of studies, a day in one transaction, for so many seconds. Returns how many."""
     with database.read() as session:  # most often there is nothing, and nobody waits for it
         if study_day_sums.next_marked(session) is None:
             return 0
-    while True:
-        with database.write() as session:
-            marked = study_day_sums.next_marked(session) if day_sums.take_turn(session) else None
-            if marked is None:
-                return done
-            study_day_sums.write_day(session, marked)
-        done += 1
-        if time.monotonic() > until:
-            return done
+    return _take_turns(database, _one_study_day, seconds)
 
 
 def write_all_sums(database: Database, marks_a_turn: int = day_sums.OF_ONE_TURN) -> int:
@@ -75,68 +60,72 @@ def write_all_sums(database: Database, marks_a_turn: int = day_sums.OF_ONE_TURN)
 
 def compare_days(database: Database, *, write: bool) -> ComparedDays:
     """Compare the kept sums of every day that is not marked with what it comes to; with `write`, put right all."""
-    if write:
-        write_all_sums(database)
-    compared = different = 0
-    after = None
-    while True:
-        with database.read() as session:
-            days = day_sums.days_after(session, after, COMPARED_AT_A_TIME)
-            if not days:
-                break
-            marked = day_sums.marked_among(session, days)
-            kept, counted = day_sums.kept_sums(session, days), day_sums.counted_sums(session, days)
-        wrong = [day for day in days if day not in marked and not _is_same(kept.get(day), counted.get(day))]
-        compared += len(days) - len(marked.intersection(days))
-        different += len(wrong)
-        after = days[-1]
-        if write and wrong:
-            with database.write() as session:
-                day_sums.mark_days(session, wrong)
-    if write and different:
-        write_all_sums(database)
-    return ComparedDays(compared, different)
+    return _compare(
+        database, day_sums.days_after, day_sums.kept_and_counted, day_sums.mark_days, write_all_sums if write else None
+    )
 
 
 def compare_study_days(database: Database, *, write: bool) -> ComparedDays:
     """Compare the kept sums of every study's day that is not marked with what it comes to; with `write`, put right all.
 
-    What participants' days come to is taken as it is kept: see `compare_days`.
+    Participants' days are taken as they are kept: see `compare_days`.
     """
-    if write:
-        write_study_sums(database, math.inf)
+    return _compare(
+        database,
+        study_day_sums.days_after,
+        study_day_sums.kept_and_counted,
+        study_day_sums.mark_days,
+        (lambda database: write_study_sums(database, math.inf)) if write else None,
+    )
+
+
+def _compare(
+    database: Database,
+    days_after: Callable[[Session, DayOf | None, int], list[DayOf]],
+    kept_and_counted: Callable[[Session, Sequence[DayOf]], Sequence[Pair]],
+    mark_days: Callable[[Session, Sequence[DayOf]], None],
+    write_sums: Callable[[Database], int] | None,
+) -> ComparedDays:
+    """Compare day by day, and mark those that differ where there is a writer."""
+    if write_sums is not None:
+        write_sums(database)
     compared = different = 0
     after = None
     while True:
         with database.read() as session:
-            days = study_day_sums.days_after(session, after, COMPARED_AT_A_TIME)
-        if not days:
-            break
-        wrong = []
-        for day in days:
-            with database.read() as session:
-                both = study_day_sums.kept_and_counted(session, day)
-            if both is not None:
-                compared += 1
-                wrong += [] if _is_same_of_study(*both) else [day]
+            days = days_after(session, after, COMPARED_AT_A_TIME)
+            if not days:
+                break
+            pairs = kept_and_counted(session, days)
+        wrong = [day for day, kept, counted in pairs if not _is_same(kept, counted)]
+        compared += len(pairs)
         different += len(wrong)
         after = days[-1]
-        if write and wrong:
+        if write_sums is not None and wrong:
             with database.write() as session:
-                study_day_sums.mark_days(session, wrong)
-    if write and different:
-        write_study_sums(database, math.inf)
+                mark_days(session, wrong)
+    if write_sums is not None and different:
+        write_sums(database)
     return ComparedDays(compared, different)
 
 
-def _is_same_of_study(kept: CountedDay | None, counted: CountedDay | None) -> bool:
-    if kept is None or counted is None:
-        return kept is counted
-    counts, others = asdict(kept.counts), asdict(counted.counts)
-    runs = [(kept.delays, counted.delays), *((kept.amounts[name], counted.amounts[name]) for name in counted.amounts)]
-    return all(_is_near(counts[name], others[name]) for name in counts) and all(
-        len(one) == len(other) and all(map(_is_near, one.values, other.values)) for one, other in runs
-    )
+def _take_turns(database: Database, turn: Callable[[Session], int], seconds: float) -> int:
+    """Let `turn` write, each time in a transaction, until it returns 0 or the time is over. Returns the sum."""
+    done, until = 0, time.monotonic() + seconds
+    while True:
+        with database.write() as session:
+            count = turn(session)
+        done += count
+        if count == 0 or time.monotonic() > until:
+            return done
+
+
+def _one_study_day(session: Session) -> int:
+    marked = study_day_sums.next_marked(session) if day_sums.take_turn(session) else None
+    if marked is None:
+        return 0
+    study_day_sums.write_day(session, marked)
+    return 1
 
 
 def _one_turn(session: Session, limit: int) -> int:
@@ -156,13 +145,15 @@ def _one_turn(session: Session, limit: int) -> int:
     return len(gone) + len(due)
 
 
-def _is_same(kept: Mapping[str, Any] | None, counted: Mapping[str, Any] | None) -> bool:
+def _is_same(kept: Columns | None, counted: Columns | None) -> bool:
     if kept is None or counted is None:
         return kept is counted
     return all(_is_near(kept[name], counted[name]) for name in counted)
 
 
-def _is_near(one: Any, other: Any) -> bool:
-    if isinstance(one, float) and isinstance(other, float):
-        return math.isclose(one, other, rel_tol=SAME, abs_tol=SAME)
-    return bool(one == other)
+def _is_near(value: object, other: object) -> bool:
+    if isinstance(value, float) and isinstance(other, float):
+        return math.isclose(value, other, rel_tol=SAME, abs_tol=SAME)
+    if isinstance(value, SortedValues) and isinstance(other, SortedValues):
+        return len(value) == len(other) and all(map(_is_near, value.values, other.values))
+    return value == other

@@ -18,7 +18,7 @@ from app.db.session import Database
 from app.diary import diary_queries as diary
 from app.diary import queries as days
 from app.diary.models import DayEvent, DiaryDay
-from app.diary.study_days import StudyDay, number_days
+from app.diary.queries import DayRow
 from app.http.paging import require_order
 from app.http.row_filter import RowFilter
 from app.meals.event_models import LAYERS
@@ -53,7 +53,7 @@ def set_day(
     *,
     expected: frozenset[int] | None,
     whose: Whose | None = None,
-) -> StudyDay:
+) -> DayRow:
     """Say a word about a day. expected: versions that it is a word over, 0 without any before; None: whatever is there.
 
     The same word again of the same author, over the version that it was said over, changes nothing.
@@ -102,30 +102,32 @@ def set_day(
         found = days.find_day(session, participant.id, local_date)
         if found is None:
             raise NotFoundError("There is no such day.")
-        return number_days(session, [found])[0]
+        return found
 
 
 def list_days(
     database: Database, caller: Caller, *, first_day: date | None, last_day: date | None, whose: Whose | None = None
-) -> list[StudyDay]:
+) -> list[DayRow]:
     """A participant's days that have a meal or a word, by date; without a range, the last month.
 
     Raises InvalidInputError for a range that is reversed or longer than MAX_RANGE_DAYS, NotFoundError.
     """
-    first, last = day_range(first_day, last_day, datetime.now(UTC))
+    first, last = day_range(first_day, last_day, latest_day(datetime.now(UTC)), USUAL_RANGE_DAYS)
     with database.read() as session:
         participant = find_participant(session, caller, whose)
         chosen = RowFilter(participant_id=participant.id, first_day=first, last_day=last)
-        return number_days(session, days.days_of(session, chosen))
+        return days.page_of_days(session, chosen)
 
 
-def day_range(first_day: date | None, last_day: date | None, now: datetime) -> tuple[date, date]:
-    """Both ends of a range, each by the other or by today where it is not given. Raises InvalidInputError."""
+def day_range(first_day: date | None, last_day: date | None, latest: date, usual_days: int) -> tuple[date, date]:
+    """Complete a range of local days, both included: an end that is not given follows from the other, or from `latest`.
+
+    Raises InvalidInputError (`days_reversed`, `days_too_many`).
+    """
     if last_day is None:
-        today = latest_day(now)
-        last_day = today if first_day is None else max(first_day, min(today, _plus(first_day, MAX_RANGE_DAYS - 1)))
+        last_day = latest if first_day is None else max(first_day, min(latest, _plus(first_day, MAX_RANGE_DAYS - 1)))
     if first_day is None:
-        first_day = _plus(last_day, 1 - USUAL_RANGE_DAYS)
+        first_day = _plus(last_day, 1 - usual_days)
     require_order(first_day, last_day)
     if (last_day - first_day).days >= MAX_RANGE_DAYS:
         raise InvalidInputError(

@@ -8,8 +8,6 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.diary.models import DayEvent, DiaryDay
-from app.diary.queries import keys_of
-from app.http.row_filter import RowFilter
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord
 from app.people.models import Participant
@@ -43,6 +41,11 @@ def first_days(session: Session, participant_ids: Collection[uuid.UUID]) -> dict
     return found
 
 
+def number_of(local_date: date, first_day: date | None) -> int | None:
+    """The day's number in the study, 1 on the first day; None where no first day is known."""
+    return None if first_day is None else (local_date - first_day).days + 1
+
+
 def count_meals(session: Session, participant_id: uuid.UUID, local_date: date) -> int:
     """How many meals there are on a day."""
     query = (
@@ -66,13 +69,6 @@ def meals_of_day(
     for record in session.scalars(records.order_by(EffectiveRecord.item_id)):
         by_meal[record.meal_id].append(record)
     return [(meal, by_meal[meal.id]) for meal in meals]
-
-
-def latest_day_of(session: Session, participant_id: uuid.UUID) -> date | None:
-    """The last day that has a meal or a word."""
-    keys = keys_of(RowFilter(participant_id=participant_id), None).subquery()
-    latest: date | None = session.execute(sa.select(sa.func.max(keys.c.local_date))).scalar_one()
-    return latest
 
 
 def lock_participant(session: Session, participant_id: uuid.UUID) -> Participant | None:

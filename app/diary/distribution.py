@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 from app.db.sorted_values import Runs, SortedValues
 
@@ -13,36 +14,50 @@ LEAST_WIDTH = 0.01  # of a bin: finer than any amount of a day is known
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)  # bins are as wide as one of these times a power of ten
 
 
+class Bin(NamedTuple):
+    """Days whose amount lies in a bin: its lower end included, its upper end in the last bin only."""
+
+    component: str
+    from_amount: float
+    to_amount: float
+    days: int
+
+
 @dataclass(frozen=True, slots=True)
 class Distribution:
     """A headline nutrient over whole days. edges: one more than counts, in order; both empty where nobody asked.
 
-    below, above: values outside of the bins. sd: the sample's; None of fewer than two days; all None without a day.
+    days_below_bins, days_above_bins: outside of the bins. sd: the sample's; None of fewer than two days; all None
+    without a day.
     """
 
-    column: str
+    component: str
     days: int
-    mean: float | None
-    sd: float | None
-    median: float | None
-    minimum: float | None
-    maximum: float | None
-    edges: tuple[float, ...]
-    counts: tuple[int, ...]
-    below: int
-    above: int
+    mean: float | None = None
+    sd: float | None = None
+    median: float | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    edges: tuple[float, ...] = ()
+    counts: tuple[int, ...] = ()
+    days_below_bins: int = 0
+    days_above_bins: int = 0
+
+    def bins(self) -> list[Bin]:
+        """The bins in order."""
+        return [Bin(self.component, *ends, days) for ends, days in zip(pairwise(self.edges), self.counts, strict=True)]
 
 
-def distribution(column: str, found: Iterable[SortedValues], *, binned: bool = True) -> Distribution:
-    """How values lie. They are counted in some twenty bins of a round width; those far out are counted beside them."""
-    runs = Runs.of(found)
+def distribution(component: str, values: Iterable[SortedValues], *, binned: bool = True) -> Distribution:
+    """Count values in some twenty bins of a round width; those far out are counted beside them."""
+    runs = Runs.of(values)
     days = len(runs)
     if not days:
-        return Distribution(column, 0, None, None, None, None, None, (), (), 0, 0)
+        return Distribution(component, 0)
     edges = _edges(runs, days) if binned else ()
     places = [runs.below(edge) for edge in edges[:-1]] + [runs.up_to(edges[-1])] if binned else [0, days]
     return Distribution(
-        column=column,
+        component=component,
         days=days,
         mean=runs.mean,
         sd=math.sqrt(runs.squares / (days - 1)) if days > 1 else None,
@@ -51,8 +66,8 @@ def distribution(column: str, found: Iterable[SortedValues], *, binned: bool = T
         maximum=runs.greatest,
         edges=edges,
         counts=tuple(end - start for start, end in pairwise(places)),
-        below=places[0],
-        above=days - places[-1],
+        days_below_bins=places[0],
+        days_above_bins=days - places[-1],
     )
 
 

@@ -20,7 +20,7 @@ from app.diary.day_definition import FULL
 from app.diary.diary import Whose, find_participant
 from app.diary.models import DayStatus
 from app.diary.queries import DayRow
-from app.diary.study_days import number_days, stage_on
+from app.diary.study_days import stage_on
 from app.foods.food_amounts import RECORD_COLUMNS
 from app.http.row_filter import RowFilter
 from app.meals.models import Meal
@@ -116,7 +116,7 @@ def read_feedback(database: Database, caller: Caller, local_date: date | None, w
         study = session.get_one(Study, participant.study_id)
         if isinstance(caller, DeviceCaller) and not study.gives_feedback:
             raise NotAllowedError("This study gives no feedback while it measures.", code="feedback_off")
-        day = local_date or diary.latest_day_of(session, participant.id)
+        day = local_date or days.latest_day_of(session, participant.id)
         if day is None:
             raise InvalidInputError("There is no day with a meal yet: name a date.", code="no_day_yet")
         return _feedback(session, participant, study, day)
@@ -157,7 +157,7 @@ def sum_amounts(records: Iterable[EffectiveRecord], *, is_all: bool = True) -> d
 
 def _feedback(session: Session, participant: Participant, study: Study, day: date) -> Feedback:
     window = RowFilter(participant_id=participant.id, first_day=_window_start(day), last_day=day)
-    rows = days.days_of(session, window)
+    rows = days.page_of_days(session, window)
     today = next((row for row in rows if row.local_date == day), None)
     eaten = diary.meals_of_day(session, participant.id, day)
     records = [record for _, of_meal in eaten for record in of_meal]
@@ -168,7 +168,7 @@ def _feedback(session: Session, participant: Participant, study: Study, day: dat
         components = sum_amounts(records, is_all=unmeasured_meals == 0)
     feedback = Feedback(
         date=day,
-        study_day=number_days(session, [today])[0].number if today is not None else None,
+        study_day=today.study_day if today is not None else None,
         status=today.status if today is not None else "open",
         ate_nothing=today is not None and today.ate_nothing,
         meals=tuple(_eaten_meal(meal, of_meal) for meal, of_meal in eaten),

@@ -2,12 +2,14 @@
 
 import uuid
 from datetime import date, datetime
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import BaseModel, Field
 
+from app.diary.feedback import NoComparison
 from app.diary.models import DayStatus
 from app.http.field_descriptions import CAPTURED_AT, MEAL_ID, STUDY_DAY
+from app.nutrition.intakes.compare_intake import Kind, Verdict
 from app.people.models import Locale
 
 
@@ -43,16 +45,14 @@ class ComparedOut(BaseModel):
         description="Mean over the days of the share of the eaten grams for which the component is known, 0 to 1."
     )
     reference: float = Field(description="The reference intake per day, in the same unit.")
-    kind: Literal["rda", "ai", "cdrr"] = Field(
+    kind: Kind = Field(
         description="rda: Recommended Dietary Allowance. ai: Adequate Intake. cdrr: Chronic Disease Risk Reduction "
         "intake."
     )
-    verdict: Literal["reaches", "below", "above_limit", "under_limit", "open", "open_adequate", "open_coverage"] = (
-        Field(
-            description="What the days show: reaches, below: an RDA or AI. above_limit, under_limit: a CDRR. open: the "
-            "days do not show it. open_adequate: below an AI, which means nothing. open_coverage: not all "
-            "contents are known."
-        )
+    verdict: Verdict = Field(
+        description="What the days show: reaches, below: an RDA or AI. above_limit, under_limit: a CDRR. open: the "
+        "days do not show it. open_adequate: below an AI, which means nothing. open_coverage: not all "
+        "contents are known."
     )
 
 
@@ -62,7 +62,7 @@ class ComparisonOut(BaseModel):
     window_days: int = Field(description="Length of the window in days; it ends with the summary's day.")
     closed_days: int = Field(description="Closed days in the window.")
     whole_days: int = Field(description="Closed days of which everything is measured and final: they are compared.")
-    why_not: Literal["days_needed", "profile_needed"] | None = Field(
+    why_not: NoComparison | None = Field(
         description="days_needed: too few whole days. profile_needed: age or sex is not known. Null: there is a "
         "comparison."
     )

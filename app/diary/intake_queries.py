@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.diary.day_definition import FULL
-from app.diary.models import DayMark, DaySum, DiaryDay
-from app.diary.queries import sums_of_days
+from app.diary.day_definition import FULL, is_day_of_nothing, is_measured_whole, total, within
+from app.diary.models import DiaryDay
+from app.diary.queries import Conditions, DayTable, of_study, sums_of_days
 from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.models import Participant, Study
@@ -20,10 +20,10 @@ from app.people.models import Participant, Study
 class MeanAmount(NamedTuple):
     """A mean daily amount over closed days, on how many of them it is known, and the mean of their coverages.
 
-    value: None where it is known on no closed day. coverage: None where one of the days has none.
+    mean: None where it is known on no closed day. coverage: None where one of the days has none.
     """
 
-    value: float | None
+    mean: float | None
     days: int
     coverage: float | None
 
@@ -37,35 +37,42 @@ class ClosedDay(NamedTuple):
     is_whole: bool
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class IntakeRow:
     """A participant's mean daily intake over closed days.
 
-    open_days: days with a meal or a word that are not closed, left out. first_day, last_day: of all their days.
-    days: with a meal or a word. whole_days: closed days of which everything is measured, final, and has an energy;
-    whole_energy_kcal: their mean energy.
+    first_day, last_day: of all days with a meal or a diary entry; days: their number. whole_days: closed days of which
+    everything is measured, final, and has an energy; whole_energy_kcal: their mean energy.
     """
 
-    participant_id: uuid.UUID
-    participant_code: str
-    profile: dict[str, Any] | None
+    participant: str
+    profile: Mapping[str, Any] | None
     first_day: date
     last_day: date
     days: int
     closed_days: int
-    open_days: int
     unmeasured_meals: int
     unmeasured_items: int
     provisional_items: int
     leftovers_unknown_items: int
     whole_days: int
     whole_energy_kcal: float | None
-    means: Mapping[str, MeanAmount]
+    components: Mapping[str, MeanAmount]
+
+    @property
+    def open_days(self) -> int:
+        """Days that are not closed: left out of the means."""
+        return self.days - self.closed_days
+
+    @property
+    def silent_days(self) -> int:
+        """Days between the first and the last without a meal or a diary entry."""
+        return (self.last_day - self.first_day).days + 1 - self.days
 
 
 def page_of_intakes(
     session: Session,
-    study_id: uuid.UUID,
+    study: Study,
     *,
     first_day: date | None,
     last_day: date | None,
@@ -73,83 +80,63 @@ def page_of_intakes(
     limit: int,
 ) -> list[IntakeRow]:
     """Mean intakes of at most `limit` participants who have a day, by code, those behind `after`."""
-    people = _page_of_people(session, study_id, first_day, last_day, after, limit)
+    people = _page_of_people(session, study.id, first_day, last_day, after, limit)
     if not people:
         return []
 
-    def of_people(table: type[DaySum | DayMark]) -> list[Any]:
+    def of_people(table: DayTable) -> Conditions:
         return [table.participant_id.in_(people), *within(table.local_date, first_day, last_day)]
 
-    expects_after_pair = session.scalar(sa.select(Study.expects_after_pair).where(Study.id == study_id))
     day = sums_of_days(session, of_people)
     is_closed, is_nothing = day.c.status == "closed", is_day_of_nothing(day)
     is_measured = sa.and_(is_measured_whole(day), day.c.energy_kcal_coverage >= FULL)
-    closed_sums = [
-        sa.func.coalesce(sa.func.sum(sa.case((is_closed, day.c[name]), else_=0)), 0).label(name)
-        for name in ("unmeasured_meals", "unmeasured_items", "provisional_items", "unseen_leftovers_items")
-    ]
+    closed_days = sa.func.count(sa.case((is_closed, 1)))
     whole_kcal = sa.case((is_nothing, 0.0), (is_measured, day.c.energy_kcal))
-    means: list[Any] = []
+    columns: dict[str, sa.ColumnElement[Any]] = {
+        "first_day": sa.func.min(day.c.local_date),
+        "last_day": sa.func.max(day.c.local_date),
+        "days": sa.func.count(),
+        "closed_days": closed_days,
+        "whole_days": sa.func.count(whole_kcal),
+        "whole_energy_kcal": sa.func.avg(whole_kcal),
+    }
+    for name in ("unmeasured_meals", "unmeasured_items", "provisional_items", "unseen_leftovers_items"):
+        columns[name] = total(sa.case((is_closed, day.c[name]), else_=0))
+    unseen = columns.pop("unseen_leftovers_items")
+    columns["leftovers_unknown_items"] = unseen if study.expects_after_pair else sa.literal(0)
+    means: list[sa.ColumnElement[Any]] = []
     for name in HEADLINE_COLUMNS:
         amount = sa.case((is_nothing, 0.0), (is_closed, day.c[name]))
         coverage = sa.case((is_nothing, 1.0), (is_closed, day.c[f"{name}_coverage"]))
-        closed_days = sa.func.count(sa.case((is_closed, 1)))
         means += [
             sa.func.avg(amount).label(name),
             sa.func.count(amount).label(f"{name}_days"),
             sa.case((sa.func.count(coverage) == closed_days, sa.func.avg(coverage))).label(f"{name}_coverage"),
         ]
-    query = sa.select(
-        day.c.participant_id,
-        sa.func.min(day.c.local_date).label("first_day"),
-        sa.func.max(day.c.local_date).label("last_day"),
-        sa.func.count().label("days"),
-        sa.func.count(sa.case((is_closed, 1))).label("closed_days"),
-        *closed_sums,
-        sa.func.count(whole_kcal).label("whole_days"),
-        sa.func.avg(whole_kcal).label("whole_kcal"),
-        *means,
-    ).group_by(day.c.participant_id)
+    query = sa.select(day.c.participant_id, *(column.label(name) for name, column in columns.items()), *means).group_by(
+        day.c.participant_id
+    )
     rows = {row["participant_id"]: row for row in session.execute(query).mappings()}
+    persons = sa.select(Participant.id, Participant.code, Participant.profile).where(Participant.id.in_(people))
     return [
-        _intake_row(rows[person.id], person, expects_after_pair=bool(expects_after_pair))
-        for person in session.scalars(
-            sa.select(Participant).where(Participant.id.in_(people)).order_by(Participant.code)
+        IntakeRow(
+            participant=code,
+            profile=profile,
+            **{name: rows[participant_id][name] for name in columns},
+            components={
+                name: MeanAmount(*(rows[participant_id][f"{name}{end}"] for end in ("", "_days", "_coverage")))
+                for name in HEADLINE_COLUMNS
+            },
         )
+        for participant_id, code, profile in session.execute(persons.order_by(Participant.code))
     ]
-
-
-def within(local_date: Any, first_day: date | None, last_day: date | None) -> list[sa.ColumnElement[bool]]:
-    """The conditions of a range of local days, both included."""
-    found = []
-    if first_day is not None:
-        found.append(local_date >= first_day)
-    if last_day is not None:
-        found.append(local_date <= last_day)
-    return found
-
-
-def is_day_of_nothing(day: sa.Subquery) -> sa.ColumnElement[bool]:
-    """Whether a day is closed and nothing was eaten; as DayRow.is_nothing."""
-    is_empty = sa.and_(day.c.meals > 0, day.c["items"] == 0, day.c.unmeasured_meals == 0)
-    return sa.and_(day.c.status == "closed", sa.or_(sa.and_(day.c.said_nothing, day.c.meals == 0), is_empty))
-
-
-def is_measured_whole(day: sa.Subquery) -> sa.ColumnElement[bool]:
-    """Whether a day is closed, and the grams of all that was eaten are known and final; as DayRow.is_complete."""
-    is_known = sa.and_(day.c.unmeasured_items == 0, day.c.unmeasured_meals == 0, day.c.provisional_items == 0)
-    return sa.and_(day.c.status == "closed", day.c["items"] > 0, is_known)
 
 
 def closed_days(
     session: Session, study_id: uuid.UUID, first_day: date | None, last_day: date | None
 ) -> list[ClosedDay]:
     """The closed days of a study."""
-
-    def of_study(table: type[DaySum | DayMark]) -> list[Any]:
-        return [table.study_id == study_id, *within(table.local_date, first_day, last_day)]
-
-    day = sums_of_days(session, of_study)
+    day = sums_of_days(session, of_study(study_id, first_day, last_day))
     is_nothing = is_day_of_nothing(day)
     query = (
         sa.select(day.c.participant_id, day.c.local_date, is_nothing, sa.or_(is_nothing, is_measured_whole(day)))
@@ -178,26 +165,3 @@ def _page_of_people(
     if after is not None:
         some = some.where(Participant.code > after)
     return list(session.scalars(some.order_by(Participant.code).limit(limit)))
-
-
-def _intake_row(values: sa.RowMapping, person: Participant, *, expects_after_pair: bool) -> IntakeRow:
-    return IntakeRow(
-        participant_id=person.id,
-        participant_code=person.code,
-        profile=person.profile,
-        first_day=values["first_day"],
-        last_day=values["last_day"],
-        days=values["days"],
-        closed_days=values["closed_days"],
-        open_days=values["days"] - values["closed_days"],
-        unmeasured_meals=int(values["unmeasured_meals"]),
-        unmeasured_items=int(values["unmeasured_items"]),
-        provisional_items=int(values["provisional_items"]),
-        leftovers_unknown_items=int(values["unseen_leftovers_items"]) if expects_after_pair else 0,
-        whole_days=values["whole_days"],
-        whole_energy_kcal=values["whole_kcal"],
-        means={
-            name: MeanAmount(values[name], values[f"{name}_days"], values[f"{name}_coverage"])
-            for name in HEADLINE_COLUMNS
-        },
-    )

@@ -12,6 +12,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, Personal, one_of
 from app.meals.event_models import LAYERS
+from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.privacy_models import BigId
 
 DayStatus = Literal["open", "closed"]
@@ -72,11 +73,12 @@ class DiaryDay(Base):
 class DaySum(Base):
     """What a participant-day comes to: a projection of its meals, records and word, so that a study is summed quickly.
 
-    What holds is counted in one place (diary/day_definition.py) and written down from there. While a DayMark of
-    the day is there the row may be of before: whoever reads counts that day itself. Columns as DayRow has them; beside
-    those, late_meals: arrived more than a day after they were eaten; located_meals: whose place is kept;
-    unseen_leftovers_items: counted as eaten up since nobody has looked, whether or not the study expects it; *_meals by
-    status. Without a word the day is open, and said_nothing false.
+    Beside these columns it has a sum and a coverage of each of HEADLINE_COLUMNS. All is counted in one place
+    (diary/day_definition.py) and written down from there. While a DayMark of the day is there the row may be of
+    before: whoever reads counts that day itself. Columns as DayRow has them; beside those, late_meals: arrived more
+    than a day after they were eaten; located_meals: whose place is kept; unseen_leftovers_items: counted as eaten up
+    since nobody has looked, whether or not the study expects it; *_meals by status. Without a diary entry the day is
+    open, and said_nothing false.
     """
 
     __tablename__ = "day_sum"
@@ -106,26 +108,6 @@ class DaySum(Base):
     provisional_items: Mapped[int]
     unseen_leftovers_items: Mapped[int]
     consumed_g: Mapped[float | None]
-    energy_kcal: Mapped[float | None]
-    energy_kcal_coverage: Mapped[float | None]
-    protein_g: Mapped[float | None]
-    protein_g_coverage: Mapped[float | None]
-    fat_g: Mapped[float | None]
-    fat_g_coverage: Mapped[float | None]
-    carbohydrate_g: Mapped[float | None]
-    carbohydrate_g_coverage: Mapped[float | None]
-    fibre_g: Mapped[float | None]
-    fibre_g_coverage: Mapped[float | None]
-    sugar_g: Mapped[float | None]
-    sugar_g_coverage: Mapped[float | None]
-    saturated_fat_g: Mapped[float | None]
-    saturated_fat_g_coverage: Mapped[float | None]
-    sodium_mg: Mapped[float | None]
-    sodium_mg_coverage: Mapped[float | None]
-    potassium_mg: Mapped[float | None]
-    potassium_mg_coverage: Mapped[float | None]
-    vitamin_c_mg: Mapped[float | None]
-    vitamin_c_mg_coverage: Mapped[float | None]
 
     __table_args__ = (one_of("status", DAY_STATUSES), sa.Index(None, "study_id", "local_date", "participant_id"))
 
@@ -156,8 +138,8 @@ class StudyDaySum(Base):
 
     What holds is counted in one place (study_day_sum_queries.py) and written down from there. While a DayMark or a
     StudyDayMark of the day is there the row may be of before, or not there: whoever reads counts that day itself.
-    Columns as DayCounts has them; delays: seconds from eating to arrival of each meal; of each component the amounts on
-    the days of which all that was eaten is known: both as SortedValues has them.
+    Columns as DayCounts has them; delays: seconds from eating to arrival of each meal; of each of HEADLINE_COLUMNS the
+    amounts on the days of which all that was eaten is known: both as SortedValues has them.
     """
 
     __tablename__ = "study_day_sum"
@@ -186,16 +168,6 @@ class StudyDaySum(Base):
     unmeasured_items: Mapped[int]
     provisional_items: Mapped[int]
     delays: Mapped[bytes]
-    energy_kcal: Mapped[bytes]
-    protein_g: Mapped[bytes]
-    fat_g: Mapped[bytes]
-    carbohydrate_g: Mapped[bytes]
-    fibre_g: Mapped[bytes]
-    sugar_g: Mapped[bytes]
-    saturated_fat_g: Mapped[bytes]
-    sodium_mg: Mapped[bytes]
-    potassium_mg: Mapped[bytes]
-    vitamin_c_mg: Mapped[bytes]
 
 
 class StudyDayMark(Base):
@@ -212,3 +184,9 @@ class StudyDayMark(Base):
     local_date: Mapped[date]
 
     __table_args__ = (sa.Index(None, "study_id", "local_date"),)
+
+
+for _name in HEADLINE_COLUMNS:
+    setattr(DaySum, _name, mapped_column(sa.Double))
+    setattr(DaySum, f"{_name}_coverage", mapped_column(sa.Double))
+    setattr(StudyDaySum, _name, mapped_column(sa.LargeBinary, nullable=False))

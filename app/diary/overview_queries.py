@@ -11,10 +11,9 @@ from typing import Literal, NamedTuple
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.diary.day_definition import has_place
-from app.diary.intake_queries import within
-from app.diary.models import DayMark, DaySum, DiaryDay
-from app.diary.queries import sums_of_days
+from app.diary.day_definition import has_place, within
+from app.diary.models import DiaryDay
+from app.diary.queries import edge_days, of_study, sums_of_days
 from app.diary.study_day_sum_queries import CountedDay, days_of_study
 from app.meals.models import Meal, MealStatus
 from app.people.models import Participant
@@ -59,10 +58,10 @@ class Span(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where a meal was eaten, WGS84, degrees, as the study keeps it."""
+    """Where a meal was eaten, WGS84, degrees, as the study keeps it. meal_id: the phone's."""
 
-    meal_client_id: uuid.UUID
-    participant_code: str
+    meal_id: uuid.UUID
+    participant: str
     captured_at: datetime
     local_date: date
     latitude: float
@@ -90,23 +89,13 @@ class PersonDay(NamedTuple):
 
 
 def last_day_of(session: Session, study_id: uuid.UUID, until: date) -> date | None:
-    """The last local day, not behind `until`, that has a meal or a word."""
-    found = [
-        session.scalar(
-            sa.select(sa.func.max(table.local_date)).where(table.study_id == study_id, table.local_date <= until)
-        )
-        for table in (Meal, DiaryDay)
-    ]
-    return max((day for day in found if day is not None), default=None)
+    """The last local day, not behind `until`, that has a meal or a diary entry."""
+    return max(edge_days(session, sa.func.max, of_study(study_id, None, until)), default=None)
 
 
 def first_day_of(session: Session, study_id: uuid.UUID) -> date | None:
-    """The first local day that has a meal or a word."""
-    found = [
-        session.scalar(sa.select(sa.func.min(table.local_date)).where(table.study_id == study_id))
-        for table in (Meal, DiaryDay)
-    ]
-    return min((day for day in found if day is not None), default=None)
+    """The first local day that has a meal or a diary entry."""
+    return min(edge_days(session, sa.func.min, of_study(study_id, None, None)), default=None)
 
 
 class Window:
@@ -115,9 +104,7 @@ class Window:
     def __init__(self, session: Session, study_id: uuid.UUID, first_day: date, last_day: date) -> None:
         self._session, self._study_id = session, study_id
         self._first_day, self._last_day = first_day, last_day
-
-    def _which(self, table: type[DaySum | DayMark | Meal]) -> list[sa.ColumnElement[bool]]:
-        return [table.study_id == self._study_id, *within(table.local_date, self._first_day, self._last_day)]
+        self._which = of_study(study_id, first_day, last_day)
 
     def people(self) -> PeopleCounts:
         """How many there are."""

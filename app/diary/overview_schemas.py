@@ -2,8 +2,9 @@
 
 import uuid
 from datetime import date, datetime
+from typing import Annotated
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, BeforeValidator, Field
 
 from app.diary.overview_queries import CountedStatus
 from app.diary.schemas import UNMEASURED_MEALS
@@ -85,6 +86,15 @@ class FailureCountOut(BaseModel):
     meals: int = Field(description="How many meals there are.")
 
 
+def _rows(name: str) -> BeforeValidator:
+    """Let a mapping of counts validate as a list of rows: {name: key, meals: count}."""
+    return BeforeValidator(lambda counts: [{name: key, "meals": meals} for key, meals in counts.items()])
+
+
+StatusCounts = Annotated[list[OverviewStatusOut], _rows("status")]
+FailureCounts = Annotated[list[FailureCountOut], _rows("failure_code")]
+
+
 class BinOut(BaseModel):
     """Whole days whose amount lies in [from, to); in the last bin also those at its end."""
 
@@ -138,9 +148,9 @@ class OverviewOut(BaseModel):
     participants: OverviewPeopleOut = Field(description="How many participants there are.")
     completeness: CompletenessOut = Field(description="How complete the window's diary is.")
     days: list[OverviewDayOut] = Field(description="One entry per local day of the window.")
-    statuses: list[OverviewStatusOut] = Field(description="Of the window's meals.")
-    waiting: list[OverviewStatusOut] = Field(description="Of the whole study, now.")
-    failures: list[FailureCountOut] = Field(description="Of the whole study, now; the commonest first.")
+    statuses: StatusCounts = Field(description="Of the window's meals.")
+    waiting: StatusCounts = Field(description="Of the whole study, now.")
+    failures: FailureCounts = Field(description="Of the whole study, now; the commonest first.")
     nutrients: list[OverviewNutrientOut] = Field(
         description="How the amounts of each component are distributed over whole days."
     )

@@ -7,24 +7,27 @@ participant id).
 
 import uuid
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import date, datetime
 from typing import Any, Literal, NamedTuple
 
 import sqlalchemy as sa
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from app.db.statements import AnyQuery
-from app.diary.day_definition import COLUMNS, counted_days
-from app.diary.models import DayEvent, DayMark, DaySum, DiaryDay
+from app.diary import diary_queries as diary
+from app.diary.day_definition import COLUMNS, DayKeys, counted_days, same_day, within
+from app.diary.models import DayEvent, DayMark, DayStatus, DaySum, DiaryDay
 from app.http.row_filter import RowFilter
 from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.models import Participant, Study
 from app.records.page_queries import MOST_BRANCHES, all_studies, participants_of, studies_of
 
-DayStatus = Literal["open", "closed"]
 DayKey = tuple[date, uuid.UUID]  # local day, participant
+Conditions = Sequence[sa.ColumnElement[bool]]
+DayTable = type[DaySum | DayMark | Meal | DiaryDay]
+Which = Callable[[DayTable], Conditions]  # of the days in a table, by its participant_id, local_date and study_id
 
 
 class Amount(NamedTuple):
@@ -42,7 +45,8 @@ class Amount(NamedTuple):
 class DayRow:
     """A participant's day.
 
-    said_nothing: the word that nothing was eaten; it counts while there is no meal. version: 0 without a word.
+    study_day: its number, 1 on the participant's first day; None where no first day is known. said_nothing: the diary
+    entry that nothing was eaten; it counts while there is no meal. version: 0 without an entry.
     meals_after_closing: meals that came in after the day was closed. unmeasured_meals: of which no food is known, and
     nobody has said that there was none. unmeasured_items: whose eaten grams are not known. leftovers_unknown_items:
     those that count as eaten up since nobody has looked, where the study expects an after-meal pair.
@@ -53,6 +57,7 @@ class DayRow:
     study_code: str
     profile: dict[str, Any] | None
     local_date: date
+    study_day: int | None
     status: DayStatus
     said_nothing: bool
     version: int
@@ -68,6 +73,13 @@ class DayRow:
     leftovers_unknown_items: int
     consumed_g: float | None
     amounts: Mapping[str, Amount]
+
+    @property
+    def decided_by(self) -> Literal["participant", "reviewer"] | None:
+        """Whose diary entry holds; None: there is none."""
+        if self.version == 0:
+            return None
+        return "reviewer" if self.is_by_reviewer else "participant"
 
     @property
     def ate_nothing(self) -> bool:
@@ -91,103 +103,45 @@ class DayRow:
         return Amount(0.0, 1.0) if self.is_nothing else self.amounts[column]
 
 
-def page_of_days(session: Session, chosen: RowFilter, *, after: DayKey | None, limit: int) -> list[DayRow]:
-    """At most `limit` participant-days that have a meal or a word, in the order of (day, participant id)."""
-    found = _page_keys(session, chosen, after, limit)
-    if found is None:
-        return []
-    return _rows_of(session, found.cte("page"))
+ROW_COLUMNS = tuple(
+    field.name for field in fields(DayRow) if field.name not in ("study_day", "leftovers_unknown_items", "amounts")
+)
 
 
-def _page_keys(session: Session, chosen: RowFilter, after: DayKey | None, limit: int) -> AnyQuery | None:
-    """The first days behind `after`: those of each study, or participant, from an index that has them in this order.
-
-    None: the filter names what is not there.
-    """
-    studies = studies_of(session, chosen.study_code, chosen.study_ids)
-    people = participants_of(session, chosen.participant_code, chosen.participant_id, studies)
-    ids = people if people is not None else studies if studies is not None else all_studies(session)
-    if not ids:
-        return None
-    if len(ids) > MOST_BRANCHES // 2:
-        return _first(keys_of(chosen, after).subquery(), limit)
-    parts = []
-    for table in (Meal, DiaryDay):
-        column = table.participant_id if people is not None else table.study_id
-        for one in ids:
-            query = _within(sa.select(table.participant_id, table.local_date).distinct(), table, chosen, after)
-            query = query.where(column == one).order_by(table.local_date, table.participant_id).limit(limit)
-            each = query.subquery()  # a part with a limit of its own
-            parts.append(sa.select(each.c.participant_id, each.c.local_date))
-    return _first(sa.union(*parts).subquery(), limit)
-
-
-def _first(keys: sa.Subquery, limit: int) -> AnyQuery:
-    chosen = sa.select(keys.c.participant_id, keys.c.local_date)
-    return chosen.order_by(keys.c.local_date, keys.c.participant_id).limit(limit)
-
-
-def _within(query: AnyQuery, table: type[Meal | DiaryDay], chosen: RowFilter, after: DayKey | None) -> AnyQuery:
-    """The days of a range, behind a key."""
-    if chosen.first_day is not None:
-        query = query.where(table.local_date >= chosen.first_day)
-    if chosen.last_day is not None:
-        query = query.where(table.local_date <= chosen.last_day)
-    if after is not None:
-        key = sa.tuple_(sa.literal(after[0], sa.Date()), sa.literal(after[1], sa.Uuid()))
-        query = query.where(sa.tuple_(table.local_date, table.participant_id) > key)
-    return query
-
-
-def days_of(session: Session, chosen: RowFilter) -> list[DayRow]:
-    """All days of the filter: for one participant, or a range that is bounded."""
-    return _rows_of(session, keys_of(chosen, None).cte("page"))
+def page_of_days(
+    session: Session, chosen: RowFilter, *, after: DayKey | None = None, limit: int | None = None
+) -> list[DayRow]:
+    """Return participant-days that have a meal or a diary entry, in the order of (day, participant id)."""
+    keys = _page_keys(session, chosen, after, limit)
+    return _rows_of(session, keys.cte("page")) if keys is not None else []
 
 
 def find_day(session: Session, participant_id: uuid.UUID, local_date: date) -> DayRow | None:
-    """One participant-day; None where nothing is known of it."""
+    """Return a participant-day; None where it has neither a meal nor a diary entry."""
     chosen = RowFilter(participant_id=participant_id, first_day=local_date, last_day=local_date)
-    return next(iter(days_of(session, chosen)), None)
+    return next(iter(page_of_days(session, chosen)), None)
 
 
-def keys_of(chosen: RowFilter, after: DayKey | None) -> AnyQuery:
-    """The participant-days that have a meal or a word."""
-    parts = []
-    for table in (Meal, DiaryDay):
-        query = sa.select(table.participant_id, table.local_date)
-        query = filtered(query, table.study_id, table.participant_id, table.local_date, chosen)
-        if after is not None:
-            key = sa.tuple_(table.local_date, table.participant_id)
-            query = query.where(key > sa.tuple_(sa.literal(after[0], sa.Date()), sa.literal(after[1], sa.Uuid())))
-        parts.append(query)
-    both = sa.union(*parts).subquery()
-    return sa.select(both.c.participant_id, both.c.local_date)
+def latest_day_of(session: Session, participant_id: uuid.UUID) -> date | None:
+    """The last day that has a meal or a diary entry."""
+    return max(edge_days(session, sa.func.max, lambda table: [table.participant_id == participant_id]), default=None)
 
 
-def filtered(query: AnyQuery, study_id: Any, participant_id: Any, local_date: Any, chosen: RowFilter) -> AnyQuery:
-    """The query with the filter's conditions on these columns of it."""
-    if chosen.study_code is not None:
-        query = query.where(study_id == sa.select(Study.id).where(Study.code == chosen.study_code).scalar_subquery())
-    if chosen.participant_code is not None:
-        query = query.where(
-            participant_id.in_(sa.select(Participant.id).where(Participant.code == chosen.participant_code))
-        )
-    if chosen.participant_id is not None:
-        query = query.where(participant_id == chosen.participant_id)
-    if chosen.study_ids is not None:
-        query = query.where(study_id.in_(chosen.study_ids))
-    if chosen.first_day is not None:
-        query = query.where(local_date >= chosen.first_day)
-    if chosen.last_day is not None:
-        query = query.where(local_date <= chosen.last_day)
-    return query
+def of_study(study_id: uuid.UUID, first_day: date | None, last_day: date | None) -> Which:
+    """The days of a study in a range, both ends included."""
+    return lambda table: [table.study_id == study_id, *within(table.local_date, first_day, last_day)]
 
 
-def sums_of_days(session: Session, which: Callable[[type[DaySum | DayMark]], Sequence[Any]]) -> sa.Subquery:
-    """What each of these days comes to, COLUMNS of DaySum; those that have changed since are counted anew.
+def edge_days(
+    session: Session, edge: Callable[[InstrumentedAttribute[date]], sa.ColumnElement[date]], which: Which
+) -> list[date]:
+    """The least, or greatest, of these days that has a meal, and that has a diary entry. edge: sa.func.min or max."""
+    days = [session.scalar(sa.select(edge(table.local_date)).where(*which(table))) for table in (Meal, DiaryDay)]
+    return [day for day in days if day is not None]
 
-    which: the conditions on a table's participant_id, local_date and study_id.
-    """
+
+def sums_of_days(session: Session, which: Which) -> sa.Subquery:
+    """What each of these days comes to, COLUMNS of DaySum; days that have changed since are counted anew."""
     kept = sa.select(*(DaySum.__table__.c[name] for name in COLUMNS)).where(*which(DaySum))
     if not session.scalar(sa.select(sa.exists().where(*which(DayMark)))):
         return kept.subquery("day")
@@ -195,9 +149,37 @@ def sums_of_days(session: Session, which: Callable[[type[DaySum | DayMark]], Seq
     return sa.union_all(kept.where(~_is_marked(DaySum)), counted_days(keys.cte("marked"))).subquery("day")
 
 
+def _page_keys(session: Session, chosen: RowFilter, after: DayKey | None, limit: int | None) -> AnyQuery | None:
+    """The first days behind `after`: those of each study, or participant, from an index that has them in this order.
+
+    None: the filter names a study or a participant that is not there.
+    """
+    studies = studies_of(session, chosen.study_code, chosen.study_ids)
+    people = participants_of(session, chosen.participant_code, chosen.participant_id, studies)
+    ids = people if people is not None else studies if studies is not None else all_studies(session)
+    if not ids:
+        return None
+    parts = []
+    for table in (Meal, DiaryDay):
+        owner = table.study_id if people is None else table.participant_id
+        days = sa.select(table.participant_id, table.local_date)
+        days = days.where(*within(table.local_date, chosen.first_day, chosen.last_day))
+        if after is not None:
+            key = sa.tuple_(sa.literal(after[0], sa.Date()), sa.literal(after[1], sa.Uuid()))
+            days = days.where(sa.tuple_(table.local_date, table.participant_id) > key)
+        if len(ids) <= MOST_BRANCHES // 2:
+            ordered = days.distinct().order_by(table.local_date, table.participant_id).limit(limit)
+            parts += [sa.select(*ordered.where(owner == each).subquery().c) for each in ids]
+        else:
+            is_of_all = people is None and studies is None
+            parts.append(days if is_of_all else days.where(owner.in_(ids)))
+    keys = sa.union(*parts).subquery()
+    return sa.select(*keys.c).order_by(keys.c.local_date, keys.c.participant_id).limit(limit)
+
+
 def _rows_of(session: Session, page: sa.CTE) -> list[DayRow]:
     """The days of a page of keys, in their order."""
-    by_reviewer = sa.exists().where(_same_day(DayEvent, page.c), DayEvent.layer == "reviewer")
+    is_stale = sa.or_(DaySum.participant_id.is_(None), _is_marked(page.c))
     query = (
         sa.select(
             Participant.code.label("participant_code"),
@@ -206,63 +188,38 @@ def _rows_of(session: Session, page: sa.CTE) -> list[DayRow]:
             Study.expects_after_pair,
             sa.func.coalesce(DiaryDay.version, 0).label("version"),
             DiaryDay.changed_at,
-            by_reviewer.label("is_by_reviewer"),
-            sa.or_(DaySum.participant_id.is_(None), _is_marked(page.c)).label("is_stale"),
-            page.c.participant_id,
-            page.c.local_date,
-            *(DaySum.__table__.c[name] for name in COLUMNS if name not in ("participant_id", "local_date")),
+            sa.exists().where(same_day(DayEvent, page.c), DayEvent.layer == "reviewer").label("is_by_reviewer"),
+            is_stale.label("is_stale"),
+            *page.c,
+            *(DaySum.__table__.c[name] for name in COLUMNS if name not in page.c),
         )
         .select_from(page)
         .join(Participant, Participant.id == page.c.participant_id)
         .join(Study, Study.id == Participant.study_id)
-        .outerjoin(DiaryDay, _same_day(DiaryDay, page.c))
-        .outerjoin(DaySum, _same_day(DaySum, page.c))
+        .outerjoin(DiaryDay, same_day(DiaryDay, page.c))
+        .outerjoin(DaySum, same_day(DaySum, page.c))
         .order_by(page.c.local_date, page.c.participant_id)
     )
-    rows = session.execute(query).mappings().all()
-    counted: dict[DayKey, sa.RowMapping] = {}
+    rows = [dict(row) for row in session.execute(query).mappings()]
     if any(row["is_stale"] for row in rows):
-        is_stale = sa.or_(DaySum.participant_id.is_(None), _is_marked(page.c))
-        stale = (
-            sa.select(page.c.participant_id, page.c.local_date)
-            .outerjoin(DaySum, _same_day(DaySum, page.c))
-            .where(is_stale)
-            .cte("stale")
-        )
-        anew = session.execute(counted_days(stale)).mappings()
-        counted = {(each["local_date"], each["participant_id"]): each for each in anew}
-    return [_day_row(row, counted.get((row["local_date"], row["participant_id"]), row)) for row in rows]
+        stale = sa.select(*page.c).outerjoin(DaySum, same_day(DaySum, page.c)).where(is_stale).cte("stale")
+        counted = {
+            (row["participant_id"], row["local_date"]): row for row in session.execute(counted_days(stale)).mappings()
+        }
+        rows = [{**row, **counted.get((row["participant_id"], row["local_date"]), {})} for row in rows]
+    first_days = diary.first_days(session, {row["participant_id"] for row in rows})
+    return [_day_row(row, first_days.get(row["participant_id"])) for row in rows]
 
 
-def _is_marked(of: Any) -> sa.ColumnElement[bool]:
-    """Whether a day has changed since its sums were written."""
-    return sa.exists().where(_same_day(DayMark, of))
-
-
-def _same_day(table: Any, of: Any) -> sa.ColumnElement[bool]:
-    return sa.and_(table.participant_id == of.participant_id, table.local_date == of.local_date)
-
-
-def _day_row(row: sa.RowMapping, sums: sa.RowMapping) -> DayRow:
+def _day_row(row: Mapping[str, Any], first_day: date | None) -> DayRow:
     return DayRow(
-        participant_id=sums["participant_id"],
-        participant_code=row["participant_code"],
-        study_code=row["study_code"],
-        profile=row["profile"],
-        local_date=sums["local_date"],
-        status=sums["status"],
-        said_nothing=bool(sums["said_nothing"]),
-        version=row["version"],
-        changed_at=row["changed_at"],
-        is_by_reviewer=bool(row["is_by_reviewer"]),
-        meals=sums["meals"],
-        meals_after_closing=sums["meals_after_closing"],
-        unmeasured_meals=sums["unmeasured_meals"],
-        median_upload_delay_seconds=sums["median_upload_delay_seconds"],
-        items=sums["items"],
-        unmeasured_items=sums["unmeasured_items"],
-        provisional_items=sums["provisional_items"],
-        leftovers_unknown_items=sums["unseen_leftovers_items"] if row["expects_after_pair"] else 0,
-        consumed_g=sums["consumed_g"],
-        amounts={column: Amount(sums[column], sums[f"{column}_coverage"]) for column in HEADLINE_COLUMNS},
+        study_day=diary.number_of(row["local_date"], first_day),
+        leftovers_unknown_items=row["unseen_leftovers_items"] if row["expects_after_pair"] else 0,
+        amounts={column: Amount(row[column], row[f"{column}_coverage"]) for column in HEADLINE_COLUMNS},
+        **{name: row[name] for name in ROW_COLUMNS},
     )
+
+
+def _is_marked(day: DayKeys) -> sa.ColumnElement[bool]:
+    """Whether a day has changed since its sums were written."""
+    return sa.exists().where(same_day(DayMark, day))

@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.diary.models import DayStatus
 from app.http.field_descriptions import DAY, NEXT, PAGE, PARTICIPANT
-from app.nutrition.plausible_energy import WhyUnknown
+from app.nutrition.plausible_energy import Verdict, WhyUnknown
 
 COVERAGE = "The share of the eaten grams for which it is known, 0 to 1; null: grams of something are not known."
 UNMEASURED_MEALS = (
@@ -37,7 +37,7 @@ class DayIn(BaseModel):
 class DayOut(BaseModel):
     """How a day stands. A day that is not listed is open, with version 0."""
 
-    date: Annotated[date, Field(description="The participant's local day.")]
+    date: Annotated[date, Field(validation_alias="local_date", description="The participant's local day.")]
     study_day: int | None = Field(description="1 on the participant's first day.")
     status: DayStatus = Field(
         description="closed: all that was eaten on the day is recorded. open: not so, or nobody has said."
@@ -59,9 +59,7 @@ class DayList(BaseModel):
 class PlausibilityOut(BaseModel):
     """Energy intake over basal metabolic rate, beside the 95 % limits for so many whole days (Goldberg, Black 2000)."""
 
-    verdict: Literal["low", "plausible", "high", "unknown"] = Field(
-        description="low, high: outside the limits. unknown: `reason` says why."
-    )
+    verdict: Verdict = Field(description="low, high: outside the limits. unknown: `reason` says why.")
     days: int = Field(description="Whole days that the mean is over.")
     ratio: float | None = Field(description="Mean energy intake over basal metabolic rate; null: not known.")
     low: float | None = Field(description="Lower limit of a plausible ratio; null: not known.")
@@ -109,7 +107,7 @@ class DaySummaryOut(BaseModel):
     vitamin_c_mg: float | None = Field(description=DAY["vitamin_c_mg"])
     vitamin_c_mg_coverage: float | None = Field(description=DAY["vitamin_c_mg_coverage"])
     energy_to_basal_rate: float | None = Field(description=DAY["energy_to_basal_rate"])
-    plausibility: Literal["low", "plausible", "high", "unknown"] = Field(
+    plausibility: Verdict = Field(
         description="Of this day's energy alone, with the wide limits of one day; low, high: hardly all, or too much."
     )
 

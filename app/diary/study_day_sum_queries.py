@@ -7,67 +7,73 @@ asked for, so that what is told is of the moment of the question.
 import uuid
 from array import array
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from datetime import date
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.sorted_values import SortedValues
 from app.db.statements import AnyQuery
-from app.diary.day_definition import FULL, STATUS_COLUMNS, seconds_between
-from app.diary.day_sum_queries import keys_after
-from app.diary.intake_queries import is_day_of_nothing, is_measured_whole, within
+from app.diary.day_definition import (
+    FULL,
+    how_many,
+    is_day_of_nothing,
+    is_measured_whole,
+    seconds_between,
+    total,
+    within,
+)
+from app.diary.day_sum_queries import DayOf, Pair, keys_after
 from app.diary.models import DayMark, DaySum, StudyDayMark, StudyDaySum
-from app.diary.queries import sums_of_days
-from app.meals.models import MEAL_STATUSES, Meal
+from app.diary.queries import Conditions, DayTable, sums_of_days
+from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.models import Participant
 
 ROWS_AT_A_TIME = 2000
-ADDED_UP = (
-    "meals",
-    *STATUS_COLUMNS,
-    "late_meals",
-    "located_meals",
-    "unmeasured_meals",
-    "items",
-    "unmeasured_items",
-    "provisional_items",
-)  # of DaySum
-
-StudyDayKey = tuple[uuid.UUID, date]  # study, local day
+RUNS = ("delays", *HEADLINE_COLUMNS)
+COUNTS = tuple(
+    column.name for column in StudyDaySum.__table__.columns if column.name not in ("study_id", "local_date", *RUNS)
+)
+ADDED_UP = tuple(name for name in COUNTS if name in DaySum.__table__.columns)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DayCounts:
-    """A local day over all participants, who each have a row, a meal or a closed day, or are silent.
+    """A local day over all participants who have a meal or a closed day: COUNTS of StudyDaySum, and whole days.
 
-    told: with a meal or a closed day, of those who were expected; told_closed of them. closed: by word, also of days
-    on which nothing was expected; ate_nothing of them. whole: closed, everything measured and final, or nothing eaten,
-    and all of its energy known; whole_energy_kcal: their mean.
-    open_days: not closed, with some energy known; open_energy_kcal: their mean, a lower bound. by_status: meals.
+    told: with a meal or a closed day, of those who were expected; told_closed of them. closed: by a diary entry, also
+    where nothing was expected; ate_nothing of them. whole: closed, everything measured and final, or nothing eaten, and
+    all of its energy known; whole_energy_kcal: their mean. open_days: not closed, with some energy known;
+    open_energy_kcal: their mean, a lower bound.
     """
 
     local_date: date
-    told: int
-    told_closed: int
-    with_meal: int
-    closed: int
-    ate_nothing: int
-    whole: int
-    whole_energy_kcal: float | None
-    open_days: int
-    open_energy_kcal: float | None
-    meals: int
-    by_status: dict[str, int]
-    late_meals: int
-    located_meals: int
-    unmeasured_meals: int
-    items: int
-    unmeasured_items: int
-    provisional_items: int
+    told: int = 0
+    told_closed: int = 0
+    with_meal: int = 0
+    closed: int = 0
+    ate_nothing: int = 0
+    whole: int = 0
+    whole_energy_kcal: float | None = None
+    open_days: int = 0
+    open_energy_kcal: float | None = None
+    meals: int = 0
+    receiving_meals: int = 0
+    queued_meals: int = 0
+    processing_meals: int = 0
+    estimated_meals: int = 0
+    needs_review_meals: int = 0
+    failed_meals: int = 0
+    confirmed_meals: int = 0
+    late_meals: int = 0
+    located_meals: int = 0
+    unmeasured_meals: int = 0
+    items: int = 0
+    unmeasured_items: int = 0
+    provisional_items: int = 0
 
     @property
     def told_open(self) -> int:
@@ -92,6 +98,10 @@ class CountedDay:
     delays: SortedValues
     amounts: Mapping[str, SortedValues]
 
+    def columns(self) -> dict[str, int | float | SortedValues | None]:
+        """The columns of StudyDaySum without its key."""
+        return {name: getattr(self.counts, name) for name in COUNTS} | {"delays": self.delays, **self.amounts}
+
 
 class MarkedDay(NamedTuple):
     """A study's day that has changed. marks: the ids of those of its marks that were seen."""
@@ -104,14 +114,9 @@ class MarkedDay(NamedTuple):
 def days_of_study(session: Session, study_id: uuid.UUID, first: date, last: date) -> list[CountedDay]:
     """The days of a window, both ends included, that anything is known of, in their order."""
     changed = _changed_days(session, study_id, first, last)
-    kept = sa.select(StudyDaySum.__table__).where(
-        StudyDaySum.study_id == study_id,
-        *within(StudyDaySum.local_date, first, last),
-        StudyDaySum.local_date.not_in(changed),
-    )
-    found = [_kept_day(row) for row in session.execute(kept).mappings()]
-    found += count_days(session, study_id, changed)
-    return sorted(found, key=lambda day: day.counts.local_date)
+    kept = _kept_days(study_id, first, last).where(StudyDaySum.local_date.not_in(changed))
+    days = [_kept_day(row) for row in session.execute(kept).mappings()]
+    return sorted(days + count_days(session, study_id, changed), key=lambda day: day.counts.local_date)
 
 
 def count_days(session: Session, study_id: uuid.UUID, days: Collection[date]) -> list[CountedDay]:
@@ -119,20 +124,17 @@ def count_days(session: Session, study_id: uuid.UUID, days: Collection[date]) ->
     if not days:
         return []
 
-    def which(table: type[DaySum | DayMark | Meal]) -> list[sa.ColumnElement[bool]]:
+    def which(table: DayTable) -> Conditions:
         return [table.study_id == study_id, table.local_date.in_(days)]
 
     day = sums_of_days(session, which)
     amounts, delays = _amounts(session, day), _delays(session, which(Meal))
-    nothing = {name: SortedValues.of(()) for name in HEADLINE_COLUMNS}
-    found = []
-    for row in session.execute(_counts_of(day)).mappings():
-        on = row["local_date"]
-        of_day = amounts.get(on, nothing)
-        found.append(
-            CountedDay(_day_counts(row, of_day["energy_kcal"]), delays.get(on, SortedValues.of(())), of_day),
-        )
-    return found
+    none = SortedValues.of(())
+    no_amounts = dict.fromkeys(HEADLINE_COLUMNS, none)
+    return [
+        _counted_day(row, delays.get(row["local_date"], none), amounts.get(row["local_date"], no_amounts))
+        for row in session.execute(_counts_of(day)).mappings()
+    ]
 
 
 def next_marked(session: Session) -> MarkedDay | None:
@@ -159,11 +161,11 @@ def write_day(session: Session, day: MarkedDay) -> None:
     """Count a study's day and keep it; the marks, read by an earlier statement, are gone."""
     counted = count_days(session, day.study_id, [day.local_date])
     kept = session.get(StudyDaySum, (day.study_id, day.local_date), with_for_update=True)
-    if counted and kept is None:
-        session.add(StudyDaySum(study_id=day.study_id, local_date=day.local_date, **_values_of(counted[0])))
-    elif counted and kept is not None:  # in its place: an erasure that waits for the row finds it
-        for name, value in _values_of(counted[0]).items():
-            setattr(kept, name, value)
+    if counted:  # updated in place: an erasure that waits for the row finds it
+        kept = kept or StudyDaySum(study_id=day.study_id, local_date=day.local_date)
+        for name, value in counted[0].columns().items():
+            setattr(kept, name, value.to_bytes() if isinstance(value, SortedValues) else value)
+        session.add(kept)
     elif kept is not None:
         session.delete(kept)
     session.flush()
@@ -172,13 +174,13 @@ def write_day(session: Session, day: MarkedDay) -> None:
     )
 
 
-def mark_days(session: Session, days: Collection[StudyDayKey]) -> None:
+def mark_days(session: Session, days: Collection[DayOf]) -> None:
     """Have these studies' days written anew."""
     session.add_all(StudyDayMark(study_id=study_id, local_date=on) for study_id, on in days)
     session.flush()
 
 
-def forget_days(session: Session, days: Sequence[StudyDayKey]) -> None:
+def forget_days(session: Session, days: Sequence[DayOf]) -> None:
     """Mark these studies' days, and remove what is kept of them: somebody's meals are erased from them."""
     mark_days(session, days)
     for study_id, on in sorted(days):  # two erasures at once do not wait for each other in a ring
@@ -189,20 +191,32 @@ def forget_days(session: Session, days: Sequence[StudyDayKey]) -> None:
         )
 
 
-def days_after(session: Session, after: StudyDayKey | None, limit: int) -> list[StudyDayKey]:
+def days_after(session: Session, after: DayOf | None, limit: int) -> list[DayOf]:
     """The first studies' days behind one, by (study, day), that have a participant's sum, or one of their own."""
-    return keys_after(session, (DaySum, StudyDaySum), "study_id", after, limit)
+    return keys_after(session, [(table.study_id, table.local_date) for table in (DaySum, StudyDaySum)], after, limit)
 
 
-def kept_and_counted(session: Session, key: StudyDayKey) -> tuple[CountedDay | None, CountedDay | None] | None:
-    """What is kept of a study's day, and what it comes to; None of a day that is marked."""
-    study_id, on = key
-    if _changed_days(session, study_id, on, on):
-        return None
-    row = session.execute(
-        sa.select(StudyDaySum.__table__).where(StudyDaySum.study_id == study_id, StudyDaySum.local_date == on)
-    ).mappings().one_or_none()  # fmt: skip
-    return _kept_day(row) if row is not None else None, next(iter(count_days(session, study_id, [on])), None)
+def kept_and_counted(session: Session, days: Sequence[DayOf]) -> list[Pair]:
+    """Of these studies' days that are not marked: what is kept of each, and what it comes to."""
+    pairs: list[Pair] = []
+    for study_id, on in days:
+        if not _changed_days(session, study_id, on, on):
+            row = session.execute(_kept_days(study_id, on, on)).mappings().one_or_none()
+            counted = count_days(session, study_id, [on])
+            pairs.append(
+                (
+                    (study_id, on),
+                    _kept_day(row).columns() if row is not None else None,
+                    counted[0].columns() if counted else None,
+                )
+            )
+    return pairs
+
+
+def _kept_days(study_id: uuid.UUID, first: date, last: date) -> AnyQuery:
+    return sa.select(StudyDaySum.__table__).where(
+        StudyDaySum.study_id == study_id, *within(StudyDaySum.local_date, first, last)
+    )
 
 
 def _changed_days(session: Session, study_id: uuid.UUID, first: date, last: date) -> list[date]:
@@ -224,14 +238,14 @@ def _counts_of(day: sa.Subquery) -> AnyQuery:
     return (
         sa.select(
             day.c.local_date,
-            _how_many(sa.and_(is_told, is_expected)).label("told"),
-            _how_many(sa.and_(is_closed, is_expected)).label("told_closed"),
-            _how_many(day.c.meals > 0).label("with_meal"),
-            _how_many(is_closed).label("closed"),
-            _how_many(sa.and_(is_closed, day.c.said_nothing, day.c.meals == 0)).label("ate_nothing"),
+            how_many(sa.and_(is_told, is_expected)).label("told"),
+            how_many(sa.and_(is_closed, is_expected)).label("told_closed"),
+            how_many(day.c.meals > 0).label("with_meal"),
+            how_many(is_closed).label("closed"),
+            how_many(sa.and_(is_closed, day.c.said_nothing, day.c.meals == 0)).label("ate_nothing"),
             sa.func.count(open_kcal).label("open_days"),
             sa.func.avg(open_kcal).label("open_energy_kcal"),
-            *(sa.func.sum(day.c[name]).label(name) for name in ADDED_UP),
+            *(total(day.c[name]).label(name) for name in ADDED_UP),
         )
         .join(Participant, Participant.id == day.c.participant_id)
         .group_by(day.c.local_date)
@@ -260,42 +274,17 @@ def _delays(session: Session, which: Sequence[sa.ColumnElement[bool]]) -> dict[d
     return {row[0]: SortedValues.of(map(float, row[1].split())) for row in session.execute(query)}
 
 
-def _values_of(day: CountedDay) -> dict[str, Any]:
-    """A day as StudyDaySum keeps it, without its key."""
-    derived = ("local_date", "by_status", "whole", "whole_energy_kcal")
-    counts = {field.name: getattr(day.counts, field.name) for field in fields(DayCounts) if field.name not in derived}
-    by_status = {f"{status}_meals": day.counts.by_status[status] for status in MEAL_STATUSES}
-    runs = {name: values.to_bytes() for name, values in day.amounts.items()}
-    return counts | by_status | {"delays": day.delays.to_bytes()} | runs
-
-
 def _kept_day(row: sa.RowMapping) -> CountedDay:
-    amounts = {name: SortedValues.from_bytes(row[name]) for name in HEADLINE_COLUMNS}
-    return CountedDay(_day_counts(row, amounts["energy_kcal"]), SortedValues.from_bytes(row["delays"]), amounts)
+    runs = {name: SortedValues.from_bytes(row[name]) for name in RUNS}
+    return _counted_day(row, runs.pop("delays"), runs)
 
 
-def _day_counts(row: sa.RowMapping, whole_kcal: SortedValues) -> DayCounts:
-    return DayCounts(
+def _counted_day(row: sa.RowMapping, delays: SortedValues, amounts: Mapping[str, SortedValues]) -> CountedDay:
+    whole = amounts["energy_kcal"]
+    counts = DayCounts(
         local_date=row["local_date"],
-        told=int(row["told"]),
-        told_closed=int(row["told_closed"]),
-        with_meal=int(row["with_meal"]),
-        closed=int(row["closed"]),
-        ate_nothing=int(row["ate_nothing"]),
-        whole=len(whole_kcal),
-        whole_energy_kcal=whole_kcal.mean if len(whole_kcal) else None,
-        open_days=int(row["open_days"]),
-        open_energy_kcal=row["open_energy_kcal"],
-        meals=int(row["meals"]),
-        by_status={status: int(row[f"{status}_meals"]) for status in MEAL_STATUSES},
-        late_meals=int(row["late_meals"]),
-        located_meals=int(row["located_meals"]),
-        unmeasured_meals=int(row["unmeasured_meals"]),
-        items=int(row["items"]),
-        unmeasured_items=int(row["unmeasured_items"]),
-        provisional_items=int(row["provisional_items"]),
+        whole=len(whole),
+        whole_energy_kcal=whole.mean if len(whole) else None,
+        **{name: row[name] for name in COUNTS},
     )
-
-
-def _how_many(condition: Any) -> sa.ColumnElement[int]:
-    return sa.func.sum(sa.case((condition, 1), else_=0))
+    return CountedDay(counts, delays, amounts)

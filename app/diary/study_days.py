@@ -1,43 +1,15 @@
-"""Participants' days with what follows from them: the study's day number, and who the person was on that day.
+"""Who a participant was on a day, by the profile: the person, the life stage, and whether an energy is plausible."""
 
-Day 1 is the participant's start, or the first local day with a meal or a closed day; days before a start that the
-study has set count 0, -1 and so on.
-"""
-
-import uuid
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from datetime import date
 from functools import cache
 from typing import Any
 
-from sqlalchemy.orm import Session
-
-from app.diary import diary_queries as diary
 from app.diary.day_definition import FULL
 from app.diary.queries import DayRow
 from app.nutrition.intakes.energy_requirement import Person, basal_metabolic_rate
 from app.nutrition.intakes.life_stage import LifeStage, Sex, life_stage
 from app.nutrition.plausible_energy import Plausibility, judge_energy
-
-
-@dataclass(frozen=True, slots=True)
-class StudyDay:
-    """A participant-day with its number in the study; None where no day 1 is known (open days without a meal only)."""
-
-    row: DayRow
-    number: int | None
-
-
-def number_of(local_date: date, first_day: date | None) -> int | None:
-    """The day's number, 1 on the first day."""
-    return None if first_day is None else (local_date - first_day).days + 1
-
-
-def number_days(session: Session, rows: Sequence[DayRow]) -> list[StudyDay]:
-    """Rows with their numbers."""
-    first: Mapping[uuid.UUID, date] = diary.first_days(session, {row.participant_id for row in rows})
-    return [StudyDay(row, number_of(row.local_date, first.get(row.participant_id))) for row in rows]
 
 
 def person_on(profile: Mapping[str, Any] | None, day: date) -> Person | None:

@@ -5,42 +5,40 @@ are over whole days (closed, everything measured and final, or nothing eaten), a
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, date, datetime, timedelta
 
-from app.core.errors import InvalidInputError, NotFoundError
+from app.core.errors import NotFoundError
 from app.db.session import Database
 from app.db.sorted_values import Runs
 from app.diary import overview_queries as overview
-from app.diary.diary import MAX_RANGE_DAYS
-from app.diary.distribution import Distribution, distribution
+from app.diary.diary import MAX_RANGE_DAYS, day_range
+from app.diary.distribution import Bin, Distribution, distribution
 from app.diary.overview_queries import CountedStatus, PeopleCounts, Place, Span
 from app.diary.study_day_sum_queries import CountedDay, DayCounts
-from app.http.paging import require_order
 from app.meals.meal_time import latest_day
 from app.meals.models import MEAL_STATUSES, MealStatus
 from app.meals.record_models import HEADLINE_COLUMNS
 from app.people import queries as people
 from app.people.access import audit
 from app.people.access.caller import Caller, StaffCaller
-from app.people.models import Study
 from app.people.studies import enter_study
 
 USUAL_DAYS = 28
 MOST_PLACES = 2000
 MOST_PERSONS = 60  # whose days are told one by one
 MOST_DAYS_OF_PERSONS = 35
+COUNT_FIELDS = tuple(field.name for field in fields(DayCounts))
 SHOWN_DECIMALS = 3  # of degrees: some hundred metres, more than a map of a study shows
 
 
-@dataclass(frozen=True, slots=True)
-class OverviewDay:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OverviewDay(DayCounts):
     """A local day of the window. expected: participants whose day it is; silent: those without meal and closed day.
 
     median_delay_seconds: from eating to arrival, of the day's meals.
     """
 
-    counts: DayCounts
     expected: int
     silent: int
     median_delay_seconds: float | None
@@ -64,44 +62,43 @@ class Completeness:
 
 
 @dataclass(frozen=True, slots=True)
-class Places:
-    """Meals of the window whose place is kept: how many, and the newest of them, rounded to SHOWN_DECIMALS."""
-
-    total: int
-    shown: tuple[Place, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class DayOfPerson:
     """A participant's day of the window that was expected or is known. Silent: expected, without meal, not closed."""
 
-    participant_code: str
+    participant: str
     local_date: date
-    is_expected: bool
-    is_closed: bool
+    expected: bool
+    closed: bool
     meals: int
 
 
 @dataclass(frozen=True, slots=True)
 class StudyOverview:
-    """by_status: the window's meals. waiting, failures: of the whole study, now. places None: the study keeps none.
+    """A study's overview. statuses: of the window's meals. waiting, failures: of the whole study, now.
 
     waiting also has meals whose after-meal pair is waited for, or has failed, whatever their status. person_days: by
-    participant and day; None: they would be more than MOST_PERSONS, or more than MOST_DAYS_OF_PERSONS.
+    participant and day; empty where they would be more than MOST_PERSONS, or more than MOST_DAYS_OF_PERSONS.
+    located_meals: of the window; None: the study keeps no places. places: the newest, rounded to SHOWN_DECIMALS.
     """
 
     study: str
     first_day: date
     last_day: date
-    people: PeopleCounts
+    participants: PeopleCounts
     completeness: Completeness
     days: tuple[OverviewDay, ...]
-    by_status: Mapping[MealStatus, int]
+    statuses: Mapping[MealStatus, int]
     waiting: Mapping[CountedStatus, int]
     failures: Mapping[str, int]
     nutrients: tuple[Distribution, ...]
-    person_days: tuple[DayOfPerson, ...] | None
-    places: Places | None
+    person_days: tuple[DayOfPerson, ...]
+    located_meals: int | None
+    places: tuple[Place, ...]
+
+    @property
+    def histograms(self) -> list[Bin]:
+        """The bins of all components, in order."""
+        return [each for nutrient in self.nutrients for each in nutrient.bins()]
 
 
 def study_overview(
@@ -115,7 +112,9 @@ def study_overview(
     binned: str | None = None,
     now: datetime | None = None,
 ) -> StudyOverview:
-    """The overview from first_day to last_day, both included; of an end that is not given see `_window`.
+    """Return the overview from first_day to last_day, both included.
+
+    Without last_day the window ends with the last day that has a meal or a diary entry, but never before it begins.
 
     days: how long the window is where first_day is not given; None: from the first day that anything is known of.
     binned: the only headline column whose bins are counted; None: all.
@@ -126,30 +125,33 @@ def study_overview(
         study = enter_study(session, caller, study_code)
         today = latest_day(now or datetime.now(UTC))
         latest = overview.last_day_of(session, study.id, today) if last_day is None else None
-        first, last = _window(first_day, last_day, latest or today, days)
+        first, last = day_range(first_day, last_day, latest or today, days or MAX_RANGE_DAYS)
         if days is None and first_day is None:
             first = min(max(first, overview.first_day_of(session, study.id) or first), last)
         window = overview.Window(session, study.id, first, last)
         counted = window.days()
-        everybody = window.people()
-        is_small = everybody.everybody <= MOST_PERSONS and (last - first).days < MOST_DAYS_OF_PERSONS
+        people_counts = window.people()
+        is_small = people_counts.everybody <= MOST_PERSONS and (last - first).days < MOST_DAYS_OF_PERSONS
         shown = _with_silence(counted, window.spans(), first, last, today)
+        keeps_places = study.location_policy != "drop"  # places that an earlier policy kept are not shown either
+        located_meals = sum(day.located_meals for day in shown)
         return StudyOverview(
             study=study.code,
             first_day=first,
             last_day=last,
-            people=everybody,
+            participants=people_counts,
             completeness=_completeness(shown, Runs.of(day.delays for day in counted)),
             days=shown,
-            by_status={status: sum(day.counts.by_status[status] for day in counted) for status in MEAL_STATUSES},
+            statuses={status: sum(getattr(day, f"{status}_meals") for day in shown) for status in MEAL_STATUSES},
             waiting=overview.waiting_of(session, study.id),
             failures=overview.failures_of(session, study.id),
             nutrients=tuple(
                 distribution(name, (day.amounts[name] for day in counted), binned=binned in (None, name))
                 for name in HEADLINE_COLUMNS
             ),
-            person_days=tuple(_days_of_persons(window, first, last, today)) if is_small else None,
-            places=_places(window, study, sum(day.counts.located_meals for day in counted)),
+            person_days=tuple(_days_of_persons(window, first, last, today)) if is_small else (),
+            located_meals=located_meals if keeps_places else None,
+            places=_places(window, min(located_meals, MOST_PLACES)) if keeps_places and located_meals else (),
         )
 
 
@@ -171,27 +173,6 @@ def note_overview_export(database: Database, caller: StaffCaller, study_code: st
         audit.note(session, caller, "overview.export", study_id=study.id, output=output, part=part)
 
 
-def _window(
-    first_day: date | None, last_day: date | None, latest: date, days: int | None = USUAL_DAYS
-) -> tuple[date, date]:
-    """The window. Without `to` it ends with the last day that anything is known of, but never before it begins.
-
-    Without `from` it has so many days; None: as many as it may have.
-    """
-    if last_day is None:
-        last_day = latest if first_day is None else max(first_day, latest)
-        if first_day is not None and (last_day - first_day).days >= MAX_RANGE_DAYS:
-            last_day = first_day + timedelta(days=MAX_RANGE_DAYS - 1)
-    if first_day is None:
-        first_day = date.fromordinal(max(last_day.toordinal() - (days or MAX_RANGE_DAYS) + 1, 1))
-    require_order(first_day, last_day)
-    if (last_day - first_day).days >= MAX_RANGE_DAYS:
-        raise InvalidInputError(
-            f"At most {MAX_RANGE_DAYS} days at once.", code="days_too_many", limit_days=MAX_RANGE_DAYS
-        )
-    return first_day, last_day
-
-
 def _with_silence(
     counted: Sequence[CountedDay],
     spans: Sequence[Span],
@@ -203,30 +184,36 @@ def _with_silence(
     days = (last - first).days + 1
     steps = [0] * (days + 1)  # how many more are expected on a day than on the one before
     for span in spans:
-        end = min(last, today, span.withdrawn_at.astimezone(UTC).date() if span.withdrawn_at is not None else last)
+        end = _last_expected(span.withdrawn_at, last, today)
         if span.first_day <= end:
             steps[(span.first_day - first).days] += span.participants
             steps[(end - first).days + 1] -= span.participants
     known = {day.counts.local_date: day for day in counted}
-    found, expected = [], 0
+    shown, expected = [], 0
     for number in range(days):
         local_date = first + timedelta(days=number)
         expected += steps[number]
         day = known.get(local_date)
-        counts = day.counts if day is not None else _nothing_on(local_date)
+        counts = day.counts if day is not None else DayCounts(local_date=local_date)
         if local_date > today:  # a phone's clock that is ahead: nobody is expected yet
             counts = replace(counts, told=0, told_closed=0)
         seconds = day.delays.median if day is not None and len(day.delays) else None
-        found.append(OverviewDay(counts, expected, max(expected - counts.told, 0), seconds))
-    return tuple(found)
+        shown.append(
+            OverviewDay(
+                **{name: getattr(counts, name) for name in COUNT_FIELDS},
+                expected=expected,
+                silent=max(expected - counts.told, 0),
+                median_delay_seconds=seconds,
+            )
+        )
+    return tuple(shown)
 
 
 def _days_of_persons(window: overview.Window, first: date, last: date, today: date) -> Iterator[DayOfPerson]:
     """Each participant's days, expected as `_with_silence` counts them."""
     known = {(day.code, day.local_date): day for day in window.person_days()}
     for person in window.persons():
-        left = person.withdrawn_at.astimezone(UTC).date() if person.withdrawn_at is not None else last
-        end = min(last, today, left)
+        end = _last_expected(person.withdrawn_at, last, today)
         for number in range((last - first).days + 1):
             on = first + timedelta(days=number)
             is_expected = person.first_day is not None and person.first_day <= on <= end
@@ -236,52 +223,26 @@ def _days_of_persons(window: overview.Window, first: date, last: date, today: da
                 yield DayOfPerson(person.code, on, is_expected, is_closed, meals)
 
 
-def _nothing_on(local_date: date) -> DayCounts:
-    return DayCounts(
-        local_date=local_date,
-        told=0,
-        told_closed=0,
-        with_meal=0,
-        closed=0,
-        ate_nothing=0,
-        whole=0,
-        whole_energy_kcal=None,
-        open_days=0,
-        open_energy_kcal=None,
-        meals=0,
-        by_status=dict.fromkeys(MEAL_STATUSES, 0),
-        late_meals=0,
-        located_meals=0,
-        unmeasured_meals=0,
-        items=0,
-        unmeasured_items=0,
-        provisional_items=0,
-    )
-
-
 def _completeness(days: Sequence[OverviewDay], delays: Runs) -> Completeness:
     return Completeness(
         expected=sum(day.expected for day in days),
-        told=sum(day.counts.told for day in days),
-        closed=sum(day.counts.closed for day in days),
-        whole=sum(day.counts.whole for day in days),
+        told=sum(day.told for day in days),
+        closed=sum(day.closed for day in days),
+        whole=sum(day.whole for day in days),
         silent=sum(day.silent for day in days),
-        meals=sum(day.counts.meals for day in days),
-        late_meals=sum(day.counts.late_meals for day in days),
+        meals=sum(day.meals for day in days),
+        late_meals=sum(day.late_meals for day in days),
         median_delay_seconds=delays.median if len(delays) else None,
     )
 
 
-def _places(window: overview.Window, study: Study, total: int) -> Places | None:
-    if study.location_policy == "drop":  # what an earlier policy kept is not shown either
-        return None
-    shown = window.places(min(total, MOST_PLACES)) if total else []
-    return Places(
-        total,
-        tuple(
-            place._replace(
-                latitude=round(place.latitude, SHOWN_DECIMALS), longitude=round(place.longitude, SHOWN_DECIMALS)
-            )
-            for place in shown
-        ),
+def _places(window: overview.Window, limit: int) -> tuple[Place, ...]:
+    return tuple(
+        place._replace(latitude=round(place.latitude, SHOWN_DECIMALS), longitude=round(place.longitude, SHOWN_DECIMALS))
+        for place in window.places(limit)
     )
+
+
+def _last_expected(withdrawn_at: datetime | None, last: date, today: date) -> date:
+    """The last day of the window that is expected of who left then; None: who has not left."""
+    return min(last, today, withdrawn_at.astimezone(UTC).date() if withdrawn_at is not None else last)

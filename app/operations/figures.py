@@ -8,7 +8,7 @@ figures: take their maximum, not their sum.
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -101,56 +101,42 @@ class DeploymentFigures(Collector):
         yield _gauge("tada_disk_least_free_bytes", "Below it uploads are refused (TADA_MIN_FREE_BYTES).", least)
 
 
-def _of_database(found: Deployment) -> Iterator[GaugeMetricFamily]:
-    now = found.figures.now
-    meals = GaugeMetricFamily("tada_meals", "Meals that are not through yet, by status.", labels=["status"])
-    for status, count in found.figures.meals.items():
-        meals.add_metric([status], count)
-    yield meals
-    jobs = GaugeMetricFamily("tada_jobs", "Jobs that are not through yet, by state.", labels=["state"])
-    for state, count in found.figures.jobs.items():
-        jobs.add_metric([state], count)
-    yield jobs
-    yield _age(
-        "tada_queue_oldest_seconds", "How long the oldest queued job waits.", found.figures.oldest_queued_at, now
-    )
-    yield _gauge("tada_studies_waiting", "Studies with a meal in the queue.", found.figures.studies_waiting)
-    yield _gauge("tada_workers_alive", "Workers that live.", found.workers.total())
-    workers = GaugeMetricFamily("tada_workers", "Workers that live, by version.", labels=["version"])
-    for version, count in found.workers.items():
-        workers.add_metric([version], count)
-    yield workers
-    yield _gauge("tada_webhooks_waiting", "Deliveries that are not made yet.", found.figures.deliveries_waiting)
-    oldest = found.figures.oldest_delivery_at
-    yield _age("tada_webhooks_oldest_seconds", "How long the oldest of them waits.", oldest, now)
-    yield _gauge("tada_webhooks_disabled", "Webhooks that are disabled.", found.figures.webhooks_disabled)
-    yield _gauge("tada_blob_deletions_waiting", "Blobs that an erasure wants gone.", found.figures.deletions_waiting)
-    oldest = found.figures.oldest_deletion_at
-    yield _age("tada_blob_deletions_oldest_seconds", "How long the oldest of them waits.", oldest, now)
-    yield from _of_files(found.figures)
-    yield from _of_backup(found, now)
+def _of_database(deployment: Deployment) -> Iterator[GaugeMetricFamily]:
+    found = deployment.figures
+    yield _by("tada_meals", "Meals that are not through yet, by status.", "status", found.meals)
+    yield _by("tada_jobs", "Jobs that are not through yet, by state.", "state", found.jobs)
+    yield _age("tada_queue_oldest_seconds", "How long the oldest queued job waits.", found.oldest_queued_at, found.now)
+    yield _gauge("tada_studies_waiting", "Studies with a meal in the queue.", found.studies_waiting)
+    yield _gauge("tada_workers_alive", "Workers that live.", deployment.workers.total())
+    yield _by("tada_workers", "Workers that live, by version.", "version", deployment.workers)
+    oldest = "How long the oldest of them waits."
+    yield _gauge("tada_webhooks_waiting", "Deliveries that are not made yet.", found.deliveries_waiting)
+    yield _age("tada_webhooks_oldest_seconds", oldest, found.oldest_delivery_at, found.now)
+    yield _gauge("tada_webhooks_disabled", "Webhooks that are disabled.", found.webhooks_disabled)
+    yield _gauge("tada_blob_deletions_waiting", "Blobs that an erasure wants gone.", found.deletions_waiting)
+    yield _age("tada_blob_deletions_oldest_seconds", oldest, found.oldest_deletion_at, found.now)
+    yield from _of_files(found)
+    yield from _of_backup(deployment, found.now)
 
 
 def _of_files(found: Figures) -> Iterator[GaugeMetricFamily]:
     waiting = GaugeMetricFamily(
         "tada_files_waiting", "Exports and releases that are not made yet, by state.", labels=["kind", "state"]
     )
-    words = "How long the oldest of them waits; a release that changes, since the erasure."
-    oldest = GaugeMetricFamily("tada_files_oldest_seconds", words, labels=["kind"])
     for kind, files in found.files.items():
         for state, count in files.states.items():
             waiting.add_metric([kind, state], count)
-        oldest.add_metric([kind], _seconds_since(files.oldest_at, found.now))
     yield waiting
-    yield oldest
+    yield _by(
+        "tada_files_oldest_seconds",
+        "How long the oldest of them waits; a release that changes, since the erasure.",
+        "kind",
+        {kind: _seconds_since(files.oldest_at, found.now) for kind, files in found.files.items()},
+    )
     words = "Releases that an erasure wants changed, and that could not be: they are not served."
     yield _gauge("tada_releases_stuck", words, found.releases_stuck)
-    marks = GaugeMetricFamily(
-        "tada_day_marks", "Changes of days that the kept sums do not have yet, by whose day it is.", labels=["whose"]
-    )
-    for whose, count in found.marked_days.items():
-        marks.add_metric([whose], count)
-    yield marks
+    words = "Changes of days that the kept sums do not have yet, by whose day it is."
+    yield _by("tada_day_marks", words, "whose", found.marked_days)
 
 
 def _of_backup(found: Deployment, now: datetime) -> Iterator[GaugeMetricFamily]:
@@ -165,17 +151,22 @@ def _of_backup(found: Deployment, now: datetime) -> Iterator[GaugeMetricFamily]:
 
 def _pools(database: Database) -> Iterator[GaugeMetricFamily]:
     """SQLite: connections that write and that read are apart."""
-    in_use = GaugeMetricFamily("tada_database_connections_in_use", "This process's, at work.", labels=["pool"])
-    most = GaugeMetricFamily("tada_database_connections_most", "This process's, at most.", labels=["pool"])
     engines = {"write": database.write_engine, "read": database.read_engine}
     if not database.is_sqlite:
         engines = {"all": database.write_engine}
-    for name, engine in engines.items():
-        if isinstance(engine.pool, QueuePool):
-            in_use.add_metric([name], engine.pool.checkedout())
-            most.add_metric([name], database.limits.size + database.limits.overflow)
-    yield in_use
-    yield most
+    pools = {name: engine.pool for name, engine in engines.items() if isinstance(engine.pool, QueuePool)}
+    in_use = {name: pool.checkedout() for name, pool in pools.items()}
+    most = dict.fromkeys(pools, database.limits.size + database.limits.overflow)
+    yield _by("tada_database_connections_in_use", "This process's, at work.", "pool", in_use)
+    yield _by("tada_database_connections_most", "This process's, at most.", "pool", most)
+
+
+def _by(name: str, words: str, label: str, values: Mapping[str, float]) -> GaugeMetricFamily:
+    """A family with one label. values: by the label's value."""
+    family = GaugeMetricFamily(name, words, labels=[label])
+    for labelled, value in values.items():
+        family.add_metric([labelled], value)
+    return family
 
 
 def _gauge(name: str, words: str, value: float) -> GaugeMetricFamily:

@@ -14,7 +14,7 @@ import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, date, datetime
-from typing import IO, Any
+from typing import IO
 
 from sqlalchemy.orm import Session
 
@@ -145,43 +145,43 @@ def _data(
     yield "\n}\n"
 
 
-def _list(name: str, members: Iterable[dict[str, Any]]) -> Iterator[str]:
+def _list(name: str, members: Iterable[dict[str, object]]) -> Iterator[str]:
     yield f',\n"{name}": ['
     for number, member in enumerate(members):
         yield ("," if number else "") + "\n" + _json(member)
     yield "]"
 
 
-def _meal(session: Session, meal: Meal, names: dict[uuid.UUID, str | None]) -> dict[str, Any]:
+def _meal(session: Session, meal: Meal, names: dict[uuid.UUID, str | None]) -> dict[str, object]:
     told = _plain(meal)
     for name, rows in privacy.exported_rows(session, "meal", meal.id):
         told[name] = [_plain(row) | _file_of(row, names) | _food_of(session, row) for row in rows]
     return told
 
 
-def _file_of(row: Base, names: dict[uuid.UUID, str | None]) -> dict[str, Any]:
+def _file_of(row: Base, names: dict[uuid.UUID, str | None]) -> dict[str, object]:
     return {"file": names.get(row.id)} if isinstance(row, MealImage) else {}
 
 
-def _food_of(session: Session, row: Base) -> dict[str, Any]:
+def _food_of(session: Session, row: Base) -> dict[str, object]:
     """The food's name beside its number, which only our tables know."""
     food_id = getattr(row, "food_id", None)
     food = session.get(Food, food_id) if food_id is not None else None
     return {"food": {"key": food.key, "name": food.name}} if food is not None else {}
 
 
-def _plain(row: Base) -> dict[str, Any]:
+def _plain(row: Base) -> dict[str, object]:
     """Every column of a row but those of no meaning outside: a column that is added later is told too."""
     return {
         column.key: getattr(row, column.key) for column in row.__mapper__.column_attrs if column.key not in NOT_TOLD
     }
 
 
-def _json(value: Any) -> str:
+def _json(value: object) -> str:
     return json.dumps(value, default=_text, ensure_ascii=False)
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     if isinstance(value, (datetime, date)):
         return value.isoformat()
     if isinstance(value, uuid.UUID):

@@ -8,7 +8,7 @@ from pydantic import BaseModel
 
 from app.candidates.item_candidates import ItemCandidates
 from app.db.base import Base
-from app.diary.study_days import number_of
+from app.diary.diary_queries import number_of
 from app.foods.models import Component, Food
 from app.foods.schemas import FoodRef, NutrientAmount, NutrientTotal
 from app.http.text_schemas import stored_word

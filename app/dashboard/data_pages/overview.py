@@ -1,8 +1,9 @@
 """A study at a glance: who takes part, what waits, days, energy, nutrients, places. Of `study_overview` alone."""
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from datetime import date
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query
@@ -11,8 +12,8 @@ from starlette.responses import Response
 
 from app.core.errors import InvalidInputError
 from app.dashboard.addresses import study_address
-from app.dashboard.data_pages import overview_charts as charts
 from app.dashboard.data_pages.headline import HEADLINES
+from app.dashboard.data_pages.overview_charts import day_charts, nutrient_chart
 from app.dashboard.page import CurrentPage
 from app.diary import overview_api
 from app.diary.overview_api import Part
@@ -20,7 +21,6 @@ from app.diary.overview_queries import CountedStatus
 from app.diary.study_overview import (
     USUAL_DAYS,
     DayOfPerson,
-    Places,
     StudyOverview,
     study_overview,
     study_waiting,
@@ -63,7 +63,8 @@ def get_overview_page(
         found = _found(page, study, first, last, days, column)
     except InvalidInputError as error:
         found, wrong = _found(page, study, None, None, USUAL, column), error.message
-    nutrient = next(each for each in found.nutrients if each.column == column)
+    nutrient = next(each for each in found.nutrients if each.component == column)
+    charts = day_charts(found.days) | {"nutrient": nutrient_chart(nutrient, HEADLINES[at])}
     window = {"from": found.first_day.isoformat(), "to": found.last_day.isoformat()}
 
     def file(part: Part, output: str = "csv") -> str:
@@ -81,19 +82,12 @@ def get_overview_page(
         typed={"from": first, "to": last} if first or last else window,
         wrong=wrong,
         days=found.days,
-        charts={
-            "meals": charts.meals_chart(found.days),
-            "completeness": charts.completeness_chart(found.days),
-            "late": charts.late_chart(found.days),
-            "delay": charts.delay_chart(found.days),
-            "energy": charts.energy_chart(found.days),
-            "nutrient": charts.nutrient_chart(nutrient, HEADLINES[at]),
-        },
+        charts={name: asdict(chart) for name, chart in charts.items()},
         headlines=HEADLINES,
         headline=HEADLINES[at],
         nutrient=nutrient,
         listed=PLACES_LISTED,
-        points=_points(found.places),
+        points=_points(found),
         persons=_persons(found),
         file=file,
     )
@@ -131,8 +125,8 @@ def _found(
 def _persons(found: StudyOverview) -> dict[str, dict[date, DayOfPerson]]:
     """Participant -> day -> what is known of it; those of whom nothing is known or expected are not there."""
     persons: dict[str, dict[date, DayOfPerson]] = {}
-    for each in found.person_days or ():
-        persons.setdefault(each.participant_code, {})[each.local_date] = each
+    for each in found.person_days:
+        persons.setdefault(each.participant, {})[each.local_date] = each
     return persons
 
 
@@ -140,9 +134,6 @@ def _is_moving(waiting: Mapping[CountedStatus, int]) -> bool:
     return any(waiting[status] for status in MOVING)
 
 
-def _points(places: Places | None) -> list[list[Any]]:
+def _points(found: StudyOverview) -> list[tuple[object, ...]]:
     """What the map takes: latitude, longitude, participant, local day, the meal's id."""
-    return [
-        [each.latitude, each.longitude, each.participant_code, each.local_date, each.meal_client_id]
-        for each in (places.shown if places is not None else ())
-    ]
+    return [(each.latitude, each.longitude, each.participant, each.local_date, each.meal_id) for each in found.places]

@@ -120,7 +120,7 @@ def _participant(
         person=person,
         profile=person.profile or {},
         switches=SWITCHES,
-        days=[(day, judge_day(day.row)) for day in reversed(days)],
+        days=[(day, judge_day(day)) for day in reversed(days)],
         of_day=of_day,
         first=first,
         last=end,

@@ -4,13 +4,12 @@ import uuid
 from collections.abc import Iterator, Sequence
 from datetime import date
 from itertools import chain, islice
-from typing import Literal
 
 from sqlalchemy.orm import Session
 
 from app.diary.day_summaries import all_day_summaries
 from app.diary.queries import DayRow
-from app.diary.study_days import StudyDay, judge_day
+from app.diary.study_days import judge_day
 from app.exports.export_spec import ExportSpec
 from app.exports.tables.export_components import (
     HEADLINE_COMPONENTS,
@@ -54,47 +53,39 @@ def day_table(session: Session, caller: Caller, spec: ExportSpec) -> Table:
     return Table((*of_day.DAY_PARTS, *sums_of_all) if spec.layout == "wide" else long, batches())
 
 
-def day_values(day: StudyDay) -> dict[str, Cell]:
+def day_values(day: DayRow) -> dict[str, Cell]:
     """A day's columns by name, as JSON and files have them."""
     return named_cells(of_day.DAY_PARTS, READERS, day)
 
 
-def _headline_sums(day: StudyDay) -> Sums:
+def _headline_sums(day: DayRow) -> Sums:
     """Of the ten that records have themselves, as the database has summed them."""
-    return [day.row.amount(name) for name in HEADLINE_COLUMNS]
+    return [day.amount(name) for name in HEADLINE_COLUMNS]
 
 
-def _plausible(day: StudyDay) -> Row:
-    judged = judge_day(day.row)
+def _plausible(day: DayRow) -> Row:
+    judged = judge_day(day)
     return judged.ratio, judged.verdict
 
 
-def decided_by(row: DayRow) -> Literal["participant", "reviewer"] | None:
-    """Whose word about the day holds; None: nobody has said anything."""
-    if row.version == 0:
-        return None
-    return "reviewer" if row.is_by_reviewer else "participant"
-
-
-def _counts(day: StudyDay) -> Row:
-    row = day.row
+def _counts(day: DayRow) -> Row:
     return (
-        row.meals,
-        row.meals_after_closing,
-        row.median_upload_delay_seconds,
-        row.items,
-        row.unmeasured_meals,
-        row.unmeasured_items,
-        row.provisional_items,
-        row.leftovers_unknown_items,
-        0.0 if row.is_nothing else row.consumed_g,
+        day.meals,
+        day.meals_after_closing,
+        day.median_upload_delay_seconds,
+        day.items,
+        day.unmeasured_meals,
+        day.unmeasured_items,
+        day.provisional_items,
+        day.leftovers_unknown_items,
+        0.0 if day.is_nothing else day.consumed_g,
     )
 
 
-READERS: Readers[StudyDay] = {
-    of_day.WHOSE: lambda day: (day.row.study_code, day.row.participant_code),
-    of_day.WHICH: lambda day: str(day.row.local_date),
-    of_day.STANDING: lambda day: (day.number, day.row.status, day.row.ate_nothing, decided_by(day.row)),
+READERS: Readers[DayRow] = {
+    of_day.WHOSE: lambda day: (day.study_code, day.participant_code),
+    of_day.WHICH: lambda day: str(day.local_date),
+    of_day.STANDING: lambda day: (day.study_day, day.status, day.ate_nothing, day.decided_by),
     of_day.COUNTS: _counts,
     of_day.SUMS: lambda day: tuple(chain(*_headline_sums(day))),
     of_day.PLAUSIBLE: _plausible,
@@ -102,27 +93,27 @@ READERS: Readers[StudyDay] = {
 
 
 def _sums_of(
-    session: Session, days: Sequence[StudyDay], contents: FoodContents, components: Sequence[ComponentColumn]
+    session: Session, days: Sequence[DayRow], contents: FoodContents, components: Sequence[ComponentColumn]
 ) -> list[Sums]:
     """Of each day, of these components, over its records that hold."""
     eaten: dict[tuple[uuid.UUID, date], list[Eaten]] = {}
-    people = sorted({day.row.participant_id for day in days})
-    dates = [day.row.local_date for day in days]
+    people = sorted({day.participant_id for day in days})
+    dates = [day.local_date for day in days]
     records = records_of_days(session, people, min(dates), max(dates))
     amounts = contents.amounts([one.food_id for one in records], [one.consumed_g for one in records])
     for record, its in zip(records, amounts, strict=True):
         eaten.setdefault((record.participant_id, record.local_date), []).append(Eaten(record.consumed_g, its))
     return [
         sums(
-            eaten.get((day.row.participant_id, day.row.local_date), ()),
+            eaten.get((day.participant_id, day.local_date), ()),
             len(components),
-            is_nothing=day.row.is_nothing,
-            is_partial=day.row.unmeasured_meals > 0,
+            is_nothing=day.is_nothing,
+            is_partial=day.unmeasured_meals > 0,
         )
         for day in days
     ]
 
 
-def _batches(days: Iterator[StudyDay]) -> Iterator[list[StudyDay]]:
+def _batches(days: Iterator[DayRow]) -> Iterator[list[DayRow]]:
     while batch := list(islice(days, DAYS_A_BATCH)):
         yield batch

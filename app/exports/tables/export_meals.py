@@ -9,7 +9,7 @@ from urllib.parse import quote
 from sqlalchemy.orm import Session
 
 from app.diary import diary_queries as diary
-from app.diary.study_days import number_of
+from app.diary.diary_queries import number_of
 from app.exports.export_spec import ExportSpec
 from app.exports.lists.meal_page_queries import pages_of_keys
 from app.exports.tables import meal_queries as meal_export

@@ -30,8 +30,8 @@ def main(folder, *command, parent):
     if "FAULT_VERSION" in os.environ:
         app.__version__ = os.environ["FAULT_VERSION"]  # before whoever takes it from there
     from app import worker
-    from app.cli import main as cli
     from app.cli import serving
+    from app.cli.main import main as cli
     from app.jobs import job_worker, queue
 
     for module in (queue, job_worker):

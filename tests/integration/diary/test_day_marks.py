@@ -81,7 +81,9 @@ def told(database):
         while page := days.page_of_days(session, RowFilter(), after=after, limit=5):
             rows += page
             after = (page[-1].local_date, page[-1].participant_id)
-        means = intakes.page_of_intakes(session, STUDY, first_day=None, last_day=None, after=None, limit=10)
+        means = intakes.page_of_intakes(
+            session, session.get(Study, STUDY), first_day=None, last_day=None, after=None, limit=10
+        )
         of_study = study_day_sums.days_of_study(session, STUDY, FIRST_DAY - ONE_DAY, FIRST_DAY + 9 * ONE_DAY)
         return rows, means, intakes.closed_days(session, STUDY, None, None), of_study
 

@@ -187,7 +187,7 @@ def test_nobody_is_expected_or_told_on_a_day_that_has_not_come(state, told_from)
     caller, day = StaffCaller(uuid.uuid4(), "admin", True, uuid.uuid4()), date(2026, 11, 5)
     before = datetime(2026, 11, 2, tzinfo=UTC)
     found = study_overview(state.database, caller, "pilot", first_day=day - timedelta(days=4), last_day=day, now=before)
-    told = [(each.expected, each.counts.told, each.counts.told_closed, each.counts.meals) for each in found.days]
+    told = [(each.expected, each.told, each.told_closed, each.meals) for each in found.days]
     assert told == [(1, 1, 1, 2), (1, 1, 1, 0), (0, 0, 0, 2), (0, 0, 0, 0), (0, 0, 0, 1)]
     assert (found.completeness.expected, found.completeness.told, found.completeness.meals) == (2, 2, 5)
 

@@ -22,13 +22,13 @@ def of(values):
 @given(st.lists(AMOUNTS, min_size=1, max_size=300))
 def test_every_value_is_in_one_bin_or_outside(values):
     found = of(values)
-    assert found.below + sum(found.counts) + found.above == len(values) == found.days
+    assert found.days_below_bins + sum(found.counts) + found.days_above_bins == len(values) == found.days
     assert all(low < high for low, high in pairwise(found.edges))
     assert len(found.edges) == len(found.counts) + 1 <= 2 * USUAL_BINS + 3
     last = len(found.counts) - 1
     for number, ((low, high), count) in enumerate(zip(pairwise(found.edges), found.counts, strict=True)):
         assert count == sum(low <= value < high or (number == last and value == high) for value in values)
-    assert (found.below, found.above) == (
+    assert (found.days_below_bins, found.days_above_bins) == (
         sum(value < found.edges[0] for value in values),
         sum(value > found.edges[-1] for value in values),
     )
@@ -47,12 +47,12 @@ def test_figures_are_those_of_the_statistics_module(values):
 def test_bins_begin_at_zero_and_are_of_a_round_width():
     found = of([float(value) for value in range(1200, 3201, 10)])
     assert found.edges[:3] == (0.0, 200.0, 400.0)
-    assert (found.edges[-1], found.below, found.above) == (3200.0, 0, 0)
+    assert (found.edges[-1], found.days_below_bins, found.days_above_bins) == (3200.0, 0, 0)
 
 
 def test_one_odd_day_among_many_does_not_flatten_the_others():
     found = of([2000.0 + number for number in range(200)] + [90_000.0])
-    assert (found.above, found.maximum, found.edges[-1]) == (1, 90_000.0, 2200.0)
+    assert (found.days_above_bins, found.maximum, found.edges[-1]) == (1, 90_000.0, 2200.0)
 
 
 def test_days_when_nothing_was_eaten_have_a_bin():
