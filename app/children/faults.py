@@ -44,6 +44,11 @@ INTERNAL_ERROR = Failure(
 )
 
 
+PHOTOGRAPH_ERASED = Failure(
+    "photograph_erased",
+    "The photographs of this meal were erased before it was estimated.",
+    "There is nothing to do: the study keeps photographs for a limited time, or the participant has left it.",
+)
 CANCELLED = Failure(
     "cancelled",
     "The estimate of this meal was cancelled before it was made.",

@@ -28,7 +28,7 @@ from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import Caller, DeviceCaller, require_study
 from app.people.models import Participant
-from app.privacy.withdraw import has_left
+from app.people.participants import has_left
 from app.records import queries as records
 
 MAX_RANGE_DAYS = 366

@@ -16,8 +16,8 @@ from app.diary.models import DiaryDay
 from app.diary.queries import edge_days, of_study, sums_of_days
 from app.diary.study_day_sum_queries import CountedDay, days_of_study
 from app.meals.models import Meal, MealStatus
+from app.people import privacy_queries as privacy
 from app.people.models import Participant
-from app.privacy import queries as privacy
 from app.records.page_queries import CALENDAR, EASTERNMOST, LATEST_END
 
 CountedStatus = Literal[MealStatus, "after_awaited", "after_failed"]

@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 
 from app.candidates.identify import IdentifyFoods
 from app.children.child_pool import ChildCancelledError, ChildPool, ChildRequest
-from app.children.faults import CANCELLED, BrokenOff, JobFailure
+from app.children.faults import CANCELLED, PHOTOGRAPH_ERASED, BrokenOff, JobFailure
 from app.core.errors import Failure
 from app.core.logs import tell
 from app.core.settings import Settings
@@ -39,9 +39,8 @@ from app.meals.models import AFTER_SLOTS, SLOTS, Meal, MealImage
 from app.meals.receive_photo import sha256_of_file
 from app.meals.run_answer import RunAnswer
 from app.metrics import instruments
+from app.people import privacy_queries as privacy
 from app.people.models import Study
-from app.privacy import queries as privacy
-from app.privacy.erase import PHOTOGRAPH_ERASED
 from app.records.project_records import project_meal
 from app.records.review.remeasure import regions_to_measure
 from app.storage.blob_store import BlobStore

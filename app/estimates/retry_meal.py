@@ -14,14 +14,15 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, GoneError
 from app.db.session import Database
+from app.jobs import queries as jobs
 from app.jobs.queue import JobQueue
 from app.meals import queries as meals
 from app.meals.job_models import Job
 from app.meals.models import AFTER_SLOTS, SLOTS, Meal
+from app.people import privacy_queries as people_privacy
 from app.people.access import audit
 from app.people.access.caller import Caller
-from app.privacy import queries as privacy
-from app.privacy.withdraw import has_left
+from app.people.participants import has_left
 from app.records.locked_meal import lock_meal_of
 from app.records.project_records import project_meal
 from app.records.read_meal import MealView, read_meal
@@ -51,12 +52,12 @@ def retry_locked_meal(
 
     Raises ConflictError, GoneError.
     """
-    participant = privacy.join_participant(session, meal.participant_id)
+    participant = people_privacy.join_participant(session, meal.participant_id)
     if participant is None or participant.withdrawn_at is not None:
         raise has_left()
     failed = _what_failed(meal, code)
     if not failed:
-        if privacy.live_jobs_of(session, privacy.one_meal(meal.id)):
+        if jobs.live_jobs_of(session, jobs.one_meal(meal.id)):
             return []
         raise ConflictError(
             "Nothing of this meal has failed: what was measured is not measured again by a retry.",

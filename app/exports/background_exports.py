@@ -22,10 +22,10 @@ from app.exports.models import UNDER_WAY, Export
 from app.exports.queries import AskedExport
 from app.exports.stored_file import StoredFile
 from app.http.paging import ID, INSTANT, Page, decode_cursor, page_of
+from app.people import privacy_queries as privacy
 from app.people.access import audit
 from app.people.access.caller import StaffCaller, role_in
 from app.people.studies import enter_study
-from app.privacy import queries as privacy
 
 MOST_OF_PERSON = 3  # under way in a study
 MOST_OF_STUDY = 10

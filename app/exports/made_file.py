@@ -26,9 +26,9 @@ from app.db.session import Database
 from app.exports import file_work_queries as file_work
 from app.exports import queries as exports
 from app.exports.file_work_queries import OneWork, Sums, Work
-from app.privacy import queries as privacy
 from app.storage.blob_store import BlobStore
 
+MADE_FILES = "made"  # before the study in keys of files of a whole study
 log = structlog.get_logger()
 
 BEAT_SECONDS = 1.0
@@ -173,7 +173,7 @@ class Attempt(Generic[OneWork]):
     def seal(self, file: StagedFile, *names: str) -> str:
         """Move a file into the store; returns its key, another one at every attempt."""
         work = self.work
-        parts = (privacy.MADE_FILES, f"{work.__tablename__}s", str(work.study_id), str(work.id), self._claim.hex)
+        parts = (MADE_FILES, f"{work.__tablename__}s", str(work.study_id), str(work.id), self._claim.hex)
         key = "/".join((*parts, *names, file.sha256))
         self.blobs.put_file(key, file.path)
         self._keys.append(key)

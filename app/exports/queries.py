@@ -12,9 +12,9 @@ from app.exports.file_work_queries import WorkKey, begin_again, find_work, page_
 from app.exports.models import UNDER_WAY, Export
 from app.http.row_filter import RowFilter
 from app.meals.models import Meal, MealImage
+from app.people import privacy_queries as privacy
 from app.people.models import Participant, Study
 from app.people.privacy_models import ErasureReceipt
-from app.privacy import queries as privacy
 from app.records.page_queries import RecordSearch
 
 ENDED = ("failed", "cancelled", "expired")

@@ -114,6 +114,17 @@ def release_claims(
     return len(released)
 
 
+def one_meal(meal_id: uuid.UUID) -> sa.Select[uuid.UUID]:
+    """The id of a meal that is there, as a query."""
+    return sa.select(Meal.id).where(Meal.id == meal_id)
+
+
+def live_jobs_of(session: Session, meals: sa.Select[uuid.UUID]) -> list[Job]:
+    """Jobs of these meals that are still to be done, locked."""
+    query = sa.select(Job).where(Job.meal_id.in_(meals), Job.state.in_(LIVE_STATES)).order_by(Job.id)
+    return list(session.scalars(query.with_for_update().execution_options(populate_existing=True)))
+
+
 def lock_live_job(session: Session, job_id: uuid.UUID) -> tuple[Job, Meal] | None:
     """A job that is still to be done and its meal, both locked, meal first as everywhere; None: finished or gone."""
     meal_id = session.scalar(sa.select(Job.meal_id).where(Job.id == job_id))

@@ -16,12 +16,12 @@ from app.core.settings import Settings
 from app.db.session import Database
 from app.meals.receive_photo import ReceivedFile
 from app.people import calibration_queries as calibrations
+from app.people import privacy_queries as privacy
 from app.people import queries as people
 from app.people.access import audit
 from app.people.access.caller import Caller, DeviceCaller, require_study
 from app.people.calibration_models import CameraCalibration
 from app.people.models import Device, Study
-from app.privacy import queries as privacy
 from app.vision.intrinsics import TOLERATED_RMS_PX, camera_from_mapping
 from app.vision.marker_spec import parse_marker
 

@@ -8,13 +8,13 @@ from sqlalchemy.orm import Session
 from app.core.errors import NotFoundError
 from app.db.session import Database
 from app.http.paging import ID, INSTANT, Page, decode_cursor, page_of
+from app.people import privacy_queries as privacy
 from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller
 from app.people.models import Device, Participant, Study
+from app.people.participants import has_left
 from app.people.studies import known_study
-from app.privacy import queries as privacy
-from app.privacy.withdraw import has_left
 
 
 def list_devices(

@@ -6,12 +6,12 @@ from datetime import UTC, datetime, timedelta
 
 from app.core.errors import ConflictError, NotFoundError
 from app.db.session import Database
+from app.people import privacy_queries as privacy
 from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import Caller, DeviceCaller, new_code, new_token, sha256_hex
 from app.people.models import AccessToken, Device, Enrolment, Study
 from app.people.participants import require_participant
-from app.privacy import queries as privacy
 
 ENROLMENT_VALID = timedelta(days=7)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from app.core.errors import ConflictError, InvalidInputError, NotFoundError
+from app.core.errors import ConflictError, GoneError, InvalidInputError, NotFoundError
 from app.db.session import Database, unless_taken
 from app.http.paging import TEXT, Page, decode_cursor, page_of
 from app.nutrition.intakes.energy_requirement import Person
@@ -18,6 +18,7 @@ from app.people.access.audit import note
 from app.people.access.caller import Caller, StaffCaller
 from app.people.access.secret_box import SecretBox
 from app.people.models import Participant, Study
+from app.people.privacy_queries import join_participant
 from app.people.spent_codes import is_code_spent
 from app.people.studies import known_study
 
@@ -164,3 +165,16 @@ def _contradiction(profile: Mapping[str, Any], age_years: float) -> str | None:
     except ValueError as error:
         return str(error)
     return None
+
+
+def require_in_study(session: Session, participant_id: uuid.UUID) -> Participant:
+    """Before something is added to a participant: they are here, and until commit they stay. Raises GoneError."""
+    participant = join_participant(session, participant_id)
+    if participant is None or participant.withdrawn_at is not None:
+        raise has_left()
+    return participant
+
+
+def has_left() -> GoneError:
+    """What a phone hears whose participant has left."""
+    return GoneError("This participant has left the study.", code="withdrawn")

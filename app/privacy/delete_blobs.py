@@ -13,6 +13,7 @@ import structlog
 from app.db import spent_keys
 from app.db.session import Database
 from app.metrics import instruments
+from app.people import privacy_queries as people_privacy
 from app.privacy import queries as privacy
 from app.storage.blob_store import BlobStore
 
@@ -39,12 +40,12 @@ class BlobDeleter:
         done = 0
         while True:
             with self._database.read() as session:
-                wanted = privacy.wanted_deletions(session, BATCH)
+                wanted = people_privacy.wanted_deletions(session, BATCH)
             if not wanted:
                 break
             gone, fault = self._delete_all(wanted)
             with self._database.write() as session:
-                privacy.forget_deletions(session, gone)
+                people_privacy.forget_deletions(session, gone)
             self._log_may_hold_erased = True
             done += len(gone)
             if fault is not None:

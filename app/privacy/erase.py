@@ -14,11 +14,13 @@ from datetime import UTC, datetime
 
 from sqlalchemy.orm import Session
 
-from app.core.errors import Failure, GoneError, NotFoundError
+from app.core.errors import GoneError, NotFoundError
 from app.db.session import Database
+from app.jobs import queries as jobs
 from app.meals import queries as meals
 from app.meals.models import Meal, MealImage
 from app.outbox import announce
+from app.people import privacy_queries as people_privacy
 from app.people.access import audit
 from app.people.access.caller import Caller
 from app.people.access.secret_box import SecretBox
@@ -31,12 +33,6 @@ from app.privacy.queries import Ids
 from app.records import queries as records
 from app.records.read_meal import find_meal
 from app.storage.blob_store import BlobMissingError
-
-PHOTOGRAPH_ERASED = Failure(
-    "photograph_erased",
-    "The photographs of this meal were erased before it was estimated.",
-    "There is nothing to do: the study keeps photographs for a limited time, or the participant has left it.",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +76,8 @@ class Eraser:
             study_id, alias, client_id = meal.study_id, meal.alias, meal.client_id
             code = session.get_one(Participant, meal.participant_id).code
             announce.meal_deleted(session, meal)
-            counts = erase_meals(session, study_id, [meal], privacy.one_meal(meal_id), erasure)
-            privacy.add_tombstones(session, "meal", [erasure.digest], erasure.at, study_id=study_id)
+            counts = erase_meals(session, study_id, [meal], jobs.one_meal(meal_id), erasure)
+            people_privacy.add_tombstones(session, "meal", [erasure.digest], erasure.at, study_id=study_id)
             receipt = add_receipt(session, erasure, study_id, what="meal", policy="erase", counts=counts)
             erase_meal_from_files(session, self.box, study_id, code, client_id)
             audit.note(session, caller, "meal.erase", study_id=study_id, subject=alias, receipt=str(receipt.id))
@@ -97,7 +93,7 @@ def meal_deleted() -> GoneError:
 def is_meal_deleted(session: Session, box: SecretBox, meal_id: uuid.UUID) -> bool:
     """Whether the meal of this id (uploads/submit_meal.py, meal_id_of) was here and is erased."""
     digest = digest_of(box, "meal", "erase", meal_id)
-    return bool(privacy.tombstones_among(session, "meal", [digest]))
+    return bool(people_privacy.tombstones_among(session, "meal", [digest]))
 
 
 def erase_meals(
@@ -109,11 +105,12 @@ def erase_meals(
     """
     folders = {f"{study_id}/{meal.id}/" for meal in gone}
     keys = privacy.blob_keys_of(session, query)
-    privacy.want_deleted(session, folders | {key for key in keys if not _is_below(key, folders)}, None, erasure.at)
+    elsewhere = {key for key in keys if not _is_below(key, folders)}
+    people_privacy.want_deleted(session, folders | elsewhere, None, erasure.at)
     item_ids = privacy.record_ids(session, query)
     counts = privacy.delete_meals(session, query)
     if item_ids:
-        privacy.add_tombstones(
+        people_privacy.add_tombstones(
             session,
             "record",
             [public_digest(item_id) for item_id in item_ids],
@@ -128,14 +125,14 @@ def erase_pictures(session: Session, query: Ids, now: datetime) -> dict[str, int
     """Photographs and derived pictures of locked meals: their blobs are to go, what was measured stays."""
     photographs = privacy.mark_images_erased(session, query, now)
     derived = privacy.delete_artefacts(session, query)
-    privacy.want_deleted(session, [*photographs, *derived], None, now)
+    people_privacy.want_deleted(session, [*photographs, *derived], None, now)
     privacy.touch_meals(session, query)
     return {"photographs": len(photographs), "derived_pictures": len(derived)}
 
 
 def erase_failed_pair(session: Session, images: Collection[MealImage], now: datetime) -> None:
     """Photographs of an after-meal pair that could not be measured, when another is sent: rows and blobs."""
-    privacy.want_deleted(session, [image.blob_key for image in images], None, now)
+    people_privacy.want_deleted(session, [image.blob_key for image in images], None, now)
     for image in images:
         session.delete(image)
     session.flush()

@@ -26,8 +26,8 @@ from app.meals.models import Meal, MealImage
 from app.people.access import audit
 from app.people.access.caller import DeviceCaller
 from app.people.models import Participant, Study
+from app.people.participants import has_left
 from app.privacy import queries as privacy
-from app.privacy.withdraw import has_left
 from app.storage.blob_store import BlobMissingError, BlobStore
 
 NOT_TOLD = frozenset({"token_sha256", "code_sha256", "blob_key", "result_key", "study_id", "participant_id"})

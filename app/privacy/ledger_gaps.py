@@ -6,7 +6,7 @@ back with it, and nothing else would tell.
 """
 
 from app.db.session import Database
-from app.privacy import queries as privacy
+from app.people import privacy_queries as privacy
 from app.privacy.erasure_ledger import KINDS, ErasureLedger
 
 

@@ -13,11 +13,12 @@ from functools import cache
 from typing import Literal
 
 import sqlalchemy as sa
-from sqlalchemy.orm import InstrumentedAttribute, Session
+from sqlalchemy.orm import Session
 
 from app.db.base import Base
 from app.diary import study_day_sum_queries as study_day_sums
 from app.diary.models import DayEvent, DayMark, DaySum, DiaryDay
+from app.exports.made_file import MADE_FILES
 from app.jobs.queries import LIVE_STATES
 from app.meals.event_models import MealEvent
 from app.meals.job_models import Job
@@ -25,51 +26,10 @@ from app.meals.models import Meal, MealImage
 from app.meals.record_models import EffectiveRecord, Run, RunArtefact
 from app.outbox.models import WebhookDelivery
 from app.people.calibration_models import CameraCalibration
-from app.people.models import AccessToken, Device, Enrolment, Participant, Study
-from app.people.privacy_models import ActorKind, AuditEvent, BlobDeletion, ErasureReceipt, Tombstone
-
-IN_A_STATEMENT = 500  # values in one IN (...); SQLite takes 32,766
-MADE_FILES = "made"  # before the study in keys of files of a whole study (exports/made_file.py)
+from app.people.models import Device, Participant, Study
 
 Ids = sa.Select[uuid.UUID]
 Owner = Literal["meal", "participant"]  # also the names of their tables
-
-
-@dataclass(frozen=True, slots=True)
-class AuditFilter:
-    """Which events: None leaves a filter out. since is included, until is not."""
-
-    study_id: uuid.UUID | None = None
-    action: str | None = None
-    since: datetime | None = None
-    until: datetime | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class AuditRow:
-    """An event of the audit log. study: its study's code; None: it is of no study, or of one that is not there."""
-
-    id: int
-    at: datetime
-    study: str | None
-    actor_kind: ActorKind
-    actor: str
-    action: str
-    subject: str | None
-    details: dict[str, object]
-    request_id: str | None
-
-
-def lock_participant(session: Session, participant_id: uuid.UUID) -> Participant | None:
-    """The participant, locked against everything, new meals and devices included."""
-    query = sa.select(Participant).where(Participant.id == participant_id).with_for_update()
-    return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
-
-
-def join_participant(session: Session, participant_id: uuid.UUID | None) -> Participant | None:
-    """The participant, so that something may be added to them: waits for a withdrawal under way."""
-    query = sa.select(Participant).where(Participant.id == participant_id).with_for_update(read=True, key_share=True)
-    return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
 
 
 def lock_meals_of(session: Session, participant_id: uuid.UUID) -> list[Meal]:
@@ -81,11 +41,6 @@ def lock_meals_of(session: Session, participant_id: uuid.UUID) -> list[Meal]:
 def meals_of(participant_id: uuid.UUID) -> Ids:
     """The ids of a participant's meals, as a query."""
     return sa.select(Meal.id).where(Meal.participant_id == participant_id)
-
-
-def one_meal(meal_id: uuid.UUID) -> Ids:
-    """The id of a meal that is there, as a query."""
-    return sa.select(Meal.id).where(Meal.id == meal_id)
 
 
 def record_ids(session: Session, meals: Ids) -> list[uuid.UUID]:
@@ -142,21 +97,6 @@ def _forget_study_days(session: Session, table: type[DaySum | DayMark | Meal], w
     study_day_sums.forget_days(session, [(row[0], row[1]) for row in days])
 
 
-def end_enrolments(session: Session, participant_id: uuid.UUID) -> None:
-    """Remove a participant's enrolment codes, used or not: no further phone comes in."""
-    session.execute(sa.delete(Enrolment).where(Enrolment.participant_id == participant_id))
-
-
-def end_tokens(session: Session, participant_id: uuid.UUID) -> list[str]:
-    """Remove the tokens of a participant's devices; returns their SHA-256."""
-    devices = sa.select(Device.id).where(Device.participant_id == participant_id)
-    return list(
-        session.scalars(
-            sa.delete(AccessToken).where(AccessToken.device_id.in_(devices)).returning(AccessToken.token_sha256)
-        )
-    )
-
-
 def delete_person_marks(session: Session, participant_id: uuid.UUID, meals: Ids) -> dict[str, int]:
     """Of a participant who stays as a number: what leads to phones, photographs or people who were told of them."""
     devices = sa.select(Device.id).where(Device.participant_id == participant_id)
@@ -171,12 +111,6 @@ def delete_person_marks(session: Session, participant_id: uuid.UUID, meals: Ids)
     )
 
 
-def devices_of(session: Session, participant_id: uuid.UUID) -> list[Device]:
-    """A participant's phones in the order of their enrolment."""
-    query = sa.select(Device).where(Device.participant_id == participant_id).order_by(Device.enrolled_at, Device.id)
-    return list(session.scalars(query))
-
-
 def blob_keys_of(session: Session, meals: Ids) -> set[str]:
     """All blobs that rows of these meals name."""
     return {
@@ -185,12 +119,6 @@ def blob_keys_of(session: Session, meals: Ids) -> set[str]:
         if (of_meals := rows_of(blob.model, "meal", meals)) is not None
         for key in session.scalars(sa.select(blob.key).where(of_meals))
     }
-
-
-def live_jobs_of(session: Session, meals: Ids) -> list[Job]:
-    """Jobs of these meals that are still to be done, locked."""
-    query = sa.select(Job).where(Job.meal_id.in_(meals), Job.state.in_(LIVE_STATES)).order_by(Job.id)
-    return list(session.scalars(query.with_for_update().execution_options(populate_existing=True)))
 
 
 def delete_artefacts(session: Session, meals: Ids) -> list[str]:
@@ -275,70 +203,9 @@ def ids_in(meal_ids: Collection[uuid.UUID]) -> Ids:
     return sa.select(Meal.id).where(Meal.id.in_(meal_ids))
 
 
-def count_erased_participants(session: Session, study_id: uuid.UUID) -> int:
-    """How many persons of a study were erased: each has one receipt."""
-    query = sa.select(sa.func.count()).where(
-        ErasureReceipt.study_id == study_id, ErasureReceipt.what == "participant", ErasureReceipt.policy == "erase"
-    )
-    return session.scalars(query).one()
-
-
-def add_tombstones(
-    session: Session,
-    kind: str,
-    digests: Collection[str],
-    now: datetime,
-    *,
-    study_id: uuid.UUID | None,
-    change_seq: int | None = None,
-) -> None:
-    """Note what is erased; what was noted before stays as it is."""
-    known = tombstones_among(session, kind, digests)
-    session.add_all(
-        Tombstone(kind=kind, digest=digest, study_id=study_id, change_seq=change_seq, erased_at=now)
-        for digest in sorted(set(digests) - known)
-    )
-    session.flush()
-
-
-def tombstones_among(session: Session, kind: str, digests: Collection[str]) -> set[str]:
-    """Those of the digests that have a tombstone of this kind."""
-    return _among(session, Tombstone.digest, digests, Tombstone.kind == kind)
-
-
-def tombstone_digests(session: Session, kind: str) -> Iterator[str]:
-    """The digests of all tombstones of this kind, streamed."""
-    yield from session.scalars(
-        sa.select(Tombstone.digest).where(Tombstone.kind == kind).execution_options(yield_per=1000)
-    )
-
-
-def participant_ids(session: Session) -> Iterator[uuid.UUID]:
-    """All participants, streamed."""
-    yield from session.scalars(sa.select(Participant.id).execution_options(yield_per=1000))
-
-
 def meal_ids(session: Session) -> Iterator[uuid.UUID]:
     """All meals, streamed."""
     yield from session.scalars(sa.select(Meal.id).execution_options(yield_per=1000))
-
-
-def want_deleted(session: Session, keys: Collection[str], receipt_id: uuid.UUID | None, now: datetime) -> None:
-    """Note blobs that are to go; a key that ends with a slash means all below it."""
-    wanted = set(keys) - _among(session, BlobDeletion.blob_key, keys)
-    session.add_all(BlobDeletion(blob_key=key, receipt_id=receipt_id, requested_at=now) for key in sorted(wanted))
-    session.flush()
-
-
-def wanted_deletions(session: Session, limit: int) -> list[str]:
-    """Blobs that are to go, those that wait longest first."""
-    query = sa.select(BlobDeletion.blob_key).order_by(BlobDeletion.requested_at, BlobDeletion.blob_key).limit(limit)
-    return list(session.scalars(query))
-
-
-def forget_deletions(session: Session, keys: Collection[str]) -> None:
-    """These blobs are gone."""
-    session.execute(sa.delete(BlobDeletion).where(BlobDeletion.blob_key.in_(keys)))
 
 
 def is_named(session: Session, key: str) -> bool:
@@ -407,38 +274,6 @@ def exported_rows(session: Session, owner: Owner, owner_id: uuid.UUID) -> Iterat
         yield model.personal.export_as, list(session.scalars(sa.select(model).where(of_owner).order_by(*order)))
 
 
-def page_of_audit(session: Session, chosen: AuditFilter, *, after: int | None, limit: int) -> list[AuditRow]:
-    """At most `limit` events in their order, those behind `after`."""
-    event = AuditEvent
-    query = (
-        sa.select(
-            event.id,
-            event.at,
-            Study.code,
-            event.actor_kind,
-            event.actor,
-            event.action,
-            event.subject,
-            event.details,
-            event.request_id,
-        )
-        .outerjoin(Study, Study.id == event.study_id)
-        .order_by(event.id)
-        .limit(limit)
-    )
-    if chosen.study_id is not None:
-        query = query.where(event.study_id == chosen.study_id)
-    if chosen.action is not None:
-        query = query.where(event.action == chosen.action)
-    if chosen.since is not None:
-        query = query.where(event.at >= chosen.since)
-    if chosen.until is not None:
-        query = query.where(event.at < chosen.until)
-    if after is not None:
-        query = query.where(event.id > after)
-    return [AuditRow(*row) for row in session.execute(query)]
-
-
 @cache
 def _models() -> dict[str, type[Base]]:
     """Tables of personal rows, by name; those that are referred to come first."""
@@ -467,18 +302,6 @@ def _blob_columns() -> list[_BlobColumn]:
         if (blob := model.blob) is not None:
             is_kept = columns[blob.erased_at].is_(None) if blob.erased_at is not None else sa.true()
             found.append(_BlobColumn(model, columns[blob.key], is_kept))
-    return found
-
-
-def _among(
-    session: Session, column: InstrumentedAttribute[str], values: Collection[str], *where: sa.ColumnElement[bool]
-) -> set[str]:
-    """Those of the values that the column has."""
-    found: set[str] = set()
-    ordered = sorted(values)
-    for start in range(0, len(ordered), IN_A_STATEMENT):
-        part = ordered[start : start + IN_A_STATEMENT]
-        found.update(session.scalars(sa.select(column).where(column.in_(part), *where)))
     return found
 
 

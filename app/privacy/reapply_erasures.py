@@ -10,6 +10,7 @@ from datetime import datetime
 
 import structlog
 
+from app.people import privacy_queries as people_privacy
 from app.privacy import queries as privacy
 from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.erase import Eraser
@@ -35,7 +36,7 @@ def reapply_erasures(eraser: Eraser, blobs: BlobStore, before: datetime | None =
 def _reapply(eraser: Eraser, kind: Kind, before: datetime | None) -> int:
     noted = set(eraser.ledger.digests(kind, before))
     with eraser.database.read() as session:
-        open_ones = noted - privacy.tombstones_among(session, kind, noted)
+        open_ones = noted - people_privacy.tombstones_among(session, kind, noted)
     if not open_ones:
         return 0
     erasures = {digest: eraser.ledger.read(kind, digest) for digest in sorted(open_ones)}
@@ -55,9 +56,9 @@ def _find(eraser: Eraser, kind: Kind, digests: set[str]) -> dict[str, uuid.UUID]
     """Digest -> id of what is there and should not be; of several deeds on a person the weakest first."""
     found: dict[str, uuid.UUID] = {}
     with eraser.database.read() as session:
-        ids: Iterable[uuid.UUID] = privacy.meal_ids(session) if kind == "meal" else privacy.participant_ids(session)
+        list_ids = privacy.meal_ids if kind == "meal" else people_privacy.participant_ids
         deeds: tuple[Deed, ...] = ("erase",) if kind == "meal" else DEEDS
-        for thing_id in ids:
+        for thing_id in list_ids(session):
             for deed in deeds:
                 digest = digest_of(eraser.box, kind, deed, thing_id)
                 if digest in digests:
@@ -69,4 +70,4 @@ def _settle(eraser: Eraser, kind: Kind, erasures: Iterable[Erasure]) -> None:
     """Those whose rows are not there (a backup from before they came) need not be looked for at every start."""
     with eraser.database.write() as session:
         for erasure in erasures:
-            privacy.add_tombstones(session, kind, [erasure.digest], erasure.at, study_id=None)
+            people_privacy.add_tombstones(session, kind, [erasure.digest], erasure.at, study_id=None)

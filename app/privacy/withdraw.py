@@ -11,20 +11,23 @@ from datetime import datetime
 
 from sqlalchemy.orm import Session
 
-from app.core.errors import ConflictError, GoneError, NotFoundError
+from app.children.faults import PHOTOGRAPH_ERASED
+from app.core.errors import ConflictError, NotFoundError
 from app.db.session import despite_deadlocks
 from app.jobs import queries as jobs
 from app.meals.models import Meal
 from app.outbox import announce
+from app.people import privacy_queries as people_privacy
 from app.people import queries as people
 from app.people.access import audit
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller
 from app.people.models import Participant, Study
+from app.people.participants import has_left
 from app.people.privacy_models import ErasureReceipt
 from app.people.spent_codes import spend_code
 from app.people.studies import enter_study
 from app.privacy import queries as privacy
-from app.privacy.erase import PHOTOGRAPH_ERASED, Eraser, add_receipt, erase_meals, erase_pictures, public_digest
+from app.privacy.erase import Eraser, add_receipt, erase_meals, erase_pictures, public_digest
 from app.privacy.erase_files import erase_person_from_files
 from app.privacy.erasure_ledger import DEEDS, Deed, Erasure, digest_of
 from app.records import queries as records
@@ -65,7 +68,7 @@ def withdraw_participant(eraser: Eraser, caller: StaffCaller, study_code: str, p
         deed, participant_id = _deed(study.withdrawal_policy), participant.id
         as_much = DEEDS[DEEDS.index(deed) :]
         digests = [digest_of(eraser.box, "participant", one, participant_id) for one in as_much]
-        if privacy.tombstones_among(session, "participant", digests):
+        if people_privacy.tombstones_among(session, "participant", digests):
             raise done
     receipt = carry_out_on_participant(
         eraser, eraser.intend("participant", deed, participant_id), participant_id, caller
@@ -90,20 +93,20 @@ def _in_one_transaction(
     eraser: Eraser, erasure: Erasure, participant_id: uuid.UUID, caller: Caller | None
 ) -> ErasureReceipt | None:
     with eraser.database.write() as session:
-        participant = privacy.lock_participant(session, participant_id)  # first, as all who touch enrolments do
-        if participant is None or privacy.tombstones_among(session, "participant", [erasure.digest]):
+        participant = people_privacy.lock_participant(session, participant_id)  # first, as all who touch enrolments do
+        if participant is None or people_privacy.tombstones_among(session, "participant", [erasure.digest]):
             return None
-        privacy.end_enrolments(session, participant_id)
+        people_privacy.end_enrolments(session, participant_id)
         study_id, alias, code = participant.study_id, participant.alias, participant.code
         new_ids = uuid.uuid4()
-        tokens = privacy.end_tokens(session, participant_id)
+        tokens = people_privacy.end_tokens(session, participant_id)
         ended = [eraser.box.digest("token", token_sha256) for token_sha256 in tokens]
-        privacy.add_tombstones(session, "token", ended, erasure.at, study_id=study_id)
+        people_privacy.add_tombstones(session, "token", ended, erasure.at, study_id=study_id)
         announce.participant_withdrawn(session, participant, erasure.deed)  # under the code that its receiver knows
         if erasure.deed != "keep":
             spend_code(session, eraser.box, participant, erasure.at)
         counts = {"access_token": len(ended)} | _do(session, participant, erasure, new_ids)
-        privacy.add_tombstones(session, "participant", [erasure.digest], erasure.at, study_id=study_id)
+        people_privacy.add_tombstones(session, "participant", [erasure.digest], erasure.at, study_id=study_id)
         receipt = add_receipt(session, erasure, study_id, what="participant", policy=erasure.deed, counts=counts)
         if erasure.deed != "keep":
             renamed = (participant.code, new_ids) if erasure.deed == "anonymise" else None
@@ -121,23 +124,10 @@ def _in_one_transaction(
     return receipt
 
 
-def require_in_study(session: Session, participant_id: uuid.UUID) -> Participant:
-    """Before something is added to a participant: they are here, and until commit they stay. Raises GoneError."""
-    participant = privacy.join_participant(session, participant_id)
-    if participant is None or participant.withdrawn_at is not None:
-        raise has_left()
-    return participant
-
-
-def has_left() -> GoneError:
-    """What a phone hears whose participant has left."""
-    return GoneError("This participant has left the study.", code="withdrawn")
-
-
 def _do(session: Session, participant: Participant, erasure: Erasure, new_ids: uuid.UUID) -> dict[str, int]:
     if erasure.deed == "erase":
         return _erase(session, participant, erasure)
-    for device in privacy.devices_of(session, participant.id):
+    for device in people_privacy.devices_of(session, participant.id):
         device.revoked_at = device.revoked_at or erasure.at
     participant.withdrawn_at = participant.withdrawn_at or erasure.at
     return _anonymise(session, participant, erasure.at, new_ids) if erasure.deed == "anonymise" else {}
@@ -150,7 +140,7 @@ def _erase(session: Session, participant: Participant, erasure: Erasure) -> dict
     days = [public_digest(day_id) for day_id in privacy.day_ids(session, participant_id)]
     if days:
         number = records.next_change_seq(session, study_id)
-        privacy.add_tombstones(session, "day", days, erasure.at, study_id=study_id, change_seq=number)
+        people_privacy.add_tombstones(session, "day", days, erasure.at, study_id=study_id, change_seq=number)
     for table, count in privacy.delete_participant(session, participant_id).items():
         counts[table] = counts.get(table, 0) + count
     return counts
@@ -163,7 +153,7 @@ def _anonymise(session: Session, participant: Participant, now: datetime, new_id
     """
     stay = privacy.lock_meals_of(session, participant.id)
     of_person = privacy.meals_of(participant.id)
-    for job in privacy.live_jobs_of(session, of_person):  # before the pictures go: nothing may be computed from them
+    for job in jobs.live_jobs_of(session, of_person):  # before the pictures go: nothing may be computed from them
         meal = session.get_one(Meal, job.meal_id)
         jobs.fail_job(job, meal, PHOTOGRAPH_ERASED, now)
         session.flush()
@@ -180,7 +170,7 @@ def _anonymise(session: Session, participant: Participant, now: datetime, new_id
     for day_event in privacy.day_events_of(session, participant.id):
         if day_event.layer == "participant":
             day_event.author = WITHDRAWN
-    for device in privacy.devices_of(session, participant.id):
+    for device in people_privacy.devices_of(session, participant.id):
         device.name, device.model, device.app_version = WITHDRAWN, None, None
         device.clock_skew_seconds = device.last_used_at = None
     participant.code, participant.alias = f"{WITHDRAWN}-{secrets.token_hex(8)}", uuid.uuid4()

@@ -8,9 +8,9 @@ from sqlalchemy.orm import Session
 from app.core.errors import NotFoundError
 from app.meals import queries as meals
 from app.meals.models import Meal
+from app.people import privacy_queries as privacy
 from app.people.access.caller import Caller, DeviceCaller
-from app.privacy import queries as privacy
-from app.privacy.withdraw import require_in_study
+from app.people.participants import require_in_study
 from app.records.read_meal import find_meal
 
 

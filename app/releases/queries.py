@@ -15,8 +15,8 @@ from app.exports.release_models import Release, ReleaseChange, ReleaseFile
 from app.foods.models import Component, Food, FoodDensity, FoodNutrient, FoodRelease, StudyDensity
 from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
+from app.people import privacy_queries as privacy
 from app.people.models import Participant, Study
-from app.privacy import queries as privacy
 
 KEYS_A_STATEMENT = 500
 UsedFood = tuple[str, int | None, str]  # key, version, table

@@ -20,10 +20,10 @@ from app.core.errors import TadaError
 from app.exports import queries as exports
 from app.exports.made_file import Attempt, long_snapshot
 from app.exports.release_models import Release, ReleaseFile
+from app.people import privacy_queries as privacy
 from app.people.access import audit
 from app.people.access.secret_box import SecretBox
 from app.people.models import Staff, Study
-from app.privacy import queries as privacy
 from app.releases import queries as releases
 from app.releases.alter_release import ReleaseAlteration, Verdicts
 from app.releases.freeze_release import filters_of_json, freeze

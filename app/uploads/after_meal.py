@@ -36,14 +36,14 @@ from app.meals.receive_photo import (
     seal_photos,
     unspent_keys,
 )
+from app.people import privacy_queries as privacy
 from app.people.access import audit
 from app.people.access.caller import DeviceCaller
 from app.people.access.secret_box import SecretBox
 from app.people.location_policy import policy_of
 from app.people.models import Study
-from app.privacy import queries as privacy
+from app.people.participants import has_left
 from app.privacy.erase import erase_failed_pair, is_meal_deleted, meal_deleted
-from app.privacy.withdraw import has_left
 from app.records.project_records import project_meal
 from app.storage.blob_store import BlobStore
 from app.uploads.submit_meal import ASIDE, Submitted, aside, meal_id_of

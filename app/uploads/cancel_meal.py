@@ -18,7 +18,6 @@ from app.meals.models import Meal
 from app.meals.queries import WAITING
 from app.people.access import audit
 from app.people.access.caller import Caller, DeviceCaller
-from app.privacy import queries as privacy
 from app.records.locked_meal import lock_meal_of
 from app.records.project_records import project_meal
 from app.records.read_meal import MealView, read_meal
@@ -48,7 +47,7 @@ def cancel_locked_meal(session: Session, meal: Meal, caller: Caller | None) -> i
 
     caller None: whoever runs the server.
     """
-    live = privacy.live_jobs_of(session, privacy.one_meal(meal.id))
+    live = jobs.live_jobs_of(session, jobs.one_meal(meal.id))
     if isinstance(caller, DeviceCaller):
         live = [job for job in live if job.purpose in OF_PAIRS]
     lost = [] if live else _waiting_pairs(meal)

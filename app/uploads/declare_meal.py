@@ -26,8 +26,8 @@ from app.people.access.caller import DeviceCaller
 from app.people.access.secret_box import SecretBox
 from app.people.location_policy import policy_of
 from app.people.models import Study
+from app.people.participants import require_in_study
 from app.privacy.erase import is_meal_deleted, meal_deleted
-from app.privacy.withdraw import require_in_study
 from app.records.project_records import project_meal
 from app.records.review.meal_events import NewEvent, Standing, insert_event
 from app.records.review.review_meal import added

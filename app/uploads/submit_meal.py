@@ -39,15 +39,15 @@ from app.meals.receive_photo import (
     unspent_keys,
 )
 from app.outbox.announce import announce_meal
+from app.people import privacy_queries as privacy
 from app.people import queries as people
 from app.people.access import audit
 from app.people.access.caller import DeviceCaller
 from app.people.access.secret_box import SecretBox
 from app.people.location_policy import policy_of
 from app.people.models import Study
-from app.privacy import queries as privacy
+from app.people.participants import require_in_study
 from app.privacy.erase import is_meal_deleted, meal_deleted
-from app.privacy.withdraw import require_in_study
 from app.records.read_meal import MealView, view_of_new_meal
 from app.storage.blob_store import BlobStore
 from app.vessels.meal_vessels import require_known_vessels

@@ -12,7 +12,7 @@ from app.http.parameters import FirstDay, LastDay
 from app.people.access.audit_api import audit_file
 from app.people.access.audit_log import read_audit
 from app.people.access.page_rules import PREFIX
-from app.privacy.queries import AuditFilter
+from app.people.privacy_queries import AuditFilter
 
 router = APIRouter(include_in_schema=False)
 

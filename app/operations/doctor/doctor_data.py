@@ -17,8 +17,8 @@ from app.operations import doctor_queries as doctor
 from app.operations.doctor.finding import Deployment, Verdict, bad, note, ok, some
 from app.operations.doctor_queries import PostgresFacts
 from app.operations.figure_queries import database_now
+from app.people import privacy_queries as privacy
 from app.people.access.secret_box import SecretKeyError
-from app.privacy import queries as privacy
 from app.privacy.erasure_ledger import KINDS
 from app.privacy.ledger_gaps import count_missing
 from app.privacy.missing_blobs import find_missing

@@ -17,8 +17,8 @@ from app.http.text_schemas import AwareInstant
 from app.people.access.audit_log import read_audit, stream_audit
 from app.people.access.caller import StaffCaller
 from app.people.access.deps import CurrentStaff, State
+from app.people.privacy_queries import AuditFilter, AuditRow
 from app.people.privacy_schemas import AuditEventOut, AuditPage
-from app.privacy.queries import AuditFilter, AuditRow
 
 router = APIRouter(prefix="/v1", tags=["audit"])
 

@@ -6,10 +6,10 @@ from dataclasses import asdict, replace
 
 from app.db.session import Database
 from app.http.paging import WHOLE_NUMBER, Page, decode_cursor, encode_cursor, require_order
+from app.people import privacy_queries as privacy
 from app.people.access.caller import StaffCaller
+from app.people.privacy_queries import AuditFilter, AuditRow
 from app.people.studies import enter_study
-from app.privacy import queries as privacy
-from app.privacy.queries import AuditFilter, AuditRow
 
 STREAM_PAGE = 1000
 

@@ -21,10 +21,10 @@ from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.meals.queries import WAITING
 from app.meals.record_models import EffectiveRecord, Item, Run, RunArtefact
+from app.people import privacy_queries as privacy
 from app.people.access.secret_box import open_secret_box
 from app.people.models import Participant
 from app.people.privacy_models import BlobDeletion
-from app.privacy import queries as privacy
 from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.erasure_ledger import ErasureLedger, digest_of
 from app.storage.blob_store import BlobMissingError

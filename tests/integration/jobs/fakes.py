@@ -14,6 +14,7 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
+import app.tables  # noqa: F401  # defines every table
 from app.children.child_pool import ChildRequest
 from app.children.faults import BrokenOff, JobFailure
 from app.children.process_life import die_with_parent

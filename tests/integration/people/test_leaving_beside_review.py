@@ -4,6 +4,7 @@ import threading
 
 import sqlalchemy as sa
 
+from app.people import privacy_queries as people_privacy
 from app.people.models import Participant
 from app.privacy import queries as privacy
 from tests import estimates
@@ -27,7 +28,7 @@ def test_reviewers_confirmation_waits_for_a_withdrawal_under_way(phone, state, c
 
     with state.database.write() as session:  # as privacy/withdraw.py locks: the person, then their meals
         participant_id = session.scalars(sa.select(Participant.id)).one()
-        privacy.lock_participant(session, participant_id)
+        people_privacy.lock_participant(session, participant_id)
         word = threading.Thread(target=confirm)
         word.start()
         word.join(HEAD_START_SECONDS)

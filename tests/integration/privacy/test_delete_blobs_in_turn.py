@@ -5,9 +5,9 @@ from datetime import UTC, datetime
 
 import pytest
 
+from app.people import privacy_queries as privacy
 from app.people.privacy_models import BlobDeletion
 from app.privacy import delete_blobs
-from app.privacy import queries as privacy
 from app.privacy.delete_blobs import FAULTS_IN_A_ROW, BlobDeleter
 from app.storage.local import LocalBlobStore
 

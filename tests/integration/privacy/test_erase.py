@@ -9,18 +9,19 @@ from types import SimpleNamespace
 import pytest
 import sqlalchemy as sa
 
-from app.children.faults import JobFailure
+from app.children.faults import PHOTOGRAPH_ERASED, JobFailure
 from app.estimates.estimate_meal import EstimateMeal
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.operations.chores import worker_chores
 from app.operations.clock_jumps import ClockJumps
+from app.people import privacy_queries as people_privacy
 from app.people.access.secret_box import SecretBox
 from app.people.models import Participant, Study
 from app.people.privacy_models import BlobDeletion, ErasureReceipt
 from app.privacy import queries as privacy
 from app.privacy.delete_blobs import BlobDeleter
-from app.privacy.erase import PHOTOGRAPH_ERASED, Eraser
+from app.privacy.erase import Eraser
 from app.privacy.erasure_ledger import ErasureLedger, digest_of
 from app.privacy.reapply_erasures import reapply_erasures
 from app.privacy.retention import erase_old_pictures
@@ -57,7 +58,7 @@ def test_erasure_of_one_who_is_in_no_row_is_looked_for_once(state):
     erasure = state.part(Eraser).intend("participant", "erase", uuid.uuid4())
     assert reapply_erasures(state.part(Eraser), state.blobs) == 0
     with state.database.read() as session:
-        assert privacy.tombstones_among(session, "participant", [erasure.digest]) == {erasure.digest}
+        assert people_privacy.tombstones_among(session, "participant", [erasure.digest]) == {erasure.digest}
 
 
 def test_of_two_deeds_on_a_restored_person_both_are_done_and_the_stronger_holds(person, state):
@@ -120,7 +121,7 @@ def test_blob_that_a_row_names_is_not_deleted_whatever_the_intent_says(person, s
         keys = list(session.scalars(sa.select(MealImage.blob_key)))
         study_id = session.scalars(sa.select(Study.id)).one()
         wanted = [*keys, f"{study_id}/{person.meal_id}/"]
-        privacy.want_deleted(session, wanted, None, datetime.now(UTC))
+        people_privacy.want_deleted(session, wanted, None, datetime.now(UTC))
     BlobDeleter(state.database, state.blobs).delete_wanted()
     assert all(state.blobs.has(key) for key in keys)
     with state.database.read() as session:
@@ -238,7 +239,7 @@ def test_pictures_sealed_after_the_erasure_are_deleted_too(what, phone, state, s
         else:
             with state.database.write() as session:
                 found = privacy.ids_in(list(session.scalars(sa.select(Meal.id))))
-                privacy.want_deleted(
+                people_privacy.want_deleted(
                     session, privacy.mark_images_erased(session, found, datetime.now(UTC)), None, datetime.now(UTC)
                 )
         BlobDeleter(state.database, state.blobs).delete_wanted()

@@ -20,6 +20,7 @@ from app.meals import queries as meals
 from app.meals.event_models import MealEvent
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import EffectiveRecord, RunArtefact
+from app.people import privacy_queries as privacy
 from app.people import queries as people
 from app.people.access import audit
 from app.people.access.caller import DeviceCaller
@@ -27,7 +28,6 @@ from app.people.access.last_use import LastUse
 from app.people.devices import read_phone, sign_out_phone
 from app.people.models import Device, Participant, Study
 from app.people.privacy_models import AuditEvent, BlobDeletion, Tombstone
-from app.privacy import queries as privacy
 from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.erase import public_digest
 from app.privacy.export_me import ExportPlaces

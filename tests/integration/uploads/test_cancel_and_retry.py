@@ -16,8 +16,8 @@ from app.meals import queries as meals
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import Run
+from app.people import privacy_queries as privacy
 from app.people.privacy_models import AuditEvent
-from app.privacy import queries as privacy
 from app.uploads.job_list_queries import FailedFilter
 from app.uploads.look_after_jobs import failed_pairs, retry_failed
 from tests import estimates

@@ -1,0 +1,177 @@
+"""SQL of promises about people: who is here or has left, what was erased and is to be deleted, and who did what."""
+
+import uuid
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from datetime import datetime
+
+import sqlalchemy as sa
+from sqlalchemy.orm import InstrumentedAttribute, Session
+
+from app.people.models import AccessToken, Device, Enrolment, Participant, Study
+from app.people.privacy_models import ActorKind, AuditEvent, BlobDeletion, ErasureReceipt, Tombstone
+
+IN_A_STATEMENT = 500  # values in one IN (...); SQLite takes 32,766
+
+
+@dataclass(frozen=True, slots=True)
+class AuditFilter:
+    """Which events: None leaves a filter out. since is included, until is not."""
+
+    study_id: uuid.UUID | None = None
+    action: str | None = None
+    since: datetime | None = None
+    until: datetime | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AuditRow:
+    """An event of the audit log. study: its study's code; None: it is of no study, or of one that is not there."""
+
+    id: int
+    at: datetime
+    study: str | None
+    actor_kind: ActorKind
+    actor: str
+    action: str
+    subject: str | None
+    details: dict[str, object]
+    request_id: str | None
+
+
+def lock_participant(session: Session, participant_id: uuid.UUID) -> Participant | None:
+    """The participant, locked against everything, new meals and devices included."""
+    query = sa.select(Participant).where(Participant.id == participant_id).with_for_update()
+    return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
+
+
+def join_participant(session: Session, participant_id: uuid.UUID | None) -> Participant | None:
+    """The participant, so that something may be added to them: waits for a withdrawal under way."""
+    query = sa.select(Participant).where(Participant.id == participant_id).with_for_update(read=True, key_share=True)
+    return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
+
+
+def end_enrolments(session: Session, participant_id: uuid.UUID) -> None:
+    """Remove a participant's enrolment codes, used or not: no further phone comes in."""
+    session.execute(sa.delete(Enrolment).where(Enrolment.participant_id == participant_id))
+
+
+def end_tokens(session: Session, participant_id: uuid.UUID) -> list[str]:
+    """Remove the tokens of a participant's devices; returns their SHA-256."""
+    devices = sa.select(Device.id).where(Device.participant_id == participant_id)
+    return list(
+        session.scalars(
+            sa.delete(AccessToken).where(AccessToken.device_id.in_(devices)).returning(AccessToken.token_sha256)
+        )
+    )
+
+
+def devices_of(session: Session, participant_id: uuid.UUID) -> list[Device]:
+    """A participant's phones in the order of their enrolment."""
+    query = sa.select(Device).where(Device.participant_id == participant_id).order_by(Device.enrolled_at, Device.id)
+    return list(session.scalars(query))
+
+
+def count_erased_participants(session: Session, study_id: uuid.UUID) -> int:
+    """How many persons of a study were erased: each has one receipt."""
+    query = sa.select(sa.func.count()).where(
+        ErasureReceipt.study_id == study_id, ErasureReceipt.what == "participant", ErasureReceipt.policy == "erase"
+    )
+    return session.scalars(query).one()
+
+
+def add_tombstones(
+    session: Session,
+    kind: str,
+    digests: Collection[str],
+    now: datetime,
+    *,
+    study_id: uuid.UUID | None,
+    change_seq: int | None = None,
+) -> None:
+    """Note what is erased; what was noted before stays as it is."""
+    known = tombstones_among(session, kind, digests)
+    session.add_all(
+        Tombstone(kind=kind, digest=digest, study_id=study_id, change_seq=change_seq, erased_at=now)
+        for digest in sorted(set(digests) - known)
+    )
+    session.flush()
+
+
+def tombstones_among(session: Session, kind: str, digests: Collection[str]) -> set[str]:
+    """Those of the digests that have a tombstone of this kind."""
+    return _among(session, Tombstone.digest, digests, Tombstone.kind == kind)
+
+
+def tombstone_digests(session: Session, kind: str) -> Iterator[str]:
+    """The digests of all tombstones of this kind, streamed."""
+    yield from session.scalars(
+        sa.select(Tombstone.digest).where(Tombstone.kind == kind).execution_options(yield_per=1000)
+    )
+
+
+def participant_ids(session: Session) -> Iterator[uuid.UUID]:
+    """All participants, streamed."""
+    yield from session.scalars(sa.select(Participant.id).execution_options(yield_per=1000))
+
+
+def want_deleted(session: Session, keys: Collection[str], receipt_id: uuid.UUID | None, now: datetime) -> None:
+    """Note blobs that are to go; a key that ends with a slash means all below it."""
+    wanted = set(keys) - _among(session, BlobDeletion.blob_key, keys)
+    session.add_all(BlobDeletion(blob_key=key, receipt_id=receipt_id, requested_at=now) for key in sorted(wanted))
+    session.flush()
+
+
+def wanted_deletions(session: Session, limit: int) -> list[str]:
+    """Blobs that are to go, those that wait longest first."""
+    query = sa.select(BlobDeletion.blob_key).order_by(BlobDeletion.requested_at, BlobDeletion.blob_key).limit(limit)
+    return list(session.scalars(query))
+
+
+def forget_deletions(session: Session, keys: Collection[str]) -> None:
+    """These blobs are gone."""
+    session.execute(sa.delete(BlobDeletion).where(BlobDeletion.blob_key.in_(keys)))
+
+
+def page_of_audit(session: Session, chosen: AuditFilter, *, after: int | None, limit: int) -> list[AuditRow]:
+    """At most `limit` events in their order, those behind `after`."""
+    event = AuditEvent
+    query = (
+        sa.select(
+            event.id,
+            event.at,
+            Study.code,
+            event.actor_kind,
+            event.actor,
+            event.action,
+            event.subject,
+            event.details,
+            event.request_id,
+        )
+        .outerjoin(Study, Study.id == event.study_id)
+        .order_by(event.id)
+        .limit(limit)
+    )
+    if chosen.study_id is not None:
+        query = query.where(event.study_id == chosen.study_id)
+    if chosen.action is not None:
+        query = query.where(event.action == chosen.action)
+    if chosen.since is not None:
+        query = query.where(event.at >= chosen.since)
+    if chosen.until is not None:
+        query = query.where(event.at < chosen.until)
+    if after is not None:
+        query = query.where(event.id > after)
+    return [AuditRow(*row) for row in session.execute(query)]
+
+
+def _among(
+    session: Session, column: InstrumentedAttribute[str], values: Collection[str], *where: sa.ColumnElement[bool]
+) -> set[str]:
+    """Those of the values that the column has."""
+    found: set[str] = set()
+    ordered = sorted(values)
+    for start in range(0, len(ordered), IN_A_STATEMENT):
+        part = ordered[start : start + IN_A_STATEMENT]
+        found.update(session.scalars(sa.select(column).where(column.in_(part), *where)))
+    return found
