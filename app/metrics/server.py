@@ -63,7 +63,7 @@ class _Server(ThreadingHTTPServer):
         self._since: dict[socket.socket, float] = {}  # of each caller; seconds, monotonic
         super().__init__(address, handler)
 
-    def process_request(self, request: Any, client_address: Any) -> None:
+    def process_request(self, request: Any, client_address: object) -> None:
         """In a thread of its own; not at all where there are too many."""
         with self._lock:
             if len(self._since) >= MOST_CALLERS:
@@ -76,7 +76,7 @@ class _Server(ThreadingHTTPServer):
             self._forget(request)
             raise
 
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
+    def process_request_thread(self, request: Any, client_address: object) -> None:
         """What the thread does."""
         try:
             super().process_request_thread(request, client_address)
@@ -91,7 +91,7 @@ class _Server(ThreadingHTTPServer):
                     with contextlib.suppress(OSError):
                         request.shutdown(socket.SHUT_RDWR)
 
-    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002  # socketserver's own
+    def handle_error(self, request: Any, client_address: object) -> None:  # noqa: ARG002  # socketserver's own
         """A caller that leaves in the middle, or is cut off, is no fault of ours."""
         error = sys.exception()
         if not isinstance(error, OSError):

@@ -2,7 +2,7 @@
 
 import uuid
 from collections.abc import Iterator
-from typing import IO, Annotated, Any
+from typing import IO, Annotated
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response, StreamingResponse
@@ -25,7 +25,7 @@ from app.uploads.submit_meal import SubmitMeal, meal_id_of
 router = APIRouter(prefix="/v1", tags=["privacy"])
 
 PIECE_BYTES = 256 * 1024
-EXPORT_RESPONSES: dict[int | str, dict[str, Any]] = {
+EXPORT_RESPONSES = {
     200: {"content": {"application/zip": {}}, "description": "data.json, photographs, README.txt."},
     **problem_responses(401, 403, 410, 503),
 }
