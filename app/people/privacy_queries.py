@@ -115,10 +115,10 @@ def participant_ids(session: Session) -> Iterator[uuid.UUID]:
     yield from session.scalars(sa.select(Participant.id).execution_options(yield_per=1000))
 
 
-def want_deleted(session: Session, keys: Collection[str], receipt_id: uuid.UUID | None, now: datetime) -> None:
+def want_deleted(session: Session, keys: Collection[str], now: datetime) -> None:
     """Note blobs that are to go; a key that ends with a slash means all below it."""
     wanted = set(keys) - _among(session, BlobDeletion.blob_key, keys)
-    session.add_all(BlobDeletion(blob_key=key, receipt_id=receipt_id, requested_at=now) for key in sorted(wanted))
+    session.add_all(BlobDeletion(blob_key=key, requested_at=now) for key in sorted(wanted))
     session.flush()
 
 

@@ -106,7 +106,7 @@ def erase_meals(
     folders = {f"{study_id}/{meal.id}/" for meal in gone}
     keys = privacy.blob_keys_of(session, query)
     elsewhere = {key for key in keys if not _is_below(key, folders)}
-    people_privacy.want_deleted(session, folders | elsewhere, None, erasure.at)
+    people_privacy.want_deleted(session, folders | elsewhere, erasure.at)
     item_ids = privacy.record_ids(session, query)
     counts = privacy.delete_meals(session, query)
     if item_ids:
@@ -125,14 +125,14 @@ def erase_pictures(session: Session, query: Ids, now: datetime) -> dict[str, int
     """Photographs and derived pictures of locked meals: their blobs are to go, what was measured stays."""
     photographs = privacy.mark_images_erased(session, query, now)
     derived = privacy.delete_artefacts(session, query)
-    people_privacy.want_deleted(session, [*photographs, *derived], None, now)
+    people_privacy.want_deleted(session, [*photographs, *derived], now)
     privacy.touch_meals(session, query)
     return {"photographs": len(photographs), "derived_pictures": len(derived)}
 
 
 def erase_failed_pair(session: Session, images: Collection[MealImage], now: datetime) -> None:
     """Photographs of an after-meal pair that could not be measured, when another is sent: rows and blobs."""
-    people_privacy.want_deleted(session, [image.blob_key for image in images], None, now)
+    people_privacy.want_deleted(session, [image.blob_key for image in images], now)
     for image in images:
         session.delete(image)
     session.flush()

@@ -184,7 +184,7 @@ def arrivals_on_days(
 
 def drop_files(session: Session, release: Release, now: datetime) -> None:
     """A release that can never be served again keeps nothing: what was erased may stand in any file of it."""
-    privacy.want_deleted(session, replace_files(session, release.id, []), None, now)
+    privacy.want_deleted(session, replace_files(session, release.id, []), now)
     forget_changes(session, [change.id for change in changes_of(session, release.id)])
     release.bytes = release.rows_written = 0
 

@@ -170,7 +170,7 @@ class SubmitAfterPair:
                 return self._write(caller, meal_id, details, photos, sealed, captured_at)
         except GoneError:  # erased while this was sealed
             with self._database.write() as session:
-                privacy.want_deleted(session, list(keys.values()), None, datetime.now(UTC))
+                privacy.want_deleted(session, list(keys.values()), datetime.now(UTC))
             raise
 
     def _write(

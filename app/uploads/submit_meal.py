@@ -162,7 +162,7 @@ class SubmitMeal:
                 return self._write(caller, meal, photos, keys)
         except GoneError:  # erased while this was sealed: nobody will ever need it, unless a row has it from before
             with self._database.write() as session:
-                privacy.want_deleted(session, list(keys.values()), None, datetime.now(UTC))
+                privacy.want_deleted(session, list(keys.values()), datetime.now(UTC))
             raise
 
     def _check(

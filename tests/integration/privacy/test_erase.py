@@ -121,7 +121,7 @@ def test_blob_that_a_row_names_is_not_deleted_whatever_the_intent_says(person, s
         keys = list(session.scalars(sa.select(MealImage.blob_key)))
         study_id = session.scalars(sa.select(Study.id)).one()
         wanted = [*keys, f"{study_id}/{person.meal_id}/"]
-        people_privacy.want_deleted(session, wanted, None, datetime.now(UTC))
+        people_privacy.want_deleted(session, wanted, datetime.now(UTC))
     BlobDeleter(state.database, state.blobs).delete_wanted()
     assert all(state.blobs.has(key) for key in keys)
     with state.database.read() as session:
@@ -240,7 +240,7 @@ def test_pictures_sealed_after_the_erasure_are_deleted_too(what, phone, state, s
             with state.database.write() as session:
                 found = privacy.ids_in(list(session.scalars(sa.select(Meal.id))))
                 people_privacy.want_deleted(
-                    session, privacy.mark_images_erased(session, found, datetime.now(UTC)), None, datetime.now(UTC)
+                    session, privacy.mark_images_erased(session, found, datetime.now(UTC)), datetime.now(UTC)
                 )
         BlobDeleter(state.database, state.blobs).delete_wanted()
 
