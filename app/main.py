@@ -17,17 +17,19 @@ from app.dashboard.answers import DASHBOARD_PATHS, DashboardAnswers
 from app.dashboard.static_files import DashboardFiles
 from app.db.session import open_database
 from app.diary import adequacy_api as adequacy
-from app.diary import api as days
 from app.diary import overview_api as overview
 from app.diary import summary_api as summary
 from app.exports import api as exports
 from app.exports import data_dictionary_api as data_dictionary
+from app.exports.export_places import ExportPlaces
 from app.exports.fhir import api as fhir
 from app.exports.fhir.answers import FHIR_PATHS, FhirErrors
 from app.exports.lists import changes_api as changes
+from app.exports.lists import days_api as days
 from app.exports.lists import meals_api as meal_lists
 from app.exports.lists import photographs_api as study_photographs
 from app.exports.lists import records_api as records
+from app.exports.queries import take_back_places as take_back_exports
 from app.foods import api as foods
 from app.foods import reference_intakes_api as reference_intakes
 from app.foods import study_densities_api as study_densities
@@ -60,11 +62,11 @@ from app.people.access.last_use import LastUse
 from app.people.access.passwords import Passwords
 from app.people.access.secret_box import open_secret_box
 from app.people.access.sign_in_limits import SignInLimits
+from app.people.location_policy import FilesWithPlaces
 from app.privacy import me_api as me_privacy
 from app.privacy import receipts_api as receipts
 from app.privacy.erase import Eraser
 from app.privacy.erasure_ledger import ErasureLedger
-from app.privacy.export_me import ExportPlaces
 from app.records import photographs_api as photographs
 from app.records.review import api as review
 from app.records.review import questions_api as questions
@@ -72,6 +74,7 @@ from app.records.review import queue_api as review_queue
 from app.records.review.event_rules import EVENT_RULES
 from app.records.review.meal_events import MealEvents
 from app.releases import api as releases
+from app.releases.queries import take_back_places as take_back_releases
 from app.storage.opening import open_blob_store
 from app.uploads import after_meal_api as after_meal
 from app.uploads import api as meals
@@ -134,6 +137,7 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
                 ExportPlaces(),
                 last_use,
                 DeploymentFigures(database, blobs, settings),
+                FilesWithPlaces((take_back_exports, take_back_releases)),
             ),
         )
     finally:

@@ -1,6 +1,5 @@
 """Every table: importing this module defines them all. Composition roots and Alembic do."""
 
-import app.candidates.models
 import app.db.spent_key_models
 import app.diary.models
 import app.exports.models
@@ -8,6 +7,7 @@ import app.exports.release_models
 import app.foods.models
 import app.foods.search.models
 import app.meals.event_models
+import app.meals.identification_models
 import app.meals.job_models
 import app.meals.models
 import app.meals.record_models

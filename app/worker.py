@@ -10,7 +10,6 @@ import app.tables  # noqa: F401  # defines every table
 from app.children.child_pool import ChildPool
 from app.children.process_life import die_with_parent
 from app.core.errors import TadaError
-from app.core.in_words import told_in_words
 from app.core.logs import configure_logging
 from app.core.private_files import keep_files_private
 from app.core.settings import Settings
@@ -22,6 +21,7 @@ from app.metrics.instruments import REGISTRY, tell_build
 from app.metrics.server import MetricsServer
 from app.operations.check_stores import check_stores
 from app.operations.chores import worker_chores
+from app.operations.in_words import told_in_words
 from app.operations.prepare import prepare_patiently
 from app.people.access.secret_box import open_secret_box
 from app.storage.opening import open_blob_store

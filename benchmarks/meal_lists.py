@@ -35,9 +35,9 @@ import sqlalchemy as sa
 
 from app.db.migrate import upgrade
 from app.db.session import Database
-from app.diary.models import DiaryDay
 from app.exports.lists.list_meals import Order, changed_meals, count_meals, cursor_behind, list_meals
 from app.http.row_filter import RowFilter
+from app.meals.day_models import DiaryDay
 from app.meals.event_models import MealEvent
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import EffectiveRecord, Item

@@ -19,12 +19,12 @@ from pyarrow import csv
 
 from app.db.base import Base  # fmt: skip
 from app.db.session import Database
-from app.db.triggers import MARK_ALL_DAYS
 from app.diary.day_sums import write_all_sums
-from app.diary.models import DiaryDay  # fmt: skip
 from app.foods.models import Food, FoodActivation, FoodRelease  # fmt: skip
+from app.meals.day_models import DiaryDay  # fmt: skip
 from app.meals.models import Meal  # fmt: skip
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Item  # fmt: skip
+from app.operations.triggers import MARK_ALL_DAYS
 from app.people.models import Device, Participant, Study  # fmt: skip
 
 STUDIES, PEOPLE, FOODS, FOODS_TWICE = 20, 10_000, 800, 200

@@ -8,8 +8,8 @@ from datetime import datetime
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.candidates.models import IndexEntry, ItemIdentification
 from app.foods.models import Food
+from app.meals.identification_models import IndexEntry, ItemIdentification
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord, Item
 from app.people.models import Study

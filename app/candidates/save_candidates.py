@@ -11,9 +11,9 @@ from datetime import UTC, datetime
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.candidates.models import ItemIdentification
 from app.foods import queries as foods
 from app.foods.models import Food
+from app.meals.identification_models import ItemIdentification
 from app.meals.meal_parts import FROM_INDEX
 from app.meals.record_models import Item, ItemCandidate
 from app.meals.run_answer import ItemAnswer

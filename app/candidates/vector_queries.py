@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.candidates.models import ItemIdentification
+from app.meals.identification_models import ItemIdentification
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import EffectiveRecord, Item, ItemMeasure, Run
 

@@ -37,8 +37,8 @@ def opened_database() -> Iterator["Database"]:
 @contextmanager
 def database_as_it_is() -> Iterator["Database"]:
     """The configured database, not migrated, for one command. Raises the same."""
-    from app.core.in_words import told_in_words
     from app.db.session import open_database
+    from app.operations.in_words import told_in_words
 
     with told_in_words():
         database = open_database(Settings())

@@ -20,7 +20,6 @@ from fastapi import FastAPI
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.core.errors import InvalidInputError, TadaError
-from app.core.in_words import in_words, told_in_words
 from app.core.logs import configure_logging
 from app.core.settings import Settings
 from app.http.connection_protocol import ConnectionWatch, WatchedProtocol, connection_limits
@@ -28,6 +27,7 @@ from app.http.state import ApiState
 from app.jobs.supervisor import WorkerProcess
 from app.main import create_app
 from app.operations.check_stores import check_stores
+from app.operations.in_words import in_words, told_in_words
 from app.uploads.waiting import MealWaiter
 
 log = structlog.get_logger()

@@ -15,10 +15,10 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
+from app.db.stored_ids import stored_id
 from app.diary.day_definition import coverage_of, is_day_of_nothing, is_measured_whole, within
 from app.diary.intake_queries import ClosedDay, closed_days
 from app.diary.queries import Amount, of_study, sums_of_days
-from app.exports.tables.record_queries import stored_id
 from app.foods.models import Component, FoodNutrient
 from app.meals.record_models import EffectiveRecord
 from app.people.models import Participant

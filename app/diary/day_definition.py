@@ -16,7 +16,8 @@ from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import FunctionElement
 
 from app.db.statements import AnyQuery
-from app.diary.models import DayEvent, DayMark, DaySum, DiaryDay
+from app.diary.models import DayMark, DaySum
+from app.meals.day_models import DayEvent, DiaryDay
 from app.meals.models import MEAL_STATUSES, Meal
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
 from app.people.models import Participant

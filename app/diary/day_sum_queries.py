@@ -9,7 +9,8 @@ import sqlalchemy as sa
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from app.diary.day_definition import COLUMNS, DayKeys, counted_days
-from app.diary.models import DayMark, DaySum, DiaryDay, StudyDayMark
+from app.diary.models import DayMark, DaySum, StudyDayMark
+from app.meals.day_models import DiaryDay
 from app.meals.models import Meal
 from app.people.models import Participant
 

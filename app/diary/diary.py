@@ -17,13 +17,14 @@ from app.core.errors import ConflictError, InvalidInputError, NotFoundError, Pre
 from app.db.session import Database
 from app.diary import diary_queries as diary
 from app.diary import queries as days
-from app.diary.models import DayEvent, DiaryDay
 from app.diary.queries import DayRow
 from app.http.paging import require_order
 from app.http.row_filter import RowFilter
+from app.meals.day_models import DayEvent, DiaryDay
 from app.meals.event_models import LAYERS
 from app.meals.meal_time import EARLIEST, latest_day
-from app.outbox.announce import announce_day
+from app.outbox.models import Event
+from app.outbox.write import announce
 from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import Caller, DeviceCaller, require_study
@@ -197,3 +198,10 @@ def _after(events: Sequence[DayEvent], now: datetime) -> datetime:
 
 def _plus(day: date, days: int) -> date:
     return date.fromordinal(min(max(day.toordinal() + days, 1), date.max.toordinal()))
+
+
+def announce_day(session: Session, participant: Participant, day: DiaryDay) -> None:
+    """Something was said about a participant's day: it is closed now, or open again."""
+    data = {"participant": participant.code, "local_date": day.local_date.isoformat(), "ate_nothing": day.ate_nothing}
+    event: Event = "day.closed" if day.status == "closed" else "day.reopened"
+    announce(session, participant.study_id, event, data, participant_id=participant.id)

@@ -1,13 +1,13 @@
 """SQL of the diary: diary entries, a participant's first and last day, and the meals of a day."""
 
 import uuid
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from datetime import date
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.diary.models import DayEvent, DiaryDay
+from app.meals.day_models import DayEvent
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord
 from app.people.models import Participant
@@ -21,29 +21,6 @@ def events_of(session: Session, participant_id: uuid.UUID, days: Collection[date
         .order_by(DayEvent.created_at, DayEvent.id)
     )
     return list(session.scalars(query))
-
-
-def first_days(session: Session, participant_ids: Collection[uuid.UUID]) -> dict[uuid.UUID, date]:
-    """Participant -> the study's day 1 for them; absent where neither a start, a meal nor a closed day is known."""
-    first_meal = sa.select(sa.func.min(Meal.local_date)).where(Meal.participant_id == Participant.id).scalar_subquery()
-    first_closed = (
-        sa.select(sa.func.min(DiaryDay.local_date))
-        .where(DiaryDay.participant_id == Participant.id, DiaryDay.status == "closed")
-        .scalar_subquery()
-    )
-    query = sa.select(Participant.id, Participant.starts_on, first_meal, first_closed)
-    found: dict[uuid.UUID, date] = {}
-    for ids in _batches(participant_ids):
-        for participant_id, starts_on, meal, closed in session.execute(query.where(Participant.id.in_(ids))):
-            known = [day for day in (meal, closed) if day is not None]
-            if starts_on is not None or known:
-                found[participant_id] = starts_on or min(known)
-    return found
-
-
-def number_of(local_date: date, first_day: date | None) -> int | None:
-    """The day's number in the study, 1 on the first day; None where no first day is known."""
-    return None if first_day is None else (local_date - first_day).days + 1
 
 
 def count_meals(session: Session, participant_id: uuid.UUID, local_date: date) -> int:
@@ -76,9 +53,3 @@ def lock_participant(session: Session, participant_id: uuid.UUID) -> Participant
     query = sa.select(Participant).where(Participant.id == participant_id)
     query = query.with_for_update(key_share=True)  # meals may come in all the while
     return session.scalars(query.execution_options(populate_existing=True)).one_or_none()
-
-
-def _batches(ids: Collection[uuid.UUID], size: int = 500) -> Iterator[list[uuid.UUID]]:
-    """So many at a time: a statement takes only so many parameters."""
-    every = sorted(set(ids))
-    yield from (every[start : start + size] for start in range(0, len(every), size))

@@ -18,11 +18,11 @@ from app.diary import diary_queries as diary
 from app.diary import queries as days
 from app.diary.day_definition import FULL
 from app.diary.diary import Whose, find_participant
-from app.diary.models import DayStatus
 from app.diary.queries import DayRow
 from app.diary.study_days import stage_on
 from app.foods.food_amounts import RECORD_COLUMNS
 from app.http.row_filter import RowFilter
+from app.meals.day_models import DayStatus
 from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
 from app.messages.catalogue import feedback_sentence

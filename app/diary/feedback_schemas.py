@@ -7,8 +7,8 @@ from typing import Annotated
 from pydantic import BaseModel, Field
 
 from app.diary.feedback import NoComparison
-from app.diary.models import DayStatus
 from app.http.field_descriptions import CAPTURED_AT, MEAL_ID, STUDY_DAY
+from app.meals.day_models import DayStatus
 from app.nutrition.intakes.compare_intake import Kind, Verdict
 from app.people.models import Locale
 

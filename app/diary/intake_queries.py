@@ -10,8 +10,8 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.diary.day_definition import FULL, is_day_of_nothing, is_measured_whole, total, within
-from app.diary.models import DiaryDay
 from app.diary.queries import Conditions, DayTable, of_study, sums_of_days
+from app.meals.day_models import DiaryDay
 from app.meals.models import Meal
 from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.models import Participant, Study

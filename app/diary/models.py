@@ -4,70 +4,15 @@ A forgotten meal looks like an open day.
 """
 
 import uuid
-from datetime import date, datetime
-from typing import Literal, get_args
+from datetime import date
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, Personal, one_of
-from app.meals.event_models import LAYERS
+from app.db.base import Base, one_of
+from app.meals.day_models import DAY_STATUSES, DayStatus
 from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.privacy_models import BigId
-
-DayStatus = Literal["open", "closed"]
-DAY_STATUSES: tuple[DayStatus, ...] = get_args(DayStatus)
-DAY_EVENT_KINDS = ("closed", "ate_nothing", "reopened")
-
-
-class DayEvent(Base):
-    """Somebody's word about a local day; append-only, the newest of the highest layer counts.
-
-    closed: all that was eaten is told. ate_nothing: closed, and nothing was eaten. reopened: not so.
-    """
-
-    __tablename__ = "day_event"
-    personal = Personal(("participant_id",), "day_events")
-
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"))
-    local_date: Mapped[date]
-    kind: Mapped[str] = mapped_column(sa.String(16))
-    layer: Mapped[str] = mapped_column(sa.String(16))
-    author: Mapped[str] = mapped_column(sa.String(200))
-    created_at: Mapped[datetime]
-
-    __table_args__ = (
-        one_of("kind", DAY_EVENT_KINDS),
-        one_of("layer", LAYERS),
-        sa.Index(None, "participant_id", "local_date"),
-    )
-
-
-class DiaryDay(Base):
-    """How a local day stands: a projection of its events. A day without a row is open.
-
-    id: its name for those who pull changes: says nothing, and may be named after the day is erased.
-    """
-
-    __tablename__ = "diary_day"
-    personal = Personal(("participant_id",), "days", order_by="local_date")
-
-    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"), primary_key=True)
-    local_date: Mapped[date] = mapped_column(primary_key=True)
-    id: Mapped[uuid.UUID] = mapped_column(unique=True, default=uuid.uuid4)
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
-    status: Mapped[DayStatus] = mapped_column(sa.String(16))
-    ate_nothing: Mapped[bool]
-    version: Mapped[int] = mapped_column(default=1)
-    changed_at: Mapped[datetime]
-    change_seq: Mapped[int] = mapped_column(sa.BigInteger)
-
-    __table_args__ = (
-        one_of("status", DAY_STATUSES),
-        sa.Index(None, "study_id", "local_date"),
-        sa.Index(None, "study_id", "change_seq"),
-    )
 
 
 class DaySum(Base):
@@ -115,9 +60,9 @@ class DaySum(Base):
 class DayMark(Base):
     """A participant-day of which something has changed since its DaySum was written; one for each change.
 
-    Made by triggers (db/triggers.py) in the transaction of the change, so that no writer can forget it. Nothing is
-    updated and nothing waits: two who change meals of one day at the same time each leave a mark. Without references,
-    since an erasure must not wait for it.
+    Made by triggers (operations/triggers.py) in the transaction of the change, so that no writer can forget it. Nothing
+    is updated and nothing waits: two who change meals of one day at the same time each leave a mark. Without
+    references, since an erasure must not wait for it.
     """
 
     __tablename__ = "day_mark"
@@ -174,7 +119,7 @@ class StudyDayMark(Base):
     """A study's local day of which something has changed since its StudyDaySum was written; one for each change.
 
     Made where a DaySum is written or removed, and by a trigger where a participant's days begin or end elsewhere
-    (db/triggers.py). As with DayMark nothing is updated and nothing waits.
+    (operations/triggers.py). As with DayMark nothing is updated and nothing waits.
     """
 
     __tablename__ = "study_day_mark"

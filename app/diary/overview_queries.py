@@ -12,9 +12,9 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.diary.day_definition import has_place, within
-from app.diary.models import DiaryDay
 from app.diary.queries import edge_days, of_study, sums_of_days
 from app.diary.study_day_sum_queries import CountedDay, days_of_study
+from app.meals.day_models import DiaryDay
 from app.meals.models import Meal, MealStatus
 from app.people import privacy_queries as privacy
 from app.people.models import Participant

@@ -15,11 +15,13 @@ import sqlalchemy as sa
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from app.db.statements import AnyQuery
-from app.diary import diary_queries as diary
 from app.diary.day_definition import COLUMNS, DayKeys, counted_days, same_day, within
-from app.diary.models import DayEvent, DayMark, DayStatus, DaySum, DiaryDay
+from app.diary.models import DayMark, DaySum
 from app.http.row_filter import RowFilter
+from app.meals.day_models import DayEvent, DayStatus, DiaryDay
+from app.meals.meal_time import number_of
 from app.meals.models import Meal
+from app.meals.queries import first_days
 from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.models import Participant, Study
 from app.records.page_queries import MOST_BRANCHES, all_studies, participants_of, studies_of
@@ -207,13 +209,13 @@ def _rows_of(session: Session, page: sa.CTE) -> list[DayRow]:
             (row["participant_id"], row["local_date"]): row for row in session.execute(counted_days(stale)).mappings()
         }
         rows = [{**row, **counted.get((row["participant_id"], row["local_date"]), {})} for row in rows]
-    first_days = diary.first_days(session, {row["participant_id"] for row in rows})
-    return [_day_row(row, first_days.get(row["participant_id"])) for row in rows]
+    first_day_of = first_days(session, {row["participant_id"] for row in rows})
+    return [_day_row(row, first_day_of.get(row["participant_id"])) for row in rows]
 
 
 def _day_row(row: Mapping[str, Any], first_day: date | None) -> DayRow:
     return DayRow(
-        study_day=diary.number_of(row["local_date"], first_day),
+        study_day=number_of(row["local_date"], first_day),
         leftovers_unknown_items=row["unseen_leftovers_items"] if row["expects_after_pair"] else 0,
         amounts={column: Amount(row[column], row[f"{column}_coverage"]) for column in HEADLINE_COLUMNS},
         **{name: row[name] for name in ROW_COLUMNS},

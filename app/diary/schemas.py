@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from app.diary.models import DayStatus
 from app.http.field_descriptions import DAY, NEXT, PAGE, PARTICIPANT
+from app.meals.day_models import DayStatus
 from app.nutrition.plausible_energy import Verdict, WhyUnknown
 
 COVERAGE = "The share of the eaten grams for which it is known, 0 to 1; null: grams of something are not known."

@@ -12,8 +12,8 @@ from sqlalchemy.orm import Session
 from app.core.errors import InvalidInputError
 from app.foods import queries as foods
 from app.meals.models import MealImage
+from app.meals.outline_json import rings_of
 from app.meals.receive_photo import SealablePhoto
-from app.records.outline_json import rings_of
 
 Hints = Sequence[Mapping[str, Any]]
 

@@ -11,9 +11,9 @@ from pydantic import TypeAdapter
 from app.candidates.vcm_json import vcm_answer
 from app.core.errors import Failure
 from app.estimates.camera_json import camera_to_json
+from app.meals.outline_json import rings_of
 from app.meals.run_answer import ItemAnswer, Json, RunAnswer
 from app.nutrition.foods import FOOD_FORMS, SLICE_FORMS
-from app.records.outline_json import rings_of
 from app.vision.intrinsics import camera_from_mapping
 from app.vision.marker_spec import parse_marker
 from app.vision.model import (

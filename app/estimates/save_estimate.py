@@ -17,10 +17,10 @@ from app.meals import queries as meals
 from app.meals.job_models import Job
 from app.meals.meal_parts import FROM_HINT
 from app.meals.models import Meal
+from app.meals.outline_json import rings_of
 from app.meals.record_models import Item, ItemCandidate, ItemFood, Run, RunArtefact
 from app.meals.run_answer import ItemAnswer, RunAnswer
 from app.records.item_foods import item_food, weighing_for
-from app.records.outline_json import rings_of
 from app.records.project_records import project_meal
 from app.records.review.remeasure import save_measures
 

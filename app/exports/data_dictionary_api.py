@@ -7,13 +7,14 @@ from fastapi.responses import JSONResponse, Response
 
 from app.exports.data_dictionary import columns_for, key_of
 from app.exports.data_dictionary_schemas import DataDictionary, DictionaryColumn, TableSchema
-from app.exports.export_files import MEDIA_TYPES, ComponentsIn, LayoutIn, ProvenanceIn
+from app.exports.export_files import ComponentsIn, LayoutIn, ProvenanceIn
 from app.exports.export_spec import ExportSpec, Rows
 from app.http.problems import problem_responses
 from app.http.row_filter import RowFilter
 from app.http.tables.columns import PartOfBatch
 from app.http.tables.csv_rows import encode_csv
 from app.http.tables.dictionary import DICTIONARY_PARTS, entries, table_schema
+from app.http.tables.media_types import MEDIA_TYPES
 from app.people.access.deps import CurrentCaller, State
 
 router = APIRouter(prefix="/v1", tags=["exports"])

@@ -2,12 +2,12 @@
 
 from app.core.settings import Settings
 from app.db.session import Database
+from app.exports.export_places import ExportPlaces
 from app.exports.export_spec import ExportSpec, check_spec
 from app.exports.spooled_export import SpooledExports, SpooledFile
 from app.exports.tables.export_tables import write_export
 from app.people.access import audit
 from app.people.access.caller import Caller, StaffCaller, visible_studies
-from app.privacy.export_me import ExportPlaces
 from app.records.page_queries import studies_of
 from app.storage.blob_store import BlobStore
 

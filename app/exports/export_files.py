@@ -8,23 +8,18 @@ from pydantic import StringConstraints
 
 from app.core.errors import InvalidInputError
 from app.exports.export_file import begin_export
-from app.exports.export_spec import Components, ExportSpec, Layout, Output, Rows
+from app.exports.export_places import ExportPlaces
+from app.exports.export_spec import Components, ExportSpec, Layout, Rows
 from app.http.closing_stream import ClosingStream
 from app.http.paging import require_order
 from app.http.parameters import FirstDay, LastDay, OfParticipant, OfStudy
 from app.http.row_filter import RowFilter
 from app.http.state import ApiState
+from app.http.tables.media_types import MEDIA_TYPES
 from app.meals.models import AfterStatus, MealOrigin, MealStatus
 from app.meals.record_models import RecordStatus
 from app.people.access.caller import Caller
-from app.privacy.export_me import ExportPlaces
 
-MEDIA_TYPES: dict[Output, str] = {
-    "csv": "text/csv; charset=utf-8; header=present",
-    "ndjson": "application/x-ndjson",
-    "parquet": "application/vnd.apache.parquet",
-    "geojson": "application/geo+json",
-}
 FILES: dict[str, dict[str, Any]] = {
     media_type.split(";")[0]: {"schema": {"type": "string"}}
     for output, media_type in MEDIA_TYPES.items()

@@ -12,10 +12,10 @@ from pydantic import JsonValue, TypeAdapter
 from app.core.errors import InvalidInputError
 from app.http.paging import require_order
 from app.http.row_filter import RowFilter
+from app.http.tables.media_types import Output
 
 Rows = Literal["items", "meals", "days", "photographs"]
 Layout = Literal["wide", "long"]
-Output = Literal["csv", "ndjson", "parquet", "geojson"]
 Components = Literal["headline", "all"]
 
 DAYS_AND_PEOPLE = ("study_code", "participant_code", "first_day", "last_day")

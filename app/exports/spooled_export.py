@@ -17,9 +17,9 @@ from sqlalchemy.orm import Session
 from app.core.errors import UnavailableError
 from app.core.settings import Settings
 from app.db.session import Database
+from app.exports.export_places import ExportPlaces
 from app.http.tables.spool import Spool, SpoolClosedError
 from app.people.access.caller import Caller, DeviceCaller
-from app.privacy.export_me import ExportPlaces
 from app.storage.blob_store import BlobStore
 
 

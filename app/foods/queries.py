@@ -5,7 +5,7 @@ FoodData Central, SR28, and last the tables that give densities only.
 """
 
 import uuid
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -23,7 +23,6 @@ from app.foods.models import (
     StudyDensity,
 )
 from app.foods.search.models import FoodCode
-from app.meals.record_models import EffectiveRecord
 
 T = TypeVar("T")
 F = TypeVar("F", int, int | None)
@@ -211,17 +210,3 @@ def _only_in_force(session: Session, query: sa.Select[T, Food]) -> list[tuple[T,
 
 def _precedence(release: FoodRelease) -> tuple[int, int]:
     return (_PRECEDENCE.index(release.source), -release.id)
-
-
-def components_in_use(session: Session, study_ids: Collection[uuid.UUID] | None) -> Sequence[Component]:
-    """Those that a food in use is known to have, in the order of components.csv. study_ids: None, all studies'.
-
-    A food is looked for in the records by its index, once, however many records there are.
-    """
-    record = EffectiveRecord
-    first = sa.select(record.food_id).where(record.food_id == Food.id).limit(1)
-    if study_ids is not None:
-        first = first.where(record.study_id.in_(study_ids))
-    used = sa.select(Food.id).where(first.correlate(Food).scalar_subquery().is_not(None))
-    known = sa.select(FoodNutrient.component_id).where(FoodNutrient.food_id.in_(used))
-    return session.scalars(sa.select(Component).where(Component.id.in_(known)).order_by(Component.id)).all()

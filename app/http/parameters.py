@@ -28,3 +28,8 @@ OfParticipant = Annotated[
 ]
 FirstDay = Annotated[LocalDay | None, Query(alias="from", description="First local day, included.")]
 LastDay = Annotated[LocalDay | None, Query(alias="to", description="Last local day, included.")]
+MealId = Annotated[uuid.UUID, Path(description="The id that the phone made.")]
+OfWhichParticipant = Annotated[
+    str | None,
+    Query(alias="participant", max_length=64, description="Staff: whose meal, if the id alone is not enough."),
+]

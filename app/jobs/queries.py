@@ -10,12 +10,11 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session, object_session
 
 from app.core.errors import Failure
-from app.meals.job_models import Job, WorkerLease
+from app.meals.announce import announce_meal
+from app.meals.job_models import LIVE_STATES, Job, WorkerLease
 from app.meals.models import Meal
 from app.meals.queries import WAITING
-from app.outbox.write import announce_meal
 
-LIVE_STATES = ("queued", "processing")
 # Times that a job is taken over from dead workers; then it is given up, visibly. Generous: a photograph can end its
 # child but not the worker, so a worker's death tells of the machine and not of the job that it happened to have.
 MAX_TAKEOVERS = 25

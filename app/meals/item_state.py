@@ -27,9 +27,9 @@ from app.meals.event_values import (
     value_of,
 )
 from app.meals.meal_parts import FROM_HINT, FROM_INDEX, MealParts
+from app.meals.outline_json import Ring, rings_of
 from app.meals.record_models import Item, ItemFood, ItemMeasure, Leftover, RecordStatus
 from app.nutrition.doubt import Doubt, estimate
-from app.records.outline_json import Ring, rings_of
 
 CORRECTIONS = frozenset({"set_food", "set_volume", "set_mass", "redraw", "split", "merge"})
 WORDS = frozenset({"confirm", "reject", "set_food", "set_volume", "set_mass", "redraw"})  # of one item that was there

@@ -74,3 +74,6 @@ class WorkerLease(Base):
     version: Mapped[str] = mapped_column(sa.String(32))
     started_at: Mapped[datetime]
     heartbeat_at: Mapped[datetime]
+
+
+LIVE_STATES = ("queued", "processing")

@@ -9,11 +9,10 @@ from typing import TypeVar
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.candidates.models import ItemIdentification
 from app.foods.models import Food
-from app.jobs.queries import LIVE_STATES
 from app.meals.event_models import MealEvent
-from app.meals.job_models import Job
+from app.meals.identification_models import ItemIdentification
+from app.meals.job_models import LIVE_STATES, Job
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord, Item, ItemCandidate, ItemFood, ItemMeasure, Leftover, Run
 

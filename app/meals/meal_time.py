@@ -135,3 +135,8 @@ def _impossible(captured_at: datetime) -> InvalidInputError:
         f"captured_at {captured_at.isoformat()} cannot be: it lies before 2000 or after 2099. Check the phone's clock.",
         code="time_impossible",
     )
+
+
+def number_of(local_date: date, first_day: date | None) -> int | None:
+    """The day's number in the study, 1 on the first day; None where no first day is known."""
+    return None if first_day is None else (local_date - first_day).days + 1

@@ -35,6 +35,7 @@ PieceDetails = TypedDict(
         "flags": list[str],
     },
 )
+ASIDE = IGNORED, UNKNOWN = "ignored", "unknown"  # in a meal's details: fields that were not known, by name and whole
 
 
 class Meal(Base):

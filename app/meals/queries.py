@@ -2,12 +2,13 @@
 
 import uuid
 from collections.abc import Collection, Iterator, Sequence
-from datetime import datetime
+from datetime import date, datetime
 from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
+from app.meals.day_models import DiaryDay
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.people.models import Participant, Study
@@ -86,3 +87,27 @@ def after_windows_over(session: Session, now: datetime, limit: int) -> list[uuid
 def oldest_waiting(session: Session) -> datetime | None:
     """Since when the meal that has waited longest waits: since it was submitted, or queued again."""
     return session.execute(sa.select(sa.func.min(Job.enqueued_at)).where(Job.state == "queued")).scalar_one()
+
+
+def first_days(session: Session, participant_ids: Collection[uuid.UUID]) -> dict[uuid.UUID, date]:
+    """Participant -> the study's day 1 for them; absent where neither a start, a meal nor a closed day is known."""
+    first_meal = sa.select(sa.func.min(Meal.local_date)).where(Meal.participant_id == Participant.id).scalar_subquery()
+    first_closed = (
+        sa.select(sa.func.min(DiaryDay.local_date))
+        .where(DiaryDay.participant_id == Participant.id, DiaryDay.status == "closed")
+        .scalar_subquery()
+    )
+    query = sa.select(Participant.id, Participant.starts_on, first_meal, first_closed)
+    found: dict[uuid.UUID, date] = {}
+    for ids in _batches(participant_ids):
+        for participant_id, starts_on, meal, closed in session.execute(query.where(Participant.id.in_(ids))):
+            known = [day for day in (meal, closed) if day is not None]
+            if starts_on is not None or known:
+                found[participant_id] = starts_on or min(known)
+    return found
+
+
+def _batches(ids: Collection[uuid.UUID], size: int = 500) -> Iterator[list[uuid.UUID]]:
+    """So many at a time: a statement takes only so many parameters."""
+    every = sorted(set(ids))
+    yield from (every[start : start + size] for start in range(0, len(every), size))

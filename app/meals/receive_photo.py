@@ -19,13 +19,13 @@ from app.children.api_children import ApiChildren, Whose
 from app.children.decoding_cost import is_costly
 from app.core.errors import (
     InvalidInputError,
-    StorageFullError,
     TadaError,
     TooLargeError,
     UnavailableError,
     UnsupportedMediaError,
 )
 from app.db import spent_keys
+from app.http.upload import ReceivedFile, storage_full
 from app.meals.models import MealImage
 from app.people.access.caller import DeviceCaller
 from app.people.location_policy import LocationPolicy
@@ -37,17 +37,7 @@ from app.storage.blob_store import BlobStore
 SIDEWAYS = frozenset({5, 6, 7, 8})  # EXIF orientations that turn by a quarter
 DECODING_SECONDS = 10.0  # of processor time; 60 megapixels in 20 scans take some five on a slow machine
 JPEG = "image/jpeg"  # other formats have checksums, or a decoder that fails where data lack
-RETRY_AFTER_SECONDS = 60
 SPENT_RETRY_SECONDS = 1
-
-
-@dataclass(frozen=True, slots=True)
-class ReceivedFile:
-    """A file in the staging folder, as it came: its SHA-256 and length were taken while it was written."""
-
-    path: Path
-    sha256: str
-    bytes: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,14 +151,6 @@ def image_row(meal_id: uuid.UUID, slot: str, photo: SealablePhoto, key: str, now
         stored_sha256=photo.stored_sha256,
         blob_key=key,
         received_at=now,
-    )
-
-
-def storage_full() -> StorageFullError:
-    """Nothing was kept."""
-    return StorageFullError(
-        "The server's disk is nearly full. Nothing was kept: keep the meal on the phone and try again later.",
-        retry_after_seconds=RETRY_AFTER_SECONDS,
     )
 
 

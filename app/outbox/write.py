@@ -8,20 +8,11 @@ import uuid
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 
+import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.meals.models import Meal, MealStatus
 from app.outbox.models import ALL_EVENTS, DeliveredEvent, Event, Webhook, WebhookDelivery
-from app.people.models import Participant, Study
-from app.webhooks import queries as webhooks
-
-EVENT_OF_STATUS: Mapping[MealStatus, Event] = {
-    "queued": "meal.received",
-    "estimated": "meal.estimated",
-    "needs_review": "meal.needs_review",
-    "failed": "meal.failed",
-    "confirmed": "meal.confirmed",
-}
+from app.people.models import Study
 
 
 def announce(
@@ -37,25 +28,9 @@ def announce(
 
     meal_id, participant_id: whose it is, so that an erasure finds it; None where their rows are about to go.
     """
-    wanting = [hook for hook in webhooks.enabled_webhooks(session, study_id) if _wants(hook, event)]
+    wanting = [hook for hook in enabled_webhooks(session, study_id) if _wants(hook, event)]
     if wanting:
         deliver_to(session, wanting, event, data, meal_id=meal_id, participant_id=participant_id)
-
-
-def announce_meal(session: Session, meal: Meal) -> None:
-    """Tell that a meal has just come to its status; a status that no event tells of is passed over."""
-    event = EVENT_OF_STATUS.get(meal.status)
-    if event is None or not webhooks.enabled_webhooks(session, meal.study_id):
-        return
-    data = {
-        "participant": session.get_one(Participant, meal.participant_id).code,
-        "meal_id": str(meal.client_id),
-        "status": meal.status,
-        "version": meal.version,
-        "local_date": meal.local_date.isoformat(),
-        "failure_code": meal.failure_code if meal.status == "failed" else None,
-    }
-    announce(session, meal.study_id, event, data, meal_id=meal.id, participant_id=meal.participant_id)
 
 
 def deliver_to(
@@ -110,3 +85,9 @@ def add_delivery(
 
 def _wants(hook: Webhook, event: str) -> bool:
     return event in hook.events or ALL_EVENTS in hook.events
+
+
+def enabled_webhooks(session: Session, study_id: uuid.UUID) -> list[Webhook]:
+    """A study's webhooks that are told of events, the oldest first."""
+    query = sa.select(Webhook).where(Webhook.study_id == study_id, Webhook.disabled_at.is_(None))
+    return list(session.scalars(query.order_by(Webhook.created_at, Webhook.id)))

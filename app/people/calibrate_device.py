@@ -14,7 +14,7 @@ from app.children.decoding_cost import is_costly
 from app.core.errors import ConflictError, Failure, GoneError, InvalidInputError, NotFoundError
 from app.core.settings import Settings
 from app.db.session import Database
-from app.meals.receive_photo import ReceivedFile
+from app.http.upload import ReceivedFile
 from app.people import calibration_queries as calibrations
 from app.people import privacy_queries as privacy
 from app.people import queries as people

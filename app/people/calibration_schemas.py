@@ -6,8 +6,23 @@ from datetime import datetime
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.http.field_descriptions import PARTICIPANT
-from app.http.text_schemas import Text
-from app.records.meal_schemas import CameraIn
+from app.http.text_schemas import JsonNumber, Text
+
+
+class CameraIn(BaseModel):
+    """Intrinsics of the phone's camera for upright pixels, as `tada calibrate` prints them."""
+
+    model_config = ConfigDict(extra="ignore")  # `tada calibrate` also prints rms_px and more
+
+    width: int = Field(gt=0, le=100_000, description="Width of the upright pictures that the intrinsics are of, px.")
+    height: int = Field(gt=0, le=100_000, description="Height of the same pictures, px.")
+    fx: JsonNumber = Field(gt=0, description="Focal length across, px.")
+    fy: JsonNumber = Field(gt=0, description="Focal length down, px.")
+    cx: JsonNumber = Field(description="Principal point from the left edge, px.")
+    cy: JsonNumber = Field(description="Principal point from the upper edge, px.")
+    distortion: tuple[JsonNumber, JsonNumber, JsonNumber, JsonNumber, JsonNumber] = Field(
+        default=(0.0, 0.0, 0.0, 0.0, 0.0), description="k1, k2, p1, p2, k3"
+    )
 
 
 class CalibrationMetadataIn(BaseModel):

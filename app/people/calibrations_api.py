@@ -8,9 +8,10 @@ from fastapi import APIRouter, Path, Request
 
 from app.children.api_children import ApiChildren
 from app.http.flat_list import ListRoute
+from app.http.metadata import validated
 from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
-from app.meals.upload import MAX_METADATA_BYTES, UploadLimits, received_parts
+from app.http.upload import MAX_METADATA_BYTES, UploadLimits, received_parts, require_room
 from app.people import calibrate_device
 from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
 from app.people.calibrate_device import MAX_PHOTOGRAPHS, NewCalibration
@@ -19,14 +20,12 @@ from app.people.calibration_schemas import (
     CalibrationList,
     CalibrationMetadataIn,
     CalibrationOut,
+    CameraIn,
     LeftOutPhotographOut,
     NewCalibrationOut,
     StudyCalibrationList,
     StudyCalibrationOut,
 )
-from app.records.meal_schemas import CameraIn
-from app.uploads.metadata import validated
-from app.uploads.submit_meal import SubmitMeal
 
 router = APIRouter(tags=["calibrations"], route_class=ListRoute)
 
@@ -67,7 +66,7 @@ async def post_calibration(request: Request, state: State, caller: CurrentDevice
 
     Ten do well: tilted by 30 to 45 degrees, near the middle and near the corners. The photographs are not kept.
     """
-    await anyio.to_thread.run_sync(state.part(SubmitMeal).require_room)
+    await anyio.to_thread.run_sync(require_room, state)
     limits = UploadLimits(state.settings.max_photo_bytes, MAX_METADATA_BYTES)
     staging = state.blobs.staging_folder()
     async with received_parts(request, (PHOTO,), staging, limits, state.upload_limiter, times=MAX_PHOTOGRAPHS) as parts:

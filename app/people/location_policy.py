@@ -4,15 +4,14 @@
 photographs' own tags; the tags are cut all the same. "keep": as told, and the tags stay.
 """
 
-from collections.abc import Iterable, Mapping
+import uuid
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
-from app.exports import queries as exports
 from app.people.models import Study
 from app.photos.gps import Location
-from app.releases import queries as releases
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +55,18 @@ def policy_of(study: Study) -> LocationPolicy:
     return LocationPolicy(study.location_policy, study.location_decimals)
 
 
-def stop_telling_places(session: Session, study: Study) -> None:
-    """In the transaction in which a study begins to drop them: files with places are not given out any more.
+@dataclass(frozen=True, slots=True)
+class FilesWithPlaces:
+    """What is done with a study's files that may hold places once the study begins to drop them.
 
-    Queries leave places out from now on; finished exports expire, what is being made begins again. A release that is
-    frozen keeps what it has: that is what it is for, and its release.json tells of how many meals.
+    take_back: by each domain that makes such files. Queries leave places out from then on; finished exports expire,
+    what is being made begins again. A release that is frozen keeps what it has: that is what it is for, and its
+    release.json says of how many meals.
     """
-    exports.take_back_places(session, study.id)
-    releases.take_back_places(session, study.id)
+
+    take_back: Sequence[Callable[[Session, uuid.UUID], object]]
+
+    def __call__(self, session: Session, study: Study) -> None:
+        """In the transaction of the study's change."""
+        for take_back in self.take_back:
+            take_back(session, study.id)

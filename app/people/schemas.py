@@ -10,8 +10,8 @@ from app.http.field_descriptions import APP_VERSION, LOCALE, NEXT, PAGE, PARTICI
 from app.http.text_schemas import LocalDay, Number, Text, unless_named
 from app.nutrition.intakes.energy_requirement import HEIGHT_LIMITS_M, WEIGHT_LIMITS_KG, Activity, Trimester
 from app.nutrition.intakes.life_stage import Sex
+from app.people.calibration_schemas import CameraIn
 from app.people.models import Locale, LocationPolicy, WithdrawalPolicy
-from app.records.meal_schemas import CameraIn
 
 Code = Annotated[
     str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", description="Letters, digits, - _")

@@ -13,7 +13,7 @@ from app.http.paging import TEXT, Page, decode_cursor, page_of
 from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import Caller, StaffCaller, known_studies, require_study
-from app.people.location_policy import stop_telling_places
+from app.people.location_policy import FilesWithPlaces
 from app.people.models import Study
 from app.vision.marker_spec import parse_marker
 
@@ -79,6 +79,7 @@ def change_study(
     changes: Mapping[str, Any],
     *,
     expected: frozenset[int] | None,
+    files_with_places: FilesWithPlaces,
 ) -> Study:
     """Change the protocol: only the columns named. expected: the versions that the change may be of; None: any.
 
@@ -99,7 +100,7 @@ def change_study(
                 code="day_start_fixed",
             )
         if "location_policy" in changed and study.location_policy == "drop":
-            stop_telling_places(session, study)
+            files_with_places(session, study)
         if changed:
             study.version += 1
             note(

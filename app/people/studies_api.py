@@ -11,6 +11,7 @@ from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
 from app.people import studies
 from app.people.access.deps import CurrentStaff, State
+from app.people.location_policy import FilesWithPlaces
 from app.people.models import Study
 from app.people.schemas import ProtocolIn, StudyIn, StudyList, StudyOut, StudyPatch
 
@@ -49,7 +50,12 @@ def patch_study(
     """Change the protocol: only the fields that are named. The day's start is fixed once a meal is in."""
     changes = protocol_columns(body) | ({"name": body.name} if "name" in body.model_fields_set else {})
     expected = expected_versions(if_match)
-    return _tagged(studies.change_study(state.database, caller, study, changes, expected=expected), response)
+    return _tagged(
+        studies.change_study(
+            state.database, caller, study, changes, expected=expected, files_with_places=state.part(FilesWithPlaces)
+        ),
+        response,
+    )
 
 
 def render_study(study: Study) -> StudyOut:

@@ -14,21 +14,22 @@ from datetime import UTC, datetime
 
 from sqlalchemy.orm import Session
 
-from app.core.errors import GoneError, NotFoundError
+from app.core.errors import NotFoundError
 from app.db.session import Database
 from app.jobs import queries as jobs
 from app.meals import queries as meals
-from app.meals.models import Meal, MealImage
-from app.outbox import announce
+from app.meals.models import Meal
 from app.people import privacy_queries as people_privacy
 from app.people.access import audit
 from app.people.access.caller import Caller
 from app.people.access.secret_box import SecretBox
 from app.people.models import Participant
 from app.people.privacy_models import ErasureReceipt
+from app.people.tombstones import Deed, Kind, digest_of, meal_deleted
+from app.privacy import announce
 from app.privacy import queries as privacy
 from app.privacy.erase_files import erase_meal_from_files
-from app.privacy.erasure_ledger import Deed, Erasure, ErasureLedger, Kind, digest_of
+from app.privacy.erasure_ledger import Erasure, ErasureLedger
 from app.privacy.queries import Ids
 from app.records import queries as records
 from app.records.read_meal import find_meal
@@ -85,17 +86,6 @@ class Eraser:
         return receipt
 
 
-def meal_deleted() -> GoneError:
-    """What a phone hears of a meal that it deleted."""
-    return GoneError("This meal was deleted; it cannot be sent again.", code="meal_deleted")
-
-
-def is_meal_deleted(session: Session, box: SecretBox, meal_id: uuid.UUID) -> bool:
-    """Whether the meal of this id (uploads/submit_meal.py, meal_id_of) was here and is erased."""
-    digest = digest_of(box, "meal", "erase", meal_id)
-    return bool(people_privacy.tombstones_among(session, "meal", [digest]))
-
-
 def erase_meals(
     session: Session, study_id: uuid.UUID, gone: Collection[Meal], query: Ids, erasure: Erasure
 ) -> dict[str, int]:
@@ -128,14 +118,6 @@ def erase_pictures(session: Session, query: Ids, now: datetime) -> dict[str, int
     people_privacy.want_deleted(session, [*photographs, *derived], now)
     privacy.touch_meals(session, query)
     return {"photographs": len(photographs), "derived_pictures": len(derived)}
-
-
-def erase_failed_pair(session: Session, images: Collection[MealImage], now: datetime) -> None:
-    """Photographs of an after-meal pair that could not be measured, when another is sent: rows and blobs."""
-    people_privacy.want_deleted(session, [image.blob_key for image in images], now)
-    for image in images:
-        session.delete(image)
-    session.flush()
 
 
 def add_receipt(

@@ -10,13 +10,11 @@ import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Literal
 
 from app.people.access.secret_box import SecretBox, SecretKeyError
+from app.people.tombstones import Deed, Kind
 from app.storage.blob_store import BlobStore
 
-Kind = Literal["participant", "meal"]
-Deed = Literal["keep", "anonymise", "erase"]
 KINDS: tuple[Kind, ...] = ("participant", "meal")
 DEEDS: tuple[Deed, ...] = ("keep", "anonymise", "erase")  # each does all that the one before it does
 
@@ -70,11 +68,3 @@ class ErasureLedger:
             receipt_id=uuid.UUID(entry["receipt"]),
             at=datetime.fromisoformat(entry["at"]),
         )
-
-
-def digest_of(box: SecretBox, kind: Kind, deed: Deed, thing_id: uuid.UUID) -> str:
-    """What ledger and tombstones call a person or a meal; each deed has a digest of its own.
-
-    A person who left and whose data were kept may later be erased: both stand in the ledger.
-    """
-    return box.digest(kind if kind == "meal" else f"{kind}.{deed}", str(thing_id))

@@ -8,17 +8,14 @@ rows and blobs.
 import base64
 import json
 import tempfile
-import threading
 import uuid
 import zipfile
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from datetime import UTC, date, datetime
 from typing import IO
 
 from sqlalchemy.orm import Session
 
-from app.core.errors import UnavailableError
 from app.db.base import Base
 from app.db.session import Database
 from app.foods.models import Food
@@ -31,9 +28,6 @@ from app.privacy import queries as privacy
 from app.storage.blob_store import BlobMissingError, BlobStore
 
 NOT_TOLD = frozenset({"token_sha256", "code_sha256", "blob_key", "result_key", "study_id", "participant_id"})
-OPEN_A_PERSON = 2  # one more than is needed: a download that broke may look open for some minutes
-OPEN_AT_ONCE = 8
-RETRY_AFTER_SECONDS = 60
 EXTENSIONS = {"image/jpeg": "jpg", "image/png": "png", "image/heic": "heic", "image/webp": "webp"}
 README = """\
 This is all that the study's server holds on you, made on {when}.
@@ -50,32 +44,6 @@ photographs/  your photographs as they are kept, a folder a meal. "file" in data
 Who looked at your photographs, and who changed what, stands in the study's audit log: ask the study for it.
 Your data may be kept, anonymised or erased when you leave the study, as its protocol says: ask the study.
 """
-
-
-class ExportPlaces:
-    """How many exports may be open at once in this process: each holds a copy of a person's photographs on the disk."""
-
-    def __init__(self) -> None:
-        self._open: Counter[uuid.UUID] = Counter()
-        self._lock = threading.Lock()
-
-    def take(self, participant_id: uuid.UUID) -> Callable[[], None]:
-        """A place, and how to leave it. Raises UnavailableError (`server_busy`)."""
-        with self._lock:
-            if self._open[participant_id] >= OPEN_A_PERSON or self._open.total() >= OPEN_AT_ONCE:
-                raise UnavailableError(
-                    "Other exports are under way: try again in a minute.",
-                    code="server_busy",
-                    retry_after_seconds=RETRY_AFTER_SECONDS,
-                )
-            self._open[participant_id] += 1
-
-        def leave() -> None:
-            with self._lock:
-                self._open[participant_id] -= 1
-                self._open = +self._open
-
-        return leave
 
 
 def export_me(database: Database, blobs: BlobStore, caller: DeviceCaller) -> tuple[IO[bytes], int]:

@@ -8,19 +8,21 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response, StreamingResponse
 
 from app.core.errors import NotFoundError
+from app.exports.export_places import ExportPlaces
 from app.http.closing_stream import ClosingStream
 from app.http.parameters import ParticipantCode, StudyCode
 from app.http.problems import problem_responses, render_problem
 from app.http.state import ApiState
+from app.http.upload import require_room
 from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
 from app.people.access.secret_box import SecretBox
 from app.people.privacy_models import ErasureReceipt
 from app.people.privacy_schemas import ReceiptOut
-from app.privacy.erase import Eraser, is_meal_deleted, meal_deleted
-from app.privacy.export_me import ExportPlaces, export_me
+from app.people.tombstones import is_meal_deleted, meal_deleted, meal_id_of
+from app.privacy.erase import Eraser
+from app.privacy.export_me import export_me
 from app.privacy.withdraw import withdraw_participant, withdraw_self
-from app.uploads.submit_meal import SubmitMeal, meal_id_of
 
 router = APIRouter(prefix="/v1", tags=["privacy"])
 
@@ -69,7 +71,7 @@ def post_participant_withdrawal(
 @router.get("/me/export", response_class=StreamingResponse, responses=EXPORT_RESPONSES)
 def get_my_export(state: State, caller: CurrentDevice) -> StreamingResponse:
     """All that the server holds on the participant of the calling phone, as one ZIP file."""
-    state.part(SubmitMeal).require_room()
+    require_room(state)
     leave = state.part(ExportPlaces).take(caller.participant_id)
     try:
         file, size = export_me(state.database, state.blobs, caller)

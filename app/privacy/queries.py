@@ -17,11 +17,11 @@ from sqlalchemy.orm import Session
 
 from app.db.base import Base
 from app.diary import study_day_sum_queries as study_day_sums
-from app.diary.models import DayEvent, DayMark, DaySum, DiaryDay
+from app.diary.models import DayMark, DaySum
 from app.exports.made_file import MADE_FILES
-from app.jobs.queries import LIVE_STATES
+from app.meals.day_models import DayEvent, DiaryDay
 from app.meals.event_models import MealEvent
-from app.meals.job_models import Job
+from app.meals.job_models import LIVE_STATES, Job
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import EffectiveRecord, Run, RunArtefact
 from app.outbox.models import WebhookDelivery

@@ -11,10 +11,11 @@ from datetime import datetime
 import structlog
 
 from app.people import privacy_queries as people_privacy
+from app.people.tombstones import Deed, Kind, digest_of
 from app.privacy import queries as privacy
 from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.erase import Eraser
-from app.privacy.erasure_ledger import DEEDS, KINDS, Deed, Erasure, Kind, digest_of
+from app.privacy.erasure_ledger import DEEDS, KINDS, Erasure
 from app.privacy.withdraw import carry_out_on_participant
 from app.storage.blob_store import BlobStore
 

@@ -16,7 +16,6 @@ from app.core.errors import ConflictError, NotFoundError
 from app.db.session import despite_deadlocks
 from app.jobs import queries as jobs
 from app.meals.models import Meal
-from app.outbox import announce
 from app.people import privacy_queries as people_privacy
 from app.people import queries as people
 from app.people.access import audit
@@ -26,10 +25,12 @@ from app.people.participants import has_left
 from app.people.privacy_models import ErasureReceipt
 from app.people.spent_codes import spend_code
 from app.people.studies import enter_study
+from app.people.tombstones import Deed, digest_of
 from app.privacy import queries as privacy
+from app.privacy.announce import participant_withdrawn
 from app.privacy.erase import Eraser, add_receipt, erase_meals, erase_pictures, public_digest
 from app.privacy.erase_files import erase_person_from_files
-from app.privacy.erasure_ledger import DEEDS, Deed, Erasure, digest_of
+from app.privacy.erasure_ledger import DEEDS, Erasure
 from app.records import queries as records
 from app.records.project_records import project_meal
 
@@ -102,7 +103,7 @@ def _in_one_transaction(
         tokens = people_privacy.end_tokens(session, participant_id)
         ended = [eraser.box.digest("token", token_sha256) for token_sha256 in tokens]
         people_privacy.add_tombstones(session, "token", ended, erasure.at, study_id=study_id)
-        announce.participant_withdrawn(session, participant, erasure.deed)  # under the code that its receiver knows
+        participant_withdrawn(session, participant, erasure.deed)  # under the code that its receiver knows
         if erasure.deed != "keep":
             spend_code(session, eraser.box, participant, erasure.at)
         counts = {"access_token": len(ended)} | _do(session, participant, erasure, new_ids)

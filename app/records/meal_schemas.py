@@ -24,6 +24,7 @@ from app.meals.models import AfterStatus, MealStatus
 from app.meals.record_models import CandidateSource, ItemOrigin, LeftoverClass, RecordStatus
 from app.messages.catalogue import sentence
 from app.nutrition.foods import DensityBasis, FoodForm
+from app.people.calibration_schemas import CameraIn
 from app.people.models import LOCALES
 from app.records.meal_example import MEAL_EXAMPLE
 from app.records.outline_schemas import Pixel, Polygon
@@ -67,22 +68,6 @@ class HintIn(BaseModel):
         if self.box is not None and (self.box[2] <= 0 or self.box[3] <= 0):
             raise ValueError("a box needs a positive width and height")
         return self
-
-
-class CameraIn(BaseModel):
-    """Intrinsics of the phone's camera for upright pixels, as `tada calibrate` prints them."""
-
-    model_config = ConfigDict(extra="ignore")  # `tada calibrate` also prints rms_px and more
-
-    width: int = Field(gt=0, le=100_000, description="Width of the upright pictures that the intrinsics are of, px.")
-    height: int = Field(gt=0, le=100_000, description="Height of the same pictures, px.")
-    fx: JsonNumber = Field(gt=0, description="Focal length across, px.")
-    fy: JsonNumber = Field(gt=0, description="Focal length down, px.")
-    cx: JsonNumber = Field(description="Principal point from the left edge, px.")
-    cy: JsonNumber = Field(description="Principal point from the upper edge, px.")
-    distortion: tuple[JsonNumber, JsonNumber, JsonNumber, JsonNumber, JsonNumber] = Field(
-        default=(0.0, 0.0, 0.0, 0.0, 0.0), description="k1, k2, p1, p2, k3"
-    )
 
 
 class LocationIn(BaseModel):

@@ -6,11 +6,10 @@ from fastapi import APIRouter, Header, Query, Response
 
 from app.children.api_children import ApiChildren
 from app.http.conditions import is_held
-from app.http.parameters import Slot
+from app.http.parameters import MealId, OfWhichParticipant, Slot
 from app.http.problems import problem_responses
 from app.people.access.deps import CurrentCaller, State
 from app.records.serve_photo import find_photo, render_photo
-from app.uploads.api import MealId, ParticipantCode
 
 router = APIRouter(prefix="/v1/meals", tags=["meals"])
 
@@ -47,7 +46,7 @@ def get_photograph(
         Literal["corrected", "as_taken"],
         Query(description="By default as the newest run of the pair corrects it, where it could."),
     ] = "corrected",
-    participant: ParticipantCode = None,
+    participant: OfWhichParticipant = None,
     if_none_match: Annotated[
         str | None, Header(max_length=500, description="The ETag of what is there already: 304 if it has not changed.")
     ] = None,

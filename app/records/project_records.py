@@ -16,12 +16,13 @@ from sqlalchemy.orm import Session
 
 from app.candidates import queries as index_entries
 from app.candidates.item_candidates import current_candidates
-from app.candidates.models import IndexEntry
 from app.db.base import Base
 from app.foods import queries as foods
 from app.foods.food_amounts import NO_FOOD, FoodAmounts, Weighing, food_amounts
 from app.foods.models import Food
 from app.meals import queries as meals
+from app.meals.announce import announce_meal
+from app.meals.identification_models import IndexEntry
 from app.meals.item_state import (
     FOOD_DOUBTFUL,
     FOOD_IDENTIFIED,
@@ -36,7 +37,6 @@ from app.meals.models import AFTER_SLOTS, AfterStatus, Meal, MealStatus, PieceDe
 from app.meals.queries import UNESTIMATED
 from app.meals.record_models import EffectiveRecord, ItemCandidate, ItemFood, MassDoubt, RecordDetails, RecordStatus
 from app.nutrition.mass import Mass
-from app.outbox.announce import announce_meal
 from app.records import queries as records
 from app.records.item_foods import served_mass, weighing_of
 from app.records.review.review_doubt import UNKNOWN, review_doubt

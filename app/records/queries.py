@@ -10,11 +10,11 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.statements import AnyColumn, AnyQuery
-from app.diary import diary_queries as diary
-from app.diary.models import DayStatus, DiaryDay
 from app.foods.models import Food, FoodRelease
 from app.http.row_filter import RowFilter
+from app.meals.day_models import DayStatus, DiaryDay
 from app.meals.models import Meal
+from app.meals.queries import first_days
 from app.meals.record_models import EffectiveRecord, Item, ItemFood, Run, RunArtefact
 from app.people.models import Participant, Study
 from app.records.page_queries import Key, search_of
@@ -79,7 +79,7 @@ def rows_of_records(
 
 def _with_days(session: Session, query: AnyQuery) -> list[RecordRow]:
     rows = session.execute(query).all()
-    first = diary.first_days(session, {row[0].participant_id for row in rows})
+    first = first_days(session, {row[0].participant_id for row in rows})
     return [
         RecordRow(
             record=record,

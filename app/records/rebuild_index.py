@@ -17,13 +17,13 @@ import structlog
 from sqlalchemy.orm import Session
 
 from app.candidates import vector_queries as vectors
-from app.candidates.models import ItemIdentification
 from app.candidates.vector_queries import DESCRIBED_SLOT, SeenRegion
 from app.children.child_pool import ChildPool, ChildRequest, ChildStartError
 from app.core.errors import UnavailableError
 from app.core.settings import Settings
 from app.db.session import Database
 from app.meals import queries as meals
+from app.meals.identification_models import ItemIdentification
 from app.meals.meal_parts import parts_of
 from app.meals.models import MealImage
 from app.meals.receive_photo import sha256_of_file

@@ -8,12 +8,11 @@ from pydantic import BaseModel
 
 from app.candidates.item_candidates import ItemCandidates
 from app.db.base import Base
-from app.diary.diary_queries import number_of
 from app.foods.models import Component, Food
 from app.foods.schemas import FoodRef, NutrientAmount, NutrientTotal
 from app.http.text_schemas import stored_word
-from app.meals.meal_time import time_flags
-from app.meals.models import AFTER_SLOTS, SLOTS, Meal
+from app.meals.meal_time import number_of, time_flags
+from app.meals.models import AFTER_SLOTS, IGNORED, SLOTS, Meal
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Run, RunArtefact
 from app.nutrition.doubt import Estimate
 from app.nutrition.foods import DENSITY_BASES, FOOD_FORMS
@@ -33,7 +32,6 @@ from app.records.meal_schemas import (
 from app.records.queries import FoodName, RecordRow
 from app.records.read_meal import ItemView, MealView
 from app.records.schemas import RecordOut
-from app.uploads.submit_meal import IGNORED
 
 
 def shared_columns(table: type[Base], schema: type[BaseModel]) -> tuple[str, ...]:

@@ -5,9 +5,9 @@ from datetime import date, datetime
 
 from pydantic import BaseModel, Field
 
-from app.diary.models import DayStatus
 from app.foods.schemas import FoodRef
 from app.http.field_descriptions import CHANGE_SEQ, FLAGS, FOOD, PAGE, RECORD
+from app.meals.day_models import DayStatus
 from app.meals.record_models import ItemOrigin, RecordStatus
 
 

@@ -15,8 +15,8 @@ from sqlalchemy.orm import Session
 from app.core.errors import ConflictError, NotFoundError, UnavailableError
 from app.db.session import Database
 from app.exports.release_models import Release
-from app.exports.stored_file import StoredFile
 from app.http.paging import ID, INSTANT, Page, decode_cursor, page_of, require_order
+from app.http.stored_file import StoredFile
 from app.people.access import audit
 from app.people.access.caller import StaffCaller
 from app.people.studies import enter_study

@@ -20,14 +20,15 @@ from app.core.logs import tell
 from app.core.settings import Settings
 from app.db.session import Database
 from app.estimates.check_hints import require_known_foods, require_within
+from app.http.upload import ReceivedFile
 from app.jobs import queries as jobs
 from app.jobs.queue import JobQueue
 from app.meals import queries as meals
+from app.meals.erased_photographs import erase_failed_pair
 from app.meals.job_models import Job
 from app.meals.meal_time import MealTime
-from app.meals.models import AFTER_SLOTS, Meal, MealImage
+from app.meals.models import AFTER_SLOTS, ASIDE, Meal, MealImage
 from app.meals.receive_photo import (
-    ReceivedFile,
     SealablePhoto,
     image_row,
     prepare_photo,
@@ -43,10 +44,10 @@ from app.people.access.secret_box import SecretBox
 from app.people.location_policy import policy_of
 from app.people.models import Study
 from app.people.participants import has_left
-from app.privacy.erase import erase_failed_pair, is_meal_deleted, meal_deleted
+from app.people.tombstones import is_meal_deleted, meal_deleted, meal_id_of
 from app.records.project_records import project_meal
 from app.storage.blob_store import BlobStore
-from app.uploads.submit_meal import ASIDE, Submitted, aside, meal_id_of
+from app.uploads.submit_meal import Submitted, aside
 from app.vessels.meal_vessels import require_known_vessels
 
 ARRIVING = frozenset({None, "receiving", "nothing_left"})  # the pair is not queued yet

@@ -6,15 +6,16 @@ from typing import Any
 import anyio.to_thread
 from fastapi import APIRouter, Request, Response
 
+from app.http.metadata import read_limited, validated_with_unknown
+from app.http.parameters import MealId
 from app.http.problems import problem_responses
+from app.http.upload import MAX_METADATA_BYTES
 from app.meals.meal_time import meal_time
-from app.meals.upload import MAX_METADATA_BYTES
 from app.people.access.deps import CurrentDevice, State
 from app.records.read_meal import MealView, read_meal
 from app.uploads.after_meal import AfterMetadata, SubmitAfterPair
 from app.uploads.after_schemas import AfterMetadataIn
-from app.uploads.api import SUBMIT_RESPONSES, MealId, meal_response
-from app.uploads.metadata import read_limited, validated_with_unknown
+from app.uploads.api import SUBMIT_RESPONSES, meal_response
 
 router = APIRouter(prefix="/v1/meals", tags=["meals"])
 

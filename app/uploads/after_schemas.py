@@ -6,7 +6,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.http.text_schemas import Instant, Text
-from app.records.meal_schemas import MAX_HINTS, CameraIn, HintIn
+from app.people.calibration_schemas import CameraIn
+from app.records.meal_schemas import MAX_HINTS, HintIn
 
 
 class AfterHintIn(HintIn):

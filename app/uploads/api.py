@@ -11,21 +11,21 @@ from fastapi.responses import JSONResponse, StreamingResponse
 from app.core.errors import MalformedRequestError
 from app.http.closing_stream import ClosingStream
 from app.http.conditions import is_held
-from app.http.parameters import Slot
+from app.http.metadata import read_limited
+from app.http.parameters import MealId, OfWhichParticipant, Slot
 from app.http.problems import problem_responses
 from app.http.state import ApiState
+from app.http.upload import MAX_METADATA_BYTES, ReceivedFile, UploadLimits, received_body, received_parts, require_room
 from app.meals.item_state import REMEASURING
 from app.meals.models import AFTER_SLOTS, SLOTS
 from app.meals.queries import WAITING
-from app.meals.receive_photo import ReceivedFile
-from app.meals.upload import MAX_METADATA_BYTES, UploadLimits, received_body, received_parts
 from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentCaller, CurrentDevice, State
 from app.records.meal_schemas import MealOut
 from app.records.read_meal import MealView, open_artefact, read_meal
 from app.records.render import render_meal
 from app.uploads.after_meal import SubmitAfterPair
-from app.uploads.metadata import parse_metadata, parse_new_meal, read_limited
+from app.uploads.metadata import parse_metadata, parse_new_meal
 from app.uploads.submit_meal import MealMetadata, SubmitMeal
 from app.uploads.waiting import MealWaiter
 
@@ -34,11 +34,6 @@ router = APIRouter(prefix="/v1/meals", tags=["meals"])
 FINAL = frozenset({"estimated", "needs_review", "failed", "confirmed"})  # nothing changes by itself any more
 MAX_WAIT_SECONDS = 60
 
-MealId = Annotated[uuid.UUID, Path(description="The id that the phone made.")]
-ParticipantCode = Annotated[
-    str | None,
-    Query(alias="participant", max_length=64, description="Staff: whose meal, if the id alone is not enough."),
-]
 SUBMIT_RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"model": MealOut, "description": "The same as before: nothing was added."},
     202: {"model": MealOut, "description": "Kept; Location names the meal."},
@@ -92,7 +87,7 @@ async def post_meal(request: Request, state: State, caller: CurrentDevice) -> Re
 
     The same request again gives 200 and the same answer, so a phone that did not hear the answer just sends again.
     """
-    await anyio.to_thread.run_sync(state.part(SubmitMeal).require_room)
+    await anyio.to_thread.run_sync(require_room, state)
     async with received_parts(
         request, SLOTS, state.blobs.staging_folder(), _limits(state), state.upload_limiter
     ) as parts:
@@ -135,7 +130,7 @@ async def put_photograph(
 
     after_left and after_right are what was left of the meal; they may come at any time, also long after it.
     """
-    await anyio.to_thread.run_sync(state.part(SubmitMeal).require_room)
+    await anyio.to_thread.run_sync(require_room, state)
     staging = state.blobs.staging_folder()
     async with received_body(request, slot, staging, _limits(state), state.upload_limiter) as file:
         if slot in AFTER_SLOTS:
@@ -156,7 +151,7 @@ async def get_meal(
     wait: Annotated[
         float, Query(ge=0, le=MAX_WAIT_SECONDS, description="Wait up to so many seconds for a change.")
     ] = 0,
-    participant: ParticipantCode = None,
+    participant: OfWhichParticipant = None,
 ) -> Response:
     """How a meal stands: what has arrived, its status and, once estimated, its foods: volumes, mass, nutrients.
 
@@ -183,7 +178,7 @@ def get_artefact(
     name: Annotated[str, Path(max_length=64, description="The artefact's name, as the run lists it.")],
     state: State,
     caller: CurrentCaller,
-    participant: ParticipantCode = None,
+    participant: OfWhichParticipant = None,
     pair: Annotated[Literal["meal", "after"], Query(description="Of the run on which pair.")] = "meal",
 ) -> StreamingResponse:
     """A picture, the point cloud or the scene of the last run on the meal's pair, or on its after-meal pair."""

@@ -12,7 +12,8 @@ from app.core.settings import Settings
 from app.db.session import Database
 from app.estimates.camera_choice import Size, choose_camera
 from app.estimates.camera_json import camera_to_json
-from app.meals.receive_photo import SIDEWAYS, ReceivedFile
+from app.http.upload import ReceivedFile
+from app.meals.receive_photo import SIDEWAYS
 from app.messages.catalogue import choose_locale, sentence
 from app.people.access.caller import DeviceCaller
 from app.people.models import Locale, Study

@@ -5,8 +5,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.http.text_schemas import Text
+from app.people.calibration_schemas import CameraIn
 from app.people.models import Locale
-from app.records.meal_schemas import CameraIn
 
 
 class CheckMetadataIn(BaseModel):

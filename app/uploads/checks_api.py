@@ -7,14 +7,13 @@ from fastapi import APIRouter, Header, Request
 
 from app.children.api_children import ApiChildren
 from app.core.errors import MalformedRequestError
+from app.http.metadata import validated
 from app.http.problems import problem_responses
+from app.http.upload import MAX_METADATA_BYTES, UploadLimits, received_parts, require_room
 from app.meals.models import SLOTS
-from app.meals.upload import MAX_METADATA_BYTES, UploadLimits, received_parts
 from app.people.access.deps import CurrentDevice, State
 from app.uploads.check_pair import CheckedPair, CheckRequest, check_pair
 from app.uploads.check_schemas import CheckMetadataIn, CheckOut, CheckProblemOut
-from app.uploads.metadata import validated
-from app.uploads.submit_meal import SubmitMeal
 
 router = APIRouter(prefix="/v1/checks", tags=["checks"])
 
@@ -52,7 +51,7 @@ async def post_check(
 
     A pair without a problem that stops it may still fail later; one with such a problem may be sent all the same.
     """
-    await anyio.to_thread.run_sync(state.part(SubmitMeal).require_room)
+    await anyio.to_thread.run_sync(require_room, state)
     limits = UploadLimits(state.settings.max_photo_bytes, MAX_METADATA_BYTES)
     async with received_parts(request, SLOTS, state.blobs.staging_folder(), limits, state.upload_limiter) as parts:
         missing = [slot for slot in SLOTS if slot not in parts.files]

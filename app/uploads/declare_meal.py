@@ -27,12 +27,11 @@ from app.people.access.secret_box import SecretBox
 from app.people.location_policy import policy_of
 from app.people.models import Study
 from app.people.participants import require_in_study
-from app.privacy.erase import is_meal_deleted, meal_deleted
+from app.people.tombstones import is_meal_deleted, meal_deleted, meal_id_of
 from app.records.project_records import project_meal
 from app.records.review.meal_events import NewEvent, Standing, insert_event
 from app.records.review.review_meal import added
 from app.records.review.told_amounts import DECLARED_SD
-from app.uploads.submit_meal import meal_id_of
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,7 @@ from datetime import datetime
 import sqlalchemy as sa
 from sqlalchemy.orm import Session, aliased
 
-from app.jobs.queries import LIVE_STATES
-from app.meals.job_models import Job
+from app.meals.job_models import LIVE_STATES, Job
 from app.meals.models import Meal
 from app.people.models import Participant, Study
 

@@ -6,11 +6,12 @@ from fastapi import APIRouter
 from fastapi.responses import JSONResponse
 
 from app.estimates.retry_meal import retry_meal
+from app.http.parameters import MealId, OfWhichParticipant
 from app.http.problems import problem_responses
 from app.jobs.queue import JobQueue
 from app.people.access.deps import CurrentCaller, CurrentStaff, State
 from app.records.meal_schemas import MealOut
-from app.uploads.api import MealId, ParticipantCode, meal_response
+from app.uploads.api import meal_response
 from app.uploads.cancel_meal import cancel_meal
 
 router = APIRouter(prefix="/v1/meals", tags=["meals"])
@@ -25,7 +26,7 @@ RETRY_RESPONSES: dict[int | str, dict[str, Any]] = {
 
 @router.post("/{meal_id}/cancel", response_model=MealOut, responses=PROBLEMS)
 def post_cancel(
-    meal_id: MealId, state: State, caller: CurrentCaller, participant: ParticipantCode = None
+    meal_id: MealId, state: State, caller: CurrentCaller, participant: OfWhichParticipant = None
 ) -> JSONResponse:
     """Call off the estimate of a meal, or of its after-meal pair, that is not made yet.
 
@@ -36,7 +37,7 @@ def post_cancel(
 
 @router.post("/{meal_id}/retry", status_code=202, response_model=MealOut, responses=RETRY_RESPONSES)
 def post_retry(
-    meal_id: MealId, state: State, caller: CurrentStaff, participant: ParticipantCode = None
+    meal_id: MealId, state: State, caller: CurrentStaff, participant: OfWhichParticipant = None
 ) -> JSONResponse:
     """Have a meal, or its after-meal pair, that failed estimated again. Calls at the same time queue it once."""
     view, is_new = retry_meal(state.database, state.part(JobQueue), caller, meal_id, participant)

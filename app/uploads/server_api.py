@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from fastapi import APIRouter
 
 from app import __version__
-from app.meals.upload import IMAGE_TYPES, MAX_METADATA_BYTES
+from app.http.upload import IMAGE_TYPES, MAX_METADATA_BYTES
 from app.people.access.deps import State
 from app.records.meal_schemas import MAX_HINTS, HintIn, NewMealMetadataIn
 from app.uploads.api import MAX_WAIT_SECONDS

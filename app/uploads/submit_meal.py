@@ -22,23 +22,22 @@ from app.core.logs import tell
 from app.core.settings import Settings
 from app.db.session import Database
 from app.estimates.check_hints import require_known_foods, require_within
+from app.http.upload import ReceivedFile
 from app.jobs.queue import JobQueue
 from app.meals import queries as meals
+from app.meals.announce import announce_meal
 from app.meals.job_models import Job
 from app.meals.meal_time import MealTime
-from app.meals.models import SLOTS, Meal, MealImage
+from app.meals.models import IGNORED, SLOTS, UNKNOWN, Meal, MealImage
 from app.meals.receive_photo import (
-    ReceivedFile,
     SealablePhoto,
     image_row,
     prepare_photo,
     require_unspent,
     require_whole,
     seal_photos,
-    storage_full,
     unspent_keys,
 )
-from app.outbox.announce import announce_meal
 from app.people import privacy_queries as privacy
 from app.people import queries as people
 from app.people.access import audit
@@ -47,15 +46,13 @@ from app.people.access.secret_box import SecretBox
 from app.people.location_policy import policy_of
 from app.people.models import Study
 from app.people.participants import require_in_study
-from app.privacy.erase import is_meal_deleted, meal_deleted
+from app.people.tombstones import is_meal_deleted, meal_deleted, meal_id_of
 from app.records.read_meal import MealView, view_of_new_meal
 from app.storage.blob_store import BlobStore
 from app.vessels.meal_vessels import require_known_vessels
 
 log = structlog.get_logger()
 
-MEAL_NAMESPACE = uuid.UUID("6f0d3d0a-6c0c-4e0e-9a53-52f9b4a4d7f1")  # drawn once; our ids are derived under it
-ASIDE = IGNORED, UNKNOWN = "ignored", "unknown"  # in a meal's details: fields that were not known, by name and whole
 COMPARED = ("captured_at", "time_zone", "marker", "camera", "hints", "complete", "app_version")  # equal: the same again
 
 
@@ -105,11 +102,6 @@ class SubmitMeal:
         self._blobs = blobs
         self._queue = queue
         self._settings = settings
-
-    def require_room(self) -> None:
-        """Refuse an upload early while the disk is nearly full. Raises StorageFullError."""
-        if self._blobs.free_bytes() < self._settings.min_free_bytes:
-            raise storage_full()
 
     def submit(
         self,
@@ -248,11 +240,6 @@ class SubmitMeal:
         self._queue.enqueue(session, job)
         log.info("meal_queued", meal_id=str(meal.id), job_id=str(job.id), purpose=job.purpose)
         announce_meal(session, meal)
-
-
-def meal_id_of(participant_id: uuid.UUID, client_id: uuid.UUID) -> uuid.UUID:
-    """Our id of a participant's meal: it follows from theirs, so that the same meal again is the same row."""
-    return uuid.uuid5(MEAL_NAMESPACE, f"{participant_id}/{client_id}")
 
 
 @dataclass(frozen=True, slots=True)

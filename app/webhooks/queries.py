@@ -21,12 +21,6 @@ class Due:
     only: uuid.UUID | None = None
 
 
-def enabled_webhooks(session: Session, study_id: uuid.UUID) -> list[Webhook]:
-    """A study's webhooks that are told of events, the oldest first."""
-    query = sa.select(Webhook).where(Webhook.study_id == study_id, Webhook.disabled_at.is_(None))
-    return list(session.scalars(query.order_by(Webhook.created_at, Webhook.id)))
-
-
 def list_webhooks(session: Session, study_id: uuid.UUID, limit: int) -> list[Webhook]:
     """A study's webhooks, disabled ones too, the newest first."""
     query = sa.select(Webhook).where(Webhook.study_id == study_id)

@@ -12,6 +12,7 @@ from app.db.session import Database
 from app.http.paging import ID, INSTANT, Page, decode_cursor, encode_cursor
 from app.outbox import write as outbox
 from app.outbox.models import PING, Webhook, WebhookDelivery
+from app.outbox.write import enabled_webhooks
 from app.people.access import audit
 from app.people.access.caller import StaffCaller
 from app.people.access.secret_box import SecretBox, SecretKeyError
@@ -207,7 +208,7 @@ def _enabled(hook: Webhook) -> Webhook:
 
 def _require_room(session: Session, study_id: uuid.UUID) -> None:
     sql.lock_study(session, study_id)
-    if len(sql.enabled_webhooks(session, study_id)) >= MOST_ENABLED:
+    if len(enabled_webhooks(session, study_id)) >= MOST_ENABLED:
         raise ConflictError(
             f"The study has {MOST_ENABLED} webhooks already: disable one first.", code="webhooks_too_many"
         )

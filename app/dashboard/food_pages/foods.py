@@ -14,7 +14,6 @@ from app.dashboard.page import CurrentPage, Page
 from app.foods.api import FoodKey, render_food
 from app.foods.edits.api import render_changes
 from app.foods.edits.edit_food import list_changes
-from app.foods.edits.food_uses import COUNTED, read_uses
 from app.foods.edits.schemas import ChangeOut
 from app.foods.foods import FoodView, read_food
 from app.foods.queries import NutrientRow
@@ -23,6 +22,7 @@ from app.foods.search.list_foods import ListedFood, list_foods
 from app.foods.search.search_foods import food_groups
 from app.nutrition.components import COMPONENTS, HEADLINE_NUMBERS, by_component_group
 from app.people.access.page_rules import PREFIX
+from app.records.food_uses import COUNTED, read_uses
 
 router = APIRouter(include_in_schema=False)
 

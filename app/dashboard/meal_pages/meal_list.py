@@ -19,10 +19,11 @@ from app.dashboard.meal_pages.meal_list_views import FAILURES, ListedMeal, eleme
 from app.dashboard.one_study import in_study
 from app.dashboard.page import CurrentPage, Page
 from app.exports.export_files import answer_file
-from app.exports.export_spec import ExportSpec, Output, Rows
+from app.exports.export_spec import ExportSpec, Rows
 from app.exports.lists.list_meals import MOST_WATCHED, changed_meals, count_meals, list_meals, missing_meals
 from app.foods.foods import food_names
 from app.http.paging import Cursor
+from app.http.tables.media_types import Output
 from app.meals.models import AfterStatus, MealStatus
 from app.people.access.page_rules import PREFIX
 

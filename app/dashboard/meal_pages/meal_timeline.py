@@ -10,9 +10,9 @@ from markupsafe import Markup
 
 from app.dashboard.templates import amount, percent, words
 from app.meals.job_models import Job
+from app.meals.outline_json import rings_of
 from app.meals.record_models import Run
 from app.records.meal_story import MealStory
-from app.records.outline_json import rings_of
 from app.records.review.meal_history import HistoryRow
 
 SERVER = "server"

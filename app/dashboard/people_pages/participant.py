@@ -14,10 +14,10 @@ from app.dashboard.forms import Fields, checked, take_version, typed
 from app.dashboard.one_study import in_study
 from app.dashboard.page import CurrentPage, Page
 from app.diary import day_summaries, diary
-from app.diary.api import word_of
 from app.diary.feedback import Feedback, read_feedback
 from app.diary.schemas import DayIn
 from app.diary.study_days import judge_day
+from app.exports.lists.days_api import word_of
 from app.exports.lists.list_meals import list_meals, sums_of
 from app.http.parameters import LastDay
 from app.http.row_filter import RowFilter

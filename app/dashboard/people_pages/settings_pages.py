@@ -11,6 +11,7 @@ from app.dashboard.forms import Fields, checked, take_version, typed
 from app.dashboard.page import CurrentPage, Page
 from app.people import studies
 from app.people.access.page_rules import PREFIX
+from app.people.location_policy import FilesWithPlaces
 from app.people.schemas import StudyIn, StudyPatch
 from app.people.studies_api import protocol_columns, render_study
 
@@ -53,7 +54,14 @@ def post_settings(page: CurrentPage, fields: Fields) -> Response:
     changes = protocol_columns(body) | {"name": body.name}
     changes |= {name: None for name in NULLABLE if values.get(name) == ""}
     try:
-        studies.change_study(page.state.database, page.caller, _code(page), changes, expected=expected)
+        studies.change_study(
+            page.state.database,
+            page.caller,
+            _code(page),
+            changes,
+            expected=expected,
+            files_with_places=page.state.part(FilesWithPlaces),
+        )
     except PreconditionFailedError as error:
         return _settings(page, {}, {"": error.message}, status=412)
     except (InvalidInputError, ConflictError) as error:

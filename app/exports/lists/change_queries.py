@@ -8,7 +8,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.statements import AnyColumn
-from app.diary.models import DiaryDay
+from app.meals.day_models import DiaryDay
 from app.meals.record_models import EffectiveRecord
 from app.people.models import Participant
 from app.people.privacy_models import Tombstone

@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import BaseModel, Field
 
-from app.diary.models import DayStatus
 from app.http.field_descriptions import CHANGE_SEQ, PARTICIPANT
+from app.meals.day_models import DayStatus
 from app.records.schemas import RecordOfItem
 
 

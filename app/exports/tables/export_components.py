@@ -13,8 +13,9 @@ from sqlalchemy.orm import Session
 
 from app.core.units import content_of_mass
 from app.exports.export_spec import ExportSpec
+from app.exports.tables.component_queries import components_in_use
 from app.exports.tables.record_queries import Lookup
-from app.foods.queries import components_in_use, contents_of
+from app.foods.queries import contents_of
 from app.http.tables.columns import Batch, Part, PartOfBatch
 from app.http.tables.component_columns import (
     KNOWN,

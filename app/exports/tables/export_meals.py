@@ -8,8 +8,6 @@ from urllib.parse import quote
 
 from sqlalchemy.orm import Session
 
-from app.diary import diary_queries as diary
-from app.diary.diary_queries import number_of
 from app.exports.export_spec import ExportSpec
 from app.exports.lists.meal_page_queries import pages_of_keys
 from app.exports.tables import meal_queries as meal_export
@@ -31,7 +29,9 @@ from app.http.tables.columns import Batch, PartOfBatch, Row, instant_text
 from app.http.tables.component_columns import KNOWN, LONG_SUM, OF_COMPONENT, wide_sums
 from app.http.tables.geojson_rows import POINT
 from app.http.tables.photograph_columns import PHOTOGRAPH_PARTS
+from app.meals.meal_time import number_of
 from app.meals.models import SLOTS, MealImage
+from app.meals.queries import first_days
 from app.meals.record_models import HEADLINE_COLUMNS
 from app.people.access.caller import Caller, visible_rows
 
@@ -107,7 +107,7 @@ class _Meal:
 def _meals(session: Session, ids: Sequence[uuid.UUID]) -> list[_Meal]:
     rows = meal_export.meals_by_id(session, ids)
     runs, images = meal_export.last_runs(session, ids), meal_export.images_of_meals(session, ids)
-    first_days = diary.first_days(session, {row.participant_id for row in rows})
+    first_day_of = first_days(session, {row.participant_id for row in rows})
     records = meal_export.records_of_meals(session, ids)
     return [
         _Meal(
@@ -115,7 +115,7 @@ def _meals(session: Session, ids: Sequence[uuid.UUID]) -> list[_Meal]:
             records.get(row.id, ()),
             runs.get(row.id),
             {image.slot: image for image in images.get(row.id, ())},
-            number_of(row.local_date, first_days.get(row.participant_id)),
+            number_of(row.local_date, first_day_of.get(row.participant_id)),
         )
         for row in rows
     ]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from sqlalchemy.orm import Session
 
-from app.exports.export_spec import ExportSpec, Output, Rows, check_spec
+from app.exports.export_spec import ExportSpec, Rows, check_spec
 from app.exports.tables.export_days import day_table
 from app.exports.tables.export_items import item_table
 from app.exports.tables.export_meals import meal_table, photograph_table
@@ -16,6 +16,7 @@ from app.exports.tables.export_table import Table
 from app.http.tables.columns import Batch, Part
 from app.http.tables.csv_rows import encode_csv
 from app.http.tables.geojson_rows import encode_geojson
+from app.http.tables.media_types import Output
 from app.http.tables.ndjson_rows import encode_ndjson
 from app.people.access.caller import Caller
 

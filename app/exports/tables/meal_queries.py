@@ -9,9 +9,9 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.statements import AnyRow
-from app.diary.models import DiaryDay
 from app.exports.tables.record_queries import coordinates
 from app.foods.models import Food
+from app.meals.day_models import DiaryDay
 from app.meals.models import AFTER_SLOTS, SLOTS, Meal, MealImage
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Item, Run
 from app.people.models import Participant, Study

@@ -12,7 +12,8 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.statements import AnyColumn, AnyQuery
-from app.exports.tables.record_queries import one_of, rows_of_ids, stored_id
+from app.db.stored_ids import stored_id
+from app.exports.tables.record_queries import one_of, rows_of_ids
 from app.meals.event_models import MealEvent
 from app.meals.models import Meal
 from app.meals.record_models import Item, ItemFood, Run

@@ -16,14 +16,10 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import sqlalchemy as sa
 from psycopg import Cursor, pq
 from sqlalchemy.dialects import postgresql
-from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.orm import Session
-from sqlalchemy.sql.compiler import SQLCompiler
-from sqlalchemy.sql.functions import FunctionElement
 
 from app.db.statements import AnyColumn, AnyQuery
-from app.diary import diary_queries as diary
-from app.diary.models import DiaryDay
+from app.db.stored_ids import stored_id
 from app.foods.models import Food, FoodRelease
 from app.http.tables.cells import MadeOnce
 from app.http.tables.columns import Batch, Cells, Part, PartOfBatch, Row, instant_text
@@ -44,7 +40,9 @@ from app.http.tables.record_columns import (
     STATE,
     VOLUME,
 )
+from app.meals.day_models import DiaryDay
 from app.meals.models import Meal
+from app.meals.queries import first_days
 from app.meals.record_models import EffectiveRecord
 from app.people.models import Participant, Study
 from app.records.page_queries import AFTER_INSTANT, AFTER_ITEM, BEFORE_ALL, RecordSearch
@@ -59,23 +57,6 @@ NOWHERE = (None, None)
 Rows = Sequence[tuple[Any, ...]]  # as the driver gives them: the columns KEYS and those of OWN
 Known = TypeVar("Known")
 Id = TypeVar("Id")
-
-
-class stored_id(FunctionElement[str]):  # noqa: N801  # named as the SQL function that it stands for
-    """An id as text, in the way that costs the database least: PostgreSQL's has hyphens, SQLite's has none."""
-
-    type = sa.String()
-    inherit_cache = True
-
-
-@compiles(stored_id, "postgresql")
-def _id_postgresql(element: stored_id, compiler: SQLCompiler, **options: Any) -> str:
-    return f"CAST({compiler.process(element.clauses, **options)} AS TEXT)"
-
-
-@compiles(stored_id, "sqlite")
-def _id_sqlite(element: stored_id, compiler: SQLCompiler, **options: Any) -> str:
-    return compiler.process(element.clauses, **options)
 
 
 class _Person(NamedTuple):
@@ -330,7 +311,7 @@ def _studies(session: Session, ids: Collection[str]) -> dict[str, str]:
 
 def _people(session: Session, ids: Collection[str]) -> dict[str, _Person]:
     every = [uuid.UUID(one) for one in ids]
-    first = diary.first_days(session, every)
+    first = first_days(session, every)
     found: dict[str, _Person] = {}
     for participant_id, code in session.execute(
         sa.select(Participant.id, Participant.code).where(Participant.id.in_(every))

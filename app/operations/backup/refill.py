@@ -22,7 +22,7 @@ from app.db.layout import TableLayout
 from app.db.migrate import downgrade, upgrade
 from app.db.schema_state import current_revision
 from app.db.session import Database
-from app.db.triggers import MARK_ALL_DAYS, create_triggers, drop_triggers
+from app.operations.triggers import MARK_ALL_DAYS, create_triggers, drop_triggers
 
 ROWS_AT_A_TIME = 2_000
 STARTER = "starter"  # the food table that every new deployment has: a restore brings its own

@@ -8,6 +8,7 @@ from fastapi.responses import JSONResponse
 
 from app.http.conditions import IfMatch, expected_versions
 from app.http.paging import Cursor, Limit, next_page
+from app.http.parameters import MealId, OfWhichParticipant
 from app.http.problems import problem_responses
 from app.people.access.deps import CurrentCaller, State
 from app.records.meal_schemas import MealOut
@@ -16,7 +17,6 @@ from app.records.render import render_meal
 from app.records.review.meal_events import MealEvents, NewEvent
 from app.records.review.meal_history import HistoryRow, read_history
 from app.records.review.schemas import AnyEventIn, EventIn, EventList, EventOut, SetMassIn, SetVolumeIn
-from app.uploads.api import MealId, ParticipantCode
 
 router = APIRouter(prefix="/v1/meals", tags=["review"])
 
@@ -34,7 +34,7 @@ def post_event(
     state: State,
     caller: CurrentCaller,
     if_match: IfMatch = None,
-    participant: ParticipantCode = None,
+    participant: OfWhichParticipant = None,
 ) -> JSONResponse:
     """Confirm, correct, reject, add, split, merge or ask. `If-Match` names the version of the meal that was seen."""
     view, is_new = state.part(MealEvents).append(
@@ -51,7 +51,7 @@ def get_events(
     caller: CurrentCaller,
     limit: Limit = 100,
     cursor: Cursor = None,
-    participant: ParticipantCode = None,
+    participant: OfWhichParticipant = None,
 ) -> EventList:
     """All that was said of the meal, the oldest first, what was undone as well."""
     page = read_history(state.database, caller, meal_id, participant, cursor=cursor, limit=limit)

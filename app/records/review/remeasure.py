@@ -19,10 +19,10 @@ from app.meals.item_state import ItemState, Word, fold_meal, lies_as_told, read_
 from app.meals.job_models import Job
 from app.meals.meal_parts import MealParts, parts_of
 from app.meals.models import Meal
+from app.meals.outline_json import rings_of
 from app.meals.record_models import Item, ItemMeasure
 from app.meals.run_answer import ItemAnswer, RunAnswer
 from app.records.item_foods import item_food, weighing_for
-from app.records.outline_json import rings_of
 
 MAX_REGIONS = 40  # hints of one run
 MIN_CORNERS = 3  # of a ring that encloses something

@@ -16,11 +16,11 @@ from app.db.base import Base
 from app.foods.models import Food
 from app.meals.event_models import MealEvent
 from app.meals.item_state import REMEASURING, ItemState, items_of, live_events, read_word
+from app.meals.outline_json import rings_of
 from app.meals.record_models import Item
 from app.nutrition.doubt import Doubt, estimate
 from app.nutrition.mass import Mass
 from app.records.item_foods import served_mass, weighing_of
-from app.records.outline_json import rings_of
 from app.records.review.meal_events import Change, Standing
 from app.records.review.review_item import key_of, named_food, remeasure_job, require_complete, same_food, taken_for
 from app.records.review.told_amounts import TOLD_SD, told_amount

@@ -17,7 +17,7 @@ from app.core.settings import Settings
 from app.db.session import Database
 from app.db.spent_key_models import SpentKey
 from app.jobs import queries as jobs
-from app.meals.job_models import Job
+from app.meals.job_models import LIVE_STATES, Job
 from app.meals.models import Meal, MealImage
 from app.meals.queries import WAITING
 from app.meals.record_models import EffectiveRecord, Item, Run, RunArtefact
@@ -25,8 +25,9 @@ from app.people import privacy_queries as privacy
 from app.people.access.secret_box import open_secret_box
 from app.people.models import Participant
 from app.people.privacy_models import BlobDeletion
+from app.people.tombstones import digest_of
 from app.privacy.delete_blobs import BlobDeleter
-from app.privacy.erasure_ledger import ErasureLedger, digest_of
+from app.privacy.erasure_ledger import ErasureLedger
 from app.storage.blob_store import BlobMissingError
 from app.storage.opening import open_blob_store
 
@@ -89,7 +90,7 @@ class Checker:
     def moving(self):
         """Jobs that are not finished: (id, state)."""
         with self._database.read() as session:
-            query = sa.select(Job.id, Job.state).where(Job.state.in_(jobs.LIVE_STATES))
+            query = sa.select(Job.id, Job.state).where(Job.state.in_(LIVE_STATES))
             return [tuple(row) for row in session.execute(query)]
 
     def problems(self, logs):

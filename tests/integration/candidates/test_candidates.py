@@ -5,7 +5,7 @@ import uuid
 import pytest
 import sqlalchemy as sa
 
-from app.candidates.models import IndexEntry, ItemIdentification
+from app.meals.identification_models import IndexEntry, ItemIdentification
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord, Item, ItemCandidate, ItemFood

@@ -10,7 +10,6 @@ import sqlalchemy as sa
 from structlog.testing import capture_logs
 
 from app.candidates.identify import IdentifyFoods
-from app.candidates.models import ItemIdentification
 from app.candidates.queries import entries_for
 from app.children.child_pool import ChildResult
 from app.estimates.estimate_meal import EstimateMeal
@@ -18,6 +17,7 @@ from app.identification.food_index import shipped_index
 from app.identification.habits import EQUAL_WEIGHT, STUDY_WEIGHT
 from app.identification.identifier import Identifier
 from app.jobs import queries as jobs
+from app.meals.identification_models import ItemIdentification
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.meals.run_answer import RunAnswer

@@ -8,13 +8,13 @@ import pytest
 import sqlalchemy as sa
 from typer.testing import CliRunner
 
-from app.candidates.models import IndexEntry, ItemIdentification
 from app.children.child_pool import ChildPool, ChildResult, ChildStartError
 from app.cli.main import cli
 from app.core.errors import NotFoundError, UnavailableError
 from app.estimates.estimate_json import colour_to_json
 from app.jobs.supervisor import settings_environment
 from app.meals.event_models import MealEvent
+from app.meals.identification_models import IndexEntry, ItemIdentification
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import Item, ItemMeasure, Run

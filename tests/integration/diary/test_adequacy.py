@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import sqlalchemy as sa
 
-from app.diary.models import DiaryDay
 from app.foods.food_amounts import RECORD_COLUMNS
 from app.foods.models import Component, Food, FoodNutrient
+from app.meals.day_models import DiaryDay
 from app.people.models import Participant, Study
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 

@@ -9,8 +9,8 @@ import sqlalchemy as sa
 
 from app.diary.closed_amounts import amounts_by_column, amounts_by_record
 from app.diary.day_sums import write_all_sums, write_sums
-from app.diary.models import DiaryDay
 from app.foods.models import Component, Food, FoodNutrient, FoodRelease
+from app.meals.day_models import DiaryDay
 from app.meals.models import MEAL_STATUSES, Meal
 from app.meals.record_models import RECORD_STATUSES, EffectiveRecord, Item
 from app.people.models import Device, Participant, Study

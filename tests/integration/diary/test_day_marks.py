@@ -20,8 +20,9 @@ from app.diary.day_sums import (
     write_study_sums,
     write_sums,
 )
-from app.diary.models import DayMark, DaySum, DiaryDay, StudyDayMark, StudyDaySum
+from app.diary.models import DayMark, DaySum, StudyDayMark, StudyDaySum
 from app.http.row_filter import RowFilter
+from app.meals.day_models import DiaryDay
 from app.meals.models import MEAL_STATUSES, Meal
 from app.meals.record_models import HEADLINE_COLUMNS, RECORD_STATUSES, EffectiveRecord, Item
 from app.people.models import Device, Participant, Study

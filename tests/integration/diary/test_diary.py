@@ -6,7 +6,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.diary.diary import project_day
-from app.diary.models import DayEvent, DiaryDay
+from app.meals.day_models import DayEvent, DiaryDay
 from app.meals.meal_time import latest_day
 from app.people.models import Participant, Study
 from app.people.privacy_models import AuditEvent

@@ -16,6 +16,7 @@ from pydantic_core import to_json
 from app.diary import day_summaries
 from app.exports import spooled_export
 from app.exports.export_file import begin_export
+from app.exports.export_places import ExportPlaces
 from app.exports.export_spec import ExportSpec
 from app.exports.tables import export_days, export_tables
 from app.exports.tables import record_queries as record_export
@@ -29,7 +30,6 @@ from app.meals.record_models import EffectiveRecord
 from app.people.access.caller import StaffCaller
 from app.people.models import Participant, Staff
 from app.people.privacy_models import AuditEvent
-from app.privacy.export_me import ExportPlaces
 from app.records.schemas import RecordOut
 from tests.integration.diary.eaten_days import add_meal, eaten_item, set_profile
 

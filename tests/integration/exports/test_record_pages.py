@@ -11,10 +11,10 @@ import pytest
 import sqlalchemy as sa
 
 from app.diary import queries as days
-from app.diary.models import DiaryDay
 from app.diary.queries import page_of_days
 from app.foods.models import Food, FoodRelease
 from app.http.row_filter import RowFilter
+from app.meals.day_models import DiaryDay
 from app.meals.models import Meal
 from app.meals.record_models import RECORD_STATUSES, EffectiveRecord, Item
 from app.people.models import Device, Participant, Study

@@ -3,9 +3,10 @@
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.people.access.secret_box import SecretBox
+from app.people.tombstones import digest_of
 from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.erase import Eraser
-from app.privacy.erasure_ledger import ErasureLedger, digest_of
+from app.privacy.erasure_ledger import ErasureLedger
 from app.storage.local import LocalBlobStore
 from tests.integration.jobs.conftest import wait_until
 from tests.integration.people.persons import database_bytes

@@ -18,9 +18,9 @@ from app.core.errors import StorageFullError
 from app.db.migrate import upgrade
 from app.db.schema_state import current_revision, head_revision
 from app.diary.day_sums import compare_days, write_all_sums
-from app.diary.models import DiaryDay
 from app.foods.models import Food
 from app.jobs import queries as jobs
+from app.meals.day_models import DiaryDay
 from app.meals.job_models import Job
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import Run, RunArtefact

@@ -16,8 +16,8 @@ import app.main
 import app.worker
 from app.cli.serving import serve
 from app.core.errors import StorageFullError, TadaError, UnavailableError
-from app.core.in_words import in_words, told_in_words
 from app.core.settings import Settings
+from app.operations.in_words import in_words, told_in_words
 from app.operations.prepare import prepare_patiently
 from app.storage import s3
 from app.worker import run_worker

@@ -8,16 +8,16 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import sqlalchemy as sa
 
-from app.candidates.models import IndexEntry, ItemIdentification
 from app.db.base import Base
 from app.diary import day_sum_queries as day_sums
-from app.diary.models import DayEvent, DiaryDay
 from app.exports.export_spec import ExportSpec, spec_as_json
 from app.exports.models import Export
 from app.exports.release_models import Release
 from app.foods.models import Food
 from app.http.row_filter import RowFilter
+from app.meals.day_models import DayEvent, DiaryDay
 from app.meals.event_models import MealEvent
+from app.meals.identification_models import IndexEntry, ItemIdentification
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.meals.record_models import Item, ItemCandidate, ItemFood, ItemMeasure, Leftover, Run, RunArtefact

@@ -19,10 +19,11 @@ from app.people import privacy_queries as people_privacy
 from app.people.access.secret_box import SecretBox
 from app.people.models import Participant, Study
 from app.people.privacy_models import BlobDeletion, ErasureReceipt
+from app.people.tombstones import digest_of
 from app.privacy import queries as privacy
 from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.erase import Eraser
-from app.privacy.erasure_ledger import ErasureLedger, digest_of
+from app.privacy.erasure_ledger import ErasureLedger
 from app.privacy.reapply_erasures import reapply_erasures
 from app.privacy.retention import erase_old_pictures
 from app.storage.blob_store import BlobMissingError

@@ -14,10 +14,11 @@ from datetime import UTC, datetime, timedelta
 import pytest
 import sqlalchemy as sa
 
-from app.candidates.models import IndexEntry, ItemIdentification
 from app.core.errors import GoneError
+from app.exports.export_places import ExportPlaces
 from app.meals import queries as meals
 from app.meals.event_models import MealEvent
+from app.meals.identification_models import IndexEntry, ItemIdentification
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import EffectiveRecord, RunArtefact
 from app.people import privacy_queries as privacy
@@ -30,7 +31,6 @@ from app.people.models import Device, Participant, Study
 from app.people.privacy_models import AuditEvent, BlobDeletion, Tombstone
 from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.erase import public_digest
-from app.privacy.export_me import ExportPlaces
 from app.privacy.retention import erase_old_pictures
 from app.vision.looks.vcm import VCM_VERSION
 from tests.integration.conftest import meal_metadata

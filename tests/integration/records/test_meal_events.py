@@ -8,9 +8,9 @@ import sqlalchemy as sa
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from app.candidates.models import IndexEntry
 from app.core.errors import PreconditionFailedError, TadaError
 from app.meals.event_models import MealEvent
+from app.meals.identification_models import IndexEntry
 from app.meals.job_models import Job
 from app.meals.models import Meal
 from app.meals.record_models import EffectiveRecord, Item, ItemFood, ItemMeasure

@@ -5,7 +5,7 @@ import threading
 import pytest
 import sqlalchemy as sa
 
-from app.candidates.models import IndexEntry
+from app.meals.identification_models import IndexEntry
 from app.meals.meal_parts import parts_of
 from app.meals.record_models import EffectiveRecord, ItemFood
 from app.records.rebuild_records import rebuild_records

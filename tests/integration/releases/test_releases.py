@@ -13,10 +13,10 @@ import sqlalchemy as sa
 from pyarrow import parquet
 from pydantic import SecretStr
 
-from app.diary.models import DiaryDay
 from app.exports import file_work_queries as file_work
 from app.exports.release_models import Release, ReleaseChange, ReleaseFile
 from app.foods.models import StudyDensity
+from app.meals.day_models import DiaryDay
 from app.meals.models import Meal, MealImage
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord
 from app.people.access.last_use import LastUse

@@ -16,12 +16,12 @@ import pytest
 import sqlalchemy as sa
 
 from app.db.session import Database
-from app.outbox import announce as announcements
 from app.outbox.models import Webhook, WebhookDelivery
 from app.outbox.write import announce
 from app.people.access.secret_box import SecretBox
 from app.people.models import Participant, Study
 from app.people.privacy_models import AuditEvent
+from app.privacy.announce import participant_withdrawn
 from app.webhooks import deliver_webhooks
 from app.webhooks import queries as sql
 from app.webhooks.deliver_webhooks import MOST_ATTEMPTS, PAUSES, DeliverWebhooks
@@ -432,7 +432,7 @@ def test_notice_of_a_withdrawal_names_the_participant_until_it_is_delivered_only
     with receiver() as there:
         sending.hook(there.url)
         with sending.database.write() as session:
-            announcements.participant_withdrawn(session, participant, "erase")
+            participant_withdrawn(session, participant, "erase")
             session.execute(sa.delete(Participant))  # the notice does not hold the row back
         sending.clock.catch_up()
         sending.deliver()

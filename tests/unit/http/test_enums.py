@@ -3,11 +3,11 @@
 import pytest
 
 from app.core.settings import Settings
-from app.diary.models import DAY_STATUSES
 from app.exports.models import EXPORT_STATES
 from app.exports.release_models import RELEASE_STATES
 from app.http.text_schemas import stored_word
 from app.main import create_app
+from app.meals.day_models import DAY_STATUSES
 from app.meals.event_models import EVENT_KINDS, LAYERS
 from app.meals.models import MEAL_ORIGINS, MEAL_STATUSES
 from app.meals.record_models import ITEM_ORIGINS, RECORD_STATUSES

@@ -8,8 +8,8 @@ import pytest
 from fastapi import FastAPI, Request
 
 from app.http.problems import install_problem_handlers
+from app.http.upload import UploadLimits, received_body, received_parts
 from app.meals.models import SLOTS
-from app.meals.upload import UploadLimits, received_body, received_parts
 
 LIMITS = UploadLimits(photo_bytes=200_000, metadata_bytes=1000)
 BOUNDARY = "b0undary"

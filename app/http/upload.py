@@ -21,8 +21,13 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.requests import Request
 
-from app.core.errors import MalformedRequestError, TooLargeError, UnsupportedMediaError
-from app.meals.receive_photo import ReceivedFile
+from app.core.errors import (
+    MalformedRequestError,
+    StorageFullError,
+    TooLargeError,
+    UnsupportedMediaError,
+)
+from app.http.state import ApiState
 
 WRITE_BYTES = 128 * 1024  # of each upload under way; larger ones are no faster
 FRAME_BYTES = 64 * 1024  # boundaries and headers of the parts
@@ -31,6 +36,15 @@ IMAGE_TYPES = ("image/jpeg", "image/png", "image/webp", "image/heic")  # those t
 PHOTO_TYPES = frozenset({*IMAGE_TYPES, "image/jpg", "image/heif", "application/octet-stream"})
 METADATA = "metadata"
 MAX_METADATA_BYTES = 64 * 1024
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedFile:
+    """A file in the staging folder, as it came: its SHA-256 and length were taken while it was written."""
+
+    path: Path
+    sha256: str
+    bytes: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,3 +316,20 @@ class _MultipartReader:
 
     def _on_end(self) -> None:
         self._ended = True
+
+
+RETRY_AFTER_SECONDS = 60
+
+
+def require_room(state: ApiState) -> None:
+    """Refuse an upload early while the disk is nearly full. Raises StorageFullError."""
+    if state.blobs.free_bytes() < state.settings.min_free_bytes:
+        raise storage_full()
+
+
+def storage_full() -> StorageFullError:
+    """Nothing was kept."""
+    return StorageFullError(
+        "The server's disk is nearly full. Nothing was kept: keep the meal on the phone and try again later.",
+        retry_after_seconds=RETRY_AFTER_SECONDS,
+    )

@@ -1,20 +1,12 @@
-"""What services announce to a study's webhooks, each in the transaction of the event; write.py writes it down.
-
-A payload holds ids, a status, a version, a day, codes. Never a photograph, food, figure, place or free text: whoever is
-told asks the API for the rest, under their own role and noted in the audit log.
-"""
+"""Tell a study's webhooks of an erased meal or of a participant who leaves."""
 
 import hashlib
 
 from sqlalchemy.orm import Session
 
-from app.diary.models import DiaryDay
 from app.meals.models import Meal
-from app.outbox.models import Event
-from app.outbox.write import announce, announce_meal
+from app.outbox.write import announce
 from app.people.models import Participant
-
-__all__ = ["announce", "announce_day", "announce_meal", "meal_deleted", "participant_withdrawn"]
 
 
 def meal_deleted(session: Session, meal: Meal) -> None:
@@ -38,10 +30,3 @@ def participant_withdrawn(session: Session, participant: Participant, policy: st
     announce(
         session, participant.study_id, "participant.withdrawn", {"participant": participant.code, "policy": policy}
     )
-
-
-def announce_day(session: Session, participant: Participant, day: DiaryDay) -> None:
-    """Something was said about a participant's day: it is closed now, or open again."""
-    data = {"participant": participant.code, "local_date": day.local_date.isoformat(), "ate_nothing": day.ate_nothing}
-    event: Event = "day.closed" if day.status == "closed" else "day.reopened"
-    announce(session, participant.study_id, event, data, participant_id=participant.id)

@@ -1,0 +1,25 @@
+"""An id as text, by the SQL that costs each database least."""
+
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.ext.compiler import compiles
+from sqlalchemy.sql.compiler import SQLCompiler
+from sqlalchemy.sql.functions import FunctionElement
+
+
+class stored_id(FunctionElement[str]):  # noqa: N801  # named as the SQL function that it stands for
+    """An id as text, in the way that costs the database least: PostgreSQL's has hyphens, SQLite's has none."""
+
+    type = sa.String()
+    inherit_cache = True
+
+
+@compiles(stored_id, "postgresql")
+def _id_postgresql(element: stored_id, compiler: SQLCompiler, **options: Any) -> str:
+    return f"CAST({compiler.process(element.clauses, **options)} AS TEXT)"
+
+
+@compiles(stored_id, "sqlite")
+def _id_sqlite(element: stored_id, compiler: SQLCompiler, **options: Any) -> str:
+    return compiler.process(element.clauses, **options)
