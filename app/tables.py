@@ -1,4 +1,4 @@
-"""Every table: importing this module defines them all. Composition roots and Alembic do."""
+"""Every table: importing this module defines them all. Composition roots, Alembic and erasures do."""
 
 import app.db.spent_key_models
 import app.diary.models

@@ -2,10 +2,10 @@
 
 from alembic import context
 
-from app.db.base import Base
+from app.tables import METADATA
 
 # DBOS keeps its own tables; on SQLite they sit beside ours, and autogenerate must not touch them.
-OURS = frozenset(Base.metadata.tables) | {"alembic_version"}
+OURS = frozenset(METADATA.tables) | {"alembic_version"}
 
 
 def include_name(name: str | None, kind: str, parents: object) -> bool:
@@ -15,7 +15,7 @@ def include_name(name: str | None, kind: str, parents: object) -> bool:
 
 context.configure(
     connection=context.config.attributes["connection"],
-    target_metadata=Base.metadata,
+    target_metadata=METADATA,
     include_name=include_name,
     compare_type=True,
     render_as_batch=True,

@@ -45,7 +45,7 @@ JsonValue = sa.JSON(none_as_null=True).with_variant(postgresql.JSONB(none_as_nul
 
 @dataclass(frozen=True, slots=True)
 class Personal:
-    """Whose rows a table holds: what erasures and a participant's own export read (db/queries/personal.py).
+    """Whose rows a table holds: what erasures and a participant's own export read (privacy/queries.py).
 
     through: columns that lead, by their foreign keys, to a meal or a participant. export_as: name in the export; None:
     left out. order_by: column.

@@ -27,6 +27,7 @@ from app.meals.record_models import EffectiveRecord, Run, RunArtefact
 from app.outbox.models import WebhookDelivery
 from app.people.calibration_models import CameraCalibration
 from app.people.models import Device, Participant, Study
+from app.tables import METADATA
 
 Ids = sa.Select[uuid.UUID]
 Owner = Literal["meal", "participant"]  # also the names of their tables
@@ -279,9 +280,7 @@ def _models() -> dict[str, type[Base]]:
     """Tables of personal rows, by name; those that are referred to come first."""
     models = {mapper.class_.__tablename__: mapper.class_ for mapper in Base.registry.mappers}
     return {
-        table.name: models[table.name]
-        for table in Base.metadata.sorted_tables
-        if models[table.name].personal is not None
+        table.name: models[table.name] for table in METADATA.sorted_tables if models[table.name].personal is not None
     }
 
 
