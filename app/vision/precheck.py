@@ -104,7 +104,8 @@ def _judge_side(side: SideName, read: ReducedPhoto | Failure, spec: MarkerSpec) 
     marker = find_marker(read.photo, spec, side)
     if isinstance(marker, Failure):
         is_cut_off = marker.code == "marker_covered" and _leaves_photograph(pixels_bgr)
-        return _stopped(side, "marker_cut_off" if is_cut_off else marker.code, measures, problems)
+        code = "marker_cut_off" if is_cut_off else marker.code
+        return _stopped(side, code, measures, problems)
     grid, contrast = marker.grid_px, contrast_image(pixels_bgr, spec.kind)
     width_px = marker_edge_width_px(contrast, grid) * read.factor
     limit_px = edge_width_limit_px(max(contrast.shape) * read.factor)
@@ -161,7 +162,8 @@ def _judge_views(
         measures |= {f"distance_mm_{side}": distance_mm, f"mm_per_px_{side}": mm_per_px}
         if mm_per_px > COARSE_MM_PER_PX:
             is_small = max(view.camera.width, view.camera.height) * photo.factor < LOW_RESOLUTION_LONG_SIDE_PX
-            problems.append(PairProblem("resolution_low" if is_small else "marker_too_small", "warn", side))
+            code = "resolution_low" if is_small else "marker_too_small"
+            problems.append(PairProblem(code, "warn", side))
     of_scene, matched = _judge_scene(*views)
     return problems + of_scene, measures | matched
 

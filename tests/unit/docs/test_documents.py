@@ -43,13 +43,13 @@ def number_in(value):
 
 
 def codes_in_the_source():
-    """Every code that the program can answer: errors' `code`, `code=` arguments, and the first word of a Failure."""
+    """Every code that the program can answer: `code` of errors, `code=` arguments, those of Failure and PairProblem."""
     codes = set()
     for path in (DOCS.parent / "app").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Call):
                 named = [keyword.value for keyword in node.keywords if keyword.arg == "code"]
-                is_failure = isinstance(node.func, ast.Name) and node.func.id == "Failure"
+                is_failure = isinstance(node.func, ast.Name) and node.func.id in ("Failure", "PairProblem")
                 named += node.args[:1] if is_failure else []
             elif isinstance(node, ast.Assign) and [ast.unparse(target) for target in node.targets] == ["code"]:
                 named = [node.value]
@@ -57,10 +57,14 @@ def codes_in_the_source():
                 named = node.value.values
             else:
                 continue
-            codes |= {
-                value.value for value in named if isinstance(value, ast.Constant) and isinstance(value.value, str)
-            }
+            either = [part for value in named for part in branches_of(value)]
+            codes |= {part.value for part in either if isinstance(part, ast.Constant) and isinstance(part.value, str)}
     return codes
+
+
+def branches_of(value):
+    """A value, or both of a conditional one."""
+    return [value.body, value.orelse] if isinstance(value, ast.IfExp) else [value]
 
 
 def test_every_code_stands_in_the_documents_and_no_other():
@@ -74,7 +78,7 @@ def test_no_code_is_told_twice():
 
 
 def flags_in_the_source():
-    """Every flag that an item can carry: the words in what is assigned to `flags`, or appended to it."""
+    """Every flag that an item can carry: what is assigned or given to `flags`, appended to it, or returned by it."""
     flags = set()
     for path in (DOCS.parent / "app" / "vision").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
@@ -82,6 +86,10 @@ def flags_in_the_source():
                 told = node.value
             elif isinstance(node, ast.Call) and ast.unparse(node.func) == "flags.append":
                 told = node.args[0]
+            elif isinstance(node, ast.keyword) and node.arg == "flags":
+                told = node.value
+            elif isinstance(node, ast.FunctionDef) and node.name == "flags":
+                told = ast.Module(node.body[1:], [])  # without its docstring
             else:
                 continue
             words = [each.value for each in ast.walk(told) if isinstance(each, ast.Constant)]
