@@ -63,8 +63,7 @@ def backup_to_file(database: Database, blobs: BlobStore, box: SecretBox, path: P
 
     Raises ConflictError (`backup_exists`) for a file that is there, or was made by another meanwhile; OSError.
     """
-    if path.exists():
-        raise _taken(path)
+    _require_free_name(path)
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     try:
@@ -219,6 +218,11 @@ def _add_file(tar: TarWriter, name: str, file: IO[bytes]) -> str:
 
     tar.add(name, size, pieces())
     return digest.hexdigest()
+
+
+def _require_free_name(path: Path) -> None:
+    if path.exists():
+        raise _taken(path)
 
 
 def _take_name(partial: Path, path: Path) -> None:

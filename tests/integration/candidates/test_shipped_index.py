@@ -17,6 +17,7 @@ from tools.food_index.held_out import scores_of_unseen_classes, scores_of_unseen
 
 NOT_IN_THE_STARTER_TABLE = {"mooncake", "sachima"}  # no public table at hand has figures for them
 SAMPLE = 25
+SAME = 0.03  # of the distance to other foods: single values round otherwise on other processors (0.013 seen on one)
 MOST_BYTES = 600_000
 
 
@@ -84,9 +85,11 @@ def test_index_is_of_the_vectors_that_the_program_makes(index):
 def test_photographs_give_what_is_shipped(index, shared_data):
     foods = list(labelled_foods(shared_data / "photos" / "ecustfd"))
     assert [food.specimen for food in foods] == list(index.specimens)
+    shipped = index.metric.embed(index.vectors)
     for place in np.linspace(0, len(foods) - 1, SAMPLE).astype(int):
-        made = describe_food(foods[place])
-        assert np.allclose(made, index.vectors[place], atol=0.01, rtol=0.002)
+        made = index.metric.embed(describe_food(foods[place])[None])
+        to_itself, to_others = (np.linalg.norm(shipped[where] - made, axis=1) for where in ([place], slice(None)))
+        assert to_itself < SAME * np.median(to_others), foods[place].specimen
 
 
 def test_index_is_built_from_a_folder_of_labelled_photographs(shared_data, tmp_path):
