@@ -219,7 +219,9 @@ class EstimateMeal:
         if done.is_passing:
             raise BrokenOff(done.failure)
         ended = MealEstimate(method=options.method, pipeline_version=PIPELINE_VERSION, stages={}, failure=done.failure)
-        return answer_of(ended, options)
+        answer = answer_of(ended, options)
+        answer.artefacts = []  # written, too: a worker of the version before reads it
+        return answer
 
     def _tell_stage(self, job: Job, stage: str) -> None:
         """Progress of the meal's own pair for the phone; an estimate does not fail because it could not be told."""

@@ -32,7 +32,12 @@ IPV6_HOME = 64  # bits that a network gives to one customer: who has one such ad
 UPLOAD_PATHS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+|/after)?)?|checks|calibrations)$")
 EXPORT_PATHS = re.compile(r"/export$|/exports/[^/]+/file$|/releases/[^/]+/(files/|check$)")
 BACKGROUND_PATHS = re.compile(r"/(exports|releases)$")
-EXPORT_TYPES = (b"text/csv", b"application/x-ndjson", b"application/vnd.apache.parquet")  # in Accept
+EXPORT_TYPES = (  # in Accept
+    b"text/csv",
+    b"application/x-ndjson",
+    b"application/vnd.apache.parquet",
+    b"application/geo+json",
+)
 UNCOUNTED_PATHS = frozenset({"/healthz", "/readyz", "/metrics"})  # asked by machines of the people who run the server
 AT_ONCE_RETRY_SECONDS = 2
 

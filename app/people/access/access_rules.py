@@ -6,6 +6,7 @@ study, lets the caller into it; where the study follows from something else (a m
 `require_study`, which goes by the role that the rule needs. docs/access.md is made from this table.
 """
 
+import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
@@ -31,6 +32,7 @@ from app.people.access.caller import (
 from app.people.access.last_use import LastUse
 from app.people.access.secret_box import SecretBox
 from app.people.models import Study
+from app.people.tombstones import is_meal_deleted, meal_deleted, meal_id_of
 
 SAFE_METHODS = frozenset({"GET", "HEAD"})
 OF_API = "/v1/"
@@ -226,8 +228,8 @@ def authorise(
 ) -> Caller | None:
     """The caller, if the route's rule lets them in; None where it is open.
 
-    Raises UnauthenticatedError, GoneError (left the study), RateLimitedError, NotAllowedError, NotFoundError (a study
-    not theirs), InvalidInputError (`parameter_unknown`).
+    Raises UnauthenticatedError, GoneError (left the study; a change of a meal that was deleted), RateLimitedError,
+    NotAllowedError, NotFoundError (a study not theirs), InvalidInputError (`parameter_unknown`).
     """
     call = request.method, request.scope["route"].path
     rule = RULES.get(call)
@@ -244,6 +246,8 @@ def authorise(
         if call not in pages.POLLED:
             state.part(LastUse).note(caller, request.headers)
         caller = _apply(rule, caller, request.method)
+        if request.method not in SAFE_METHODS and "meal_id" in request.path_params:
+            _refuse_deleted_meal(state, caller, request.path_params["meal_id"])
         if "study" in request.path_params:
             request.state.study = _enter_study(state, caller, request.path_params["study"])
         request.state.caller = caller
@@ -268,6 +272,19 @@ async def current_device(caller: Annotated[Caller, Depends(current_caller)]) -> 
 async def current_staff(caller: Annotated[Caller, Depends(current_caller)]) -> StaffCaller:
     """The calling staff member. Raises NotAllowedError for a phone."""
     return require_staff(caller)
+
+
+def _refuse_deleted_meal(state: ApiState, caller: Caller, client_id: str) -> None:
+    """Answer a change of a deleted meal before its body is read; reads that find nothing are answered alike later."""
+    if not isinstance(caller, DeviceCaller):
+        return
+    try:
+        meal_id = meal_id_of(caller.participant_id, uuid.UUID(client_id))
+    except ValueError:
+        return  # no id: the route says so
+    with state.database.read() as session:
+        if is_meal_deleted(session, state.part(SecretBox), meal_id):
+            raise meal_deleted()
 
 
 def _token(request: Request, state: ApiState, rule: Rule, credentials: HTTPAuthorizationCredentials | None) -> str:

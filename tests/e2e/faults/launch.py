@@ -31,7 +31,7 @@ def main(folder, *command, parent):
         app.__version__ = os.environ["FAULT_VERSION"]  # before whoever takes it from there
     from app import worker
     from app.cli import serving
-    from app.cli.main import main as cli
+    from app.cli.main import main as tada
     from app.jobs import job_worker, queue
 
     for module in (queue, job_worker):
@@ -43,7 +43,7 @@ def main(folder, *command, parent):
     serving.WorkerProcess = functools.partial(serving.WorkerProcess, command=own)
     os.fsync = faulty_fsync(os.fsync, pathlib.Path(folder))
     sys.argv = ["tada", *command]
-    cli.main()
+    tada()
 
 
 def delete_orphans_soon():

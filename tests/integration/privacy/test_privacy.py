@@ -60,6 +60,23 @@ def test_deleting_a_meal_gives_a_receipt_that_anybody_with_its_id_can_read(perso
     assert client.get(f"/v1/receipts/{uuid.uuid4()}").status_code == 404
 
 
+@pytest.mark.parametrize(
+    ("method", "below", "content_type"),
+    [
+        ("POST", "/events", "application/json"),
+        ("PUT", "/images/left", "image/jpeg"),
+        ("PUT", "/after", "application/json"),
+        ("PUT", "", "application/json"),
+    ],
+)
+def test_any_change_of_a_deleted_meal_is_410_whatever_its_body(person, client, method, below, content_type):
+    client.delete(person.path, headers=person.phone.headers)
+    answer = client.request(
+        method, person.path + below, headers=person.phone.headers | {"Content-Type": content_type}, content=b"{}"
+    )
+    assert (answer.status_code, answer.json()["code"]) == (410, "meal_deleted")
+
+
 def test_another_phone_of_another_person_cannot_delete_a_meal(person, enrol, client):
     other = enrol("other")
     assert client.delete(person.path, headers=other.headers).status_code == 404

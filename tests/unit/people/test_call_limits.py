@@ -61,6 +61,7 @@ def test_call_counts_as_what_it_costs(method, path, query, found):
     ("accept", "query", "found"),
     [
         (b"text/csv", b"", "export"),
+        (b"application/geo+json", b"", "export"),
         (b"application/vnd.apache.parquet, */*", b"study=a", "export"),
         (b"text/csv", b"format=json", "call"),
         (b"application/json", b"", "call"),
