@@ -7,6 +7,7 @@ study, lets the caller into it; where the study follows from something else (a m
 """
 
 import uuid
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
@@ -229,7 +230,7 @@ def authorise(
     """The caller, if the route's rule lets them in; None where it is open.
 
     Raises UnauthenticatedError, GoneError (left the study; a change of a meal that was deleted), RateLimitedError,
-    NotAllowedError, NotFoundError (a study not theirs), InvalidInputError (`parameter_unknown`).
+    NotAllowedError, NotFoundError (a study not theirs), InvalidInputError (`parameter_unknown`, `parameter_repeated`).
     """
     call = request.method, request.scope["route"].path
     rule = RULES.get(call)
@@ -349,17 +350,28 @@ def _enter_study(state: ApiState, caller: Caller, code: str) -> Study:
 
 
 def _require_known_parameters(request: Request, call: tuple[str, str]) -> None:
-    """No query parameter is passed over: a filter that is not heard gives other people's rows.
+    """No query parameter is passed over, nor one of its values: a filter that is not heard gives other people's rows.
 
     FHIR has rules of its own for these (Prefer: handling), pages of the dashboard have forms.
     """
     document = request.app.openapi_schema or request.app.openapi()
     operation = document["paths"].get(call[1], {}).get(call[0].lower(), {})
-    known = {each["name"] for each in operation.get("parameters", ()) if each["in"] == "query"}
-    unknown = sorted(set(request.query_params) - known)
+    known = {each["name"]: each["schema"] for each in operation.get("parameters", ()) if each["in"] == "query"}
+    unknown = sorted(request.query_params.keys() - known.keys())
     if unknown:
         raise InvalidInputError(
             f"There is no parameter {', '.join(unknown)[:200]!r} here. There is: {', '.join(sorted(known)) or 'none'}.",
             code="parameter_unknown",
             parameters=unknown,
+        )
+    repeated = [
+        name
+        for name, count in Counter(name for name, _ in request.query_params.multi_items()).items()
+        if count > 1 and all(schema.get("type") != "array" for schema in (known[name], *known[name].get("anyOf", ())))
+    ]
+    if repeated:
+        raise InvalidInputError(
+            f"Give each of these parameters once: {', '.join(sorted(repeated))[:200]}.",
+            code="parameter_repeated",
+            parameters=sorted(repeated),
         )

@@ -67,6 +67,13 @@ def test_parameter_that_is_not_known_is_refused(phone, client, path):
     assert len(problem["parameters"]) == 1
 
 
+def test_parameter_of_one_value_that_is_given_twice_is_refused_and_a_list_is_not(phone, client):
+    answer = client.get("/v1/meals?status=estimated&status=failed&limit=2&limit=3", headers=phone.headers)
+    assert (answer.status_code, answer.json()["code"]) == (422, "parameter_repeated")
+    assert answer.json()["parameters"] == ["limit"]
+    assert client.get("/v1/meals?status=estimated&status=failed", headers=phone.headers).status_code == 200
+
+
 def test_caller_who_is_not_known_hears_that_first(client):
     assert client.get("/v1/records?studdy=pilot").status_code == 401
 
