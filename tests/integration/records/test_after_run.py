@@ -51,7 +51,8 @@ class ChildrenInProcess:
         photos = [pathlib.Path(request.arguments[side]).read_bytes() for side in ("left", "right")]
         key = (*photos, json.dumps(request.arguments["options"], sort_keys=True))
         if key not in self.done:
-            found = estimate_task(request.arguments, on_stage)
+            arguments = json.loads(json.dumps(request.arguments))  # as the pipe to a child gives them
+            found = estimate_task(arguments, on_stage)
             self.done[key] = (found, {path.name: path.read_bytes() for path in output.iterdir()})
         found, files = self.done[key]
         for file_name, content in files.items():
