@@ -162,6 +162,11 @@ def test_traceback_of_a_bug_is_told_and_one_of_a_database_that_is_away_is_not():
 @pytest.mark.parametrize(
     ("words", "is_bug"),
     [
+        ("app.core.errors.UnavailableError: The machine is too busy", False),
+        ("app.core.errors.StorageFullError: The disk is full", False),
+        ("app.children.child_pool.ChildPoolClosedError", False),
+        ("app.storage.blob_store.StoreRefusesError: the clock is wrong", False),
+        ("app.core.errors.TadaError: Something went wrong", True),
         ("sqlalchemy.exc.OperationalError: (psycopg.OperationalError) server closed the connection", False),
         ("sqlalchemy.exc.OperationalError: (psycopg.errors.DeadlockDetected) deadlock detected", False),
         ("sqlalchemy.exc.InternalError: (psycopg.errors.IdleInTransactionSessionTimeout) ended", False),

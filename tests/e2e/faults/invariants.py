@@ -13,6 +13,8 @@ from datetime import timedelta
 
 import sqlalchemy as sa
 
+from app.children.child_pool import ChildPoolClosedError
+from app.core.errors import StorageFullError, UnavailableError
 from app.core.settings import Settings
 from app.db.session import Database
 from app.db.spent_key_models import SpentKey
@@ -28,7 +30,7 @@ from app.people.privacy_models import BlobDeletion
 from app.people.tombstones import digest_of
 from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.erasure_ledger import ErasureLedger
-from app.storage.blob_store import BlobMissingError
+from app.storage.blob_store import BlobMissingError, StoreRefusesError
 from app.storage.opening import open_blob_store
 
 # PostgreSQL's words for: it goes down, comes up, is cut off or full, took too long, or ended one of two for the other
@@ -39,6 +41,11 @@ AWAY_OR_IN_THE_WAY = (
 )
 SQLITE_IS_FULL_OR_BUSY = "database or disk is full|disk I/O error|database is locked"
 
+OUR_WORDS_FOR_AWAY = "|".join(
+    re.escape(f"{error.__module__}.{error.__qualname__}")
+    for error in (UnavailableError, StorageFullError, ChildPoolClosedError, StoreRefusesError)  # it refuses a wrong clock
+)
+
 # what a log may hold of a traceback: parts that were away, and our own words for that
 EXPECTED_ERRORS = re.compile(
     rf"^(sqlalchemy\.exc\.\w+: \(psycopg\.(OperationalError|InterfaceError|errors\.({AWAY_OR_IN_THE_WAY}))\)"
@@ -46,9 +53,7 @@ EXPECTED_ERRORS = re.compile(
     rf"|sqlite3\.OperationalError: ({SQLITE_IS_FULL_OR_BUSY})"
     rf"|(sqlalchemy\.exc\.TimeoutError|psycopg\.(OperationalError|errors\.({AWAY_OR_IN_THE_WAY})))\b"
     r"|((ConnectionError|ConnectionResetError|ConnectionRefusedError|BrokenPipeError|TimeoutError|OSError)"
-    r"|obstore\.exceptions\.\w+|app\.storage\.blob_store\.StoreRefusesError"  # a clock that jumped is refused
-    r"|app\.errors\.(UnavailableError|StorageFullError)"
-    r"|app\.jobs\.child_pool\.ChildPoolClosedError)\b)"
+    rf"|obstore\.exceptions\.\w+|{OUR_WORDS_FOR_AWAY})\b)"
 )
 
 ERROR_LINE = re.compile(
