@@ -128,8 +128,11 @@ def demo(
 def estimate(
     left: Annotated[Path, typer.Argument(help="Photograph from the left.")],
     right: Annotated[Path, typer.Argument(help="Photograph from the right.")],
-    marker: MarkerOption = DEFAULT_MARKER,
+    marker: Annotated[
+        str | None, typer.Option(metavar="M", help=f"KIND:COLSxROWS:MM; {DEFAULT_MARKER} where nothing is given.")
+    ] = None,
     camera: Annotated[Path | None, typer.Option(help="Camera file (JSON), as `tada calibrate --json` prints.")] = None,
+    rig: Annotated[Path | None, typer.Option(help="Stereo rig's file (JSON): no marker is needed.")] = None,
     method: Annotated[str, typer.Option(help="How volumes are estimated: shape or paper.")] = "shape",
     hint: Annotated[
         list[str] | None, typer.Option(help='JSON: {"point": [x, y], "food": KEY}, "box", "polygon".')
@@ -143,7 +146,13 @@ def estimate(
     from app.estimates.estimate_files import estimate_files, read_options
 
     options = read_options(
-        marker=marker, camera=camera, method=method, hints=hint or [], is_complete=complete, vessels=vessels
+        marker=marker,
+        camera=camera,
+        rig=rig,
+        method=method,
+        hints=hint or [],
+        is_complete=complete,
+        vessels=vessels,
     )
     announce = None if as_json else lambda stage: print(f"  {stage} ...", file=sys.stderr, flush=True)
     answer = estimate_files(

@@ -1,7 +1,8 @@
-"""A camera with the keys of a camera file: what `camera_from_mapping` of vision/intrinsics.py reads."""
+"""Cameras and rigs with the keys of their files, as vision/intrinsics.py and vision/rig.py read them."""
 
 from app.meals.run_answer import Json
 from app.vision.intrinsics import Camera
+from app.vision.rig import StereoRig
 
 
 def camera_to_json(camera: Camera) -> Json:
@@ -15,4 +16,14 @@ def camera_to_json(camera: Camera) -> Json:
         "cy": camera.cy,
         "distortion": list(camera.distortion),
         "source": camera.source,
+    }
+
+
+def rig_to_json(rig: StereoRig) -> Json:
+    """A rig with the keys of a rig file; each camera with its own size."""
+    return {
+        "left": camera_to_json(rig.left),
+        "right": camera_to_json(rig.right),
+        "R": [list(row) for row in rig.rotation],
+        "t_mm": list(rig.translation_mm),
     }

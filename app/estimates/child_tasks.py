@@ -21,6 +21,7 @@ from app.vision import precheck
 from app.vision.board.calibration import calibrate
 from app.vision.board.colour_correction import apply_colour, measure_colour
 from app.vision.board.marker import find_marker
+from app.vision.intrinsics import camera_from_mapping
 from app.vision.looks.vcm import describe_rings
 from app.vision.marker_spec import parse_marker
 from app.vision.model import Artefact, ColourCorrection, EstimateOptions, ImageArray, MealEstimate, Photo, PhotoPair
@@ -164,8 +165,8 @@ def check_task(arguments: Arguments, _: StageListener) -> Json:
         )
         for path in (request.left, request.right)
     )
-    options = options_from_json({"marker": request.marker, "camera": request.camera})
-    judged = precheck.check_pair(left, right, options.marker, options.camera)
+    camera = camera_from_mapping(request.camera) if request.camera is not None else None
+    judged = precheck.check_pair(left, right, parse_marker(request.marker), camera)
     return {
         "ok": judged.is_ok,
         "problems": [{"code": each.code, "severity": each.severity, "side": each.side} for each in judged.problems],

@@ -13,13 +13,15 @@ from app.foods.food_amounts import amounts_of
 from app.nutrition.foods import FOOD_FORMS, load_starter_table
 from app.vision.model import EstimateOptions, Method
 
+DEFAULT_MARKER = "plain:9x7:11"
 HINT_KEYS = frozenset({"point", "box", "polygon", "food", "lies_as", "form", "vessel"})
 
 
 def read_options(
     *,
-    marker: str,
+    marker: str | None,
     camera: Path | None,
+    rig: Path | None = None,
     method: str,
     hints: Sequence[str],
     is_complete: bool = False,
@@ -28,13 +30,16 @@ def read_options(
     """Options from the command line's words. Raises InvalidInputError with a sentence."""
     if method not in get_args(Method):
         raise InvalidInputError(f"There is no method {method!r}; there is {', '.join(get_args(Method))}.")
+    if rig is not None and (marker is not None or camera is not None):
+        raise InvalidInputError("--rig has its own cameras and scale: leave --marker and --camera out.")
     value = {
-        "marker": marker,
-        "camera": _read_json(camera.read_text(), str(camera)) if camera is not None else None,
+        "marker": marker if rig is not None else marker or DEFAULT_MARKER,
+        "camera": _read_object(_text_of(camera), str(camera)) if camera is not None else None,
+        "rig": _read_object(_text_of(rig), str(rig)) if rig is not None else None,
         "method": method,
         "hints": [_read_hint(hint) for hint in hints],
         "complete": is_complete,
-        "vessels": _parsed(vessels.read_text(), str(vessels)) if vessels is not None else [],
+        "vessels": _parsed(_text_of(vessels), str(vessels)) if vessels is not None else [],
     }
     return options_from_json(value)
 
@@ -79,7 +84,7 @@ def estimate_files(
 
 
 def _read_hint(text: str) -> dict[str, Any]:
-    value = _read_json(text, "--hint")
+    value = _read_object(text, "--hint")
     unknown = set(value) - HINT_KEYS
     if unknown:
         raise InvalidInputError(f"--hint has unknown keys {sorted(unknown)}; known are {sorted(HINT_KEYS)}.")
@@ -93,15 +98,24 @@ def _read_hint(text: str) -> dict[str, Any]:
     return value
 
 
-def _parsed(text: str, what: str) -> Any:
+def _text_of(path: Path) -> str:
+    try:
+        return path.read_text("utf-8")
+    except OSError as error:
+        raise InvalidInputError(f"{path} cannot be read: {error.strerror}.") from None
+    except UnicodeDecodeError:
+        raise InvalidInputError(f"{path} is not a text file in UTF-8.") from None
+
+
+def _parsed(text: str, source: str) -> Any:
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:
-        raise InvalidInputError(f"{what} is not JSON: {error}.") from None
+        raise InvalidInputError(f"{source} is not JSON: {error}.") from None
 
 
-def _read_json(text: str, what: str) -> dict[str, Any]:
-    value = _parsed(text, what)
+def _read_object(text: str, source: str) -> dict[str, Any]:
+    value = _parsed(text, source)
     if not isinstance(value, dict):
-        raise InvalidInputError(f"{what} must be a JSON object.")
+        raise InvalidInputError(f"{source} must be a JSON object.")
     return value

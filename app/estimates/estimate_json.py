@@ -10,7 +10,7 @@ from pydantic import TypeAdapter
 
 from app.candidates.vcm_json import vcm_answer
 from app.core.errors import Failure
-from app.estimates.camera_json import camera_to_json
+from app.estimates.camera_json import camera_to_json, rig_to_json
 from app.meals.outline_json import rings_of
 from app.meals.run_answer import ItemAnswer, Json, RunAnswer
 from app.nutrition.foods import FOOD_FORMS, SLICE_FORMS
@@ -24,6 +24,7 @@ from app.vision.model import (
     ItemTraits,
     MealEstimate,
 )
+from app.vision.rig import rig_from_mapping
 from app.vision.vessel_library import vessel_to_json, vessels_from_json
 
 MATRIX_DECIMALS = 5
@@ -45,8 +46,9 @@ class FormedFood(Protocol):
 def options_to_json(options: EstimateOptions) -> dict[str, object]:
     """EstimateOptions as JSON."""
     return {
-        "marker": str(options.marker),
+        "marker": str(options.marker) if options.marker is not None else None,
         "camera": camera_to_json(options.camera) if options.camera is not None else None,
+        "rig": rig_to_json(options.rig) if options.rig is not None else None,
         "method": options.method,
         "hints": [hint_to_json(hint) for hint in options.hints],
         "complete": options.is_complete,
@@ -56,10 +58,11 @@ def options_to_json(options: EstimateOptions) -> dict[str, object]:
 
 
 def options_from_json(value: Mapping[str, Any]) -> EstimateOptions:
-    """The reverse of options_to_json. Raises InvalidInputError for a marker or camera that cannot be."""
+    """The reverse of options_to_json. Raises InvalidInputError for a marker, camera or rig that cannot be."""
     return EstimateOptions(
-        marker=parse_marker(value["marker"]),
+        marker=parse_marker(value["marker"]) if value.get("marker") is not None else None,
         camera=camera_from_mapping(value["camera"]) if value.get("camera") is not None else None,
+        rig=rig_from_mapping(value["rig"]) if value.get("rig") is not None else None,
         method=value.get("method", "shape"),
         hints=tuple(hint_from_json(hint) for hint in value.get("hints", ())),
         is_complete=bool(value.get("complete", False)),
@@ -90,7 +93,7 @@ def answer_of(estimate: MealEstimate, options: EstimateOptions) -> RunAnswer:
     return RunAnswer(
         items=[_item(item) for item in estimate.items],
         failure=estimate.failure,
-        marker=str(options.marker),
+        marker=str(options.marker) if options.marker is not None else None,
         camera=camera_to_json(views[0].camera) if views is not None else None,
         camera_right=camera_to_json(views[1].camera) if views is not None else None,
         colour={"left": colour_to_json(colours[0]), "right": colour_to_json(colours[1])} if colours else None,

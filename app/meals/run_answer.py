@@ -72,11 +72,11 @@ class ArtefactAnswer(_Answer):
 
 
 class RunAnswer(_Answer):
-    """regions: for a run on regions that people drew, the item of each hint."""
+    """marker: None for a rig. regions: for a run on regions that people drew, the item of each hint."""
 
     items: list[ItemAnswer]
     failure: Failure | None
-    marker: str
+    marker: str | None
     camera: Json | None
     camera_right: Json | None
     colour: Json | None = None

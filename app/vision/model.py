@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from app.core.errors import Failure
 from app.vision.intrinsics import Camera
 from app.vision.marker_spec import MarkerSpec
+from app.vision.rig import StereoRig
 from app.vision.vessel_library import VesselModel
 
 Float64Array = NDArray[np.float64]
@@ -79,12 +80,13 @@ class ColourCorrection:
 class View:
     """One photograph with its camera and pose: x_camera = rotation @ x_table + translation_mm.
 
-    rotation: (3, 3); translation_mm: (3,); rms_px: reprojection error of the marker's corners.
+    rotation: (3, 3); translation_mm: (3,). marker: None for a rig's, whose table is found in the scene. rms_px:
+    reprojection error of the marker's corners, 0 without a marker.
     """
 
     photo: Photo
     camera: Camera
-    marker: MarkerObservation
+    marker: MarkerObservation | None
     rotation: Float64Array
     translation_mm: Float64Array
     rms_px: float
@@ -93,6 +95,13 @@ class View:
     def centre_mm(self) -> Float64Array:
         """(3,) camera centre in the table frame, mm."""
         return -self.rotation.T @ self.translation_mm
+
+    @property
+    def required_marker(self) -> MarkerObservation:
+        """The marker. Raises ValueError for a view without one."""
+        if self.marker is None:
+            raise ValueError("This view has no marker: its poses come from a rig.")
+        return self.marker
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,12 +134,14 @@ class Hint:
 class EstimateOptions:
     """What the pipeline is told beside the photographs.
 
-    camera: for upright pixels; None: from EXIF. is_complete: the hints are all that there is, and no other food is
+    marker, rig: where the scale comes from; with a rig, no marker is looked for and camera is not used. camera: for
+    upright pixels; None: from EXIF. is_complete: the hints are all that there is, and no other food is
     looked for. vessels: the study's library. seed: for its draws.
     """
 
-    marker: MarkerSpec
+    marker: MarkerSpec | None
     camera: Camera | None = None
+    rig: StereoRig | None = None
     method: Method = "shape"
     hints: tuple[Hint, ...] = ()
     is_complete: bool = False

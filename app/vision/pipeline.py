@@ -12,11 +12,13 @@ import numpy as np
 
 from app.core.errors import Failure
 from app.vision.board.camera import camera_from_exif, estimate_views
-from app.vision.board.colour_correction import measure_colour
+from app.vision.board.colour_correction import UNCORRECTED, measure_colour
 from app.vision.board.marker import agree_on_corners, find_marker
 from app.vision.figures import draw_artefacts
+from app.vision.intrinsics import Camera
 from app.vision.looks.vcm import describe_rings
-from app.vision.model import EstimateOptions, Hint, ItemEstimate, MarkerObservation, MealEstimate, PhotoPair
+from app.vision.model import EstimateOptions, Hint, ItemEstimate, MarkerObservation, MealEstimate, PhotoPair, View
+from app.vision.rig import StereoRig
 from app.vision.scene.liquids import segment_meal
 from app.vision.scene.segmentation import Foods
 from app.vision.shape.measure import MeasuredItem, measure_items
@@ -25,13 +27,14 @@ from app.vision.shape.shape import measure_shapes
 from app.vision.shape.tuning import TUNING
 from app.vision.stereo.disparity import match_dense
 from app.vision.stereo.epipolar import compare_fundamentals
-from app.vision.stereo.features import match_features, shows_sheet
+from app.vision.stereo.features import NO_MATCHES, match_features, shows_sheet
 from app.vision.stereo.focal_doubt import FLAG_SD, MOST_SD, doubt_focal, too_unsure
 from app.vision.stereo.marker_thickness import find_thickness, on_plaque
 from app.vision.stereo.pose_doubt import volume_doubt
-from app.vision.stereo.reconstruction import back_project, fit_to_marker, plane_points
+from app.vision.stereo.reconstruction import back_project, fit_to_marker, ideal_depth, plane_points
 from app.vision.stereo.rectification import is_swapped, rectify_by_poses
 from app.vision.stereo.relative_pose import RefinedViews, refine_views
+from app.vision.stereo.rig_pose import refine_rig, views_of_rig
 from app.vision.stereo.stillness import judge_heights, judge_matches, judge_table
 from app.vision.trace import Reconstruction, Trace
 from app.vision.traits import traits_of
@@ -74,15 +77,16 @@ def _run(
     if isinstance(refined, Failure):
         return refined
     scene = _reconstruct(refined, stage)
-    if options.marker.thick_mm == 0:
+    marker = refined.first.marker
+    if marker is not None and marker.spec.thick_mm == 0:
         with stage("depth"):
-            thick_mm = find_thickness(refined.first.marker.spec, scene.table_points())
+            thick_mm = find_thickness(marker.spec, scene.table_points())
         if thick_mm > 0:  # a plaque carries the print: its table frame lies deeper
             refined = on_plaque(refined, thick_mm)
             trace.keep_views(refined)
             scene = _reconstruct(refined, stage)
     trace.scene = scene
-    moved = judge_table(refined.first.marker.spec, scene.plane_mm, scene.points_table)
+    moved = judge_table(marker.spec, scene.plane_mm, scene.points_table) if marker is not None else None
     if moved is not None:
         return moved
     with stage("segment"):
@@ -118,36 +122,77 @@ def _run(
 
 
 def _find_views(pair: PhotoPair, options: EstimateOptions, stage: "_Stages", trace: Trace) -> RefinedViews | Failure:
-    """Cameras and poses by the marker, refined by matches of the whole scene."""
+    """Cameras and poses by the rig or the marker, refined by matches of the whole scene."""
+    rig = options.rig
+    views = _views_of_rig(pair, rig, options, stage, trace) if rig else _views_by_marker(pair, options, stage, trace)
+    if isinstance(views, Failure):
+        return views
+    trace.views, trace.is_swapped = views, is_swapped(*views)
+    first, second = views[::-1] if trace.is_swapped else views
+    with stage("match"):
+        if rig:
+            return _refine_rig(first, second, options, trace)
+        return _refine_poses(first, second, camera_from_exif(pair.left), options, trace)
+
+
+def _refine_poses(
+    first: View, second: View, guess: Camera, options: EstimateOptions, trace: Trace
+) -> RefinedViews | Failure:
+    """Poses by the marker refined by the matches, unless these show that something moved. guess: by EXIF."""
+    matches = match_features(first, second)
+    if isinstance(matches, Failure):
+        return matches
+    refined = refine_views(first, second, matches)
+    trace.matches = matches
+    trace.keep_views(refined)
+    moved = judge_heights(refined, matches)
+    if moved is not None:
+        return moved
+    trace.focal = doubt_focal(refined.first, refined.second, guess)
+    epipolar = compare_fundamentals(refined.first, refined.second, matches, np.random.default_rng(options.seed))
+    if isinstance(epipolar, Failure):
+        return epipolar
+    moved = judge_matches(matches, epipolar.is_good, placed_by="marker")
+    if moved is not None:
+        return moved
+    trace.epipolar = epipolar
+    return refined
+
+
+def _refine_rig(first: View, second: View, options: EstimateOptions, trace: Trace) -> RefinedViews | Failure:
+    """The rig's relative pose adjusted by the matches; a plain scene without any leaves it as calibrated."""
+    matches = match_features(first, second)
+    if isinstance(matches, Failure):
+        matches = NO_MATCHES
+    refined = refine_rig(first, second, matches)
+    trace.matches = matches
+    trace.keep_views(refined)
+    epipolar = compare_fundamentals(refined.first, refined.second, matches, np.random.default_rng(options.seed))
+    if isinstance(epipolar, Failure):
+        return refined
+    trace.epipolar = epipolar
+    mismatch = judge_matches(matches, epipolar.is_good, placed_by="rig")
+    return refined if mismatch is None else mismatch
+
+
+def _views_by_marker(
+    pair: PhotoPair, options: EstimateOptions, stage: "_Stages", trace: Trace
+) -> tuple[View, View] | Failure:
     with stage("marker"):
         observations = _find_markers(pair, options, trace)
-        if isinstance(observations, Failure):
-            return observations
+    if isinstance(observations, Failure):
+        return observations
     with stage("camera"):
-        views = estimate_views(pair, observations, options)
-        if isinstance(views, Failure):
-            return views
-        trace.views, trace.is_swapped = views, is_swapped(*views)
-        first, second = views[::-1] if trace.is_swapped else views
-    with stage("match"):
-        matches = match_features(first, second)
-        if isinstance(matches, Failure):
-            return matches
-        refined = refine_views(first, second, matches)
-        trace.matches = matches
-        trace.keep_views(refined)
-        moved = judge_heights(refined, matches)
-        if moved is not None:
-            return moved
-        trace.focal = doubt_focal(refined.first, refined.second, camera_from_exif(pair.left))
-        epipolar = compare_fundamentals(refined.first, refined.second, matches, np.random.default_rng(options.seed))
-        if isinstance(epipolar, Failure):
-            return epipolar
-        moved = judge_matches(matches, epipolar.is_good)
-        if moved is not None:
-            return moved
-        trace.epipolar = epipolar
-    return refined
+        return estimate_views(pair, observations, options)
+
+
+def _views_of_rig(
+    pair: PhotoPair, rig: StereoRig, options: EstimateOptions, stage: "_Stages", trace: Trace
+) -> tuple[View, View] | Failure:
+    """The rig's views over the table that the scene shows. Nothing in it tells what white is: colours stay."""
+    trace.colours = UNCORRECTED, UNCORRECTED
+    with stage("camera"):
+        return views_of_rig(pair, rig, np.random.default_rng(options.seed))
 
 
 def _missed(hints: Sequence[Hint], items: Sequence[ItemEstimate]) -> tuple[ItemEstimate, ...]:
@@ -190,17 +235,22 @@ def _reconstruct(refined: RefinedViews, stage: "_Stages") -> Reconstruction:
             rectified.first_bgr, rectified.second_bgr, rectified.parallax_range_px, rectified.is_seen
         )
     with stage("depth"):
-        depth = fit_to_marker(rectified, refined)
+        marker = refined.first.marker
+        depth = fit_to_marker(rectified, refined) if marker is not None else ideal_depth(rectified)
         depth_mm = depth.depth_mm(rectified.disparity_from_parallax(disparity.parallax_px))
         points, plane = back_project(rectified, depth_mm), plane_points(rectified)
-        sheet = shows_sheet(refined.first.marker.spec, plane, rectified.first_centre_mm)
-    return Reconstruction(rectified, disparity, depth, points, plane, sheet | ~rectified.is_seen)
+        is_ignored = ~rectified.is_seen
+        if marker is not None:
+            is_ignored |= shows_sheet(marker.spec, plane, rectified.first_centre_mm)
+    return Reconstruction(rectified, disparity, depth, points, plane, is_ignored)
 
 
 def _find_markers(
     pair: PhotoPair, options: EstimateOptions, trace: Trace
 ) -> tuple[MarkerObservation, MarkerObservation] | Failure:
     """The marker in both photographs; in one only, the trace keeps that one."""
+    if options.marker is None:
+        raise ValueError("Options need a marker or a rig: one of them gives the scale.")
     left = find_marker(pair.left, options.marker, "left")
     right = find_marker(pair.right, options.marker, "right")
     if isinstance(left, Failure):

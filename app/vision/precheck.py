@@ -176,7 +176,7 @@ def _judge_scene(left: View, right: View) -> tuple[list[PairProblem], dict[str, 
     refined = refine_views(left, right, matches)
     is_good = near_epipolar_lines(refined.first, refined.second, matches, GOOD_PX_AT_12MP)
     measures = {"matches": float(np.count_nonzero(is_good))}
-    moved = judge_matches(matches, is_good)
+    moved = judge_matches(matches, is_good, placed_by="marker")
     if moved is not None:
         return [PairProblem(moved.code, "stop")], measures
     if np.count_nonzero(is_good) < MIN_BESIDE_BOARD:

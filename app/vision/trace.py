@@ -80,7 +80,8 @@ class Trace:
                 out[f"lens_{name}"] = "given" if view.camera.source == "given" else "estimated"
                 out[f"camera_height_{name}_mm"] = round(float(view.centre_mm[2]), 2)
             out |= {"swapped": int(self.is_swapped), "pose_matches": self.refined.matches}
-            out["marker_thick_mm"] = self.refined.first.marker.spec.thick_mm  # announced, or measured
+            if self.refined.first.marker is not None:
+                out["marker_thick_mm"] = self.refined.first.marker.spec.thick_mm  # announced, or measured
             if self.focal is not None:
                 out["focal_log_sd"] = round(self.focal.log_sd, 3)
             out["sheet_bend_mm"] = round(float(max(self.refined.bend_mm, key=abs)), 3)

@@ -21,6 +21,8 @@ ROWS_AT_ONCE = 256
 FINE = 65535  # steps of linear light; the dark end of sRGB needs some 4,000
 BYTE_OF_FINE = np.rint(255.0 * encode_srgb(np.arange(FINE + 1) / FINE)).astype(np.uint8)
 
+UNCORRECTED = ColourCorrection(np.eye(3), "none", flags=("colour_uncorrected",))
+
 
 def measure_colour(photo: Photo, marker: MarkerObservation) -> ColourCorrection:
     """What brings this photograph's colours to those under a neutral light, exposed for the marker.
@@ -30,8 +32,7 @@ def measure_colour(photo: Photo, marker: MarkerObservation) -> ColourCorrection:
     samples = sample_board(photo.pixels_bgr, marker)
     white = find_white(samples) if samples is not None else None
     if samples is None or white is None:
-        flags = ["colour_uncorrected"]
-        return ColourCorrection(np.eye(3), "none", flags=tuple(flags))
+        return UNCORRECTED
     has_colours = marker.spec.kind == "colour"
     fit = fit_matrix(samples, white) if has_colours else None
     matrix = fit.matrix if fit is not None else np.diag(PAPER_WHITE / white.linear)

@@ -51,20 +51,27 @@ class Matches:
         return len(self.first_px)
 
 
+NO_MATCHES = Matches(np.empty((0, 2)), np.empty((0, 2)), np.empty(0, np.bool_), np.empty(0, np.bool_))
+
+
 def match_features(first: View, second: View) -> Matches | Failure:
     """Mutual SIFT matches that pass the ratio test, together with the marker's own corners, which match by name.
 
-    SIFT alone can hardly match a checkerboard, all of whose corners look alike. Failure "too_few_matches".
+    SIFT alone can hardly match a checkerboard, all of whose corners look alike. Without a marker there are SIFT's
+    alone. Failure "too_few_matches".
     """
     first_px, second_px = _sift_matches(first, second)
     points = triangulate(first, second, first_px, second_px)
-    on_sheet = is_on_sheet(first.marker.spec, points)
+    on_sheet = is_on_sheet(first.marker.spec, points) if first.marker is not None else np.zeros(len(points), np.bool_)
     is_food = (points[:, 2] > FOOD_MIN_HEIGHT_MM) & (points[:, 2] < FOOD_MAX_HEIGHT_MM) & ~on_sheet
-    corners = np.ones(len(first.marker.corners_px), np.bool_)
+    corners_px, corners_second_px = (
+        view.marker.corners_px if view.marker is not None else np.empty((0, 2)) for view in (first, second)
+    )
+    corners = np.ones(len(corners_px), np.bool_)
     keep = ~on_sheet  # the sheet's SIFT matches are the ambiguous ones; its corners stand for it
     matches = Matches(
-        np.concatenate([first.marker.corners_px, first_px[keep]]),
-        np.concatenate([second.marker.corners_px, second_px[keep]]),
+        np.concatenate([corners_px, first_px[keep]]),
+        np.concatenate([corners_second_px, second_px[keep]]),
         np.concatenate([corners, np.zeros(int(keep.sum()), np.bool_)]),
         np.concatenate([~corners, is_food[keep]]),
     )
@@ -215,11 +222,13 @@ def _jacobians(homography: Float64Array, points: Float64Array) -> Float64Array:
 
 def _beside_sheet(view: View, factor: int, size: tuple[int, int]) -> ImageArray:
     """(H, W) 255 but on the printed sheet and its sides, in the reduced view. size: (width, height)."""
+    mask = np.full((size[1], size[0]), 255, np.uint8)
+    if view.marker is None:
+        return mask
     spec, camera = view.marker.spec, view.camera
     corners = np.array(list(itertools.product(*((-half, half) for half in sheet_half_mm(spec)), (0.0, spec.thick_mm))))
     seen = corners @ view.rotation.T + view.translation_mm
     outline = seen[:, :2] / np.maximum(seen[:, 2:], 1e-3) * [camera.fx, camera.fy] + [camera.cx, camera.cy]
-    mask = np.full((size[1], size[0]), 255, np.uint8)
     hull = cv2.convexHull(np.rint((outline + 0.5) / factor - 0.5).astype(np.int32))
     cv2.fillConvexPoly(mask, hull, 0)
     return mask

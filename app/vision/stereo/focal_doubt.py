@@ -67,7 +67,7 @@ def too_unsure() -> Failure:
 
 def _fit(first: View, second: View, guess: Camera, scale: float) -> BoardFit | None:
     camera = replace(guess, fx=guess.fx * scale, fy=guess.fy * scale, source="given")
-    return fit_board((camera, camera), (first.marker, second.marker))
+    return fit_board((camera, camera), (first.required_marker, second.required_marker))
 
 
 def _cost(fit: BoardFit, view: View, log_scale: float) -> float:

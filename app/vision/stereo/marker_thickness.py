@@ -20,7 +20,7 @@ from app.vision.geometry.topview import (
     view_from_above,
 )
 from app.vision.marker_spec import MarkerSpec
-from app.vision.model import Float32Array, Float64Array, MarkerObservation, MaskArray, View
+from app.vision.model import Float32Array, Float64Array, MaskArray, View
 from app.vision.stereo.features import sheet_half_mm
 from app.vision.stereo.relative_pose import RefinedViews
 
@@ -71,9 +71,10 @@ def on_plaque(views: RefinedViews, thick_mm: float) -> RefinedViews:
     """The same views in the table frame of a plaque: the print, at z = 0 before, lies at z = thick_mm."""
 
     def lifted(view: View) -> View:
-        spec = replace(view.marker.spec, thick_mm=view.marker.spec.thick_mm + thick_mm)
+        marker = view.required_marker
+        spec = replace(marker.spec, thick_mm=marker.spec.thick_mm + thick_mm)
         translation = view.translation_mm - view.rotation[:, 2] * thick_mm
-        return replace(view, marker=MarkerObservation(spec, view.marker.corners_px), translation_mm=translation)
+        return replace(view, marker=replace(marker, spec=spec), translation_mm=translation)
 
     doubts = tuple((lifted(first), lifted(second)) for first, second in views.doubts)
     return replace(views, first=lifted(views.first), second=lifted(views.second), doubts=doubts)

@@ -43,17 +43,21 @@ def fit_depth_model(disparity_px: Float64Array, depth_mm: Float64Array) -> Depth
 
 
 def fit_to_marker(pair: RectifiedPair, views: RefinedViews) -> DepthModel:
-    """The depth model with the checkerboard's corners as tie points: disparities as seen, depths by the poses."""
-    first_px = to_rectified_px(pair, views.first, views.first.marker.corners_px)
-    second_px = to_rectified_px(pair, views.second, views.second.marker.corners_px)
-    corners = bent_points(views.first.marker.spec, views.bend_mm)
+    """The depth model with the marker's corners as tie points: disparities as seen, depths by the poses."""
+    first_px = to_rectified_px(pair, views.first, views.first.required_marker.corners_px)
+    second_px = to_rectified_px(pair, views.second, views.second.required_marker.corners_px)
+    corners = bent_points(views.first.required_marker.spec, views.bend_mm)
     return fit_depth_model(first_px[:, 0] - second_px[:, 0], pair.project(corners)[:, 2])
+
+
+def ideal_depth(pair: RectifiedPair) -> DepthModel:
+    """The depth model of views whose poses are exact: Z = f B / disparity (eq. 11)."""
+    return DepthModel(0.0, pair.focal_px * pair.baseline_mm)
 
 
 def plane_points(pair: RectifiedPair) -> Float32Array:
     """(H, W, 3) where each pixel's ray meets the marker's plane, table frame, mm; NaN above the horizon."""
-    ideal = DepthModel(0.0, pair.focal_px * pair.baseline_mm)
-    return back_project(pair, ideal.depth_mm(pair.plane_disparity_px()))
+    return back_project(pair, ideal_depth(pair).depth_mm(pair.plane_disparity_px()))
 
 
 def back_project(pair: RectifiedPair, depth_mm: Float32Array) -> Float32Array:

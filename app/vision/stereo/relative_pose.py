@@ -5,7 +5,7 @@ photograph leaves rows of the rectified pair some px apart and tells focal lengt
 the whole scene bring rows together and tell more of the lens. The scale stays the marker's.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -19,7 +19,6 @@ from app.vision.board.pose import (
     FOCAL_SPREAD_EXIF,
     FOCAL_SPREAD_UNKNOWN,
     LONG_SIDE_12MP,
-    OUTLIER_SD,
     RADIAL_SPREAD,
     bent_points,
 )
@@ -33,6 +32,7 @@ from app.vision.stereo.epipolar import (
     surely_on_epipolar_lines,
 )
 from app.vision.stereo.features import MIN_MATCHES, Matches
+from app.vision.stereo.robust_fit import minimise
 from app.vision.stereo.table_matches import TableMatches, matches_on_table
 
 MATCH_SD_PX_AT_12MP = 1.5  # alignment leaves 0.3 px; the rest is what lenses do beyond their model, far from the middle
@@ -44,9 +44,6 @@ RADIAL_SPREAD_4TH = 0.1  # prior of k2, which phones have beside k1, often of th
 RADIAL_CHANGE = 0.001  # of k1 and k2 between two photographs by one lens
 TABLE_SD_MM = 1.0  # of a table's height about a plane
 MAX_MATCHES = 300  # spread over all; more add time, not accuracy
-MAX_STEPS = 20
-LEAST_PROGRESS = 0.02  # in log likelihood: what is left moves no unknown by a fifth of its own uncertainty
-DAMPINGS = (0.0, *np.geomspace(1e-10, 1e6, 17))
 LENS_UNKNOWNS = 5  # a view: log of f over its guess, the principal point's shift over f in x and y, k1, k2
 
 
@@ -101,7 +98,7 @@ def fit_views(
     first_px, second_px: (n, 2) matches beside the marker, px of the photographs. guesses: the views whose cameras, if
     "given", the priors stand on; None: the same. table: those matches that stay on the table. A camera that is not
     given has its prior on what EXIF tells, a spread of 8 % about it, and k1 and k2 free. Minimises the corners'
-    reprojection error and the matches' Sampson distance (Hartley and Zisserman, 2004, eq. 11.9), outliers bounded.
+    reprojection error and the matches' Sampson distance, outliers bounded.
     """
     if len(first_px) > MAX_MATCHES:
         chosen = np.linspace(0, len(first_px) - 1, MAX_MATCHES).astype(np.int64)
@@ -110,14 +107,14 @@ def fit_views(
     views = (first, second)
     bases = tuple(_prior_camera(view) for view in guesses or views)
     matched = [_to_rays(camera, pixels) for camera, pixels in zip(bases, (first_px, second_px), strict=True)]
-    corners = [_to_rays(base, view.marker.corners_px) for base, view in zip(bases, views, strict=True)]
+    corners = [_to_rays(base, view.required_marker.corners_px) for base, view in zip(bases, views, strict=True)]
     unit = max(first.camera.width, first.camera.height) / LONG_SIDE_12MP
     prior = _lens_prior(bases[0], bases[1])
     lenses = [_lens_of(view.camera, base) for view, base in zip(views, bases, strict=True)]
     start = np.concatenate([*map(_unknown_pose, views, lenses), np.zeros(3), *lenses])
 
     def residual(unknowns: Float64Array) -> Float64Array:
-        points = bent_points(first.marker.spec, unknowns[12:15])
+        points = bent_points(first.required_marker.spec, unknowns[12:15])
         parts = [unknowns[12:15] / BEND_SD_MM, prior @ unknowns[15:]]
         poses, ideal, focal_px = [], [], []
         for index in (0, 1):
@@ -129,7 +126,7 @@ def fit_views(
             parts.append(error.ravel() * (focal_px[index] / (CORNER_SD_PX_AT_12MP * unit)))
             poses.append((rotation, translation_mm))
             ideal.append(_undistort(matched[index], lens))
-        sampson = _sampson(poses[0], poses[1], ideal[0], ideal[1])
+        sampson = sampson_distance(_essential_matrix(poses[0], poses[1]), ideal[0], ideal[1])
         parts.append(sampson * (sum(focal_px) / 2 / (MATCH_SD_PX_AT_12MP * unit)))
         if table is not None:
             parts.append(_off_table(poses, ideal, table, focal_px[1], MATCH_SD_PX_AT_12MP * unit))
@@ -143,7 +140,7 @@ def fit_views(
             moved.append(replace(view, camera=camera, rotation=rotation, translation_mm=translation_mm))
         return moved[0], moved[1]
 
-    solved, normal = _minimise(residual, start)
+    solved, normal = minimise(residual, start)
     spread = np.linalg.cholesky(np.linalg.inv(normal)).T
     doubts = tuple(views_at(solved + axis) for axis in spread)
     return RefinedViews(*views_at(solved), solved[12:15], len(first_px), doubts)
@@ -241,45 +238,6 @@ def _lens_prior(first: Camera, second: Camera) -> Float64Array:
     return np.array(rows)
 
 
-def _minimise(
-    residual: Callable[[Float64Array], Float64Array], start: Float64Array
-) -> tuple[Float64Array, Float64Array]:
-    """The least of a sum and its Gauss-Newton matrix before the last step, which is the covariance's inverse.
-
-    Levenberg and Marquardt on sum of rho(r^2), rho(s) = 2 (sqrt(1 + s) - 1) in units of OUTLIER_SD (soft l1).
-
-    Differences stand for derivatives. Few unknowns, near the optimum: a general solver takes three times as long.
-    Seen from above, focal length and distance change hardly any residual together and much each alone: the least
-    damping would keep both where they began. Each step is tried undamped first, and what an undamped step promises
-    ends the search, not what a damped one brought.
-    """
-    unknowns, normal = start, np.eye(len(start))
-    now = residual(unknowns)
-    cost = _soft_cost(now)
-    steps = 1e-6 * np.maximum(1.0, np.abs(start))
-    for _ in range(MAX_STEPS):
-        jacobian = np.stack([(residual(unknowns + step) - now) / step.sum() for step in np.diag(steps)], axis=1)
-        weight = 1.0 / np.sqrt(1.0 + (now / OUTLIER_SD) ** 2)
-        normal = jacobian.T @ (jacobian * weight[:, None])
-        gradient = jacobian.T @ (now * weight)
-        promised = 0.5 * float(gradient @ np.linalg.solve(normal, gradient))
-        progress = 0.0
-        for damping in DAMPINGS:
-            trial = unknowns - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
-            then = residual(trial)
-            progress = cost - _soft_cost(then)
-            if progress >= 0:
-                unknowns, now, cost = trial, then, cost - progress
-                break
-        if promised < LEAST_PROGRESS or progress <= 0:
-            break
-    return unknowns, normal
-
-
-def _soft_cost(residuals: Float64Array) -> float:
-    return float(OUTLIER_SD**2 * (np.sqrt(1.0 + (residuals / OUTLIER_SD) ** 2) - 1.0).sum())
-
-
 def _off_table(
     poses: Sequence[tuple[Float64Array, Float64Array]],
     rays: Sequence[Float64Array],
@@ -306,18 +264,22 @@ def _off_table(
     return np.asarray(along * focal_px / np.hypot(sd_px, length * focal_px), np.float64)
 
 
-def _sampson(
-    pose: tuple[Float64Array, Float64Array],
-    pose_second: tuple[Float64Array, Float64Array],
-    x: Float64Array,
-    x_second: Float64Array,
-) -> Float64Array:
-    """(n,) signed Sampson distance in rays' units (x / z); poses: rotation and translation, table to camera."""
-    rotation = pose_second[0] @ pose[0].T
-    essential = cross_matrix(pose_second[1] - rotation @ pose[1]) @ rotation
+def sampson_distance(essential: Float64Array, x: Float64Array, x_second: Float64Array) -> Float64Array:
+    """(n,) signed Sampson distance (Hartley and Zisserman, 2004, eq. 11.9) in rays' units, x / z.
+
+    essential: (3, 3), x_second^T E x = 0. x, x_second: (n, 2) rays of the first and the second view.
+    """
     if len(x) == 0:
         return np.empty(0)
     h, h_second = homogeneous(x), homogeneous(x_second)
     lines_second, lines = h @ essential.T, h_second @ essential
     gradient = (lines_second[:, :2] ** 2).sum(1) + (lines[:, :2] ** 2).sum(1)
     return np.asarray((h_second * lines_second).sum(1) / np.sqrt(gradient), np.float64)
+
+
+def _essential_matrix(
+    pose: tuple[Float64Array, Float64Array], pose_second: tuple[Float64Array, Float64Array]
+) -> Float64Array:
+    """(3, 3) from two poses, rotation and translation, table to camera."""
+    rotation = pose_second[0] @ pose[0].T
+    return cross_matrix(pose_second[1] - rotation @ pose[1]) @ rotation

@@ -4,6 +4,8 @@ A marker that was pushed along the line between the cameras leaves every match o
 all that is measured; pushed in any other way, it leaves few matches there. Either way volumes would be nonsense.
 """
 
+from typing import Literal
+
 import numpy as np
 
 from app.core.errors import Failure
@@ -25,19 +27,25 @@ SURE_HEIGHT_MM = 2.0  # standard deviation up to which a height is sure
 MAX_SHARE_UNDER = 0.2  # of the matches: on a cloth whose pattern repeats some are wrong
 
 
-def judge_matches(matches: Matches, is_good: MaskArray) -> Failure | None:
-    """Failure "scene_moved" if hardly a match beside the board lies on its epipolar line; None if enough do.
+def judge_matches(matches: Matches, is_good: MaskArray, *, placed_by: Literal["marker", "rig"]) -> Failure | None:
+    """Failure if hardly a match beside the board lies on its epipolar line; None if enough do.
 
-    is_good: (n,) whether a match does.
+    is_good: (n,) whether a match does. "scene_moved" where the marker placed the cameras. A rig takes both photographs
+    at once, so that nothing moves between them: "rig_mismatch".
     """
     beside = ~matches.is_board
     judged, good = int(np.count_nonzero(beside)), int(np.count_nonzero(beside & is_good))
     if judged < MIN_JUDGED_MATCHES or good >= MIN_SHARE_ON_LINES * judged:
         return None
-    return _moved(
-        f"The marker and the rest of the meal moved against each other: {judged} points were found again in the other "
-        f"photograph, but only {good} of them where the marker puts them."
-    )
+    placed = f"{judged} points were found again in the other photograph, but only {good} of them where the {placed_by}"
+    if placed_by == "rig":
+        return Failure(
+            "rig_mismatch",
+            f"The rig's calibration does not fit these photographs: {placed} puts them.",
+            "Send the photographs that the rig's two cameras took at once, the left one first; calibrate the rig anew "
+            "if its cameras may have moved.",
+        )
+    return _moved(f"The marker and the rest of the meal moved against each other: {placed} puts them.")
 
 
 def judge_heights(views: RefinedViews, matches: Matches) -> Failure | None:

@@ -43,7 +43,12 @@ SQLITE_IS_FULL_OR_BUSY = "database or disk is full|disk I/O error|database is lo
 
 OUR_WORDS_FOR_AWAY = "|".join(
     re.escape(f"{error.__module__}.{error.__qualname__}")
-    for error in (UnavailableError, StorageFullError, ChildPoolClosedError, StoreRefusesError)  # it refuses a wrong clock
+    for error in (
+        UnavailableError,
+        StorageFullError,
+        ChildPoolClosedError,
+        StoreRefusesError,
+    )  # it refuses a wrong clock
 )
 
 # what a log may hold of a traceback: parts that were away, and our own words for that

@@ -65,14 +65,14 @@ def test_what_is_far_from_the_marker_is_not_judged():
 def test_matches_beside_the_board_lie_on_their_lines_or_were_moved(good, is_still):
     found = matches(100)
     is_good = np.arange(148) < 48 + good
-    failure = judge_matches(found, is_good)
+    failure = judge_matches(found, is_good, placed_by="marker")
     assert (failure is None) == is_still
     if not is_still:
         assert (failure.code, bool(failure.advice)) == ("scene_moved", True)
 
 
 def test_few_matches_are_not_judged():
-    assert judge_matches(matches(19), np.arange(67) < 48) is None
+    assert judge_matches(matches(19), np.arange(67) < 48, placed_by="marker") is None
 
 
 def refined_and_matches(heights_mm):
@@ -109,3 +109,9 @@ def test_heights_that_the_poses_leave_unsure_are_not_judged():
     turned = replace(views.second, rotation=cv2.Rodrigues(np.array([0.0, 0.02, 0.0]))[0] @ views.second.rotation)
     assert judge_heights(views, seen) is not None
     assert judge_heights(replace(views, doubts=((views.first, turned),)), seen) is None
+
+
+def test_matches_off_their_lines_say_that_a_rig_does_not_fit():
+    failure = judge_matches(matches(100), np.arange(148) < 50, placed_by="rig")
+    assert failure.code == "rig_mismatch"
+    assert "moved" not in failure.message

@@ -1,0 +1,145 @@
+"""The views of a stereo rig: cameras and relative pose as calibrated, the table frame from the scene.
+
+Two photographs and their rig -> two Views over the table that was found; then the relative pose adjusted by the
+scene's own matches within what a calibration leaves open, with its doubts.
+"""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from app.core.errors import Failure
+from app.vision.board.pose import LONG_SIDE_12MP
+from app.vision.geometry.projective import cross_matrix
+from app.vision.model import Float64Array, PhotoPair, View
+from app.vision.rig import StereoRig, adapt_rig
+from app.vision.stereo.epipolar import surely_on_epipolar_lines
+from app.vision.stereo.features import MIN_MATCHES, Matches, triangulate, undistort_to_rays
+from app.vision.stereo.relative_pose import MATCH_SD_PX_AT_12MP, MAX_MATCHES, RefinedViews, sampson_distance
+from app.vision.stereo.robust_fit import minimise
+from app.vision.stereo.table_plane import RigPose, find_table_plane, table_from_plane
+
+TURN_SD_RAD = 3e-4  # prior, each axis: half a pixel of a phone's 2000 px focal length, as calibrations by hand reach
+SHIFT_SD_SHARE = 0.003  # prior, of the baseline, each axis
+FLAT_MM = 4.0  # from the table's plane: what a table departs from flat, and what matching leaves
+MIN_ON_TABLE = 15
+ROUNDS = 3
+
+
+def views_of_rig(pair: PhotoPair, rig: StereoRig, rng: np.random.Generator) -> tuple[View, View] | Failure:
+    """Left and right view over the table. Failures: camera_mismatch, same_photograph, table_not_found."""
+    photos = (pair.left, pair.right)
+    if np.array_equal(pair.left.pixels_bgr, pair.right.pixels_bgr):
+        return Failure(
+            "same_photograph",
+            "Both photographs are the same one.",
+            "Send the photographs of both cameras of the rig.",
+        )
+    left_size, right_size = ((photo.pixels_bgr.shape[1], photo.pixels_bgr.shape[0]) for photo in photos)
+    cameras = adapt_rig(rig, left_size, right_size)
+    if isinstance(cameras, Failure):
+        return cameras
+    pose = RigPose(rig.right_from_left, np.array(rig.translation_mm))
+    plane = find_table_plane((pair.left.pixels_bgr, pair.right.pixels_bgr), cameras, pose, rng)
+    if isinstance(plane, Failure):
+        return plane
+    rotation, translation_mm = table_from_plane(plane)
+    left = View(pair.left, cameras[0], None, rotation, translation_mm, 0.0)
+    right = View(pair.right, cameras[1], None, *_second_pose(left, pose), 0.0)
+    return left, right
+
+
+def refine_rig(first: View, second: View, matches: Matches) -> RefinedViews:
+    """The second view adjusted to the matches near their epipolar lines, maximum a posteriori, and the table to them.
+
+    What matches cannot tell, such as a turn that only shifts all disparities, stays as calibrated and remains a doubt.
+    """
+    near = surely_on_epipolar_lines(first, second, matches)
+    if np.count_nonzero(near) < MIN_MATCHES:  # so few may be near by chance
+        near = np.zeros_like(near)
+    chosen = np.flatnonzero(near)
+    if len(chosen) > MAX_MATCHES:
+        chosen = chosen[np.linspace(0, len(chosen) - 1, MAX_MATCHES).astype(np.int64)]
+    first_px, second_px = matches.first_px[chosen], matches.second_px[chosen]
+    rays, second_rays = undistort_to_rays(first, first_px), undistort_to_rays(second, second_px)
+    calibrated = _relative_pose(first, second)
+    spread = np.repeat([TURN_SD_RAD, SHIFT_SD_SHARE * float(np.linalg.norm(calibrated.translation_mm))], 3)
+    match_sd = MATCH_SD_PX_AT_12MP * max(first.camera.width, first.camera.height) / LONG_SIDE_12MP / first.camera.fx
+
+    def residual(change: Float64Array) -> Float64Array:
+        moved = _changed(calibrated, change * spread)
+        essential = cross_matrix(moved.translation_mm) @ moved.rotation
+        return np.concatenate([change, sampson_distance(essential, rays, second_rays) / match_sd])
+
+    change, normal = minimise(residual, np.zeros(6))
+    axes = np.linalg.cholesky(np.linalg.inv(normal)).T
+
+    def with_change(values: Float64Array) -> tuple[View, View]:
+        return first, _placed(second, first, _changed(calibrated, values * spread))
+
+    views = with_change(change)
+    doubts = [with_change(change + axis) for axis in axes]
+    table = _table_of_matches(*views, first_px, second_px)
+    if table is not None:
+        views, *doubts = (_on_table(pair, table) for pair in (views, *doubts))
+    return RefinedViews(*views, np.zeros(3), len(chosen), tuple(doubts))
+
+
+@dataclass(frozen=True, slots=True)
+class _Table:
+    """A plane z = height + slopes . (x, y) in a table frame: the frame on it, x_old = rotation @ x_new + shift_mm."""
+
+    rotation: Float64Array
+    shift_mm: Float64Array
+
+
+def _table_of_matches(first: View, second: View, first_px: Float64Array, second_px: Float64Array) -> _Table | None:
+    """The plane near z = 0 through the matches on it; None where too few lie there."""
+    points = triangulate(first, second, first_px, second_px)
+    points = points[np.isfinite(points).all(axis=1)]
+    plane = np.zeros(3)  # slopes in x and y, height
+    for _ in range(ROUNDS):
+        is_on = np.abs(points[:, 2] - points[:, :2] @ plane[:2] - plane[2]) < FLAT_MM
+        if np.count_nonzero(is_on) < MIN_ON_TABLE:
+            return None
+        design = np.column_stack([points[is_on, :2], np.ones(np.count_nonzero(is_on))])
+        plane = np.linalg.lstsq(design, points[is_on, 2], rcond=None)[0]
+    normal = np.array([-plane[0], -plane[1], 1.0])
+    normal /= np.linalg.norm(normal)
+    x_axis = np.array([1.0, 0.0, 0.0]) - normal[0] * normal
+    x_axis /= np.linalg.norm(x_axis)
+    return _Table(np.column_stack([x_axis, np.cross(normal, x_axis), normal]), np.array([0.0, 0.0, plane[2]]))
+
+
+def _on_table(views: tuple[View, View], table: _Table) -> tuple[View, View]:
+    """The views in the frame of the table."""
+    first, second = (
+        replace(
+            view,
+            rotation=view.rotation @ table.rotation,
+            translation_mm=view.rotation @ table.shift_mm + view.translation_mm,
+        )
+        for view in views
+    )
+    return first, second
+
+
+def _relative_pose(first: View, second: View) -> RigPose:
+    rotation = second.rotation @ first.rotation.T
+    return RigPose(rotation, second.translation_mm - rotation @ first.translation_mm)
+
+
+def _changed(pose: RigPose, change: Float64Array) -> RigPose:
+    """The pose turned by the vector change[:3], radians, and shifted by change[3:], mm."""
+    turn = np.asarray(cv2.Rodrigues(change[:3])[0], np.float64)
+    return RigPose(turn @ pose.rotation, pose.translation_mm + change[3:])
+
+
+def _second_pose(first: View, pose: RigPose) -> tuple[Float64Array, Float64Array]:
+    return pose.rotation @ first.rotation, pose.rotation @ first.translation_mm + pose.translation_mm
+
+
+def _placed(second: View, first: View, pose: RigPose) -> View:
+    rotation, translation_mm = _second_pose(first, pose)
+    return replace(second, rotation=rotation, translation_mm=translation_mm)

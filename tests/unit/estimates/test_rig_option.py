@@ -1,0 +1,48 @@
+"""`tada estimate --rig`: read from its file, alone or not at all, and kept for the child process."""
+
+import json
+
+import pytest
+
+from app.core.errors import InvalidInputError
+from app.estimates.estimate_files import read_options
+from app.estimates.estimate_json import options_from_json, options_to_json
+from tests.unit.vision.test_rig import FILE
+
+
+@pytest.fixture
+def rig_file(tmp_path):
+    path = tmp_path / "rig.json"
+    path.write_text(json.dumps(FILE))
+    return path
+
+
+def test_options_with_a_rig_have_no_marker_and_survive_json(rig_file):
+    options = read_options(marker=None, camera=None, rig=rig_file, method="shape", hints=())
+    assert options.marker is None
+    assert options.rig.baseline_mm == 60.0
+    assert options_from_json(json.loads(json.dumps(options_to_json(options)))) == options
+
+
+def test_without_a_rig_the_default_marker_holds():
+    options = read_options(marker=None, camera=None, method="shape", hints=())
+    assert str(options.marker) == "plain:9x7:11"
+    assert options.rig is None
+
+
+def test_rig_beside_a_marker_or_a_camera_is_refused(rig_file):
+    for given in ({"marker": "plain:9x7:11", "camera": None}, {"marker": None, "camera": rig_file}):
+        with pytest.raises(InvalidInputError, match="leave --marker and --camera out"):
+            read_options(**given, rig=rig_file, method="shape", hints=())
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"), [(b"{", "is not JSON"), (b"\xff", "UTF-8"), (b"[]", "JSON object"), (None, "cannot be read")]
+)
+def test_file_that_is_no_rig_is_refused_with_its_name(tmp_path, content, reason):
+    path = tmp_path / "broken.json"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InvalidInputError, match=reason) as refused:
+        read_options(marker=None, camera=None, rig=path, method="shape", hints=())
+    assert "broken.json" in refused.value.message

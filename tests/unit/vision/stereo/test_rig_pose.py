@@ -1,0 +1,82 @@
+"""A rig's relative pose adjusted by matches: what they tell is mended, what they cannot tell stays a doubt."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from app.core.errors import Failure
+from app.vision.model import PhotoPair
+from app.vision.stereo.features import NO_MATCHES, Matches, triangulate
+from app.vision.stereo.pose_doubt import volume_doubt
+from app.vision.stereo.rig_pose import TURN_SD_RAD, refine_rig, views_of_rig
+from tests.unit.vision.rigs import rig_of
+from tests.unit.vision.stereo.test_epipolar import project
+from tests.unit.vision.stereo_scene import blank_views, rendered_views
+
+CUBE_POINTS = np.zeros((1, 3), np.float32)
+
+
+def without_marker(view):
+    return replace(view, marker=None)
+
+
+def table_matches(first, second, count=200, seed=0):
+    """Matches of points on the table and over it."""
+    rng = np.random.default_rng(seed)
+    points = np.column_stack([rng.uniform(-60, 180, count), rng.uniform(-80, 80, count), np.zeros(count)])
+    points[: count // 5, 2] = rng.uniform(10, 60, count // 5)
+    is_food = points[:, 2] > 8
+    return points, Matches(project(first, points), project(second, points), np.zeros(count, np.bool_), is_food)
+
+
+def turned(view, degrees):
+    turn = cv2.Rodrigues(np.radians(degrees))[0]
+    return replace(view, rotation=turn @ view.rotation, translation_mm=turn @ view.translation_mm)
+
+
+def test_second_camera_that_turned_about_the_baseline_is_turned_back():
+    first, second = map(without_marker, blank_views())
+    points, matches = table_matches(first, second)
+    off = turned(second, np.array([0.04, 0.0, 0.0]))  # rows lie 0.8 px apart
+    refined = refine_rig(first, off, matches)
+    seen = triangulate(refined.first, refined.second, matches.first_px, matches.second_px)
+    before = triangulate(first, off, matches.first_px, matches.second_px)
+    assert refined.matches == len(points)
+    assert np.abs(seen[:, 2] - points[:, 2]).max() < 0.3
+    assert np.abs(seen[:, 2] - points[:, 2]).mean() < np.abs(before[:, 2] - points[:, 2]).mean()
+
+
+def test_table_frame_is_moved_onto_the_matches_on_the_table():
+    first, second = map(without_marker, blank_views())
+    _, matches = table_matches(first, second)
+    raised = [replace(view, translation_mm=view.translation_mm - view.rotation[:, 2] * 2.0) for view in (first, second)]
+    refined = refine_rig(*raised, matches)
+    seen = triangulate(refined.first, refined.second, matches.first_px, matches.second_px)
+    assert np.abs(seen[~matches.is_food, 2]).max() < 0.05
+
+
+def test_without_matches_the_calibration_stands_with_its_doubt():
+    first, second = map(without_marker, blank_views())
+    refined = refine_rig(first, second, NO_MATCHES)
+    assert refined.matches == 0
+    assert np.allclose(refined.second.rotation, second.rotation)
+    # a turn about the vertical shifts all disparities by f x angle, which is what depth is read from
+    disparity_rad = 60.0 / 330.0
+    assert volume_doubt(refined, CUBE_POINTS).sd > TURN_SD_RAD / disparity_rad
+
+
+def test_doubt_grows_as_the_baseline_shrinks():
+    doubts = []
+    for baseline_mm in (60.0, 12.0):
+        first, second = map(without_marker, blank_views(baseline_mm=baseline_mm))
+        _, matches = table_matches(first, second)
+        doubts.append(volume_doubt(refine_rig(first, second, matches), CUBE_POINTS).sd)
+    assert doubts[1] > 2 * doubts[0]
+
+
+def test_one_photograph_sent_twice_is_refused():
+    left, right = rendered_views(None)
+    failure = views_of_rig(PhotoPair(left.photo, left.photo), rig_of(left, right), np.random.default_rng(0))
+    assert isinstance(failure, Failure)
+    assert failure.code == "same_photograph"
