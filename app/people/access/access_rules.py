@@ -10,9 +10,12 @@ import uuid
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args, get_origin
 
 from fastapi import Depends, Request, Security
+from fastapi.dependencies.utils import get_flat_params
+from fastapi.params import Query
+from fastapi.routing import APIRoute
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from app.core.errors import InvalidInputError, NotAllowedError, NotFoundError, UnauthenticatedError
@@ -253,7 +256,7 @@ def authorise(
             request.state.study = _enter_study(state, caller, request.path_params["study"])
         request.state.caller = caller
     if request.query_params and call[1].startswith(OF_API):
-        _require_known_parameters(request, call)
+        _require_known_parameters(request)
     return caller
 
 
@@ -349,29 +352,35 @@ def _enter_study(state: ApiState, caller: Caller, code: str) -> Study:
     return study
 
 
-def _require_known_parameters(request: Request, call: tuple[str, str]) -> None:
-    """No query parameter is passed over, nor one of its values: a filter that is not heard gives other people's rows.
+def _require_known_parameters(request: Request) -> None:
+    """Refuse unknown query parameters and second values of single ones: an ignored filter would return other rows.
 
-    FHIR has rules of its own for these (Prefer: handling), pages of the dashboard have forms.
+    FHIR has its own rules for these (Prefer: handling); pages of the dashboard have forms.
     """
-    document = request.app.openapi_schema or request.app.openapi()
-    operation = document["paths"].get(call[1], {}).get(call[0].lower(), {})
-    known = {each["name"]: each["schema"] for each in operation.get("parameters", ()) if each["in"] == "query"}
-    unknown = sorted(request.query_params.keys() - known.keys())
+    takes_list = list_parameters(request.scope["route"])
+    unknown = sorted(request.query_params.keys() - takes_list.keys())
     if unknown:
+        names = ", ".join(sorted(takes_list)) or "none"
         raise InvalidInputError(
-            f"There is no parameter {', '.join(unknown)[:200]!r} here. There is: {', '.join(sorted(known)) or 'none'}.",
+            f"There is no parameter {', '.join(unknown)[:200]!r} here. There is: {names}.",
             code="parameter_unknown",
             parameters=unknown,
         )
-    repeated = [
-        name
-        for name, count in Counter(name for name, _ in request.query_params.multi_items()).items()
-        if count > 1 and all(schema.get("type") != "array" for schema in (known[name], *known[name].get("anyOf", ())))
-    ]
+    counts = Counter(name for name, _ in request.query_params.multi_items())
+    repeated = sorted(name for name, count in counts.items() if count > 1 and not takes_list[name])
     if repeated:
         raise InvalidInputError(
-            f"Give each of these parameters once: {', '.join(sorted(repeated))[:200]}.",
+            f"Give each of these parameters once: {', '.join(repeated)[:200]}.",
             code="parameter_repeated",
-            parameters=sorted(repeated),
+            parameters=repeated,
         )
+
+
+def list_parameters(route: APIRoute) -> dict[str, bool]:
+    """Return the route's declared query parameters, each with whether it takes a list."""
+    return {
+        field.alias: any(get_origin(each) is list for each in (annotation, *get_args(annotation)))
+        for field in get_flat_params(route.dependant)
+        if isinstance(field.field_info, Query)
+        for annotation in (field.field_info.annotation,)
+    }

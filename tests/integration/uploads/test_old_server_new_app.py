@@ -74,6 +74,12 @@ def test_parameter_of_one_value_that_is_given_twice_is_refused_and_a_list_is_not
     assert client.get("/v1/meals?status=estimated&status=failed", headers=phone.headers).status_code == 200
 
 
+def test_parameters_are_checked_without_the_openapi_document(phone, client, monkeypatch):
+    monkeypatch.setattr(client.app, "openapi_schema", None)
+    monkeypatch.setattr(client.app, "openapi", None)
+    assert client.get("/v1/records?limit=2", headers=phone.headers).status_code == 200
+
+
 def test_caller_who_is_not_known_hears_that_first(client):
     assert client.get("/v1/records?studdy=pilot").status_code == 401
 

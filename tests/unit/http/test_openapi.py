@@ -1,17 +1,38 @@
 """The OpenAPI document: whole, and its examples are what they are examples of."""
 
 import pytest
+from fastapi.routing import APIRoute
 
 from app.core.settings import Settings
 from app.main import create_app
-from app.people.access.access_rules import RULES
+from app.people.access.access_rules import OF_API, RULES, list_parameters
 from app.people.schemas import ParticipantIn, StudyIn
 from app.records.meal_schemas import MealMetadataIn, MealOut, NewMealMetadataIn
 
 
 @pytest.fixture(scope="module")
-def document():
-    return create_app(Settings()).openapi()
+def app():
+    return create_app(Settings())
+
+
+@pytest.fixture(scope="module")
+def document(app):
+    return app.openapi()
+
+
+def test_query_parameters_of_routes_are_those_of_the_document(app, document):
+    routers = [included.original_router for included in app.routes if hasattr(included, "original_router")]
+    routes = [route for router in routers for route in router.routes if isinstance(route, APIRoute)]
+    routes = [route for route in routes if route.path.startswith(OF_API)]
+    assert len(routes) > 80
+    for route in routes:
+        for method in route.methods:
+            parameters = document["paths"][route.path][method.lower()].get("parameters", ())
+            schemas = {each["name"]: each["schema"] for each in parameters if each["in"] == "query"}
+            assert list_parameters(route) == {
+                name: any(part.get("type") == "array" for part in (schema, *schema.get("anyOf", ())))
+                for name, schema in schemas.items()
+            }, route.path
 
 
 def test_every_reference_leads_somewhere(document):
