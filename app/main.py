@@ -40,6 +40,7 @@ from app.http.rate_limit import CallLimits, EnrolmentLimit
 from app.http.request_log import RequestLog
 from app.http.state import ApiState
 from app.jobs.queue import JobQueue
+from app.meals.receive_photo import PhotoIntake
 from app.metrics.instruments import tell_build
 from app.openapi import openapi_document
 from app.operations import health_api as health
@@ -114,6 +115,7 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
     waiter = MealWaiter(database)
     last_use = LastUse(database)
     children = ApiChildren(settings)
+    photo_intake = PhotoIntake(database, blobs, settings, children)
     try:
         children.start_soon()
         yield ApiState(
@@ -122,8 +124,8 @@ async def open_parts(settings: Settings) -> AsyncIterator[ApiState]:
             blobs,
             parts=(
                 queue,
-                SubmitMeal(database, blobs, queue, settings, box, children),
-                SubmitAfterPair(database, blobs, queue, settings, box, children),
+                SubmitMeal(database, photo_intake, queue, box),
+                SubmitAfterPair(database, photo_intake, queue, box),
                 MealEvents(database, queue, EVENT_RULES),
                 DeclareMeal(database, box),
                 waiter,

@@ -1,56 +1,59 @@
-"""What a phone's hints can be: foods that a table in force has, places within the photograph.
+"""Check a phone's hints: vessels of the study's library, foods of a table in force, places within the photograph.
 
-A hint that cannot be is refused while the app can still mend it. One that is merely wrong is kept, and its item flagged
-(`hint_missed`), as is one whose photograph comes after it.
+An impossible hint is refused while the app can still correct it. A hint that is merely wrong is kept and its item is
+flagged (`hint_missed`); so is a hint whose photograph arrives after it.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+import uuid
+from collections.abc import Iterator, Sequence
 
 from sqlalchemy.orm import Session
 
 from app.core.errors import InvalidInputError
 from app.foods import queries as foods
-from app.meals.models import MealImage
+from app.meals.models import HintDetails, MealImage
 from app.meals.outline_json import rings_of
 from app.meals.receive_photo import SealablePhoto
+from app.vessels.meal_vessels import require_known_vessels
 
-Hints = Sequence[Mapping[str, Any]]
 
+def require_valid_hints(
+    session: Session, study_id: uuid.UUID, hints: Sequence[HintDetails], photo: SealablePhoto | MealImage | None
+) -> None:
+    """Raise InvalidInputError (`vessel_unknown`, `food_unknown`, `hint_outside`) for the first hint that cannot be.
 
-def require_known_foods(session: Session, hints: Hints) -> None:
-    """Raises InvalidInputError `food_unknown` if a hint names a food that no table in force has."""
+    photo: the one that the hints point at; None: it has not arrived, so their places are not checked.
+    """
+    require_known_vessels(session, study_id, hints)
     keys = {hint["food"] for hint in hints if hint.get("food")}
     unknown = sorted(keys - set(foods.foods_by_key(session, keys))) if keys else []
     if unknown:
         raise InvalidInputError(
-            f"No food table in force has {', '.join(unknown)}: GET /v1/foods finds the foods that there are.",
+            f"No food table in force has {', '.join(unknown)}: GET /v1/foods lists the foods that there are.",
             code="food_unknown",
             foods=unknown,
         )
+    if photo is not None:
+        _require_within(hints, photo.width_px, photo.height_px)
 
 
-def require_within(hints: Hints, photo: SealablePhoto | MealImage | None) -> None:
-    """Raises InvalidInputError `hint_outside` if a hint lies outside its photograph. photo: None, not here yet."""
-    if photo is None:
-        return
-    width, height = photo.width_px, photo.height_px
+def _require_within(hints: Sequence[HintDetails], width_px: int, height_px: int) -> None:
     outside = [
         number
         for number, hint in enumerate(hints)
-        for left, top, right, bottom in _places(hint)
-        if left > width or top > height or right < 0 or bottom < 0
+        for left, top, right, bottom in _bounds(hint)
+        if left > width_px or top > height_px or right < 0 or bottom < 0
     ]
     if outside:
         raise InvalidInputError(
-            f"Hint {outside[0]} lies outside the photograph, which is {width} x {height} pixels when upright.",
+            f"Hint {outside[0]} lies outside the photograph, which is {width_px} x {height_px} pixels when upright.",
             code="hint_outside",
             hints=outside,
         )
 
 
-def _places(hint: Mapping[str, Any]) -> Iterator[tuple[float, float, float, float]]:
-    """Left, top, right and bottom of what the hint points at, px; nothing where it has no place."""
+def _bounds(hint: HintDetails) -> Iterator[tuple[float, float, float, float]]:
+    """Yield the left, top, right and bottom of the hint's place, px; nothing if it has no place."""
     if "point" in hint:
         x, y = hint["point"]
         yield x, y, x, y

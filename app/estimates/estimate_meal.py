@@ -237,15 +237,14 @@ class EstimateMeal:
 
 def _hints_told(job: Job, meal: Meal) -> tuple[Sequence[Mapping[str, Any]], bool]:
     """What the phone pointed at in the job's pair, and whether it says that there is nothing else."""
-    details = (meal.after_details or {}) if job.purpose == "after" else meal.details
-    return details.get("hints", ()), details.get("complete", False)
+    details = meal.after_details if job.purpose == "after" else meal.details
+    return (details["hints"], details.get("complete", False)) if details is not None else ((), False)
 
 
 def _camera_told(job: Job, meal: Meal) -> Mapping[str, Any] | None:
     """The camera that the phone told of: of the after-meal pair, else the meal's, since it is the same phone."""
-    own = (meal.after_details or {}).get("camera") if job.purpose == "after" else None
-    told: Mapping[str, Any] | None = own if own is not None else meal.details["camera"]
-    return told
+    own = meal.after_details["camera"] if job.purpose == "after" and meal.after_details is not None else None
+    return own if own is not None else meal.details["camera"]
 
 
 def _note_times(answer: RunAnswer) -> None:

@@ -16,7 +16,7 @@ from app.foods.models import Food
 from app.meals import queries as meals
 from app.meals.job_models import Job
 from app.meals.meal_parts import FROM_HINT
-from app.meals.models import Meal
+from app.meals.models import HintDetails, Meal
 from app.meals.outline_json import rings_of
 from app.meals.record_models import Item, ItemCandidate, ItemFood, Run, RunArtefact
 from app.meals.run_answer import ItemAnswer, RunAnswer
@@ -120,9 +120,9 @@ def _save_after(session: Session, meal: Meal, run_id: uuid.UUID, answer: RunAnsw
     meal.after_failure_code = meal.after_failure_message = meal.after_failure_advice = None
 
 
-def after_hints(meal: Meal) -> list[Mapping[str, Any]]:
-    """The hints of the after-meal pair, as the phone sent them."""
-    return list((meal.after_details or {}).get("hints", ()))
+def after_hints(meal: Meal) -> list[HintDetails]:
+    """Return the hints of the after-meal pair, as the phone sent them."""
+    return meal.after_details["hints"] if meal.after_details is not None else []
 
 
 def _answered(answer: RunAnswer, hints: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:

@@ -4,14 +4,14 @@ import uuid
 from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
-from typing import Literal
+from typing import Literal, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session, object_session
 
 from app.core.errors import Failure
 from app.meals.announce import announce_meal
-from app.meals.job_models import LIVE_STATES, Job, WorkerLease
+from app.meals.job_models import LIVE_STATES, Job, PairPurpose, WorkerLease
 from app.meals.models import Meal
 from app.meals.queries import WAITING
 
@@ -219,14 +219,15 @@ def exhausted_jobs(session: Session) -> list[uuid.UUID]:
     return list(session.scalars(query.order_by(Job.enqueued_at)))
 
 
-def waiting_without_live_job(session: Session) -> list[tuple[uuid.UUID, str]]:
-    """(meal, purpose) of the pairs that say they wait while no job will move them."""
-    found = []
-    for purpose, status in (("meal", Meal.status), ("after", Meal.after_status)):
+def waiting_without_live_job(session: Session) -> list[tuple[uuid.UUID, PairPurpose]]:
+    """Return (meal, purpose) of the pairs that wait for an estimate but have no live job."""
+    waiting: list[tuple[uuid.UUID, PairPurpose]] = []
+    for purpose in get_args(PairPurpose):
+        status = Meal.status if purpose == "meal" else Meal.after_status
         live = sa.exists().where(Job.meal_id == Meal.id, Job.purpose == purpose, Job.state.in_(LIVE_STATES))
         query = sa.select(Meal.id).where(status.in_(WAITING), ~live)
-        found += [(meal_id, purpose) for meal_id in session.scalars(query.order_by(Meal.submitted_at))]
-    return found
+        waiting += [(meal_id, purpose) for meal_id in session.scalars(query.order_by(Meal.submitted_at))]
+    return waiting
 
 
 def count_jobs(session: Session, meal_id: uuid.UUID, purpose: str) -> tuple[int, int]:

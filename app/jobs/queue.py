@@ -1,30 +1,68 @@
-"""Where the API leaves jobs: rows of our own table, which workers claim (claims.py)."""
+"""Queue jobs: rows of our own table, which workers claim (claims.py). Studies that share workers take turns.
+
+Start-time fair queueing (Goyal, Vin, Cheng: SIGCOMM 1996) with jobs of equal weight: a job's turn is one more than that
+of its study's previous job, and at least the turn that workers have reached. Workers claim the lowest turn first, and
+the oldest job among equal turns. So a study without a backlog is next, a study that sends without end gets every other
+turn beside another such study, and no study starves. Within a study, jobs run in the order of their arrival.
+"""
+
+import threading
+import uuid
+from datetime import UTC, datetime
 
 import structlog
 from sqlalchemy.orm import Session
 
-from app.jobs.turns import Turns
-from app.meals.job_models import Job
+from app.jobs import queries as jobs
+from app.meals.job_models import Job, PairPurpose
+from app.meals.models import Meal
 
-# What a job's row means. A job is queued with the number of whoever queues it, and run by workers of that number or a
-# higher one: it changes only when workers of the version before could not run the new rows.
+# The meaning of a job's row. A job carries the version of the program that queued it, and only workers of that version
+# or a higher one run it. Raise the number only if workers of the previous version could not run the new rows.
 JOB_PROTOCOL_VERSION = 1
 
 
 class JobQueue:
-    """One per process."""
+    """Queues jobs and assigns their turns; one per process.
+
+    The process remembers the turns that it has assigned: concurrent uploads of a study do not see each other's
+    uncommitted rows, and would all get the same turn. Several processes may still assign the same turn once each.
+    """
 
     def __init__(self, *, protocol: int | None = None) -> None:
         self._protocol = JOB_PROTOCOL_VERSION if protocol is None else protocol
-        self._turns = Turns()
+        self._assigned: dict[uuid.UUID, int] = {}  # study -> its highest turn
+        self._lock = threading.Lock()
+
+    def enqueue_pair(self, session: Session, meal: Meal, purpose: PairPurpose) -> Job:
+        """Queue the estimate of a meal's pair, or of its after-meal pair."""
+        job = Job(
+            id=uuid.uuid4(),
+            meal_id=meal.id,
+            purpose=purpose,
+            state="queued",
+            attempts=0,
+            enqueued_at=datetime.now(UTC),
+        )
+        self.enqueue(session, job)
+        return job
 
     def enqueue(self, session: Session, job: Job) -> None:
-        """Make the job run, at its turn, once the session's transaction is committed; rolled back, it never was.
+        """Add the job to the session; it runs, at its turn, once the transaction is committed.
 
-        The id of the request that we are in goes with it, so that the worker's log names it too.
+        A job that has a turn keeps it. The job also gets the current request's id, which its worker logs.
         """
-        self._turns.give(session, job)
+        if not job.turn:
+            job.study_id = session.get_one(Meal, job.meal_id).study_id
+            job.turn = self._next_turn(session, job.study_id)
         job.protocol = self._protocol
         job.request_id = structlog.contextvars.get_contextvars().get("request_id")
         session.add(job)
         session.flush()
+
+    def _next_turn(self, session: Session, study_id: uuid.UUID) -> int:
+        reached, last_of_study = jobs.turns_so_far(session, study_id)
+        with self._lock:
+            turn = max(reached, last_of_study + 1, self._assigned.get(study_id, 0) + 1)
+            self._assigned[study_id] = turn
+        return turn

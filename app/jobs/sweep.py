@@ -15,7 +15,7 @@ from app.children.faults import INTERNAL_ERROR, JOB_GAVE_UP
 from app.db.session import Database
 from app.jobs import queries as jobs
 from app.jobs.queue import JobQueue
-from app.meals.job_models import Job
+from app.meals.job_models import PairPurpose
 from app.meals.models import Meal
 from app.meals.queries import WAITING, lock_meal
 from app.metrics import instruments
@@ -53,7 +53,7 @@ def _give_up(session: Session, job_id: uuid.UUID, settle: Settle) -> bool:
     return True
 
 
-def _move_meal(session: Session, queue: JobQueue, meal_id: uuid.UUID, purpose: str, settle: Settle) -> bool:
+def _move_meal(session: Session, queue: JobQueue, meal_id: uuid.UUID, purpose: PairPurpose, settle: Settle) -> bool:
     meal = lock_meal(session, meal_id)
     if meal is None or jobs.pair_status(meal, purpose) not in WAITING:
         return False
@@ -61,7 +61,8 @@ def _move_meal(session: Session, queue: JobQueue, meal_id: uuid.UUID, purpose: s
     if live:
         return False
     if not made:
-        _queue_first_job(session, queue, meal, purpose)
+        jobs.advance_pair(meal, purpose, "queued")
+        queue.enqueue_pair(session, meal, purpose)
         instruments.SWEPT.labels("queued").inc()
         log.warning("meal_queued_again", meal_id=str(meal_id), purpose=purpose, reason="it had no job")
         return True
@@ -71,10 +72,3 @@ def _move_meal(session: Session, queue: JobQueue, meal_id: uuid.UUID, purpose: s
     instruments.SWEPT.labels("failed").inc()
     log.error("meal_failed", meal_id=str(meal_id), purpose=purpose, code=INTERNAL_ERROR.code)
     return True
-
-
-def _queue_first_job(session: Session, queue: JobQueue, meal: Meal, purpose: str) -> None:
-    now = datetime.now(UTC)
-    job = Job(id=uuid.uuid4(), meal_id=meal.id, purpose=purpose, state="queued", attempts=0, enqueued_at=now)
-    jobs.advance_pair(meal, purpose, "queued")
-    queue.enqueue(session, job)

@@ -1,7 +1,8 @@
-"""Work to be done on meals, and the lives of those who do it."""
+"""The workers' queue: jobs, each one estimate of one meal, and the leases of the workers that run them."""
 
 import uuid
 from datetime import datetime
+from typing import Literal, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
@@ -9,7 +10,10 @@ from sqlalchemy.orm import Mapped, mapped_column
 from app.db.base import Base, Personal, one_of
 
 JOB_STATES = ("queued", "processing", "done", "failed")
-JOB_PURPOSES = ("meal", "after", "remeasure")
+LIVE_STATES = ("queued", "processing")
+PairPurpose = Literal["meal", "after"]
+JobPurpose = Literal[PairPurpose, "remeasure"]
+JOB_PURPOSES: tuple[JobPurpose, ...] = get_args(JobPurpose)
 _HAS_BEGUN = sa.text("started_at IS NOT NULL")
 _IS_WAITING = sa.text("executor_id IS NULL AND finished_at IS NULL")
 _IS_CLAIMED = sa.text("executor_id IS NOT NULL AND finished_at IS NULL")
@@ -17,13 +21,13 @@ _HAS_STUDY = sa.text("study_id IS NOT NULL")
 
 
 class Job(Base):
-    """One estimate of one meal, to be made or made; the queue of the workers. Its id becomes the run's id.
+    """One estimate of one meal. Its id becomes the run's id.
 
-    purpose: of the meal's pair, of its after-meal pair, or of regions that a person drew anew (event_id).
-    turn: studies that share workers take turns (jobs/turns.py); the lower, the sooner; 0: not given yet.
-    study_id: whose turn it is, the meal's study. protocol: the least that a worker must know to run it (jobs/queue.py).
-    executor_id: the worker that has claimed it, or had it last; none while it waits. takeovers: from workers that died.
-    result_key: of what was computed and sealed, until it is saved. request_id: of the request that queued it.
+    purpose: the meal's pair, its after-meal pair, or regions that a person redrew (event_id). turn: studies that share
+    workers take turns (jobs/queue.py); the lowest runs first; 0: not assigned yet. study_id: the meal's study.
+    protocol: the lowest protocol version of a worker that can run it (jobs/queue.py). executor_id: the worker that
+    claimed it, or claimed it last; NULL while it waits. takeovers: how often a worker died with it. result_key: the
+    sealed answer, until it is saved. request_id: of the request that queued it.
     """
 
     __tablename__ = "job"
@@ -31,7 +35,7 @@ class Job(Base):
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
-    purpose: Mapped[str] = mapped_column(sa.String(16), default="meal")
+    purpose: Mapped[JobPurpose] = mapped_column(sa.String(16), default="meal")
     event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
     state: Mapped[str] = mapped_column(sa.String(16))
     attempts: Mapped[int] = mapped_column(default=0)
@@ -64,7 +68,7 @@ class Job(Base):
 
 
 class WorkerLease(Base):
-    """A worker process's claim to be alive, on the database's clock; expired, its jobs are taken over."""
+    """A worker process's lease, on the database's clock; once it has expired, other workers take over its jobs."""
 
     __tablename__ = "worker_lease"
 
@@ -74,6 +78,3 @@ class WorkerLease(Base):
     version: Mapped[str] = mapped_column(sa.String(32))
     started_at: Mapped[datetime]
     heartbeat_at: Mapped[datetime]
-
-
-LIVE_STATES = ("queued", "processing")

@@ -2,12 +2,13 @@
 
 import uuid
 from datetime import date, datetime
-from typing import Any, Literal, TypedDict, get_args
+from typing import Literal, NotRequired, TypedDict, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, BlobColumns, JsonValue, Personal, one_of
+from app.meals.outline_json import Polygon
 
 MealStatus = Literal["receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"]
 MEAL_STATUSES: tuple[MealStatus, ...] = get_args(MealStatus)
@@ -18,7 +19,8 @@ AFTER_STATUSES: tuple[AfterStatus, ...] = get_args(AfterStatus)
 SLOTS = ("left", "right")
 AFTER_SLOTS = ("after_left", "after_right")
 
-# `class` is no name of a field in Python
+
+# `class` is a keyword, so these two use the functional form
 PieceDetails = TypedDict(
     "PieceDetails",
     {
@@ -26,7 +28,7 @@ PieceDetails = TypedDict(
         "item": str | None,
         "class": str,
         "is_by_person": bool,
-        "polygon": list[Any],
+        "polygon": Polygon,
         "food": dict[str, str] | None,
         "volume_ml": float | None,
         "volume_interval_ml": list[float] | None,
@@ -35,17 +37,77 @@ PieceDetails = TypedDict(
         "flags": list[str],
     },
 )
-ASIDE = IGNORED, UNKNOWN = "ignored", "unknown"  # in a meal's details: fields that were not known, by name and whole
+HintDetails = TypedDict(
+    "HintDetails",
+    {
+        "point": list[float],
+        "box": list[float],
+        "polygon": Polygon,
+        "food": str,
+        "lies_as": str,
+        "form": str,
+        "vessel": str,
+        "item": str,
+        "class": str,
+    },
+    total=False,
+)
+
+
+class CameraDetails(TypedDict):
+    """Intrinsics of a camera for upright pixels, px. distortion: k1, k2, p1, p2, k3."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: list[float]
+
+
+class AsideDetails(TypedDict, total=False):
+    """Metadata fields that this version does not know. ignored: their places; unknown: the fields, as JSON text."""
+
+    ignored: list[str]
+    unknown: str
+
+
+class PairDetails(AsideDetails):
+    """The metadata of a pair of photographs as accepted. complete: the hints are all that there is."""
+
+    captured_at: str
+    time_zone: str
+    camera: CameraDetails | None
+    hints: list[HintDetails]
+    complete: NotRequired[bool]
+
+
+class DeclaredItemDetails(TypedDict):
+    """A food of a meal without photographs, as its phone sent it."""
+
+    food: str
+    amount: dict[str, float | str | None] | None
+    share: float
+
+
+class MealDetails(PairDetails):
+    """The metadata of a meal as accepted. declared: the foods of a meal without photographs."""
+
+    marker: str | None
+    location: dict[str, float] | None
+    app_version: str | None
+    declared: NotRequired[list[DeclaredItemDetails]]
 
 
 class Meal(Base):
-    """One eating occasion. Its status is the truth about where it stands; `version` grows with every change of it.
+    """One eating occasion. Its status decides what happens next; `version` grows with every change.
 
-    client_id is the UUID that the phone made, unique for the participant; id is ours and never leaves the server.
-    captured_at is the instant, local_date the day in time_zone. details: the metadata as accepted. alias: its name in
-    the audit log. origin "declared": told without photographs. after_*: how its after-meal pair stands, which moves the
-    meal's own status never; after_due_at: until then its records are provisional, NULL: no pair is waited for.
-    leftovers: the pieces of the after-meal pair as the API shows them, a projection like the records.
+    client_id: the UUID that the phone made, unique for the participant; id is internal and never leaves the server.
+    captured_at: the instant; local_date: the day in time_zone. alias: its name in the audit log. origin "declared":
+    entered without photographs. after_*: the state of its after-meal pair, which never changes the meal's own status.
+    after_due_at: until then its records are provisional; NULL: no pair is expected. leftovers: the pieces of the
+    after-meal pair as the API shows them, a projection like the records.
     """
 
     __tablename__ = "meal"
@@ -61,14 +123,14 @@ class Meal(Base):
     utc_offset_minutes: Mapped[int]
     time_zone: Mapped[str] = mapped_column(sa.String(64))
     local_date: Mapped[date]
-    details: Mapped[dict[str, Any]]
+    details: Mapped[MealDetails] = mapped_column(JsonValue)
     status: Mapped[MealStatus] = mapped_column(sa.String(16))
     stage: Mapped[str | None] = mapped_column(sa.String(32))
     failure_code: Mapped[str | None] = mapped_column(sa.String(64))
     failure_message: Mapped[str | None] = mapped_column(sa.Text)
     failure_advice: Mapped[str | None] = mapped_column(sa.Text)
     after_status: Mapped[AfterStatus | None] = mapped_column(sa.String(16), index=True)
-    after_details: Mapped[dict[str, Any] | None]
+    after_details: Mapped[PairDetails | None] = mapped_column(JsonValue)
     after_failure_code: Mapped[str | None] = mapped_column(sa.String(64))
     after_failure_message: Mapped[str | None] = mapped_column(sa.Text)
     after_failure_advice: Mapped[str | None] = mapped_column(sa.Text)
@@ -87,7 +149,7 @@ class Meal(Base):
         sa.Index(None, "participant_id", "local_date"),
         sa.Index(None, "study_id", "local_date", "participant_id"),
         sa.Index(None, "status", "submitted_at"),
-        # lists of meals (meal_page_queries.py): all that the page's order and the filter on days need is in each
+        # lists of meals (meal_page_queries.py): each covers the page's order and the filter on days
         sa.Index("ix_meal_list_of_status", "study_id", "status", "origin", "captured_at", "id", "local_date"),
         sa.Index("ix_meal_list_of_participant", "participant_id", "captured_at", "id", "local_date"),
         sa.Index(
@@ -107,9 +169,9 @@ class Meal(Base):
 
 
 class MealImage(Base):
-    """One photograph: what was received (told to the phone) and what is kept (sealed, perhaps without its location).
+    """One photograph. received_sha256: as the phone sent it; stored_sha256: as sealed, perhaps without its location.
 
-    erased_at: its blob is deleted, or about to be (retention, withdrawal).
+    erased_at: when retention or a withdrawal erased it; its blob is deleted or about to be.
     """
 
     __tablename__ = "meal_image"

@@ -1,11 +1,12 @@
-"""An outline as JSON has it: one ring of corners, or several rings, holes by the even-odd rule."""
+"""An outline as JSON has it: one ring of corners, or several rings, with holes by the even-odd rule."""
 
-from collections.abc import Sequence
-from typing import Any
+from typing import cast
 
-Ring = Sequence[Sequence[float]]
+Ring = list[list[float]]  # corners [x, y], px of the upright photograph
+Polygon = Ring | list[Ring]
 
 
-def rings_of(polygon: Sequence[Any]) -> list[Ring]:
-    """The rings of an outline, whichever of the two ways it is written in."""
-    return [polygon] if polygon and not isinstance(polygon[0][0], list | tuple) else list(polygon)
+def rings_of(polygon: Polygon) -> list[Ring]:
+    """Return the rings of an outline, whichever of the two forms it has."""
+    is_one_ring = bool(polygon) and not isinstance(polygon[0][0], list | tuple)
+    return [cast(Ring, polygon)] if is_one_ring else list(cast(list[Ring], polygon))

@@ -1,32 +1,38 @@
-"""A received file to a sealed photograph: inspected, without its location, decoded once, in the blob store, a row.
+"""Turn received files into sealed photographs: inspect, cut locations, decode once, put into the blob store.
 
-The bytes are walked here, never decoded. A hole between the beginning and the end of a file shows only when the pixels
-are decoded, which a child does before the photograph is acknowledged: afterwards the phone deletes its own. Where no
-child can tell, the photograph is kept as it is: the estimate will tell.
+This process walks the bytes but never decodes them. A hole in the middle of a file only shows when its pixels are
+decoded; a child does that before the photograph is acknowledged, since the phone then deletes its own copy. If no child
+is available, the photograph is kept undecoded and the estimate will report any damage.
 """
 
 import errno
 import hashlib
 import uuid
-from collections.abc import Collection, Container, Mapping
+from collections.abc import Callable, Collection, Container, Mapping
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import TypeVar
 
+from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.children.api_children import ApiChildren, Whose
 from app.children.decoding_cost import is_costly
 from app.core.errors import (
+    GoneError,
     InvalidInputError,
     TadaError,
     TooLargeError,
     UnavailableError,
     UnsupportedMediaError,
 )
+from app.core.settings import Settings
 from app.db import spent_keys
+from app.db.session import Database
 from app.http.upload import ReceivedFile, storage_full
 from app.meals.models import MealImage
+from app.people import privacy_queries as privacy
 from app.people.access.caller import DeviceCaller
 from app.people.location_policy import LocationPolicy
 from app.photos.gps import Location
@@ -34,17 +40,19 @@ from app.photos.inspect import PhotoFacts, inspect_photo
 from app.photos.location import read_location, remove_location
 from app.storage.blob_store import BlobStore
 
+Result = TypeVar("Result")
+
 SIDEWAYS = frozenset({5, 6, 7, 8})  # EXIF orientations that turn by a quarter
 DECODING_SECONDS = 10.0  # of processor time; 60 megapixels in 20 scans take some five on a slow machine
-JPEG = "image/jpeg"  # other formats have checksums, or a decoder that fails where data lack
+JPEG = "image/jpeg"  # other formats have checksums, or a decoder that fails if data are missing
 SPENT_RETRY_SECONDS = 1
 
 
 @dataclass(frozen=True, slots=True)
 class SealablePhoto:
-    """A checked photograph in the staging folder. width_px and height_px are upright.
+    """An inspected photograph in the staging folder. width_px, height_px: of the upright picture.
 
-    location: what its tags said before they were cut, where the study's policy asks for it.
+    location: from its tags before they were cut, if the study's policy uses it.
     """
 
     path: Path
@@ -57,8 +65,103 @@ class SealablePhoto:
     location: Location | None = None
 
 
-def prepare_photo(slot: str, file: ReceivedFile, *, max_pixels: int, policy: LocationPolicy) -> SealablePhoto:
-    """Inspect a received file, cut its location tags by the policy. Raises what the phone should hear, `slot` named."""
+class PhotoIntake:
+    """Inspects and seals the photographs of uploads; one per process."""
+
+    def __init__(self, database: Database, blobs: BlobStore, settings: Settings, children: ApiChildren) -> None:
+        self._database = database
+        self._blobs = blobs
+        self._settings = settings
+        self._children = children
+
+    def prepare(self, files: Mapping[str, ReceivedFile], policy: LocationPolicy) -> dict[str, SealablePhoto]:
+        """Inspect the received files, by slot, and cut their location tags by the study's policy.
+
+        Raises InvalidInputError, TooLargeError, UnsupportedMediaError, each with the slot.
+        """
+        max_pixels = self._settings.max_photo_pixels
+        return {slot: _prepare_photo(slot, file, max_pixels, policy) for slot, file in files.items()}
+
+    def seal_and_write(
+        self,
+        caller: DeviceCaller,
+        photos: Mapping[str, SealablePhoto],
+        keys: Mapping[str, str],
+        stored: Container[str],
+        write: Callable[[], Result],
+    ) -> Result:
+        """Seal the photographs whose slot is not in `stored`, then write the rows that name them.
+
+        photos, keys: by slot. write: one transaction; it runs again if an identical upload commits first.
+
+        Raises InvalidInputError (`image_unreadable`: a JPEG lacks some of its pixels), StorageFullError, and whatever
+        `write` raises.
+        """
+        new_photos = {slot: photo for slot, photo in photos.items() if slot not in stored}
+        if self._children.are_up:
+            for slot, photo in new_photos.items():
+                if photo.media_type == JPEG:
+                    _require_whole(self._children, caller, slot, photo)
+        try:
+            self._blobs.put_files({keys[slot]: photo.path for slot, photo in new_photos.items()})
+        except OSError as error:
+            if error.errno in (errno.ENOSPC, errno.EDQUOT):
+                raise storage_full() from error
+            raise
+        try:
+            try:
+                return write()
+            except IntegrityError:  # an identical upload was written at the same time and committed first
+                return write()
+        except GoneError:  # erased while the photographs were sealed: the deleter spares blobs that a row still names
+            with self._database.write() as session:
+                privacy.want_deleted(session, list(keys.values()), datetime.now(UTC))
+            raise
+
+
+def sha256_of_file(path: Path) -> str:
+    """Return the hexadecimal digest, without reading the whole file into memory."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def unspent_keys(session: Session, keys: Mapping[str, str]) -> dict[str, str]:
+    """Return the keys to seal under, by slot. A key that a deleted orphan of the same bytes used is replaced."""
+    spent = spent_keys.spent_among(session, keys.values())
+    return {slot: _fresh_key(key) if key in spent else key for slot, key in keys.items()}
+
+
+def require_unspent(session: Session, keys: Collection[str]) -> None:
+    """Raise UnavailableError if a key was deleted as an orphan since it was sealed.
+
+    Must run in the transaction that writes the rows naming the keys.
+    """
+    spent_keys.hold(session, keys)
+    if spent_keys.spent_among(session, keys):
+        raise UnavailableError(
+            "A photograph of an earlier try was just being removed. Nothing was kept; send it again.",
+            retry_after_seconds=SPENT_RETRY_SECONDS,
+        )
+
+
+def image_row(meal_id: uuid.UUID, slot: str, photo: SealablePhoto, key: str, now: datetime) -> MealImage:
+    """Return the row of a photograph that is sealed under the key."""
+    return MealImage(
+        id=uuid.uuid4(),
+        meal_id=meal_id,
+        slot=slot,
+        media_type=photo.media_type,
+        width_px=photo.width_px,
+        height_px=photo.height_px,
+        bytes=photo.bytes,
+        received_sha256=photo.received_sha256,
+        stored_sha256=photo.stored_sha256,
+        blob_key=key,
+        received_at=now,
+    )
+
+
+def _prepare_photo(slot: str, file: ReceivedFile, max_pixels: int, policy: LocationPolicy) -> SealablePhoto:
     if file.bytes == 0:
         raise InvalidInputError(f"The {slot} photograph is empty: send its bytes.", code="part_empty", slot=slot)
     facts = inspect_photo(file.path)
@@ -89,74 +192,9 @@ def prepare_photo(slot: str, file: ReceivedFile, *, max_pixels: int, policy: Loc
     )
 
 
-def sha256_of_file(path: Path) -> str:
-    """SHA-256 of a file, read piece by piece."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def require_whole(
-    children: ApiChildren, caller: DeviceCaller, photos: Mapping[str, SealablePhoto], stored: Container[str]
-) -> None:
-    """Photographs by slot. stored: slots whose photograph is here already, so that it need not be decoded again.
-
-    Raises InvalidInputError (`image_unreadable`) where a JPEG lacks part of its pixels.
-    """
-    if not children.are_up:
-        return
-    for slot, photo in photos.items():
-        if photo.media_type == JPEG and slot not in stored:
-            _require_whole(children, caller, slot, photo)
-
-
-def seal_photos(
-    blobs: BlobStore, photos: Mapping[str, SealablePhoto], keys: Mapping[str, str], stored: Collection[str]
-) -> None:
-    """Seal those that are not stored yet; photos and keys by slot. Raises StorageFullError."""
-    try:
-        blobs.put_files({keys[slot]: photo.path for slot, photo in photos.items() if slot not in stored})
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise storage_full() from error
-        raise
-
-
-def unspent_keys(session: Session, keys: Mapping[str, str]) -> dict[str, str]:
-    """The keys to seal under, by slot: those given, but another for one that an orphan of the same bytes had."""
-    spent = spent_keys.spent_among(session, keys.values())
-    return {slot: _another(key) if key in spent else key for slot, key in keys.items()}
-
-
-def require_unspent(session: Session, keys: Collection[str]) -> None:
-    """In the transaction that names them: raise UnavailableError if one was taken for an orphan since it was sealed."""
-    spent_keys.hold(session, keys)
-    if spent_keys.spent_among(session, keys):
-        raise UnavailableError(
-            "A photograph of an earlier try was just being removed. Nothing was kept; send it again.",
-            retry_after_seconds=SPENT_RETRY_SECONDS,
-        )
-
-
-def image_row(meal_id: uuid.UUID, slot: str, photo: SealablePhoto, key: str, now: datetime) -> MealImage:
-    """A sealed photograph as a row."""
-    return MealImage(
-        id=uuid.uuid4(),
-        meal_id=meal_id,
-        slot=slot,
-        media_type=photo.media_type,
-        width_px=photo.width_px,
-        height_px=photo.height_px,
-        bytes=photo.bytes,
-        received_sha256=photo.received_sha256,
-        stored_sha256=photo.stored_sha256,
-        blob_key=key,
-        received_at=now,
-    )
-
-
 def _require_whole(children: ApiChildren, caller: DeviceCaller, slot: str, photo: SealablePhoto) -> None:
     try:
-        found = children.run(
+        result = children.run(
             "whole",
             {"photo": str(photo.path)},
             seconds=DECODING_SECONDS,
@@ -164,16 +202,16 @@ def _require_whole(children: ApiChildren, caller: DeviceCaller, slot: str, photo
             photograph_sha256=photo.stored_sha256,
             is_costly=is_costly([photo.path]),
         )
-    except TadaError:  # of no child, or of our own mistake in it, which is in the log: neither may cost a meal
+    except TadaError:  # no child was free, or it failed by a bug, which is logged: neither may cost a meal
         return
-    if found["failure"] is not None:
+    if result["failure"] is not None:
         raise InvalidInputError(
-            f"The {slot} photograph: {found['failure']['message']} {found['failure']['advice']}",
-            code=found["failure"]["code"],
+            f"The {slot} photograph: {result['failure']['message']} {result['failure']['advice']}",
+            code=result["failure"]["code"],
             slot=slot,
         )
 
 
-def _another(key: str) -> str:
+def _fresh_key(key: str) -> str:
     folder, _, sha256 = key.rpartition("/")
     return f"{folder}/{uuid.uuid4().hex}/{sha256}"

@@ -7,7 +7,9 @@ enrolment code of theirs works any more, and a receipt tells in numbers what was
 
 import secrets
 import uuid
+from collections.abc import Mapping
 from datetime import datetime
+from typing import cast
 
 from sqlalchemy.orm import Session
 
@@ -15,7 +17,7 @@ from app.children.faults import PHOTOGRAPH_ERASED
 from app.core.errors import ConflictError, NotFoundError
 from app.db.session import despite_deadlocks
 from app.jobs import queries as jobs
-from app.meals.models import Meal
+from app.meals.models import Meal, MealDetails, PairDetails
 from app.people import privacy_queries as people_privacy
 from app.people import queries as people
 from app.people.access import audit
@@ -163,8 +165,9 @@ def _anonymise(session: Session, participant: Participant, now: datetime, new_id
     counts |= privacy.delete_person_marks(session, participant.id, of_person)
     for meal in stay:
         meal.client_id, meal.alias = uuid.uuid5(new_ids, str(meal.client_id)), uuid.uuid4()
-        meal.details = _without_person(meal.details)
-        meal.after_details = _without_person(meal.after_details) if meal.after_details is not None else None
+        meal.details = cast(MealDetails, _without_person(meal.details))
+        if meal.after_details is not None:
+            meal.after_details = cast(PairDetails, _without_person(meal.after_details))
     for event in privacy.events_of(session, of_person):
         if FREE_TEXT in event.new:
             event.new, event.request_sha256 = event.new | {FREE_TEXT: ""}, ""  # a hash of few words tells them
@@ -181,7 +184,7 @@ def _anonymise(session: Session, participant: Participant, now: datetime, new_id
     return counts | {"meals_anonymised": len(stay)}
 
 
-def _without_person(details: dict[str, object]) -> dict[str, object]:
+def _without_person(details: Mapping[str, object]) -> dict[str, object]:
     return {name: details[name] for name in KEPT_DETAILS if name in details} | NO_DETAILS
 
 

@@ -1,7 +1,7 @@
 """One meal as the phone or a researcher sees it: what has arrived, where it stands, what was found."""
 
 import uuid
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from sqlalchemy.orm import Session
@@ -126,11 +126,6 @@ def meal_view(session: Session, meal: Meal, participant_code: str, study_code: s
         leftovers=tuple(meal.leftovers),
         after_artefacts=tuple(records.artefacts_of(session, after_run.id)) if after_run is not None else (),
     )
-
-
-def view_of_new_meal(meal: Meal, participant_code: str, study_code: str, images: Iterable[MealImage]) -> MealView:
-    """A meal that was written down a moment ago, as `read_meal` would read it: nothing is known of its foods yet."""
-    return MealView(meal, participant_code, study_code, tuple(sorted(images, key=lambda image: image.slot)))
 
 
 def open_artefact(

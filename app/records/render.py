@@ -12,7 +12,7 @@ from app.foods.models import Component, Food
 from app.foods.schemas import FoodRef, NutrientAmount, NutrientTotal
 from app.http.text_schemas import stored_word
 from app.meals.meal_time import number_of, time_flags
-from app.meals.models import AFTER_SLOTS, IGNORED, SLOTS, Meal
+from app.meals.models import AFTER_SLOTS, SLOTS, Meal
 from app.meals.record_models import HEADLINE_COLUMNS, EffectiveRecord, Run, RunArtefact
 from app.nutrition.doubt import Estimate
 from app.nutrition.foods import DENSITY_BASES, FOOD_FORMS
@@ -56,7 +56,7 @@ def render_meal(view: MealView) -> MealOut:
         study=view.study_code,
         participant=view.participant_code,
         flags=time_flags(meal.origin, meal.captured_at, meal.received_at),
-        ignored=meal.details.get(IGNORED, []),
+        ignored=meal.details.get("ignored", []),
         images=images,
         missing=missing,
         failure=_failure(meal.failure_code, meal.failure_message, meal.failure_advice),
@@ -75,15 +75,15 @@ def render_meal(view: MealView) -> MealOut:
 
 def render_after(view: MealView) -> AfterOut | None:
     """The after-meal pair, if there is one or one is waited for."""
-    meal, details = view.meal, view.meal.after_details or {}
+    meal, details = view.meal, view.meal.after_details
     if meal.after_status is None and meal.after_due_at is None:
         return None
     images, missing = _images(view, AFTER_SLOTS)
     return AfterOut(
         status=meal.after_status,
         due_at=meal.after_due_at,
-        captured_at=datetime.fromisoformat(details["captured_at"]) if details else None,
-        ignored=details.get(IGNORED, []),
+        captured_at=datetime.fromisoformat(details["captured_at"]) if details is not None else None,
+        ignored=details.get("ignored", []) if details is not None else [],
         images=images,
         missing=missing,
         failure=_failure(meal.after_failure_code, meal.after_failure_message, meal.after_failure_advice),

@@ -1,4 +1,4 @@
-"""/v1/meals/{meal_id}/after: what a phone tells of the after-meal pair; its photographs come by PUT images/{slot}."""
+"""/v1/meals/{meal_id}/after: metadata of an after-meal pair. Its photographs come by PUT images/{slot}."""
 
 from datetime import UTC, datetime
 from typing import Any
@@ -15,7 +15,7 @@ from app.people.access.deps import CurrentDevice, State
 from app.records.read_meal import MealView, read_meal
 from app.uploads.after_meal import AfterMetadata, SubmitAfterPair
 from app.uploads.after_schemas import AfterMetadataIn
-from app.uploads.api import SUBMIT_RESPONSES, meal_response
+from app.uploads.api import SUBMIT_RESPONSES, camera_details, hint_details, meal_response
 
 router = APIRouter(prefix="/v1/meals", tags=["meals"])
 
@@ -35,20 +35,20 @@ METADATA_BODY: dict[str, Any] = {
     openapi_extra=METADATA_BODY,
 )
 async def put_after(request: Request, meal_id: MealId, state: State, caller: CurrentDevice) -> Response:
-    """Tell when the after-meal pair was taken and what is left where: before its second photograph, or not at all."""
-    told, unknown = validated_with_unknown(AfterMetadataIn, await read_limited(request, MAX_METADATA_BYTES))
+    """Say when the after-meal pair was taken and what is left where: before its second photograph, or not at all."""
+    checked, unknown = validated_with_unknown(AfterMetadataIn, await read_limited(request, MAX_METADATA_BYTES))
 
     def work() -> tuple[bool, MealView]:
-        zone = told.time_zone or state.part(SubmitAfterPair).zone_of(caller, meal_id)
+        time_zone = checked.time_zone or state.part(SubmitAfterPair).meal_time_zone(caller, meal_id)
         metadata = AfterMetadata(
-            time=meal_time(told.captured_at, zone, datetime.now(UTC)),
-            camera=told.camera.model_dump(mode="json") if told.camera is not None else None,
-            hints=tuple(hint.model_dump(mode="json", exclude_none=True, by_alias=True) for hint in told.hints),
-            complete=told.complete,
+            time=meal_time(checked.captured_at, time_zone, datetime.now(UTC)),
+            camera=camera_details(checked.camera),
+            hints=hint_details(checked.hints),
+            complete=checked.complete,
             unknown=unknown,
         )
-        submitted = state.part(SubmitAfterPair).announce(caller, meal_id, metadata)
-        return submitted.is_new, read_meal(state.database, caller, meal_id)
+        is_new = state.part(SubmitAfterPair).announce(caller, meal_id, metadata)
+        return is_new, read_meal(state.database, caller, meal_id)
 
     is_new, view = await anyio.to_thread.run_sync(work)
     return meal_response(view, 202 if is_new else 200)

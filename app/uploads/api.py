@@ -1,37 +1,41 @@
-"""/v1/meals: a phone sends a meal, whole or part by part, and asks how it stands."""
+"""/v1/meals: a phone sends a meal, whole or part by part, and reads its state."""
 
 import uuid
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from typing import Annotated, Any, Literal, cast
 
 import anyio.to_thread
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import JSONResponse, StreamingResponse
+from pydantic import JsonValue
 
 from app.core.errors import MalformedRequestError
 from app.http.closing_stream import ClosingStream
 from app.http.conditions import is_held
-from app.http.metadata import read_limited
+from app.http.metadata import read_limited, validated_with_unknown
 from app.http.parameters import MealId, OfWhichParticipant, Slot
 from app.http.problems import problem_responses
 from app.http.state import ApiState
 from app.http.upload import MAX_METADATA_BYTES, ReceivedFile, UploadLimits, received_body, received_parts, require_room
 from app.meals.item_state import REMEASURING
-from app.meals.models import AFTER_SLOTS, SLOTS
+from app.meals.meal_time import meal_time
+from app.meals.models import AFTER_SLOTS, SLOTS, CameraDetails, HintDetails
 from app.meals.queries import WAITING
 from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentCaller, CurrentDevice, State
-from app.records.meal_schemas import MealOut
+from app.people.calibration_schemas import CameraIn
+from app.records.meal_schemas import HintIn, MealMetadataIn, MealOut, NewMealMetadataIn
 from app.records.read_meal import MealView, open_artefact, read_meal
 from app.records.render import render_meal
 from app.uploads.after_meal import SubmitAfterPair
-from app.uploads.metadata import parse_metadata, parse_new_meal
 from app.uploads.submit_meal import MealMetadata, SubmitMeal
 from app.uploads.waiting import MealWaiter
+from app.vision.marker_spec import parse_marker
 
 router = APIRouter(prefix="/v1/meals", tags=["meals"])
 
-FINAL = frozenset({"estimated", "needs_review", "failed", "confirmed"})  # nothing changes by itself any more
+FINAL = frozenset({"estimated", "needs_review", "failed", "confirmed"})  # statuses that no worker changes
 MAX_WAIT_SECONDS = 60
 
 SUBMIT_RESPONSES: dict[int | str, dict[str, Any]] = {
@@ -71,11 +75,11 @@ METADATA_BODY = {
         "content": {"application/json": {"schema": {"$ref": "#/components/schemas/MealMetadataIn"}}},
     }
 }
-# one type, for a generator of clients makes nothing of several kinds of bytes
+# one media type: generators of clients do not handle several types of binary bodies
 PHOTO_BODY = {
     "requestBody": {
         "required": True,
-        "description": "Bytes of a JPEG, PNG, WebP or HEIC, which tell what they are; `image/jpeg` is taken, too.",
+        "description": "Bytes of a JPEG, PNG, WebP or HEIC; they tell the format. `image/jpeg` is accepted too.",
         "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
     }
 }
@@ -99,8 +103,8 @@ async def post_meal(request: Request, state: State, caller: CurrentDevice) -> Re
                 code="part_missing",
                 parts=missing,
             )
-        metadata = parse_new_meal(parts.metadata)
-        return await _submit(state, caller, metadata.client_id, metadata, parts.files)
+        checked, unknown = validated_with_unknown(NewMealMetadataIn, parts.metadata)
+        return await _submit(state, caller, checked.id, _metadata(checked.id, checked, unknown), parts.files)
 
 
 @router.put(
@@ -108,8 +112,8 @@ async def post_meal(request: Request, state: State, caller: CurrentDevice) -> Re
 )
 async def put_meal(request: Request, meal_id: MealId, state: State, caller: CurrentDevice) -> Response:
     """Announce a meal, to send its photographs one by one."""
-    body = await read_limited(request, MAX_METADATA_BYTES)
-    return await _submit(state, caller, meal_id, parse_metadata(meal_id, body), {})
+    checked, unknown = validated_with_unknown(MealMetadataIn, await read_limited(request, MAX_METADATA_BYTES))
+    return await _submit(state, caller, meal_id, _metadata(meal_id, checked, unknown), {})
 
 
 @router.put(
@@ -159,11 +163,11 @@ async def get_meal(
     With `If-None-Match` it also comes at once if the meal is no longer at that ETag.
     """
     view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
-    known = request.headers.get("if-none-match")
-    if wait and will_change(view) and (known is None or is_held(known, _etag(view))):
+    etags = request.headers.get("if-none-match")
+    if wait and will_change(view) and (etags is None or is_held(etags, _etag(view))):
         await state.part(MealWaiter).wait(view.meal.id, view.meal.version, wait)
         view = await anyio.to_thread.run_sync(read_meal, state.database, caller, meal_id, participant)
-    if known is not None and is_held(known, _etag(view)):
+    if etags is not None and is_held(etags, _etag(view)):
         return Response(status_code=304, headers={"ETag": _etag(view)})
     return meal_response(view, 200)
 
@@ -195,6 +199,33 @@ def get_artefact(
     )
 
 
+def _metadata(client_id: uuid.UUID, checked: MealMetadataIn, unknown: Mapping[str, JsonValue]) -> MealMetadata:
+    """Raises InvalidInputError (time, zone, marker)."""
+    if checked.marker is not None:
+        parse_marker(checked.marker)
+    return MealMetadata(
+        client_id=client_id,
+        time=meal_time(checked.captured_at, checked.time_zone, datetime.now(UTC)),
+        marker=checked.marker,
+        camera=camera_details(checked.camera),
+        hints=hint_details(checked.hints),
+        complete=checked.complete,
+        location=checked.location.model_dump(exclude_none=True) if checked.location else None,
+        app_version=checked.app_version,
+        unknown=unknown,
+    )
+
+
+def camera_details(camera: CameraIn | None) -> CameraDetails | None:
+    """Return a request's camera as stored."""
+    return cast(CameraDetails, camera.model_dump(mode="json")) if camera is not None else None
+
+
+def hint_details(hints: Sequence[HintIn]) -> tuple[HintDetails, ...]:
+    """Return a request's hints as stored."""
+    return tuple(cast(HintDetails, hint.model_dump(mode="json", exclude_none=True, by_alias=True)) for hint in hints)
+
+
 async def _submit(
     state: ApiState,
     caller: DeviceCaller,
@@ -214,21 +245,21 @@ async def _submit_after(
     state: ApiState, caller: DeviceCaller, client_id: uuid.UUID, files: Mapping[str, ReceivedFile]
 ) -> Response:
     def work() -> tuple[bool, MealView]:
-        submitted = state.part(SubmitAfterPair).receive(caller, client_id, files)
-        return submitted.is_new, read_meal(state.database, caller, client_id)
+        is_new = state.part(SubmitAfterPair).receive(caller, client_id, files)
+        return is_new, read_meal(state.database, caller, client_id)
 
     is_new, view = await anyio.to_thread.run_sync(work, limiter=state.upload_limiter)
     return meal_response(view, 202 if is_new else 200)
 
 
 def will_change(view: MealView) -> bool:
-    """Whether a worker will move the meal, its after-meal pair or an item on, or photographs the meal."""
-    is_measured_anew = any(REMEASURING in item.record.flags for item in view.items)
-    return view.meal.status not in FINAL or view.meal.after_status in WAITING or is_measured_anew
+    """Whether a worker will change the meal, its after-meal pair or an item, or photographs of the meal are missing."""
+    is_remeasured = any(REMEASURING in item.record.flags for item in view.items)
+    return view.meal.status not in FINAL or view.meal.after_status in WAITING or is_remeasured
 
 
 def meal_response(view: MealView, status: int) -> JSONResponse:
-    """A meal with its ETag; 202 also tells where it is."""
+    """Return a meal with its ETag; with status 202 also its Location."""
     headers = {"ETag": _etag(view)}
     if status == 202:
         headers["Location"] = f"/v1/meals/{view.meal.client_id}"

@@ -136,15 +136,15 @@ def test_conflict_of_one_upload_takes_no_blob_that_another_has_just_sealed(phone
 
     puts_left = threading.Thread(target=put, args=("left", left))
 
-    def staged_write(self, caller, arriving, photos, keys):
-        if arriving.metadata is not None:
+    def staged_write(self, caller, upload, photos, keys):
+        if upload.metadata is not None:
             put("right", right)
             puts_left.start()
             assert sealed.wait(10)
         elif "left" in photos:
             sealed.set()
             assert refused.wait(10)
-        return write(self, caller, arriving, photos, keys)
+        return write(self, caller, upload, photos, keys)
 
     monkeypatch.setattr(SubmitMeal, "_write", staged_write)
     assert phone.post({"left": left, "right": other_right}, metadata).status_code == 409
